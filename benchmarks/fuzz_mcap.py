@@ -26,7 +26,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSe
 from mcap.writer import CompressionType, IndexType, Writer
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
+from osl_analysis.ingest.message_log import McapSource, read_mcap_log
 
 MESSAGES = 60
 LONGEST = 5.0

@@ -37,7 +37,7 @@ from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoderFactory
 from mcap_ros2.decoder import DecoderFactory as Ros2DecoderFactory
 
-from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
+from osl_analysis.ingest.message_log import McapSource, read_mcap_log
 
 RATE = 1000
 START = 1_700_000_000 * 10**9
@@ -59,7 +59,10 @@ REPEATS = 5
 EARLIER = """
 import sys, time
 from pathlib import Path
-from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
+try:
+    from osl_analysis.ingest.message_log import McapSource, read_mcap_log
+except ImportError:  # up to release 0.2.0
+    from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
 source, times = McapSource.model_validate_json(sys.argv[2]), []
 for _ in range(int(sys.argv[3])):
     start = time.process_time()

@@ -13,7 +13,7 @@ from osl_analysis.config import Config, FrequencyResponseFigure
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import Table
 from osl_analysis.files import default_config
-from osl_analysis.formats.bag_folder import recorded_files
+from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.job_log import plain
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.parameters import joint_of

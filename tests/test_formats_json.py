@@ -2,7 +2,6 @@
 
 import json
 import tempfile
-import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +14,11 @@ from mcap.writer import Writer
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.json_lines import addresses_in_line
-from osl_analysis.formats.mcap.mcap_file import read_mcap
-from osl_analysis.formats.mcap.topics import Decoded, decode_topics
-from osl_analysis.formats.messages.field_path import last_name, path_to
-from osl_analysis.formats.messages.json_keys import are_alike
-from osl_analysis.formats.messages.json_types import steps_of
-from osl_analysis.formats.messages.one_by_one import number_at
+from osl_analysis.formats.mcap import read_mcap
+from osl_analysis.formats.messages import Decoded, decode_topics
+from osl_analysis.formats.object_messages import json_number, last_name, path_to, steps_of
 from osl_analysis.ingest.log_overview import inspect_mcap
-from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
+from osl_analysis.ingest.message_log import McapSource, read_mcap_log
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 MILLISECOND = 1_000_000
@@ -107,7 +103,6 @@ def test_a_real_json_log_equals_pythons_parser() -> None:
     decoded = decode_topics(read_mcap(path), {"mouse": ["clientX", "clientY"]})["mouse"]
     for name in ("clientX", "clientY"):
         assert decoded.values[name].tolist() == [message[name] for message in messages]
-    assert decoded.how[0]["one_by_one"] == 0
 
 
 @settings(max_examples=200, deadline=None)
@@ -118,8 +113,8 @@ def test_the_path_to_any_names_leads_to_their_number_and_is_how_it_is_listed(nam
         path = path_to(path, name)
     for name in reversed(names):
         message = {name: message, f"{name}.a": 2.5}  # type: ignore[assignment]
-    assert steps_of(path) == tuple(names)
-    assert number_at(message, path) == 1.5
+    assert tuple(key for key, _ in steps_of(path)) == tuple(names)
+    assert json_number(message, path) == 1.5
     assert path in addresses_in_line(json.dumps(message).encode(), 99)[0]
     assert last_name(path) == names[-1]
 
@@ -160,42 +155,6 @@ def test_a_message_that_writes_a_field_twice_is_lost_and_said(tmp_path: Path, tw
 
 
 SOUND = b'{"a": "b", "b": 1, "c": [2], "b2": 3}'
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        b'{"a": 1.5, "b": "b", "c": [2], "b2": 3}',  # the same strings, of which another one is a name
-        b'{"b": "a", "b": 1, "c": [2], "b2": 3}',
-        b'{"a": "b", "b": 1, "c": [2], "bb": 3}',
-        b'{"a": "b", "b" : 1, "c": [2], "b2": 3}',
-        b'{"a": "b", "b": 1, "c": [2]}',
-        b'{"a": "b", "b": 1, "c": [2], "b2": 3, "d": 4}',
-        b'{"a": "b", "\\u0062": 1, "c": [2], "b2": 3}',
-        b'{"a": "b", "b": 1, "c": [2], "b2": 3}{"a',
-        b'{"a": "b", "b": 1, "c": [2], "b2"',
-    ],
-)
-@pytest.mark.parametrize("place", [0, 1, 3])
-def test_messages_are_alike_only_if_each_has_the_same_names_in_turn(other: bytes, place: int) -> None:
-    texts = [SOUND.replace(b"1", b"-1e5"), SOUND, SOUND.replace(b"3", b"null")]
-    assert are_alike(texts, SOUND)
-    texts.insert(place, other)
-    assert not are_alike(texts, SOUND)
-
-
-@pytest.mark.parametrize(
-    ("sound", "others"),
-    [
-        (SOUND, [SOUND + b'"', SOUND[:-1].replace(b'"b2"', b'"b2')]),
-        (b'{"a": 1, "b": 2}', [b'{"a": 1}', b'{"b": 2, "a": 1, "b": 2}']),  # a name that one lacks and one has twice
-        (b'{"a": 1, "b": 2}', [b'{"a": 1, "b": 2, "a": 1}', b'{"b": 2}']),
-        (b'{"n": "\\"", "a": 1, "m": "\\""}', [b'{"n": "\\"", "b": 1, "m": "\\""}']),
-        (b'{"x": "a" , "a": 1}', [b'{"x": 0, "a" : 2, "a": 1}']),
-    ],
-)
-def test_messages_are_compared_string_by_string(sound: bytes, others: list[bytes]) -> None:
-    assert not are_alike(others, sound)
 
 
 def test_a_field_that_nobody_wants_may_be_written_twice(tmp_path: Path) -> None:
@@ -301,35 +260,6 @@ def test_a_counter_that_does_not_count_is_refused_and_not_taken_for_zero(tmp_pat
     texts = ['{"x": 1.5, "seq": 7}', f'{{"x": 1.5, "seq": {wrong}}}'] * 2
     with pytest.raises(InputError, match=r"'seq' is .* in message 2"):
         ingested(write(tmp_path / "log.mcap", texts), counter="seq")
-
-
-def test_a_message_of_json_that_is_too_long_is_refused_before_it_is_parsed(tmp_path: Path) -> None:
-    path = write(tmp_path / "log.mcap", ['{"x": [' + "1," * 300_000 + "1]}"])
-    tracemalloc.start()
-    with pytest.raises(
-        InputError, match=r"has 600010 bytes, more than the 524288 that are parsed; record .* messages$"
-    ):
-        ingested(path, field="x[0]")
-    assert tracemalloc.get_traced_memory()[1] < 4e6  # the chunk, the message, and no list of its numbers
-    tracemalloc.stop()
-    (remark,) = [one for one in inspect_mcap(path).remarks if "600010 bytes" in one]
-    assert "fields cannot be listed" in remark
-
-
-def test_json_that_unpacks_to_more_than_its_file_justifies_is_refused(tmp_path: Path) -> None:
-    path = write(tmp_path / "log.mcap", ['{"x": 1, "y": "' + "a" * 500_000 + '"}'] * 20)
-    with pytest.raises(
-        InputError, match="topic '/lab': its messages of JSON unpack to more text than a file of its size"
-    ):
-        ingested(path)
-
-
-def test_a_long_text_in_a_message_needs_little_memory(tmp_path: Path) -> None:
-    path = write(tmp_path / "log.mcap", ['{"x": 1, "y": "' + "a" * 500_000 + '"}'])
-    tracemalloc.start()
-    assert ingested(path).samples["theta"].to_list() == [1.0]
-    assert tracemalloc.get_traced_memory()[1] < 6e6  # copies of the message; a search that can go back needs 50 MB
-    tracemalloc.stop()
 
 
 def test_messages_that_are_parsed_in_portions_keep_their_places_and_numbers(tmp_path: Path) -> None:

@@ -19,9 +19,8 @@ from mcap.writer import CompressionType
 from mcap_builder import stamped, write_log
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.mcap_file import read_mcap
-from osl_analysis.formats.mcap.walk import CHUNK_HEAD, MAGIC, MESSAGE_HEAD, RECORD, walk_by_index
-from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
+from osl_analysis.formats.mcap import CHUNK_HEAD, MAGIC, MESSAGE_HEAD, RECORD, read_mcap, walk_by_index
+from osl_analysis.ingest.message_log import McapSource, read_mcap_log
 
 MESSAGES = 60
 MILLISECOND = 1_000_000
@@ -196,7 +195,7 @@ def test_an_index_that_does_not_tile_its_chunk_is_not_used() -> None:
     at = np.cumsum([0, len(schema), len(outer)])
     walk = walk_by_index(buffer, at[[2, 1]])
     assert walk is not None
-    assert walk.messages.tolist() == [at[1], at[2]]
+    assert walk.starts.tolist() == [at[1], at[2]]
     within = at[1] + 9 + MESSAGE_HEAD
     for wrong in ([at[1], within, at[2]], [*at], [at[1]], [at[1], at[1], at[2]], [at[1], at[2] + 1], [within, at[2]]):
         assert walk_by_index(buffer, np.array(wrong)) is None

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 from osl_analysis.cli import main
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.walk import MAGIC
+from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.formats.other_formats import OTHERS
 from osl_analysis.ingest.known_formats import recognise
 from osl_analysis.ingest.raw_files import trial_from_files

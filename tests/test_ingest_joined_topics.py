@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.ingest.joined_topics import joined_on_stamp
+from osl_analysis.ingest.message_log import joined_on_stamp
 
 
 def topic(rng: np.random.Generator, *names: str) -> pl.DataFrame:

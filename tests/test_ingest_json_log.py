@@ -293,9 +293,6 @@ def test_deep_json_and_endless_names_end_within_limits(tmp_path: Path) -> None:
     assert len(recording.samples) == ROWS
     names = [{f"name_{k}_{i}": 1.0 for i in range(100)} for k in range(30)]
     assert len(inspect_file(write(tmp_path / "b", names)).channels) == 2000
-    assert "more than the 524288 that are parsed" in refused(
-        write(tmp_path / "c", [*rust_lines(), f'{{"a": "{"x" * 600_000}"}}'])
-    )
 
 
 def test_the_draft_names_the_clock_and_all_numbers_also_late_ones(tmp_path: Path) -> None:

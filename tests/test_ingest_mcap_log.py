@@ -13,7 +13,7 @@ from mcap_builder import HEADER, SAMPLE, SAMPLE_NAME, stamped, write_log, write_
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.log_overview import inspect_mcap
-from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
+from osl_analysis.ingest.message_log import McapSource, read_mcap_log
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 DEGREE = math.pi / 180

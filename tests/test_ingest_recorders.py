@@ -7,7 +7,7 @@ import pytest
 
 from osl_analysis.ingest.c3d_capture import C3dSource, read_c3d_capture
 from osl_analysis.ingest.known_formats import read_source
-from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
+from osl_analysis.ingest.message_log import McapSource, read_mcap_log
 from osl_analysis.simulator.mcap_writer import DYNAMOMETER, LEG, write_mcap
 from osl_analysis.simulator.vicon import C3dRecording, RecordedPlate, write_c3d
 

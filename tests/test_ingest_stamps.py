@@ -9,7 +9,7 @@ import pytest
 from mcap_builder import HEADER, SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
+from osl_analysis.ingest.message_log import McapSource, read_mcap_log
 from osl_analysis.ingest.recording import Recording
 
 MILLISECOND = 1_000_000

@@ -23,11 +23,11 @@ from mcap_builder import stamped, write_log
 from osl_analysis.cli import main
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.walk import CHUNK_HEAD, MAGIC, RECORD
+from osl_analysis.formats.mcap import CHUNK_HEAD, MAGIC, RECORD
 from osl_analysis.ingest.csv_log import CsvSource, read_csv_log
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.known_formats import read_source
-from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
+from osl_analysis.ingest.message_log import McapSource, read_mcap_log
 
 NASTY = 'a\x1b[2J": {x\n# y\u202eb'
 LATIN = NASTY.replace("\u202e", "\x9b")

@@ -12,7 +12,7 @@ from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.commands.reference import write_schemas
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.files import shipped
-from osl_analysis.formats.rosbag2.metadata import NAME as BAG_DESCRIPTION
+from osl_analysis.formats.rosbag import DESCRIPTION as BAG_DESCRIPTION
 from osl_analysis.ingest.draft import DraftedTrial, Recorded, draft_source, draft_trials, guessed_lines
 from osl_analysis.ingest.known_formats import FORMATS, SUFFIXES
 from osl_analysis.ingest.overview import Overview, open_places

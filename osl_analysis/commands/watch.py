@@ -24,7 +24,7 @@ from osl_analysis.config import Config, read_config
 from osl_analysis.errors import InputError, OslAnalysisError, listing, printable, unexpected
 from osl_analysis.experiments import PROTOCOL
 from osl_analysis.files import atomic_path
-from osl_analysis.formats.bag_folder import recorded_files
+from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.ingest.draft import UNNAMED, Recorded, draft_source, draft_trials, guessed_lines, trial_name
 from osl_analysis.ingest.known_formats import read_source, recognise
 from osl_analysis.ingest.overview import open_places

@@ -11,14 +11,8 @@ import numpy as np
 
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.csv_table import UTF_16_MARKS
-from osl_analysis.formats.mcap.limits import WrongFieldError
-from osl_analysis.formats.mcap.topics import joined_field
-from osl_analysis.formats.messages.description import array_labels, is_array_of
-from osl_analysis.formats.messages.effort import EffortError, check_text, text_effort_for
-from osl_analysis.formats.messages.field_path import path_to
-from osl_analysis.formats.messages.json_messages import ByText
-from osl_analysis.formats.messages.leaves import Indices
-from osl_analysis.formats.messages.one_by_one import Values, WholeArrayError
+from osl_analysis.formats.messages import joined_field, without_mixed
+from osl_analysis.formats.object_messages import Indices, array_labels, is_array_of, json_reader, path_to
 from osl_analysis.trial import Array
 
 MOST_ELEMENTS = 64
@@ -27,7 +21,6 @@ MOST_ELEMENTS = 64
 
 def addresses_in_line(text: bytes, most: int) -> tuple[list[str], dict[str, int]]:
     """The addresses of the first `most` numbers in a line, and the length of each array that is not listed whole."""
-    check_text(len(text))
     cut: dict[str, int] = {}
     return list(islice(addresses_in(json.loads(text), "", {}, cut), most)), cut
 
@@ -150,12 +143,8 @@ def is_whole(text: bytes) -> bool:
 
 def decode_lines(lines: JsonLines, paths: Sequence[str]) -> DecodedLines:
     """The fields at `paths` (`variables.ankle_angle`, `position[0]`) of all lines."""
-    reader = ByText(paths, effort=text_effort_for(len(lines.data)))
-    try:
-        parts = list(reader.read(lines.data, lines.starts, lines.lengths))
-    except (EffortError, WholeArrayError) as error:
-        raise WrongFieldError(f"{lines.path}: {error}") from error
-    parts, mixed = without_mixed(parts)
+    reader = json_reader(paths)
+    parts, mixed = without_mixed(list(reader.read(lines.data, lines.starts, lines.lengths)))
     misfit = reader.misfit or mixed
     misfits = lines.starts.size - sum(rows.size for rows, _ in parts)
     if not parts:
@@ -176,26 +165,12 @@ def decode_lines(lines: JsonLines, paths: Sequence[str]) -> DecodedLines:
 
 def check_misfit(lines: JsonLines, path: str, misfit: str) -> None:
     """Blame the lines that cannot be used where only these have a number at the path."""
-    alone = ByText([path], effort=text_effort_for(len(lines.data)))
+    alone = json_reader([path])
     if misfit and any(path in values for _, values in alone.read(lines.data, lines.starts, lines.lengths)):
         raise InputError(
             f"{lines.path}: every line with a field '{path}' has something else than a number in another field: "
             f"{in_lines(misfit, lines)}; {NUMBER}"
         )
-
-
-def without_mixed(parts: Sequence[tuple[Indices, Values]]) -> tuple[list[tuple[Indices, Values]], str]:
-    """Batches of lines without those in which a truth value stands where others have a number, and what is wrong."""
-    numeric = {path for _, values in parts for path, one in values.items() if one.dtype != bool}
-    kept, wrong = [], ""
-    for rows, values in parts:
-        mixed = sorted(path for path, one in values.items() if one.dtype == bool and path in numeric)
-        if mixed:
-            shown = str(bool(values[mixed[0]][0])).lower()
-            wrong = wrong or f"field '{mixed[0]}' is {shown}, not a number as elsewhere, in message {int(rows[0]) + 1}"
-        else:
-            kept.append((rows, values))
-    return kept, wrong
 
 
 def in_lines(misfit: str, lines: JsonLines) -> str:

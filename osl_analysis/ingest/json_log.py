@@ -17,7 +17,7 @@ from osl_analysis.formats.json_lines import (
     decode_lines,
     read_json_lines,
 )
-from osl_analysis.formats.messages.field_path import last_name
+from osl_analysis.formats.object_messages import last_name
 from osl_analysis.ingest.overview import (
     NAME_OF_TIME,
     UNKNOWN,

@@ -8,36 +8,33 @@ from typing import Any
 from pydantic import ConfigDict, field_validator
 
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.formats.bag_folder import folder_format
 from osl_analysis.formats.c3d import is_c3d
 from osl_analysis.formats.csv_table import is_text
 from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.mat import is_mat
-from osl_analysis.formats.mcap.walk import MAGIC
+from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.formats.nexus_csv import is_nexus
 from osl_analysis.formats.opensim_table import is_opensim
 from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
-from osl_analysis.formats.rosbag1.scan import ANY_VERSION
-from osl_analysis.formats.rosbag2.database import MAGIC as SQLITE
+from osl_analysis.formats.rosbag import ANY_BAG1, SQLITE, folder_format
 from osl_analysis.formats.tdms import is_tdms
 from osl_analysis.formats.trc import is_trc
 from osl_analysis.ingest.c3d_capture import C3dSource, inspect_c3d, read_c3d_capture
 from osl_analysis.ingest.csv_log import CsvSource, inspect_csv, read_csv_log
 from osl_analysis.ingest.json_log import JsonSource, inspect_json, read_json_log
-from osl_analysis.ingest.log_overview import inspect_mcap
+from osl_analysis.ingest.log_overview import inspect_mcap, inspect_rosbag1, inspect_rosbag2
 from osl_analysis.ingest.mat_log import MatSource, inspect_mat, read_mat_log
-from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
-from osl_analysis.ingest.opensim_log import OpenSimSource, inspect_opensim, read_opensim_log
-from osl_analysis.ingest.overview import Overview, refuse_draft
-from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.ros_log import (
+from osl_analysis.ingest.message_log import (
+    McapSource,
     Rosbag1Source,
     Rosbag2Source,
-    inspect_rosbag1,
-    inspect_rosbag2,
+    read_mcap_log,
     read_rosbag1_log,
     read_rosbag2_log,
 )
+from osl_analysis.ingest.opensim_log import OpenSimSource, inspect_opensim, read_opensim_log
+from osl_analysis.ingest.overview import Overview, refuse_draft
+from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source_fields import CaptureSource, LogSource
 from osl_analysis.ingest.tdms_log import TdmsSource, inspect_tdms, read_tdms_log
 from osl_analysis.ingest.text_captures import (
@@ -79,7 +76,7 @@ FORMATS = {
         lambda begin: begin[: len(MAGIC)] == MAGIC, (".mcap",), McapSource, read_mcap_log, inspect_mcap
     ),
     "rosbag1": KnownFormat(
-        lambda begin: begin.startswith(ANY_VERSION), (".bag",), Rosbag1Source, read_rosbag1_log, inspect_rosbag1
+        lambda begin: begin.startswith(ANY_BAG1), (".bag",), Rosbag1Source, read_rosbag1_log, inspect_rosbag1
     ),
     "rosbag2": KnownFormat(
         lambda begin: begin.startswith(SQLITE), (".db3",), Rosbag2Source, read_rosbag2_log, inspect_rosbag2

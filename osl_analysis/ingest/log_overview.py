@@ -7,11 +7,10 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.channel_reader import describe_message
-from osl_analysis.formats.mcap.mcap_file import read_mcap
-from osl_analysis.formats.mcap.survey import ChannelSurvey, survey_channels
-from osl_analysis.formats.message_file import MessageFile
-from osl_analysis.formats.messages.description import FieldDescription
+from osl_analysis.formats.mcap import read_mcap
+from osl_analysis.formats.messages import ChannelSurvey, MessageFile, describe_message, survey_channels
+from osl_analysis.formats.object_messages import FieldDescription
+from osl_analysis.formats.rosbag import read_rosbag1, read_rosbag2
 from osl_analysis.ingest.overview import Overview, RecordedChannel, gaps_text, rate_of
 from osl_analysis.ingest.stamps import check_not_set
 
@@ -32,9 +31,19 @@ def inspect_mcap(path: Path) -> Overview:
     Raises
     ------
     InputError
-        The file is empty, no MCAP file or two logs, or unpacks to too much.
+        The file is empty, no MCAP file or two logs.
     """
     return inspect_messages(read_mcap(path), "mcap")
+
+
+def inspect_rosbag1(path: Path) -> Overview:
+    """The same for a ROS 1 bag; raises InputError as `read_rosbag1`."""
+    return inspect_messages(read_rosbag1(path), "rosbag1")
+
+
+def inspect_rosbag2(path: Path) -> Overview:
+    """The same for a ROS 2 bag; raises InputError as `read_rosbag2`."""
+    return inspect_messages(read_rosbag2(path), "rosbag2")
 
 
 def inspect_messages(file: MessageFile, name: str) -> Overview:
@@ -59,7 +68,7 @@ def facts_of(file: MessageFile) -> dict[str, str]:
     damage = file.damage
     lost = damage.messages_lost()
     return {
-        "bytes": str(file.budget.file_bytes),
+        "bytes": str(file.size),
         "chunks": str(damage.chunks),
         "messages": str(damage.messages),
         "messages lost": "the file does not tell" if lost is None else str(lost),
@@ -69,9 +78,9 @@ def facts_of(file: MessageFile) -> dict[str, str]:
 
 def clock_remarks(survey: ChannelSurvey) -> Iterator[str]:
     """What ingest will say of a channel's log times, if they go back."""
-    if survey.messages < 2:
+    if survey.log_time.size < 2:
         return
-    log_time = survey.log_time()
+    log_time = survey.log_time
     table = pl.DataFrame({"stamp": log_time, "message": np.arange(log_time.size)})
     try:
         check_not_set(survey.channel.topic, table, "its log times cannot be used")
@@ -97,21 +106,21 @@ def channels_of(survey: ChannelSurvey, fields: list[FieldDescription]) -> Iterat
     """A topic's numbers, one by one as a source file names them; the topic alone where there are none."""
     topic, encoding = survey.channel.topic, survey.channel.message_encoding
     kind = f"{survey.schema.name} ({encoding})" if survey.schema else encoding
-    log_time = survey.log_time()
+    log_time = survey.log_time
     stamps = (log_time - log_time[:1].sum()) * NANOSECOND
     rate = rate_of(stamps)
-    timing = gaps_text(stamps) or ("" if survey.messages else "empty")
+    timing = gaps_text(stamps) or ("" if survey.log_time.size else "empty")
     numbers = [(path, field) for field in fields if not field.path.startswith(STAMP) for path in field.addresses()]
     for path, field in numbers[:MOST_FIELDS]:
         array = "" if field.length is None else f"[{field.length}]"
         address = {"topic": topic, "field": path}
-        samples = 0 if field.length == 0 else survey.messages
+        samples = 0 if field.length == 0 else survey.log_time.size
         unit = standard_unit(survey.schema.name if survey.schema else "", path)
         own_rate = rate if samples else None
         yield RecordedChannel(kind, address, "", samples, own_rate, timing, f"{field.type}{array}", likely_unit=unit)
     if len(numbers) > MOST_FIELDS or not numbers:
         more = f"and {len(numbers) - MOST_FIELDS} more numbers" if numbers else ""
-        yield RecordedChannel(kind, {"topic": topic}, "", survey.messages, rate, timing, more)
+        yield RecordedChannel(kind, {"topic": topic}, "", survey.log_time.size, rate, timing, more)
 
 
 def standard_unit(kind: str, path: str) -> str:

@@ -1,8 +1,9 @@
-"""A log of messages by topic, in MCAP or a bag of ROS: its source file, and the canonical columns that it asks for."""
+"""Logs of messages by topic, in MCAP or a bag of ROS: their source files, and the columns that these ask for."""
 
-from collections import Counter, defaultdict
-from collections.abc import Collection
-from typing import Any, Literal
+from collections import defaultdict
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import polars as pl
@@ -10,12 +11,10 @@ from pydantic import Field
 
 from osl_analysis.columns import counter_column, unit_of
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.limits import RefusedFileError, WrongFieldError
-from osl_analysis.formats.mcap.topics import Decoded, decode_topics
-from osl_analysis.formats.message_file import MessageFile
-from osl_analysis.formats.messages.leaves import Indices
-from osl_analysis.ingest.joined_topics import joined_on_stamp
-from osl_analysis.ingest.message_values import absent_values, counts_of, physical_values
+from osl_analysis.formats.mcap import read_mcap
+from osl_analysis.formats.messages import Decoded, MessageFile, RefusedFileError, WrongFieldError, decode_topics
+from osl_analysis.formats.object_messages import Indices
+from osl_analysis.formats.rosbag import read_rosbag1, read_rosbag2, siblings
 from osl_analysis.ingest.recording import Recording, check_values
 from osl_analysis.ingest.source_fields import Conversion, LogSource, Stamps
 from osl_analysis.ingest.stamps import SECOND, Ordering, in_order, log_times_of, stamp_fields, stamps_of
@@ -25,6 +24,10 @@ from osl_analysis.yaml_settings import Settings
 
 LOG_TIME = "write source: log in the source file, or exclude the trial"
 NO_OTHER_CLOCK = "its times cannot be used: record again, or exclude the trial"
+LEVEL = "V"
+"""Unit of the columns that may be read from truth values: levels of `sync` and `trigger`."""
+EXACT = 2.0**53
+"""Size below which a float64 counts exactly."""
 
 
 class LogChannel(Conversion):
@@ -74,72 +77,92 @@ class MessageSource(LogSource):
     """The field of each canonical column."""
 
 
+class McapSource(MessageSource):
+    """A log in MCAP."""
+
+    format: Literal["mcap"]
+    """Format of the file."""
+
+
+class Rosbag1Source(MessageSource):
+    """A log in a bag of ROS 1, or in the bags of a split recording, whose folder is named."""
+
+    format: Literal["rosbag1"]
+    """Format of the file or folder."""
+
+
+class Rosbag2Source(MessageSource):
+    """A log in a bag of ROS 2: a database of sqlite3, or the folder of a recording with its `metadata.yaml`."""
+
+    format: Literal["rosbag2"]
+    """Format of the file or folder."""
+
+
+def read_mcap_log(path: Path, source: McapSource) -> Recording:
+    """The columns that the source file maps, in SI units; raises InputError as `read_mcap`, `read_message_log`."""
+    file = read_mcap(path)
+    remark = siblings(path)[1]
+    if remark:
+        file.damage.remark(remark)
+    return read_message_log(file, source)
+
+
+def read_rosbag1_log(path: Path, source: Rosbag1Source) -> Recording:
+    """The same for a bag of ROS 1; raises InputError as `read_rosbag1`, `read_message_log`."""
+    return read_message_log(read_rosbag1(path), source)
+
+
+def read_rosbag2_log(path: Path, source: Rosbag2Source) -> Recording:
+    """The same for a bag of ROS 2; raises InputError as `read_rosbag2`, `read_message_log`."""
+    return read_message_log(read_rosbag2(path), source)
+
+
 def read_message_log(file: MessageFile, source: MessageSource) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first stamp.
 
     Topics with different stamps have rows of their own, null in the columns of the other topics. Nothing is
-    interpolated or held. The losses of the file are in the facts under `damage` (`damage.py`).
+    interpolated or held. The losses of the file are in the facts under `damage` (`formats/messages.py`).
 
     Raises
     ------
     InputError
-        The file unpacks to too much, a topic or field is missing or has no messages, its encoding or
-        schema cannot be read, a larger share of a topic than `source.largest_loss` is lost, a value is infinite, too
-        many values are NaN, or stamps are missing, contradict each other or go back (`stamps.py`).
+        A topic or field is missing or has no messages, its encoding or schema cannot be read, a larger share of a
+        topic than `source.largest_loss` is lost, a value is infinite, too many values are NaN, or stamps are missing,
+        contradict each other or go back (`stamps.py`).
     """
     by_topic: dict[str, dict[str, LogChannel]] = defaultdict(dict)
     for column, channel in source.channels.items():
         by_topic[channel.topic][column] = channel
     path = file.path
     try:
-        tables, how, absent = read_topics(file, by_topic, source)
+        decoded = decode_wanted(file, by_topic, source)
+        tables = {topic: read_topic(topic, by_topic[topic], decoded[topic], source) for topic in decoded}
     except InputError as error:
         if str(path) in str(error):
             raise
         raise InputError(f"{path}: {error}") from error
-    orders = {topic: order for topic, (_, order) in tables.items()}
-    rates = {topic: median_rate(table["stamp"].to_numpy()) for topic, (table, _) in tables.items()}
-    joined = joined_on_stamp([tables.pop(topic)[0] for topic in orders])
+    joined = joined_on_stamp([table for table, _ in tables.values()])
     missing = {column: int(joined[column].is_nan().sum()) for column in source.channels}
     start = int(joined["stamp"][0])
     time = ((joined.drop_in_place("stamp") - start) / SECOND).alias("time")
     facts = {
         "time": {**source.time.origin(), "start_ns": start},
-        "rates_hz": rates,
-        "decoding": how,
-        "stamps": {topic: order.report() for topic, order in orders.items()},
+        "rates_hz": {topic: median_rate(table["stamp"].to_numpy()) for topic, (table, _) in tables.items()},
+        "decoding": {topic: one.how for topic, one in decoded.items()},
+        "stamps": {topic: order.report() for topic, (_, order) in tables.items()},
         "missing": missing,
-        "damage": file.damage.report(channels_of(file, by_topic)),
+        "damage": file.damage.report({topic: file.channels_of(topic) for topic in by_topic}),
     }
     columns = {column: channel.origin(column) for column, channel in source.channels.items()}
-    says = [text for topic, order in orders.items() for text in order.says(topic)]
-    nan = [f"{column} is NaN in {n} of {len(joined)} rows" for column, n in missing.items() if n]
-    remarks = [*file.damage.all_remarks(), *says, *absent, *nan]
-    samples = pl.DataFrame([time, *joined])
+    remarks = file.damage.all_remarks()
+    remarks += [text for topic, (_, order) in tables.items() for text in order.says(topic)]
+    remarks += [text for topic, one in decoded.items() for text in absent_values(topic, by_topic[topic], one)]
+    remarks += [f"{column} is NaN in {n} of {len(joined)} rows" for column, n in missing.items() if n]
     try:
+        samples = pl.DataFrame([time, *joined])
         return Recording(samples, columns, facts, [f"{path.name}: {remark}" for remark in remarks])
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-
-
-def read_topics(
-    file: MessageFile, by_topic: dict[str, dict[str, LogChannel]], source: MessageSource
-) -> tuple[dict[str, tuple[pl.DataFrame, Ordering]], dict[str, Any], list[str]]:
-    """By topic the table with its order, and how it was decoded; and remarks on values that are absent.
-
-    Each topic is released as soon as its table stands, so that a long log is in memory once.
-    """
-    decoded = decode_wanted(file, by_topic, source)
-    tables: dict[str, tuple[pl.DataFrame, Ordering]] = {}
-    how: dict[str, Any] = {}
-    absent: list[str] = []
-    for topic in list(decoded):
-        one = decoded.pop(topic)
-        how[topic] = one.how
-        absent += absent_values(topic, [channel.field for channel in by_topic[topic].values()], one)
-        tables[topic] = read_topic(topic, by_topic[topic], one, source)
-        del one
-    return tables, how, absent
 
 
 def decode_wanted(
@@ -147,9 +170,9 @@ def decode_wanted(
 ) -> dict[str, Decoded]:
     """The fields of each topic and of its stamp; a file that has lost too much is refused."""
     stamps = [name for pair in stamp_fields(source.time.field) for name in pair]
-    from_header = source.time.source == "header"
+    first = stamps if source.time.source == "header" else []
     wanted = {
-        topic: [*dict.fromkeys([*(stamps if from_header else []), *(f for c in channels.values() for f in c.fields)])]
+        topic: [*dict.fromkeys([*first, *(path for channel in channels.values() for path in channel.fields)])]
         for topic, channels in by_topic.items()
     }
     try:
@@ -167,35 +190,27 @@ def decode_wanted(
     return decoded
 
 
-def channels_of(file: MessageFile, topics: Collection[str]) -> dict[str, Collection[int]]:
-    """Numbers of the channels of each topic, of a file that has been read."""
-    declared = file.declared.channels.values()
-    return {topic: [channel.id for channel in declared if channel.topic == topic] for topic in topics}
-
-
 def check_loss(file: MessageFile, topics: Collection[str], most: float) -> None:
     """Refuse a file that has lost a larger share of a topic than allowed."""
-    for topic, channels in channels_of(file, topics).items():
+    for topic in topics:
+        channels = file.channels_of(topic)
         share = file.damage.share_lost(channels or None)
         if share > most:
             misfits = sum(file.damage.misfits[channel] for channel in channels)
-            is_whole = misfits == file.damage.messages_lost(channels)
-            what = "messages that cannot be used" if is_whole else f"damaged or incomplete {file.kind}"
+            are_all = misfits == file.damage.messages_lost(channels)
+            what = "messages that cannot be used" if are_all else f"damaged or incomplete {file.kind}"
             raise InputError(
                 f"{what}: {100 * share:.3g} % of topic '{topic}' is lost, at most "
                 f"{100 * most:.3g} % may be (largest_loss in the source file): "
                 f"{'; '.join(file.damage.all_remarks())}; record again"
-                f"{', or map another field' * is_whole}"
+                f"{', or map another field' * are_all}"
             )
 
 
 def read_topic(
     topic: str, channels: dict[str, LogChannel], decoded: Decoded, source: MessageSource
 ) -> tuple[pl.DataFrame, Ordering]:
-    """Stamps [ns] and columns of one topic in the order of the stamps, and counts of the sorting.
-
-    A field is taken out of the values once its last column stands.
-    """
+    """Stamps [ns] and columns of one topic in the order of the stamps, and counts of the sorting."""
     from_header = source.time.source == "header"
     stamp = stamps_of(topic, decoded, source.time.field) if from_header else log_times_of(topic, decoded)
     counters = [
@@ -203,18 +218,11 @@ def read_topic(
         for column, channel in channels.items()
         if channel.counter is not None
     ]
-    columns, time = [pl.Series("stamp", stamp)], (stamp - stamp[0]) / SECOND
-    del stamp
-    waiting = Counter(channel.field for channel in channels.values())
-    for path in decoded.values.keys() - waiting.keys():
-        del decoded.values[path]
-    for column, channel in channels.items():
-        columns.append(canonical_series(column, channel, decoded, time, source.most_missing))
-        waiting[channel.field] -= 1
-        if not waiting[channel.field]:
-            del decoded.values[channel.field]
-    del time
-    table = pl.DataFrame([*columns, *counters])
+    time = (stamp - stamp[0]) / SECOND
+    columns = [
+        canonical_series(column, channel, decoded, time, source.most_missing) for column, channel in channels.items()
+    ]
+    table = pl.DataFrame([pl.Series("stamp", stamp), *columns, *counters])
     logged, number = decoded.log_time, decoded.channel
     logged_in_order = (logged[1:] >= logged[:-1]) | (number[1:] != number[:-1])
     advice = LOG_TIME if from_header and logged_in_order.all() else NO_OTHER_CLOCK
@@ -223,11 +231,65 @@ def read_topic(
 
 def canonical_series(column: str, channel: LogChannel, decoded: Decoded, time: Array, most_missing: float) -> pl.Series:
     """One column in SI units; null where a message lacks the field, NaN where its value is."""
-    raw = physical_values(channel.topic, channel.field, decoded, unit_of(column))
+    values, present, unit = decoded.values[channel.field], decoded.present[channel.field], unit_of(column)
+    if values.dtype == bool and unit != LEVEL:
+        row = int(np.argmax(present))
+        raise WrongFieldError(
+            f"topic '{channel.topic}': field '{channel.field}' is {str(bool(values[row])).lower()} in message "
+            f"{row + 1}, a truth value and no number in {unit}; name a number as `field` in the source file"
+        )
+    with np.errstate(invalid="ignore"):  # a signalling NaN is one, too
+        raw = values.astype(np.float64)
     check_values(f"topic {channel.topic}, field {channel.field}", raw, time, most_missing)
-    series = pl.Series(column, channel.to_si(raw, unit_of(column)))
-    present = decoded.present[channel.field]
+    series = pl.Series(column, channel.to_si(raw, unit))
     return series if present.all() else series.set(pl.Series(~present), None)
+
+
+def counts_of(topic: str, path: str, decoded: Decoded) -> Indices:
+    """A device's count of its samples, (n,).
+
+    Raises
+    ------
+    InputError
+        A message lacks it, or it is no whole number that is read exactly.
+    """
+    values, present = decoded.values[path], decoded.present[path]
+    largest = EXACT if values.dtype.kind == "f" else 2**63
+    wrong = ~present | (values.dtype == bool)
+    if values.dtype != bool:
+        wrong |= ~(np.abs(values.astype(np.float64)) < largest) | (values != np.rint(values))
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        shown = values[row] if present[row] else "missing"
+        raise InputError(
+            f"topic '{topic}': counter '{path}' is {shown} in message {row + 1} of {values.size}, and no whole number "
+            f"below {largest:.3g}; correct `counter` in the source file, or leave it out"
+        )
+    return values.astype(np.int64)
+
+
+def absent_values(topic: str, channels: dict[str, LogChannel], decoded: Decoded) -> list[str]:
+    """A warning for each field that some messages lack."""
+    present = {channel.field: decoded.present[channel.field] for channel in channels.values()}
+    return [
+        f"topic '{topic}': {int((~one).sum())} of {one.size} messages have no value in field '{path}', first message "
+        f"{int(np.argmin(one)) + 1}"
+        for path, one in present.items()
+        if not one.all()
+    ]
+
+
+def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
+    """One table with a row per stamp of any of the tables, which are sorted by it.
+
+    Where stamps are rounded and equal, the tables have rows of their own.
+    """
+    joined, *others = tables
+    if others and any((np.diff(table["stamp"].to_numpy()) == 0).any() for table in tables):
+        return pl.concat(tables, how="diagonal").sort("stamp", maintain_order=True)
+    for table in others:
+        joined = joined.join(table, on="stamp", how="full", coalesce=True)
+    return joined.sort("stamp")
 
 
 def median_rate(stamp: Indices) -> float | None:

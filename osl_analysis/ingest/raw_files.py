@@ -12,7 +12,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.errors import InputError, printable
-from osl_analysis.formats.bag_folder import files_in
+from osl_analysis.formats.rosbag import files_in
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.known_formats import FORMATS, Source, check_format, read_source
 from osl_analysis.ingest.recording import Recording, check_sizes

@@ -16,8 +16,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap.topics import Decoded
-from osl_analysis.formats.messages.leaves import Indices, distinct
+from osl_analysis.formats.messages import Decoded
+from osl_analysis.formats.object_messages import Indices
 
 SECOND = 1_000_000_000
 LATEST = SECOND  # by which a message may come after one of a later stamp [ns]
@@ -108,7 +108,7 @@ def in_order(
 
     `channel` is the number of each row's channel, (n,); `advice` says what to do where the clock was set.
     """
-    numbers = distinct(channel)
+    numbers = np.unique(channel)
     channels, late = len(numbers), 0
     for number in numbers:
         late += check_not_set(topic, table if channels == 1 else table.filter(channel == number), advice)

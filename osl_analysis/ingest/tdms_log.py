@@ -11,7 +11,7 @@ from pydantic import Field
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.tdms import TdmsChannel, TdmsFile, read_tdms
-from osl_analysis.ingest.joined_topics import joined_on_stamp
+from osl_analysis.ingest.message_log import joined_on_stamp
 from osl_analysis.ingest.overview import (
     NAME_OF_TIME,
     UNKNOWN,

@@ -1,0 +1,431 @@
+"""Messages of ROS: CDR (ROS 2) and ROS 1's own encoding. Messages of one shape are decoded all at once.
+
+A walk through one message finds where its numbers stand. They stand in the same places in all messages of its *shape*:
+of the same length and with the same bytes where it says how long its strings and sequences are (its *guards*).
+"""
+
+import re
+import struct
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from mcap.records import Schema
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.formats.object_messages import FieldDescription, Indices, Values, WholeArrayError, array_labels
+
+PRIMITIVES = {
+    "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
+    "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+"""Types in numpy's spelling. rosidl maps `char` to uint8: design.ros2.org/articles/legacy_interface_definition.html."""
+STRINGS = ("string", "wstring")
+FIELD = re.compile(r"(?P<type>[A-Za-z][\w/]*)(<=\d+)?(?P<array>\[(?P<bound><=)?(?P<size>\d*)\])?\s+(?P<name>\w+)")
+SEPARATOR = re.compile(r"^={3,}\s*$", re.MULTILINE)
+HEAD = re.compile(r"\s*MSG:\s*(\S+)[ \t]*$", re.MULTILINE)
+ROS1_TYPE = re.compile(r"^([ \t]*)(time|duration|Header|byte)(?=(?:\[\d*\])?[ \t]+\w)", re.MULTILINE)
+ROS1_AS_ROS2 = {"time": "ros1/Time", "duration": "ros1/Duration", "Header": "std_msgs/Header", "byte": "int8"}
+"""What the types that ROS 2 does not have, or means otherwise, are (wiki.ros.org/msg)."""
+ROS1_STAMPS = "\n===\nMSG: ros1/Time\nuint32 secs\nuint32 nsecs\n===\nMSG: ros1/Duration\nint32 secs\nint32 nsecs\n"
+PADDING = 3
+"""Bytes of any content after the last field: DDS pads a message to four bytes (RTPS 2.5, 9.4.1)."""
+ZERO_PADDING = 7
+"""Bytes after the last field if they are zero: to eight."""
+MOST_SHAPES = 200
+"""Of one channel and message length; what varies more is read message by message."""
+INDEXED = re.compile(r"(?P<array>.+)\[(?P<index>\d+)\]")
+NAMED = re.compile(r"(?P<parent>.*\.)?(?P<array>\w+)\[(?P<names>\w+)=(?P<name>[^\]]+)\]")
+LATER_ELEMENT = re.compile(r"\[(?!0\])\d+\]")
+
+
+@dataclass(frozen=True)
+class MessageField:
+    """One field of a message type."""
+
+    name: str
+    type: str
+    """A primitive, a string or `package/Name`."""
+    array: int | Literal["sequence"] | None = None
+    """Length of an array of fixed size, "sequence" where the length is in the message, None for no array."""
+
+
+Definitions = dict[str, list[MessageField]]
+
+
+def parse_schema(name: str, text: str) -> Definitions:
+    """Definitions of the message `name` (`package/msg/Name`) and of all that it holds, by `package/Name`.
+
+    Raises
+    ------
+    InputError
+        A line is not a field, a field is defined twice, or a type is not defined.
+    """
+    stamp = [MessageField("sec", "int32"), MessageField("nanosec", "uint32")]
+    definitions: Definitions = {"builtin_interfaces/Time": stamp, "builtin_interfaces/Duration": stamp}
+    own, *parts = SEPARATOR.split(text)
+    definitions[short_name(name)] = list(parse_fields(short_name(name), own))
+    for part in parts:
+        head = HEAD.match(part)
+        if not head:
+            raise InputError(f"schema {name}: a line 'MSG: package/Name' is missing after a separator")
+        full_name = short_name(head.group(1))
+        definitions[full_name] = list(parse_fields(full_name, part[head.end() :]))
+    for full_name, fields in definitions.items():
+        twice = [name for name, count in Counter(one.name for one in fields).items() if count > 1]
+        if twice:
+            raise InputError(f"schema {full_name}: field '{twice[0]}' is defined twice")
+        for one in fields:
+            if one.type not in definitions and one.type not in PRIMITIVES and one.type not in STRINGS:
+                raise InputError(f"schema {full_name}: type '{one.type}' of field '{one.name}' is not defined")
+    return definitions
+
+
+def parse_fields(full_name: str, body: str) -> Iterator[MessageField]:
+    """The fields of one definition, without comments, constants and default values."""
+    for raw in body.splitlines():
+        line = raw.split("#")[0].strip()
+        match = FIELD.match(line)
+        if line and not match:
+            raise InputError(f"schema {full_name}: cannot read the line '{line[:60]}'; expected a type and a name")
+        if not match or line[match.end() :].lstrip().startswith("="):
+            continue
+        kind, array = match["type"], None
+        if kind not in PRIMITIVES and kind not in STRINGS:  # a bare name belongs to the package that uses it
+            kind = short_name(kind) if "/" in kind else f"{full_name.split('/')[0]}/{kind}"
+        if match["array"] is not None:
+            array = int(match["size"]) if match["size"] and not match["bound"] else "sequence"
+        yield MessageField(match["name"], kind, array)  # type: ignore[arg-type]
+
+
+def short_name(name: str) -> str:
+    """`package/msg/Name` as `package/Name`."""
+    parts = name.split("/")
+    return f"{parts[0]}/{parts[-1]}"
+
+
+class MessageType(NamedTuple):
+    """The type of a channel's messages."""
+
+    name: str
+    """`package/Name`."""
+    definitions: Definitions
+    """Fields of it and of all types in it."""
+    ros1: bool
+    """Little-endian, not aligned, no zero at the end of strings (wiki.ros.org/msg)."""
+
+
+def message_type(schema: Schema, *, ros1: bool) -> MessageType:
+    """The type that a schema in ros2msg or ros1msg defines; raises InputError as `parse_schema`."""
+    text = schema.data.decode(errors="replace")
+    if ros1:
+        text = ROS1_TYPE.sub(lambda match: match[1] + ROS1_AS_ROS2[match[2]], text) + ROS1_STAMPS
+    return MessageType(short_name(schema.name), parse_schema(schema.name, text), ros1)
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A number, or an array of numbers, in the messages of one shape."""
+
+    offset: int
+    """First byte in the message."""
+    dtype: str
+    """Type of the number in numpy's spelling, with its byte order; `?` for a bool."""
+    count: int | None = None
+    """Length of the array; None for a single number."""
+
+
+@dataclass
+class MessageWalk:
+    """The walk through one message, which finds where its numbers are."""
+
+    payload: bytes
+    kind: MessageType
+    order: str = "<"
+    """Byte order, as `struct` spells it."""
+    position: int = 0
+    leaves: dict[str, Leaf] = field(default_factory=dict)
+    """The numbers by path."""
+    texts: dict[str, range] = field(default_factory=dict)
+    """Extents of the strings in arrays of strings, by path."""
+    guards: list[int] = field(default_factory=list)
+    """Offsets of the bytes that another message must share to have the same shape."""
+
+    def align(self, size: int) -> None:
+        """Go on to the next multiple of `size` bytes, counted from the encapsulation header's end."""
+        if not self.kind.ros1:
+            self.position += (4 - self.position) % size
+
+    def length(self) -> int:
+        """Read the length of a string or a sequence; its bytes become guards."""
+        self.align(4)
+        if self.position + 4 > len(self.payload):
+            raise self.too_short()
+        (value,) = struct.unpack_from(f"{self.order}I", self.payload, self.position)
+        self.guards += range(self.position, self.position + 4)
+        self.position += 4
+        return int(value)
+
+    def message(self, name: str, prefix: str) -> None:
+        """Walk the fields of the message type `name`; one without fields has a byte in CDR."""
+        fields = self.kind.definitions[name]
+        self.position += not fields and not self.kind.ros1
+        for item in fields:
+            path = f"{prefix}{item.name}"
+            if item.type in PRIMITIVES:
+                self.numbers(item, path)
+                continue
+            if item.type == "wstring":
+                raise InputError(f"field '{path}' is a wstring, which has no portable encoding; record it as string")
+            for index in range(self.count(item, 4 if item.type == "string" else 1)):
+                own = path if item.array is None else f"{path}[{index}]"
+                if item.type == "string":
+                    self.string(own, in_array=item.array is not None)
+                else:
+                    self.message(item.type, f"{own}.")
+
+    def count(self, item: MessageField, smallest: int) -> int:
+        """Number of elements of a field; a damaged length would make a loop without end."""
+        count = self.length() if item.array == "sequence" else 1 if item.array is None else item.array
+        if count * smallest > len(self.payload) - self.position + 4:
+            raise self.too_short()
+        return count
+
+    def string(self, path: str, *, in_array: bool) -> None:
+        """Walk over a string."""
+        length = self.length()
+        if in_array:
+            self.texts[path] = range(self.position, self.position + length)
+        self.position += length
+
+    def numbers(self, item: MessageField, path: str) -> None:
+        """Note a number or an array of numbers."""
+        kind = PRIMITIVES[item.type]
+        size = np.dtype(kind).itemsize
+        count = self.length() if item.array == "sequence" else 1 if item.array is None else item.array
+        if count:
+            self.align(size)
+        self.leaves[path] = Leaf(self.position, self.order + kind, None if item.array is None else count)
+        self.position += count * size
+        if self.position > len(self.payload):
+            raise self.too_short()
+
+    def too_short(self) -> InputError:
+        """The error for a message that ends too early."""
+        return InputError(
+            f"a message of {len(self.payload)} bytes is too short for its schema; the schema is not its own"
+        )
+
+
+def walk_of(kind: MessageType, payload: bytes | None) -> MessageWalk:
+    """The walk through one message; without one, through one of zeros, whose strings and sequences are empty.
+
+    Raises
+    ------
+    InputError
+        The encapsulation is not plain CDR, or the message is shorter or longer than its schema asks for.
+    """
+    if payload is None:
+        empty = MessageWalk(bytes((0, not kind.ros1, 0, 0)) + bytes(1 << 16), kind, position=0 if kind.ros1 else 4)
+        empty.message(kind.name, "")
+        return empty
+    if kind.ros1:
+        walk = MessageWalk(payload, kind)
+        walk.message(kind.name, "")
+        if walk.position != len(payload):
+            raise InputError(
+                f"a message of {len(payload)} bytes has {walk.position} by its definition, which is not its own; "
+                "record the bag again with the definitions that its publisher was built with"
+            )
+        return walk
+    if len(payload) < 4 or payload[0] != 0 or payload[1] > 1:
+        raise InputError(f"encapsulation {payload[:4].hex()} is not plain CDR; record with the default encoding")
+    walk = MessageWalk(payload, kind, "<" if payload[1] else ">", 4, guards=[0, 1])
+    walk.message(kind.name, "")
+    if walk.position > len(payload):
+        raise walk.too_short()
+    left = payload[walk.position :]
+    if len(left) > (PADDING if left.strip(b"\0") else ZERO_PADDING):
+        raise InputError(
+            f"a message of {len(payload)} bytes has {len(left)} more than its schema describes; the schema is not its "
+            "own: record the log again with the definitions that its publisher was built with"
+        )
+    if len(left) > PADDING:
+        walk.guards += range(walk.position, len(payload))
+    return walk
+
+
+class Rows:
+    """Messages in a buffer, whose numbers are taken out by their offset in the message."""
+
+    def __init__(self, buffer: bytes, starts: Indices) -> None:
+        self.buffer, self.starts = buffer, starts
+        step = int(starts[1] - starts[0]) if starts.size > 1 else 1
+        self.step = step if step > 0 and (np.diff(starts) == step).all() else None
+
+    def at(self, offset: int, kind: np.dtype[Any]) -> NDArray[Any]:
+        """The numbers at an offset, (messages,); a view where the messages follow each other by one step."""
+        if self.step is not None:
+            first = int(self.starts[0]) + offset
+            return np.ndarray((self.starts.size,), kind, self.buffer, first, (self.step,))
+        everywhere = np.ndarray((len(self.buffer) - kind.itemsize + 1,), kind, self.buffer, 0, (1,))
+        return everywhere[self.starts + offset]
+
+
+@dataclass(frozen=True)
+class Template:
+    """How to read the wanted numbers of all messages of one shape."""
+
+    leaves: dict[str, Leaf]
+    """The numbers, by path."""
+    words: list[tuple[int, np.dtype[Any], Any, Any]]
+    """Offset, type, mask and expected value of the guarded words, which a message of the shape must have."""
+
+    def fits(self, rows: Rows) -> NDArray[np.bool_]:
+        """Which of the messages have this shape, (messages,)."""
+        same = np.ones(rows.starts.size, bool)
+        for offset, kind, mask, expected in self.words:
+            same &= (rows.at(offset, kind) & mask) == expected
+        return same
+
+    def read(self, rows: Rows) -> Values:
+        """The numbers of messages of this shape by path."""
+        values = {}
+        for path, leaf in self.leaves.items():
+            kind = np.dtype(leaf.dtype.replace("?", "u1"))
+            native = rows.at(leaf.offset, kind).astype(kind.newbyteorder("="))
+            values[path] = native != 0 if "?" in leaf.dtype else native
+        return values
+
+
+def template_of(walk: MessageWalk, paths: Sequence[str]) -> Template:
+    """A template that reads the fields at `paths`, as far as the message has them.
+
+    Guards are compared in words of eight bytes (of one byte in a shorter message), to compare fewer.
+    """
+    leaves = {path: leaf for path in paths if (leaf := leaf_at(walk, path))}
+    payload, mask = np.frombuffer(walk.payload, np.uint8), np.zeros(len(walk.payload), np.uint8)
+    mask[walk.guards] = 0xFF
+    kind = np.dtype("<u8" if mask.size >= 8 else "u1")
+    words, guarded = [], np.flatnonzero(mask)
+    while guarded.size:
+        offset = min(int(guarded[0]), mask.size - kind.itemsize)
+        word = slice(offset, offset + kind.itemsize)
+        words.append((offset, kind, mask[word].view(kind)[0], (payload[word] & mask[word]).view(kind)[0]))
+        guarded = guarded[guarded >= word.stop]
+    return Template(leaves, words)
+
+
+def leaf_at(walk: MessageWalk, path: str) -> Leaf | None:
+    """The single number at `path`; None where the message lacks the field or its array is too short.
+
+    Raises
+    ------
+    WholeArrayError
+        The path names a whole array.
+    """
+    path = index_of_name(walk, path)
+    direct = walk.leaves.get(path)
+    if direct is not None and direct.count is not None:
+        raise WholeArrayError(f"field '{path}' is an array of {direct.count}, not one number")
+    match = INDEXED.fullmatch(path)
+    array = walk.leaves.get(match["array"]) if match else None
+    if not match or array is None or array.count is None or int(match["index"]) >= array.count:
+        return direct
+    return Leaf(array.offset + int(match["index"]) * np.dtype(array.dtype).itemsize, array.dtype)
+
+
+def index_of_name(walk: MessageWalk, path: str) -> str:
+    """The path with `[names=name]` replaced by the index of that name; the names up to that one become guards."""
+    match = NAMED.fullmatch(path)
+    if not match:
+        return path
+    parent = match["parent"] or ""
+    names = f"{parent}{match['names']}["
+    for text, extent in walk.texts.items():
+        if text.startswith(names):
+            walk.guards += extent
+            if walk.payload[extent.start : extent.stop].rstrip(b"\0") == match["name"].encode():
+                return f"{parent}{match['array']}[{text.removeprefix(names)}"
+    return path
+
+
+@dataclass
+class ShapeReader:
+    """Reads the messages of a channel by templates; it learns one from the first message of each shape."""
+
+    kind: MessageType
+    paths: Sequence[str]
+    """Paths of the fields to read."""
+    templates: dict[int, list[Template]] = field(default_factory=lambda: defaultdict(list))
+    """The templates so far, by length of the message."""
+    read_alone: int = 0
+    """Messages that were read one by one."""
+    misfits: int = 0
+    """Messages that do not fit their schema."""
+    misfit: str = ""
+    """What is wrong with the first of the misfits."""
+    no_numbers: int = 0
+    """A schema says that a number is one."""
+
+    def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> Iterator[tuple[Indices, Values]]:
+        """Batches of messages: their places among `starts`, and their numbers by path; misfits are only counted."""
+        one_length = bool((lengths == lengths[:1]).all())
+        for length in [int(lengths[0])] if one_length and lengths.size else np.unique(lengths).tolist():
+            mine = np.arange(starts.size) if one_length else np.flatnonzero(lengths == length)
+            templates = self.templates[length]
+            for template in templates:
+                rows = Rows(buffer, starts[mine])
+                same = template.fits(rows)
+                if same.all():
+                    yield mine, template.read(rows)
+                    mine = mine[:0]
+                    break
+                if same.any():
+                    yield mine[same], template.read(Rows(buffer, starts[mine[same]]))
+                    mine = mine[~same]
+            while mine.size:
+                first = int(starts[mine[0]])
+                learned = self.learned(buffer[first : first + length])
+                same = np.zeros(mine.size, bool)
+                same[0] = True
+                if learned is not None:
+                    if len(templates) < MOST_SHAPES:
+                        templates.append(learned)
+                        same = learned.fits(Rows(buffer, starts[mine]))
+                    else:
+                        self.read_alone += 1
+                    yield mine[same], learned.read(Rows(buffer, starts[mine[same]]))
+                mine = mine[~same]
+
+    def learned(self, payload: bytes) -> Template | None:
+        """The template of all messages that are laid out as this one; None if it does not fit its schema."""
+        try:
+            return template_of(walk_of(self.kind, payload), self.paths)
+        except (InputError, RecursionError) as error:
+            self.misfits += 1
+            self.misfit = self.misfit or str(error)
+            return None
+
+
+def describe_ros(schema: Schema, payload: bytes | None, *, ros1: bool) -> list[FieldDescription]:
+    """The fields of one message; without a message, those of one whose strings and sequences are empty.
+
+    Raises
+    ------
+    InputError
+        The schema cannot be read, or does not describe the message.
+    """
+    walk = walk_of(message_type(schema, ros1=ros1), payload)
+    texts: dict[str, list[str]] = defaultdict(list)
+    for path, extent in walk.texts.items():
+        text = walk.payload[extent.start : extent.stop].rstrip(b"\0").decode(errors="replace")
+        texts[path.rpartition("[")[0]].append(text)
+    return [
+        FieldDescription(path, np.dtype(leaf.dtype).name, leaf.count, array_labels(path, leaf.count, texts))
+        for path, leaf in walk.leaves.items()
+        if not LATER_ELEMENT.search(path)
+    ]

@@ -1,0 +1,618 @@
+"""MCAP files: the records of the top level are walked from the front, also past damage; then its chunks are read.
+
+The summary at the end is not needed to read: the file of a recorder that was killed is read in the same way. It is the
+evidence of what was lost, beside the message indexes behind each chunk. Every intact chunk is read.
+"""
+
+import re
+import struct
+import zlib
+from array import array
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import lz4.frame
+import numpy as np
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.formats.cdr import Rows
+from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFileError
+from osl_analysis.formats.object_messages import Indices
+
+MAGIC = b"\x89MCAP0\r\n"
+RECORD = struct.Struct("<BQ")  # opcode, length of the content
+MESSAGE = np.dtype(
+    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("pub", "<u8")]
+)
+MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # within the content
+CHUNK_HEAD = struct.Struct("<QQQII")  # times of first and last message, size, checksum, length of the name
+INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of the entries
+INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
+STATISTICS = struct.Struct("<Q14xI16xI")  # messages, chunks, bytes of the map of messages by channel
+LONGEST_NAME = 32
+HIGHEST_RATIO = {b"zstd": 1 << 15, b"lz4": 255}
+"""More is impossible: zstd writes a block of 128 kB in 4 bytes, lz4 255 bytes in one. The header is then wrong."""
+FRAME_HEADER = 1 << 16
+"""Bytes by which a frame that holds next to nothing may be larger than what its ratio allows."""
+NUMBERED = range(Opcode.HEADER, Opcode.DATA_END + 1)
+"""Opcodes that the format defines. Records of higher ones are private or of a later version, and are skipped."""
+LENGTHS = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
+RESUME_IN_CHUNKS = re.compile(rb"[\x06\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL)
+RESUME_ANYWHERE = re.compile(rb"[\x03-\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL)
+"""Beginnings of records at which reading can go on after damage, in files with and without chunks."""
+TWO_LOGS = "split them into two files there (`head -c`, `tail -c`) and give each a trial of its own"
+
+
+class DamagedChunkError(Exception):
+    """The chunk cannot be read, or does not hold what was written. The message completes the sentence "it ..."."""
+
+
+class Walk(NamedTuple):
+    """The records that follow each other in a buffer."""
+
+    heads: NDArray[Any]
+    """Heads of the messages, a structured array."""
+    starts: Indices
+    """Where their records begin [bytes]."""
+    others: list[tuple[int, bytes]]
+    """Opcode and content of the schemas and channels among them."""
+    end: int
+    """End of the walk [bytes]: the end of the buffer, or the first bytes that are not a record."""
+    unknown: int = 0
+    """Records of opcodes that the format does not define, which were skipped."""
+
+
+@dataclass
+class Section:
+    """One part of a file's data section."""
+
+    kind: Literal["chunk", "loose", "lost chunk", "lost"]
+    """A chunk, loose messages outside of chunks, a chunk that is lost, or lost bytes of which nothing is known."""
+    start: int
+    """First byte: of the content of a chunk, else of the section."""
+    end: int
+    walk: Walk | None = None
+    """The loose messages."""
+    indexes: list[tuple[int, NDArray[Any]]] = field(default_factory=list)
+    """Channel and entries of the message index records that follow a chunk."""
+    harmless: bool = False
+    """Lost, but it held no message."""
+
+    def indexed(self) -> Counter[int]:
+        """How many messages of each channel its message indexes list."""
+        return sum((Counter({channel: entries.size}) for channel, entries in self.indexes), Counter())
+
+
+@dataclass
+class McapFile(MessageFile):
+    """A file whose top level was scanned; `blocks` reads its messages."""
+
+    kind: str = "MCAP"
+    data: bytes = b""
+    sections: list[Section] = field(default_factory=list)
+    """The parts of the data section, in order."""
+    data_end: int = 0
+    """Where the data section ends; 0 until that is known."""
+    data_crc: Literal["", "right", "wrong"] = ""
+    """Whether the checksum of the data section is right, if there is one."""
+    described: list[tuple[int, bytes]] = field(default_factory=list)
+    """Opcode and content of the schemas and channels in the summary."""
+    after_data: list[Section] = field(default_factory=list)
+    """The same as parts of the data, should these go on after all."""
+    chunked: bool = False
+    indexed_chunks: int = 0
+    """How many chunks the index of chunks in the summary has; a file may have none."""
+    summary_begin: int = 0
+    """Where the summary begins: after the record that ends the data."""
+    summary_checked: bool = False
+    """A checksum covers the summary and is right."""
+    summary_damaged: bool = False
+    missing: int = 0
+    """Bytes by which the summary stands before the place at which the recorder put it; negative if after."""
+
+    # --- the top level, from record to record
+
+    def scan(self) -> None:
+        """Find the parts of the file; raises RefusedFileError if it is two logs."""
+        position = len(MAGIC)
+        while position < len(self.data) and not self.damage.finished:
+            position = self.scan_record(position)
+        self.data_end = self.data_end or len(self.data)
+        last = self.sections[-1] if self.sections else None
+        if not self.damage.finished and last and "lost" in last.kind and last.end == len(self.data):
+            self.sections.pop()  # the record in which the file was cut off: nobody knows what it held
+
+    def report_scan(self) -> None:
+        """Note the damage that the scan of the top level found."""
+        damage = self.damage
+        lost = any("lost" in section.kind for section in self.sections)
+        damage.gaps = self.summary_damaged or self.missing != 0 or lost
+        damage.bytes = self.data_end - len(MAGIC)
+        if not damage.finished:
+            damage.remark("no footer: the recorder did not finish, or the end is lost; how much is not known")
+            damage.declared_messages, damage.declared, damage.declared_chunks = None, None, None
+        else:
+            if self.summary_damaged:
+                damage.remark("the summary is damaged")
+            damage.declared_chunks = max(damage.declared_chunks or 0, self.indexed_chunks) or damage.declared_chunks
+        if self.data_crc == "wrong":
+            damage.remark("the checksum of the data section does not match")
+        if self.missing > 0:
+            damage.lose(f"{self.missing} bytes are missing before the summary", self.missing, None, 0)
+            damage.bytes += self.missing
+        elif self.missing:
+            damage.remark(f"{-self.missing} bytes were inserted before the summary")
+
+    def scan_record(self, position: int) -> int:
+        """Take in the record at a position; returns the position of the next one."""
+        data, start = self.data, position + RECORD.size
+        if start > len(data):
+            return self.take_lost(position)
+        opcode, length = RECORD.unpack_from(data, position)
+        end = start + length
+        if end <= len(data) and not self.data_end and self.record_follows(end):
+            if opcode != Opcode.CHUNK and is_disguised_chunk(data, start, end):
+                self.sections.append(Section("lost chunk", position, end))
+                return int(end)
+            if opcode != Opcode.MESSAGE_INDEX and self.is_disguised_index(start, end):
+                opcode = Opcode.MESSAGE_INDEX
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+            walk = walk_records(data, position, len(data), in_chunk=False)
+            if walk.end > position:
+                section = Section("loose", position, walk.end, walk)
+                (self.after_data if self.data_end else self.sections).append(section)
+                self.described += walk.others if self.data_end else []
+                return walk.end
+        if end > len(data) or not self.is_sound(opcode, start, end):
+            return self.take_lost(position)
+        self.take_record(opcode, start, end)
+        return int(end)
+
+    def take_record(self, opcode: int, start: int, end: int) -> None:
+        """Take in one sound record."""
+        data, damage = self.data, self.damage
+        if opcode == Opcode.CHUNK:
+            if self.data_end:  # a chunk after the end of the data shows that this was not the end
+                refuse_second_log(data, self.data_end)
+                self.sections += self.after_data
+                self.data_end, self.data_crc, self.summary_damaged = 0, "", True
+            self.chunked = True
+            self.sections.append(Section("chunk", start, end))
+        elif opcode == Opcode.MESSAGE_INDEX and not self.data_end:
+            if (chunk := self.last_chunk()) is not None:
+                chunk.indexes.append(index_entries(data, start))
+        elif opcode == Opcode.DATA_END and not self.data_end:
+            self.data_end, self.summary_begin = start - RECORD.size, end
+            (expected,) = struct.unpack_from("<I", data, start)
+            if expected:
+                self.data_crc = "right" if zlib.crc32(data[: self.data_end]) == expected else "wrong"
+        elif opcode == Opcode.HEADER and start > len(MAGIC) + RECORD.size and is_header(data, start, end):
+            raise RefusedFileError(f"holds two logs, the second from byte {start - RECORD.size} on: {TWO_LOGS}")
+        elif opcode == Opcode.FOOTER:
+            self.take_footer(start, end)
+        elif opcode == Opcode.CHUNK_INDEX:
+            self.indexed_chunks += 1
+        elif opcode == Opcode.STATISTICS:
+            damage.declared_messages, damage.declared_chunks, size = STATISTICS.unpack_from(data, start)
+            entries = data[start + STATISTICS.size : min(start + STATISTICS.size + size, end)]
+            by_channel = Counter(dict(struct.iter_unpack("<HQ", entries))) if len(entries) % 10 == 0 else None
+            is_whole = by_channel is not None and by_channel.total() == damage.declared_messages
+            damage.declared = by_channel if is_whole else None  # the map may be left empty
+
+    def take_footer(self, start: int, end: int) -> None:
+        """Check the summary by the footer, and that nothing follows; ignore what a damaged summary declares.
+
+        The footer tells where the summary begins, and has its checksum unless that is 0. If the summary stands
+        elsewhere, bytes are missing before it, or were inserted. It then still tells what the recorder wrote.
+        """
+        data, after = self.data, end + len(MAGIC)
+        if data[end:after] == MAGIC and len(data) > after:
+            if data[after : after + len(MAGIC)] == MAGIC:
+                raise RefusedFileError(f"holds two logs, the second from byte {after} on: {TWO_LOGS}")
+            raise RefusedFileError(
+                f"ends at byte {after} and has {len(data) - after} bytes after it; if they are nothing, keep what is "
+                f"before them (`head -c {after}`), else record again"
+            )
+        self.damage.finished = data[end:after] == MAGIC
+        declared, _, expected = struct.unpack_from("<QQI", data, start)
+        footer = start - RECORD.size
+        begin = declared or footer
+        if not (begin >= self.summary_begin and leads_to(data, begin, footer)):
+            self.summary_damaged |= not (self.summary_begin and leads_to(data, self.summary_begin, footer))
+            self.missing = begin - self.summary_begin
+            begin = self.summary_begin
+        if expected and not self.summary_damaged:
+            self.summary_checked = zlib.crc32(data[begin : start + 16]) == expected
+            self.summary_damaged = not self.summary_checked
+        if self.summary_damaged:
+            self.damage.declared_messages, self.damage.declared, self.damage.declared_chunks = None, None, None
+            self.indexed_chunks, self.missing = 0, 0
+
+    def take_lost(self, position: int) -> int:
+        """Note that nothing can be read at `position`; returns the place of the next sound record or of the end.
+
+        In a file with chunks, messages found outside of them are not used: they belong to a damaged chunk, whose
+        checksum cannot be checked.
+        """
+        data = self.data
+        refuse_second_log(data, 1)
+        resume = self.resume_at(position + 1, RESUME_IN_CHUNKS)
+        is_chunk = data[position] == Opcode.CHUNK
+        self.chunked |= is_chunk or (resume < len(data) and data[resume] in (Opcode.CHUNK, Opcode.MESSAGE_INDEX))
+        if not self.chunked:
+            resume = self.resume_at(position + 1, RESUME_ANYWHERE)
+        if self.data_end:
+            self.summary_damaged = True
+        else:
+            harmless = data[position] == Opcode.MESSAGE_INDEX
+            self.sections.append(Section("lost chunk" if is_chunk else "lost", position, resume, harmless=harmless))
+        return resume
+
+    def resume_at(self, begin: int, pattern: re.Pattern[bytes]) -> int:
+        """Where the next sound record begins at which the scan can go on, or the end of the file."""
+        while match := pattern.search(self.data, begin):
+            opcode, length = RECORD.unpack_from(self.data, match.start())
+            start = match.start() + RECORD.size
+            if start + length <= len(self.data) and self.is_sound(opcode, start, start + length, exact=True):
+                return match.start()
+            begin = match.start() + 1
+        return len(self.data)
+
+    def is_sound(self, opcode: int, start: int, end: int, *, exact: bool = False) -> bool:
+        """Whether the content of a record fits its opcode. If this is uncertain, another record must follow.
+
+        A record may be longer than this version of the format says, unless `exact` is asked for.
+        """
+        if opcode == Opcode.CHUNK:
+            return is_chunk(self.data, start, end)
+        if opcode == Opcode.MESSAGE_INDEX:
+            return is_message_index(self.data, start, end, exact=exact)
+        if opcode in LENGTHS:
+            return end - start == LENGTHS[Opcode(opcode)] or (not exact and end - start > LENGTHS[Opcode(opcode)])
+        if opcode == Opcode.STATISTICS and end - start < STATISTICS.size:
+            return False
+        return opcode != 0 and self.record_follows(end)
+
+    def record_follows(self, end: int) -> bool:
+        """Whether a record, or the end of the file, follows."""
+        if end == len(self.data) or self.data[end] in NUMBERED:
+            return True
+        if self.data[end] == 0 or end + RECORD.size > len(self.data):
+            return False
+        return bool(end + RECORD.size + RECORD.unpack_from(self.data, end)[1] <= len(self.data))
+
+    def last_chunk(self) -> Section | None:
+        """The last chunk so far, lost or not."""
+        return next((section for section in reversed(self.sections) if "chunk" in section.kind), None)
+
+    def is_disguised_index(self, start: int, end: int) -> bool:
+        """Whether a record of another opcode is the message index of the last chunk: a flipped bit makes it a message.
+
+        A message may look like an index. It is one only if each of its entries leads to a message of that channel and
+        log time in the chunk.
+        """
+        chunk = self.last_chunk()
+        if chunk is None or not is_message_index(self.data, start, end, exact=True):
+            return False
+        channel, entries = index_entries(self.data, start)
+        offsets = entries["offset"]
+        try:
+            content = unpacked(self.data, chunk.start) if chunk.kind == "chunk" else None
+        except DamagedChunkError:
+            content = None
+        if content is None:
+            return bool((offsets < np.uint64(1 << 32)).all())  # nothing can be compared; two times are no offsets
+        if offsets.size == 0 or int(offsets.max()) > len(content) - MESSAGE.itemsize:
+            return False
+        heads = Rows(content, offsets.astype(np.int64)).at(0, MESSAGE)
+        same = (heads["channel"] == channel) & (heads["log_time"] == entries["log_time"])
+        return bool((same & (heads["opcode"] == Opcode.MESSAGE)).all())
+
+    # --- the messages
+
+    def blocks(self) -> Iterator[MessageBlock]:
+        """The messages of every intact chunk, and those outside of chunks, in the order of the file. Call it once.
+
+        Raises
+        ------
+        InputError
+            A channel has two meanings, or a second log begins in a damaged chunk.
+        """
+        self.report_scan()
+        damage = self.damage
+        if damage.finished and not self.summary_damaged:  # a wrong schema would be wrong values
+            self.adopt(self.described, provisional=not self.summary_checked)
+        untrusted = self.data_crc == "wrong" and not any("lost" in section.kind for section in self.sections)
+        for section in self.sections:
+            walk = self.walk_of(section)
+            if walk is None:
+                continue
+            buffer, found, covered = walk
+            if untrusted and not covered:
+                text = f"the checksum of the data section does not match, and no other covers byte {section.start} on"
+                self.lose(section, text, counts_of(found))
+                continue
+            block = self.block_of(buffer, found)
+            damage.chunks += section.kind == "chunk"
+            damage.read.update(block.counts)
+            damage.verified += block.starts.size if covered or self.data_crc == "right" else 0
+            self.adopt(found.others)
+            yield self.of_declared_channels(block)
+        is_missed = (damage.declared_chunks or 0) > damage.chunks + damage.chunks_lost
+        damage.uncounted |= damage.declared_messages is None and is_missed
+
+    def walk_of(self, section: Section) -> tuple[bytes, Walk, bool] | None:
+        """The buffer of a section, its records, and whether a checksum of their own covers them; None if lost."""
+        if "lost" in section.kind:
+            where = f"{section.end - section.start} bytes from byte {section.start} on"
+            what = "a damaged chunk" if "chunk" in section.kind else "not a readable record"
+            self.lose(section, f"{where} are {what}")
+            return None
+        if section.walk is not None:
+            return self.data, section.walk, False
+        try:
+            content, checked = unpacked(self.data, section.start), self.crc_of(section) != 0
+            if checked and zlib.crc32(content) != self.crc_of(section):
+                raise DamagedChunkError("does not match its checksum")
+            offsets = np.concatenate(
+                [np.empty(0, np.int64), *(e["offset"].astype(np.int64) for _, e in section.indexes)]
+            )
+            walk = walk_by_index(content, offsets)
+            if walk is not None:
+                return content, walk, checked
+            walk = walk_records(content, 0, len(content), in_chunk=True)
+            if walk.end != len(content):
+                raise DamagedChunkError(f"holds no record at byte {walk.end} of its {len(content)} bytes")
+        except DamagedChunkError as error:
+            refuse_second_log(self.data, 1)  # a cut chunk may reach into the next log
+            self.lose(section, f"the chunk at byte {section.start} is damaged: it {error}")
+            return None
+        right = not section.indexes or np.array_equal(np.sort(offsets), walk.starts)
+        cut_off = section is self.sections[-1] and not self.damage.finished  # so is its index
+        if not right and not cut_off:
+            self.damage.remark(f"the index of the chunk at byte {section.start} is wrong; the chunk was walked")
+        if not checked and walk.unknown and not right:  # without a checksum a flipped opcode passes for a private one
+            lost = section.indexed() - counts_of(walk)
+            if lost:
+                text = f"{lost.total()} messages of the chunk at byte {section.start} are records of unknown opcodes"
+                self.damage.lose(text, 0, lost, 0)
+        return content, walk, checked
+
+    def crc_of(self, section: Section) -> int:
+        """The checksum of a chunk; 0 if it has none."""
+        return int(CHUNK_HEAD.unpack_from(self.data, section.start)[3])
+
+    def lose(self, section: Section, remark: str, messages: Counter[int] | None = None) -> None:
+        """Count a section as lost, with as many messages as its index lists."""
+        if messages is None and section.indexes:
+            messages = section.indexed()
+        chunks = int("chunk" in section.kind)
+        self.damage.lose(remark, section.end - section.start, Counter() if section.harmless else messages, chunks)
+
+    def adopt(self, records: Sequence[tuple[int, bytes]], *, provisional: bool = False) -> None:
+        """Take in schemas and channels; the library raises many kinds of errors on damaged bytes."""
+        for opcode, content in dict.fromkeys(records):
+            kind = Schema if opcode == Opcode.SCHEMA else Channel
+            try:
+                one = kind.read(ReadDataStream(BytesIO(content)))
+            except Exception:
+                self.damage.remark("a schema or a channel cannot be read")
+                continue
+            self.declare(one, provisional=provisional)
+
+    def block_of(self, buffer: bytes, walk: Walk) -> MessageBlock:
+        """The messages that a walk through the buffer found."""
+        heads = walk.heads
+        lengths = heads["length"].astype(np.int64) - MESSAGE_HEAD
+        channel, sequence = heads["channel"].astype(np.uint16), heads["sequence"].astype(np.uint32)
+        return MessageBlock(
+            buffer, channel, sequence, heads["log_time"].astype(np.int64), walk.starts + MESSAGE.itemsize, lengths
+        )
+
+    def of_declared_channels(self, block: MessageBlock) -> MessageBlock:
+        """The block without messages of undeclared channels, whose content is unknown."""
+        if all(number in self.channels for number in block.counts):
+            return block
+        known = np.isin(block.channel, list(self.channels))
+        strangers = block.channel[~known]
+        self.damage.misfits.update(strangers.tolist())
+        self.damage.remark(
+            f"{strangers.size} messages belong to channels that are not declared, such as {strangers[0]}"
+        )
+        return block.of(np.flatnonzero(known))
+
+
+def read_mcap(path: Path) -> McapFile:
+    """Scan a file; its messages are read by `blocks`.
+
+    Raises
+    ------
+    InputError
+        The file is empty, no MCAP file, or two logs.
+    """
+    data = path.read_bytes()
+    if not data:
+        raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial")
+    if data[:8] != MAGIC and (len(data) < 64 or data[-8:] != MAGIC):
+        raise InputError(
+            f"{path}: not an MCAP file (it begins with {data[:8]!r}); check the path and the source's format"
+        )
+    opened = McapFile(path, len(data), data=data)
+    try:
+        opened.scan()
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    if data[:8] != MAGIC:
+        opened.damage.remark("the magic at the beginning is damaged")
+    return opened
+
+
+def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool) -> Walk:
+    """Walk from record to record, up to the first bytes that are no schema, channel or message.
+
+    In a chunk, records of opcodes that the format does not define are skipped; outside of one they end the walk.
+    """
+    messages, unknown, position = array("q"), 0, begin
+    others: list[tuple[int, bytes]] = []
+    unpack, last = RECORD.unpack_from, end - RECORD.size
+    while position <= last:
+        opcode, length = unpack(buffer, position)
+        start, stop = position + RECORD.size, position + RECORD.size + length
+        if stop > end:
+            break
+        if opcode == Opcode.MESSAGE and length >= MESSAGE_HEAD:
+            messages.append(position)
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and not is_disguised_chunk(buffer, start, stop):
+            others.append((opcode, buffer[start:stop]))
+        elif in_chunk and opcode not in NUMBERED and opcode:
+            unknown += 1
+        else:
+            break
+        position = stop
+    starts = np.array(messages, np.int64)
+    heads = Rows(buffer, starts).at(0, MESSAGE) if starts.size else np.empty(0, MESSAGE)
+    return Walk(heads, starts, others, position, unknown)
+
+
+def walk_by_index(buffer: bytes, offsets: Indices) -> Walk | None:
+    """The same for a whole chunk, by the offsets of its messages that an index gives.
+
+    None if the index is wrong: messages and the records between them must fill the buffer without a gap.
+    """
+    size = len(buffer)
+    if offsets.size == 0 or offsets.min() < 0 or offsets.max() > size - MESSAGE.itemsize:
+        return None
+    starts = np.sort(offsets, kind="stable")  # fast, because the offsets of each channel rise
+    heads = Rows(buffer, starts).at(0, MESSAGE)
+    lengths = heads["length"].astype(np.int64)  # one that is too large for it becomes negative
+    if (heads["opcode"] != Opcode.MESSAGE).any() or lengths.min() < MESSAGE_HEAD or lengths.max() > size:
+        return None
+    free = np.concatenate([[0], starts + RECORD.size + lengths])
+    taken = np.concatenate([starts, [size]])
+    if (free > taken).any():
+        return None
+    others, unknown = [], 0
+    for i in np.flatnonzero(free < taken).tolist():
+        between = walk_records(buffer, int(free[i]), int(taken[i]), in_chunk=True)
+        if between.end != taken[i] or between.starts.size:
+            return None
+        others += between.others
+        unknown += between.unknown
+    return Walk(heads, starts, others, size, unknown)
+
+
+def counts_of(walk: Walk) -> Counter[int]:
+    """Messages of each channel in a walk."""
+    return Counter(walk.heads["channel"].tolist())
+
+
+def unpacked(data: bytes, start: int) -> bytes:
+    """The content of the chunk whose record's content begins at `start`, which must be of the declared size."""
+    _, _, size, _, length = CHUNK_HEAD.unpack_from(data, start)
+    name = data[start + CHUNK_HEAD.size : start + CHUNK_HEAD.size + length]
+    begin, end = body_of(data, start)
+    body = memoryview(data)[begin:end]
+    if name and name not in HIGHEST_RATIO:
+        raise DamagedChunkError(f"says it is compressed with {name[:20].decode('latin1')!a}; zstd and lz4 are read")
+    if name and size > HIGHEST_RATIO[name] * len(body) + FRAME_HEADER:
+        raise DamagedChunkError(f"declares {size} bytes, which {len(body)} bytes of {name.decode()} cannot hold")
+    try:
+        if name == b"zstd" and body:
+            declared = zstandard.get_frame_parameters(body).content_size
+            if declared not in (size, zstandard.CONTENTSIZE_UNKNOWN):
+                raise DamagedChunkError(f"holds {declared} of {size} bytes")
+        content = decompressed(name, body, size)
+    except (zstandard.ZstdError, RuntimeError, EOFError, struct.error) as error:
+        raise DamagedChunkError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
+    if len(content) != size:
+        raise DamagedChunkError(f"holds {len(content)} of {size} bytes")
+    return content
+
+
+def decompressed(name: bytes, body: memoryview, size: int) -> bytes:
+    """Decompress to at most one byte more than the declared size."""
+    if name == b"":
+        return bytes(body)
+    if name == b"zstd":
+        return zstandard.ZstdDecompressor().decompress(body, max_output_size=size) if size else b""
+    content: bytes = lz4.frame.LZ4FrameDecompressor().decompress(body, max_length=size + 1)
+    return content
+
+
+def is_chunk(data: bytes, start: int, end: int) -> bool:
+    """Whether the content of a record can be that of a chunk: what it declares fits in.
+
+    A later version of the format may add fields at the end of a record (MCAP specification, "Records").
+    """
+    if end - start < CHUNK_HEAD.size + 8:
+        return False
+    name = CHUNK_HEAD.unpack_from(data, start)[4]
+    return name <= LONGEST_NAME and start + CHUNK_HEAD.size + name + 8 <= end and body_of(data, start)[1] <= end
+
+
+def is_disguised_chunk(data: bytes, start: int, end: int) -> bool:
+    """Whether the content of a record of another opcode is that of a chunk: names and lengths leave no doubt."""
+    if not is_chunk(data, start, end):
+        return False
+    _, _, size, _, length = CHUNK_HEAD.unpack_from(data, start)
+    name = data[start + CHUNK_HEAD.size : start + CHUNK_HEAD.size + length]
+    body, stop = body_of(data, start)
+    return stop == end and (name in HIGHEST_RATIO or (name == b"" and size == stop - body > 0))
+
+
+def body_of(data: bytes, start: int) -> tuple[int, int]:
+    """Start and end of the compressed records of a chunk whose content begins at `start`."""
+    body = start + CHUNK_HEAD.size + CHUNK_HEAD.unpack_from(data, start)[4] + 8
+    return body, body + struct.unpack_from("<Q", data, body - 8)[0]
+
+
+def is_message_index(data: bytes, start: int, end: int, *, exact: bool = False) -> bool:
+    """Whether the content of a record can be a message index: its entries fit in, or fill it if `exact`."""
+    if end - start < INDEX_HEAD.size:
+        return False
+    size, space = INDEX_HEAD.unpack_from(data, start)[1], end - start - INDEX_HEAD.size
+    return bool(size % INDEX_ENTRY.itemsize == 0 and (size == space or (size < space and not exact)))
+
+
+def index_entries(data: bytes, start: int) -> tuple[int, NDArray[Any]]:
+    """Channel, and log times and offsets of its messages, from a sound message index record."""
+    channel, size = INDEX_HEAD.unpack_from(data, start)
+    return channel, np.frombuffer(data, INDEX_ENTRY, size // INDEX_ENTRY.itemsize, start + INDEX_HEAD.size)
+
+
+def leads_to(data: bytes, position: int, footer: int) -> bool:
+    """Whether the records from a position on lead to the footer."""
+    while position + RECORD.size <= footer:
+        position += RECORD.size + RECORD.unpack_from(data, position)[1]
+    return position == footer
+
+
+def is_header(data: bytes, start: int, end: int) -> bool:
+    """Whether the content of a record is a header: the lengths of its two texts leave nothing over."""
+    if end > len(data) or end - start < 8:
+        return False
+    library = start + 4 + int(struct.unpack_from("<I", data, start)[0])
+    return library + 4 <= end and bool(library + 4 + struct.unpack_from("<I", data, library)[0] == end)
+
+
+def refuse_second_log(data: bytes, begin: int) -> None:
+    """Refuse a damaged file in which another log begins: `cat a.mcap b.mcap`, or a recorder that appends.
+
+    The number of a channel means one topic in the first log and may mean another in the second.
+    """
+    while (place := data.find(MAGIC, begin)) >= 0:
+        start = place + len(MAGIC) + RECORD.size
+        if start <= len(data):
+            opcode, length = RECORD.unpack_from(data, start - RECORD.size)
+            if opcode == Opcode.HEADER and is_header(data, start, start + length):
+                raise RefusedFileError(f"holds two logs, the second from byte {place} on: {TWO_LOGS}")
+        begin = place + 1

@@ -1,0 +1,657 @@
+"""Recordings of messages by topic, whatever their container is: MCAP, or a bag of ROS.
+
+A container (`mcap.py`, `rosbag.py`) gives its messages in blocks, and counts what it lost (`Damage`). Here their fields
+become columns, from all channels of a topic, in the order of recording.
+"""
+
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.records import Channel, Schema
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError, listing
+from osl_analysis.formats.cdr import ShapeReader, describe_ros, message_type
+from osl_analysis.formats.object_messages import (
+    FieldDescription,
+    Indices,
+    ObjectReader,
+    Values,
+    WholeArrayError,
+    describe_json,
+    describe_protobuf,
+    json_reader,
+    protobuf_reader,
+)
+
+MOST_REMARKS = 20
+MOST_RESTARTS = 10
+"""Times that sequence numbers may go back in a file that is in the order of recording: its publisher was restarted."""
+ENCODINGS = (("cdr", "ros2msg"), ("ros1", "ros1msg"), ("protobuf", "protobuf"))  # of messages and schema; JSON: none
+NOT_DEFINED = "not defined"
+"""Key in a channel's metadata under which a reader says why the channel has no schema, and what to do."""
+
+
+class WrongFieldError(InputError):
+    """The source file asks for a field that cannot be a column, whatever the messages hold."""
+
+
+class RefusedFileError(InputError):
+    """The file as a whole is not read; what was counted until then says nothing about it."""
+
+
+@dataclass(frozen=True)
+class MessageBlock:
+    """The messages of one chunk, or of another part of a file, (n,) each."""
+
+    buffer: bytes
+    """The bytes that hold the messages."""
+    channel: NDArray[np.uint16]
+    """Number of each message's channel."""
+    sequence: NDArray[np.uint32]
+    """Number that the recorder or the publisher gave to each message; often 0."""
+    log_time: Indices
+    """When each message was logged [ns]."""
+    starts: Indices
+    """Where each payload begins in the buffer [bytes]."""
+    lengths: Indices
+    """Length of each payload [bytes]."""
+
+    @cached_property
+    def counts(self) -> Counter[int]:
+        """Messages of each channel that has any, in the order of their numbers."""
+        counts = np.bincount(self.channel)
+        return Counter({number: int(counts[number]) for number in np.flatnonzero(counts).tolist()})
+
+    def of_channel(self, number: int) -> "MessageBlock":
+        """The messages of one channel."""
+        return self if len(self.counts) == 1 else self.of(np.flatnonzero(self.channel == number))
+
+    def of(self, rows: NDArray[np.intp]) -> "MessageBlock":
+        """Some of the messages, by their indices."""
+        channel, sequence, log_time = self.channel[rows], self.sequence[rows], self.log_time[rows]
+        return MessageBlock(self.buffer, channel, sequence, log_time, self.starts[rows], self.lengths[rows])
+
+
+@dataclass
+class Damage:
+    """Losses of a log, counted while it is read and reported in the trial's provenance under `damage`."""
+
+    finished: bool = False
+    """The recorder closed the file. If it did not, nobody knows what is missing."""
+    gaps: bool = False
+    """Some part of the file cannot be read or is missing; the summary counts as a part."""
+    declared_messages: int | None = None
+    """Messages in the file as it says itself; None if it does not, or cannot be trusted."""
+    declared: Counter[int] | None = None
+    """The same for each channel."""
+    declared_chunks: int | None = None
+    """Chunks in the file as it says itself."""
+    read: Counter[int] = field(default_factory=Counter)
+    """Messages of each channel that were read."""
+    verified: int = 0
+    """Messages that were read and are covered by a checksum that was right."""
+    misfits: Counter[int] = field(default_factory=Counter)
+    """Messages of each channel that were read and do not fit their own schema; they count as lost."""
+    chunks: int = 0
+    """Chunks that were read."""
+    chunks_lost: int = 0
+    """Chunks that were found and could not be read."""
+    indexed_lost: Counter[int] = field(default_factory=Counter)
+    """Lost messages of each channel, as far as an index lists them."""
+    uncounted: bool = False
+    """Something was lost, and no index tells how many messages it held."""
+    bytes: int = 0
+    """Bytes of the file's data section."""
+    bytes_lost: int = 0
+    """Bytes of the data section that could not be read, without those at the end of a file that was cut off."""
+    remarks: list[str] = field(default_factory=list)
+    """Faults of the file, a sentence each."""
+    more_remarks: int = 0
+    """Remarks beyond the first ones, which are counted only."""
+
+    def remark(self, text: str) -> None:
+        """Add a remark. The number of remarks is limited."""
+        if len(self.remarks) < MOST_REMARKS:
+            self.remarks.append(text)
+        else:
+            self.more_remarks += 1
+
+    def lose(self, remark: str, size: int, messages: Counter[int] | None, chunks: int) -> None:
+        """Count a lost stretch: bytes, messages of each channel (None if their number is not known), chunks."""
+        self.remark(remark)
+        self.chunks_lost += chunks
+        self.bytes_lost += size
+        self.uncounted |= messages is None
+        self.indexed_lost.update(messages or {})
+
+    @property
+    def messages(self) -> int:
+        """Messages that were read."""
+        return self.read.total()
+
+    def messages_lost(self, channels: Collection[int] | None = None) -> int | None:
+        """Lost messages of some channels, of all if none are named; None where the file does not tell how many.
+
+        A file that was not closed never tells. Else its statistics tell, or the message indexes do.
+        """
+        if not self.finished:
+            return None
+        if self.declared_messages is not None and channels is None:
+            return max(0, self.declared_messages - self.messages) + self.misfits.total()
+        if self.declared is not None and channels is not None:
+            return sum(max(0, self.declared[one] - self.read[one]) + self.misfits[one] for one in channels)
+        if self.declared_messages is not None and self.declared_messages == self.messages:
+            return self.known_lost(channels)
+        return None if self.uncounted or self.declared_messages is not None else self.known_lost(channels)
+
+    def known_lost(self, channels: Collection[int] | None) -> int:
+        """Messages of some channels, of all if none are named, that are certainly lost."""
+        chosen = self.indexed_lost.keys() | self.misfits.keys() if channels is None else channels
+        return sum(self.indexed_lost[one] + self.misfits[one] for one in chosen)
+
+    def share_lost(self, channels: Collection[int] | None = None) -> float:
+        """Lost share of the messages of some channels, of all if none are named.
+
+        Where the file does not tell how many are lost, the lost share of all messages, or else of the bytes, stands
+        for them if it is larger. What may be missing at the end of a file that was not closed counts for nothing: no
+        byte of it is there.
+        """
+        lost = self.messages_lost(channels)
+        certain = self.known_lost(channels) if lost is None else lost
+        channels = self.read.keys() if channels is None else channels
+        sound = sum(self.read[one] - self.misfits[one] for one in channels)
+        share = certain / max(1, sound + certain)
+        if lost is not None or not (self.uncounted or self.finished):
+            return share
+        total = self.messages_lost()
+        others = 0.0 if total is None else total / max(1, self.messages - self.misfits.total() + total)
+        return min(1.0, max(share, others, self.bytes_lost / max(1, self.bytes)))
+
+    def all_chunks_lost(self) -> int | None:
+        """Lost chunks, also those that only the summary knows of; None in a file that was not closed."""
+        return max(self.chunks_lost, (self.declared_chunks or 0) - self.chunks) if self.finished else None
+
+    def crc(self) -> str:
+        """Whether checksums cover what was read: checked, mixed or absent."""
+        if self.verified == self.messages and self.messages:
+            return "checked"
+        return "mixed" if self.verified else "absent"
+
+    def report(self, topics: dict[str, Collection[int]]) -> dict[str, Any]:
+        """The provenance's `damage`, with the channels of each topic that is used.
+
+        `complete`: the recorder finished the file, and it holds all that it declares and no more; `crc`: "checked",
+        "absent" (what was read is not verifiable) or "mixed"; `chunks_lost` and `messages_lost`, null if the file does
+        not tell; `share_lost`, the largest of the topics; `topics` with `messages` and `messages_lost` each; `remarks`.
+        """
+        lost = self.messages_lost()
+        contradicted = self.declared is not None and +self.declared != +self.read
+        contradicted |= self.declared_messages not in (None, self.messages)
+        return {
+            "complete": lost == 0 and self.all_chunks_lost() == 0 and not self.gaps and not contradicted,
+            "crc": self.crc(),
+            "chunks_lost": self.all_chunks_lost(),
+            "messages_lost": lost,
+            "share_lost": max((self.share_lost(channels) for channels in topics.values()), default=self.share_lost()),
+            "topics": {
+                topic: {
+                    "messages": sum(self.read[one] for one in channels),
+                    "messages_lost": self.messages_lost(channels),
+                }
+                for topic, channels in topics.items()
+            },
+            "remarks": self.all_remarks(),
+        }
+
+    def all_remarks(self) -> list[str]:
+        """The remarks, with those that follow from the counts of the whole file."""
+        remarks = list(self.remarks)
+        if self.more_remarks:
+            remarks.append(f"and {self.more_remarks} more remarks")
+        if self.declared_messages is not None and self.declared_messages != self.messages:
+            remarks.append(f"it declares {self.declared_messages} messages and holds {self.messages}")
+        if self.crc() != "checked" and self.messages:
+            remarks.append(
+                f"not verifiable: no checksum covers {self.messages - self.verified} of {self.messages} messages"
+            )
+        return remarks
+
+
+@dataclass
+class MessageFile:
+    """A log of messages; what it declares and its losses are complete once its blocks are read."""
+
+    path: Path
+    """Where the log is: a file, or the folder of its parts."""
+    size: int
+    """Its size [bytes]."""
+    channels: dict[int, Channel] = field(default_factory=dict)
+    """Channels by number."""
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    """Schemas by number."""
+    provisional: set[tuple[type, int]] = field(default_factory=set)
+    """Channels and schemas that only a summary without a checksum has had so far."""
+    damage: Damage = field(default_factory=Damage)
+    kind: str = "bag"
+    """What it is, for messages."""
+
+    def blocks(self) -> Iterator[MessageBlock]:
+        """The messages in the order of the file. Call it once.
+
+        Raises
+        ------
+        InputError
+            The file is damaged beyond reading, or two logs.
+        """
+        raise NotImplementedError
+
+    def declare(self, one: Channel | Schema, *, provisional: bool = False) -> None:
+        """Take in a channel or a schema. A number means one thing throughout a file.
+
+        A `provisional` one gives way to others of the same number.
+
+        Raises
+        ------
+        RefusedFileError
+            The number has two meanings: the file is two logs, or damaged.
+        """
+        what, known_ones = ("channel", self.channels) if isinstance(one, Channel) else ("schema", self.schemas)
+        key, known = (type(one), one.id), known_ones.get(one.id)
+        if known is not None and meaning_of(known) != meaning_of(one):
+            if provisional:
+                return
+            if key not in self.provisional:
+                names = meaning_of(known)[0], meaning_of(one)[0]
+                raise RefusedFileError(
+                    f"{what} {one.id} is {names[0]!a} in one part of the file and {names[1]!a} in another: two logs "
+                    "were joined, or the file is damaged; record again, or give each log a file of its own"
+                )
+        known_ones[one.id] = one  # type: ignore[assignment]
+        if not provisional:
+            self.provisional.discard(key)
+        elif known is None:
+            self.provisional.add(key)
+
+    def channels_of(self, topic: str) -> list[int]:
+        """Numbers of the channels of a topic."""
+        return [channel.id for channel in self.channels.values() if channel.topic == topic]
+
+
+def meaning_of(one: Channel | Schema) -> tuple[object, ...]:
+    """What the numbers in messages mean by a record; the first entry is its name."""
+    if isinstance(one, Channel):
+        return one.topic, one.message_encoding, one.schema_id
+    return one.name, one.encoding, one.data
+
+
+@dataclass
+class SplitLog(MessageFile):
+    """The files of one recording, one after the other. A topic has one channel in all of them."""
+
+    parts: Sequence[MessageFile] = ()
+    """The files, in the order of recording."""
+    counts: Counter[str] | None = None
+    """Messages of each topic in all of them, as a description says; None where each part counts its own."""
+    numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
+    """Channel by what it means: topic, encoding and definition of its messages."""
+
+    def blocks(self) -> Iterator[MessageBlock]:
+        """The messages of all parts. Call it once; raises InputError if a part cannot be read."""
+        self.damage.finished = True
+        for part in self.parts:
+            for block in part.blocks():
+                number_of = np.zeros(1 << 16, np.uint16)
+                for one in block.counts:
+                    number_of[one] = self.number(part, one)
+                yield replace(block, channel=number_of[block.channel])
+            self.count(part)
+        own = [part.damage for part in self.parts]
+        if self.counts is not None:
+            self.damage.declared_messages = self.counts.total()
+            if len({channel.topic for channel in self.channels.values()}) == len(self.channels):
+                self.damage.declared = Counter({c.id: self.counts[c.topic] for c in self.channels.values()})
+        elif all(one.declared is not None and one.declared_chunks is not None for one in own):
+            self.damage.declared_messages = sum(one.declared_messages or 0 for one in own)
+            self.damage.declared_chunks = sum(one.declared_chunks or 0 for one in own)
+            self.damage.declared = sum((self.renumbered(part, part.damage.declared) for part in self.parts), Counter())
+
+    def number(self, part: MessageFile, own: int) -> int:
+        """The channel, in all parts, of a part's own channel."""
+        channel = part.channels[own]
+        schema = part.schemas.get(channel.schema_id)
+        meaning = meaning_of(replace(channel, schema_id=0)), meaning_of(schema) if schema else ()
+        number = self.numbers.setdefault(meaning, len(self.numbers))
+        if number not in self.channels:
+            if schema:
+                self.declare(replace(schema, id=number + 1))
+            self.declare(replace(channel, id=number, schema_id=number + 1 if schema else 0))
+        return number
+
+    def renumbered(self, part: MessageFile, counts: Counter[int] | None) -> Counter[int]:
+        """Counts by channel of all parts, of those by a part's own channels."""
+        return Counter({self.number(part, one): n for one, n in (counts or {}).items() if one in part.channels})
+
+    def count(self, part: MessageFile) -> None:
+        """Add the losses of a part that was read, and its topics without messages."""
+        own, total = part.damage, self.damage
+        for one in sorted(part.channels):
+            self.number(part, one)
+        total.read.update(self.renumbered(part, own.read))
+        total.indexed_lost.update(self.renumbered(part, own.indexed_lost))
+        total.finished &= own.finished
+        total.gaps |= own.gaps
+        total.uncounted |= own.uncounted
+        for name in ("verified", "chunks", "chunks_lost", "bytes", "bytes_lost"):
+            setattr(total, name, getattr(total, name) + getattr(own, name))
+        for remark in own.remarks:
+            total.remark(f"{part.path.name}: {remark}")
+
+
+@dataclass
+class ChannelReader:
+    """The reader of one channel, and what it has read so far."""
+
+    channel: Channel
+    schema: Schema | None
+    reader: ShapeReader | ObjectReader
+    parts: list[tuple[Indices, Values]] = field(default_factory=list)
+    """Places among the channel's messages, and values, of batches of messages."""
+    log_times: list[Indices] = field(default_factory=list)
+    """When the messages of each block were logged [ns]."""
+    sequences: list[NDArray[np.uint32]] = field(default_factory=list)
+    """Their sequence numbers."""
+    first: bytes = b""
+    """The first message, to list its fields."""
+    messages: int = 0
+    """Messages so far."""
+
+    def add(self, mine: MessageBlock) -> None:
+        """Read messages of a block, all of which are the channel's."""
+        if not self.messages:
+            self.first = mine.buffer[int(mine.starts[0]) : int(mine.starts[0] + mine.lengths[0])]
+        try:
+            for rows, values in self.reader.read(mine.buffer, mine.starts, mine.lengths):
+                self.parts.append((self.messages + rows, values))
+        except WholeArrayError as error:
+            raise self.wrong_field(str(error)) from error
+        self.messages += mine.starts.size
+        self.log_times.append(mine.log_time)
+        self.sequences.append(mine.sequence)
+
+    def settle(self, damage: Damage) -> None:
+        """Count what does not fit, and remark on what is missing, once all messages were read."""
+        self.parts, mixed = without_mixed(self.parts)
+        wrong = self.messages - sum(rows.size for rows, _ in self.parts)
+        self.reader.misfit, self.reader.misfits = self.reader.misfit or mixed, wrong
+        topic = f"topic '{self.channel.topic}'"
+        if wrong:
+            damage.misfits[self.channel.id] += wrong
+            damage.remark(f"{wrong} of {self.messages} messages of {topic} are lost: {self.reader.misfit}")
+        missing = missing_numbers(np.concatenate(self.sequences))
+        if missing:  # the recorder dropped messages, or a chunk was removed
+            damage.remark(
+                f"the sequence numbers of {topic} say that {missing} messages beside its {self.messages} are not in "
+                "the file"
+            )
+
+    def wrong_field(self, what: str) -> WrongFieldError:
+        """The error for a field that is no number in any message; it names those that are."""
+        return WrongFieldError(
+            f"topic '{self.channel.topic}': {what} (it has {self.names_of_fields('')}); name a number, or one element "
+            "of an array, as `field` in the source file"
+        )
+
+    def names_of_fields(self, path: str) -> str:
+        """The fields of the first message, for a message to the user about `path`.
+
+        Where the path chooses an element by name, these are the names that its array has, if it has any.
+        """
+        try:
+            fields = describe_message(self.channel, self.schema, self.first)
+        except (ValueError, RecursionError):
+            fields = []
+        array, bracket, name = path.rpartition("[")
+        chosen = [one for one in fields if bracket and "=" in name and one.path == array and one.labels]
+        words = [
+            one.addresses() if chosen or one.labels else [one.in_words()] for one in chosen or fields if one.length != 0
+        ]
+        return listing([one for several in words for one in several])
+
+    def how(self) -> dict[str, Any]:
+        """How its messages were decoded, for the provenance."""
+        return {
+            "channel": self.channel.id,
+            "encoding": self.channel.message_encoding,
+            "messages": self.messages,
+            "one_by_one": self.reader.read_alone,
+            "misfits": self.reader.misfits,
+        }
+
+
+def without_mixed(parts: Sequence[tuple[Indices, Values]]) -> tuple[list[tuple[Indices, Values]], str]:
+    """Batches without those in which a truth value stands where others have a number; and what is wrong with these."""
+    numeric = {path for _, values in parts for path, one in values.items() if one.dtype != bool}
+    kept, wrong = [], ""
+    for rows, values in parts:
+        mixed = sorted(path for path, one in values.items() if one.dtype == bool and path in numeric)
+        if mixed:
+            shown = str(bool(values[mixed[0]][0])).lower()
+            wrong = wrong or f"field '{mixed[0]}' is {shown}, not a number as elsewhere, in message {int(rows[0]) + 1}"
+        else:
+            kept.append((rows, values))
+    return kept, wrong
+
+
+def reader_of(file: MessageFile, number: int, paths: Sequence[str], either: Collection[str]) -> ChannelReader:
+    """A reader for the messages of a channel; raises InputError if its encoding or its schema cannot be read."""
+    channel = file.channels[number]
+    schema = file.schemas.get(channel.schema_id)
+    check_encoding(channel, schema)
+    if channel.message_encoding == "json" or schema is None:
+        return ChannelReader(channel, schema, json_reader(paths, either))
+    try:
+        if channel.message_encoding == "protobuf":
+            return ChannelReader(channel, schema, protobuf_reader(schema, paths, either))
+        kind = message_type(schema, ros1=channel.message_encoding == "ros1")
+        return ChannelReader(channel, schema, ShapeReader(kind, paths))
+    except InputError as error:
+        raise InputError(
+            f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions that its "
+            "publisher was built with, or map another topic"
+        ) from error
+
+
+def describe_message(channel: Channel, schema: Schema | None, payload: bytes | None) -> list[FieldDescription]:
+    """The fields of a channel's message; without a message, the fields of its schema.
+
+    Raises
+    ------
+    ValueError
+        The encoding is not read, or the message does not fit its schema (InputError), or is not JSON.
+    """
+    check_encoding(channel, schema)
+    if channel.message_encoding == "json" or schema is None:
+        return describe_json(payload) if payload is not None else []
+    if channel.message_encoding == "protobuf":
+        return describe_protobuf(schema, payload)
+    return describe_ros(schema, payload, ros1=channel.message_encoding == "ros1")
+
+
+def check_encoding(channel: Channel, schema: Schema | None) -> None:
+    """Refuse messages of an encoding that is not read."""
+    encoding = (channel.message_encoding, schema.encoding if schema else "no schema")
+    if NOT_DEFINED in channel.metadata:
+        raise InputError(f"topic '{channel.topic}': {channel.metadata[NOT_DEFINED]}")
+    if encoding not in ENCODINGS and channel.message_encoding != "json":
+        raise InputError(
+            f"topic '{channel.topic}' is encoded as {encoding[0]} ({encoding[1]}); read are cdr (ros2msg), ros1 "
+            "(ros1msg), protobuf (protobuf) and json: convert the log"
+        )
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """The messages of one topic, channel by channel in the order of recording; every array has shape (n,)."""
+
+    log_time: Indices
+    """When each message was logged [ns]."""
+    channel: NDArray[np.uint16]
+    """Number of each message's channel."""
+    values: dict[str, NDArray[Any]]
+    """Numbers by path of the field, in the type of the message."""
+    present: dict[str, NDArray[np.bool_]]
+    """Whether the message has the field, by path."""
+    how: list[dict[str, Any]] = field(default_factory=list)
+    """How the messages of each channel were decoded, for the provenance."""
+
+
+def decode_topics(
+    file: MessageFile,
+    wanted: Mapping[str, Sequence[str]],
+    optional: Collection[str] = (),
+    either: Collection[str] = (),
+) -> dict[str, Decoded]:
+    """The wanted fields of each topic, from all its channels, in one pass.
+
+    Fields of `optional` may be absent; those of `either`, which are spellings of the same field, too.
+
+    Raises
+    ------
+    InputError
+        A topic or a field is missing, a topic has no messages, or none of them can be decoded.
+    """
+    readers: dict[int, ChannelReader] = {}
+    for block in file.blocks():
+        for number in block.counts:
+            topic = file.channels[number].topic
+            if topic in wanted:
+                if number not in readers:
+                    readers[number] = reader_of(file, number, wanted[topic], either)
+                readers[number].add(block.of_channel(number))
+    by_topic: dict[str, list[ChannelReader]] = defaultdict(list)
+    for reader in readers.values():
+        by_topic[reader.channel.topic].append(reader)
+        reader.settle(file.damage)
+    decoded = {topic: decoded_topic(file, topic, by_topic[topic], paths) for topic, paths in wanted.items()}
+    for topic, one in decoded.items():
+        for path in wanted[topic]:
+            if path not in {*optional, *either} and not one.present[path].any():
+                raise InputError(
+                    f"topic '{topic}' has no field '{path}' (it has {by_topic[topic][0].names_of_fields(path)}); "
+                    "correct `field` in the source file, or exclude the trial if its log is not the right one"
+                )
+    return decoded
+
+
+def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader], paths: Sequence[str]) -> Decoded:
+    """The messages of one topic, from the readers of its channels."""
+    if not file.channels_of(topic):
+        topics = sorted({channel.topic for channel in file.channels.values()})
+        raise InputError(
+            f"no topic '{topic}' (the file has {listing(topics)}); correct `topic` in the source file, or exclude the "
+            "trial if its log is not the right one"
+        )
+    if not readers:
+        raise InputError(f"topic '{topic}' has no messages; check that its sensor was running")
+    decoded = [reader for reader in readers if reader.parts]
+    if not decoded:
+        for one in readers:
+            if one.reader.misfits == one.reader.no_numbers > 0:
+                raise one.wrong_field(one.reader.misfit)
+        raise InputError(f"topic '{topic}': {readers[0].reader.misfit}; record the log again, or exclude the trial")
+    log_time, channel, rows, before = [], [], [], 0
+    for reader in decoded:
+        logged, places = np.concatenate(reader.log_times), np.concatenate([place for place, _ in reader.parts])
+        order = np.argsort(rank_of(logged, np.concatenate(reader.sequences))[places], kind="stable")
+        log_time.append(logged[places[order]])
+        channel.append(np.full(places.size, reader.channel.id, np.uint16))
+        rows.append(before + order)
+        before += places.size
+    parts = [(places.size, values) for reader in decoded for places, values in reader.parts]
+    every, values, present = np.concatenate(rows), {}, {}
+    for path in dict.fromkeys(paths):
+        values[path], present[path] = joined_field(parts, path, every)
+    how = [reader.how() for reader in readers]
+    return Decoded(np.concatenate(log_time), np.concatenate(channel), values, present, how)
+
+
+def joined_field(
+    parts: Sequence[tuple[int, Values]], path: str, order: Indices
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """One field of all messages, from the parts, each with its number of messages; and which ones have it."""
+    # False joins with any number type without changing it
+    pieces = [values.get(path, np.zeros(size, bool)) for size, values in parts]
+    there = np.repeat([path in values for _, values in parts], [size for size, _ in parts])
+    if {piece.dtype.kind for piece in pieces} - {"b"} == {"i", "u"} and all((piece >= 0).all() for piece in pieces):
+        pieces = [piece.astype(np.uint64) for piece in pieces]  # numpy would make floats of them
+    return np.concatenate(pieces)[order], there[order]
+
+
+def rank_of(log_time: Indices, sequence: NDArray[np.uint32]) -> Indices:
+    """The rank of each of a channel's messages in the order of recording, (n,).
+
+    A recorder writes messages in the order in which it gets them. A tool may have sorted or merged the file by log
+    time since; if the clock had been set back while recording, the messages of before and after are then interleaved.
+    The sequence numbers decide if each is its own and they go back often, or if they explain log times that go back;
+    else the order of the file does.
+    """
+    rank = np.arange(sequence.size)
+    numbers = sequence.astype(np.int64)
+    backwards = int((np.diff(numbers) < 0).sum())
+    if not backwards or np.unique(numbers).size < numbers.size:
+        return rank
+    by_number = np.argsort(numbers, kind="stable")
+    explained = (np.diff(log_time) < 0).any() and (np.diff(log_time[by_number]) >= 0).all()
+    if backwards > MOST_RESTARTS or explained:
+        rank[by_number] = np.arange(sequence.size)
+    return rank
+
+
+def missing_numbers(sequence: NDArray[np.uint32]) -> int:
+    """How many sequence numbers are missing between the first and the last; 0 where they are no such numbers.
+
+    They count messages if each is its own and most rise by one.
+    """
+    steps = np.diff(np.sort(sequence.astype(np.int64), kind="stable"))
+    if (steps == 1).all() or (steps == 0).any() or np.median(steps) != 1:
+        return 0
+    return int((steps - 1).sum())
+
+
+@dataclass
+class ChannelSurvey:
+    """One channel of a file: when its messages were logged, and its first message."""
+
+    channel: Channel
+    schema: Schema | None
+    """Schema of its messages; None for JSON."""
+    first: bytes | None = None
+    """Its first message."""
+    log_time: Indices = field(default_factory=lambda: np.empty(0, np.int64))
+    """Log times of its messages [ns], in the order of the file."""
+
+
+def survey_channels(file: MessageFile) -> list[ChannelSurvey]:
+    """All channels of a file, also those without messages."""
+    first: dict[int, bytes] = {}
+    stamps: dict[int, list[Indices]] = defaultdict(list)
+    for block in file.blocks():
+        for number in block.counts:
+            mine = block.of_channel(number)
+            stamps[number].append(mine.log_time)
+            first.setdefault(number, mine.buffer[int(mine.starts[0]) : int(mine.starts[0] + mine.lengths[0])])
+    return [
+        ChannelSurvey(
+            channel,
+            file.schemas.get(channel.schema_id),
+            first.get(number),
+            np.concatenate([np.empty(0, np.int64), *stamps[number]]),
+        )
+        for number, channel in sorted(file.channels.items())
+    ]

@@ -1,0 +1,702 @@
+"""Bags of ROS 1 (wiki.ros.org/Bags/Format/2.0) and of ROS 2 (a database of sqlite3), and the folders of recordings.
+
+The library `rosbags` gives messages in the order of their times, so that a clock that was set back would not be seen,
+and reads no bag whose recorder was killed. It is the judge in the tests, and has the definitions of standard types.
+"""
+
+import bz2
+import re
+import sqlite3
+import struct
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import lz4.frame
+import numpy as np
+import yaml
+import zstandard
+from mcap.records import Channel, Schema
+
+from osl_analysis.errors import InputError, OslAnalysisError, listing
+from osl_analysis.formats.cdr import parse_schema
+from osl_analysis.formats.extras import optional_module
+from osl_analysis.formats.mcap import MAGIC as MCAP
+from osl_analysis.formats.mcap import read_mcap
+from osl_analysis.formats.messages import NOT_DEFINED, MessageBlock, MessageFile, RefusedFileError, SplitLog
+
+BAG1 = b"#ROSBAG V2.0\n"
+ANY_BAG1 = b"#ROSBAG V"
+SQLITE = b"SQLite format 3\0"
+MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
+"""Kinds of records of a ROS 1 bag, by their field `op`."""
+LENGTH = struct.Struct("<I")
+DESCRIPTION = "metadata.yaml"
+"""The file beside the parts of a ROS 2 bag that lists them, with how many messages each topic should have."""
+
+
+# --- ROS 1
+
+
+class DamagedError(Exception):
+    """A chunk cannot be read. The message completes the sentence "it ..."."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One record: a header of named fields, and data."""
+
+    fields: dict[bytes, bytes]
+    start: int
+    """Where its data begins [bytes]."""
+    end: int
+
+    @property
+    def op(self) -> int:
+        """Its kind; -1 without one."""
+        return self.number(b"op", 1, -1)
+
+    def number(self, name: bytes, size: int = 4, default: int = 0) -> int:
+        """An unsigned number in the header; `default` where there is none of this size."""
+        value = self.fields.get(name, b"")
+        return int.from_bytes(value, "little") if len(value) == size else default
+
+
+def named_fields(data: bytes, start: int, end: int) -> dict[bytes, bytes]:
+    """The fields between two bytes, by name, up to the first that does not fit."""
+    fields = {}
+    while start + LENGTH.size <= end:
+        begin = start + LENGTH.size
+        start = begin + LENGTH.unpack_from(data, start)[0]
+        name, sign, value = data[begin:start].partition(b"=")
+        if start > end or not sign:
+            break
+        fields[name] = value
+    return fields
+
+
+def record_at(data: bytes, position: int) -> Record | None:
+    """The record at a position; None if no whole record begins there."""
+    head = position + LENGTH.size
+    if head > len(data):
+        return None
+    body = head + LENGTH.unpack_from(data, position)[0]
+    if body + LENGTH.size > len(data):
+        return None
+    start = body + LENGTH.size
+    end = start + LENGTH.unpack_from(data, body)[0]
+    return Record(named_fields(data, head, body), start, end) if end <= len(data) else None
+
+
+def is_cut_off(data: bytes, position: int) -> bool:
+    """Whether a record begins at a position and the file ends within it, as a killed recorder leaves it."""
+    head = position + LENGTH.size
+    if head > len(data):
+        return True
+    body = head + LENGTH.unpack_from(data, position)[0]
+    if body + LENGTH.size > len(data):
+        return any(name in (b"op", b"compression", b"conn") for name in named_fields(data, head, len(data)))
+    return b"op" in named_fields(data, head, body)
+
+
+@dataclass
+class Bag1(MessageFile):
+    """A ROS 1 bag whose top level was scanned; `blocks` reads its messages. Every intact chunk is read."""
+
+    data: bytes = b""
+    sections: list[tuple[int, int, Record | None]] = field(default_factory=list)
+    """Start and end of its chunks and of unreadable stretches, in order, with the chunk's record."""
+    counts: dict[int, Counter[int]] = field(default_factory=dict)
+    """Messages of each connection in the chunk at a byte, as the bag's index says."""
+    numbers: dict[int, int] = field(default_factory=dict)
+    """Channel by number of a connection."""
+
+    def scan(self) -> None:
+        """Find the chunks, and what the index says of them."""
+        data, damage = self.data, self.damage
+        head = record_at(data, len(BAG1))
+        if head is None or head.op != BAG:
+            raise InputError("the header of the bag is damaged; run `rosbag reindex` on a copy, or record again")
+        if head.fields.get(b"encryptor"):
+            raise InputError(f"the bag is encrypted ({head.fields[b'encryptor'][:40]!r}); run `rosbag decrypt` first")
+        index = head.number(b"index_pos", 8)
+        damage.finished = 0 < index <= len(data) and self.take_index(index, head)
+        damage.bytes = (index if damage.finished else len(data)) - len(BAG1)
+        if damage.finished:
+            damage.declared = self.by_channel(sum(self.counts.values(), Counter()))
+            damage.declared_messages = damage.declared.total()
+            damage.declared_chunks = head.number(b"chunk_count")
+        else:
+            what = "whole index" if index else "index at its end"
+            damage.remark(f"no {what}: the recorder did not finish, or the end is lost; how much is not known")
+        self.find_chunks(head.end, index if damage.finished else len(data))
+        damage.gaps = any(record is None for *_, record in self.sections)
+
+    def take_index(self, position: int, head: Record) -> bool:
+        """Take in the connections and chunks that the index lists; whether it is whole."""
+        connections, chunks = head.number(b"conn_count"), head.number(b"chunk_count")
+        while position < len(self.data):
+            record = record_at(self.data, position)
+            if record is None or record.op not in (CONNECTION, CHUNK_INFO):
+                return False
+            if record.op == CONNECTION:
+                self.connect(self.data, record)
+                connections -= 1
+            else:
+                pairs = np.frombuffer(self.data, "<u4", (record.end - record.start) // 8 * 2, record.start)
+                self.counts[record.number(b"chunk_pos", 8)] = Counter(dict(pairs.reshape(-1, 2).tolist()))
+                chunks -= 1
+            position = record.end
+        return connections == 0 and chunks == 0
+
+    def find_chunks(self, position: int, end: int) -> None:
+        """Find the chunks between two bytes. After bytes that are no record, the next chunk is where the index says.
+
+        Raises
+        ------
+        RefusedFileError
+            A second bag begins there.
+        """
+        while position < end:
+            record = record_at(self.data, position)
+            if record is not None and record.op >= 0 and record.end <= end:
+                if record.op in (CHUNK, MESSAGE):
+                    self.sections.append((position, record.end, record if record.op == CHUNK else None))
+                elif record.op == CONNECTION:
+                    self.connect(self.data, record)
+                position = record.end
+                continue
+            if self.data[position : position + len(BAG1)] == BAG1:
+                raise RefusedFileError(
+                    f"two bags were joined: a second one begins at byte {position}; give each a file"
+                )
+            after = min((at for at in self.counts if at > position), default=end)
+            is_empty = not self.data[position:after].strip(b"\0")  # some writers leave room before the index
+            expected = not self.damage.finished and after == end and is_cut_off(self.data, position)
+            if not is_empty and not expected:
+                self.sections.append((position, after, None))
+            position = after
+
+    def connect(self, data: bytes, record: Record) -> None:
+        """Take in a connection: a topic and the definition of its messages; raises RefusedFileError as `declare`."""
+        number = self.numbers.setdefault(record.number(b"conn"), len(self.numbers))
+        about = named_fields(data, record.start, record.end)
+        name, text = (about.get(key, b"").decode(errors="replace") for key in (b"type", b"message_definition"))
+        topic = record.fields.get(b"topic", b"").decode(errors="replace")
+        self.declare(Schema(number + 1, text.encode(), "ros1msg", name))
+        self.declare(Channel(number, topic, "ros1", {}, number + 1))
+
+    def blocks(self) -> Iterator[MessageBlock]:
+        """The messages of every intact chunk, in the order of the file. Call it once.
+
+        Raises
+        ------
+        InputError
+            A connection has two meanings.
+        """
+        for start, end, record in self.sections:
+            if record is None:
+                self.damage.lose(f"bytes {start} to {end} are no chunk of messages", end - start, None, 0)
+                continue
+            try:
+                block = self.block_of(self.unpacked(record), start)
+            except DamagedError as error:
+                lost = self.counts.get(start)
+                text = f"the chunk at byte {start} is damaged: it {error}"
+                self.damage.lose(text, end - start, lost and self.by_channel(lost), 1)
+                continue
+            self.damage.chunks += 1
+            self.damage.read.update(block.counts)
+            yield block
+
+    def by_channel(self, counts: Counter[int]) -> Counter[int]:
+        """Counts by channel, of counts by connection."""
+        return Counter({self.numbers[one]: count for one, count in counts.items() if one in self.numbers})
+
+    def unpacked(self, chunk: Record) -> bytes:
+        """The content of a chunk, which must be of the declared size."""
+        size, packed = chunk.number(b"size"), self.data[chunk.start : chunk.end]
+        compression = chunk.fields.get(b"compression", b"")
+        if compression == b"none":
+            return packed
+        if compression not in (b"bz2", b"lz4"):
+            raise DamagedError(
+                f"says it is compressed with {compression[:20].decode('latin1')!a}; bz2 and lz4 are read"
+            )
+        unpacker = bz2.BZ2Decompressor() if compression == b"bz2" else lz4.frame.LZ4FrameDecompressor()
+        try:
+            content: bytes = unpacker.decompress(packed, max_length=size + 1)
+        except (OSError, RuntimeError, EOFError, ValueError) as error:
+            raise DamagedError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
+        if len(content) != size:
+            raise DamagedError(f"holds {len(content)} of {size} bytes")
+        return content
+
+    def block_of(self, content: bytes, start: int) -> MessageBlock:
+        """The messages of an unpacked chunk that begins at `start`."""
+        position, unknown, connections = 0, 0, []
+        found: list[tuple[int, int, int, int]] = []  # connection, time, start and length of each message
+        while position < len(content):
+            record = record_at(content, position)
+            if record is None:
+                raise DamagedError(f"holds no record at byte {position} of its {len(content)} bytes")
+            if record.op == MESSAGE and len(record.fields.get(b"time", b"")) == 8 and b"conn" in record.fields:
+                seconds, rest = struct.unpack("<II", record.fields[b"time"])
+                time = seconds * 1_000_000_000 + rest
+                found.append((record.number(b"conn"), time, record.start, record.end - record.start))
+            elif record.op == CONNECTION:
+                connections.append(record)
+            else:
+                unknown += 1
+            position = record.end
+        for record in connections:
+            self.connect(content, record)
+        if unknown:
+            self.damage.remark(f"{unknown} records of the chunk at byte {start} are of no known kind")
+        connection, time, starts, lengths = np.array(found, np.int64).reshape(-1, 4).T
+        strangers = set(connection.tolist()) - self.numbers.keys()
+        if strangers:
+            raise DamagedError(f"has messages of connection {min(strangers)}, which is not declared")
+        channel = np.array([self.numbers[one] for one in connection.tolist()], np.uint16)
+        return MessageBlock(content, channel, np.zeros(channel.size, np.uint32), time, starts, lengths)
+
+
+def read_bag1(path: Path) -> Bag1:
+    """Scan a ROS 1 bag; its messages are read by `blocks`.
+
+    Raises
+    ------
+    InputError
+        The file is empty, no bag, of another version, encrypted, or two bags.
+    """
+    data = path.read_bytes()
+    if not data.startswith(ANY_BAG1):
+        raise InputError(
+            f"{path}: not a ROS 1 bag (it begins with {data[:8]!r}); check the path and the source's format"
+        )
+    if not data.startswith(BAG1):
+        version = data[: len(BAG1)].decode("latin1").strip()
+        raise InputError(
+            f"{path}: a bag that begins with {version!a}, not with version 2.0; convert it with `rosbag fix`"
+        )
+    bag = Bag1(path, len(data), data=data)
+    try:
+        bag.scan()
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    return bag
+
+
+PART = re.compile(r"(?P<name>.*)_(?P<number>\d+)\.bag(\.active)?")
+"""How `rosbag record --split` names its files; the one that it was writing when it was killed is still `active`."""
+DATE = re.compile(r"\d{4}(-\d\d){5}")
+"""When a file was begun, in its name; each has its own."""
+ONE_BAG = "keep the files of one recording in the folder, or name one bag as the trial's log"
+
+
+def split_parts(folder: Path) -> list[Path]:
+    """The bags of one recording of ROS 1, in the order of recording.
+
+    Earlier ones may be absent: `rosbag record --max-splits` deletes them.
+
+    Raises
+    ------
+    InputError
+        The folder has bags that are no parts, parts of several recordings, or a part between others is missing.
+    """
+    bags = bags_in(folder)
+    named = {path: PART.fullmatch(path.name) for path in bags}
+    strangers = [path.name for path, name in named.items() if name is None]
+    if strangers:
+        raise InputError(
+            f"{folder}: {listing(strangers)} cannot be a file of a split recording of ROS 1, which are called "
+            f"NAME_0.bag, NAME_1.bag; {ONE_BAG}"
+        )
+    number_of = {path: int(name["number"]) for path, name in named.items() if name}
+    numbers = sorted(number_of.values())
+    names = sorted({DATE.sub("DATE", name["name"]) for name in named.values() if name})
+    if len(names) > 1 or len(set(numbers)) < len(numbers):
+        raise InputError(f"{folder}: files of several recordings ({listing([path.name for path in bags])}); {ONE_BAG}")
+    missing = sorted(set(range(numbers[0], numbers[-1] + 1)) - set(numbers))
+    if missing:
+        raise InputError(
+            f"{folder}: the file{'s' * (len(missing) > 1)} {listing([f'{names[0]}_{one}.bag' for one in missing])} of "
+            f"the recording cannot be found; copy what is missing there, or name one bag as the trial's log"
+        )
+    return sorted(bags, key=lambda path: number_of[path])
+
+
+def bags_in(folder: Path) -> list[Path]:
+    """The bags of ROS 1 in a folder."""
+    return sorted(path for path in folder.iterdir() if path.name.endswith((".bag", ".bag.active")))
+
+
+def read_rosbag1(path: Path) -> MessageFile:
+    """Open a bag, or the folder of a recording in several bags, which are read as one log.
+
+    Raises
+    ------
+    InputError
+        A bag cannot be opened, or the folder is refused by `split_parts`.
+    """
+    if not path.is_dir():
+        return read_bag1(path)
+    bags = [read_bag1(file) for file in split_parts(path)]
+    log = SplitLog(path, sum(bag.size for bag in bags), parts=bags)
+    first = PART.fullmatch(bags[0].path.name)
+    if first and int(first["number"]) > 0:
+        log.damage.remark(f"the recording begins with '{bags[0].path.name}': its files before that are not here")
+    return log
+
+
+# --- ROS 2
+
+REINDEX = "write it again with `ros2 bag reindex`, or name one file of the recording as the trial's log"
+RECOVER = "save what it holds with `sqlite3 BAG .recover | sqlite3 NEW`, or record it again"
+CONVERT = (
+    "convert it with `ros2 bag convert` to MCAP where the type is installed, or record it with ROS 2 Iron or later"
+)
+ZSTD = b"\x28\xb5\x2f\xfd"
+"""How a compressed message begins. One in CDR begins with a zero byte."""
+AT_ONCE = 1 << 14
+"""Messages of a block."""
+TABLES = {
+    "topics": {"id", "name", "type", "serialization_format"},
+    "messages": {"id", "topic_id", "timestamp", "data"},
+}
+"""Tables of a bag, with the columns that are read."""
+
+
+@dataclass(frozen=True)
+class Description:
+    """What `metadata.yaml` says of a bag."""
+
+    parts: tuple[str, ...]
+    """Names of its files, in the order of recording, without their folder."""
+    counts: Counter[str]
+    """Messages of each topic in all parts."""
+    distribution: str
+    """Distribution of ROS that recorded it, such as `humble`; empty where it is not said."""
+    is_packed: bool
+    """Its files are compressed as a whole."""
+
+
+def read_description(folder: Path) -> Description:
+    """The description in a folder; raises InputError if there is none, or it is not what ROS 2 writes."""
+    path = folder / DESCRIPTION
+    if not path.is_file():
+        raise InputError(f"{folder}: a folder without {DESCRIPTION}, which lists the parts of a bag; {REINDEX}")
+    try:
+        said = yaml.load(path.read_bytes(), Loader=yaml.CSafeLoader)["rosbag2_bagfile_information"]
+        parts = tuple(Path(str(part)).name for part in said["relative_file_paths"])  # older ones begin with the folder
+        if not parts or len(set(parts)) < len(parts):
+            raise ValueError("relative_file_paths lists no file, or one twice")
+        counts = Counter[str]()
+        for topic in said["topics_with_message_count"]:
+            counts[str(topic["topic_metadata"]["name"])] += int(topic["message_count"])
+        mode = str(said.get("compression_mode") or "").lower() if said.get("compression_format") else ""
+        is_packed = mode == "file" or any(name.endswith(".zstd") for name in parts)
+        return Description(parts, counts, str(said.get("ros_distro") or ""), is_packed)
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"{path}: no YAML ({' '.join(str(error).split())[:120]}); {REINDEX}") from error
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{path}: not the description of a ROS 2 bag ({error!s:.80}); {REINDEX}") from error
+
+
+def described_parts(folder: Path) -> list[Path]:
+    """The files of the ROS 2 bag in a folder, in the order of recording.
+
+    Raises
+    ------
+    InputError
+        There is no description, a file that it lists is missing, or the files are compressed as a whole.
+    """
+    described = read_description(folder)
+    missing = [name for name in described.parts if not (folder / name).is_file()]
+    if described.is_packed:
+        raise InputError(
+            f"{folder}: its files are compressed as a whole ({listing(described.parts)}); unpack them with `zstd -d`, "
+            "then run `ros2 bag reindex`"
+        )
+    if missing:
+        raise InputError(
+            f"{folder}: {len(missing)} of the {len(described.parts)} files that {DESCRIPTION} lists are missing "
+            f"({listing(missing)}); copy them there, or name one file of the recording as the trial's log"
+        )
+    return [folder / name for name in described.parts]
+
+
+def siblings(path: Path) -> tuple[Description | None, str]:
+    """The description beside one file of a bag, if it lists the file; and a remark for the user, or an empty text."""
+    try:
+        described = read_description(path.parent)
+    except InputError:
+        return None, ""
+    if path.name not in described.parts:
+        return None, ""
+    if len(described.parts) == 1:
+        return described, ""
+    return described, (
+        f"one of the {len(described.parts)} files of a recording; name the folder '{path.parent.name}' to read all"
+    )
+
+
+def read_rosbag2(path: Path) -> MessageFile:
+    """Open a bag of ROS 2: a database of sqlite3, or the folder of a recording in sqlite3 or MCAP.
+
+    Raises
+    ------
+    InputError
+        A part is missing or cannot be opened, or the folder has no `metadata.yaml`.
+    """
+    if not path.is_dir():
+        return read_database(path)
+    described = read_description(path)
+    parts: list[MessageFile] = []
+    for file in described_parts(path):
+        with file.open("rb") as opened_file:
+            begin = opened_file.read(len(SQLITE))
+        if begin.startswith(MCAP):
+            parts.append(read_mcap(file))
+        elif begin == SQLITE:
+            parts.append(read_database(file, described))
+            parts[-1].damage.finished = True  # its description is that of the whole
+        else:
+            raise InputError(
+                f"{file}: neither a database of sqlite3 nor MCAP (it begins with {begin[:8]!r}); copy it again, or "
+                "record again"
+            )
+    return SplitLog(path, sum(part.size for part in parts), parts=parts, counts=described.counts)
+
+
+@dataclass
+class Database(MessageFile):
+    """A bag in a database of sqlite3 (.db3), whose topics were read; `blocks` reads its messages.
+
+    It is opened read-only and as it stands, so that sqlite writes no file beside it. What is not in the database yet,
+    in a write-ahead log beside it, would be missed: such a bag is refused.
+    """
+
+    numbers: dict[int, int] = field(default_factory=dict)
+    """Channel by number of a topic in the database."""
+
+    def blocks(self) -> Iterator[MessageBlock]:
+        """The messages in the order of recording. Call it once.
+
+        Raises
+        ------
+        InputError
+            The database is damaged, or holds something else than messages.
+        """
+        strangers = 0
+        try:
+            with closing(opened(self.path)) as connection:
+                cursor = connection.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
+                while rows := cursor.fetchmany(AT_ONCE):
+                    known = [one for row in rows if (one := self.checked(row)) is not None]
+                    strangers += len(rows) - len(known)
+                    if known:
+                        yield self.block(known)
+        except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
+            raise unreadable(self.path, error) from error
+        if strangers:
+            self.damage.lose(f"{strangers} messages belong to topics that are not in the bag", 0, None, 0)
+
+    def checked(self, row: tuple[Any, Any, Any]) -> tuple[int, int, bytes] | None:
+        """Channel, time [ns] and bytes of one message; None if its topic is not in the bag."""
+        topic, time, data = row
+        if not (isinstance(topic, int) and isinstance(time, int) and isinstance(data, bytes)):
+            raise RefusedFileError(
+                f"{self.path}: a row of the table 'messages' holds {type(data).__name__} at {time!r:.40} and no "
+                f"message; {RECOVER}"
+            )
+        if topic not in self.numbers:
+            return None
+        return self.numbers[topic], time, unpacked_message(data) if data[:4] == ZSTD else data
+
+    def block(self, rows: list[tuple[int, int, bytes]]) -> MessageBlock:
+        """The messages of some rows."""
+        channels, times, payloads = zip(*rows, strict=True)
+        lengths = np.array([len(payload) for payload in payloads], np.int64)
+        self.damage.read.update(Counter(channels))
+        none = np.zeros(len(rows), np.uint32)
+        starts = np.cumsum(lengths) - lengths
+        return MessageBlock(
+            b"".join(payloads), np.array(channels, np.uint16), none, np.array(times, np.int64), starts, lengths
+        )
+
+
+def unpacked_message(data: bytes) -> bytes:
+    """A message that was compressed on its own; as it is where it is damaged, which is counted as no message."""
+    try:
+        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+    except zstandard.ZstdError:
+        return data
+
+
+def read_database(path: Path, described: Description | None = None) -> Database:
+    """Open a bag; its messages are read by `blocks`.
+
+    described: the description of the recording that it is a part of; without it, the one beside it is used.
+
+    Raises
+    ------
+    InputError
+        It is no database, no bag, damaged, or still has a write-ahead log or a journal.
+    """
+    with path.open("rb") as file:
+        begin = file.read(len(SQLITE))
+    if begin != SQLITE:
+        raise InputError(f"{path}: not a bag in sqlite3 (it begins with {begin[:8]!r}); check the source's format")
+    for ending, what in (("-wal", "a write-ahead log"), ("-journal", "a journal")):
+        beside = path.with_name(path.name + ending)
+        if beside.is_file() and beside.stat().st_size:
+            raise InputError(
+                f"{path}: {what} is beside it ({beside.name}): the recorder did not finish, and messages are in there; "
+                "copy both elsewhere, and run `sqlite3 COPY 'PRAGMA wal_checkpoint(TRUNCATE)'` there"
+            )
+    description, remark = siblings(path) if described is None else (described, "")
+    bag = Database(path, path.stat().st_size)
+    try:
+        with closing(opened(path)) as connection:
+            check_tables(path, connection)
+            declare_topics(bag, connection, description.distribution if description else "")
+    except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
+        raise unreadable(path, error) from error
+    if remark:
+        bag.damage.remark(remark)
+    elif description is None:
+        bag.damage.remark("no metadata.yaml beside it: how many messages were recorded is not known")
+    elif described is None:
+        bag.damage.finished = True
+        bag.damage.declared = Counter({one.id: description.counts[one.topic] for one in bag.channels.values()})
+        bag.damage.declared_messages = description.counts.total()
+    return bag
+
+
+def opened(path: Path) -> sqlite3.Connection:
+    """The database, read-only."""
+    return sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1", uri=True)
+
+
+def check_tables(path: Path, connection: sqlite3.Connection) -> None:
+    """Refuse a database that is no bag."""
+    tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")}
+    for name, columns in TABLES.items():
+        if name not in tables:
+            raise InputError(f"{path}: a database without the table '{name}': no bag of ROS 2; name the bag itself")
+        found = {str(row[1]) for row in connection.execute(f"PRAGMA table_info({name})")}
+        if not columns <= found:
+            lacking = ", ".join(sorted(columns - found))
+            raise InputError(f"{path}: its table '{name}' lacks {lacking}: no bag of ROS 2; name the bag itself")
+
+
+def declare_topics(bag: Database, connection: sqlite3.Connection, distribution: str) -> None:
+    """Take in the topics, with the definitions of their messages."""
+    own: dict[str, tuple[str, str]] = {}
+    if connection.execute("SELECT 1 FROM sqlite_schema WHERE name = 'message_definitions'").fetchone():
+        query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+        own = {str(kind): (str(encoding), str(text)) for kind, encoding, text in connection.execute(query)}
+    for topic in connection.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id"):
+        number, name, kind, encoding = int(topic[0]), *map(str, topic[1:])
+        channel = bag.numbers.setdefault(number, len(bag.numbers))
+        metadata, schema = {}, 0
+        try:
+            definition = definition_of(kind, own, distribution)
+            schema = channel + 1
+            bag.declare(Schema(schema, definition, "ros2msg", kind))
+        except NoDefinitionError as error:
+            metadata = {NOT_DEFINED: str(error)}
+        bag.declare(Channel(id=channel, topic=name, message_encoding=encoding, metadata=metadata, schema_id=schema))
+
+
+def unreadable(path: Path, error: Exception) -> InputError:
+    """The error for a database that sqlite cannot read."""
+    return InputError(f"{path}: the database is damaged or cut off ({' '.join(str(error).split())[:120]}); {RECOVER}")
+
+
+class NoDefinitionError(OslAnalysisError):
+    """The definition of a message cannot be found. The message says why, and what to do."""
+
+
+def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: str) -> bytes:
+    """The definition of messages of type `kind` (`package/msg/Name`) in ros2msg.
+
+    A bag has the definitions since ROS 2 Iron. For an older one, the library `rosbags` has those of standard types.
+
+    own: encoding and text of the definitions in the bag, by type.
+    distribution: of ROS, which recorded the bag; empty if that is not known.
+
+    Raises
+    ------
+    NoDefinitionError
+        There is none that can be read, or the type is not the same in all distributions of ROS 2.
+    """
+    encoding, text = own.get(kind, ("", ""))
+    if encoding == "ros2msg" and text.strip():
+        return text.encode()
+    if encoding == "ros2idl" and text.strip():
+        raise NoDefinitionError(f"type '{kind}' is defined in IDL, which is not read; {CONVERT}")
+    lacking = f"the bag has no definition of type '{kind}'"
+    try:
+        types = optional_module("rosbags.typesys", "ros", "a bag without definitions of its messages")
+    except InputError as error:
+        raise NoDefinitionError(f"{lacking}: {error}") from error
+    found = {}
+    for store in types.Stores:
+        known = types.get_typestore(store) if store.name.startswith("ROS2_") else None
+        if known is not None and kind in known.types:
+            found[store.name] = str(known.generate_msgdef(kind, ros_version=2)[0])
+    if distribution and f"ROS2_{distribution.upper()}" in found:
+        return found[f"ROS2_{distribution.upper()}"].encode()
+    if not found:
+        raise NoDefinitionError(f"{lacking}, which is no standard one; {CONVERT}")
+    if len({repr(parse_schema(kind, one)) for one in found.values()}) > 1:
+        raise NoDefinitionError(f"{lacking}, which differs between the distributions of ROS 2; {CONVERT}")
+    return next(iter(found.values())).encode()
+
+
+# --- a recording that is a folder
+
+
+def folder_format(folder: Path) -> str:
+    """Name of the format of the recording in a folder. What holds bags of ROS 1 and no description is of ROS 1."""
+    is_first = not (folder / DESCRIPTION).is_file() and bool(bags_in(folder))
+    return "rosbag1" if is_first else "rosbag2"
+
+
+def files_in(folder: Path) -> list[Path]:
+    """The files of the recording in a folder: all that a trial is made of.
+
+    Raises
+    ------
+    InputError
+        It is no recording, or a file of it is missing.
+    """
+    if folder_format(folder) == "rosbag1":
+        return split_parts(folder)
+    if not (folder / DESCRIPTION).is_file():
+        raise InputError(
+            f"{folder}: a folder that is no ROS 2 bag (it has no `{DESCRIPTION}` that lists its files); name the "
+            f"recording in it; {REINDEX}"
+        )
+    return [folder / DESCRIPTION, *described_parts(folder)]
+
+
+def recorded_files(path: Path) -> list[Path]:
+    """The files of a log: itself, or those of a recording that is a folder, also where some are missing.
+
+    A folder that is no recording stands for itself.
+    """
+    if not path.is_dir():
+        return [path]
+    try:
+        if folder_format(path) == "rosbag1":
+            return split_parts(path)
+        return [path / DESCRIPTION, *(path / part for part in read_description(path).parts)]
+    except InputError:
+        return [path]

@@ -40,6 +40,10 @@ def refused(tmp_path: Path, text: str | bytes, csv_source: CsvSource | None = No
     return message
 
 
+UNITLESS: dict[str, object] = {
+    "channels": {"theta": {"column": "angle"}, "torque": {"column": "load"}},
+    "time": {"column": "t"},
+}
 LOG = "t,angle,load\n10.0,0,1\n10.5,90,2\n11.0,-180,+3.5\n"
 
 
@@ -67,11 +71,13 @@ def assert_log(recording: Recording) -> None:
         ("# rig B\n# " + LOG, {"header": "comment"}),
         (LOG.replace("t,angle,load", "load,t,angle").replace("10.0,0,1", "1,10.0,0").replace(
             "10.5,90,2", "2,10.5,90").replace("11.0,-180,+3.5", "3.5,11.0,-180"), {}),
+        (LOG, {"time": {"rate": 2.0}}),
+        (LOG.replace("load\n", "load\ns,deg,Nm\n"), UNITLESS | {"units_row": True}),
         ('"t","angle","load"\n"10.0","0","1"\n"10.5","90","2"\n"11.0","-180","+3.5"\n', {}),
     ],
     ids=[
         *("plain", "semicolons", "tabs", "spaces", "decimal-comma", "crlf", "padded", "blanks", "utf-16", "bom"),
-        *("blank-lines", "comments", "header-in-comment", "order", "quoted"),
+        *("blank-lines", "comments", "header-in-comment", "order", "rate", "row-of-units", "quoted"),
     ],
 )  # fmt: skip
 def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fields: dict[str, object]) -> None:
@@ -80,29 +86,18 @@ def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fiel
 
 @pytest.mark.parametrize("title", ["angle [deg]", "angle (deg)", "angle[deg]"])
 def test_units_in_the_columns_names_are_the_files(tmp_path: Path, title: str) -> None:
-    channels = {"theta": {"column": "angle"}, "torque": {"column": "load"}}
     text = (
         LOG.replace("t,angle,load", f"t [s],{title},load [N.mm]").replace(",1\n", ",1000\n").replace(",2\n", ",2e3\n")
     )
-    recording = read(tmp_path, text.replace("+3.5", "3500"), source(channels=channels, time={"column": "t"}))
+    recording = read(tmp_path, text.replace("+3.5", "3500"), source(**UNITLESS))
     assert_log(recording)
     assert recording.columns["torque"]["unit"] == "N.mm"
-
-
-def test_a_row_of_units_is_read(tmp_path: Path) -> None:
-    channels = {"theta": {"column": "angle"}, "torque": {"column": "load"}}
-    text = LOG.replace("load\n", "load\ns,deg,Nm\n")
-    assert_log(read(tmp_path, text, source(channels=channels, time={"column": "t"}, units_row=True)))
 
 
 def test_a_log_without_header_is_read_by_the_columns_numbers(tmp_path: Path) -> None:
     channels = {"theta": {"column": 2, "unit": "deg"}, "torque": {"column": 3, "unit": "Nm"}}
     by_number = source(channels=channels, time={"column": "1", "unit": "s"}, header="none")
     assert_log(read(tmp_path, LOG.partition("\n")[2], by_number))
-
-
-def test_without_a_time_column_the_rows_have_the_stated_rate(tmp_path: Path) -> None:
-    assert_log(read(tmp_path, LOG, source(time={"rate": 2.0})))
 
 
 def test_scale_sign_and_offset_are_applied_in_that_order(tmp_path: Path) -> None:
@@ -185,11 +180,6 @@ def test_a_row_whose_columns_nothing_tells_is_refused_by_its_line(tmp_path: Path
     assert f"line {6 if '4,9,9' in text else 5} has" in message
 
 
-def test_a_dropped_variable_that_is_missing_too_long_is_refused(tmp_path: Path) -> None:
-    message = refused(tmp_path, DROPPED, source(missing=["ERROR"], ragged="dropped_variable"))
-    assert "column 'angle' is missing in 4 of 5 rows, first in line 3" in message
-
-
 def test_stray_rows_are_skipped_and_counted_where_the_source_allows_it(tmp_path: Path) -> None:
     text = LOG.replace("10.5,90,2", "10.2,1,2,3,4\n10.5,90,2")
     recording = read(tmp_path, text, source(ragged="skip", most_missing=0.3))
@@ -267,20 +257,6 @@ def test_any_text_is_samples_or_a_sentence(
         message = "read"
         assert len(recording.samples) <= len(rows) + 1
         assert recording.samples["time"].is_finite().all()
-    assert message.isprintable()
-
-
-@given(st.binary(max_size=300))
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_any_bytes_are_samples_or_a_sentence(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "log.csv"
-    path.write_bytes(content)
-    try:
-        read_csv_log(path, source(header="none", time={"rate": 1.0}, most_missing=1.0))
-    except InputError as error:
-        message = str(error)
-    else:
-        message = "read"
     assert message.isprintable()
 
 

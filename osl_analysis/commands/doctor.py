@@ -25,8 +25,7 @@ class Finding:
 
     what: str
     found: str
-    remedy: str = ""
-    """What to do; empty: nothing."""
+    remedy: str = ""  # what to do; empty: nothing
 
 
 def findings(folder: Path) -> Iterator[Finding]:

@@ -11,8 +11,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.spectral.equation_error import REALISATIONS
 from osl_analysis.table import read_table
 
-OF_RESPONSE = ("frequency_hz", "angle_deg", "odd_level")
-"""Columns of `response.csv` that are used."""
+OF_RESPONSE = ("frequency_hz", "angle_deg", "odd_level")  # columns of `response.csv` that are used
 
 
 def earlier_distortion(path: Path, trial: str | None) -> Distortion:

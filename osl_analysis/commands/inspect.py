@@ -31,8 +31,7 @@ from osl_analysis.quality.checks import Commanded, QualityRules
 from osl_analysis.quality.verdict import CHECKS, examine, fails, validate_rules
 from osl_analysis.trial import Trial
 
-FAR = (0.6, 1.67)
-"""K over K_d beyond which a unit or K_d is probably wrong: a joint renders K_d to some 20 %."""
+FAR = (0.6, 1.67)  # K over K_d beyond which a unit or K_d is probably wrong: a joint renders K_d to some 20 %
 
 
 @dataclass(frozen=True)
@@ -41,10 +40,8 @@ class Look:
 
     trial: str
     experiment: str
-    said: str
-    """The estimates with their doubts, or why there are none."""
-    is_sound: bool
-    """Whether it was fitted, without a doubt."""
+    said: str  # the estimates with their doubts, or why there are none
+    is_sound: bool  # whether it was fitted, without a doubt
 
 
 def first_look(folder: Path) -> Iterator[Look]:
@@ -118,8 +115,7 @@ def look(campaign: Campaign, name: str, config: Path) -> Look:
 
 
 LONGEST = 60  # characters of a name that are printed
-LISTED = (*NOT_READ, *SUFFIXES)
-"""Endings of the files that `samples` lists."""
+LISTED = (*NOT_READ, *SUFFIXES)  # endings of the files that `samples` lists
 
 
 def inspect_file(path: Path) -> Overview:

@@ -23,18 +23,15 @@ SHEET_COLUMNS = (
     "exclude",
 )  # fmt: skip
 SCHEMA = "# yaml-language-server: $schema=../schemas/source.schema.json\n"
-MOST_NAMED = 6
-"""Largest number of trials that are named beside one remark."""
-MOST_SHOWN = 30
-"""Largest number of drafted trials that are printed."""
+MOST_NAMED = 6  # largest number of trials that are named beside one remark
+MOST_SHOWN = 30  # largest number of drafted trials that are printed
 
 
 @dataclass
 class Draft:
     """What the recordings of a folder were taken for, and what the user has to decide."""
 
-    sources: dict[str, str] = field(default_factory=dict)
-    """Texts of the source files, by name."""
+    sources: dict[str, str] = field(default_factory=dict)  # texts of the source files, by name
     recordings: list[Recorded] = field(default_factory=list)
     open: list[tuple[Path, str]] = field(default_factory=list)
     """What the files themselves leave open, as which of two clocks counts: file and question."""

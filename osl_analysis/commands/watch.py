@@ -35,15 +35,12 @@ from osl_analysis.sheet import JOINT
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import dotted, read_mapping
 
-QUIET_S = 4.0
-"""A recording is complete if nothing was written to it for this long [s]."""
-LONGEST_QUIET_S = 20.0
-"""The same for one that paused before [s]."""
+QUIET_S = 4.0  # A recording is complete if nothing was written to it for this long [s]
+LONGEST_QUIET_S = 20.0  # the same for one that paused before [s]
 WRITING = re.compile(r"^flags:\s*\d*[12]$", re.MULTILINE)
 """How Linux says that a file is open for writing: the last digit of its flags."""
 
-State = tuple[int, int]
-"""Size [bytes] and date of the last change [ns] of all files of a recording."""
+State = tuple[int, int]  # size [bytes] and date of the last change [ns] of all files of a recording
 
 
 @dataclass
@@ -117,10 +114,8 @@ def write_notes(path: Path, seen: Mapping[str, State]) -> None:
         temporary.write_text(json.dumps(seen, indent=1) + "\n", encoding="utf-8")
 
 
-BETWEEN_LOOKS_S = 0.5
-"""Time between two looks at the folder [s]."""
-MOST_NAMED = 4
-"""Largest number of failed checks in a line."""
+BETWEEN_LOOKS_S = 0.5  # time between two looks at the folder [s]
+MOST_NAMED = 4  # largest number of failed checks in a line
 TAKEN_FOR = "impedance"
 """Experiment of a recording with angle and torque whose name and sheet tell none; its line says so."""
 
@@ -131,13 +126,11 @@ class Bench:
 
     config_path: Path
     config: Config
-    campaign: Campaign | None
-    """The campaign whose sheet may name a recording; None without a sheet."""
+    campaign: Campaign | None  # the campaign whose sheet may name a recording; None without a sheet
     source: str | None
     """The source file that describes the recordings; None: the sheet's, else one of the folder that fits, else a
     guess."""
-    output: Path
-    """Folder of pictures and of the notes on what was examined."""
+    output: Path  # folder of pictures and of the notes on what was examined
 
 
 def bench_of(config_path: Path, source: Path | None, output: Path) -> Bench:

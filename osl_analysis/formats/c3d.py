@@ -32,12 +32,9 @@ class ParameterRecord:
     group: int
     name: str
     value: Array | list[str] | None
-    value_end: int
-    """First byte behind its value."""
-    own_end: int
-    """First byte behind its description, which some writers leave out."""
-    following: int
-    """First byte of the next record, as the record says; 0 if it says that it is the last."""
+    value_end: int  # first byte behind its value
+    own_end: int  # first byte behind its description, which some writers leave out
+    following: int  # first byte of the next record, as the record says; 0 if it says that it is the last
 
 
 def parse_parameters(data: bytes, position: int, end: int, processor: str) -> tuple[Parameters, str]:
@@ -162,28 +159,19 @@ class CountsError(InputError):
 class C3DHeader:
     """What a file declares."""
 
-    processor: str
-    """Number format of the file: Intel, DEC or MIPS."""
-    points: int
-    """Points per frame, model outputs included."""
-    first_frame: int
-    """Number of the first frame, as the laboratory counts."""
+    processor: str  # number format of the file: Intel, DEC or MIPS
+    points: int  # points per frame, model outputs included
+    first_frame: int  # number of the first frame, as the laboratory counts
     frames: int
-    """Number of frames."""
-    rate: float
-    """Frames per second [Hz]."""
-    samples_per_frame: int
-    """Samples of each analog channel per frame."""
+    rate: float  # frames per second [Hz]
+    samples_per_frame: int  # samples of each analog channel per frame
     channels: int
-    """Number of analog channels."""
-    data_start: int
-    """Where the data section begins [bytes]."""
+    data_start: int  # where the data section begins [bytes]
     scale: float
     """Units of length per count where positions are stored as 16-bit integers; negative where they are reals."""
     parameters: Parameters
     """By `GROUP:NAME` an array of float64 in the file's dimensions (first index fastest) or a list of texts."""
-    remark: str = ""
-    """Oddity of the parameter section; empty if there is none."""
+    remark: str = ""  # oddity of the parameter section; empty if there is none
 
     @property
     def integers(self) -> bool:
@@ -344,13 +332,9 @@ class C3DRecording:
     """Content of a C3D file, in the file's units. Frame 0 and analog sample 0 are at 0 s."""
 
     path: Path
-    """Path of the file."""
-    header: C3DHeader
-    """Counts and parameters."""
-    points: Array
-    """Positions and model outputs, (frames, points, 3); NaN where a point was not seen."""
-    analogs: Array
-    """Analog channels, (samples, channels), with `header.samples_per_frame` samples per frame."""
+    header: C3DHeader  # counts and parameters
+    points: Array  # positions and model outputs, (frames, points, 3); NaN where a point was not seen
+    analogs: Array  # analog channels, (samples, channels), with `header.samples_per_frame` samples per frame
 
     @property
     def point_labels(self) -> list[str]:

@@ -22,8 +22,7 @@ UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 SNIFFED = 50  # lines from which the delimiter is inferred
 HEAD_LINES = 200
 """Lines at the beginning that tell delimiter, names and width; lines below that are all alike are left to polars."""
-LONGEST_LINE = 100_000
-"""A longer line is left to the reader that says what is wrong with it."""
+LONGEST_LINE = 100_000  # A longer line is left to the reader that says what is wrong with it
 MOST_CELLS = 16384
 """Most cells of a line, the most columns of a spreadsheet. A file with more has lost its line breaks."""
 UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", re.DOTALL)
@@ -151,31 +150,16 @@ def is_number_cell(cell: str) -> bool:
 
 @dataclass(frozen=True)
 class CsvLayout:
-    """How a logger writes its table."""
+    """How a logger writes its table: fields of the source file of a log in CSV, which tells their meaning."""
 
     delimiter: str = "auto"
-    """Sign between cells: `,`, `;`, `|`, `tab`, `space`, or `auto`, the first that all lines have."""
-    decimal: Literal[".", ","] = "."
-    """Decimal sign of the numbers."""
     comment: str = "#"
-    """Sign at the beginning of comment lines; empty if there are none."""
     header: Literal["row", "comment", "none"] = "row"
-    """Place of the columns' names: the first row, the last comment line, or none."""
     units_row: bool = False
-    """Whether a row of units follows the header."""
     missing: tuple[str, ...] = ("", "nan", "NaN")
-    """Cells that mean a failed reading."""
     most_missing: float = 0.01
-    """Largest share of rows that may be skipped, and of a column's cells that may be missing."""
     extra_cells: Literal["refuse", "first", "last"] = "refuse"
-    """Cells that every row has more than the header, without a name: whether they stand first or last. They are left
-    out."""
     ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
-    """Treatment of rows whose length differs from the header's.
-
-    `refuse`: the file is refused. `skip`: they are skipped and counted. `dropped_variable`: the logger omits a variable
-    after it failed. From such a row on, the columns that were missing in the row before are missing.
-    """
 
 
 @dataclass(frozen=True)
@@ -183,21 +167,15 @@ class CsvTable:
     """The rows of a log in CSV, as text."""
 
     path: Path
-    names: list[str]
-    """Names of the columns, as in the header."""
+    names: list[str]  # names of the columns, as in the header
     units: list[str]
     """Units of the columns, from a row of units or from brackets behind the name; empty where none is given."""
-    lines: NDArray[np.int64]
-    """Number of each row's line in the file, (rows,)."""
-    body: pl.DataFrame
-    """The cells as text, a column each; null in rows in which the logger omitted the column."""
-    comments: list[str]
-    """The comment lines without their sign."""
-    notes: list[str]
-    """Repairs, a sentence each."""
+    lines: NDArray[np.int64]  # number of each row's line in the file, (rows,)
+    body: pl.DataFrame  # the cells as text, a column each; null in rows in which the logger omitted the column
+    comments: list[str]  # the comment lines without their sign
+    notes: list[str]  # repairs, a sentence each
     delimiter: str
-    complete: bool
-    """Whether its last line is whole."""
+    complete: bool  # whether its last line is whole
 
     def column(self, name: str) -> int:
         """Place of a column by its name, with or without its unit, by a pattern with `*`, or by its number from 1.

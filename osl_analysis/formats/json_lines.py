@@ -52,10 +52,8 @@ def is_number(value: Any) -> bool:
 
 
 BLANK = b" \t\r\n"
-MOST_DESCRIBED = 2000
-"""Lines whose fields are listed: the first ones and some of the others."""
-MOST_FIELDS = 2000
-"""Fields that are listed; more are names that count up."""
+MOST_DESCRIBED = 2000  # lines whose fields are listed: the first ones and some of the others
+MOST_FIELDS = 2000  # fields that are listed; more are names that count up
 
 
 NUMBER = "name a number as `field` in the source file; for time, or state the rate: `time: {rate: 1000}`"
@@ -66,17 +64,11 @@ class JsonLines:
     """The lines of one file that are not blank."""
 
     path: Path
-    """Where the file is."""
-    data: bytes
-    """Its bytes, in UTF-8."""
-    starts: Indices
-    """Where each line begins [bytes]."""
-    lengths: Indices
-    """Its length [bytes], without the line break."""
-    numbers: Indices
-    """Its number in the file, counted from 1."""
-    notes: tuple[str, ...] = ()
-    """What was repaired, a sentence each."""
+    data: bytes  # its bytes, in UTF-8
+    starts: Indices  # where each line begins [bytes]
+    lengths: Indices  # its length [bytes], without the line break
+    numbers: Indices  # its number in the file, counted from 1
+    notes: tuple[str, ...] = ()  # what was repaired, a sentence each
 
     def line(self, row: int) -> bytes:
         """The text of one line."""
@@ -87,16 +79,12 @@ class JsonLines:
 class DecodedLines:
     """The wanted fields of the lines that can be used."""
 
-    rows: Indices
-    """Their places among the lines, (n,)."""
-    values: Mapping[str, Array]
-    """Numbers (n,) by path, in the type of the file."""
+    rows: Indices  # their places among the lines, (n,)
+    values: Mapping[str, Array]  # numbers (n,) by path, in the type of the file
     present: Mapping[str, np.ndarray[tuple[int], np.dtype[np.bool_]]]
     """Whether the line has the field, (n,) by path."""
-    misfits: int
-    """Lines that cannot be used."""
-    misfit: str
-    """What is wrong with the first of these."""
+    misfits: int  # lines that cannot be used
+    misfit: str  # what is wrong with the first of these
 
 
 def is_json_lines(begin: bytes) -> bool:

@@ -25,12 +25,9 @@ from osl_analysis.trial import Array
 
 MARK5, MARK73 = b"MATLAB 5.0 MAT", b"MATLAB 7."
 DAMAGED = "copy the file again, or save it again in MATLAB"
-LISTED = 12
-"""Largest number of names in a message."""
-DEEPEST = 32
-"""Structs and cells of version 7.3 inside one another: its references may lead in a circle."""
-LONGEST_TEXT = 1000
-"""Characters of a text that are read, for a name by which an element is chosen."""
+LISTED = 12  # largest number of names in a message
+DEEPEST = 32  # structs and cells of version 7.3 inside one another: its references may lead in a circle
+LONGEST_TEXT = 1000  # characters of a text that are read, for a name by which an element is chosen
 HIDDEN = ("#refs#", "#subsystem#")
 """Groups of a file of version 7.3 that are no variables."""
 NUMBERS = ("double", "single", "logical", *(f"{u}int{bits}" for u in ("", "u") for bits in (8, 16, 32, 64)))
@@ -48,29 +45,23 @@ REMEDIES = {
     "timeseries": "save its `Time` and `Data` as numbers",
 }
 """What to do in MATLAB about a class that is not read, or is no number."""
-OBJECT = "save its numbers in a struct"
-"""The same for any other class."""
+OBJECT = "save its numbers in a struct"  # the same for any other class
 
 
 @dataclass(frozen=True)
 class Value:
     """One value of a MATLAB file."""
 
-    kind: str
-    """Its class in MATLAB, such as `double`, `struct`, `cell`, `table`; `sparse` for a sparse matrix."""
+    kind: str  # its class in MATLAB, such as `double`, `struct`, `cell`, `table`; `sparse` for a sparse matrix
     shape: tuple[int, ...] = (1, 1)
-    """Its size in MATLAB."""
     is_complex: bool = False
     load: Callable[[], Array] | None = None
     """Reads its numbers, of its shape; None for anything but real numbers."""
-    text: str = ""
-    """Its text, for one row of characters."""
+    text: str = ""  # its text, for one row of characters
     fields: tuple[str, ...] = ()
-    """Names of the fields of a struct."""
     elements: Sequence[Mapping[str, "Value"]] = field(default=())
     """Fields of each element of a struct, in MATLAB's order."""
-    cells: Sequence["Value"] = field(default=())
-    """Elements of a cell, in MATLAB's order."""
+    cells: Sequence["Value"] = field(default=())  # elements of a cell, in MATLAB's order
 
     @property
     def size(self) -> int:
@@ -110,8 +101,7 @@ class MatFile:
     """A MATLAB file whose variables are read when they are asked for; every refusal names the file."""
 
     path: Path
-    data: bytes
-    """Its bytes, for version 5; the header alone for version 7.3."""
+    data: bytes  # its bytes, for version 5; the header alone for version 7.3
 
     @property
     def version(self) -> str:
@@ -182,8 +172,7 @@ def open_mat(path: Path) -> MatFile:
 
 MATRIX, COMPRESSED, OPAQUE = 14, 15, 17
 """Types of parts of a file of version 5, and the class of objects that only MATLAB can read."""
-HEAD = 4096
-"""Bytes of a compressed variable that are unpacked for its name."""
+HEAD = 4096  # bytes of a compressed variable that are unpacked for its name
 
 
 def variable_classes(data: bytes) -> dict[str, str]:
@@ -375,10 +364,8 @@ STEP = re.compile(
 class Address:
     """An address, in the steps of `STEP`."""
 
-    text: str
-    """As it was written."""
-    steps: tuple[Mapping[str, str], ...]
-    """The groups of `STEP` that each step has."""
+    text: str  # as it was written
+    steps: tuple[Mapping[str, str], ...]  # the groups of `STEP` that each step has
 
     @property
     def variable(self) -> str:

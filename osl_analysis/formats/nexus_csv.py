@@ -30,20 +30,14 @@ HEADER = ("frame", "sub frame")
 class NexusSection:
     """One section of an export."""
 
-    title: str
-    """Devices, Trajectories or Model Outputs."""
-    rate: float
-    """Rows per second [Hz]."""
-    names: list[str]
-    """Name of every column: `Anna:LTOE`, `EMG2000 - Voltage`."""
-    components: list[str]
-    """Component of every column: X, Y, Z, Fx ..."""
-    units: list[str]
-    """Unit of every column, as Nexus spells it."""
+    title: str  # Devices, Trajectories or Model Outputs
+    rate: float  # rows per second [Hz]
+    names: list[str]  # name of every column: `Anna:LTOE`, `EMG2000 - Voltage`
+    components: list[str]  # component of every column: X, Y, Z, Fx ..
+    units: list[str]  # unit of every column, as Nexus spells it
     rows: Rows
     """Number of the line in the file, and its cells; the first two are the numbers of frame and sub frame."""
     decimal: str
-    """Decimal sign."""
 
     def place(self, name: str, component: str) -> int:
         """Column of a name, with or without its subject, and component."""

@@ -21,13 +21,10 @@ class OpenSimTable:
     """One table."""
 
     path: Path
-    """Where it is."""
     header: dict[str, str]
     """What the header says, by key in small letters; a line without a value stands under itself."""
     names: list[str]
-    """Names of the columns."""
-    rows: Rows
-    """Number of the line in the file, and its cells, of every row."""
+    rows: Rows  # number of the line in the file, and its cells, of every row
 
     @property
     def angles(self) -> str:

@@ -13,8 +13,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.formats.csv_table import CONTROL, UTF_16_MARKS, decoded_text
 from osl_analysis.formats.json_lines import is_json_lines
 
-FIRST_BYTES = 1 << 16
-"""Bytes of a file that `refuse_others` needs."""
+FIRST_BYTES = 1 << 16  # bytes of a file that `refuse_others` needs
 ZIP = b"PK\x03\x04"
 HDF5 = b"\x89HDF\r\n\x1a\n"
 COMPRESSED = (ZIP, b"\x1f\x8b", b"BZh", b"\xfd7zXZ\0", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf\x27\x1c", b"Rar!")
@@ -27,12 +26,9 @@ SHEET = "save its sheet as 'CSV UTF-8'"
 class OtherFormat:
     """One format that is not read."""
 
-    name: str
-    """What the file is, with its article."""
-    remedy: str
-    """What to do, as an imperative."""
-    begins: Callable[[bytes], bool]
-    """Whether a file that begins with these bytes is of this format."""
+    name: str  # what the file is, with its article
+    remedy: str  # what to do, as an imperative
+    begins: Callable[[bytes], bool]  # whether a file that begins with these bytes is of this format
 
 
 def starting(*marks: bytes) -> Callable[[bytes], bool]:

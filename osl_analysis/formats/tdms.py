@@ -21,17 +21,12 @@ from osl_analysis.formats.extras import optional_module
 
 MAGIC = b"TDSm"
 INDEX = b"TDSh"
-WORDS = {"O": "text", "V": "nothing", "c": "complex numbers"}
-"""Kinds of numpy's types that are none, in words."""
-NUMBERS = "biuf"
-"""Kinds of numpy's types that are signals."""
-UNITS = ("unit_string", "NI_UnitDescription")
-"""Properties in which LabVIEW states the unit of a channel."""
-LEAD_IN = 28
-"""Bytes at the beginning of a segment that tell its byte order and length."""
+WORDS = {"O": "text", "V": "nothing", "c": "complex numbers"}  # kinds of numpy's types that are none, in words
+NUMBERS = "biuf"  # kinds of numpy's types that are signals
+UNITS = ("unit_string", "NI_UnitDescription")  # properties in which LabVIEW states the unit of a channel
+LEAD_IN = 28  # bytes at the beginning of a segment that tell its byte order and length
 BIG_ENDIAN = 1 << 6
-BITS = 8
-"""Channels of single bits share a byte."""
+BITS = 8  # channels of single bits share a byte
 RECOVER = "copy it again, or open it in LabVIEW or DIAdem and save it under a new name"
 
 
@@ -40,21 +35,14 @@ class TdmsChannel:
     """One channel."""
 
     group: str
-    """Name of its group."""
     name: str
-    """Its own name."""
     count: int
-    """Number of its values."""
-    kind: str
-    """Type of its values, as numpy spells it."""
-    unit: str = ""
-    """Its unit, as the file spells it."""
-    step: float | None = None
-    """Time between two values [s]; None where the properties do not tell."""
+    kind: str  # type of its values, as numpy spells it
+    unit: str = ""  # its unit, as the file spells it
+    step: float | None = None  # time between two values [s]; None where the properties do not tell
     begin: int = 0
     """`wf_start_time`, since 1970 [us]: seconds in one float would be rounded to parts of a microsecond."""
-    offset: float = 0.0
-    """Time of the first value after `begin` [s]."""
+    offset: float = 0.0  # time of the first value after `begin` [s]
 
     @property
     def address(self) -> str:
@@ -77,15 +65,10 @@ class TdmsFile:
     """The channels of one file."""
 
     path: Path
-    """Where it is."""
     data: bytes
-    """Its bytes."""
-    channels: list[TdmsChannel]
-    """Its channels, in the order of the file."""
-    properties: Mapping[str, str] = field(default_factory=dict)
-    """What the file says about itself."""
-    notes: tuple[str, ...] = ()
-    """Losses, a sentence each."""
+    channels: list[TdmsChannel]  # its channels, in the order of the file
+    properties: Mapping[str, str] = field(default_factory=dict)  # what the file says about itself
+    notes: tuple[str, ...] = ()  # losses, a sentence each
 
     def channel(self, address: str) -> TdmsChannel:
         """A channel by group and name, or by its name alone where one group only has it."""

@@ -20,8 +20,7 @@ from osl_analysis.formats.csv_table import (
 from osl_analysis.trial import Array
 
 BEGIN = "PathFileType"
-UNSEEN = ("", "nan", "NaN", "NAN")
-"""Cells of a marker that was not seen."""
+UNSEEN = ("", "nan", "NaN", "NAN")  # cells of a marker that was not seen
 ROUNDING = 0.6
 """Of the last decimal of a time: half of it by rounding, and a little for sums in single precision."""
 EXPORT = "export it again, or correct the header"
@@ -32,21 +31,13 @@ class TrcFile:
     """The markers of one file."""
 
     path: Path
-    """Where it is."""
     labels: list[str]
-    """Names of the markers."""
-    positions: Array
-    """(frames, markers, 3) in `unit`; NaN where a marker was not seen."""
-    rate: float
-    """Frames per second [Hz]."""
-    unit: str
-    """Unit of length, as the file spells it; empty where it gives none."""
+    positions: Array  # (frames, markers, 3) in `unit`; NaN where a marker was not seen
+    rate: float  # frames per second [Hz]
+    unit: str  # unit of length, as the file spells it; empty where it gives none
     first_frame: int
-    """Number of the first frame."""
-    start: float
-    """Time of the first frame [s]."""
-    notes: tuple[str, ...] = ()
-    """Oddities, a sentence each."""
+    start: float  # time of the first frame [s]
+    notes: tuple[str, ...] = ()  # oddities, a sentence each
 
 
 def is_trc(begin: bytes) -> bool:

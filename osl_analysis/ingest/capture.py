@@ -22,14 +22,10 @@ Origins = dict[str, dict[str, Any]]
 class MarkerTrack:
     """One marker's positions, in the axes of the file."""
 
-    label: str
-    """Label in the file."""
-    name: str
-    """The label without its subject, which names the columns."""
-    positions: Array
-    """(frames, 3) in `unit`; NaN where the marker was not seen."""
-    unit: str
-    """Unit of the positions, as the file or the source file spells it."""
+    label: str  # label in the file
+    name: str  # the label without its subject, which names the columns
+    positions: Array  # (frames, 3) in `unit`; NaN where the marker was not seen
+    unit: str  # unit of the positions, as the file or the source file spells it
 
 
 @dataclass(frozen=True)
@@ -37,17 +33,11 @@ class PlateLoad:
     """Recording of one force plate, in the axes of the file."""
 
     number: int
-    """Counted from 1."""
-    type: int
-    """Type 1 to 4 of the C3D manual; 2 where forces and moments were exported."""
-    corners: Array
-    """(4, 3) [m]."""
-    force: Array
-    """(samples, 3) [N], on the foot."""
-    moment: Array
-    """(samples, 3) [N*m], on the foot, about the centre of the corners."""
-    origin: Mapping[str, Any]
-    """Source channels, for the provenance."""
+    type: int  # type 1 to 4 of the C3D manual; 2 where forces and moments were exported
+    corners: Array  # (4, 3) [m]
+    force: Array  # (samples, 3) [N], on the foot
+    moment: Array  # (samples, 3) [N*m], on the foot, about the centre of the corners
+    origin: Mapping[str, Any]  # source channels, for the provenance
     channels: Sequence[Mapping[str, Any]] = ()
     """What each raw channel shows, as `raw_channels.channel_facts` gives it."""
 
@@ -56,26 +46,18 @@ class PlateLoad:
 class Capture:
     """The signals of a capture that a source file names, before conversion of units, signs and axes."""
 
-    frames: int
-    """Number of frames; frame 0 and analog sample 0 are at 0 s."""
-    frame_rate: float
-    """[Hz]."""
-    samples_per_frame: int
-    """Samples of the analog channels and plates per frame."""
-    first_frame: int
-    """Number of the first frame, as the laboratory counts."""
-    markers: Sequence[MarkerTrack] = ()
-    """The markers that are asked for."""
+    frames: int  # number of frames; frame 0 and analog sample 0 are at 0 s
+    frame_rate: float  # [Hz]
+    samples_per_frame: int  # samples of the analog channels and plates per frame
+    first_frame: int  # number of the first frame, as the laboratory counts
+    markers: Sequence[MarkerTrack] = ()  # the markers that are asked for
     outputs: Mapping[str, Array] = field(default_factory=dict)
     """By canonical column the model output's component, (frames,)."""
     analogs: Mapping[str, tuple[Array, str]] = field(default_factory=dict)
     """By canonical column the channel, (samples,), and the unit that the file states."""
-    plates: Sequence[PlateLoad] = ()
-    """The force plates that are asked for."""
-    facts: Mapping[str, Any] = field(default_factory=dict)
-    """Further facts, for the provenance."""
-    warnings: Sequence[str] = ()
-    """Warnings, a sentence each."""
+    plates: Sequence[PlateLoad] = ()  # the force plates that are asked for
+    facts: Mapping[str, Any] = field(default_factory=dict)  # further facts, for the provenance
+    warnings: Sequence[str] = ()  # warnings, a sentence each
 
 
 def recording_of(capture: Capture, source: CaptureSource) -> Recording:

@@ -25,24 +25,12 @@ REJECT = 3.5  # standard deviations beyond which an edge is an outlier
 
 
 @dataclass(frozen=True)
-class ClockFit:
-    """A slave clock on a master clock."""
+class Line:
+    """A straight line from a slave's clock to its master's."""
 
-    offset: float
-    """Master's time at the slave's time 0 [s]."""
-    drift: float
-    """Relative difference of the clocks' rates [1]."""
-    drift_error: float
-    """Standard error of the drift [1]."""
-    residual: float
-    """RMS of the residuals [s]."""
-    edges: int
-    """Pairs of edges that were used; by correlation, sections of the recording."""
-    excluded_edges: int
-    """Edges of the slave, during the time that both recorded, that match no edge of the master."""
-    method: str = "edges"
-    """What was matched: `edges` of a pulse train, or by `correlation` a signal that both recorded; nothing where both
-    files have `common` times."""
+    offset: float  # master's time at the slave's time 0 [s]
+    drift: float  # relative difference of the clocks' rates [1]
+    drift_error: float  # standard error of the drift [1]
 
     def to_master(self, time: Array) -> Array:
         """Times [s] of the slave on the master's clock [s]."""
@@ -50,15 +38,25 @@ class ClockFit:
 
 
 @dataclass(frozen=True)
+class ClockFit(Line):
+    """A slave clock on a master clock."""
+
+    residual: float  # RMS of the residuals [s]
+    edges: int  # pairs of edges that were used; by correlation, sections of the recording
+    excluded_edges: int
+    """Edges of the slave, during the time that both recorded, that match no edge of the master."""
+    method: str = "edges"
+    """What was matched: `edges` of a pulse train, or by `correlation` a signal that both recorded; nothing where both
+    files have `common` times."""
+
+
+@dataclass(frozen=True)
 class Edges:
     """The edges of a pulse train."""
 
-    time: Array
-    """Times of the edges, (n,) [s]."""
-    rising: NDArray[np.bool_]
-    """Whether the level rises, (n,)."""
-    step: float
-    """Sampling interval of the recorder [s]."""
+    time: Array  # times of the edges, (n,) [s]
+    rising: NDArray[np.bool_]  # whether the level rises, (n,)
+    step: float  # sampling interval of the recorder [s]
 
 
 def find_edges(time: Array, level: Array) -> Edges:
@@ -77,22 +75,6 @@ def find_edges(time: Array, level: Array) -> Edges:
     before = crossings[np.searchsorted(crossings, after) - 1]
     fraction = (low + 0.5 * swing - level[before]) / (level[before + 1] - level[before])
     return Edges(time[before] + fraction * (time[before + 1] - time[before]), level[after] > level[before], step)
-
-
-@dataclass(frozen=True)
-class Line:
-    """A straight line from the slave's time to the master's; its fields are those of `ClockFit`."""
-
-    offset: float
-    """[s]."""
-    drift: float
-    """[1]."""
-    drift_error: float
-    """[1]."""
-
-    def at(self, time: Array) -> Array:
-        """Times of the slave [s] on the master's clock [s]."""
-        return self.offset + (1.0 + self.drift) * time
 
 
 def fit_clock(slave: Edges, master: Edges) -> ClockFit:
@@ -116,14 +98,14 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
     noise = float(np.hypot(slave.step, master.step)) / np.sqrt(12)
     first, second = extended(slave, master, *first_pairs(slave, master), noise)
     line, used = robust_line(first, second, noise)
-    rms = float(np.sqrt(((second - line.at(first))[used] ** 2).mean()))
+    rms = float(np.sqrt(((second - line.to_master(first))[used] ** 2).mean()))
     limit = max(slave.step, master.step)
     if rms > limit:
         raise InputError(
             f"the sync edges fit with a residual of {1e3 * rms:.2f} ms over {used.sum()} edges, within "
             f"{1e3 * limit:.2f} ms is needed; check the sync cable and both sync channels"
         )
-    expected = line.at(slave.time)
+    expected = line.to_master(slave.time)
     common = (expected >= master.time[0] - limit) & (expected <= master.time[-1] + limit)
     excluded_edges = max(int(common.sum() - used.sum()), 0)
     return ClockFit(line.offset, line.drift, line.drift_error, rms, int(used.sum()), excluded_edges)
@@ -177,7 +159,7 @@ def nearest_edges(line: Line, slave: Array, master: Array, tolerance: float) -> 
     """Slave times, and the master times nearest to the line's, where they differ by less than the tolerance [s]."""
     if not master.size:
         return slave[:0], master
-    expected = line.at(slave)
+    expected = line.to_master(slave)
     right = np.minimum(np.searchsorted(master, expected), master.size - 1)
     left = np.maximum(right - 1, 0)
     closer = np.where(abs(master[left] - expected) < abs(master[right] - expected), left, right)
@@ -221,10 +203,8 @@ QUIET = 0.05  # of the variance of the recording: a section with less is not use
 class Course:
     """A signal over the time of its recorder."""
 
-    time: Array
-    """Strictly increasing times, (n,) [s]."""
-    value: Array
-    """The signal, (n,), in any unit."""
+    time: Array  # strictly increasing times, (n,) [s]
+    value: Array  # the signal, (n,), in any unit
 
     @property
     def step(self) -> float:
@@ -263,7 +243,7 @@ def lag_line(first: Array, second: Array, limit: float, step: float) -> ClockFit
     """Line through pairs of times [s], (n,) each; the residual of a first fit is the noise of the second."""
     line, used = robust_line(first, second, step)
     for _ in range(2):
-        rms = float(np.sqrt(((second - line.at(first))[used] ** 2).mean()))
+        rms = float(np.sqrt(((second - line.to_master(first))[used] ** 2).mean()))
         line, used = robust_line(first, second, max(rms, 0.01 * step))
     if rms > limit:
         raise InputError(

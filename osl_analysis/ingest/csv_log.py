@@ -3,7 +3,8 @@
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -37,12 +38,12 @@ from osl_analysis.ingest.overview import (
     UNKNOWN,
     Overview,
     RecordedChannel,
-    gaps_text,
+    guessed_units,
     is_clock,
     lasting_name,
     likely_clock,
     likely_unit,
-    rate_of,
+    range_text,
     unit_of_clock,
 )
 from osl_analysis.ingest.recording import Recording
@@ -139,17 +140,7 @@ class CsvSource(LogSource):
     @property
     def layout(self) -> CsvLayout:
         """How the logger writes its table."""
-        return CsvLayout(
-            self.delimiter,
-            self.decimal,
-            self.comment,
-            self.header,
-            self.units_row,
-            self.missing,
-            self.most_missing,
-            self.extra_cells,
-            self.ragged,
-        )
+        return CsvLayout(**{one.name: getattr(self, one.name) for one in fields(CsvLayout)})
 
 
 DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}:\d{2}")  # such as 2024-05-01T12:00:00 and 12:00:00.5
@@ -216,19 +207,17 @@ def time_of(table: CsvTable, source: CsvSource) -> tuple[Array, float]:
     except InputError as error:
         where = f"{table.path}: column '{table.names[place]}'"
         raise InputError(f"{where}: {error}, as {source.place('time', 'unit')}") from error
-    raw, absent = whole_numbers(table.cells(place)) or column_of(table, place, source)
-    if absent.any():
-        line = table.lines[int(np.argmax(absent))]
-        raise InputError(f"{table.path}: line {line}: no time in column '{source.time.column}'; remove the line")
+    whole = table.cells(place).cast(pl.Int64, strict=False)
+    if not whole.null_count():  # nanoseconds since 1970, which floats would round
+        raw: NDArray[Any] = whole.to_numpy()
+    else:
+        raw, absent = column_of(table, place, source)
+        if absent.any():
+            line = table.lines[int(np.argmax(absent))]
+            raise InputError(f"{table.path}: line {line}: no time in column '{source.time.column}'; remove the line")
     what = f"{table.path}, column '{table.names[place]}'"
     advice = "rows; take another column, or state the rate of the rows: `time: {rate: 1000}`"
     return since_first(raw, factor, what, advice), float(raw[0])
-
-
-def whole_numbers(cells: Sequence[str | None] | pl.Series) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None:
-    """Stamps (rows,) as whole numbers, such as nanoseconds since 1970, which floats would round; None if any is not."""
-    whole = pl.Series(cells, dtype=pl.String).cast(pl.Int64, strict=False)
-    return None if whole.null_count() else (whole.to_numpy(), np.zeros(len(cells), dtype=bool))
 
 
 def column_of(
@@ -267,16 +256,11 @@ def remedy_for(text: str, table: CsvTable, place: int, source: CsvSource, first:
         return 'write `decimal: ","` in the source file if the comma is the decimal sign'
     if first and source.header == "none":
         return "write `header: row` in the source file if this line holds the columns' names"
-    if first and si_like(text):
+    if first and base_units(normalised(without_brackets(text))) is not None:
         return "write `units_row: true` in the source file if this line holds units"
     if is_time:
         return "correct the cell, or delete the line"
     return f"correct the cell, or add {json.dumps(text[:40], ensure_ascii=False)} to `missing` in the source file"
-
-
-def si_like(text: str) -> bool:
-    """Whether a text is a unit of any column."""
-    return base_units(normalised(without_brackets(text))) is not None
 
 
 def counter_of(table: CsvTable, name: str, source: CsvSource) -> pl.Series:
@@ -320,8 +304,7 @@ def csv_warnings(table: CsvTable, source: CsvSource, missing: dict[str, int]) ->
 COMMENT = "#"
 MOST_WORDS = 5
 MOST_COMMENTS = 20
-LEAST_NUMBERS = 0.5
-"""Share of the rows in which one column at least must hold a number: what has less is prose."""
+LEAST_NUMBERS = 0.5  # share of the rows in which one column at least must hold a number: what has less is prose
 SAMPLE = 5  # rows in which a decimal comma is sought
 
 
@@ -350,7 +333,7 @@ def inspect_csv(path: Path) -> Overview:
     channels = list(column_channels(names, units, body, clock))
     facts = {"rows": str(len(body)), "delimiter": repr(delimiter), "header": "yes" if headed else "none"}
     facts |= {f"comment {i + 1}": text.strip() for i, text in enumerate(comments[:MOST_COMMENTS])}
-    remarks = [*odd_rows(body, len(names)), *guesses(channels)]
+    remarks = [*odd_rows(body, len(names)), *guessed_units(channels, "column")]
     time = None if clock is None else channels[names.index(clock)]
     settings = settings_of(time, len(names), body, delimiter, headed, has_units)
     return Overview("csv", facts, channels, remarks, settings, open=left_open)
@@ -413,23 +396,10 @@ def column_channels(names: list[str], units: list[str], rows: Rows, clock: str |
         values = numbers_of(cells)
         words = Counter(cells.filter(values.is_null()).to_list()).most_common(MOST_WORDS)
         known = values.drop_nulls().to_numpy()
-        note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
-        if title == clock:
-            rate = rate_of(known)
-            note = f"a clock, {rate:g} per unit" if rate else "a clock that stands still"
-            note += f", {gaps_text(known)}" if gaps_text(known) else ""
-        note += "".join(f", {count} x '{word}'" for word, count in words)
+        note = range_text(known, title == clock) + "".join(f", {count} x '{word}'" for word, count in words)
         address = {"column": lasting_name(name, names)}
         guess = "" if unit else likely_unit(name) or (unit_of_clock(known) if title == clock else "")
         yield RecordedChannel("column", address, unit, int(known.size), None, note, likely_unit=guess)
-
-
-def guesses(channels: list[RecordedChannel]) -> Iterator[str]:
-    """A remark on units that are guessed from names."""
-    names = {channel.address["column"]: channel.likely_unit for channel in channels if channel.likely_unit}
-    guessed = [f"{name} [{unit}]" for name, unit in names.items() if likely_unit(name)]
-    if guessed:
-        yield f"units guessed from the names, to be checked: {', '.join(guessed)}"
 
 
 def odd_rows(rows: Rows, width: int) -> Iterator[str]:

@@ -94,8 +94,7 @@ HINT = (
 )
 NAMES_OF_TIME = ("column", "variable", "field", "channel")
 """Fields of `time` that name a column, in some format."""
-MOST_ACTIVE = 8
-"""Largest number of channels of which all are entries."""
+MOST_ACTIVE = 8  # largest number of channels of which all are entries
 GUESSED_CLOCK = "# time: its unit is guessed from its name or from the rate of its readings: check it"
 NO_CLOCK = "# time: name its column and unit, or state the rate of the rows instead, as {rate: 1000}"
 
@@ -206,8 +205,7 @@ ANKLE = r"ANK|MALL?"
 SIDES = {"ankle_medial": r"MED|(^|_)M(_|MAL|$)", "ankle_lateral": r"LAT|(^|_)L(_|MAL|$)"}
 """What the names of the malleoli contain, both."""
 FEWEST = 3
-LOADED = 100.0
-"""Range of the force [N] above which somebody stepped on a plate."""
+LOADED = 100.0  # range of the force [N] above which somebody stepped on a plate
 TITLE = "Draft of the section `walking` of the configuration, guessed from the names of markers. Check every line."
 
 
@@ -293,22 +291,17 @@ BETWEEN, END = "(?<![A-Za-z])", r"(?=$|[_\s-]|[.,](?!\d)|[BbKk]_?d?[_=-]?\d)"
 STIFFNESS = re.compile(rf"{BETWEEN}K_?d?[_=-]?(\d+(?:\.\d+)?){END}", re.IGNORECASE)
 DAMPING = re.compile(rf"{BETWEEN}B_?d?[_=-]?(\d+(?:\.\d+)?){END}", re.IGNORECASE)
 CONTROLLER = re.compile(rf"{BETWEEN}(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", re.IGNORECASE)
-SOFTEST = 10.0
-"""Smallest stiffness [N*m/rad] that a name is taken to state: `k1` is a number of a file."""
-UNNAMED = "ingest_only"
-"""The experiment of a trial whose name tells none."""
+SOFTEST = 10.0  # smallest stiffness [N*m/rad] that a name is taken to state: `k1` is a number of a file
+UNNAMED = "ingest_only"  # the experiment of a trial whose name tells none
 
 
 @dataclass(frozen=True)
 class Recorded:
     """One recording that can be read."""
 
-    path: Path
-    """Its file or folder, relative to the folder of the recordings."""
-    source: str
-    """Name of the source file that describes it."""
-    is_capture: bool
-    """Whether it comes from motion capture."""
+    path: Path  # its file or folder, relative to the folder of the recordings
+    source: str  # name of the source file that describes it
+    is_capture: bool  # whether it comes from motion capture
 
 
 @dataclass

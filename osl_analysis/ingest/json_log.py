@@ -24,9 +24,11 @@ from osl_analysis.ingest.overview import (
     Overview,
     RecordedChannel,
     gaps_text,
+    guessed_units,
     is_clock,
     likely_clock,
     likely_unit,
+    range_text,
     rate_of,
     unit_of_clock,
 )
@@ -36,8 +38,7 @@ from osl_analysis.ingest.table_log import Table, TableChannel, TableColumn, Tabl
 from osl_analysis.ingest.units import Unit
 from osl_analysis.trial import Array
 
-Parts = tuple[str, str]
-"""Paths of the seconds and of the nanoseconds."""
+Parts = tuple[str, str]  # paths of the seconds and of the nanoseconds
 
 
 def stamps_among(names: Collection[str]) -> Mapping[str, Parts]:
@@ -79,8 +80,7 @@ def without_other_lines(lines: JsonLines, decoded: DecodedLines, names: Sequence
     return DecodedLines(decoded.rows[kept], values, present, decoded.misfits, decoded.misfit), note
 
 
-MOST_ALONE = 100
-"""Largest number of fields that are read one by one to be listed."""
+MOST_ALONE = 100  # largest number of fields that are read one by one to be listed
 
 
 class JsonChannel(TableChannel):
@@ -184,12 +184,7 @@ def inspect_json(path: Path) -> Overview:
     channels = [channel_of(name, decoded[name], name == clock) for name in names]
     remarks = list(dict.fromkeys(note for one in decoded.values() for note in notes_on(lines, one)))
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
-    guessed = [
-        f"{one.address['field']} [{one.likely_unit}]"
-        for one in channels
-        if likely_unit(last_name(one.address["field"]))
-    ]
-    remarks += [f"units guessed from the names, to be checked: {', '.join(guessed)}"] * bool(guessed)
+    remarks += guessed_units(channels, "field", last_name)
     unit = next((one.likely_unit for one in channels if one.address["field"] == clock), "")
     time = {"field": clock or NAME_OF_TIME, "unit": unit or UNKNOWN}
     if clock and clock == stamp:
@@ -231,11 +226,7 @@ def channel_of(name: str, decoded: DecodedLines, is_time: bool) -> RecordedChann
     there = decoded.present[name]
     values = readings_of(name, decoded)
     known = values[np.isfinite(values)]
-    note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
-    if is_time:
-        rate = rate_of(known)
-        note = f"a clock, {rate:g} per unit" if rate else "a clock that stands still"
-        note += f", {gaps_text(known)}" if gaps_text(known) else ""
+    note = range_text(known, is_time)
     note += f", {values.size - known.size} x NaN or Infinity" if known.size < values.size else ""
     note += f", in {values.size} of {there.size} lines" if values.size < there.size else ""
     kind = decoded.values[name].dtype.name

@@ -54,16 +54,12 @@ Source = LogSource | CaptureSource
 class KnownFormat:
     """One format of logs or captures."""
 
-    begins: Callable[[bytes], bool]
-    """Whether a file that begins with these bytes is of this format."""
+    begins: Callable[[bytes], bool]  # whether a file that begins with these bytes is of this format
     suffixes: tuple[str, ...]
     """Endings of files of this format, for files that are not recognised by their first bytes."""
-    source: type[LogSource] | type[CaptureSource]
-    """Model of the source files that describe such files."""
-    read: Callable[[Path, Any], Recording]
-    """Reads a file by its source file."""
-    inspect: Callable[[Path], Overview]
-    """Lists what a file holds, without a source file."""
+    source: type[LogSource] | type[CaptureSource]  # model of the source files that describe such files
+    read: Callable[[Path, Any], Recording]  # reads a file by its source file
+    inspect: Callable[[Path], Overview]  # lists what a file holds, without a source file
 
     @property
     def is_capture(self) -> bool:
@@ -92,8 +88,7 @@ FORMATS = {
 }
 SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)
 """Endings of recordings that are read."""
-ANY_TEXT = "csv"
-"""Format of a text file that is not recognised by content or name."""
+ANY_TEXT = "csv"  # format of a text file that is not recognised by content or name
 NOT_READ = (".h5", ".tsv", ".xlsx")
 """Endings of recordings whose formats are not read: `samples` lists them with the remedy."""
 

@@ -170,12 +170,9 @@ def vector_at(file: MatFile, variables: Mapping[str, Value], address: Address, s
         raise InputError(str(error) if str(file.path) in str(error) else f"{file.path}: {error}") from error
 
 
-MOST_LISTED = 500
-"""Largest number of variables that are listed."""
-MOST_PARTS = 40
-"""Largest number of parts that are named."""
-FEWEST = 10
-"""Numbers in the shortest vector that may be a signal."""
+MOST_LISTED = 500  # largest number of variables that are listed
+MOST_PARTS = 40  # largest number of parts that are named
+FEWEST = 10  # numbers in the shortest vector that may be a signal
 CLOCK = re.compile(r"(time|t|stamp|clock)(?![a-z])|time", re.IGNORECASE)
 """How the name of a variable of time begins."""
 
@@ -184,12 +181,9 @@ CLOCK = re.compile(r"(time|t|stamp|clock)(?![a-z])|time", re.IGNORECASE)
 class Leaf:
     """One variable or field that is no struct and no cell."""
 
-    part: str
-    """Address of what it is in; empty for the file itself."""
-    name: str
-    """Its own name, or the choice of a cell."""
+    part: str  # address of what it is in; empty for the file itself
+    name: str  # its own name, or the choice of a cell
     value: Value
-    """What it is."""
 
     @property
     def address(self) -> str:

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -61,8 +61,7 @@ def lasting_name(name: str, names: Sequence[str]) -> str:
 GAP = 1.5  # of the median step: what is longer is a gap
 USUAL_RATES = (50.0, 5000.0)
 """Rates of recorders of joints [Hz], less than a factor of 1000 apart: a reading fits them in one unit only."""
-FEWEST_READINGS = 20
-"""Readings of a clock from which its unit is guessed."""
+FEWEST_READINGS = 20  # readings of a clock from which its unit is guessed
 
 
 @dataclass(frozen=True)
@@ -73,38 +72,27 @@ class RecordedChannel:
     """What it is: marker, model output, analog, plate, device, column, or the type of a topic's messages."""
     address: Mapping[str, str]
     """How a source file names it: `topic` and `field`, `column`, `channel`, `label` ..."""
-    unit: str = ""
-    """Unit of the numbers, as the file spells it; empty where it gives none."""
+    unit: str = ""  # unit of the numbers, as the file spells it; empty where it gives none
     count: int = 0
-    """Number of samples."""
-    rate: float | None = None
-    """Median rate [Hz]; None where nothing tells it."""
-    note: str = ""
-    """Remark for the user."""
-    type: str = ""
-    """Type of the numbers and the length of the array that they stand in, such as `float64[4]`."""
-    likely_unit: str = ""
-    """Unit that the channel's name ends with; a guess, for the user to check."""
+    rate: float | None = None  # median rate [Hz]; None where nothing tells it
+    note: str = ""  # remark for the user
+    type: str = ""  # type of the numbers and the length of the array that they stand in, such as `float64[4]`
+    likely_unit: str = ""  # unit that the channel's name ends with; a guess, for the user to check
     load: float | None = None
     """Range of the force on a plate [N]; None for anything else, and where it cannot be computed."""
     centre: tuple[float, ...] = ()
     """Mean position of a marker, or of the corners of a plate, (3,) in the file's unit and axes; empty if unknown."""
-    missing: float = 0.0
-    """Share of the frames or rows in which nothing was recorded, 0 to 1."""
+    missing: float = 0.0  # share of the frames or rows in which nothing was recorded, 0 to 1
 
 
 @dataclass(frozen=True)
 class Overview:
     """What one file holds."""
 
-    format: str
-    """The format's name in source files."""
-    facts: Mapping[str, str]
-    """Facts about the whole file."""
-    channels: Sequence[RecordedChannel]
-    """What it recorded, in the order of the file."""
-    remarks: Sequence[str] = ()
-    """Damage and oddities, a sentence each."""
+    format: str  # the format's name in source files
+    facts: Mapping[str, str]  # facts about the whole file
+    channels: Sequence[RecordedChannel]  # what it recorded, in the order of the file
+    remarks: Sequence[str] = ()  # damage and oddities, a sentence each
     settings: Mapping[str, object] = field(default_factory=dict)
     """Fields of a source file that the format needs and the file tells."""
     drafted: Sequence[RecordedChannel] | None = None
@@ -112,8 +100,7 @@ class Overview:
     open: Sequence[str] = ()
     """What the file leaves open, as which of its clocks counts, a sentence each: the draft has a guess, or nothing, and
     the user decides."""
-    draft_note: str = ""
-    """A remark that the draft has as a comment."""
+    draft_note: str = ""  # A remark that the draft has as a comment
 
 
 def rate_of(time: Array) -> float | None:
@@ -147,12 +134,25 @@ def gaps_text(time: Array) -> str:
     return ", ".join(oddities)
 
 
+def range_text(known: Array, is_clock: bool) -> str:
+    """The range of the finite numbers (n,) of a column, or the rate and gaps of a clock, in words."""
+    if not is_clock:
+        return f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
+    rate, gaps = rate_of(known), gaps_text(known)
+    return (f"a clock, {rate:g} per unit" if rate else "a clock that stands still") + (f", {gaps}" if gaps else "")
+
+
+def guessed_units(channels: Sequence[RecordedChannel], key: str, own: Callable[[str], str] = str) -> list[str]:
+    """A remark on the units that names tell; `key` is that of the address, `own` gives its part that is the name."""
+    units = {one.address[key]: one.likely_unit for one in channels if one.likely_unit}
+    guessed = [f"{name} [{unit}]" for name, unit in units.items() if likely_unit(own(name))]
+    return [f"units guessed from the names, to be checked: {', '.join(guessed)}"] * bool(guessed)
+
+
 LARGEST_DIFFERENCE = 0.005
 """Largest difference, as a share, of what two clocks of one recording span: it puts I wrong by twice as much."""
-MOSTLY = 0.9
-"""Smallest share of the steps of a clock that do not go back."""
-MOST_NAMED = 6
-"""Largest number of clocks that are named."""
+MOSTLY = 0.9  # smallest share of the steps of a clock that do not go back
+MOST_NAMED = 6  # largest number of clocks that are named
 
 
 def likely_clock(readings: Mapping[str, Array], what: str = "columns") -> tuple[str | None, list[str]]:
@@ -192,16 +192,12 @@ def one_time(one: Array, other: Array) -> bool:
     return abs(ratio / 1000.0 ** round(math.log10(ratio) / 3) - 1) <= LARGEST_DIFFERENCE
 
 
-UNKNOWN = "UNKNOWN"
-"""Stands where the file does not tell a value."""
-NAME_OF_TIME = "NAME_OF_TIME"
-"""Stands for the column of time where no column is called like a clock."""
-UNNAMED = re.compile(r"NAME_\d+")
-"""Stands for the canonical name of a channel."""
+UNKNOWN = "UNKNOWN"  # stands where the file does not tell a value
+NAME_OF_TIME = "NAME_OF_TIME"  # stands for the column of time where no column is called like a clock
+UNNAMED = re.compile(r"NAME_\d+")  # stands for the canonical name of a channel
 STATED = ("unit", "extra_cells", "counts")
 """Fields in which `UNKNOWN` is what a draft leaves open. Elsewhere it may be a name in the recording."""
-LISTED = 6
-"""Largest number of places in a message."""
+LISTED = 6  # largest number of places in a message
 
 
 def refuse_draft(path: Path, content: dict[str, Any]) -> None:

@@ -24,15 +24,11 @@ class ForcePlate:
     """One plate."""
 
     number: int
-    """Counted from 1."""
-    type: int
-    """1 to 4, as in the C3D manual."""
+    type: int  # 1 to 4, as in the C3D manual
     corners: Array
     """(4, 3) [m], in the laboratory; in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of the plate's axes."""
-    origin: Array
-    """FORCE_PLATFORM:ORIGIN, (3,) [m], in the plate's axes."""
-    calibration: Array | None = None
-    """(6, 6), which turns the channels of type 4 into [N] and [N*m]."""
+    origin: Array  # FORCE_PLATFORM:ORIGIN, (3,) [m], in the plate's axes
+    calibration: Array | None = None  # (6, 6), which turns the channels of type 4 into [N] and [N*m]
 
     def __post_init__(self) -> None:
         if self.type not in CHANNELS:
@@ -119,8 +115,7 @@ WRENCH = {1: type_1, 2: type_2, 3: type_3, 4: type_4}
 
 LOADED = 0.2
 """Share of the range of the plate's force: where the force changes by more, every channel should change."""
-LEAST_FORCE = 50.0
-"""Range [N] of the plate's force above which the plate was used."""
+LEAST_FORCE = 50.0  # range [N] of the plate's force above which the plate was used
 
 
 def channel_facts(labels: Sequence[str], channels: Array, force: Array, rate: float) -> list[dict[str, Any]]:

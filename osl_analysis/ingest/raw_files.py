@@ -133,10 +133,8 @@ class Identity:
     """What identifies it in the provenance: name in the sheet, size, SHA-256, and the source file that describes it."""
     state: tuple[int, ...]
     """Device, number, size and times [ns] of the file; another value means another file or other bytes."""
-    hashed: int
-    """When it was hashed [ns]."""
+    hashed: int  # when it was hashed [ns]
     parts: "tuple[tuple[Path, Identity], ...]" = ()
-    """The files of a folder."""
 
 
 def identity_of(path: Path, given: str, source: str) -> Identity:

@@ -18,12 +18,10 @@ class Recording:
 
     samples: pl.DataFrame
     """`time` [s] on the recorder's own clock, and canonical columns in SI units; null where a column has no sample."""
-    columns: Mapping[str, Mapping[str, Any]]
-    """Source channel and conversion of each column."""
+    columns: Mapping[str, Mapping[str, Any]]  # source channel and conversion of each column
     facts: Mapping[str, Any] = field(default_factory=dict)
     """Further facts: rates, source of time, plates, damage."""
-    warnings: Sequence[str] = ()
-    """Warnings, a sentence each."""
+    warnings: Sequence[str] = ()  # warnings, a sentence each
 
     def __post_init__(self) -> None:
         time = self.samples["time"]

@@ -19,8 +19,7 @@ Stamps = Literal["auto", "exact", "even"]
 evenly, and only the stamps scatter. `auto`: stamps and signals decide."""
 
 
-HIGHEST_ORDER = 8
-"""Highest order of a sensor's low-pass that is accepted."""
+HIGHEST_ORDER = 8  # highest order of a sensor's low-pass that is accepted
 
 
 class SensorFilter(Settings):
@@ -107,8 +106,7 @@ class Sensor(Settings):
         return step
 
 
-LARGEST = 1e12
-"""Largest size of a scale or an offset: what is larger is a slip."""
+LARGEST = 1e12  # largest size of a scale or an offset: what is larger is a slip
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 

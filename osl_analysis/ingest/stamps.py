@@ -32,12 +32,9 @@ PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "ns
 class Ordering:
     """Counts from sorting the messages of a topic by their stamps."""
 
-    late: int
-    """Messages that came after one of a later stamp."""
-    repeated: int
-    """Messages that have the stamp of an earlier one."""
-    contradicted: int
-    """Messages that have the stamp of an earlier one and other values."""
+    late: int  # messages that came after one of a later stamp
+    repeated: int  # messages that have the stamp of an earlier one
+    contradicted: int  # messages that have the stamp of an earlier one and other values
 
     def report(self) -> dict[str, Any]:
         """The counts, for the provenance."""

@@ -21,8 +21,7 @@ from osl_analysis.yaml_settings import Settings
 
 Share = Annotated[float, Field(ge=0, le=1)]
 
-LEVEL = "V"
-"""Unit of the columns that may be read from truth values: levels of `sync` and `trigger`."""
+LEVEL = "V"  # unit of the columns that may be read from truth values: levels of `sync` and `trigger`
 
 
 class RowTime(Settings):
@@ -50,10 +49,8 @@ class RowTime(Settings):
 class RowStamps:
     """The stamps of the rows of a file."""
 
-    time: Array
-    """Time (rows,) [s] since the first row."""
-    stated: RowTime
-    """What the source file states of it."""
+    time: Array  # time (rows,) [s] since the first row
+    stated: RowTime  # what the source file states of it
 
     @cached_property
     def fresh(self) -> NDArray[np.bool_]:
@@ -172,12 +169,9 @@ class TableSource(LogSource):
 class TableColumn:
     """One column of a file."""
 
-    values: NDArray[Any]
-    """Its numbers (rows,), in the type of the file; NaN where a reading failed."""
-    present: NDArray[np.bool_] | None = None
-    """Where it has a value, (rows,); None if everywhere."""
-    unit: str = ""
-    """Its unit, as the file spells it; empty where the file gives none."""
+    values: NDArray[Any]  # its numbers (rows,), in the type of the file; NaN where a reading failed
+    present: NDArray[np.bool_] | None = None  # where it has a value, (rows,); None if everywhere
+    unit: str = ""  # its unit, as the file spells it; empty where the file gives none
 
 
 @dataclass(frozen=True)
@@ -185,17 +179,12 @@ class Table:
     """A file as one table."""
 
     path: Path
-    """Where it is."""
     rows: int
-    """Number of its rows."""
     column: Callable[[str], TableColumn]
     """The column of a name; raises InputError if there is none, or it holds no numbers."""
-    notes: Sequence[str] = ()
-    """What was repaired, a sentence each."""
-    facts: Mapping[str, Any] = field(default_factory=dict)
-    """Further facts for the trial's provenance."""
-    noun: str = "row"
-    """What messages call a row."""
+    notes: Sequence[str] = ()  # what was repaired, a sentence each
+    facts: Mapping[str, Any] = field(default_factory=dict)  # further facts for the trial's provenance
+    noun: str = "row"  # what messages call a row
 
 
 def read_table_log(table: Table, source: TableSource, own_time: Array | None = None) -> Recording:

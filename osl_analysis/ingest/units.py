@@ -180,10 +180,8 @@ ANY_CASE: dict[str, str] = {
     "rad/s": "rpm",
 }
 """Names whose case has no meaning."""
-SEPARATOR = "(?: +|[*/·⋅∙.])"
-"""What stands between the names of a product or a quotient."""
-MOST_NAMES = 8
-"""Largest number of names in a unit."""
+SEPARATOR = "(?: +|[*/·⋅∙.])"  # what stands between the names of a product or a quotient
+MOST_NAMES = 8  # largest number of names in a unit
 
 
 def one_of(*canonical: str) -> str:
@@ -207,9 +205,6 @@ def common(*canonical: str) -> list[str]:
 
 Unit = Annotated[str, as_schema(common(), f"{one_of()}(?:{SEPARATOR}{one_of()}){{0,{MOST_NAMES - 1}}}")]
 """Any unit."""
-TimeUnit = Annotated[str, as_schema(common("s"), one_of("s"))]
-"""A unit of time."""
-LengthUnit = Annotated[str, as_schema(common("m"), one_of("m"))]
-"""A unit of length."""
-ForceUnit = Annotated[str, as_schema(common("N"), one_of("N"))]
-"""A unit of force."""
+TimeUnit = Annotated[str, as_schema(common("s"), one_of("s"))]  # A unit of time
+LengthUnit = Annotated[str, as_schema(common("m"), one_of("m"))]  # A unit of length
+ForceUnit = Annotated[str, as_schema(common("N"), one_of("N"))]  # A unit of force

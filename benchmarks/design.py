@@ -16,11 +16,8 @@ import polars as pl
 
 from osl_analysis.commands.study import batch_rows
 from osl_analysis.config import Config, read_config
-from osl_analysis.design.distortion import Density, Distortion, Spread
-from osl_analysis.design.information import NAMES, Joint
 from osl_analysis.design.plan import PeriodicMultisine, SteppedSine
-from osl_analysis.design.precision import precision
-from osl_analysis.design.sensors import Sensors
+from osl_analysis.design.precision import NAMES, Density, Distortion, Joint, Sensors, Spread, precision
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass

@@ -469,9 +469,7 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
     For a stepped sine, an odd random-phase multisine, a chirp or band-limited noise, with the noise of the load cell,
     the rounding of the encoder, and the distortion of a joint that is not linear.
     """
-    from osl_analysis.commands.design import designed, write_command
-    from osl_analysis.commands.design_request import design_request
-    from osl_analysis.commands.design_text import design_json, design_text
+    from osl_analysis.commands.design import design_json, design_request, design_text, designed, write_command
     from osl_analysis.config import read_config
 
     check_used(chosen)

@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from osl_analysis.design.distortion import Density, Distortion, arcsine_power
-from osl_analysis.design.duration import long_enough, reached, smallest
-from osl_analysis.design.information import Joint, weighted
-from osl_analysis.design.limits import lag_errors, warnings
+from osl_analysis.design.advice import lag_errors, long_enough, reached, smallest, warnings
 from osl_analysis.design.plan import Continuous, PeriodicMultisine, SteppedSine
-from osl_analysis.design.precision import precision
-from osl_analysis.design.sensors import Sensors
+from osl_analysis.design.precision import Density, Distortion, Joint, Sensors, arcsine_power, precision, weighted
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.multisine import odd_multisine
 from osl_analysis.signals import LowPass

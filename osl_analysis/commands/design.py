@@ -1,32 +1,28 @@
-"""Experiment design for the command line: what a protocol will tell on K, B and I, and the command of a multisine."""
+"""Experiment design for the command line: the plan that options ask for, and what it will tell on K, B and I."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
 
 from osl_analysis.bench.excitation_limits import check_told, told_by
+from osl_analysis.commands.earlier_trial import earlier_distortion
 from osl_analysis.config import Config
-from osl_analysis.design.distortion import Distortion
-from osl_analysis.design.duration import long_enough, longest, reached
-from osl_analysis.design.information import NAMES, Joint, Weighted, weighted
-from osl_analysis.design.limits import lag_errors, warnings
-from osl_analysis.design.plan import TRANSIENTS, PeriodicMultisine, Plan, SteppedSine
-from osl_analysis.design.precision import Precision, precision
-from osl_analysis.design.sensors import Sensors
+from osl_analysis.design.advice import lag_errors, long_enough, longest, reached, warnings
+from osl_analysis.design.plan import SHOWN, TRANSIENTS, Continuous, PeriodicMultisine, Plan, SteppedSine
+from osl_analysis.design.precision import NAMES, Distortion, Joint, Precision, Sensors, Weighted, precision, weighted
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
-from osl_analysis.table import write_table
+from osl_analysis.table import finite_or_null, write_table
 from osl_analysis.trial import Array
 
-RAMP_S = 1.0
-"""Time [s] in which a command rises at the start of a realisation and falls at its end."""
-MOST_SAMPLES = 1e7
-"""Largest number of samples that are written: nearly three hours at 1 kHz."""
-PAUSE_S = 1.0
-"""Rest [s] between two realisations."""
+RAMP_S = 1.0  # Time [s] in which a command rises at the start of a realisation and falls at its end
+MOST_SAMPLES = 1e7  # Largest number of samples that are written: nearly three hours at 1 kHz
+PAUSE_S = 1.0  # Rest [s] between two realisations
 
 
 @dataclass(frozen=True)
@@ -38,10 +34,8 @@ class DesignRequest:
     sensors: Sensors
     low_pass: LowPass
     distortion: Distortion
-    lag_s: float
-    """Lag [s] of the torque whose effect is stated."""
-    within: Mapping[str, float]
-    """Half widths that are asked for, as shares of K, B, I."""
+    lag_s: float  # Lag [s] of the torque whose effect is stated
+    within: Mapping[str, float]  # Half widths that are asked for, as shares of K, B, I
 
     def judged(self, plan: Plan) -> Precision:
         """The intervals that a plan gives; raises as `precision`."""
@@ -61,8 +55,7 @@ class Design:
     recommended: Plan | None
     """The shortest plan that reaches what is asked for; None where nothing is asked, or it is out of reach."""
     recommended_found: Precision | None
-    lag: Mapping[str, float]
-    """What the lag adds to K, B, I."""
+    lag: Mapping[str, float]  # What the lag adds to K, B, I
     warnings: tuple[str, ...]
 
 
@@ -206,3 +199,231 @@ def write_command(plan: Plan, rate_hz: float, output: Path) -> None:
         )
     time, angle = command_of(plan, rate_hz)
     write_table(pl.DataFrame({"time": time, "theta_command": angle}), output)
+
+
+BAND_HZ, RMS_DEG = (0.5, 6.0), 2.0
+"""Band [Hz] and root mean square of the angle [deg] where none is given."""
+
+
+def design_request(chosen: Mapping[str, Any], config: Config) -> DesignRequest:
+    """The plan and all that its intervals depend on, in SI units, from the options by name.
+
+    Raises
+    ------
+    InputError
+        A protocol, a table or a number cannot be used.
+    """
+    check_numbers(chosen)
+    low_pass, study = config.dynamometer.low_pass, config.study
+    expected = {"stiffness": study.K_d, "damping": study.B_d, "inertia": study.I}
+    joint = [expected[name] if chosen[name] is None else chosen[name] for name in expected]
+    within = {name[0]: chosen[f"{option}_within"] for name, option in zip("KBI", expected, strict=True)}
+    return DesignRequest(
+        plan=plan_of(chosen, config),
+        joint=Joint(*joint),
+        sensors=sensors_of(chosen, config),
+        low_pass=low_pass,
+        distortion=distortion_of(chosen),
+        lag_s=1e-3 * chosen["lag"],
+        within={name: share for name, share in within.items() if share is not None},
+    )
+
+
+def check_numbers(chosen: Mapping[str, Any]) -> None:
+    """Refuse options that are no finite numbers."""
+    for name, value in chosen.items():
+        numbers = value if isinstance(value, list) else [value]
+        if any(isinstance(one, float) and not np.isfinite(one) for one in numbers):
+            raise InputError(f"--{name.replace('_', '-')} is {value}; give a finite number")
+
+
+def plan_of(chosen: Mapping[str, Any], config: Config) -> Plan:
+    """The protocol."""
+    if chosen["excitation"] == "stepped-sine":
+        return stepped_sine_of(chosen, config)
+    band = tuple(chosen["band"]) if chosen["band"] else BAND_HZ
+    rms = float(np.deg2rad(chosen["rms"] or RMS_DEG))
+    peak = None if chosen["peak"] is None else float(np.deg2rad(chosen["peak"]))
+    if chosen["excitation"] == "multisine":
+        numbers = {name: chosen[name] for name in ("periods", "realisations", "seed")}
+        plan = PeriodicMultisine(chosen["period"], band, rms, **numbers)
+        longer = any(chosen[f"{name}_within"] is not None for name in ("stiffness", "damping", "inertia"))
+        return plan if peak is None else plan.of_peak(peak, max(plan.realisations, SHOWN if longer else 1))
+    other = Continuous(band, rms, chosen["duration"], chosen["excitation"] == "chirp")
+    return other if peak is None else replace(other, rms=rms * peak / other.peak[0])
+
+
+def stepped_sine_of(chosen: Mapping[str, Any], config: Config) -> SteppedSine:
+    """The stepped sine of the configuration, with what is chosen in its place."""
+    bench = config.dynamometer
+    frequencies = tuple(chosen["frequencies"] or bench.frequencies_hz)
+    amplitudes = tuple(chosen["amplitudes"] or bench.amplitudes_deg)
+    if not all(0 < x < np.inf for x in (*frequencies, *amplitudes)):
+        raise InputError(
+            "frequencies and amplitudes of a stepped sine are above 0; correct --frequencies, --amplitudes"
+        )
+    cycles = bench.protocol.cycles_at
+    if chosen["cycles"] is not None:
+        cycles = (float(chosen["cycles"]),) * len(frequencies)
+    elif len(set(cycles)) == 1:
+        cycles = (cycles[0],) * len(frequencies)
+    elif len(cycles) != len(frequencies):
+        raise InputError("the configuration has cycles for its own frequencies; give --cycles for these")
+    if min(cycles) <= bench.settle_cycles:
+        raise InputError(
+            f"settle_cycles = {bench.settle_cycles} leaves none of {min(cycles):g} cycles; give --cycles above it"
+        )
+    return SteppedSine(tuple(np.deg2rad(amplitudes).tolist()), frequencies, cycles, bench.settle_cycles)
+
+
+def sensors_of(chosen: Mapping[str, Any], config: Config) -> Sensors:
+    """The sensors."""
+    step = chosen["encoder_step"]
+    drift = config.dynamometer.load_cell_drift if chosen["drift"] is None else chosen["drift"]
+    return Sensors(
+        rate_hz=chosen["rate"],
+        torque_noise=chosen["torque_noise"],
+        noise_band_hz=chosen["noise_band"],
+        torque_step=chosen["torque_step"],
+        encoder_step=2 * np.pi / 2 ** chosen["encoder_bits"] if step is None else float(np.deg2rad(step)),
+        angle_noise=float(np.deg2rad(chosen["angle_noise"])),
+        drift=drift / 60,
+    )
+
+
+def distortion_of(chosen: Mapping[str, Any]) -> Distortion:
+    """What is stated on distortion; friction counts once, whether stated or in an earlier table."""
+    earlier = Distortion() if chosen["earlier"] is None else earlier_distortion(chosen["earlier"], chosen["trial"])
+    if chosen["friction"] is not None and earlier != Distortion():
+        raise InputError("--friction and --earlier state the same distortion twice; give one of them")
+    return replace(
+        earlier,
+        coulomb=earlier.coulomb if chosen["friction"] is None else chosen["friction"],
+        level=chosen["distortion"] or 0.0,
+    )
+
+
+UNITS = {"K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²"}
+
+
+def design_text(made: Design) -> str:
+    """All of it in lines."""
+    request, plan = made.request, made.request.plan
+    angle, velocity, acceleration = plan.peak
+    lines = [
+        plan.words,
+        f"  record {seconds(plan.record_s)}; largest angle {np.rad2deg(angle):.3g} deg, velocity {velocity:.3g} rad/s, "
+        f"acceleration {acceleration:.3g} rad/s², torque about {peak_torque(request):.3g} N·m",
+        sensors_text(request),
+        "",
+        *interval_lines(request, made.found),
+        "",
+        *effects(made),
+    ]
+    if request.within:
+        asked = ", ".join(f"{name} ± {100 * share:g} %" for name, share in request.within.items())
+        lines += ["", f"for {asked}:"]
+        if made.recommended is None or made.recommended_found is None:
+            lines.append("  beyond the longest record that is searched")
+        else:
+            lines += [f"  {made.recommended.words}", f"  record {seconds(made.recommended.record_s)}"]
+            lines += ["  " + line for line in interval_lines(request, made.recommended_found)]
+    return "\n".join([*lines, *(f"warning: {said}" for said in made.warnings)])
+
+
+def seconds(value: float) -> str:
+    """A time in seconds, and in minutes where it is long."""
+    return f"{value:.4g} s" + (f" ({value / 60:.1f} min)" if value >= 120 else "")
+
+
+def sensors_text(request: DesignRequest) -> str:
+    """Sensors and filter in a line."""
+    sensors, low_pass = request.sensors, request.low_pass
+    band = f"up to {sensors.noise_band_hz:g} Hz" if sensors.noise_band_hz else "white"
+    step = f"encoder step {np.rad2deg(sensors.encoder_step):.3g} deg" if sensors.encoder_step else "encoder not rounded"
+    return (
+        f"  torque noise {sensors.torque_noise:.3g} N·m SD ({band}) at {sensors.rate_hz:g} Hz, {step}, load cell drift "
+        f"{60 * sensors.drift:.3g} N·m/min; filter {low_pass.cutoff_hz:g} Hz, order {low_pass.order}"
+    )
+
+
+def interval_lines(request: DesignRequest, found: Precision) -> Iterator[str]:
+    """A line per parameter, with what the variance is made of, and a line on the interval."""
+    total = found.se**2
+    yield f"{'':4}{'expected':>10}{'95 % interval ±':>18}{'in %':>10}{'by noise alone ±':>18}   variance by"
+    for k, name in enumerate(NAMES):
+        value = float(request.joint.values[k])
+        percent = f"{100 * found.half_width[k] / abs(value):.3g}" if value else "-"
+        shares = {cause: 100 * v[k] / total[k] for cause, v in found.causes.items() if total[k] > 0}
+        made_of = ", ".join(f"{cause} {share:.0f} %" for cause, share in shares.items() if share >= 0.5)
+        yield (
+            f"{name:4}{value:>10.4g}{found.half_width[k]:>18.3g}{percent:>10}{found.noise_half_width[k]:>18.3g}"
+            f"   {made_of} [{UNITS[name]}]"
+        )
+    freedom = ", ".join("∞" if np.isinf(d) else f"{d:.0f}" for d in found.degrees_of_freedom)
+    yield (
+        f"interval from {found.method}, {freedom} degrees of freedom; correlation of K and I {found.correlation:.2f}, "
+        f"condition number {found.condition_number:.3g}"
+    )
+
+
+def effects(made: Design) -> Iterator[str]:
+    """What shifts the estimates without widening the interval: a lag, and friction."""
+    joint = made.request.joint.values
+    lag = ", ".join(
+        f"{name} {value:+.2g}" + (f" ({100 * value / joint[k]:+.1f} %)" if joint[k] else "")
+        for k, (name, value) in enumerate(made.lag.items())
+    )
+    yield f"not in the interval: torque later than the angle by {1e3 * made.request.lag_s:g} ms adds {lag}"
+    added = made.request.distortion.added_damping(made.request.plan)
+    if added:
+        values = ", ".join(f"{value:.3g} ({name})" for name, value in added.items())
+        friction = made.request.distortion.coulomb
+        yield f"not in the interval: Coulomb friction of {friction:g} N·m adds to B {values} N·m·s/rad"
+
+
+def design_json(made: Design) -> str:
+    """All of it as JSON, in SI units."""
+    request, recommended = made.request, made.recommended
+    content: dict[str, Any] = {
+        **described(request, request.plan, made.found),
+        "friction_damping": request.distortion.added_damping(request.plan),
+        "lag_s": request.lag_s,
+        "lag_errors": dict(made.lag),
+        "asked_within": dict(request.within),
+        "recommended": None,
+        "warnings": list(made.warnings),
+    }
+    if recommended is not None and made.recommended_found is not None:
+        content["recommended"] = described(request, recommended, made.recommended_found)
+    return json.dumps(nested(content), indent=2, ensure_ascii=False)
+
+
+def nested(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The mapping with null for numbers that are infinite or undefined, at every depth."""
+    made = {name: nested(value) if isinstance(value, dict) else value for name, value in content.items()}
+    return finite_or_null(made)
+
+
+def described(request: DesignRequest, plan: Plan, found: Precision) -> dict[str, Any]:
+    """A plan and its intervals, for JSON."""
+    estimates = {
+        name: {
+            "expected": float(request.joint.values[k]),
+            "half_width": float(found.half_width[k]),
+            "half_width_of_noise": float(found.noise_half_width[k]),
+            "se": float(found.se[k]),
+            "degrees_of_freedom": float(found.degrees_of_freedom[k]),
+            "variance": {cause: float(values[k]) for cause, values in found.causes.items()},
+        }
+        for k, name in enumerate(NAMES)
+    }
+    return {
+        "protocol": plan.words,
+        "record_s": plan.record_s,
+        "peak_angle": plan.peak[0],
+        "estimates": estimates,
+        "interval_method": found.method,
+        "correlation_K_I": found.correlation,
+        "condition_number": found.condition_number,
+    }

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from osl_analysis.design.distortion import Density, Distortion, Spread
-from osl_analysis.design.information import NAMES
+from osl_analysis.design.precision import NAMES, Density, Distortion, Spread
 from osl_analysis.errors import InputError
 from osl_analysis.spectral.equation_error import REALISATIONS
 from osl_analysis.table import read_table

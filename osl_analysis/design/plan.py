@@ -11,32 +11,22 @@ from osl_analysis.errors import InputError
 from osl_analysis.multisine import Multisine, odd_multisine
 from osl_analysis.trial import Array
 
-DENSE = 200
-"""Number of sines that stand for a motion with a continuous spectrum."""
-LAST_CYCLES = 1
-"""Cycles at the end of a segment that are not fitted: the filter smears the next frequency into them."""
-TRANSIENTS = 1
-"""Periods before those of a realisation, in which the joint settles."""
-SHOWN = 20
-"""Number of realisations whose largest angle is looked for."""
+DENSE = 200  # Number of sines that stand for a motion with a continuous spectrum
+LAST_CYCLES = 1  # Cycles at the end of a segment that are not fitted: the filter smears the next frequency into them
+TRANSIENTS = 1  # Periods before those of a realisation, in which the joint settles
+SHOWN = 20  # Number of realisations whose largest angle is looked for
 
 
 @dataclass(frozen=True)
 class Sines:
     """The sines of a motion, shape (n,) each."""
 
-    frequency_hz: Array
-    """Frequency [Hz]."""
-    size: Array
-    """Amplitude [rad]."""
-    duration_s: Array
-    """Time [s] in which this sine is fitted."""
-    cycle_s: Array
-    """Time [s] after which the whole motion repeats itself; `duration_s` where it does not."""
-    velocity: Array
-    """RMS velocity [rad/s] of the whole motion while this sine is there."""
-    cycles: Array
-    """Number of repetitions from whose spread the interval comes."""
+    frequency_hz: Array  # Frequency [Hz]
+    size: Array  # Amplitude [rad]
+    duration_s: Array  # Time [s] in which this sine is fitted
+    cycle_s: Array  # Time [s] after which the whole motion repeats itself; `duration_s` where it does not
+    velocity: Array  # RMS velocity [rad/s] of the whole motion while this sine is there
+    cycles: Array  # Number of repetitions from whose spread the interval comes
 
     @property
     def w(self) -> Array:
@@ -77,14 +67,10 @@ class Plan(Protocol):
 class SteppedSine:
     """A stepped sine: each amplitude at every frequency."""
 
-    amplitudes: tuple[float, ...]
-    """Amplitudes [rad]."""
-    frequencies_hz: tuple[float, ...]
-    """Frequencies [Hz]."""
-    cycles: tuple[float, ...]
-    """Number of cycles at each frequency."""
-    settle_cycles: int
-    """Cycles at the start of each that are not fitted."""
+    amplitudes: tuple[float, ...]  # Amplitudes [rad]
+    frequencies_hz: tuple[float, ...]  # Frequencies [Hz]
+    cycles: tuple[float, ...]  # Number of cycles at each frequency
+    settle_cycles: int  # Cycles at the start of each that are not fitted
 
     @property
     def fitted(self) -> Array:
@@ -124,18 +110,12 @@ class SteppedSine:
 class PeriodicMultisine:
     """Realisations of an odd random-phase multisine, whole periods of each after a transient."""
 
-    period_s: float
-    """Period [s]."""
-    band_hz: tuple[float, float]
-    """Lowest and highest frequency [Hz]."""
-    rms: float
-    """Root mean square of the angle [rad]."""
-    periods: int
-    """Periods of each realisation that are fitted."""
-    realisations: int
-    """Number of realisations, which differ in their phases."""
-    seed: int = 1
-    """Seed of lines and phases."""
+    period_s: float  # Period [s]
+    band_hz: tuple[float, float]  # Lowest and highest frequency [Hz]
+    rms: float  # Root mean square of the angle [rad]
+    periods: int  # Periods of each realisation that are fitted
+    realisations: int  # Number of realisations, which differ in their phases
+    seed: int = 1  # Seed of lines and phases
 
     @cached_property
     def first(self) -> Multisine:
@@ -191,14 +171,10 @@ class PeriodicMultisine:
 class Continuous:
     """A motion with a flat spectrum over a band that does not repeat itself: a linear chirp, or band-limited noise."""
 
-    band_hz: tuple[float, float]
-    """Lowest and highest frequency [Hz]."""
-    rms: float
-    """Root mean square of the angle [rad]."""
-    duration_s: float
-    """Length of the record [s]."""
-    chirp: bool
-    """Whether it is a chirp, which has one frequency at a time; else it is noise."""
+    band_hz: tuple[float, float]  # Lowest and highest frequency [Hz]
+    rms: float  # Root mean square of the angle [rad]
+    duration_s: float  # Length of the record [s]
+    chirp: bool  # Whether it is a chirp, which has one frequency at a time; else it is noise
 
     def __post_init__(self) -> None:
         low, high = self.band_hz

@@ -1,46 +1,465 @@
-"""Standard errors and 95 % intervals that a plan will give for K, B and I (Eq. 15)."""
+"""Standard errors and 95 % intervals that a plan will give for K, B and I (Eq. 15), by Fisher's information.
+
+**Sensors.** A sine of the torque that is fitted for a time T beside white noise of the one-sided density S [(N*m)^2/Hz]
+has an amplitude with the variance S/T in phase with the angle, and S/T a quarter of a turn off. An error e of the angle
+acts as an error -Z e of the torque.
+
+**A joint that is not linear.** Coulomb friction T sign(w) answers a sine of amplitude a by the fundamental 4 T/pi in
+phase with the velocity (its describing function), and a Gaussian velocity of RMS v by the damping T (2/pi)^(1/2)/v
+(Bussgang, 1952). What is left of the torque then has the autocorrelation T^2 (2/pi) (arcsin r - r), where r is that of
+the velocity (Van Vleck and Middleton, Proc. IEEE 54, 1966). In a periodic motion it repeats with every period: longer
+records do not average it out, other phases do. An odd multisine has it at odd lines only, since r changes its sign
+after half a period.
+"""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from osl_analysis.design.distortion import Distortion
-from osl_analysis.design.information import Joint, Weighted, weighted
-from osl_analysis.design.plan import Continuous, PeriodicMultisine, Plan
-from osl_analysis.design.sensors import LineVariance, Phasors, Sensors
+from osl_analysis.design.plan import Continuous, PeriodicMultisine, Plan, Sines, SteppedSine
+from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.equation_error import DETECTION, ENOUGH_REALISATIONS, REALISATIONS
+from osl_analysis.spectral.equation_error import DETECTION, ENOUGH_REALISATIONS, REALISATIONS, gain
 from osl_analysis.stats.covariance import FEWEST_CYCLES, FILTER_SPAN, welch_satterthwaite
+from osl_analysis.stats.regression import CONDITION_LIMIT
 from osl_analysis.trial import Array
 
-CYCLES = "cycles"
-"""Source of the interval of a stepped sine, as in `stats.covariance`."""
-NO_DOUBT = 1e5
-"""Degrees of freedom from which a variance counts as known."""
-COLUMNS = 4
-"""Columns of the fit: K, B, I and the offset."""
+ZETA_3 = 1.2020569031595942  # Sum of 1/k^3
+LONGEST_PATTERN = 10_000  # Largest denominator of samples per repetition that counts as a pattern that repeats itself
+MEAN_SPEED = 0.9  # Mean of the velocity's size over its RMS: 0.90 of a sine, 0.80 of a random motion
+Phasors = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class LineVariance:
+    """Variance [(N*m)^2] of the amplitude of each sine of the torque, shape (n,) each."""
+
+    in_phase: Array  # In phase with the angle
+    quadrature: Array  # In phase with the velocity
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Errors of load cell and encoder."""
+
+    rate_hz: float  # Sampling rate [Hz]
+    torque_noise: float  # Standard deviation of the torque's noise [N*m]
+    noise_band_hz: float | None = None
+    """Bandwidth [Hz] of this noise; None: half the rate, as noise that is independent from sample to sample has it."""
+    torque_step: float = 0.0  # Step of the load cell's converter [N*m]
+    encoder_step: float = 0.0  # Step of the encoder [rad]
+    angle_noise: float = 0.0
+    """Standard deviation of the angle's noise before it is rounded [rad], independent from sample to sample."""
+    drift: float = 0.0  # Standard deviation of the load cell's drift [N*m/s]
+
+    @property
+    def torque_density(self) -> float:
+        """One-sided density [(N*m)^2/Hz] of the torque's noise, with the rounding of its converter: step^2/12."""
+        band = self.rate_hz / 2 if self.noise_band_hz is None else self.noise_band_hz
+        return self.torque_noise**2 / band + self.torque_step**2 / 12 / (self.rate_hz / 2)
+
+    def variances(self, sines: Sines, Z: Phasors, record_s: float) -> dict[str, LineVariance]:
+        """Variances by cause. `Z` (n,) is the joint's impedance [N*m/rad] at the sines, `record_s` the record [s]."""
+        white = self.torque_density / sines.duration_s
+        slow = 2 * self.drift_left(record_s) / sines.w**2
+        angle = self.angle_noise**2 * 2 / self.rate_hz / sines.duration_s
+        rounded = self.rounding(sines)
+        return {
+            "torque noise": LineVariance(white, white),
+            "angle noise": through(Z, LineVariance(angle, angle)),
+            "encoder rounding": through(Z, rounded),
+            "load cell drift": LineVariance(slow, slow),
+        }
+
+    def drift_left(self, record_s: float) -> float:
+        """Variance [(N*m/s)^2] of the drift after the analysis has taken off the slope that it finds in the record.
+
+        The slope's own error by noise is 6 S/T^3; both are combined as two pieces of knowledge. A slope s changes the
+        amplitude of a sine over whole cycles by 2 s/w (the integral of t sin wt).
+        """
+        if not self.drift:
+            return 0.0
+        if not self.torque_density:
+            return 0.0
+        return 1 / (1 / self.drift**2 + record_s**3 / (6 * self.torque_density))
+
+    def rounding(self, sines: Sines) -> LineVariance:
+        """Variance [rad^2] of the angle's amplitudes by rounding to steps q, independent from sine to sine.
+
+        Averaged over all zeros of the encoder. Of N samples that lie at different places of the motion each has an
+        error of variance q^2/12, and the amplitude 2/N of it. Later cycles repeat these errors, if motion and samples
+        have one clock, which is assumed: rounding does not average out. Where there are many samples per step, only one
+        sample at each step is by chance on one side or the other, with the same variance: the steps of a sine are even
+        in its angle, so that a third of it is in phase. The errors between steps are alike. That of a sine is then in
+        `rounded_gain`. Of a random motion its density at low frequencies is zeta(3) q^3/(pi^2 (2 pi)^(1/2) v), v being
+        the RMS velocity (Woodward's theorem on each harmonic of the rounding), and it repeats in every period.
+
+        Noise s before the rounding leaves exp(-(2 pi s/q)^2) of it to repeat (Widrow and Kollar, Quantization Noise,
+        2008, ch. 5); the rest averages out as noise of variance q^2/12 does.
+        """
+        q, still = self.encoder_step, np.zeros(len(sines.w))
+        if not q:
+            return LineVariance(still, still)
+        white = q**2 / 6 / self.rate_hz
+        steps = MEAN_SPEED * sines.velocity / (q * self.rate_hz)
+        sampled = self.repeating * white / pattern_s(sines.cycle_s, sines.duration_s, self.rate_hz)
+        random = ZETA_3 * q**3 / (np.pi**2 * np.sqrt(2 * np.pi) * sines.velocity) / sines.cycle_s
+        others = np.where(sines.alone, 0.0, self.repeating * random) + (1 - self.repeating) * white / sines.duration_s
+        return LineVariance(
+            sampled * np.minimum(1, np.where(sines.alone, 2 / 3, 1) * steps) + others,
+            sampled * np.minimum(1, np.where(sines.alone, 4 / 3, 1) * steps) + others,
+        )
+
+    def rounded_gain(self, sines: Sines) -> Array:
+        """Variance of the share by which rounding to steps q changes the amplitude of single sines, (n,); 0 for others.
+
+        The error of rounding is a sum of sines of 2 pi k theta/q, and its fundamental 2 q/(pi k) J_1(2 pi k a/q) in
+        phase with theta = a sin (Bennett, 1948), the same at every frequency. Its variance is zeta(3) q^3/(pi^4 a).
+        """
+        share = ZETA_3 / np.pi**4 * (self.encoder_step / sines.size) ** 3
+        return np.asarray(np.where(sines.alone, self.repeating * share, 0.0))
+
+    @property
+    def repeating(self) -> float:
+        """Share of the variance of rounding that every cycle repeats."""
+        if not self.encoder_step:
+            return 0.0
+        return float(np.exp(-((2 * np.pi * self.angle_noise / self.encoder_step) ** 2)))
+
+
+def through(Z: Phasors, angle: LineVariance) -> LineVariance:
+    """Variance of the torque's amplitudes that errors of the angle [rad^2] are worth, for impedances (n,) [N*m/rad]."""
+    same, other = Z.real**2, Z.imag**2
+    return LineVariance(
+        same * angle.in_phase + other * angle.quadrature, other * angle.in_phase + same * angle.quadrature
+    )
+
+
+def pattern_s(cycle_s: Array, duration_s: Array, rate_hz: float) -> Array:
+    """Time [s] after which samples at `rate_hz` lie at the same places of the motion again, where its clock is that of
+    the samples; at most the duration. Shape (n,) each."""
+    samples = [Fraction(float(c) * rate_hz).limit_denominator(LONGEST_PATTERN).numerator for c in cycle_s]
+    return np.asarray(np.minimum(np.array(samples) / rate_hz, duration_s))
+
+
+NAMES = ("K", "B", "I")
+
+
+@dataclass(frozen=True)
+class Joint:
+    """The impedance that is expected: K [N*m/rad], B [N*m*s/rad], I [kg*m^2]."""
+
+    K: float
+    B: float
+    I: float
+
+    def impedance(self, w: Array) -> Phasors:
+        """Z [N*m/rad] at angular frequencies (n,) [rad/s] (Eq. 15)."""
+        return np.asarray(self.K - self.I * w**2 + 1j * w * self.B, dtype=np.complex128)
+
+    @property
+    def values(self) -> Array:
+        """K, B, I, shape (3,)."""
+        return np.array([self.K, self.B, self.I])
+
+
+@dataclass(frozen=True)
+class Weighted:
+    """Least squares on filtered signals: what each sine tells on K, B and I.
+
+    With theta = a sin(wt) the columns of Eq. 15 are a sin(wt), a w cos(wt) and -a w^2 sin(wt). Over whole cycles their
+    products are a^2/2 times [1, -w^2; -w^2, w^4] (K and I, in phase) and a^2 w^2/2 (B, in quadrature); the offset is
+    orthogonal to all. Their sum over sines, each times its duration and 2/S, is Fisher's information for white noise of
+    the one-sided density S. The filter weighs the sines, and errors are not the same at all of them: the covariance is
+    that of weighted least squares (a sandwich).
+    """
+
+    sines: Sines
+    weight: Array  # Squared gain of the zero-phase filter at each sine
+
+    def moments(self, each: Array, order: int) -> float:
+        """Sum of `each` (n,) times w to the power `order`."""
+        return float(np.sum(each * self.sines.w**order))
+
+    def in_and_out(self, in_phase: Array, quadrature: Array) -> Array:
+        """Sum over sines of the products of the columns, weighted (n,) in phase and in quadrature; shape (3, 3)."""
+        m = [self.moments(in_phase, order) for order in (0, 2, 4)]
+        return np.array([[m[0], 0, -m[1]], [0, self.moments(quadrature, 2), 0], [-m[1], 0, m[2]]])
+
+    @property
+    def normal(self) -> Array:
+        """The normal matrix (3, 3): products of the columns over time."""
+        each = self.weight * self.sines.size**2 / 2 * self.sines.duration_s
+        return self.in_and_out(each, each)
+
+    def covariance(self, error: LineVariance) -> Array:
+        """Covariance (3, 3) of the estimates by errors of the torque's amplitudes."""
+        inverse = np.linalg.inv(self.normal)
+        each = (self.weight * self.sines.size * self.sines.duration_s / 2) ** 2
+        return np.asarray(inverse @ self.in_and_out(each * error.in_phase, each * error.quadrature) @ inverse)
+
+    def share(self, error: LineVariance) -> Array:
+        """Part of the variances of K, B, I that the error of each sine makes, shape (n, 3)."""
+        inverse, w = np.linalg.inv(self.normal), self.sines.w
+        each = (self.weight * self.sines.size * self.sines.duration_s / 2)[:, None]
+        in_phase = each * (inverse[:, 0] - np.outer(w**2, inverse[:, 2]))
+        quadrature = each * np.outer(w, inverse[:, 1])
+        return np.asarray(in_phase**2 * error.in_phase[:, None] + quadrature**2 * error.quadrature[:, None])
+
+    @property
+    def condition_number(self) -> float:
+        """Condition number of the columns, each scaled to unit length; infinite for a single frequency."""
+        scale = np.sqrt(np.diag(self.normal))
+        values = np.linalg.eigvalsh(self.normal / np.outer(scale, scale))
+        return float(np.sqrt(values[-1] / values[0])) if values[0] > 1e-15 * values[-1] else np.inf
+
+    def fitted(self, impedance: Phasors) -> Array:
+        """K, B and I (3,) that are fitted to an impedance [N*m/rad] at the sines, shape (n,)."""
+        w, each = self.sines.w, self.weight * self.sines.size**2 / 2 * self.sines.duration_s
+        told = [np.sum(each * impedance.real), np.sum(each * w * impedance.imag), -np.sum(each * w**2 * impedance.real)]
+        return np.asarray(np.linalg.solve(self.normal, told))
+
+
+def weighted(plan: Plan, low_pass: LowPass) -> Weighted:
+    """The fit of a plan.
+
+    Raises
+    ------
+    IdentifiabilityError
+        K and I cannot be told apart.
+    """
+    fit = Weighted(plan.sines, gain(low_pass, plan.sines.frequency_hz) ** 2)
+    if fit.condition_number > CONDITION_LIMIT:
+        low, high = float(fit.sines.frequency_hz.min()), float(fit.sines.frequency_hz.max())
+        where = f"{low:.4g} Hz alone" if np.isclose(low, high) else f"{low:.4g} to {high:.4g} Hz"
+        raise IdentifiabilityError(
+            f"K and I cannot be told apart by {where}, where K - I w^2 is one number; excite down to {low / 2:.3g} Hz "
+            f"or up to {2 * high:.3g} Hz too"
+        )
+    return fit
+
+
+FINE = 64  # Samples per period of the highest line with which the autocorrelation is computed: arcsin r has cusps
+SAME_BAND = 0.2  # Largest difference between the ends of two bands that count as one, as a share
+DRAWS = 400  # Random phases from whose scatter that of the estimates is taken: its standard error is 3.5 %
+
+
+@dataclass(frozen=True)
+class Density:
+    """Density of a distortion of the torque, from an earlier trial."""
+
+    frequency_hz: Array  # Frequencies [Hz], increasing, shape (n,)
+    density: Array  # Mean square per Hz [(N*m)^2/Hz], shape (n,)
+
+    def at(self, frequency_hz: Array) -> Array:
+        """At other frequencies (m,) [Hz], interpolated; beyond the ends it is that of the end."""
+        return np.asarray(np.interp(frequency_hz, self.frequency_hz, self.density))
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How far the estimates of one realisation of an earlier multisine were from those of another."""
+
+    variance: Array  # Variances of K, B and I of one realisation, shape (3,)
+    band_hz: tuple[float, float]  # Band of the motion [Hz]
+    rms: float  # Root mean square of the angle [rad]
+
+    def at(self, plan: Plan) -> Array:
+        """Covariance (3, 3) of K, B and I in a plan; a torque that stays when the motion grows counts for less.
+
+        Raises
+        ------
+        InputError
+            The plan is no multisine of this band.
+        """
+        frequency = plan.sines.frequency_hz
+        if not isinstance(plan, PeriodicMultisine) or not np.allclose(
+            [frequency.min(), frequency.max()], self.band_hz, rtol=SAME_BAND
+        ):
+            low, high = self.band_hz
+            raise InputError(
+                f"the spread of realisations of an earlier trial says nothing on another motion than a multisine from "
+                f"{low:.3g} to {high:.3g} Hz; give its response.csv, or --friction"
+            )
+        return np.asarray(np.diag(self.variance) * (self.rms / plan.rms) ** 2 / plan.realisations)
+
+
+@dataclass(frozen=True)
+class Distortion:
+    """How far the joint is from linear, as far as it is stated. What is stated twice counts twice."""
+
+    coulomb: float = 0.0  # Coulomb friction [N*m]
+    level: float = 0.0  # Odd distortion at the excited lines as a share of the torque there
+    earlier: Density | None = None
+    """Density of the distortion in an earlier trial. That of friction hardly depends on the size of the motion."""
+    spread: Spread | None = None  # Spread of the realisations of an earlier trial, the noise in it too
+
+    @property
+    def stated(self) -> bool:
+        """Whether anything is."""
+        return bool(self.coulomb or self.level or self.earlier or self.spread)
+
+    def covariance(self, plan: Plan, fit: Weighted, Z: Phasors) -> Array:
+        """Covariance (3, 3) of K, B and I by the distortion; `Z` (n,) is the impedance [N*m/rad] at the sines.
+
+        A level is taken for independent from line to line, as the analysis takes that at detection lines. Estimates
+        scatter by less, as of friction by 0.65 (K) and 0.4 (B, I): at given amplitudes the velocity has a given RMS, so
+        that errors at its lines depend on one another. The interval of four realisations or more, from their spread,
+        has it. Of friction this scatter is drawn.
+
+        Raises
+        ------
+        InputError
+            As `variance`.
+        """
+        if self.spread:
+            return self.spread.at(plan) + replace(self, spread=None).covariance(plan, fit, Z)
+        few = isinstance(plan, PeriodicMultisine) and plan.realisations < ENOUGH_REALISATIONS
+        if few or not (random_motion(plan) and self.coulomb):
+            return fit.covariance(self.variance(plan, fit, Z))
+        columns = (tuple(c.tolist()) for c in (fit.sines.frequency_hz, fit.sines.size, fit.weight))
+        scatter = scatter_of_friction(*columns, spacing(plan), isinstance(plan, PeriodicMultisine))
+        levels = fit.covariance(replace(self, coulomb=0.0).variance(plan, fit, Z))
+        return np.asarray(self.coulomb**2 * scatter / independent(plan) + levels)
+
+    def variance(self, plan: Plan, fit: Weighted, Z: Phasors) -> LineVariance:
+        """Variance [(N*m)^2] of the amplitudes of the torque's sines (n,) by what the fit of Eq. 15 cannot follow.
+
+        `Z` (n,) is the joint's impedance [N*m/rad] at the sines. In single sines it is no scatter: it is the same in
+        every repetition of the protocol, and differs from frequency to frequency. It then says how far the estimates
+        depend on the choice of frequencies and amplitudes.
+
+        Raises
+        ------
+        InputError
+            A level or density is stated for single sines, which do not have it.
+        """
+        sines = plan.sines
+        if isinstance(plan, Continuous) and plan.chirp and (self.level or self.earlier):
+            raise InputError(
+                "a level of distortion says nothing on a chirp, whose distortion is no scatter; state --friction"
+            )
+        if isinstance(plan, SteppedSine) and self.earlier:
+            raise InputError(
+                "the distortion level of an earlier multisine says nothing on single sines; state --friction or "
+                "--distortion"
+            )
+        if not random_motion(plan):
+            left = 4 / np.pi * self.coulomb * np.ones(len(sines.w))
+            left -= fit.fitted(np.asarray(1j * left / sines.size, dtype=np.complex128))[1] * sines.size * sines.w
+            each = 0.5 * (self.level * np.abs(Z) * sines.size) ** 2
+            return LineVariance(each, each + left**2)
+        power = 0.5 * (self.level * np.abs(Z) * sines.size) ** 2 + self.coulomb**2 * arcsine_power(sines, spacing(plan))
+        if self.earlier:
+            power += self.earlier.at(sines.frequency_hz) * lines_apart(plan)
+        each = power / independent(plan)
+        return LineVariance(each, each)
+
+    def added_damping(self, plan: Plan) -> dict[str, float]:
+        """B [N*m*s/rad] that friction adds: at each amplitude of a stepped sine, over the whole of another motion."""
+        if not self.coulomb:
+            return {}
+        sines = plan.sines
+        if random_motion(plan):
+            return {"in all": self.coulomb * float(np.sqrt(2 / np.pi) / sines.velocity[0])}
+        if not isinstance(plan, SteppedSine):
+            return {"in all": self.sine_damping(sines.size, sines.w, sines.duration_s)}
+        chosen = {f"{np.rad2deg(a):.4g} deg": np.isclose(sines.size, a) for a in plan.amplitudes}
+        parts = {name: (sines.size[c], sines.w[c], sines.duration_s[c]) for name, c in chosen.items()}
+        return {name: self.sine_damping(*part) for name, part in parts.items()}
+
+    def sine_damping(self, size: Array, w: Array, duration_s: Array) -> float:
+        """As `bench.nonlinearity.damping_of_friction`, for sines (n,) fitted for the times `duration_s`."""
+        return 4 * self.coulomb / np.pi * float(np.sum(duration_s * size * w) / np.sum(duration_s * (size * w) ** 2))
+
+
+def random_motion(plan: Plan) -> bool:
+    """Whether many sines with random phases move the joint at a time."""
+    return isinstance(plan, PeriodicMultisine) or (isinstance(plan, Continuous) and not plan.chirp)
+
+
+def spacing(plan: Plan) -> float:
+    """Distance [Hz] of the multiples on which the sines of a random motion lie."""
+    if isinstance(plan, PeriodicMultisine):
+        return 1 / plan.period_s
+    frequency = plan.sines.frequency_hz
+    return float(frequency[1] - frequency[0])
+
+
+def lines_apart(plan: Plan) -> float:
+    """Width [Hz] of the band whose distortion one sine has: of an odd multisine two lines."""
+    return (2 if isinstance(plan, PeriodicMultisine) else 1) * spacing(plan)
+
+
+def independent(plan: Plan) -> float:
+    """Number of independent values of the distortion at one sine: realisations, or lengths of 1/spacing."""
+    return plan.realisations if isinstance(plan, PeriodicMultisine) else plan.record_s * spacing(plan)
+
+
+@lru_cache(maxsize=8)
+def scatter_of_friction(
+    frequency_hz: tuple[float, ...],
+    size: tuple[float, ...],
+    weight: tuple[float, ...],
+    spacing_hz: float,
+    periodic: bool,
+) -> Array:
+    """Covariance (3, 3) of K, B and I by Coulomb friction of 1 N*m, from one set of random phases to another.
+
+    Eq. 15 is fitted to `DRAWS` of them, with a seed, for sines of these frequencies [Hz], amplitudes [rad] and squared
+    filter gains, multiples of `spacing_hz`. Where they are not `periodic` but noise, amplitudes are random too.
+    """
+    line = np.rint(np.asarray(frequency_hz) / spacing_hz).astype(np.intp)
+    w, rng = 2 * np.pi * np.asarray(frequency_hz), np.random.default_rng(1)
+    n = 1 << int(np.ceil(np.log2(FINE * line[-1])))
+    draws = rng.standard_normal((2, DRAWS, len(line)))
+    theta = draws[0] + 1j * draws[1]
+    theta *= np.asarray(size) / (np.abs(theta) if periodic else np.sqrt(2))
+    spectrum = np.zeros((DRAWS, n // 2 + 1), dtype=np.complex128)
+    spectrum[:, line] = 1j * w * theta * n / 2
+    torque = 2 / n * np.fft.rfft(np.sign(np.fft.irfft(spectrum, n, axis=1)), axis=1)[:, line]
+    root = np.sqrt(weight)
+    y = np.concatenate([(root * torque).real, (root * torque).imag], axis=1)
+    columns = [root * (1j * w) ** k * theta for k in range(3)]
+    X = np.stack([np.concatenate([c.real, c.imag], axis=1) for c in columns], axis=2)
+    products = np.einsum("dni,dnj->dij", X, X)
+    estimates = np.linalg.solve(products, np.einsum("dni,dn->di", X, y)[..., None])[..., 0]
+    return np.asarray(np.cov(estimates.T))
+
+
+def arcsine_power(sines: Sines, spacing_hz: float) -> Array:
+    """Mean square at each sine (n,) of what sign(w) leaves beside its equivalent damping; the sines are multiples of
+    `spacing_hz`, to which they are rounded."""
+    line = np.rint(sines.frequency_hz / spacing_hz).astype(np.intp)
+    n = 1 << int(np.ceil(np.log2(FINE * line[-1])))
+    power = np.zeros(n // 2 + 1)
+    power[line] = (sines.size * sines.w) ** 2
+    r = np.clip(np.fft.irfft(power / power.sum() * n / 2, n), -1, 1)
+    left = 2 / np.pi * (np.arcsin(r) - r)
+    return np.asarray(2 / n * np.fft.rfft(left).real[line])
+
+
+CYCLES = "cycles"  # Source of the interval of a stepped sine, as in `stats.covariance`
+NO_DOUBT = 1e5  # Degrees of freedom from which a variance counts as known
+COLUMNS = 4  # Columns of the fit: K, B, I and the offset
 
 
 @dataclass(frozen=True)
 class Precision:
     """What a plan will give, for K, B and I: shape (3,) each."""
 
-    causes: Mapping[str, Array]
-    """Variances of the estimates by cause; their sum is the squared standard error."""
-    noise_half_width: Array
-    """Half of the 95 % interval without distortion."""
-    half_width: Array
-    """Half of the 95 % interval."""
-    degrees_of_freedom: Array
-    """Degrees of freedom of the standard errors."""
-    method: str
-    """Source of the interval that the analysis will give."""
-    correlation: float
-    """Correlation of K and I."""
-    condition_number: float
-    """Scaled condition number of the fit."""
+    causes: Mapping[str, Array]  # Variances of the estimates by cause; their sum is the squared standard error
+    noise_half_width: Array  # Half of the 95 % interval without distortion
+    half_width: Array  # Half of the 95 % interval
+    degrees_of_freedom: Array  # Degrees of freedom of the standard errors
+    method: str  # Source of the interval that the analysis will give
+    correlation: float  # Correlation of K and I
+    condition_number: float  # Scaled condition number of the fit
 
     @property
     def se(self) -> Array:

@@ -56,8 +56,7 @@ REPEATED = {"repeated transmission": 20, "repeated belt": 20}
 WALKING = {"walking": ("campaigns", 10), "walking recorded": ("recorded", 5)}
 """Walking, from angle and torque on, and through markers, plate, C3D files and ingest: the field of `study` in the
 configuration with the number of campaigns, and how many of them one job takes."""
-MOST_JOBS = 90
-"""Largest number of jobs that simulate. The table, the page and the figure come to them."""
+MOST_JOBS = 90  # Largest number of jobs that simulate. The table, the page and the figure come to them
 SECONDS = {
     "linear drivetrain": 0.26,
     "drivetrain": 0.26,

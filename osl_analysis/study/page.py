@@ -4,10 +4,8 @@ from collections.abc import Iterable
 
 import polars as pl
 
-AIM = (0.93, 0.97)
-"""Coverage of 95 % intervals that the study aims at."""
-CERTAIN = 2.0
-"""Monte Carlo errors by which a coverage must lie outside before it is said to."""
+AIM = (0.93, 0.97)  # Coverage of 95 % intervals that the study aims at
+CERTAIN = 2.0  # Monte Carlo errors by which a coverage must lie outside before it is said to
 HEADER = ("experiment", "estimator, interval", "quantities", "n", "bias / SD", "RMSE / bound", "SE / SD", "coverage, %")
 LETTERS = {"k_tau_n_m": "k_τ n_m", "magnitude": "\\|Y\\|", "phase": "arg Y"}
 

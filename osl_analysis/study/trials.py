@@ -20,8 +20,7 @@ from osl_analysis.study import Recording
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.settings import WalkingAnalysis
 
-StudyRow = dict[str, Any]
-"""One row of the study's table of estimates."""
+StudyRow = dict[str, Any]  # One row of the study's table of estimates
 KEYS = ("experiment", "estimator", "interval_method", "quantity")
 """Columns that the rows of one performance have in common."""
 SENSORS = (

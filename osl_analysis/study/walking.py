@@ -39,10 +39,8 @@ LEVER_M = 0.1
 converts marker noise to noise of the angle, and noise of forces to noise of the moment."""
 UNCHECKED = CrossingQuality(residuals={}, zero=None, placement=(0.0, 0.0), encoder=None)
 """Quality of a crossing that is simulated without markers and plate."""
-PLATE_TRIALS = 6
-"""Trials of the unloaded plate in a recorded campaign."""
-RESAMPLES = 300
-"""Resamples of the bootstrap in one campaign."""
+PLATE_TRIALS = 6  # Trials of the unloaded plate in a recorded campaign
+RESAMPLES = 300  # Resamples of the bootstrap in one campaign
 Made = TypeVar("Made")
 
 

@@ -1,27 +1,93 @@
-"""What no length of a record cures: bands that are missing, rounding, lag between channels, friction, limits."""
+"""How long to record until the intervals are as narrow as asked, and what stands in the way of a plan."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from osl_analysis.design.distortion import Distortion
-from osl_analysis.design.information import NAMES, Joint, Weighted, weighted
-from osl_analysis.design.plan import Continuous, PeriodicMultisine, Plan, SteppedSine
-from osl_analysis.design.precision import Precision
-from osl_analysis.design.sensors import Sensors
+from osl_analysis.design.plan import LAST_CYCLES, Continuous, PeriodicMultisine, Plan, SteppedSine
+from osl_analysis.design.precision import NAMES, Distortion, Joint, Precision, Sensors, Weighted, weighted
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.equation_error import DETECTION, ENOUGH_REALISATIONS
+from osl_analysis.stats.covariance import FEWEST_CYCLES
+
+MOST_CYCLES, MOST_REALISATIONS, LONGEST_S = 2000, 200, 7200
+"""Largest numbers that are tried; more is no experiment."""
+PERIODS = (2, 3, 4, 6, 8, 12)  # Periods of a realisation that are tried
+SHORTEST_S = 10  # Shortest record [s] of a motion that does not repeat itself
+
+
+def reached(found: Precision, joint: Joint, within: Mapping[str, float]) -> bool:
+    """Whether the half widths are within these shares of K, B, I, as far as there are any."""
+    return all(
+        found.half_width[NAMES.index(name)] <= share * abs(float(joint.values[NAMES.index(name)]))
+        for name, share in within.items()
+    )
+
+
+def long_enough(plan: Plan, enough: Callable[[Plan], bool]) -> Plan | None:
+    """The shortest plan of the same kind that is `enough`; None if no length that is tried is.
+
+    Of a multisine, periods and realisations are chosen together, with four realisations or more: their spread is the
+    only interval that has the distortion as it is.
+    """
+    if isinstance(plan, SteppedSine):
+        cycles = smallest(
+            lambda n: enough(replace(plan, cycles=(float(n),) * len(plan.frequencies_hz))),
+            plan.settle_cycles + LAST_CYCLES + FEWEST_CYCLES,
+            MOST_CYCLES,
+        )
+        return None if cycles is None else replace(plan, cycles=(float(cycles),) * len(plan.frequencies_hz))
+    if isinstance(plan, Continuous):
+        seconds = smallest(lambda n: enough(replace(plan, duration_s=float(n))), SHORTEST_S, LONGEST_S)
+        return None if seconds is None else replace(plan, duration_s=float(seconds))
+    assert isinstance(plan, PeriodicMultisine)
+    return shortest_multisine(plan, enough)
+
+
+def longest(plan: Plan) -> Plan:
+    """The longest plan of the same kind that `long_enough` tries."""
+    if isinstance(plan, SteppedSine):
+        return replace(plan, cycles=(float(MOST_CYCLES),) * len(plan.frequencies_hz))
+    if isinstance(plan, Continuous):
+        return replace(plan, duration_s=float(LONGEST_S))
+    assert isinstance(plan, PeriodicMultisine)
+    return replace(plan, periods=max(PERIODS), realisations=MOST_REALISATIONS)
+
+
+def shortest_multisine(plan: PeriodicMultisine, enough: Callable[[Plan], bool]) -> PeriodicMultisine | None:
+    """As `long_enough`, of a multisine."""
+    best: PeriodicMultisine | None = None
+    for periods in PERIODS:
+        found = fewest_realisations(replace(plan, periods=periods), enough)
+        if found is not None and (best is None or found.record_s < best.record_s):
+            best = found
+    return best
+
+
+def fewest_realisations(plan: PeriodicMultisine, enough: Callable[[Plan], bool]) -> PeriodicMultisine | None:
+    """The plan with the fewest realisations that are `enough`; None if no number is."""
+    count = smallest(lambda n: enough(replace(plan, realisations=n)), ENOUGH_REALISATIONS, MOST_REALISATIONS)
+    return None if count is None else replace(plan, realisations=count)
+
+
+def smallest(enough: Callable[[int], bool], first: int, last: int) -> int | None:
+    """The smallest number from `first` to `last` that is enough, where every larger one is; None if `last` is not."""
+    if not enough(last):
+        return None
+    low, high = first - 1, last
+    while high - low > 1:
+        middle = int(np.clip(round(np.sqrt(max(low, 1) * high)), low + 1, high - 1))
+        low, high = (low, middle) if enough(middle) else (middle, high)
+    return high
+
 
 HIGH_CORRELATION = 0.9
 """Correlation of K and I from which the band is too narrow: either interval is then 2.3 times as wide as alone."""
-FEW_STEPS = 10
-"""Steps of the encoder in the smallest amplitude below which it is a warning."""
-MUCH = 0.25
-"""Share of a variance from which its cause is named."""
-NEAR_CUTOFF = 0.5
-"""Highest frequency, as a share of the filter's cut-off, above which it is a warning."""
+FEW_STEPS = 10  # Steps of the encoder in the smallest amplitude below which it is a warning
+MUCH = 0.25  # Share of a variance from which its cause is named
+NEAR_CUTOFF = 0.5  # Highest frequency, as a share of the filter's cut-off, above which it is a warning
 
 
 def lag_errors(fit: Weighted, joint: Joint, lag_s: float) -> dict[str, float]:

@@ -36,10 +36,8 @@ class HealingCache(FunctionCache):  # type: ignore[misc]
 
 
 def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
-    """The function, compiled on its first call. The result is kept on disk where a folder can be written.
-
-    Numba looks for changes in the function's own file only: compiled functions that call one another share a file.
-    """
+    """The function, compiled on its first call. The result is kept on disk where a folder can be written. Numba looks
+    for changes in the function's own file only: compiled functions that call one another share a file."""
     if numba is None:
         return function
     fast = numba.njit(error_model="numpy", **options)(function)
@@ -49,10 +47,8 @@ def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
 
 
 def fused(function: Callable[P, R]) -> Callable[P, R]:
-    """As `compiled`, but a product and a sum are one operation, rounded once, on processors that have it.
-
-    A long chain of operations takes an eighth less time. On other processors results differ in the last bit.
-    """
+    """As `compiled`, but a product and a sum are one operation, rounded once, on processors that have it. A long chain
+    of operations takes an eighth less time. On other processors results differ in the last bit."""
     return compiled(function, fastmath={"contract"})
 
 

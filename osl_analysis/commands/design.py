@@ -99,16 +99,9 @@ def check_band(request: DesignRequest) -> None:
 
 
 def check_analysed(request: DesignRequest, fit: Weighted, K_se: float, largest_inertia_error: float | None) -> None:
-    """Refuse a motion that the analysis will refuse, because its band cannot tell K from I.
-
-    The analysis judges samples of the filtered motion. Two rows per sine, in phase and in quadrature with the angle,
-    have the same products. A stepped sine is analysed in another way, and not judged so.
-
-    Raises
-    ------
-    IdentifiabilityError
-        As `bench.excitation_limits.check_told`.
-    """
+    """Refuse a motion that the analysis will refuse, because its band cannot tell K from I. The analysis judges samples
+    of the filtered motion. Two rows per sine, in phase and in quadrature with the angle, have the same products. A
+    stepped sine is analysed in another way, and not judged so."""
     if isinstance(request.plan, SteppedSine):
         return
     sines, n = fit.sines, len(fit.sines.w)
@@ -168,10 +161,8 @@ def peak_torque(request: DesignRequest) -> float:
 
 
 def command_of(plan: PeriodicMultisine, rate_hz: float) -> tuple[Array, Array]:
-    """Times [s] and angles [rad] of all realisations, shape (n,) each.
-
-    Each rises within its transient period and falls after its last one; it is at rest in between.
-    """
+    """Times [s] and angles [rad] of all realisations, shape (n,) each. Each rises within its transient period and falls
+    after its last one; it is at rest in between."""
     length = (plan.periods + TRANSIENTS) * plan.period_s + RAMP_S
     n, pause = round(length * rate_hz), np.zeros(round(PAUSE_S * rate_hz))
     time = np.arange(n) / rate_hz

@@ -127,10 +127,8 @@ def requested_gains(request: Request, parameters: Path) -> pl.DataFrame:
 
 
 def trajectory_table(trajectory: Path, p: DrivetrainParameters | None, weight: Weight) -> pl.DataFrame:
-    """The table of gains for every row of a trajectory file, `phase` first; a refusal names the file.
-
-    `trajectory` is what the file says of itself, as synthetic. Without parameters there are no gains.
-    """
+    """The table of gains for every row of a trajectory file, `phase` first; a refusal names the file. `trajectory` is
+    what the file says of itself, as synthetic. Without parameters there are no gains."""
     desired = read_impedance_trajectory(trajectory)
     try:
         if p is None:

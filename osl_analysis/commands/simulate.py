@@ -154,13 +154,7 @@ def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: Shar
 
 
 def check_written(rows: Sequence[Mapping[str, Any]], folder: Path, used: Sequence[Path]) -> None:
-    """Refuse a simulation that would write to a file that it uses, or where no file can be, before it begins.
-
-    Raises
-    ------
-    InputError
-        A log of one of the sheet's rows, its truth, or the sheet itself is such a file.
-    """
+    """Refuse a simulation that would write to a file that it uses, or where no file can be, before it begins."""
     files = [folder / row[role] for row in rows for role in ("log", "mocap") if isinstance(row.get(role), str)]
     files += [folder / TRUTH / f"{row['trial']}.json" for row in rows if "trial" in row]
     check_output(files[0])

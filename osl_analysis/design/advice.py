@@ -27,11 +27,9 @@ def reached(found: Precision, joint: Joint, within: Mapping[str, float]) -> bool
 
 
 def long_enough(plan: Plan, enough: Callable[[Plan], bool]) -> Plan | None:
-    """The shortest plan of the same kind that is `enough`; None if no length that is tried is.
-
-    Of a multisine, periods and realisations are chosen together, with four realisations or more: their spread is the
-    only interval that has the distortion as it is.
-    """
+    """The shortest plan of the same kind that is `enough`; None if no length that is tried is. Of a multisine, periods
+    and realisations are chosen together, with four realisations or more: their spread is the only interval that has the
+    distortion as it is."""
     if isinstance(plan, SteppedSine):
         cycles = smallest(
             lambda n: enough(replace(plan, cycles=(float(n),) * len(plan.frequencies_hz))),

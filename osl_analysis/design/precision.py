@@ -77,11 +77,9 @@ class Sensors:
         }
 
     def drift_left(self, record_s: float) -> float:
-        """Variance [(N*m/s)^2] of the drift after the analysis has taken off the slope that it finds in the record.
-
-        The slope's own error by noise is 6 S/T^3; both are combined as two pieces of knowledge. A slope s changes the
-        amplitude of a sine over whole cycles by 2 s/w (the integral of t sin wt).
-        """
+        """Variance [(N*m/s)^2] of the drift after the analysis has taken off the slope that it finds in the record. The
+        slope's own error by noise is 6 S/T^3; both are combined as two pieces of knowledge. A slope s changes the
+        amplitude of a sine over whole cycles by 2 s/w (the integral of t sin wt)."""
         if not self.drift:
             return 0.0
         if not self.torque_density:
@@ -117,10 +115,8 @@ class Sensors:
 
     def rounded_gain(self, sines: Sines) -> Array:
         """Variance of the share by which rounding to steps q changes the amplitude of single sines, (n,); 0 for others.
-
         The error of rounding is a sum of sines of 2 pi k theta/q, and its fundamental 2 q/(pi k) J_1(2 pi k a/q) in
-        phase with theta = a sin (Bennett, 1948), the same at every frequency. Its variance is zeta(3) q^3/(pi^4 a).
-        """
+        phase with theta = a sin (Bennett, 1948), the same at every frequency. Its variance is zeta(3) q^3/(pi^4 a)."""
         share = ZETA_3 / np.pi**4 * (self.encoder_step / sines.size) ** 3
         return np.asarray(np.where(sines.alone, self.repeating * share, 0.0))
 
@@ -226,13 +222,7 @@ class Weighted:
 
 
 def weighted(plan: Plan, low_pass: LowPass) -> Weighted:
-    """The fit of a plan.
-
-    Raises
-    ------
-    IdentifiabilityError
-        K and I cannot be told apart.
-    """
+    """The fit of a plan."""
     fit = Weighted(plan.sines, gain(low_pass, plan.sines.frequency_hz) ** 2)
     if fit.condition_number > CONDITION_LIMIT:
         low, high = float(fit.sines.frequency_hz.min()), float(fit.sines.frequency_hz.max())
@@ -270,13 +260,7 @@ class Spread:
     rms: float  # Root mean square of the angle [rad]
 
     def at(self, plan: Plan) -> Array:
-        """Covariance (3, 3) of K, B and I in a plan; a torque that stays when the motion grows counts for less.
-
-        Raises
-        ------
-        InputError
-            The plan is no multisine of this band.
-        """
+        """Covariance (3, 3) of K, B and I in a plan; a torque that stays when the motion grows counts for less."""
         frequency = plan.sines.frequency_hz
         if not isinstance(plan, PeriodicMultisine) or not np.allclose(
             [frequency.min(), frequency.max()], self.band_hz, rtol=SAME_BAND
@@ -311,11 +295,6 @@ class Distortion:
         scatter by less, as of friction by 0.65 (K) and 0.4 (B, I): at given amplitudes the velocity has a given RMS, so
         that errors at its lines depend on one another. The interval of four realisations or more, from their spread,
         has it. Of friction this scatter is drawn.
-
-        Raises
-        ------
-        InputError
-            As `variance`.
         """
         if self.spread:
             return self.spread.at(plan) + replace(self, spread=None).covariance(plan, fit, Z)
@@ -328,17 +307,10 @@ class Distortion:
         return np.asarray(self.coulomb**2 * scatter / independent(plan) + levels)
 
     def variance(self, plan: Plan, fit: Weighted, Z: Phasors) -> LineVariance:
-        """Variance [(N*m)^2] of the amplitudes of the torque's sines (n,) by what the fit of Eq. 15 cannot follow.
-
-        `Z` (n,) is the joint's impedance [N*m/rad] at the sines. In single sines it is no scatter: it is the same in
-        every repetition of the protocol, and differs from frequency to frequency. It then says how far the estimates
-        depend on the choice of frequencies and amplitudes.
-
-        Raises
-        ------
-        InputError
-            A level or density is stated for single sines, which do not have it.
-        """
+        """Variance [(N*m)^2] of the amplitudes of the torque's sines (n,) by what the fit of Eq. 15 cannot follow. `Z`
+        (n,) is the joint's impedance [N*m/rad] at the sines. In single sines it is no scatter: it is the same in every
+        repetition of the protocol, and differs from frequency to frequency. It then says how far the estimates depend
+        on the choice of frequencies and amplitudes."""
         sines = plan.sines
         if isinstance(plan, Continuous) and plan.chirp and (self.level or self.earlier):
             raise InputError(
@@ -409,11 +381,9 @@ def scatter_of_friction(
     spacing_hz: float,
     periodic: bool,
 ) -> Array:
-    """Covariance (3, 3) of K, B and I by Coulomb friction of 1 N*m, from one set of random phases to another.
-
-    Eq. 15 is fitted to `DRAWS` of them, with a seed, for sines of these frequencies [Hz], amplitudes [rad] and squared
-    filter gains, multiples of `spacing_hz`. Where they are not `periodic` but noise, amplitudes are random too.
-    """
+    """Covariance (3, 3) of K, B and I by Coulomb friction of 1 N*m, from one set of random phases to another. Eq. 15 is
+    fitted to `DRAWS` of them, with a seed, for sines of these frequencies [Hz], amplitudes [rad] and squared filter
+    gains, multiples of `spacing_hz`. Where they are not `periodic` but noise, amplitudes are random too."""
     line = np.rint(np.asarray(frequency_hz) / spacing_hz).astype(np.intp)
     w, rng = 2 * np.pi * np.asarray(frequency_hz), np.random.default_rng(1)
     n = 1 << int(np.ceil(np.log2(FINE * line[-1])))
@@ -503,12 +473,10 @@ def precision(
 
 
 def interval_of(plan: Plan, fit: Weighted, errors: Mapping[str, LineVariance], low_pass: LowPass) -> tuple[str, Array]:
-    """Where the analysis will take the interval from, and the degrees of freedom (3,) of its standard errors.
-
-    The spread of cycles has cycles - 1 of them at each amplitude and frequency, combined by Welch and Satterthwaite;
-    the spread of realisations one less than there are; a level at detection lines two at each, which serve the excited
-    lines around it; HAC those of `stats.covariance.moving_sums`.
-    """
+    """Where the analysis will take the interval from, and the degrees of freedom (3,) of its standard errors. The
+    spread of cycles has cycles - 1 of them at each amplitude and frequency, combined by Welch and Satterthwaite; the
+    spread of realisations one less than there are; a level at detection lines two at each, which serve the excited
+    lines around it; HAC those of `stats.covariance.moving_sums`."""
     if isinstance(plan, PeriodicMultisine):
         if plan.realisations >= ENOUGH_REALISATIONS:
             return REALISATIONS, np.full(3, plan.realisations - 1.0)

@@ -35,10 +35,8 @@ class Gains:
 
 def motor_current(u: ArrayLike, direction: ArrayLike, p: DrivetrainParameters) -> Array:
     """Current I_q [A] that makes the actuator's torque u [N*m]: Eq. 5, which has I_q on both sides, solved for I_q.
-
-    `direction` is the smoothed sign of the *measured* actuator velocity, between -1 and 1 (`smooth_sign`).
-    With r = u + s f_C: I_q = r/(k_tau n_m - s f_G) if r >= 0, else r/(k_tau n_m + s f_G).
-    """
+    `direction` is the smoothed sign of the *measured* actuator velocity, between -1 and 1 (`smooth_sign`). With r = u +
+    s f_C: I_q = r/(k_tau n_m - s f_G) if r >= 0, else r/(k_tau n_m + s f_G)."""
     s = np.asarray(direction)
     r = np.asarray(u) + s * p.f_C
     return np.asarray(r / (p.k_tau * p.n_m - np.where(r >= 0, s, -s) * p.f_G))
@@ -104,13 +102,7 @@ def compensated_gains(K_d: float, B_d: float, p: DrivetrainParameters, weight: W
 
 
 def uncompensated_gains(K_d: float, B_d: float, p: DrivetrainParameters) -> Gains:
-    """Gains that neglect the drivetrain's dynamics: K_1 = K_d/n_T^2, B_1 = B_d/n_T^2, no friction term.
-
-    Raises
-    ------
-    UnreachableImpedanceError
-        K_d or B_d is negative or not finite.
-    """
+    """Gains that neglect the drivetrain's dynamics: K_1 = K_d/n_T^2, B_1 = B_d/n_T^2, no friction term."""
     for name, value in (("K_d", K_d), ("B_d", B_d)):
         if not 0 <= value < np.inf:
             raise UnreachableImpedanceError(f"{name} = {value:g} cannot be asked for; give a finite number, 0 or more")
@@ -143,10 +135,8 @@ class Rendering:
 
 
 def rendering(K_1: ArrayLike, B_1: ArrayLike, K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> Rendering:
-    """Properties of the impedance that gains K_1, B_1 render for desired K_d, B_d, all of shape (pairs,).
-
-    J_j is neglected, as in the paper.
-    """
+    """Properties of the impedance that gains K_1, B_1 render for desired K_d, B_d, all of shape (pairs,). J_j is
+    neglected, as in the paper."""
     K_1, B_1, K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_1, B_1, K_d, B_d)))
     decay = [-np.max(joint_admittance(k, b, p).poles().real) for k, b in zip(K_1, B_1, strict=True)]
     return Rendering(
@@ -158,10 +148,8 @@ def rendering(K_1: ArrayLike, B_1: ArrayLike, K_d: ArrayLike, B_d: ArrayLike, p:
 
 
 def delay_margin(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
-    """Delay [s] at which the held actuator, J_m s^2 + B_m s + K_s/n_T^2 under K_1 + B_1 s, becomes unstable.
-
-    The loop gain is 1 where v = w^2 solves J_m^2 v^2 + (B_m^2 - B_1^2 - 2 J_m k) v + k^2 - K_1^2 = 0, k = K_s/n_T^2.
-    """
+    """Delay [s] at which the held actuator, J_m s^2 + B_m s + K_s/n_T^2 under K_1 + B_1 s, becomes unstable. The loop
+    gain is 1 where v = w^2 solves J_m^2 v^2 + (B_m^2 - B_1^2 - 2 J_m k) v + k^2 - K_1^2 = 0, k = K_s/n_T^2."""
     k = p.K_s / p.n_T**2
     half = (2 * p.J_m * k + B_1**2 - p.B_m**2) / (2 * p.J_m**2)
     root = np.sqrt(np.maximum(half**2 - (k**2 - K_1**2) / p.J_m**2, 0.0))
@@ -211,10 +199,8 @@ def predicted_impedance(
     gains: Gains, p: DrivetrainParameters, frequencies_hz: Sequence[float]
 ) -> tuple[float, float, float]:
     """K [N*m/rad], B [N*m*s/rad], I [kg*m^2] that least squares estimates from a stepped sine on the linear drivetrain.
-
     A stepped sine has equally many cycles at each frequency f, so it spends 1/f of its samples there. The residual of
-    1/Y against K + j w B - w^2 I is weighted accordingly. Friction is not included.
-    """
+    1/Y against K + j w B - w^2 I is weighted accordingly. Friction is not included."""
     w = 2 * np.pi * np.asarray(frequencies_hz, dtype=float)
     Z = 1 / joint_admittance(gains.K_1, gains.B_1, p, p.J_j)(1j * w)
     weight = 1 / np.sqrt(w)

@@ -30,10 +30,8 @@ class RationalFunction:
 
 
 def motor_friction(direction: ArrayLike, current: ArrayLike, p: DrivetrainParameters) -> Array:
-    """Coulomb and gear friction f [N*m] at the actuator's output (Eq. 2).
-
-    `direction` is the sign of omega_m, or a smooth substitute between -1 and 1. `current` is I_q [A].
-    """
+    """Coulomb and gear friction f [N*m] at the actuator's output (Eq. 2). `direction` is the sign of omega_m, or a
+    smooth substitute between -1 and 1. `current` is I_q [A]."""
     return np.asarray(np.asarray(direction) * (p.f_C + p.f_G * np.abs(current)))
 
 

@@ -32,12 +32,10 @@ Loop = tuple[float, float, float, float, float, float, bool, float, float, float
 
 
 def belt_response(theta: Array, rate_hz: float, gains: Gains, p: DrivetrainParameters, friction: Friction) -> Array:
-    """Torque [N*m] in the belt, shape (n,), for a joint angle theta [rad] at uniform samples, starting at rest.
-
-    The actuator starts in equilibrium with the first angle. Friction has the true sign of the velocity and can hold the
+    """Torque [N*m] in the belt, shape (n,), for a joint angle theta [rad] at uniform samples, starting at rest. The
+    actuator starts in equilibrium with the first angle. Friction has the true sign of the velocity and can hold the
     actuator at rest. If the gains cancel friction, the current includes the feedforward of Eq. 5, with its smoothed
-    sign.
-    """
+    sign."""
     transition, push = discretised(gains, p, rate_hz)
     loop = (
         gains.K_1, gains.B_1, p.k_tau * p.n_m, p.f_C, p.f_G, friction.scale, gains.cancels_friction,
@@ -56,10 +54,8 @@ def belt_response(theta: Array, rate_hz: float, gains: Gains, p: DrivetrainParam
 
 
 def discretised(gains: Gains, p: DrivetrainParameters, rate_hz: float) -> tuple[Array, Array]:
-    """The solution of N(s) theta_m = K_s/n_T theta + e over one sample, e a torque [N*m] constant in between.
-
-    The next state (theta_m, omega_m) is transition (2, 4) @ (theta_m, omega_m, theta, next theta) + push (2,) e.
-    """
+    """The solution of N(s) theta_m = K_s/n_T theta + e over one sample, e a torque [N*m] constant in between. The next
+    state (theta_m, omega_m) is transition (2, 4) @ (theta_m, omega_m, theta, next theta) + push (2,) e."""
     step, continuous = 1 / rate_hz, np.zeros((5, 5))
     continuous[0, 1] = continuous[2, 3] = 1.0
     continuous[1] = (-(gains.K_1 + p.K_s / p.n_T**2), -(p.B_m + gains.B_1), p.K_s / p.n_T, 0.0, 1.0)
@@ -71,10 +67,8 @@ def discretised(gains: Gains, p: DrivetrainParameters, rate_hz: float) -> tuple[
 
 @compiled
 def actuator_path(theta: Any, path: Any, start: float, transition: Any, push: Any, loop: Loop) -> None:
-    """Fill `path`, (n,), with the angle theta_m [rad] of the actuator that starts at rest at `start` [rad].
-
-    theta and path are arrays or lists, (n,). Eq. 5 is written out for numbers; `motor_current` has it for arrays.
-    """
+    """Fill `path`, (n,), with the angle theta_m [rad] of the actuator that starts at rest at `start` [rad]. theta and
+    path are arrays or lists, (n,). Eq. 5 is written out for numbers; `motor_current` has it for arrays."""
     (a, b, c, d), (e, f, g, h) = transition
     drift, kick = push
     K_1, B_1, torque_constant, f_C, f_G, scale, cancels, sign_width, n_T, K_s2 = loop

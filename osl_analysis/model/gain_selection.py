@@ -75,11 +75,9 @@ class OptimalDamping:
 def optimal_damping(
     K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters, weight: Weight, J_j: float = 0.0
 ) -> OptimalDamping:
-    """Minimise ||W (Y - Y_d)||_2 over B_1 with B_m + B_1 > 0 (Eq. 14), for K_d, B_d of shape (pairs,).
-
-    The paper neglects the joint's inertia; `J_j` [kg*m^2] includes it. The requests are not checked;
-    `compensator.check_request` refuses impossible ones.
-    """
+    """Minimise ||W (Y - Y_d)||_2 over B_1 with B_m + B_1 > 0 (Eq. 14), for K_d, B_d of shape (pairs,). The paper
+    neglects the joint's inertia; `J_j` [kg*m^2] includes it. The requests are not checked; `compensator.check_request`
+    refuses impossible ones."""
     K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_d, B_d)))
     parts = [slice(first, first + AT_ONCE) for first in range(0, len(K_d), AT_ONCE)]
     found = [lowest_minima(K_d[part], B_d[part], p, weight, J_j) for part in parts]
@@ -92,9 +90,7 @@ def lowest_minima(
     K_d: Array, B_d: Array, p: DrivetrainParameters, weight: Weight, J_j: float
 ) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
     """For each pair the x of the lowest squared norm, the squared norm there, the number of minima, and the end at x.
-
-    The last result is -1 if x is the first point of the search, 1 if it is the last one, and 0 otherwise.
-    """
+    The last result is -1 if x is the first point of the search, 1 if it is the last one, and 0 otherwise."""
     from scipy.optimize.elementwise import find_root  # 0.2 s, for the few that select gains
 
     a, b = admittance_error(K_d, B_d, p, weight, J_j)
@@ -125,11 +121,9 @@ def lowest_minima(
 def admittance_error(
     K_d: Array, B_d: Array, p: DrivetrainParameters, weight: Weight, J_j: float = 0.0
 ) -> tuple[Affine, Affine]:
-    """The polynomials a and b of every pair K_d [N*m/rad], B_d [N*m*s/rad], shape (pairs,), s in rad/s.
-
-    N Q - D is computed as N (Q - P) + c, so that no nearly equal numbers are subtracted. Its constant term is 0 by Eq.
-    12 and is set to exactly 0. With B_d = 0 the leading coefficient of a is 0; the same formulas hold.
-    """
+    """The polynomials a and b of every pair K_d [N*m/rad], B_d [N*m*s/rad], shape (pairs,), s in rad/s. N Q - D is
+    computed as N (Q - P) + c, so that no nearly equal numbers are subtracted. Its constant term is 0 by Eq. 12 and is
+    set to exactly 0. With B_d = 0 the leading coefficient of a is 0; the same formulas hold."""
     K_1 = K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d))
     gain, W = scipy.signal.butter(weight.order, 2 * np.pi * weight.cutoff_hz, analog=True)
     zero, one = np.zeros_like(K_d), np.ones_like(K_d)
@@ -164,11 +158,9 @@ def polynomial_product(u: Sequence[Array], v: Sequence[Array]) -> list[Array]:
 def squared_norm(
     x: Array, a0: Sequence[Array], a1: Sequence[Array], b0: Sequence[Array], b1: Sequence[Array]
 ) -> tuple[Array, Array]:
-    """||b/a||^2 [(rad/(N*m))^2/s] at x [N*m*s/rad], and its derivative in x; coefficients broadcast with x.
-
-    Each row of the recursion loses its first coefficient, and every second one of those that stay is reduced. A row's
-    part of the sum is beta^2/(2 alpha); it is 0 where beta is 0, even if alpha is 0 too (B_d = 0).
-    """
+    """||b/a||^2 [(rad/(N*m))^2/s] at x [N*m*s/rad], and its derivative in x; coefficients broadcast with x. Each row of
+    the recursion loses its first coefficient, and every second one of those that stay is reduced. A row's part of the
+    sum is beta^2/(2 alpha); it is 0 where beta is 0, even if alpha is 0 too (B_d = 0)."""
     a, da = [c + x * d for c, d in zip(a0, a1, strict=True)], list(a1)
     b, db = [c + x * d for c, d in zip(b0, b1, strict=True)], list(b1)
     n, total, slope = len(b), np.zeros_like(x), np.zeros_like(x)

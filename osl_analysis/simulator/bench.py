@@ -35,13 +35,10 @@ from osl_analysis.trial import Array
 
 @dataclass(frozen=True)
 class DynamometerLog:
-    """Signals that the dynamometer's recorder writes, with the recorder's units and signs.
-
-    time [s] of the recorder's clock has shape (n,), as every channel except the torque. torque_time [s] has shape (m,),
-    as the torque; it equals `time` if one node records all signals. joint_angle, actuator_angle, commanded_angle [rad];
-    motor_current [A]; load_cell_torque [N*m] is the torque of the joint on the bench, the paper's tau_j: *minus* the
-    canonical torque.
-    """
+    """Signals that the dynamometer's recorder writes, with the recorder's units and signs. time [s] of the recorder's
+    clock has shape (n,), as every channel except the torque. torque_time [s] has shape (m,), as the torque; it equals
+    `time` if one node records all signals. joint_angle, actuator_angle, commanded_angle [rad]; motor_current [A];
+    load_cell_torque [N*m] is the torque of the joint on the bench, the paper's tau_j: *minus* the canonical torque."""
 
     time: Array
     joint_angle: Array
@@ -64,10 +61,8 @@ class BenchResponse:
 def simulate_dynamometer_trial(
     row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters
 ) -> tuple[DynamometerLog, dict[str, object]]:
-    """The log of one trial of the sample sheet, and the truth about it.
-
-    `row` has the sheet's trial, experiment (belt, transmission, torque_angle or impedance), controller, K_d and B_d.
-    """
+    """The log of one trial of the sample sheet, and the truth about it. `row` has the sheet's trial, experiment (belt,
+    transmission, torque_angle or impedance), controller, K_d and B_d."""
     trial, gains = str(row["trial"]), None
     if row["experiment"] == "belt":
         p = replace(p, K_s=p.K_s * scatter(trial, settings))
@@ -180,10 +175,8 @@ def recorded_dynamometer(
 @dataclass(frozen=True)
 class ActuatorLog:
     """Signals that the bench's recorder writes: time [s], actuator_angle [rad] and motor_current [A], shape (n,) each.
-
     output_torque [N*m], shape (m,), is the torque of the actuator on the bench, the paper's tau_m. torque_time [s],
-    shape (m,), are its stamps. They equal `time` if one node records all signals.
-    """
+    shape (m,), are its stamps. They equal `time` if one node records all signals."""
 
     time: Array
     actuator_angle: Array
@@ -195,11 +188,9 @@ class ActuatorLog:
 def simulate_actuator_trial(
     trial: str, settings: SimulationSettings, p: DrivetrainParameters
 ) -> tuple[ActuatorLog, dict[str, object]]:
-    """The log of one trial, and its truth. `settings.actuator` must not be None.
-
-    The bench follows its commanded angle with `dynamometer_bandwidth`, as the dynamometer does. Its torque transducer
-    has the imperfections of the load cell.
-    """
+    """The log of one trial, and its truth. `settings.actuator` must not be None. The bench follows its commanded
+    angle with `dynamometer_bandwidth`, as the dynamometer does. Its torque transducer has the imperfections of the
+    load cell."""
     assert settings.actuator is not None  # as SimulationSettings checked
     _, motion = moved(turning(settings.actuator, settings.dynamometer.rate_hz), settings)
     current = current_schedule(settings.actuator, settings.dynamometer.rate_hz)
@@ -260,11 +251,9 @@ def recorded_actuator(
 
 
 def torque_of(motion: JointMotion, current: Array, p: DrivetrainParameters, rate_hz: float) -> Jumping:
-    """True torque [N*m] of the actuator. Its friction jumps where the velocity is zero, and not at the next sample.
-
-    A curve through the samples has every jump half a step after a sample. A torque transducer that samples later than
-    the encoder would read all of them late, which looks like inertia.
-    """
+    """True torque [N*m] of the actuator. Its friction jumps where the velocity is zero, and not at the next sample. A
+    curve through the samples has every jump half a step after a sample. A torque transducer that samples later than the
+    encoder would read all of them late, which looks like inertia."""
 
     def at(instants: Array) -> Array:
         """The torque at any instants [s]."""

@@ -68,10 +68,8 @@ def compensated_damping(
 def walking_commands(
     step: Step, time: Array, walking: WalkingSettings, compensates: bool, p: DrivetrainParameters
 ) -> ControlCommands:
-    """Commands to the actuator in a step, shape (updates of the controller,); `time` [s] is that of the motion.
-
-    The equilibrium angle is chosen so that K_d and B_d give the step's ankle moment at the step's nominal angle.
-    """
+    """Commands to the actuator in a step, shape (updates of the controller,); `time` [s] is that of the motion. The
+    equilibrium angle is chosen so that K_d and B_d give the step's ankle moment at the step's nominal angle."""
     stride, condition = walking.rates.motion_hz // walking.rates.controller_hz, step.condition
     c, desired = step.cycle_phase(time[::stride]), condition.desired(walking.impedance)
     K_d, B_d = desired.at(desired.K_d, c), desired.at(desired.B_d, c)
@@ -100,10 +98,8 @@ FREE_MOMENT = 0.03  # Largest free moment divided by body mass [N*m/kg]
 
 @dataclass(frozen=True)
 class LegMotion:
-    """True motion of leg and platform. The poses of foot and shank have their origin at the ankle.
-
-    theta [rad], omega [rad/s] and alpha [rad/s^2] are the joint's angle with its derivatives, shape (n,) each.
-    """
+    """True motion of leg and platform. The poses of foot and shank have their origin at the ankle. theta [rad], omega
+    [rad/s] and alpha [rad/s^2] are the joint's angle with its derivatives, shape (n,) each."""
 
     theta: Array
     omega: Array
@@ -153,11 +149,9 @@ def simulate_crossing(
 
 
 def move(time: Array, step: Step, perturbed: bool, walking: WalkingSettings) -> LegMotion:
-    """Prescribed motion: the nominal step, its random deviations, and the platform under the foot.
-
-    The foot rotates with the platform. The shank rotates by the share `shank_yield` only, so that the ankle angle
-    changes by the rest. In swing the foot returns from the platform's angle.
-    """
+    """Prescribed motion: the nominal step, its random deviations, and the platform under the foot. The foot rotates
+    with the platform. The shank rotates by the share `shank_yield` only, so that the ankle angle changes by the rest.
+    In swing the foot returns from the platform's angle."""
     platform = perturbed_platform(time, step, walking) if perturbed else resting_platform(time)
     rate, c = walking.rates.motion_hz, step.cycle_phase(time)
     on_platform = 1.0 - smooth_step((time - step.toe_off) / RELEASE_S)
@@ -183,12 +177,10 @@ def move(time: Array, step: Step, perturbed: bool, walking: WalkingSettings) -> 
 def react(
     time: Array, step: Step, motion: LegMotion, answer: Array, walking: WalkingSettings
 ) -> tuple[Array, TrueWrench]:
-    """The joint's torque [N*m], shape (n,), and the ground reaction at the ankle.
-
-    About the ankle's axis u the foot needs the moment N = u . (dH/dt + r x m (a - g)). The shank applies +tau (toes
-    down), and the ground applies the rest, N - tau. The part of the ground decreases with its force at the beginning
-    and end of stance. Across the axis the ground's moments are small, and the hinge carries the rest.
-    """
+    """The joint's torque [N*m], shape (n,), and the ground reaction at the ankle. About the ankle's axis u the foot
+    needs the moment N = u . (dH/dt + r x m (a - g)). The shank applies +tau (toes down), and the ground applies the
+    rest, N - tau. The part of the ground decreases with its force at the beginning and end of stance. Across the axis
+    the ground's moments are small, and the hinge carries the rest."""
     foot, mass = motion.foot, step.body_mass
     forward, axis, upward = (foot.rotation[:, :, i] for i in range(3))
     body = RigidBody(
@@ -207,11 +199,9 @@ def react(
 
 
 def rendered_impedance(perturbed: SimulatedCrossing, unperturbed: SimulatedCrossing) -> dict[str, float]:
-    """K [N*m/rad], B [N*m*s/rad] and I [kg*m^2] of the drivetrain's response to the perturbation.
-
-    Least squares of d_torque = K d_theta + B d_omega + I d_alpha without intercept, over the 100 ms after the onset.
-    Both crossings are identical before the onset, so that the differences are exactly zero there.
-    """
+    """K [N*m/rad], B [N*m*s/rad] and I [kg*m^2] of the drivetrain's response to the perturbation. Least squares of
+    d_torque = K d_theta + B d_omega + I d_alpha without intercept, over the 100 ms after the onset. Both crossings are
+    identical before the onset, so that the differences are exactly zero there."""
     onset = perturbed.motion.platform.onset
     if onset is None:
         return {}
@@ -226,12 +216,10 @@ def rendered_impedance(perturbed: SimulatedCrossing, unperturbed: SimulatedCross
 def crossing_curves(
     crossing: SimulatedCrossing, unperturbed: SimulatedCrossing, walking: WalkingSettings
 ) -> dict[str, Array]:
-    """Exact curves in SI units, shape (n,) each, laboratory axes.
-
-    force and moment: ground reaction on the foot, the moment about the centre of the plate's surface where the
-    platform has carried it (`plate_centre`); axis: the ankle's, through `ankle`; foot_moment: what the foot's weight
-    and inertia demand about it, so that torque = foot_moment - axis . (moment + (plate_centre - ankle) x force).
-    """
+    """Exact curves in SI units, shape (n,) each, laboratory axes. force and moment: ground reaction on the foot, the
+    moment about the centre of the plate's surface where the platform has carried it (`plate_centre`); axis: the
+    ankle's, through `ankle`; foot_moment: what the foot's weight and inertia demand about it, so that torque =
+    foot_moment - axis . (moment + (plate_centre - ankle) x force)."""
     motion, desired = crossing.motion, crossing.step.condition.desired(walking.impedance)
     phase = crossing.step.cycle_phase(crossing.time)
     centre = motion.platform.pose.point(np.array(walking.plate.centre_m))

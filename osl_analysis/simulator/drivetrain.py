@@ -35,13 +35,7 @@ class ControlCommands:
 
 @dataclass(frozen=True)
 class DrivetrainEffects:
-    """The difference between the simulated drivetrain with its controller and the linear model.
-
-    Raises
-    ------
-    InputError
-        The updates do not fit evenly into the fine steps.
-    """
+    """The difference between the simulated drivetrain with its controller and the linear model."""
 
     friction: bool  # Whether there is friction. Without it the controller cancels none, and the loop is linear
     control_delay: int  # Delay from a measurement to the current computed from it [updates of the controller]
@@ -79,10 +73,8 @@ IDEAL = DrivetrainEffects(
 
 @dataclass(frozen=True)
 class DrivetrainMotion:
-    """True values at the samples, shape (n,): theta_m [rad], omega_m [rad/s], current [A], belt torque [N*m].
-
-    The current is the one applied from that sample on; the belt torque contains its hysteresis.
-    """
+    """True values at the samples, shape (n,): theta_m [rad], omega_m [rad/s], current [A], belt torque [N*m]. The
+    current is the one applied from that sample on; the belt torque contains its hysteresis."""
 
     theta_m: Array
     omega_m: Array

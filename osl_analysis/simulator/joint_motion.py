@@ -56,12 +56,10 @@ def stepped_sine_pieces(protocol: SteppedSineSchedule) -> list[Piece]:
 
 
 def stepped_sine(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
-    """The commanded stepped sine from rest, sampled at `rate_hz` [Hz].
-
-    The phase is continuous where the frequency changes, and a multiple of 2 pi where the amplitude changes. The angle
-    therefore has no jumps, unless a frequency starts as a cosine or does not end with a whole cycle. The velocity jumps
-    at these changes. If the command is followed exactly, the acceleration does not include these jumps.
-    """
+    """The commanded stepped sine from rest, sampled at `rate_hz` [Hz]. The phase is continuous where the frequency
+    changes, and a multiple of 2 pi where the amplitude changes. The angle therefore has no jumps, unless a frequency
+    starts as a cosine or does not end with a whole cycle. The velocity jumps at these changes. If the command is
+    followed exactly, the acceleration does not include these jumps."""
     pieces = stepped_sine_pieces(protocol)
     time = np.arange(round(pieces[-1].end * rate_hz)) / rate_hz
     motion = JointMotion(*np.zeros((3, len(time))))
@@ -141,12 +139,10 @@ def there_and_back(belt: BeltMotion, rate_hz: float) -> JointMotion:
 
 
 def position_loop(command: JointMotion, rate_hz: float, bandwidth_hz: float, damping_ratio: float) -> JointMotion:
-    """Response of a second-order position loop to a command, from rest at the command's first angle.
-
-    Between two samples the solution is exact for the cubic through the command's angles and velocities. A command that
-    is linear between samples would cause corners in the acceleration, which are aliased by the rate of the log and bias
-    J_j. Angle and derivatives come from one state, so that each is the true derivative of the one before.
-    """
+    """Response of a second-order position loop to a command, from rest at the command's first angle. Between two
+    samples the solution is exact for the cubic through the command's angles and velocities. A command that is linear
+    between samples would cause corners in the acceleration, which are aliased by the rate of the log and bias J_j.
+    Angle and derivatives come from one state, so that each is the true derivative of the one before."""
     w, step = 2 * np.pi * bandwidth_hz, 1 / rate_hz
     augmented = np.diag(np.ones(5), 1)
     augmented[1, :3] = -(w**2), -2 * damping_ratio * w, w**2

@@ -19,10 +19,8 @@ SERIES = (1.0, -1 / 2, 1 / 6, -1 / 24, 1 / 120, -1 / 720, 1 / 5040, -1 / 40320)
 
 
 class Plant(NamedTuple):
-    """Fine step [s], fine steps per sample, and the drivetrain in SI units; torque_constant is k_tau n_m.
-
-    Without friction a fine step leaves the velocity kept omega_m + mobility torque.
-    """
+    """Fine step [s], fine steps per sample, and the drivetrain in SI units; torque_constant is k_tau n_m. Without
+    friction a fine step leaves the velocity kept omega_m + mobility torque."""
 
     step: float
     substeps: int
@@ -40,9 +38,7 @@ class Plant(NamedTuple):
 
 class Controller(NamedTuple):
     """Fine steps per update, updates per second, delay [updates], encoder resolution [rad], and the friction model.
-
-    With smoothing 0 the controller gets the true velocity.
-    """
+    With smoothing 0 the controller gets the true velocity."""
 
     every: int
     updates_per_second: float
@@ -73,10 +69,8 @@ def feedforward_current(u: float, direction: float, torque_constant: float, f_C:
 @fused
 def hysteresis_step(z: float, turned: float) -> float:
     """Change of the hysteresis state z in a monotone step of the deflection [widths], from dz = dturned - z |dturned|.
-
     It is exact: up to `SHORT` the rest of the series is below 1e-16. Each fine step waits for the velocity that the one
-    before has left, and this is most of the way; pairs of the series' terms do not wait for each other.
-    """
+    before has left, and this is most of the way; pairs of the series' terms do not wait for each other."""
     x = abs(turned)
     if x > SHORT:
         return (turned - z * x) * float(-np.expm1(-x) / x)
@@ -148,11 +142,9 @@ def joint_angle(fraction: float, cubic: tuple[float, float, float, float]) -> fl
 def integrate(
     theta: Array, omega: Array, gains: Array, theta_m: float, plant: Plant, c: Controller, columns: Array
 ) -> None:
-    """Fill `columns`, shape (4, n), with theta_m, omega_m, current, belt torque, from rest at `theta_m`.
-
-    The rows of `gains`, shape (3, n) or (3, 1), are K_1, B_1, theta_eq. During the initial delay of the controller the
-    current is 0.
-    """
+    """Fill `columns`, shape (4, n), with theta_m, omega_m, current, belt torque, from rest at `theta_m`. The rows of
+    `gains`, shape (3, n) or (3, 1), are K_1, B_1, theta_eq. During the initial delay of the controller the current is
+    0."""
     half, last_one, last_gain = 0.5 * plant.step, len(theta) - 1, gains.shape[1] - 1
     # to multiply by: a division takes four times as long
     per_turn, per_width, fine = 1.0 / plant.n_T, 1.0 / plant.hysteresis_width, 1.0 / plant.substeps
@@ -214,11 +206,9 @@ def torque_through_gap(
     sample: float,
     substeps: int,
 ) -> Array:
-    """Torque [N*m] at the samples of a bench that turns a joint (K, B, I) through a gap [rad], shape (n,).
-
-    At an end of the gap the bench can push the joint but not pull it. Inside the gap the joint moves freely. The
-    contact at an end is plastic. Its impulse is spread over one sample.
-    """
+    """Torque [N*m] at the samples of a bench that turns a joint (K, B, I) through a gap [rad], shape (n,). At an end of
+    the gap the bench can push the joint but not pull it. Inside the gap the joint moves freely. The contact at an end
+    is plastic. Its impulse is spread over one sample."""
     K, B, I = joint
     step, half = sample / substeps, 0.5 * gap
     torque = np.zeros_like(theta)
@@ -277,11 +267,9 @@ def spline_at(samples: Array, rate_hz: float, instants: Array) -> Array:
 
 @compiled
 def slopes(y: Array) -> Array:
-    """Slopes of the spline at its samples (n,), per step: s[i-1] + 4 s[i] + s[i+1] = 3 (y[i+1] - y[i-1]).
-
-    The first two and the last two pieces are one cubic each: s[0] + 2 s[1] = (5 (y[1] - y[0]) + y[2] - y[1])/2.
-    Gauss's elimination divides row i by 4 - factor[i-1], and so does a constant number after `SETTLED` rows.
-    """
+    """Slopes of the spline at its samples (n,), per step: s[i-1] + 4 s[i] + s[i+1] = 3 (y[i+1] - y[i-1]). The first two
+    and the last two pieces are one cubic each: s[0] + 2 s[1] = (5 (y[1] - y[0]) + y[2] - y[1])/2. Gauss's elimination
+    divides row i by 4 - factor[i-1], and so does a constant number after `SETTLED` rows."""
     n = len(y)
     s, factor = np.empty(n), np.full(SETTLED, 2.0)
     s[0] = 0.5 * (5.0 * (y[1] - y[0]) + (y[2] - y[1]))
@@ -312,9 +300,7 @@ def evaluated(y: Array, s: Array, rate_hz: float, instants: Array) -> Array:
 @compiled
 def propagate(transition: Array, commanded: Array, speed: Array, step: float) -> Array:
     """Angle and velocity, shape (2, n), from rest at the first of the commanded angles [rad], (n,), with their speeds.
-
-    `transition` (2, 6) takes both, and the command with its three derivatives, over a step [s].
-    """
+    `transition` (2, 6) takes both, and the command with its three derivatives, over a step [s]."""
     states = np.zeros((2, len(commanded)))
     states[0, 0] = commanded[0]
     for i in range(len(commanded) - 1):

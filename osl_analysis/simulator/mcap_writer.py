@@ -111,11 +111,9 @@ MESSAGE = {"opcode": "u1", "length": "<u8", "channel": "<u2", "sequence": "<u4",
 
 @dataclass(frozen=True)
 class Topic:
-    """The messages of one topic, which are equally long: the schema as ros2msg, and time stamps [ns], (n,).
-
-    A message has the `layout`, with the members `sec` and `nanosec` of its stamp. `constants` are members that are the
-    same in every message, `columns` those that differ, (n,) each. Other members and the padding are zero.
-    """
+    """The messages of one topic, which are equally long: the schema as ros2msg, and time stamps [ns], (n,). A message
+    has the `layout`, with the members `sec` and `nanosec` of its stamp. `constants` are members that are the same in
+    every message, `columns` those that differ, (n,) each. Other members and the padding are zero."""
 
     name: str
     schema_name: str

@@ -126,10 +126,8 @@ PlannedRow = dict[str, object]
 
 
 def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
-    """One row per trial, in the columns of `sheet.py`. The same settings give the same plan.
-
-    Whether a crossing is perturbed depends on the seed and its name, not on the number of crossings.
-    """
+    """One row per trial, in the columns of `sheet.py`. The same settings give the same plan. Whether a crossing is
+    perturbed depends on the seed and its name, not on the number of crossings."""
     return pd.DataFrame(planned_rows(settings), columns=list(COLUMNS)).astype(COLUMNS)
 
 

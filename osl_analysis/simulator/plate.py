@@ -20,10 +20,8 @@ PLATE_AXES = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 @dataclass(frozen=True)
 class SensorReading:
-    """Force [N] and moment about the sensor origin [N*m], shape (n, 3) each, in the plate's moving axes.
-
-    Signs as Vicon Nexus stores them: the reaction on the foot, so that a standing person reads Fz < 0 along z down.
-    """
+    """Force [N] and moment about the sensor origin [N*m], shape (n, 3) each, in the plate's moving axes. Signs as Vicon
+    Nexus stores them: the reaction on the foot, so that a standing person reads Fz < 0 along z down."""
 
     force: Array
     moment: Array
@@ -42,20 +40,16 @@ def sensor_from_centre(plate: Plate) -> Array:
 
 
 def c3d_origin(plate: Plate) -> Array:
-    """FORCE_PLATFORM:ORIGIN [m] with the sign of Vicon Nexus, shape (3,): z > 0 for a sensor below the surface.
-
-    The C3D manual defines the opposite vector, from the sensor origin to the surface. Readers distinguish the two by
-    the sign of z and reverse the vector.
-    """
+    """FORCE_PLATFORM:ORIGIN [m] with the sign of Vicon Nexus, shape (3,): z > 0 for a sensor below the surface. The C3D
+    manual defines the opposite vector, from the sensor origin to the surface. Readers distinguish the two by the sign
+    of z and reverse the vector."""
     return np.asarray(PLATE_AXES.T @ sensor_from_centre(plate))
 
 
 def sensor_reading(reaction: TrueWrench, platform: Pose, plate: Plate, mass: float, rate_hz: float) -> SensorReading:
-    """Reading of the sensors under a ground reaction, including the plate's own `mass` [kg] above them.
-
-    They carry the force of the foot and the plate: force F + m (a - g), moment M + dH/dt + r x m (a - g). The zero was
-    set on the unloaded plate at rest, in the sensors' axes. The plate's weight therefore appears only when it tilts.
-    """
+    """Reading of the sensors under a ground reaction, including the plate's own `mass` [kg] above them. They carry the
+    force of the foot and the plate: force F + m (a - g), moment M + dH/dt + r x m (a - g). The zero was set on the
+    unloaded plate at rest, in the sensors' axes. The plate's weight therefore appears only when it tilts."""
     sensor = np.array(plate.centre_m) + sensor_from_centre(plate)
     turned = platform.rotation @ PLATE_AXES
     body = RigidBody(mass, np.add(plate.centre_m, plate.centre_of_mass_m), np.array(plate.gyration_m))
@@ -92,11 +86,9 @@ def plate_load(walked: SimulatedCrossing, walking: WalkingSettings) -> TrueWrenc
 
 
 def foot_on_plate(walked: SimulatedCrossing) -> TrueWrench:
-    """The part of the ground reaction that acts on the plate.
-
-    The pressure is even over the width of the foot. What is beside the plate is carried by the floor, and the middle of
-    the rest is half of that width further inward (to the left).
-    """
+    """The part of the ground reaction that acts on the plate. The pressure is even over the width of the foot. What is
+    beside the plate is carried by the floor, and the middle of the rest is half of that width further inward (to the
+    left)."""
     reaction, beside = walked.reaction, 1e-3 * walked.step.change.overhang_mm
     if not beside:
         return reaction
@@ -195,9 +187,7 @@ def type_2(reading: SensorReading, walking: WalkingSettings) -> tuple[Array, Arr
 
 def type_3(reading: SensorReading, walking: WalkingSettings) -> tuple[Array, Array, Array | None]:
     """Eight forces of four sensors in the corners (+a, +b), (-a, +b), (-a, -b), (+a, -b), below the surface's centre.
-
-    Statics leave how the horizontal pairs share Mz, and a torsion of the four vertical forces: half each, and none.
-    """
+    Statics leave how the horizontal pairs share Mz, and a torsion of the four vertical forces: half each, and none."""
     depth = walking.plate.sensor_depth_m
     a, b = walking.capture.sensor_span_m
     moment = about(np.array([0.0, 0.0, -depth]), reading, walking)

@@ -69,11 +69,8 @@ def perturbed_platform(time: Array, step: Step, walking: WalkingSettings) -> Pla
 
 def ramp_motion(held: Array, condition: Condition, walking: WalkingSettings) -> tuple[Array, Array]:
     """Angle [rad], shape (n,), and shift [m] of the axis, shape (n, 3), of a platform that has gone a share `held` of
-    its way.
-
-    A platform that shifts the ankle backward dorsiflexes it, as one that turns the toes up. The heave is largest in
-    the middle of the way.
-    """
+    its way. A platform that shifts the ankle backward dorsiflexes it, as one that turns the toes up. The heave is
+    largest in the middle of the way."""
     ramp, shift = walking.perturbation, np.zeros((len(held), 3))
     shift[:, 2] = 1e-3 * walking.effects.platform_heave.value * 4 * held * (1 - held)
     if ramp.shift_mm is not None:
@@ -91,11 +88,9 @@ def resting_platform(time: Array) -> PlatformMotion:
 def unloaded_platform(
     time: Array, trial: str, seed: int, walking: WalkingSettings, condition: Condition | None = None
 ) -> PlatformMotion:
-    """The perturbation of an unloaded platform: the ramp, with small random variations, and its return.
-
-    Every `full_motion_every`-th trial (by the number at the end of its name) then also shifts along all three axes and
-    tilts slowly about the walking direction. A regression can then estimate all inertial parameters of the plate.
-    """
+    """The perturbation of an unloaded platform: the ramp, with small random variations, and its return. Every
+    `full_motion_every`-th trial (by the number at the end of its name) then also shifts along all three axes and tilts
+    slowly about the walking direction. A regression can then estimate all inertial parameters of the plate."""
     ramp, servo = walking.perturbation, draw_servo(trial, seed, time, walking)
     scatter = 1e-3 * walking.effects.trigger_scatter.value * stream(seed, trial, "trigger_scatter").standard_normal()
     onset = UNLOADED_COMMAND_S + ramp.latency_s + float(scatter)

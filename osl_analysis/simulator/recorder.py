@@ -23,10 +23,8 @@ from osl_analysis.trial import Array
 
 
 def bench_errors(trial: str, settings: SimulationSettings) -> dict[str, float]:
-    """The errors that are constant in one bench trial: clock start [s], load-cell offset [N*m] and drift [N*m/min].
-
-    If `encoder_zero` is enabled, also the zero of the joint's encoder [rad].
-    """
+    """The errors that are constant in one bench trial: clock start [s], load-cell offset [N*m] and drift [N*m/min]. If
+    `encoder_zero` is enabled, also the zero of the joint's encoder [rad]."""
     effects, seed = settings.effects, settings.seed
     zero = effects.encoder_zero.value * effects.joint_encoder.value * stream(seed, trial, "encoder_zero").uniform(-1, 1)
     return {
@@ -43,10 +41,8 @@ def rounded_to(signal: Array, step: float) -> Array:
 
 
 def flicker(size: float, n: int, draws: np.random.Generator) -> Array:
-    """1/f noise (n,), even in time, whose standard deviation in a decade of frequency is `size`.
-
-    A power density of size^2/(ln 10 f) has the variance size^2 in each decade, for any sampling rate.
-    """
+    """1/f noise (n,), even in time, whose standard deviation in a decade of frequency is `size`. A power density of
+    size^2/(ln 10 f) has the variance size^2 in each decade, for any sampling rate."""
     line = np.arange(n // 2 + 1)
     white = draws.standard_normal((2, len(line)))
     spectrum = size * n / 2 * (white[0] + 1j * white[1]) / np.sqrt(np.log(10) * np.maximum(line, 1))
@@ -113,10 +109,8 @@ class Sampling:
 def recorded(
     trial: str, signals: Mapping[str, TrueSignal], settings: SimulationSettings
 ) -> tuple[tuple[TopicRecording, ...], dict[str, float]]:
-    """What the nodes of a bench write, the torque's own last, and the numbers that were drawn for this trial.
-
-    `signals` are the true ones by channel, (n,) each, at the even instants of the simulation.
-    """
+    """What the nodes of a bench write, the torque's own last, and the numbers that were drawn for this trial. `signals`
+    are the true ones by channel, (n,) each, at the even instants of the simulation."""
     recorder, drawn = settings.recorder, bench_errors(trial, settings)
     torque = {name: values for name, values in signals.items() if name in TORQUES}
     nodes = [("node", recorder.node, signals)]

@@ -48,11 +48,8 @@ class RigidBody:
     gyration: Array
 
     def support(self, pose: Pose, rate_hz: float) -> TrueWrench:
-        """The wrench that must act on the body, besides its weight, for this motion.
-
-        Force m (a - g) and moment dH/dt = I alpha + omega x I omega about the centre of mass, which is the
-        wrench's point; shape (n, 3) each.
-        """
+        """The wrench that must act on the body, besides its weight, for this motion. Force m (a - g) and moment dH/dt =
+        I alpha + omega x I omega about the centre of mass, which is the wrench's point; shape (n, 3) each."""
         centre = pose.point(self.centre_of_mass)
         acceleration = time_derivative(time_derivative(centre, rate_hz), rate_hz)
         inertia = (pose.rotation * (self.mass * self.gyration**2)) @ pose.rotation.transpose(0, 2, 1)
@@ -61,11 +58,9 @@ class RigidBody:
 
 
 def time_derivative(values: Array, rate_hz: float) -> Array:
-    """Time derivative along the first axis by fourth-order central differences.
-
-    Use it for smooth simulated curves, never for data. On curves that change over tens of milliseconds the error at
-    3 kHz is below 1e-6 of the derivative. The two samples at either end are of second order only.
-    """
+    """Time derivative along the first axis by fourth-order central differences. Use it for smooth simulated curves,
+    never for data. On curves that change over tens of milliseconds the error at 3 kHz is below 1e-6 of the derivative.
+    The two samples at either end are of second order only."""
     slope = np.gradient(values, axis=0, edge_order=2)
     inner, outer = values[3:-1] - values[1:-3], values[4:] - values[:-4]
     slope[2:-2] = (8.0 * inner - outer) / 12.0
@@ -90,10 +85,8 @@ def rotation_about(axis: int, angle: Array) -> Array:
 
 
 def interpolated_at(values: Array, rate_hz: float, times: Array) -> Array:
-    """Values on a regular grid, shape (n, ...), at other times [s], by cubic Lagrange interpolation.
-
-    Times beyond the grid's ends are held inside it.
-    """
+    """Values on a regular grid, shape (n, ...), at other times [s], by cubic Lagrange interpolation. Times beyond the
+    grid's ends are held inside it."""
     place = np.clip(times * rate_hz, 1.0, len(values) - 3.0)
     first = np.floor(place).astype(int)
     f = (place - first).reshape(-1, *[1] * (values.ndim - 1))

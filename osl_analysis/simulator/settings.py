@@ -38,11 +38,8 @@ class SignedEffect(Effect):
 
 
 class Scatter(Effect):
-    """A random imperfection, drawn for each sample.
-
-    The size is the standard deviation of a `normal` distribution, that of the normal one whose absolute value is taken
-    (`half_normal`), or the mean (`exponential`).
-    """
+    """A random imperfection, drawn for each sample. The size is the standard deviation of a `normal` distribution, that
+    of the normal one whose absolute value is taken (`half_normal`), or the mean (`exponential`)."""
 
     distribution: Literal["normal", "half_normal", "exponential"] = "normal"
 
@@ -136,11 +133,9 @@ class Subject(Settings):
 
 
 class Conditions(Settings):
-    """Lists of which each crossing gets one entry. An empty list leaves the settings of the gait laboratory.
-
-    In n successive crossings, n being the number of combinations, each combination of direction, K_d, B_d and
-    stance_phase occurs once, in a random order. Subjects and sessions follow each other in equal blocks.
-    """
+    """Lists of which each crossing gets one entry. An empty list leaves the settings of the gait laboratory. In n
+    successive crossings, n being the number of combinations, each combination of direction, K_d, B_d and stance_phase
+    occurs once, in a random order. Subjects and sessions follow each other in equal blocks."""
 
     directions: Annotated[tuple[Direction, ...], Field(min_length=1)] = ("up",)  # up: toes up, dorsiflexion
     K_d: tuple[Positive, ...] = ()  # largest desired stiffness [N*m/rad]; the whole trajectory is scaled
@@ -193,10 +188,8 @@ class Effects(SwitchedEffects):
 
 
 class SecondOrderJoint(Settings):
-    """A joint with the torque of Eq. 15, in place of the drivetrain, and deviations from Eq. 15.
-
-    Backlash is between bench and joint. Inside the gap the joint moves freely. The contact at an end is plastic.
-    """
+    """A joint with the torque of Eq. 15, in place of the drivetrain, and deviations from Eq. 15. Backlash is between
+    bench and joint. Inside the gap the joint moves freely. The contact at an end is plastic."""
 
     K: Positive
     B: NotNegative
@@ -216,10 +209,8 @@ Cycles = Annotated[int, Field(ge=1, le=10_000)]
 
 
 class SteppedSineSchedule(Settings):
-    """`lead_s` of rest, then a block per amplitude: each frequency in the given order, then `rest_s` of rest.
-
-    The fields from `rest_between_s` on describe other protocols and imperfections of the motion.
-    """
+    """`lead_s` of rest, then a block per amplitude: each frequency in the given order, then `rest_s` of rest. The
+    fields from `rest_between_s` on describe other protocols and imperfections of the motion."""
 
     frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
     cycles: Cycles | tuple[Cycles, ...] | None = None  # at each frequency: one number, or one for each
@@ -284,11 +275,9 @@ class Tone(Settings):
 
 
 class ActuatorBench(Settings):
-    """The schedule of the actuator's own bench, which turns the output while the current is commanded.
-
-    Velocity and current are sums of sines. Their frequencies must differ, so that the current both drives and brakes.
-    Otherwise gear friction and torque constant cannot be told apart.
-    """
+    """The schedule of the actuator's own bench, which turns the output while the current is commanded. Velocity and
+    current are sums of sines. Their frequencies must differ, so that the current both drives and brakes. Otherwise gear
+    friction and torque constant cannot be told apart."""
 
     duration_s: Positive
     fade_s: Positive  # in which velocity and current fade in and out
@@ -523,11 +512,9 @@ class Drivetrain(Settings):
 
 
 class SimulationSettings(Settings):
-    """A simulated campaign. Files are relative to the working directory.
-
-    A campaign's configuration replaces `parameters`, `gain_weight`, the gait laboratory's `impedance_trajectory`, and
-    the frequencies, amplitudes and cycles of `protocol`.
-    """
+    """A simulated campaign. Files are relative to the working directory. A campaign's configuration replaces
+    `parameters`, `gain_weight`, the gait laboratory's `impedance_trajectory`, and the frequencies, amplitudes and
+    cycles of `protocol`."""
 
     seed: Annotated[int, Field(ge=0)]
     parameters: ShippedPath  # of the simulated device
@@ -626,9 +613,7 @@ class SimulationSettings(Settings):
 
 
 def stream(seed: int, trial: str, effect: str) -> np.random.Generator:
-    """Random generator of one effect in one trial. It depends on the seed and these two names, and on nothing else.
-
-    A trial that is simulated alone therefore equals the same trial in a campaign. Switching one effect off leaves
-    the random numbers of the others as they were.
-    """
+    """Random generator of one effect in one trial. It depends on the seed and these two names, and on nothing else. A
+    trial that is simulated alone therefore equals the same trial in a campaign. Switching one effect off leaves the
+    random numbers of the others as they were."""
     return np.random.default_rng([seed, zlib.crc32(trial.encode()), zlib.crc32(effect.encode())])

@@ -82,11 +82,9 @@ def foot_pitch(c: Array) -> Array:
 
 
 def ankle_path(c: Array, stride: float) -> Array:
-    """Ankle centre [m], shape (n, 3), relative to its place with the foot flat in cycle 0. `stride` [m] is along x.
-
-    In stance the foot rolls over its heel, lies flat, and rolls over its ball. Both pivots give the same path while the
-    foot is flat. In swing the path changes smoothly from one to the other.
-    """
+    """Ankle centre [m], shape (n, 3), relative to its place with the foot flat in cycle 0. `stride` [m] is along x. In
+    stance the foot rolls over its heel, lies flat, and rolls over its ball. Both pivots give the same path while the
+    foot is flat. In swing the path changes smoothly from one to the other."""
     pitch, inside = foot_pitch(c), np.mod(c, 1.0)
     on_ball = smooth_step((inside - 0.15) / 0.20) - smooth_step((inside - 0.72) / 0.22)
     path = (1.0 - on_ball)[:, None] * rolled_over(HEEL, pitch) + on_ball[:, None] * rolled_over(BALL, pitch)
@@ -209,13 +207,7 @@ class Step:
 
 
 def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings, condition: Condition | None = None) -> Step:
-    """Draw a crossing. Each effect has its own random stream.
-
-    Raises
-    ------
-    InputError
-        Stance would have to run backwards after the window.
-    """
+    """Draw a crossing. Each effect has its own random stream."""
     effects, nominal, condition = walking.effects, walking.gait, condition or Condition()
     change = change_of(trial, seed, condition.perturbed, walking.changes)
     normal = Draws(trial, seed, walking)

@@ -26,9 +26,7 @@ CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}  # Channels of a force plate, by its type
 @dataclass(frozen=True)
 class RecordedPlate:
     """Corners [m], shape (4, 3), in laboratory axes and C3D's order, and ORIGIN [m] in the plate's axes, shape (3,).
-
-    Its channels are the recording's first ones: six, or eight of type 3. Type 4 has a calibration matrix, (6, 6).
-    """
+    Its channels are the recording's first ones: six, or eight of type 3. Type 4 has a calibration matrix, (6, 6)."""
 
     corners: Array
     origin: Array
@@ -38,10 +36,8 @@ class RecordedPlate:
 
 @dataclass(frozen=True)
 class C3dRecording:
-    """Markers [m], shape (frames, labels, 3), NaN where hidden, and analogs, shape (samples, channels).
-
-    Analogs are in `units` already; their rate [Hz] is a whole multiple of the markers'.
-    """
+    """Markers [m], shape (frames, labels, 3), NaN where hidden, and analogs, shape (samples, channels). Analogs are in
+    `units` already; their rate [Hz] is a whole multiple of the markers'."""
 
     labels: tuple[str, ...]
     points: Array
@@ -58,10 +54,8 @@ class C3dRecording:
 
 
 def write_c3d(path: Path, recording: C3dRecording) -> None:
-    """Write a recording; the file, whose name must end in .c3d, appears whole or not at all.
-
-    A hidden marker is stored as Nexus does it: coordinates 0 and residual -1.
-    """
+    """Write a recording; the file, whose name must end in .c3d, appears whole or not at all. A hidden marker is stored
+    as Nexus does it: coordinates 0 and residual -1."""
     file = ezc3d.c3d()
     seen = np.isfinite(recording.points).all(axis=2).T
     points = np.ones((4, *seen.shape))
@@ -119,10 +113,8 @@ def describe(file: Any, recording: C3dRecording) -> None:
 
 
 def set_parameters(file: Any, group: str, **values: list[str] | np.ndarray[Any, Any]) -> None:
-    """Set parameters of one group, typed by their values: strings, whole numbers or floats.
-
-    ezc3d's own `add_parameter` makes floats of whole numbers, which other readers refuse in CHANNEL and TYPE.
-    """
+    """Set parameters of one group, typed by their values: strings, whole numbers or floats. ezc3d's own `add_parameter`
+    makes floats of whole numbers, which other readers refuse in CHANNEL and TYPE."""
     parameters = file["parameters"]
     parameters.create_group_if_needed(group)
     for name, value in values.items():

@@ -66,10 +66,8 @@ def draw_clock(trial: str, seed: int, walking: WalkingSettings) -> LegClock:
 def leg_columns(
     trial: str, crossing: SimulatedCrossing, time: Array, settings: SimulationSettings, walking: WalkingSettings
 ) -> dict[str, Array]:
-    """What the leg logs at times [s] of Vicon's clock, shape (n,) each, in the fields of its message.
-
-    Gains and current are held from one update of the controller to the next.
-    """
+    """What the leg logs at times [s] of Vicon's clock, shape (n,) each, in the fields of its message. Gains and current
+    are held from one update of the controller to the next."""
     rates, effects, seed = walking.rates, settings.effects, settings.seed
     encoder = walking.effects.leg_joint_encoder
     resolution = 2 * np.pi / 2**encoder.size if encoder.enabled else 0.0
@@ -150,10 +148,7 @@ def motion_grid(walking: WalkingSettings) -> Array:
 
 def record_crossing(row: Mapping[str, object], laboratory: GaitLaboratory, p: DrivetrainParameters) -> None:
     """Record a crossing. It is also simulated without the perturbation: the truth contains the effect of the
-    perturbation.
-
-    The controller compensates unless the row's controller is 'uncompensated'.
-    """
+    perturbation. The controller compensates unless the row's controller is 'uncompensated'."""
     settings, walking = laboratory.settings, laboratory.walking
     trial, time, condition = str(row["trial"]), motion_grid(walking), condition_of(row, settings)
     step, perturbed = draw_step(trial, settings.seed, time, walking, condition), condition.perturbed

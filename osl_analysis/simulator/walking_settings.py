@@ -78,11 +78,9 @@ Kilograms = Annotated[Effect, in_unit("kg")]
 
 
 class WalkingEffects(SwitchedEffects):
-    """Every imperfection of gait and gait laboratory.
-
-    The size of a scatter, an offset or a noise is its standard deviation. The actuator's encoder and current have the
-    imperfections of the campaign. Rails of channels that are off are none.
-    """
+    """Every imperfection of gait and gait laboratory. The size of a scatter, an offset or a noise is its standard
+    deviation. The actuator's encoder and current have the imperfections of the campaign. Rails of channels that are off
+    are none."""
 
     heel_strike_scatter: Seconds  # of the time of heel strike on the platform
     stance_scatter: Percentage  # of the duration of stance on the platform

@@ -92,11 +92,9 @@ class Batch:
 
 
 def batches(numbers: Mapping[str, tuple[int, int]]) -> list[Batch]:
-    """The jobs of a study with so many trials of each experiment, and so many of them at least in one job.
-
-    There are at most `MOST_JOBS` of them (or one for each experiment, if these are more): a job takes as many trials as
-    are needed for that, all jobs about as long.
-    """
+    """The jobs of a study with so many trials of each experiment, and so many of them at least in one job. There are at
+    most `MOST_JOBS` of them (or one for each experiment, if these are more): a job takes as many trials as are needed
+    for that, all jobs about as long."""
     expected = sum(Batch(name, 0, number).seconds for name, (number, _) in numbers.items())
     longest = expected / max(MOST_JOBS - len(numbers), 1)
     found: list[Batch] = []
@@ -112,10 +110,8 @@ def time_limit(seconds: float) -> int:
 
 
 def planned(expected: Mapping[str, float]) -> str:
-    """What a dry run says of the jobs that it would run, from the expected time of each by its name [s].
-
-    Empty without any.
-    """
+    """What a dry run says of the jobs that it would run, from the expected time of each by its name [s]. Empty without
+    any."""
     if not expected:
         return ""
     hours = sum(expected.values()) / 3600

@@ -69,10 +69,8 @@ def studied(experiment: str, inputs: StudyInputs) -> StudiedExperiment:
 
 @dataclass(frozen=True)
 class StudyBench:
-    """One experiment: the true motion and response, which every trial repeats, and the sensors that read them.
-
-    Settings and analysis have the study's short protocol.
-    """
+    """One experiment: the true motion and response, which every trial repeats, and the sensors that read them. Settings
+    and analysis have the study's short protocol."""
 
     command: Array  # commanded angle [rad], shape (n,)
     motion: JointMotion
@@ -213,11 +211,9 @@ def belt(inputs: StudyInputs) -> StudyBench:
 
 @dataclass(frozen=True)
 class ResponseBench:
-    """The integral admittance Y = theta/torque of a bench, at one amplitude and each frequency of its protocol.
-
-    The quantities have the frequency in their names: `magnitude, 2 Hz` [rad/(N*m)] and `phase, 2 Hz` [deg]. A
-    drivetrain with friction has no exact value, and linear theory does not describe it.
-    """
+    """The integral admittance Y = theta/torque of a bench, at one amplitude and each frequency of its protocol. The
+    quantities have the frequency in their names: `magnitude, 2 Hz` [rad/(N*m)] and `phase, 2 Hz` [deg]. A drivetrain
+    with friction has no exact value, and linear theory does not describe it."""
 
     bench: StudyBench
     exact: Mapping[str, float] = field(default_factory=dict)
@@ -238,11 +234,9 @@ class ResponseBench:
         return trial_phasors(self.bench.record(trial, ideal))
 
     def bounds(self) -> dict[str, float]:
-        """Bounds from that of a phasor in white noise, 2 sigma^2/N per quadrature.
-
-        Relative to the torque's amplitude it is the bound of the magnitude, and in radian that of the phase (Rife and
-        Boorstyn, IEEE Trans. Inf. Theory 20, 1974).
-        """
+        """Bounds from that of a phasor in white noise, 2 sigma^2/N per quadrature. Relative to the torque's amplitude
+        it is the bound of the magnitude, and in radian that of the phase (Rife and Boorstyn, IEEE Trans. Inf. Theory
+        20, 1974)."""
         white, _ = torque_noise(self.bench.settings, np.zeros(1))
         segments, bounds = self.bench.record("ideal", ideal=True).segments(None), {}
         for segment, phasors in zip(segments, self.phasors("ideal", ideal=True), strict=True):

@@ -105,10 +105,8 @@ def recorded_trial(
 
 
 def at_any_phase(trial: str, settings: SimulationSettings) -> SimulationSettings:
-    """The settings with recorders that start anywhere between two instants of the simulated motion.
-
-    Every trial repeats the motion. With samples at the same phases of it the rounding of an encoder would repeat too.
-    """
+    """The settings with recorders that start anywhere between two instants of the simulated motion. Every trial repeats
+    the motion. With samples at the same phases of it the rounding of an encoder would repeat too."""
     later = float(stream(settings.seed, trial, "sampling_phase").random()) / settings.dynamometer.rate_hz
     recorder = settings.recorder
     nodes = {"node": recorder.node, "torque_node": recorder.torque_node}
@@ -142,12 +140,10 @@ def torque_noise(settings: SimulationSettings, time: Array) -> tuple[float, Arra
 
 
 def trial_rows(experiment: StudiedExperiment, trials: Sequence[str], low_pass: LowPass) -> list[StudyRow]:
-    """Value, truth, interval and bound for every trial, estimator and quantity.
-
-    The truth is the parameter that made the torque, where the joint has such a parameter. `model_truth` is the estimate
-    of the same estimator in the same trial with ideal sensors. Without such a parameter it is also the truth.
-    `model_error` is `model_truth` minus the prediction of linear theory.
-    """
+    """Value, truth, interval and bound for every trial, estimator and quantity. The truth is the parameter that made
+    the torque, where the joint has such a parameter. `model_truth` is the estimate of the same estimator in the same
+    trial with ideal sensors. Without such a parameter it is also the truth. `model_error` is `model_truth` minus the
+    prediction of linear theory."""
     ideal = {name: estimates for name, _, estimates in experiment.estimates("ideal", low_pass, ideal=True)}
     bounds, rows = experiment.bounds(), []
     for trial in trials:
@@ -178,10 +174,8 @@ class Performance:
 
 
 def performance(error: Array, se: Array, covered: NDArray[np.bool_], bound: Array) -> Performance:
-    """Performance from errors about the truth, stated standard errors, coverage and bounds, shape (n,) each.
-
-    `covered` says whether the interval contains the truth. `bound` is the smallest possible standard error.
-    """
+    """Performance from errors about the truth, stated standard errors, coverage and bounds, shape (n,) each. `covered`
+    says whether the interval contains the truth. `bound` is the smallest possible standard error."""
     n, sd = len(error), float(np.std(error, ddof=1))
     ratio = float(np.sqrt(np.mean((error / bound) ** 2)))
     kurtosis = float(np.mean(error**4) / np.mean(error**2) ** 2)

@@ -67,10 +67,8 @@ class StudyLaboratory:
         return self.seen(name, self.walk(name, False), noisy=True)
 
     def perturbed(self, name: str) -> PerturbedCrossing:
-        """A perturbed crossing through the sensors, and its truth.
-
-        The same crossing is also simulated without the perturbation. The difference is the effect of the perturbation.
-        """
+        """A perturbed crossing through the sensors, and its truth. The same crossing is also simulated without the
+        perturbation. The difference is the effect of the perturbation."""
         unperturbed, walked = self.walk(name, False), self.walk(name, True)
         alone = unperturbed_gait([self.seen(name, unperturbed, noisy=False)], 1)
         walked_ideally, analysis = self.seen(name, walked, noisy=False), self.analysis
@@ -148,10 +146,8 @@ class RecordedLaboratory(StudyLaboratory):
 
 
 def calibrated(laboratory: StudyLaboratory, folder: Path, sources: Path) -> RecordedLaboratory:
-    """A laboratory that records in `folder`, after its static trial and its trials of the unloaded plate.
-
-    The foot's inertial parameters are known. Otherwise its inertia would be part of the ankle's.
-    """
+    """A laboratory that records in `folder`, after its static trial and its trials of the unloaded plate. The foot's
+    inertial parameters are known. Otherwise its inertia would be part of the ankle's."""
     settings, gait, p = laboratory.settings, laboratory.gait, laboratory.p
     analysis = laboratory.analysis.model_copy(update={"foot": weighed_foot(gait)})
     rows = [{"trial": "static_1", "experiment": "static"}]
@@ -199,12 +195,10 @@ def walking_rows(inputs: StudyInputs, numbers: Iterable[int], recorded: bool) ->
 
 
 def campaign_rows(number: int, crossings: int, laboratory: StudyLaboratory) -> list[StudyRow]:
-    """Estimates of one campaign with as many perturbed as unperturbed `crossings`.
-
-    The estimates are those of the first perturbation, of the mean of all, and of the ensemble, each with its interval.
-    The study is about gait and noise. The truth is the estimate of the same estimator for the same perturbations
-    without gait, with ideal sensors. `model_error` is the truth minus the impedance that the leg rendered.
-    """
+    """Estimates of one campaign with as many perturbed as unperturbed `crossings`. The estimates are those of the first
+    perturbation, of the mean of all, and of the ensemble, each with its interval. The study is about gait and noise.
+    The truth is the estimate of the same estimator for the same perturbations without gait, with ideal sensors.
+    `model_error` is the truth minus the impedance that the leg rendered."""
     names = [f"study_{number:05d}_{i}" for i in range(2 * crossings)]
     analysis, laboratory = laboratory.analysis, laboratory.sharing(names[1::2])
     gait = unperturbed_gait(usable(laboratory.unperturbed, names[::2]), analysis.fewest_unperturbed)
@@ -238,10 +232,8 @@ def campaign_rows(number: int, crossings: int, laboratory: StudyLaboratory) -> l
 
 
 def usable(make: Callable[[str], Made], names: Iterable[str]) -> list[Made]:
-    """Result of `make` for each name. Crossings that the analysis refuses are excluded, as in a recorded campaign.
-
-    If all are refused, the error is that of the last one.
-    """
+    """Result of `make` for each name. Crossings that the analysis refuses are excluded, as in a recorded campaign. If
+    all are refused, the error is that of the last one."""
     made, refused = [], None
     for name in names:
         try:

@@ -23,10 +23,17 @@ import pandas as pd
 from scipy.optimize import curve_fit
 from scipy.signal import butter, filtfilt
 
-from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.plausibility import check_recording, saturated
-from osl_analysis.bench.rendered import rendered_phasors, rendered_series, rendered_time_base, rendered_trial, sines_of
+from osl_analysis.bench.rendered import (
+    AskedImpedance,
+    judged_impedance,
+    rendered_phasors,
+    rendered_series,
+    rendered_time_base,
+    rendered_trial,
+    sines_of,
+)
 from osl_analysis.bench.segments import find_blocks
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.ingest import ingest_trial

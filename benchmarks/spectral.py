@@ -17,11 +17,9 @@ from osl_analysis.multisine import odd_multisine
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.equation_error import fit_periodic
-from osl_analysis.spectral.local_polynomial import record_spectrum
-from osl_analysis.spectral.models import fit_structure, lines_of_periods, lines_of_record
+from osl_analysis.spectral.models import SecondOrder, fit_structure, lines_of_periods, lines_of_record
 from osl_analysis.spectral.realisations import PeriodicMotion, Realisation, periodic_motion
-from osl_analysis.spectral.response import periodic_response
-from osl_analysis.spectral.structures import SecondOrder
+from osl_analysis.spectral.response import periodic_response, record_spectrum
 from osl_analysis.trial import Array
 
 RATE, PERIOD, BAND, LOW_PASS = 250.0, 8.0, (0.5, 6.0), LowPass(15)

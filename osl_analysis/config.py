@@ -7,8 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison
-from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
+from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison, TorqueAngleAnalysis
 from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS, Table

@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 from osl_analysis.columns import counter_column
 from osl_analysis.errors import InputError
 from osl_analysis.sensor_dynamics import SensorLowPass, lacking
-from osl_analysis.timebase.gaps import GapLimits
-from osl_analysis.timebase.grid import UniformGrid, on_one_grid, one_time_base, rows_on_grid
-from osl_analysis.timebase.report import TimebaseReport
+from osl_analysis.timebase.grid import GapLimits, TimebaseReport, UniformGrid, on_one_grid, one_time_base, rows_on_grid
 from osl_analysis.timebase.stream import Stream
 from osl_analysis.trial import Array, Trial
 

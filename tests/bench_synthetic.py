@@ -4,7 +4,7 @@ import numpy as np
 
 from osl_analysis.bench.segments import find_blocks, unit_block
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
-from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.second_order import impedance_torque
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 

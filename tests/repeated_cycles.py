@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from osl_analysis.stats.cycle_sums import Cycles
+from osl_analysis.stats.covariance import Cycles
 
 CYCLE, COUNT = 50, 24
 

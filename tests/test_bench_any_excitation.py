@@ -11,10 +11,9 @@ from conftest import ROOT
 from scipy.linalg import expm
 
 from osl_analysis.bench.any_excitation import record_table
-from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
-from osl_analysis.bench.excitation_lag import jerk_of, lag_beside, linear_torque, noise_behind, record_lag
 from osl_analysis.bench.excitation_limits import angle_noise_bias, jumps
 from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.lag import jerk_of, lag_beside, linear_torque, noise_behind, record_lag
 from osl_analysis.bench.moving_record import (
     TERMS,
     MovingRecord,
@@ -23,8 +22,13 @@ from osl_analysis.bench.moving_record import (
     stated_windows,
 )
 from osl_analysis.bench.plausibility import check_recording, saturated
-from osl_analysis.bench.rendered import rendered_table, rendered_trial
-from osl_analysis.bench.repeated_trials import repeated_trials_table
+from osl_analysis.bench.rendered import (
+    AskedImpedance,
+    judged_impedance,
+    rendered_table,
+    rendered_trial,
+    repeated_trials_table,
+)
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.bench import average_over_amplitudes, fit_impedance_trial
 from osl_analysis.commands.tables import gather

@@ -8,8 +8,14 @@ from conftest import filtered_noise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from osl_analysis.bench.belt import BeltTrial, belt_figure_points, belt_table
-from osl_analysis.bench.belt_fit import Branch, fit_belt_stiffness, fit_straight_belt
+from osl_analysis.bench.belt import (
+    BeltTrial,
+    Branch,
+    belt_figure_points,
+    belt_table,
+    fit_belt_stiffness,
+    fit_straight_belt,
+)
 from osl_analysis.errors import InputError
 
 

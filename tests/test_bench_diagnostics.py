@@ -8,22 +8,21 @@ import pytest
 from bench_synthetic import PROTOCOL, RATE, second_order, stepped_sine
 from conftest import ROOT
 
+from osl_analysis.bench.changes import stiffness_of_cycles
 from osl_analysis.bench.diagnostics import check_resists, over_amplitudes
-from osl_analysis.bench.excitation_lag import yielding_in
 from osl_analysis.bench.impedance import impedance_table, trial_phasors
+from osl_analysis.bench.lag import ImpedancePoints, TorqueLag, torque_lag, yielding_in
 from osl_analysis.bench.plausibility import Saturated, plausible_impedance
 from osl_analysis.bench.rendered import rendered_table
 from osl_analysis.bench.segments import find_blocks
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
-from osl_analysis.bench.stiffness_drift import stiffness_of_cycles
-from osl_analysis.bench.torque_lag import ImpedancePoints, TorqueLag, torque_lag
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import REMEDIES, DoubtfulFits, marked
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import read_parameters
-from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.signals import LowPass, filtered_motion
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")

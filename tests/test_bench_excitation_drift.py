@@ -10,10 +10,10 @@ from conftest import ROOT
 from scipy.signal import lfilter
 
 from osl_analysis.bench.any_excitation import record_table
-from osl_analysis.bench.asked_impedance import judged_impedance
-from osl_analysis.bench.excitation_drift import every, record_drift, thinned
+from osl_analysis.bench.changes import every, record_drift, thinned
 from osl_analysis.bench.moving_record import moving_record
 from osl_analysis.bench.plausibility import saturated
+from osl_analysis.bench.rendered import judged_impedance
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.config import read_campaign_section
 from osl_analysis.doubtful import DoubtfulFits, marked

@@ -8,8 +8,7 @@ import pytest
 from any_motion import chirp, made_trial, multisine, noise
 from conftest import ROOT
 
-from osl_analysis.bench.any_excitation import record_table
-from osl_analysis.bench.excitation_peaks import ratio_at_peaks
+from osl_analysis.bench.any_excitation import ratio_at_peaks, record_table
 from osl_analysis.bench.moving_record import moving_record
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.config import read_campaign_section

@@ -7,15 +7,15 @@ import polars as pl
 import pytest
 from bench_synthetic import second_order, stepped_sine
 
-from osl_analysis.bench.frequency_response import frequency_response_table, phasor_table
 from osl_analysis.bench.impedance import trial_phasors
-from osl_analysis.bench.phasor_lag import noise_of
+from osl_analysis.bench.lag import noise_of
+from osl_analysis.bench.phasors import frequency_response_table, phasor_table
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.commands.bench import average_over_amplitudes
 from osl_analysis.doubtful import Doubt, marked
 from osl_analysis.errors import InputError
 from osl_analysis.signals import filtered_motion
-from osl_analysis.stats.complex_estimate import complex_quotient
+from osl_analysis.stats.sinusoid import complex_quotient
 from osl_analysis.table import read_table, write_table
 
 

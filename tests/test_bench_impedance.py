@@ -17,7 +17,7 @@ from osl_analysis.commands import plotted_numbers
 from osl_analysis.commands.fit_text import estimates_text
 from osl_analysis.doubtful import Doubt
 from osl_analysis.figures.fig4 import draw as draw_fig4
-from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.signals import LowPass, filtered_motion
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial, write_trial

@@ -8,18 +8,16 @@ import pytest
 from conftest import ROOT, multisine
 from scipy.stats import t as student
 
-from osl_analysis.bench.drivetrain_rival import DrivetrainTrial, drivetrain_candidates, fitted_drivetrain
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.linear_rivals import (
+from osl_analysis.bench.model_comparison import (
     BELT_MODELS,
-    SECOND_ORDER_MODELS,
+    SECOND_ORDER,
     TRANSMISSION_MODELS,
-    Fold,
+    DrivetrainTrial,
     belt_fold,
-    fit_folds,
-    fold_residual,
+    drivetrain_candidates,
+    fitted_drivetrain,
     held_out_by_amplitude,
-    held_out_residuals,
     impedance_fold,
     scores_against_others,
     transmission_fold,
@@ -39,7 +37,7 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.simulator.bench import simulate_dynamometer_trial
 from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
-from osl_analysis.stats.comparison import score_models
+from osl_analysis.stats.repeats import score_models
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
 from osl_analysis.yaml_settings import read_yaml
@@ -148,7 +146,7 @@ def stepped_trial(controller, *off, p=DEFAULT, believed=None):
 
 
 def scored(trial, folds):
-    rivals = [held_out_by_amplitude(folds, "M1", SECOND_ORDER_MODELS["M1"]), *drivetrain_candidates(trial)]
+    rivals = [held_out_by_amplitude(folds, "M1", SECOND_ORDER), *drivetrain_candidates(trial)]
     return {s.model: s for s in score_models(np.concatenate([fold.torque for fold in folds]), rivals)}
 
 
@@ -353,17 +351,3 @@ def test_a_single_trial_is_summarised_without_intervals(tmp_path):
         (None, -200.0, None),
     ]
     assert [(r["by_VAF"], r["by_BIC"]) for r in rows] == [(None, "preferred"), (None, "tied")]
-
-
-@pytest.mark.parametrize("alike", [1.0, 5e-3])
-def test_a_fold_is_predicted_as_by_a_refit_to_all_others(alike):
-    """By sums of normal equations, and where columns are too alike for these, by the regression itself."""
-    rng = np.random.default_rng(8)
-    folds = []
-    for n, size in ((300, 1.0), (700, 1e4), (400, 1e-3), (500, 1.0)):
-        a, b, noise = rng.normal(size=(3, n))
-        columns = {"B_j": size * a, "J_j": size * (a + alike * b)}
-        folds.append(Fold(size * (3 * a + 0.2 * b + noise), columns))
-    for k, (fold, left) in enumerate(zip(folds, held_out_residuals(folds, ("B_j", "J_j")), strict=True)):
-        refit = fold_residual(fold, fit_folds([*folds[:k], *folds[k + 1 :]], ("B_j", "J_j")))
-        assert left == pytest.approx(refit, abs=1e-10 * np.std(fold.torque))

@@ -9,10 +9,9 @@ from bench_synthetic import RATE, second_order, stepped_sine
 from conftest import ROOT
 from scipy.ndimage import shift
 
-from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
-from osl_analysis.bench.frequency_response import SegmentPhasors
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.phasor_lag import (
+from osl_analysis.bench.lag import (
+    TorqueLag,
     degrees_of_freedom,
     lag_in_noise,
     lag_of,
@@ -21,8 +20,9 @@ from osl_analysis.bench.phasor_lag import (
     points_of,
     torque_lag_row,
 )
+from osl_analysis.bench.phasors import SegmentPhasors
 from osl_analysis.bench.plausibility import Saturated
-from osl_analysis.bench.torque_lag import TorqueLag
+from osl_analysis.bench.rendered import AskedImpedance, judged_impedance
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import REMEDIES, DoubtfulFits, marked
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains

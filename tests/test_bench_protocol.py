@@ -16,8 +16,7 @@ from osl_analysis.bench.segments import (
     unit_block,
 )
 from osl_analysis.errors import InputError
-from osl_analysis.protocol.commanded import SteppedSineProtocol
-from osl_analysis.protocol.runs import find_runs
+from osl_analysis.protocol.runs import SteppedSineProtocol, find_runs
 
 PROTOCOL = SteppedSineProtocol(amplitudes=(0.03, 0.06, 0.1), frequencies_hz=(2.0, 4.0), cycles=6)
 

@@ -13,11 +13,10 @@ from osl_analysis.bench.rounding import RepeatedRounding, Rounded, interpolated,
 from osl_analysis.bench.segments import Segment, repeated_cycles, rows_of
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import fits_by_amplitude, stepped_sine_trial
-from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.second_order import fit_impedance, impedance_columns
 from osl_analysis.signals import filtered_motion
-from osl_analysis.stats.covariance import between_cycles
-from osl_analysis.stats.cycle_sums import Cycles, sums_between
+from osl_analysis.stats.covariance import Cycles, between_cycles, sums_between
 from osl_analysis.stats.rounding import (
     SIZES,
     even_values,

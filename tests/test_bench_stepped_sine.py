@@ -9,7 +9,7 @@ from osl_analysis.bench.impedance import impedance_of, impedance_table, trial_ph
 from osl_analysis.bench.segments import Segment
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import drift_rate, stepped_sine_trial, without_angle
-from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.second_order import impedance_columns
 from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.regression import linear_fit

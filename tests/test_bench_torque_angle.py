@@ -13,10 +13,9 @@ from conftest import ROOT
 from scipy.integrate import simpson
 from scipy.stats import t as student
 
-from osl_analysis.bench.angle_cycles import find_cycles, turning_points
 from osl_analysis.bench.plausibility import saturated
-from osl_analysis.bench.torque_angle import torque_angle_trial
-from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
+from osl_analysis.bench.settings import TorqueAngleAnalysis
+from osl_analysis.bench.torque_angle import find_cycles, torque_angle_trial, turning_points
 from osl_analysis.bench.torque_angle_tables import curve_table, cycle_table, torque_angle_table
 from osl_analysis.campaign import open_campaign
 from osl_analysis.config import read_config

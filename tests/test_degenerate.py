@@ -18,7 +18,7 @@ from conftest import ROOT
 from walking_crossings import Walk, walked
 from walking_synthetic import settings
 
-from osl_analysis.bench.belt_fit import fit_belt_stiffness
+from osl_analysis.bench.belt import fit_belt_stiffness
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.segments import unit_block
 from osl_analysis.commands.fit import FITS, fit_request
@@ -26,16 +26,15 @@ from osl_analysis.errors import OslAnalysisError
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.gain_selection import Weight
 from osl_analysis.plateaus import longest_at_extreme
-from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.second_order import fit_impedance
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
-from osl_analysis.stats import comparison, complex_estimate, covariance, regression, repeats, rounding
-from osl_analysis.stats.covariance import ResidualCorrelation
-from osl_analysis.stats.cycle_sums import Cycles
+from osl_analysis.stats import covariance, regression, repeats, rounding, sinusoid
+from osl_analysis.stats.covariance import Cycles, ResidualCorrelation
+from osl_analysis.stats.fit_row import whiteness
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.sinusoid import fit_sinusoid
 from osl_analysis.stats.slow_motion import fit_slow_motion, memory_samples
-from osl_analysis.stats.whiteness import whiteness
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import Poses, body_motion, bridge_gaps, cluster_poses, filtered_poses, functional_hinge
 from osl_analysis.walking.checks import compare_encoder
@@ -137,10 +136,10 @@ def in_cycles(n: int, count: int) -> Cycles:
     return Cycles(edges[:-1], edges[1:], np.zeros(count, dtype=np.intp))
 
 
-def number(y: Array) -> complex_estimate.ComplexEstimate:
+def number(y: Array) -> sinusoid.ComplexEstimate:
     """A complex number of the first two samples, with an error as large as the first."""
     first, second = [*y[:2].tolist(), 0.0, 0.0][:2]
-    return complex_estimate.ComplexEstimate(complex(first, second), np.diag([abs(first), abs(second)]), 5.0)
+    return sinusoid.ComplexEstimate(complex(first, second), np.diag([abs(first), abs(second)]), 5.0)
 
 
 def all_of(fit: regression.LinearFit) -> tuple[Any, ...]:
@@ -168,12 +167,12 @@ FITS_OF_SIGNALS: dict[str, Callable[[Array, Array, Array], Any]] = {
     "fit_sinusoid of two cycles": lambda t, x, y: fit_sinusoid(t[:100], y[:100], 2.0),
     "fit_sinusoid of one cycle": lambda t, x, y: fit_sinusoid(t[:50], y[:50], 2.0),
     "fit_impedance": lambda t, x, y: fit_impedance(Motion(x, np.roll(x, 3), np.roll(x, 11)), y),
-    "effective_samples": lambda t, x, y: comparison.effective_samples(y),
-    "score_models": lambda t, x, y: comparison.score_models(
-        y, [comparison.Candidate("M1", "a", 1, x, x), comparison.Candidate("M2", "b", 2, y, y)]
+    "effective_samples": lambda t, x, y: repeats.effective_samples(y),
+    "score_models": lambda t, x, y: repeats.score_models(
+        y, [repeats.Candidate("M1", "a", 1, x, x), repeats.Candidate("M2", "b", 2, y, y)]
     ),
-    "mean_over_trials": lambda t, x, y: comparison.mean_over_trials(y, shared=True),
-    "rank_words": lambda t, x, y: comparison.rank_words(np.column_stack([x, y])),
+    "mean_over_trials": lambda t, x, y: repeats.mean_over_trials(y, shared=True),
+    "rank_words": lambda t, x, y: repeats.rank_words(np.column_stack([x, y])),
     "over_repeats": lambda t, x, y: repeats.over_repeats(y, [repeats.CommonError(0.0, np.inf)]),
     "over_repeats of two kinds": lambda t, x, y: repeats.over_repeats(y, kinds=np.arange(len(y)) % 2),
     "summary_row": lambda t, x, y: repeats.summary_row(pl.Series(y)),
@@ -184,10 +183,10 @@ FITS_OF_SIGNALS: dict[str, Callable[[Array, Array, Array], Any]] = {
     "noise_before_rounding": lambda t, x, y: rounding.noise_before_rounding(np.abs(y)),
     "scatter_between_cycles": lambda t, x, y: rounding.scatter_between_cycles(y, in_cycles(len(y), 4)),
     "scatter between one cycle": lambda t, x, y: rounding.scatter_between_cycles(y, in_cycles(len(y), 1)),
-    "complex_quotient": lambda t, x, y: complex_estimate.complex_quotient(number(y), number(x)),
-    "complex_mean": lambda t, x, y: complex_estimate.complex_mean([number(y), number(x)]),
-    "polar_row": lambda t, x, y: complex_estimate.polar_row(number(y)),
-    "with_known_error": lambda t, x, y: complex_estimate.with_known_error(number(y), 1j),
+    "complex_quotient": lambda t, x, y: sinusoid.complex_quotient(number(y), number(x)),
+    "complex_mean": lambda t, x, y: sinusoid.complex_mean([number(y), number(x)]),
+    "polar_row": lambda t, x, y: sinusoid.polar_row(number(y)),
+    "with_known_error": lambda t, x, y: sinusoid.with_known_error(number(y), 1j),
     "LowPass": lambda t, x, y: LowPass(15)(y, RATE),
     "differentiate": lambda t, x, y: differentiate(t, y),
     "filtered_motion": lambda t, x, y: filtered_motion(t, x, y, LowPass(15)),

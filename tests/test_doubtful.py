@@ -8,11 +8,10 @@ from bench_synthetic import second_order, stepped_sine
 from conftest import ROOT
 from scipy.integrate import quad
 
-from osl_analysis.bench.belt import BeltTrial, belt_table
-from osl_analysis.bench.belt_fit import fit_belt_stiffness
+from osl_analysis.bench.belt import BeltTrial, belt_table, fit_belt_stiffness
 from osl_analysis.bench.diagnostics import summary_of_trials
-from osl_analysis.bench.frequency_response import phasor_table
 from osl_analysis.bench.impedance import trial_phasors
+from osl_analysis.bench.phasors import phasor_table
 from osl_analysis.bench.plausibility import Saturated, plausible_belt, plausible_impedance, plausible_transmission
 from osl_analysis.bench.rendered import rendered_table
 from osl_analysis.bench.transmission import transmission_table

@@ -37,7 +37,7 @@ from osl_analysis.commands.torque_angle import fit_torque_angle_trial
 from osl_analysis.commands.watch import estimates_line
 from osl_analysis.config import FrequencyResponseFigure, read_config
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.quality.checks import Commanded
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import write_trial

@@ -5,10 +5,8 @@ import pytest
 from any_motion import RATE, chirp, multisine, noise
 
 from osl_analysis.bench.segments import unit_block
-from osl_analysis.protocol import crossings
-from osl_analysis.protocol.commanded import SteppedSineProtocol
-from osl_analysis.protocol.crossings import upward_crossings
 from osl_analysis.protocol.likeness import likeness, moving_bins
+from osl_analysis.protocol.runs import SteppedSineProtocol, centre_of_motion, noise_of, upward_crossings
 
 PROTOCOL = SteppedSineProtocol(tuple(np.deg2rad([2.0, 4.0, 6.0])), (1.0, 2.0, 3.0, 4.0, 5.0), 8)
 
@@ -86,7 +84,7 @@ def test_crossings_are_those_of_a_walk_from_row_to_row(sign):
     time, random = np.arange(6000) / 500, np.random.default_rng(3)
     rests = (time > 3) & (time < 7)
     theta = sign * np.where(rests, -0.01, np.cos(5 * time)) + 1e-3 * random.normal(size=6000)
-    x, noise = theta - crossings.centre_of_motion(time, theta), crossings.noise_of(theta)
+    x, noise = theta - centre_of_motion(time, theta), noise_of(theta)
     dead = max(0.02 * np.abs(x).max(), 5 * noise)
     side, last, walked = 0, 0, []
     for row, value in enumerate(x):

@@ -19,8 +19,7 @@ from test_bench_belt import belt_cycle
 
 from osl_analysis.about import About
 from osl_analysis.bench.any_excitation import record_series, record_table
-from osl_analysis.bench.belt import BeltTrial, belt_series, belt_table
-from osl_analysis.bench.belt_fit import fit_belt_stiffness
+from osl_analysis.bench.belt import BeltTrial, belt_series, belt_table, fit_belt_stiffness
 from osl_analysis.bench.impedance import impedance_series, impedance_table, trial_phasors
 from osl_analysis.bench.moving_record import moving_record
 from osl_analysis.bench.series import Series

@@ -12,13 +12,10 @@ from test_spectral_response import LINES, PERIOD
 from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.rendered import rendered_response
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.equation_error import DETECTION, EXCITED, REALISATIONS, fit_periodic
-from osl_analysis.spectral.local_polynomial import RecordSpectrum
-from osl_analysis.spectral.models import NOISE, fit_structure, lines_of_periods, lines_of_record
-from osl_analysis.spectral.period_scatter import PERIODS
+from osl_analysis.spectral.equation_error import DETECTION, EXCITED, PERIODS, REALISATIONS, fit_periodic
+from osl_analysis.spectral.models import NOISE, SecondOrder, fit_structure, lines_of_periods, lines_of_record
 from osl_analysis.spectral.realisations import Realisation
-from osl_analysis.spectral.response import periodic_response
-from osl_analysis.spectral.structures import SecondOrder
+from osl_analysis.spectral.response import RecordSpectrum, periodic_response
 
 COUNT = 60
 S = 2j * np.pi * np.arange(COUNT) / PERIOD

@@ -7,8 +7,7 @@ from scipy.signal import butter, sosfiltfilt
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.equation_error import fit_periodic
-from osl_analysis.spectral.lines import lines_of
-from osl_analysis.spectral.realisations import distinct, period_spectra, periodic_motion
+from osl_analysis.spectral.realisations import distinct, lines_of, period_spectra, periodic_motion
 
 RATE, PERIOD, LOW_PASS = 250.0, 4.0, LowPass(15)
 LINES = np.array([3, 5, 9, 11, 13, 17, 21, 23, 27, 29])

@@ -9,11 +9,17 @@ from scipy.signal import lsim, lti
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.equation_error import fit_periodic
-from osl_analysis.spectral.local_polynomial import local_fit, local_response, record_spectrum
-from osl_analysis.spectral.models import NOISE, POWER, fit_structure, lines_of_periods, lines_of_record
+from osl_analysis.spectral.models import (
+    NOISE,
+    POWER,
+    Drivetrain,
+    SecondOrder,
+    fit_structure,
+    lines_of_periods,
+    lines_of_record,
+)
 from osl_analysis.spectral.realisations import Realisation
-from osl_analysis.spectral.response import FAST, ROBUST, periodic_response
-from osl_analysis.spectral.structures import Drivetrain, SecondOrder
+from osl_analysis.spectral.response import FAST, ROBUST, local_fit, local_response, periodic_response, record_spectrum
 
 PERIOD, RATE, LOW_PASS = 4.0, 256.0, LowPass(15)
 LINES = np.setdiff1d(np.arange(1, 40, 2), [3, 11, 19, 25, 33])

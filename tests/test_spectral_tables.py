@@ -9,8 +9,7 @@ from test_spectral_period import LOW_PASS, RATE, B, I, K, multisine, record
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.commands.response import plotted_numbers, pool_responses
 from osl_analysis.figures.response import points, words_of
-from osl_analysis.spectral.period_lines import LINES, realisations_from
-from osl_analysis.spectral.realisations import periodic_motion
+from osl_analysis.spectral.realisations import LINES, periodic_motion, realisations_from
 from osl_analysis.spectral.tables import MODELS, RESPONSE, RecordedMotion, response_tables
 from osl_analysis.table import read_table, write_table
 

@@ -2,20 +2,16 @@
 
 import numpy as np
 import pytest
-from conftest import multisine
 from scipy.stats import t as student
 
-from osl_analysis.second_order import impedance_columns, impedance_torque
 from osl_analysis.signals import LowPass
-from osl_analysis.stats.comparison import (
+from osl_analysis.stats.repeats import (
     Candidate,
     effective_samples,
-    held_out_vaf,
     mean_over_trials,
     rank_words,
     score_models,
 )
-from osl_analysis.stats.regression import linear_fit
 
 LOW_PASS = LowPass(15)
 
@@ -58,15 +54,6 @@ def test_bic_charges_a_parameter_the_logarithm_of_the_effective_samples():
     assert scores[1].bic - scores[0].bic == pytest.approx(3 * np.log(m))
     assert scores[0].bic == pytest.approx(m * np.log(np.mean(left**2)) + 2 * np.log(m))
     assert [s.rank for s in scores] == [1, 2]
-
-
-def test_held_out_vaf_is_that_of_the_other_data():
-    motion = multisine(1.0, 3.0)
-    fit = linear_fit(impedance_torque(100, 2, 0.1, motion), impedance_columns(motion))
-    other = multisine(1.0, 3.0, amplitude=0.2)
-    torque = impedance_torque(100, 2, 0.1, other)
-    assert held_out_vaf(fit, impedance_columns(other), torque) == pytest.approx(100)
-    assert held_out_vaf(fit, impedance_columns(other), 2 * torque) == pytest.approx(75)
 
 
 def test_paired_differences_tell_models_apart_that_their_own_scatter_hides():

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from osl_analysis.signals import LowPass
-from osl_analysis.stats.covariance import ResidualCorrelation
-from osl_analysis.stats.leverage import MOST_ROWS, KnownMemory, shortfall
+from osl_analysis.stats.covariance import MOST_ROWS, KnownMemory, ResidualCorrelation, shortfall
 from osl_analysis.stats.regression import regressors
 
 RATE, LOW_PASS = 100.0, LowPass(15)

@@ -5,14 +5,15 @@ import pytest
 from scipy.optimize import curve_fit
 
 from osl_analysis.errors import InputError
-from osl_analysis.stats.complex_estimate import (
+from osl_analysis.stats.sinusoid import (
     complex_from_row,
     complex_mean,
     complex_quotient,
     complex_row,
+    fit_sinusoid,
     polar_row,
+    waves,
 )
-from osl_analysis.stats.sinusoid import fit_sinusoid, waves
 
 
 def test_phasor_agrees_with_a_nonlinear_least_squares_fit():

@@ -5,7 +5,7 @@ import pytest
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from osl_analysis.signals import LowPass
-from osl_analysis.stats.whiteness import whiteness
+from osl_analysis.stats.fit_row import whiteness
 
 RATE, LOW_PASS = 500.0, LowPass(15)
 

@@ -23,8 +23,7 @@ from osl_analysis.timebase.drift import (
     drift_columns,
     scatter_of_noise,
 )
-from osl_analysis.timebase.gaps import GapLimits
-from osl_analysis.timebase.grid import UniformGrid, one_time_base
+from osl_analysis.timebase.grid import GapLimits, UniformGrid, one_time_base
 from osl_analysis.timebase.samples import first_of_each, take
 from osl_analysis.timebase.stream import Stream, streams_of
 

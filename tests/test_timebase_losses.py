@@ -6,8 +6,8 @@ from conftest import ROOT
 from test_timebase import assert_recovers_the_joint, cell, clock, joint, log, waits
 
 from osl_analysis.errors import InputError
+from osl_analysis.timebase.counting import BLOCKS, device_step, missing_by_rhythm
 from osl_analysis.timebase.grid import one_time_base
-from osl_analysis.timebase.rhythm import BLOCKS, device_step, missing_by_rhythm
 from osl_analysis.timebase.samples import take
 from osl_analysis.timebase.stream import Stream
 

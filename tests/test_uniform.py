@@ -12,7 +12,7 @@ from osl_analysis.bench.segments import Block, Segment, settled
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.gaps import GapLimits
+from osl_analysis.timebase.grid import GapLimits
 from osl_analysis.trial import Trial
 from osl_analysis.uniform import uniform_signals
 

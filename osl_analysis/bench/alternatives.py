@@ -11,7 +11,7 @@ from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.errors import InputError
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import LinearFit, with_shared_error
-from osl_analysis.timebase.report import StreamReport
+from osl_analysis.timebase.grid import StreamReport
 from osl_analysis.trial import Array
 from osl_analysis.uniform import UniformSignals
 

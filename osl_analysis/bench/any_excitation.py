@@ -4,23 +4,102 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table
-from osl_analysis.bench.excitation_clocks import record_clock_row
-from osl_analysis.bench.excitation_drift import record_drift_row
-from osl_analysis.bench.excitation_lag import record_lag_row
-from osl_analysis.bench.excitation_limits import angle_noise_bias, check_alias, check_band
-from osl_analysis.bench.excitation_peaks import torque_at_peaks
-from osl_analysis.bench.excitation_size import check_moves
-from osl_analysis.bench.frequency_response import Admittance
+from osl_analysis.bench.changes import record_clock_row, record_drift_row
+from osl_analysis.bench.excitation_limits import angle_noise_bias, angle_noise_share, check_alias, check_band
 from osl_analysis.bench.impedance import IMPEDANCE, MAY_BE_NULL
+from osl_analysis.bench.lag import LITTLE_INERTIA, record_lag_row
 from osl_analysis.bench.moving_record import MovingRecord, consecutive_parts, fit_of, moves_little
-from osl_analysis.bench.phasor_lag import LITTLE_INERTIA
+from osl_analysis.bench.phasors import Admittance
 from osl_analysis.bench.series import Series
-from osl_analysis.errors import IdentifiabilityError
+from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.second_order import impedance_columns, impedance_torque
 from osl_analysis.spectral.realisations import distinct
 from osl_analysis.spectral.response import periodic_response
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit, regressors
+from osl_analysis.stats.rounding import distinct_values
+from osl_analysis.trial import Array
+
+SHARES = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
+"""Shares of the rows with the highest modelled torque that are compared, from sharp peaks of noise to sines."""
+LEAST_RANGE = 0.03
+"""Least range of the modelled torque in such rows, as a share of its peak: the top of a sine is flat and noisy."""
+
+
+def torque_at_peaks(record: MovingRecord, fit: LinearFit) -> float | None:
+    """Smallest ratio of `ratio_at_peaks` over the fitted rows of a record."""
+    modelled = impedance_torque(fit["K"], fit["B"], fit["I"], record.motion)
+    return ratio_at_peaks(record.part(record.filtered_torque), record.part(modelled))
+
+
+def ratio_at_peaks(measured: Array, modelled: Array) -> float | None:
+    """Smallest SD of the measured torque over that of the modelled one, where the latter is at its peaks.
+
+    Both (n,) [N*m], filtered alike; offsets do not matter. The peaks are the highest and the lowest `SHARES` of the
+    modelled torque. The ratio is 1 for a joint of Eq. 15. Noise and distortion of the torque raise it. Friction lowers
+    it to 0.7. It is near 0 where the torque is clipped, however noisy the plateau is: equal samples, by which a clipped
+    sensor is told, are not needed. None where no peak has the range for a comparison.
+    """
+    found, ordered = [], np.sort(modelled)
+    ends = (float(ordered[-1]), True), (float(ordered[0]), False)
+    middle = float(np.median(ordered, overwrite_input=True))
+    for top, highest in ends:
+        for share in SHARES:
+            level = float(np.quantile(ordered, 1 - share if highest else share, overwrite_input=True))
+            if abs(top - level) > LEAST_RANGE * abs(top - middle):
+                rows = modelled >= level if highest else modelled <= level
+                found.append(float(np.std(measured[rows]) / np.std(modelled[rows])))
+    return min(found, default=None)
+
+
+FEWEST_STEPS = 20.0
+"""Steps of the encoder that an angle turns by at least; below, its rounding is no noise but a part of the motion."""
+HARDLY_MOVES = 0.1
+"""Share of the acceleration that is the encoder's noise, from which a record is refused."""
+SLOW = 200.0
+"""Steps of the encoder from which a motion is not small but slow, if noise makes its acceleration."""
+
+
+def check_moves(record: MovingRecord) -> float:
+    """`angle_noise_share`, refused where the record hardly moves, or slowly.
+
+    Raises
+    ------
+    InputError
+        The noise of the angle is a large share of its motion, or the motion is a few steps of the encoder.
+    """
+    share, steps = angle_noise_share(record), steps_turned(record)
+    if steps < FEWEST_STEPS:
+        raise InputError(
+            f"trial {record.name}: the joint hardly moves: theta turns by {steps:.0f} steps of its encoder, "
+            f"{FEWEST_STEPS:g} are needed; move it by more, and check the unit of theta in the source file"
+        )
+    if share > HARDLY_MOVES:
+        slow = steps >= SLOW
+        turn = np.rad2deg(np.std(record.part(record.motion.theta)))
+        remedy = (
+            "move it faster, by 0.5 to 6 Hz, or take the stiffness alone by experiment 'torque_angle'"
+            if slow
+            else "move it by more, or faster, and check the unit of theta in the source file"
+        )
+        raise InputError(
+            f"trial {record.name}: the joint {'moves too slowly' if slow else 'hardly moves'}: theta turns by "
+            f"{turn:.2g} deg RMS, and noise of the encoder has {share:.2g} times the power of the acceleration's own "
+            f"part behind the filter, at most {HARDLY_MOVES:g} is allowed; {remedy}"
+        )
+    return share
+
+
+def steps_turned(record: MovingRecord) -> float:
+    """Steps of the encoder by which the fitted angle turns, at most as many as there are different values.
+
+    Without end where no step is seen, and more values than a slow motion has.
+    """
+    measured, step = record.part(record.bench_angle), record.steps[0]
+    values = distinct_values(measured, most=int(SLOW))
+    levels = np.inf if values is None else len(values)
+    return float(levels if step is None else min(np.ptp(measured) / step, levels))
+
 
 SIGN_WIDTH = 0.05
 """Velocity, as a share of its RMS, over which the sign of the velocity is smoothed."""

@@ -7,14 +7,19 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table
+from osl_analysis.bench.changes import OF_DRIFT, stiffness_drift_row, stiffness_of_cycles
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf, over_amplitudes
-from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors, at_amplitude, phasors_beside
-from osl_analysis.bench.nonlinearity import rendered_nonlinearity_row
-from osl_analysis.bench.phasor_lag import torque_lag_row
+from osl_analysis.bench.lag import torque_lag_row
+from osl_analysis.bench.phasors import (
+    Admittance,
+    SegmentPhasors,
+    at_amplitude,
+    phasors_beside,
+    rendered_nonlinearity_row,
+)
 from osl_analysis.bench.segments import rows_of
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.stepped_sine import SteppedSineTrial, clock_drift_row, widened_fits
-from osl_analysis.bench.stiffness_drift import OF_DRIFT, stiffness_drift_row, stiffness_of_cycles
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.model.compensator import CONTROLLERS, Gains, select_gains
 from osl_analysis.model.gain_selection import Weight

@@ -26,7 +26,7 @@ from osl_analysis.stats.covariance import correlation_samples, moving_sums, with
 from osl_analysis.stats.least_squares import largest_correlation
 from osl_analysis.stats.regression import LinearFit, Regressors, regressors, variance_accounted_for
 from osl_analysis.stats.rounding import HARMONICS, SIZES, rounding_harmonics, visible_step
-from osl_analysis.timebase.gaps import GapLimits
+from osl_analysis.timebase.grid import GapLimits
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals, regridded, uniform_signals
 

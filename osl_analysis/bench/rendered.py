@@ -1,28 +1,39 @@
-"""An impedance trial by what moved the joint: the stepped sine of the protocol, or any other motion."""
+"""An impedance trial by what moved the joint, the stepped sine of the protocol or any other motion: its rows of the
+tables, judged by what the leg was asked to render where that is known, and means over trials of one condition.
+"""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
 
 from osl_analysis.bench.any_excitation import WEIGHTING, record_points, record_series, record_table, record_time_base
-from osl_analysis.bench.frequency_response import Admittance, SegmentPhasors, no_phasors, phasor_table
 from osl_analysis.bench.impedance import (
+    DesiredImpedance,
     amplitude_series,
     impedance_series,
     impedance_table,
     impedance_time_base,
+    prediction_columns,
     trial_phasors,
 )
 from osl_analysis.bench.moving_record import MovingRecord, moving_record
+from osl_analysis.bench.phasors import Admittance, SegmentPhasors, no_phasors, phasor_table
+from osl_analysis.bench.plausibility import Saturated, not_checked, plausible_impedance
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import ImpedanceAnalysis
 from osl_analysis.bench.stepped_sine import Recorded, SteppedSineTrial, recorded, stepped_sine_trial
+from osl_analysis.doubtful import counted, doubtful_row
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.model.compensator import Gains, predicted_impedance
+from osl_analysis.model.drivetrain import joint_admittance
+from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.protocol.likeness import BIN_S, HARDLY, MOVES
 from osl_analysis.spectral.tables import NO_RESPONSE, RecordedMotion, ResponseTables, response_tables
 from osl_analysis.stats.fit_row import Row
+from osl_analysis.stats.repeats import summary_row
 from osl_analysis.trial import Trial
 
 SLOW_TURN_DEG = 1.0
@@ -188,3 +199,155 @@ def shown_series(trial: RenderedTrial, amplitude_deg: float, duration_s: float) 
     if isinstance(trial, MovingRecord):
         return record_points(trial, duration_s)
     return amplitude_series(trial, amplitude_deg, duration_s)
+
+
+OF_GAINS, OF_LAG = (
+    "whether K is what the gains should give, whether the bench's frame yields",
+    "whether the torque is late",
+)
+LOOKS_ALIKE = "a lag that would change I by a tenth or more looks like noise here, or like what Eqs. 15 and 9 miss"
+BAND_POINTS = 12
+"""Frequencies of a band at which the rendered impedance is predicted."""
+OF_BELT = "K against the belt's K_s"
+OF_DRIFT = "whether K changes while it is recorded: noise, or what Eq. 15 misses, may hide it"
+OF_CLOCKS = "whether the clocks of angle and torque drift apart: what the fit leaves does not show it"
+
+
+@dataclass(frozen=True)
+class AskedImpedance:
+    """What the leg was asked to render, and all that linear theory needs to say what it should have rendered."""
+
+    desired: DesiredImpedance
+    """Controller and desired impedance."""
+    weight: Weight
+    """W of Eq. 14 with which the gains were selected."""
+    frequencies_hz: Sequence[float]
+    """Frequencies [Hz] of the protocol."""
+
+    def frequencies_of(self, rendered: RenderedTrial) -> Sequence[float]:
+        """Frequencies [Hz] at which the rendered impedance is predicted: of the protocol, or over the motion's band."""
+        if isinstance(rendered, MovingRecord):
+            return [float(f) for f in np.linspace(*rendered.band_hz, BAND_POINTS)]
+        return self.frequencies_hz
+
+    def gains(self, p: DrivetrainParameters | None) -> Gains | None:
+        """The gains that the leg had; None where they are not known. Raises as `DesiredImpedance.gains`."""
+        return self.desired.gains(p, self.weight)
+
+    def not_checked(self, p: DrivetrainParameters | None, lag_known: bool) -> str:
+        """What a trial is not checked for, and why; empty if it is checked for all."""
+        of_gains = OF_GAINS if lag_known else f"{OF_GAINS}, {OF_LAG}"
+        if p is None:
+            return f"{OF_BELT}, {of_gains}: the configuration names no parameter file"
+        why = self.desired.unknown_gains()
+        if why:
+            return f"{of_gains}: {why}"
+        return "" if lag_known else f"{OF_LAG}: {LOOKS_ALIKE}"
+
+    def left_unchecked(self, p: DrivetrainParameters | None) -> pl.Expr:
+        """The column `not_checked` of a table with lags: whether the torque is late, only in rows without a share."""
+        known, unknown = (pl.lit(self.not_checked(p, lag_known) or None, pl.String) for lag_known in (True, False))
+        return pl.when(pl.col("lag_inertia_share").is_null()).then(unknown).otherwise(known).alias("not_checked")
+
+
+def judged_impedance(
+    rendered: RenderedTrial,
+    rails: Saturated,
+    p: DrivetrainParameters | None,
+    asked: AskedImpedance | None,
+    phasors: Sequence[SegmentPhasors] | None = None,
+) -> pl.DataFrame:
+    """The rows of Eq. 15 with all that judges them; what the gains should give only where these are known.
+
+    `phasors` as in `rendered_table`.
+
+    Without parameter file (`p`), controller of the draft, K_d and B_d they are not. The column `not_checked` says so,
+    and where the motion does not show a change of K over time, or a drift between the clocks of two devices.
+
+    Raises
+    ------
+    InputError, UnreachableImpedanceError
+        As `plausible_impedance`, and as `DesiredImpedance.gains`.
+    """
+    table = judged_by_gains(rendered, rails, p, asked, phasors)
+    two_clocks = rendered.uniform is not None and not rendered.uniform.one_device("theta", "torque")
+    unseen = {"K_drift": OF_DRIFT} | ({"clock_drift_ppm": OF_CLOCKS} if two_clocks else {})
+    for column, words in unseen.items():
+        both = pl.concat_str("not_checked", pl.lit(words), separator="; ", ignore_nulls=True)
+        table = table.with_columns(
+            pl.when(pl.col(column).is_null()).then(both).otherwise("not_checked").alias("not_checked")
+        )
+    return table
+
+
+def judged_by_gains(
+    rendered: RenderedTrial,
+    rails: Saturated,
+    p: DrivetrainParameters | None,
+    asked: AskedImpedance | None,
+    phasors: Sequence[SegmentPhasors] | None,
+) -> pl.DataFrame:
+    """As `judged_impedance`, without what the motion alone leaves unchecked."""
+    gains = None if asked is None else asked.gains(p)
+    if asked is None or p is None or gains is None:
+        table = plausible_impedance(rendered_table(rendered, None, phasors), rails, p)
+        if asked is None:
+            return table.with_columns(not_checked("" if p else f"{OF_BELT}: no parameter file is named"))
+        known = table.with_columns(**asked.desired.columns(), **prediction_columns(None))
+        return known.with_columns(asked.left_unchecked(p))
+    table = rendered_table(rendered, joint_admittance(gains.K_1, gains.B_1, p, p.J_j), phasors)
+    predicted = predicted_impedance(gains, p, asked.frequencies_of(rendered))
+    plausible = plausible_impedance(table, rails, p, predicted[0])
+    judged = plausible.with_columns(**asked.desired.columns(), **prediction_columns(predicted))
+    return judged.with_columns(asked.left_unchecked(p))
+
+
+SAME_MOTION = 0.15
+"""Largest relative difference of band, period and size of motions that are realisations of one."""
+QUANTITIES = ("K", "B", "I")
+"""Estimates that are averaged."""
+SAME = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
+"""Columns in which the trials of one row agree, as far as the table of fits has them."""
+TEXT = ("joint", "side", "controller", "group", "excitation", "quantity", "interval_method")
+"""Columns of text."""
+NUMBERS = ("band_low_hz", "band_high_hz", "n", "mean", "sd", "se", "low", "high", "n_doubtful", "n_left_out")
+"""Columns of numbers beside the condition."""
+
+
+def alike(trials: pl.DataFrame) -> list[pl.DataFrame]:
+    """The trials of one condition, apart where their motions differ in band, period or size, in their order."""
+    kinds: list[list[int]] = []
+    numbers = [name for name in ("band_high_hz", "period_s", "theta_rms_deg") if name in trials.columns]
+    values = trials.select(numbers).fill_null(0.0).to_numpy()
+    for row, own in enumerate(values):
+        near = (kind for kind in kinds if np.allclose(values[kind[0]], own, rtol=SAME_MOTION))
+        found = next(near, None)
+        if found is None:
+            kinds.append([row])
+        else:
+            found.append(row)
+    return [trials[kind] for kind in kinds]
+
+
+def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
+    """A row per condition and motion with two trials or more, and quantity, with Student's interval over the trials.
+
+    Each trial counts with its fit to all of its motion. The interval contains everything that differs from trial to
+    trial, as the distortion that friction makes of another realisation of a random motion; the intervals of the single
+    trials may not. Doubtful fits are left out where half of the trials or more are sound.
+    """
+    whole = impedance.filter(pl.col("amplitude_deg").is_null())
+    keys = [name for name in SAME if name in whole.columns]
+    rows = []
+    for key, trials in ((key, part) for key, same in whole.group_by(keys, maintain_order=True) for part in alike(same)):
+        if len(trials) < 2:
+            continue
+        used = counted(trials)
+        band = {"band_low_hz": trials["band_low_hz"].min(), "band_high_hz": trials["band_high_hz"].max()}
+        left_out = {**doubtful_row(trials), "n_left_out": len(trials) - len(used)}
+        said = {**dict(zip(keys, key, strict=True)), **band}
+        rows += [{**said, "quantity": name, **summary_row(used[name]), **left_out} for name in QUANTITIES]
+    if rows:
+        return pl.DataFrame(rows, infer_schema_length=None)
+    columns = (*keys, "quantity", "interval_method", *NUMBERS)
+    return pl.DataFrame(schema={name: pl.String() if name in TEXT else pl.Float64() for name in columns})

@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.protocol.likeness import likeness
-from osl_analysis.protocol.runs import Run
+from osl_analysis.protocol.runs import Run, SteppedSineProtocol
 from osl_analysis.signals import longest_run, runs, sampling_rate
-from osl_analysis.stats.covariance import FEWEST_CYCLES
-from osl_analysis.stats.cycle_sums import Cycles
+from osl_analysis.stats.covariance import FEWEST_CYCLES, Cycles
 from osl_analysis.stats.sinusoid import waves
-from osl_analysis.timebase.gaps import BRIDGE_MORE
+from osl_analysis.timebase.grid import BRIDGE_MORE
 from osl_analysis.trial import Array
 
 SAME_FREQUENCY = 1e-3

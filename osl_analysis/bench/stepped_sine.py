@@ -15,14 +15,11 @@ from osl_analysis.bench.segments import Block, Segment, find_blocks, repeated_cy
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.protocol.likeness import Likeness, likeness
+from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.signals import LowPass, Motion, filtered_motion, joined
-from osl_analysis.stats import comparison
-from osl_analysis.stats.covariance import FEWEST_CYCLES, RepeatedError, ResidualCorrelation
-from osl_analysis.stats.cycle_sums import sums_between
-from osl_analysis.stats.leverage import KnownMemory
-from osl_analysis.stats.regression import LinearFit, linear_fit
+from osl_analysis.stats.covariance import FEWEST_CYCLES, KnownMemory, RepeatedError, ResidualCorrelation, sums_between
+from osl_analysis.stats.regression import LinearFit, linear_fit, variance_accounted_for
 from osl_analysis.stats.rounding import visible_step
 from osl_analysis.timebase.drift import ClockDrift, SinePiece, check_drift, clock_drift
 from osl_analysis.trial import Array, Trial
@@ -338,7 +335,7 @@ def rounding_beside(
 def held_out_vaf(fit: LinearFit, trial: SteppedSineTrial, amplitude: float, columns: Columns) -> float:
     """VAF [percent] of a fit at an amplitude [deg] that it did not use."""
     motion, torque = trial.part(amplitude)
-    return comparison.held_out_vaf(fit, columns(motion), torque)
+    return variance_accounted_for(torque, torque - fit.predicted(columns(motion)))
 
 
 def clock_drift_row(trial: SteppedSineTrial) -> dict[str, float | str | None]:

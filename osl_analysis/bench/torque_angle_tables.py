@@ -4,10 +4,17 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.alternatives import timebase_table
-from osl_analysis.bench.angle_cycles import joined, moving
-from osl_analysis.bench.torque_angle import TorqueAngleTrial, analysed
-from osl_analysis.bench.torque_angle_curve import secant, straight_line
-from osl_analysis.bench.torque_angle_zero import loop_at, may_be_left, rest_change
+from osl_analysis.bench.torque_angle import (
+    TorqueAngleTrial,
+    analysed,
+    joined,
+    loop_at,
+    may_be_left,
+    moving,
+    rest_change,
+    secant,
+    straight_line,
+)
 from osl_analysis.errors import InputError
 from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.stats.repeats import CommonError, over_repeats

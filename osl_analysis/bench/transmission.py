@@ -7,8 +7,7 @@ import polars as pl
 
 from osl_analysis.bench.alternatives import time_base_row, time_base_words, timebase_table
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf, summary_of_trials
-from osl_analysis.bench.frequency_response import at_amplitude, phasors_beside
-from osl_analysis.bench.nonlinearity import nonlinearity_row
+from osl_analysis.bench.phasors import at_amplitude, nonlinearity_row, phasors_beside
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.stepped_sine import SteppedSineTrial, clock_drift_row, fits_by_amplitude, widened_fits
 from osl_analysis.signals import Motion

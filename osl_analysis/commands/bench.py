@@ -12,9 +12,7 @@ from osl_analysis.bench.actuator import (
     actuator_time_base,
     actuator_trial,
 )
-from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.belt import belt_curve, belt_series, belt_summary, belt_table, belt_time_base, belt_trial
-from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.model_comparison import (
     PLACE,
@@ -25,6 +23,7 @@ from osl_analysis.bench.model_comparison import (
     impedance_scores,
     transmission_scores,
 )
+from osl_analysis.bench.phasors import frequency_response_table
 from osl_analysis.bench.plausibility import (
     check_recording,
     plausible_actuator,
@@ -33,14 +32,16 @@ from osl_analysis.bench.plausibility import (
     saturated,
 )
 from osl_analysis.bench.rendered import (
+    AskedImpedance,
+    judged_impedance,
     rendered_phasors,
     rendered_response,
     rendered_series,
     rendered_time_base,
     rendered_trial,
+    repeated_trials_table,
     sines_of,
 )
-from osl_analysis.bench.repeated_trials import repeated_trials_table
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, ImpedanceAnalysis, SteppedSineAnalysis
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.transmission import (

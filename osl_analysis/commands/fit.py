@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import polars as pl
 
 from osl_analysis.bench.actuator import actuator_series, actuator_table, actuator_trial
-from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
 from osl_analysis.bench.belt import belt_curve, belt_series, belt_table, belt_trial
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.plausibility import (
@@ -18,7 +17,7 @@ from osl_analysis.bench.plausibility import (
     plausible_transmission,
     saturated,
 )
-from osl_analysis.bench.rendered import rendered_series, rendered_trial
+from osl_analysis.bench.rendered import AskedImpedance, judged_impedance, rendered_series, rendered_trial
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import (
     ActuatorAnalysis,
@@ -26,10 +25,10 @@ from osl_analysis.bench.settings import (
     DynamometerAnalysis,
     ImpedanceAnalysis,
     SteppedSineAnalysis,
+    TorqueAngleAnalysis,
 )
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.torque_angle import torque_angle_trial
-from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
 from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
 from osl_analysis.bench.transmission import transmission_series, transmission_table
 from osl_analysis.config import read_campaign_section

@@ -9,8 +9,7 @@ import polars as pl
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.figures.response import points
 from osl_analysis.parameters import FileOrNone, joint_of, known_parameters
-from osl_analysis.spectral.period_lines import pooled, realisations_from
-from osl_analysis.spectral.realisations import Realisation
+from osl_analysis.spectral.realisations import Realisation, pooled, realisations_from
 from osl_analysis.spectral.tables import MODELS, RESPONSE, periodic_tables
 from osl_analysis.table import read_table, write_table
 

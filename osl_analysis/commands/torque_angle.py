@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.bench.plausibility import check_recording, saturated
+from osl_analysis.bench.settings import TorqueAngleAnalysis
 from osl_analysis.bench.torque_angle import torque_angle_trial
-from osl_analysis.bench.torque_angle_settings import TorqueAngleAnalysis
 from osl_analysis.bench.torque_angle_tables import (
     curve_table,
     cycle_table,

@@ -8,12 +8,19 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.asked_impedance import AskedImpedance, judged_impedance
-from osl_analysis.bench.frequency_response import frequency_response_table
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.moving_record import MovingRecord
+from osl_analysis.bench.phasors import frequency_response_table
 from osl_analysis.bench.plausibility import Saturated, check_recording, saturated
-from osl_analysis.bench.rendered import RenderedTrial, rendered_phasors, rendered_response, rendered_trial, sines_of
+from osl_analysis.bench.rendered import (
+    AskedImpedance,
+    RenderedTrial,
+    judged_impedance,
+    rendered_phasors,
+    rendered_response,
+    rendered_trial,
+    sines_of,
+)
 from osl_analysis.commands.fit import (
     FitRequest,
     FittedTrial,

@@ -9,9 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.protocol.commanded import SteppedSineProtocol
-from osl_analysis.protocol.crossings import noise_of, upward_crossings
-from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, find_runs
+from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, SteppedSineProtocol, find_runs, noise_of, upward_crossings
 from osl_analysis.trial import Array
 
 Kind = Literal["stepped sine", "unclear", "other"]

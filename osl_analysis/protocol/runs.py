@@ -1,4 +1,4 @@
-"""What a joint really did in a stepped sine: runs of one frequency and amplitude, found without the configuration."""
+"""The stepped sine that is commanded, and what a joint really did: runs of one frequency and amplitude."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,8 +7,85 @@ from statistics import median
 
 import numpy as np
 
-from osl_analysis.protocol.crossings import upward_crossings
+from osl_analysis.measured import usual_size
+from osl_analysis.signals import run_edges
 from osl_analysis.trial import Array
+
+FREQUENCY_TOLERANCE = 0.05
+"""Largest relative deviation of a recorded frequency from the commanded one that it follows: a clock is off by less."""
+AMPLITUDE_TOLERANCE = 0.25
+"""Largest relative deviation of a recorded amplitude from the commanded one. Some is lost to the dynamometer's
+bandwidth."""
+
+
+@dataclass(frozen=True)
+class SteppedSineProtocol:
+    """A stepped sine: each amplitude at every frequency, in any order and with or without rests."""
+
+    amplitudes: Sequence[float]
+    """Amplitudes [rad]."""
+    frequencies_hz: Sequence[float]
+    """Frequencies [Hz]."""
+    cycles: float | Sequence[float]
+    """Number of cycles at each frequency: one number for all, or one for each."""
+
+    @property
+    def cycles_at(self) -> tuple[float, ...]:
+        """Number of cycles at each frequency; not whole where a time per frequency is commanded."""
+        each = np.broadcast_to(np.asarray(self.cycles, dtype=float), len(self.frequencies_hz))
+        return tuple(float(n) for n in each)
+
+    def amplitude_near(self, amplitude: float) -> float | None:
+        """The commanded amplitude [rad] that a recorded one follows; None if it is beyond the tolerance of all."""
+        nearest = min(self.amplitudes, key=lambda commanded: abs(amplitude / commanded - 1), default=None)
+        if nearest is None or abs(amplitude / nearest - 1) > AMPLITUDE_TOLERANCE:
+            return None
+        return nearest
+
+    def frequency_near(self, frequency_hz: float) -> float | None:
+        """The commanded frequency [Hz] that a recorded one follows; None if it is beyond the tolerance of all."""
+        nearest = min(self.frequencies_hz, key=lambda commanded: abs(frequency_hz / commanded - 1), default=None)
+        if nearest is None or abs(frequency_hz / nearest - 1) > FREQUENCY_TOLERANCE:
+            return None
+        return nearest
+
+
+MOVING_S = 0.02
+"""Time [s] over which an angle changes measurably where the joint moves."""
+DEAD_BAND = 0.02
+"""Share of the largest angle that the angle must reach on both sides of its centre; rests and noise stay below."""
+
+
+def noise_of(theta: Array) -> float:
+    """Standard deviation of the noise of an angle (n,), in its unit, by its second differences; 0 of two samples."""
+    return usual_size(np.diff(theta, 2)) / (0.6745 * np.sqrt(6)) if len(theta) > 2 else 0.0
+
+
+def upward_crossings(time: Array, theta: Array, noise: float | None = None) -> Array:
+    """Times [s] at which the angle rises through its centre, from below a dead band to above it.
+
+    `noise` is that of `noise_of`, where it is known already.
+    """
+    x = theta - centre_of_motion(time, theta)
+    noise = noise_of(theta) if noise is None else noise
+    dead = max(DEAD_BAND * max(float(x.max()), -float(x.min())), 5 * noise)
+    high, low = run_edges(x > dead), run_edges(x < -dead)
+    last_low = np.append(low[:, 1], 0)[np.searchsorted(low[:, 1], high[:, 0], side="right") - 1]  # 0: never yet
+    came_up = high[last_low > np.append(0, high[:-1, 1]), 0]
+    rises = np.flatnonzero((x[:-1] <= 0) & (x[1:] > 0))
+    before = rises[np.searchsorted(rises, came_up) - 1]
+    return np.asarray(time[before] - x[before] * (time[before + 1] - time[before]) / (x[before + 1] - x[before]))
+
+
+def centre_of_motion(time: Array, theta: Array) -> float:
+    """The median angle [rad] where the joint moves; it may rest elsewhere, and for longer."""
+    apart = max(round(MOVING_S / float(np.median(np.diff(time)))), 1)
+    change = np.abs(theta[apart:] - theta[:-apart])
+    if not change.size:  # a recording shorter than that
+        return float(np.median(theta))
+    moving = change > 0.1 * np.quantile(change, 0.95)
+    return float(np.median(theta[apart:][moving] if moving.any() else theta))
+
 
 SAME_FREQUENCY, SAME_AMPLITUDE = 0.05, 0.15
 """Relative differences of neighbouring cycles that belong to one run."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from osl_analysis.experiments import EXPERIMENTS, Experiment
-from osl_analysis.protocol.commanded import SteppedSineProtocol
+from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.signals import longest_run
 from osl_analysis.trial import Array, Trial
 from osl_analysis.yaml_settings import Settings

@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.errors import InputError
-from osl_analysis.protocol.commanded import SteppedSineProtocol
 from osl_analysis.protocol.likeness import Likeness, likeness
-from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, find_runs
+from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, SteppedSineProtocol, find_runs
 from osl_analysis.quality.checks import Check, CheckResult, Examined, not_applicable, worst
-from osl_analysis.timebase.gaps import GapLimits
+from osl_analysis.timebase.grid import GapLimits
 from osl_analysis.timebase.samples import take
 from osl_analysis.trial import Trial
 from osl_analysis.uniform import sampled_rows, streams, uniform_signals

@@ -9,20 +9,50 @@ of the lines give another distortion. Its variance is seen between realisations,
 excited (Pintelon and Schoukens, System Identification, 2012, ch. 4).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import f
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.lines import Lines, lines_of, scatter
 from osl_analysis.spectral.period import Spectrum
-from osl_analysis.spectral.period_scatter import at_least_of_periods
-from osl_analysis.spectral.realisations import Realisation, distinct
+from osl_analysis.spectral.realisations import Lines, Realisation, distinct, lines_of, scatter
 from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
+
+PERIODS = "periods"
+"""Source of an interval: the scatter of periods."""
+CERTAINLY_MORE = 1 - 1e-6
+"""Probability with which the ratio of two variances of one size is below the limit (F distribution)."""
+
+
+def at_least_of_periods(fit: LinearFit, columns: Mapping[str, Array], errors: Sequence[Spectrum]) -> LinearFit:
+    """The fit with the scatter of its periods added to its covariance, if one of its variances is certainly larger.
+
+    `columns` (n,) are those of the fit to the mean periods: real, then imaginary parts of the lines, realisation by
+    realisation. `errors` are the equation errors of the single periods, shape (periods, lines) for each realisation,
+    weighted as its rows are.
+    """
+    X = np.column_stack([columns[name] for name in fit.names])
+    influence = (X @ np.linalg.inv(X.T @ X)).reshape(len(errors), -1, len(fit.names))
+    covariance, freedom = np.zeros((len(fit.names), len(fit.names))), 0
+    for own, error in zip(influence, errors, strict=True):
+        of_periods = np.concatenate([error.real, error.imag], axis=1) @ own
+        covariance += np.cov(of_periods, rowvar=False) / len(error)
+        freedom += len(error) - 1
+    ratio = np.diag(covariance) / np.maximum(np.diag(fit.covariance), np.finfo(float).tiny)
+    if np.all(ratio < f.ppf(CERTAINLY_MORE, freedom, np.minimum(fit.degrees_of_freedom, 1e6))):
+        return fit
+    return replace(
+        fit,
+        covariance=fit.covariance + covariance,
+        degrees_of_freedom=np.minimum(fit.degrees_of_freedom, freedom),
+        interval_method=PERIODS,
+    )
+
 
 ENOUGH_REALISATIONS = 4
 """Number of realisations from which on the interval comes from their spread."""

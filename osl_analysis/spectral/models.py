@@ -1,28 +1,151 @@
-"""Structures fitted to the lines of a motion, and whether what they leave is more than noise.
+"""Structures of an impedance over frequency (Eqs. 15 and 9) fitted to lines, and whether they leave more than noise.
 
 A structure is fitted twice. Weighted by the noise, what it leaves is chi-squared if the structure is right: this is the
 test. Where it passes, this fit is the better one. Where it fails, the weights would decide what is estimated (they
 raised the spread of I from 0.8 to 9.4 %), and the fit weighted by power, that of filtered signals, is the result.
+
+Of Eq. 9 the control gains K_1 and B_1 are free, since a controller sets them and friction changes what they do; the
+drivetrain (K_s, n_T, J_m, B_m, B_j, J_j) is that of the parameter file. With all coefficients of the rational function
+free, six parameters follow any response in a decade of frequency, and their misfit says nothing on the drivetrain.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.special import fdtrc
 
+from osl_analysis.errors import InputError
+from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.equation_error import LineScatter, distortion_level, gain, parts
-from osl_analysis.spectral.lines import NEIGHBOURS, smoothed
-from osl_analysis.spectral.local_polynomial import HALF_WIDTH, LOCAL_FREEDOM, RecordSpectrum, end_columns, local_fit
 from osl_analysis.spectral.period import Spectrum
-from osl_analysis.spectral.realisations import Realisation, distinct
-from osl_analysis.spectral.response import equation_error
-from osl_analysis.spectral.rounding import repeated_rounding
-from osl_analysis.spectral.structures import Structure
+from osl_analysis.spectral.realisations import NEIGHBOURS, Realisation, distinct, scatter, smoothed
+from osl_analysis.spectral.response import (
+    HALF_WIDTH,
+    LOCAL_FREEDOM,
+    RecordSpectrum,
+    end_columns,
+    equation_error,
+    local_fit,
+)
 from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.regression import LinearFit, linear_fit
+from osl_analysis.stats.rounding import noise_before_rounding
 from osl_analysis.trial import Array
+
+EQ_15, EQ_9 = "Eq. 15", "Eq. 9"
+LARGEST_SHARE = 0.99
+"""Largest stiffness from which K_1 is started, as a share of the belt's: no gain renders more (Eq. 13)."""
+
+
+class Structure(Protocol):
+    """An impedance Z(s) with p real parameters."""
+
+    name: str
+    parameters: tuple[str, ...]
+
+    def start(self, K: float, B: float) -> Array:
+        """Parameters (p,) to begin with, from a fit of Eq. 15 [N*m/rad], [N*m*s/rad]."""
+        ...
+
+    def impedance(self, x: Array, s: Spectrum) -> Spectrum:
+        """Z [N*m/rad] at s [rad/s], shape (m,), for parameters x (p,)."""
+        ...
+
+    def derivatives(self, x: Array, s: Spectrum) -> Spectrum:
+        """Derivatives of Z by the parameters, shape (p, m)."""
+        ...
+
+
+class SecondOrder:
+    """Z = K + s B + s^2 I (Eq. 15)."""
+
+    name = EQ_15
+    parameters: tuple[str, ...] = ("K", "B", "I")
+
+    def start(self, K: float, B: float) -> Array:
+        """Any point will do: the structure is linear."""
+        return np.array([K, B, 0.0])
+
+    def impedance(self, x: Array, s: Spectrum) -> Spectrum:
+        """Z [N*m/rad]."""
+        return np.asarray(x[0] + x[1] * s + x[2] * s**2)
+
+    def derivatives(self, x: Array, s: Spectrum) -> Spectrum:
+        """1, s, s^2."""
+        return np.array([np.ones_like(s), s, s**2])
+
+
+class Drivetrain:
+    """Z = P - c/N (Eq. 9), in the letters of `model.drivetrain.joint_admittance`, the joint's inertia included."""
+
+    name = EQ_9
+    parameters: tuple[str, ...] = ("K_1", "B_1")
+
+    def __init__(self, p: DrivetrainParameters) -> None:
+        self.p = p
+
+    def start(self, K: float, B: float) -> Array:
+        """The gain of Eq. 13 for a stiffness K.
+
+        Raises
+        ------
+        InputError
+            The joint is stiffer than the belt, or not stiff.
+        """
+        if not 0 < K < LARGEST_SHARE * self.p.K_s:
+            raise InputError(
+                f"K = {K:.4g} N*m/rad is not between 0 and the belt's K_s = {self.p.K_s:g}; Eq. 9 of this parameter "
+                "file cannot render it"
+            )
+        return np.array([K * self.p.K_s / (self.p.n_T**2 * (self.p.K_s - K)), max(B, 0.0) / self.p.n_T**2])
+
+    def _actuator(self, x: Array, s: Spectrum) -> Spectrum:
+        return np.asarray(self.p.J_m * s**2 + (self.p.B_m + x[1]) * s + x[0] + self.p.K_s / self.p.n_T**2)
+
+    def impedance(self, x: Array, s: Spectrum) -> Spectrum:
+        """Z [N*m/rad]."""
+        joint = self.p.J_j * s**2 + self.p.B_j * s + self.p.K_s
+        return np.asarray(joint - (self.p.K_s / self.p.n_T) ** 2 / self._actuator(x, s))
+
+    def derivatives(self, x: Array, s: Spectrum) -> Spectrum:
+        """c/N^2 and s c/N^2."""
+        by_gain = (self.p.K_s / self.p.n_T) ** 2 / self._actuator(x, s) ** 2
+        return np.array([by_gain, s * by_gain])
+
+
+HARMONICS = 100
+"""Harmonics of the error of rounding that are summed."""
+
+
+def repeated_rounding(one: Realisation, impedance: Spectrum) -> Array:
+    """E|error|^2 [(N*m)^2] at lines (m,) of the mean over the periods, by what every period repeats of the rounding.
+
+    `impedance` (m,) [N*m/rad] takes the angle's error to the torque.
+    """
+    theta, torque = (
+        repeated_variance(one, spectra, step) for spectra, step in zip((one.theta, one.torque), one.steps, strict=True)
+    )
+    return np.asarray(np.abs(impedance) ** 2 * theta + torque)
+
+
+def repeated_variance(one: Realisation, spectra: Spectrum, step: float | None) -> float:
+    """E|error|^2 of a line of a signal with lines (periods, lines) that was rounded to `step`; 0 if it was not.
+
+    A sample's repeated error has the variance of the harmonics that the noise before the rounding leaves (Widrow and
+    Kollar, Quantization Noise, 2008, ch. 5): step^2/12 without noise. It is taken for independent from sample to
+    sample, as it is where a motion crosses a step or more between two samples; N of them give a line 4/N of it.
+    """
+    if step is None:
+        return 0.0
+    samples, k = one.period * one.rate_hz, np.arange(1, HARMONICS + 1)
+    of_sample = float(np.mean(scatter(spectra)[1:])) * samples / 4 / step**2
+    noise = float(noise_before_rounding(np.array([of_sample]))[0])
+    left = float(np.sum(np.exp(-((2 * np.pi * k * noise) ** 2)) / (2 * (np.pi * k) ** 2)))
+    return 4 * left * step**2 / samples
+
 
 POWER, NOISE = "power", "noise"
 """Weights of a fit: power behind the low-pass filter, or the inverse variance of the noise."""

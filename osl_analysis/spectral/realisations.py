@@ -1,12 +1,17 @@
-"""Realisations of a periodic motion: the spectra of angle and torque in every whole period of a record."""
+"""Realisations of a periodic motion: the spectra of angle and torque in every whole period of a record,
+which of their lines are excited, and these lines as a table.
+"""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
+from scipy.ndimage import maximum_filter1d
 
+from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.spectral.period import COARSE_HZ, Repetition, Spectrum, find_repetition
 from osl_analysis.trial import Array
@@ -215,3 +220,155 @@ def shift_between(first: Realisation, second: Realisation) -> float | None:
         weight = np.abs(cross) * k
         at += float(np.sum(weight * phase)) / (2 * np.pi * float(np.sum(weight * k)))
     return at
+
+
+NEIGHBOURS = 8
+"""Lines to each side of a line that count as its neighbourhood."""
+BESIDE_NEIGHBOURS, BESIDE_ALL = 0.05, 0.005
+"""Size of an excited line, as a share of the largest one in its neighbourhood, and of all."""
+ABOVE_NOISE = 5.0
+"""Standard errors by which an excited line differs from 0."""
+PERIODS_AGREE = 1e-3
+"""Largest difference between the periods of realisations that are analysed together, as a share."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Kinds of the lines of a periodic motion, shape (lines,) each; line 0, the mean, is none of them."""
+
+    excited: NDArray[np.bool_]
+    odd: NDArray[np.bool_]
+    """Odd lines that are not excited, from half the lowest to the highest excited line."""
+    even: NDArray[np.bool_]
+    """Even lines that are not excited, in the same band."""
+
+    @property
+    def only_odd(self) -> bool:
+        """Whether only odd lines are excited, so that odd and even distortion are seen apart."""
+        return not self.excited[::2].any()
+
+    @property
+    def detection(self) -> NDArray[np.bool_]:
+        """Lines that show the distortion at excited lines: of an odd motion the odd ones, else all, (lines,)."""
+        return self.odd if self.only_odd else self.odd | self.even
+
+
+def lines_of(realisations: Sequence[Realisation]) -> Lines:
+    """The kinds of the lines that the realisations share, from the size of the angle's lines.
+
+    Raises
+    ------
+    InputError
+        There is no realisation, periods differ, or no line stands out of the noise.
+    """
+    check_alike(realisations)
+    size = np.sqrt(np.mean([np.abs(r.theta.mean(axis=0)) ** 2 for r in realisations], axis=0))
+    error = np.sqrt(np.mean([scatter(r.theta) / r.periods for r in realisations], axis=0) / len(realisations))
+    size[0] = 0.0
+    largest = maximum_filter1d(size, 2 * NEIGHBOURS + 1)
+    excited = (size > BESIDE_NEIGHBOURS * largest) & (size > BESIDE_ALL * size.max()) & (size > ABOVE_NOISE * error)
+    if not excited.any():
+        raise InputError("no line of the motion stands out of the noise; move the joint further, or record for longer")
+    k, at = np.arange(len(size)), np.flatnonzero(excited)
+    band = (k >= at[0] / 2) & (k <= at[-1]) & ~excited & (k > 0)
+    return Lines(excited, band & (k % 2 == 1), band & (k % 2 == 0))
+
+
+def check_alike(realisations: Sequence[Realisation]) -> None:
+    """Refuse no realisation, or realisations with different periods."""
+    if not realisations:
+        raise InputError("no periods to fit; record at least two periods of the motion")
+    periods = np.array([r.period for r in realisations])
+    if np.ptp(periods) > PERIODS_AGREE * periods[0]:
+        raise InputError(
+            f"realisations with periods from {periods.min():.6g} to {periods.max():.6g} s cannot be fitted together; "
+            "analyse them as trials of their own"
+        )
+
+
+def scatter(periods: Spectrum) -> Array:
+    """Variance E|x - mean|^2 of a single period of each line, from lines (periods, lines); it has 2 (periods - 1)
+    degrees of freedom."""
+    return np.asarray(np.sum(np.abs(periods - periods.mean(axis=0)) ** 2, axis=0) / (len(periods) - 1))
+
+
+def smoothed(values: Array, weights: Array) -> Array:
+    """Mean of the values (lines,) over each line and its `NEIGHBOURS`, with `weights` (lines,)."""
+    window = np.ones(2 * NEIGHBOURS + 1)
+    total = np.convolve(weights, window, "same")
+    return np.asarray(np.convolve(values * weights, window, "same") / np.maximum(total, np.finfo(float).tiny))
+
+
+SIZES_AGREE = 0.1
+"""Largest difference between the sizes of two motions, and of their lines, that are realisations of one condition, as a
+share. Friction weighs more in a smaller motion."""
+NUMBERS = (
+    "period_s", "rate_hz", "start_s", "theta_step", "torque_step", "theta_re", "theta_im", "torque_re", "torque_im",
+)  # fmt: skip
+LINES: dict[str, type[pl.DataType]] = {
+    "trial": pl.String,
+    **dict.fromkeys(("realisation", "period", "line"), pl.Int64),
+    **dict.fromkeys(NUMBERS, pl.Float64),
+}
+"""Columns of the lines of the periods of a trial."""
+
+
+def lines_frame(trial: str, realisations: Sequence[Realisation]) -> pl.DataFrame:
+    """A row per realisation, period and line."""
+    frames = []
+    for number, one in enumerate(realisations):
+        period, line = (index.ravel() for index in np.indices(one.theta.shape))
+        theta, torque = one.theta.ravel(), one.torque.ravel()
+        columns: dict[str, object] = {
+            "trial": trial, "realisation": number, "period": period, "line": line, "period_s": one.period,
+            "rate_hz": one.rate_hz, "start_s": one.start,
+            "theta_step": one.steps[0], "torque_step": one.steps[1], "theta_re": theta.real, "theta_im": theta.imag,
+            "torque_re": torque.real, "torque_im": torque.imag,
+        }  # fmt: skip
+        frames.append(pl.DataFrame(columns, schema=LINES))
+    return pl.concat(frames)
+
+
+def realisations_from(lines: pl.DataFrame) -> list[Realisation]:
+    """The realisations of one trial that `lines_frame` wrote."""
+    made = []
+    for rows in lines.partition_by("realisation", maintain_order=True):
+        shape = (rows["period"].n_unique(), rows["line"].n_unique())
+        theta, torque = (
+            (rows[f"{name}_re"].to_numpy() + 1j * rows[f"{name}_im"].to_numpy()).reshape(shape)
+            for name in ("theta", "torque")
+        )
+        period, rate_hz, start, *steps = rows.select("period_s", "rate_hz", "start_s", "theta_step", "torque_step").row(
+            0
+        )
+        made.append(Realisation(period, rate_hz, theta, torque, start, (steps[0], steps[1])))
+    return made
+
+
+def alike(first: Realisation, second: Realisation) -> bool:
+    """Whether two motions differ in their phases only: the same period, and lines of the same size."""
+    if abs(first.period - second.period) > PERIODS_AGREE * first.period:
+        return False
+    one, two = map(sizes, with_common_lines([first, second]))
+    return bool(np.linalg.norm(one - two) <= SIZES_AGREE * np.linalg.norm(one))
+
+
+def sizes(one: Realisation) -> Array:
+    """Amplitudes [rad] of the angle's lines, without the mean."""
+    return np.asarray(np.abs(one.theta.mean(axis=0)[1:]))
+
+
+def pooled(trials: Mapping[str, Sequence[Realisation]]) -> list[dict[str, list[Realisation]]]:
+    """Trials of one condition, each by name with its realisations, sorted by motions that are alike; two or more each.
+
+    A trial whose own realisations differ is with those that are like its first one.
+    """
+    groups: list[dict[str, list[Realisation]]] = []
+    for name, made in trials.items():
+        for group in groups:
+            if alike(next(iter(group.values()))[0], made[0]):
+                group[name] = list(made)
+                break
+        else:
+            groups.append({name: list(made)})
+    return [group for group in groups if len(group) > 1]

@@ -9,12 +9,26 @@ import polars as pl
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.local_polynomial import local_response, record_spectrum
-from osl_analysis.spectral.models import FittedLines, FittedStructure, fit_structure, lines_of_periods, lines_of_record
-from osl_analysis.spectral.period_lines import LINES, lines_frame
-from osl_analysis.spectral.realisations import PeriodicMotion, Realisation, distinct
-from osl_analysis.spectral.response import BandLevels, FrequencyResponse, periodic_response
-from osl_analysis.spectral.structures import EQ_9, EQ_15, Drivetrain, SecondOrder, Structure
+from osl_analysis.spectral.models import (
+    EQ_9,
+    EQ_15,
+    Drivetrain,
+    FittedLines,
+    FittedStructure,
+    SecondOrder,
+    Structure,
+    fit_structure,
+    lines_of_periods,
+    lines_of_record,
+)
+from osl_analysis.spectral.realisations import LINES, PeriodicMotion, Realisation, distinct, lines_frame
+from osl_analysis.spectral.response import (
+    BandLevels,
+    FrequencyResponse,
+    local_response,
+    periodic_response,
+    record_spectrum,
+)
 from osl_analysis.stats.fit_row import Row, estimates_row
 from osl_analysis.trial import Array
 

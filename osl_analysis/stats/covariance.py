@@ -1,4 +1,8 @@
-"""Covariance of estimates from their scores. A score is the part of the estimates' error that one sample causes."""
+"""Covariance of estimates from their scores. A score is the part of the estimates' error that one sample causes.
+
+It comes from the spread between cycles that an experiment repeats, whose edges may lie between two samples, or from the
+autocorrelation of the residuals, with what that falls short where few samples decide on an estimate.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,8 +13,79 @@ from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import LARGEST_VARIANCE, check_finite, check_measured
-from osl_analysis.stats.cycle_sums import Cycles
 from osl_analysis.trial import Array
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """Division of the rows of a fit into cycles that the experiment repeats.
+
+    The rows of a cycle follow one another; its edges may lie between two rows. The cycles of one stratum (one frequency
+    at one amplitude) are repetitions: only the differences between them count as random error.
+    """
+
+    first: Array
+    """Where each cycle begins, in rows of the fit, shape (m,)."""
+    stop: Array
+    """Where it ends, shape (m,)."""
+    stratum: NDArray[np.intp]
+    """Number of the stratum that each cycle belongs to, from 0 on and rising, shape (m,)."""
+
+    def sums(self, X: Array, y: Array) -> Array:
+        """Sums (m, p) of X times y in each cycle, for columns X (n, p) and y (n,) in the rows of the fit."""
+        return self.products(X, y[:, None])[..., 0]
+
+    def products(self, X: Array, Y: Array) -> Array:
+        """X'Y (m, p, q) in each cycle, for columns X (n, p) and Y (n, q) in the rows of the fit.
+
+        Where a cycle does not begin at the end of the one before, the rows on both sides are of different stretches of
+        the recording: a fraction of a row is read there from rows of its own stretch.
+        """
+        apart = self.first[1:] != self.stop[:-1]
+        begins, ends = np.append(True, apart), np.append(apart, True)
+        inwards = np.stack([begins.astype(np.intp), -ends.astype(np.intp)], axis=1).ravel()
+        return products_between(X, Y, self.first, self.stop, inwards)
+
+
+def sums_between(values: Array, first: Array, stop: Array) -> Array:
+    """Sums (m, p) of the rows of `values` (n, p) from `first` (m,) to `stop` (m,), which need not be whole numbers.
+
+    The rows follow one another in one recording.
+    """
+    rows = np.ones((len(values), 1))
+    return products_between(values, rows, first, stop, np.zeros(2 * len(first), dtype=np.intp))[..., 0]
+
+
+def products_between(X: Array, Y: Array, first: Array, stop: Array, inwards: NDArray[np.intp]) -> Array:
+    """X'Y (m, p, q) from each `first` (m,) to each `stop` (m,), which need not be whole numbers.
+
+    A fraction of a row is read from the cubic through the four cumulative sums around it. A cycle whose period is not
+    a whole number of rows then has the sum that every other cycle has. `inwards` (2 m,), 1 or -1, are the rows by which
+    these four are moved to one side, for the begin and the end of each cycle in turn.
+    """
+    edges = np.stack([first, stop], axis=1).ravel()
+    row = np.clip(np.floor(edges + 1e-9).astype(np.intp), 0, len(Y))
+    whole = np.array([X[a:b].T @ Y[a:b] for a, b in row.reshape(-1, 2)])
+    parts = fractions_of_rows(X, Y, row, np.maximum(edges - row, 0.0), inwards)
+    return np.asarray(whole + parts[1::2] - parts[::2])
+
+
+def fractions_of_rows(X: Array, Y: Array, row: NDArray[np.intp], share: Array, moved: NDArray[np.intp]) -> Array:
+    """X'Y (m, p, q) in a `share` (m,) of each `row` (m,), by the cubic through the cumulative sums one row before it to
+    two rows behind, or `moved` (m,) by some rows; beyond the ends there is nothing to sum."""
+    at = row + moved + np.array([[-1], [0], [1]])
+    inside = np.clip(at, 0, len(Y) - 1)
+    weights = cubic_weights(np.where(share < 1e-9, 0.0, share) - moved) - cubic_weights(-moved)
+    return np.asarray(np.einsum("km,kmp,kmq->mpq", weights * (at == inside), X[inside], Y[inside]))
+
+
+def cubic_weights(x: Array | NDArray[np.intp]) -> Array:
+    """Weights (3, m) of the rows before, at and behind a row in the sum from its begin over x (m,) rows.
+
+    That sum is a cubic through the cumulative sums at -1, 0, 1 and 2 rows.
+    """
+    return np.array([x * (x - 1) * (x - 2), x * (x + 1) * (5 - 2 * x), x * (x + 1) * (x - 1)]) / 6
+
 
 Covariance = tuple[Array, Array]
 """Covariance (p, p) of the estimates, and the degrees of freedom (p,) of the variances on its diagonal."""
@@ -201,3 +276,59 @@ def welch_satterthwaite(variances: Sequence[ArrayLike] | Array, degrees_of_freed
     total = np.sum(summands, axis=0) ** 2
     counts = uncertainty > total / CERTAIN
     return np.asarray(np.divide(total, uncertainty, out=np.full_like(total, np.inf), where=counts))
+
+
+MOST_ROWS = 600
+"""Rows of a fit that are kept for this: the work grows with their third power."""
+
+
+@dataclass(frozen=True)
+class KnownMemory(ResidualCorrelation):
+    """Covariance from the autocorrelation of residuals, raised by what white noise behind a filter leaves too little.
+
+    It is not lowered: residuals may be other than noise.
+    """
+
+    memory: Array | None = None
+    """Autocovariance of the noise at 0, 1, 2 ... samples, shape (m,); 0 beyond."""
+    position: NDArray[np.intp] | None = None
+    """Sample of the recording that each row of the fit is, shape (n,)."""
+
+    def spread(self, X: Array, inverse: Array, residual: Array) -> Covariance:
+        """As `ResidualCorrelation.spread`."""
+        covariance, degrees_of_freedom = super().spread(X, inverse, residual)
+        if self.memory is None or self.position is None:
+            return covariance, degrees_of_freedom
+        step = max(self.every // 2, -(-len(X) // MOST_ROWS))
+        window = self.window(residual) / step
+        if window < 2:  # the rows that are kept are further apart than the noise remembers
+            return covariance, degrees_of_freedom
+        short, known = shortfall(X[::step], self.position[::step], self.memory, window)
+        raised = np.sqrt(np.maximum(short, 1.0))
+        return covariance * np.outer(raised, raised), np.minimum(degrees_of_freedom, known)
+
+
+def shortfall(X: Array, position: NDArray[np.intp], memory: Array, window: float) -> Covariance:
+    """By which factor (p,) `moving_sums` over a window underestimate the variances of a fit, and their degrees of
+    freedom (p,), if the noise has this memory.
+
+    The columns X (n, p) belong to samples at `position` (n,); the window counts rows of X. With scores c of an
+    estimate, Bartlett weights W and residuals of covariance R, the expected variance is the sum of W c c' R. As a
+    quadratic form it has trace^2/trace of the square degrees of freedom.
+    """
+    n, p = X.shape
+    columns = X / np.linalg.norm(X, axis=0)
+    scores = columns @ np.linalg.inv(columns.T @ columns)
+    apart = np.abs(np.subtract.outer(position, position))
+    noise = np.where(apart < len(memory), memory[np.minimum(apart, len(memory) - 1)], 0.0)
+    residual = noise - scores @ (columns.T @ noise)
+    residual -= (residual @ columns) @ scores.T
+    weights = np.maximum(1 - np.abs(np.subtract.outer(np.arange(n), np.arange(n))) / window, 0.0)
+    used = n / max(n - p * window, window)
+    factor, degrees_of_freedom = np.empty(p), np.empty(p)
+    for k, c in enumerate(scores.T):
+        form = (weights * np.outer(c, c)) @ residual
+        seen = float(np.trace(form))
+        factor[k] = float(c @ noise @ c) / (used * seen)
+        degrees_of_freedom[k] = seen**2 / float(np.sum(form * form.T))
+    return factor, degrees_of_freedom

@@ -1,7 +1,7 @@
-"""Mean, scatter and interval over repeated trials."""
+"""Mean, scatter and interval over repeated trials, and the comparison of rival models over trials."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import polars as pl
@@ -9,8 +9,10 @@ from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
 from osl_analysis.errors import InputError
-from osl_analysis.measured import check_measured
+from osl_analysis.measured import check_finite, check_measured, rounding_of, varies
 from osl_analysis.stats.covariance import welch_satterthwaite
+from osl_analysis.stats.regression import variance_accounted_for
+from osl_analysis.trial import Array
 
 
 @dataclass(frozen=True)
@@ -82,3 +84,150 @@ def summary_row(values: pl.Series) -> dict[str, float | str | None]:
         return asdict(over_repeats(numbers.to_numpy())) | {"interval_method": "Student"}
     mean = float(numbers[0]) if len(numbers) else None
     return {"n": len(numbers), "mean": mean, **dict.fromkeys(("sd", "se", "low", "high", "interval_method"))}
+
+
+PREFERRED, TIED, WORSE = "preferred", "tied", "worse"
+LARGEST_LAG = 0.1
+"""Largest lag of the residual's autocorrelation, as a share of the samples."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One model and its residuals."""
+
+    model: str
+    """Name of the model: M1, M2 ..."""
+    terms: str
+    """Terms of the model."""
+    parameters: int
+    """Number of parameters that were fitted. Offset and drift, which every model of y has, do not count."""
+    residual: Array
+    """Residual of the fit to all data, shape (n,) [unit of y]."""
+    held_out_residual: Array
+    """Residual on data that the fit did not use, shape (n,) [unit of y]; NaN where there are no other data."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """The score of one model on one trial."""
+
+    model: str
+    """As in `Candidate`."""
+    terms: str
+    """As in `Candidate`."""
+    parameters: int
+    """As in `Candidate`."""
+    vaf: float
+    """Variance accounted for [percent]."""
+    vaf_held_out: float
+    """The same for data that were held out of the fit [percent]; NaN where no other data were there to fit."""
+    bic: float
+    """Bayesian information criterion; lower is better."""
+    effective_samples: float
+    """Number of independent samples among those of the trial."""
+    rank: int
+    """Rank by BIC, from 1 on."""
+
+
+def score_models(y: Array, candidates: Sequence[Candidate]) -> list[Score]:
+    """Scores of rival models of the same y (n,), in the order given.
+
+    BIC = m ln(mean squared residual) + p ln m (Schwarz, Ann. Stat. 6, 1978) with the number m of effective samples in
+    place of n. A filtered signal has far fewer independent samples than n; with n, BIC would accept any term that is
+    not exactly 0. All models of y share one m. It is computed from the smallest residual, which contains the least
+    model error. A residual below the rounding error counts as rounding error. Among models that fit exactly, the one
+    with the fewest parameters then ranks first, and all samples count as independent: what rounding leaves depends on
+    the processor.
+
+    Raises
+    ------
+    InputError
+        y or a residual has no samples, or a value that cannot be measured.
+    """
+    for name, values in (("y", y), *((f"the residual of {c.model}", c.residual) for c in candidates)):
+        check_measured(name, values)
+    if not len(y):
+        raise InputError("no samples to compare models by; take a longer recording")
+    rounding = max(rounding_of(y), np.finfo(float).tiny)
+    power = [max(float(np.mean(c.residual**2)), rounding) for c in candidates]
+    best = candidates[int(np.argmin(power))].residual
+    m = effective_samples(best) if min(power) > rounding else float(len(y))
+    bic = [m * np.log(s) + c.parameters * np.log(m) for s, c in zip(power, candidates, strict=True)]
+    return [
+        Score(
+            c.model,
+            c.terms,
+            c.parameters,
+            variance_accounted_for(y, c.residual),
+            np.nan if np.isnan(c.held_out_residual).all() else variance_accounted_for(y, c.held_out_residual),
+            float(b),
+            m,
+            1 + sum(bool(other < b) for other in bic),
+        )
+        for c, b in zip(candidates, bic, strict=True)
+    ]
+
+
+def effective_samples(residual: Array) -> float:
+    """Number of independent samples whose mean square has the same variance as that of this correlated residual (n,).
+
+    n / sum of rho_k^2 over all lags k (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946). The autocorrelation rho
+    is computed up to a tenth of the samples. Its squares are 1/n by chance alone; the numerator is corrected for them,
+    so that white noise gives n. A residual that does not vary (an exact fit) counts as n independent samples.
+
+    Raises
+    ------
+    InputError
+        The residual has a value that cannot be measured.
+    """
+    check_measured("the residual", residual)
+    if not varies(residual):
+        return float(len(residual))
+    n, lags = len(residual), int(LARGEST_LAG * len(residual))
+    centred = residual - np.mean(residual)
+    spectrum = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
+    covariance = np.fft.irfft(spectrum)[: lags + 1]
+    rho = covariance / covariance[0]
+    return float(np.clip(n * (1 + 2 * LARGEST_LAG) / (1 + 2 * np.sum(rho[1:] ** 2)), min(2.0, n), n))
+
+
+def mean_over_trials(values: Array, shared: bool = False) -> Repeats:
+    """Mean of one value per trial (n,) with Student's interval. One trial has no interval; without trials all is NaN.
+
+    `shared`: each value was computed with a fit to all the other trials. Such values are correlated by 1/n: the
+    variance of their mean is s^2 (1/n + 1/(n - 1)), with the n - 1 degrees of freedom of their standard deviation s
+    (Nadeau and Bengio, Mach. Learn. 52, 2003).
+    """
+    n = len(values)
+    if n < 2:
+        return Repeats(n, float(values[0]) if n else np.nan, *[np.nan] * 4)
+    own = over_repeats(values)
+    wider = float(np.sqrt(1 + n / (n - 1))) if shared else 1.0
+    half = wider * (own.high - own.mean)
+    return replace(own, se=wider * own.se, low=own.mean - half, high=own.mean + half)
+
+
+def loss_behind_best(loss: Array) -> Array:
+    """Each loss (trials, models) minus the loss in the same trial of the model with the smallest mean loss."""
+    return loss - loss[:, [int(np.argmin(loss.mean(axis=0)))]] if len(loss) else loss
+
+
+def rank_words(loss: Array, shared: bool = False) -> list[str | None]:
+    """`PREFERRED`, `TIED` or `WORSE` for each model, from losses (trials, models); the simplest model comes first.
+
+    Smaller losses are better. A model is tied with the best one if the interval of their paired difference contains
+    zero. The first of the tied models is preferred: a more complicated model must show that it is better. Without
+    trials every word is None.
+
+    Raises
+    ------
+    InputError
+        A loss is not finite.
+    """
+    check_finite("the loss", loss)
+    if not len(loss):
+        return [None] * loss.shape[1]
+    tied = [not mean_over_trials(behind, shared).low > 0 for behind in loss_behind_best(loss).T]
+    words: list[str | None] = [TIED if as_good else WORSE for as_good in tied]
+    words[tied.index(True)] = PREFERRED
+    return words

@@ -7,8 +7,7 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import SMALLEST, check_finite, check_measured
-from osl_analysis.stats.covariance import check_repeated
-from osl_analysis.stats.cycle_sums import Cycles
+from osl_analysis.stats.covariance import Cycles, check_repeated
 from osl_analysis.trial import Array
 
 TRIED = 1 << 10

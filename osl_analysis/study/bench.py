@@ -7,8 +7,8 @@ import numpy as np
 
 from osl_analysis.bench.actuator import EDGE_PERIODS, PARAMETERS, actuator_alone
 from osl_analysis.bench.belt import belt_trial
-from osl_analysis.bench.frequency_response import SegmentPhasors
 from osl_analysis.bench.impedance import impedance_of, trial_phasors
+from osl_analysis.bench.phasors import SegmentPhasors
 from osl_analysis.bench.segments import rows_of
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial, stepped_sine_alone
@@ -33,9 +33,9 @@ from osl_analysis.simulator.bench import (
 )
 from osl_analysis.simulator.joint_motion import JointMotion, stepped_sine, there_and_back
 from osl_analysis.simulator.settings import SimulationSettings, stream
-from osl_analysis.stats.complex_estimate import polar_row
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
+from osl_analysis.stats.sinusoid import polar_row
 from osl_analysis.study import BENCH, RECORDINGS
 from osl_analysis.study.trials import (
     DEFAULT,

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.counting import counted
+from osl_analysis.timebase.counting import counted, missing_by_rhythm
 from osl_analysis.timebase.decision import Decision, decide
 from osl_analysis.timebase.device_clock import DeviceClock, device_clock
-from osl_analysis.timebase.rhythm import missing_by_rhythm
 from osl_analysis.timebase.stream import Stream, without_repeats
 from osl_analysis.trial import Array
 

@@ -2,27 +2,24 @@
 
 `snakemake reproduce-all` runs the campaign of config/config.yaml; `--configfile FILE` overrides fields of it, as does the
 `config` of a workflow that has this one as a module.
-A rule names its inputs, its outputs and the settings that its job uses; `jobs.run_job` hands them over by these names.
+The input of a rule is what `job` gives: the files that it waits for, and a small file that tells its job what to do, with
+the settings and the fingerprint of the program (`osl_analysis/jobs/request.py`). What changes there is made again.
 """
 
 import gc
 import os
 import sys
 from dataclasses import asdict
-from functools import cache
 from operator import attrgetter
 from pathlib import Path
 
-from osl_analysis.fork_server import start_early
+from osl_analysis.jobs.run import start_server
 
 gc.set_threshold(50_000)  # what planning makes stays: looking through it at every 700th object took a sixth of it
-start_early(config)  # its imports take the other core while this one does those below
+start_server(config)  # its imports take the other core while this one does those below
 
-from osl_analysis import workflow as jobs
 from osl_analysis.about import about
-from osl_analysis.campaign import open_campaign
-from osl_analysis.campaign import check_campaign
-from osl_analysis.cluster import submit_in_batches
+from osl_analysis.campaign import check_campaign, open_campaign
 from osl_analysis.config import campaign_config, overriding
 from osl_analysis.doubtful import doubt_report, unchecked_report
 from osl_analysis.errors import OslAnalysisError
@@ -30,14 +27,16 @@ from osl_analysis.campaign import matching, response_example, time_series_exampl
 from osl_analysis.exclusion import exclusion_report, left_behind_report, truncation_report
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.figures import FIGURES, drawn_figures
-from osl_analysis.files import check_working_folder, digest, file_state
+from osl_analysis.files import check_working_folder
+from osl_analysis.fingerprint import code, code_of
+from osl_analysis.jobs.request import Requests
+from osl_analysis.jobs.run import at_end_of_run
 from osl_analysis.refusal import is_refused
 from osl_analysis.refusal_report import refusal_report, refusals_in
 from osl_analysis.report import TEMPLATES
 from osl_analysis.files import default_config
 from osl_analysis.study import BENCH as STUDY_ON_BENCH, REPEATED as STUDY_OF_REPEATS, WALKING as STUDY_OF_WALKING
-from osl_analysis.study import Batch, batches as study_batches, planned, time_limit
-from osl_analysis.submission import LOST
+from osl_analysis.study import Batch, batches as study_batches, planned
 from osl_analysis.yaml_settings import read_mapping
 
 try:
@@ -56,7 +55,14 @@ except OslAnalysisError as error:
 
 ABOUT = about(CAMPAIGN, SIMULATION_FILES)
 RESULTS, RAW, PLACES = CONFIG.results, CONFIG.raw_data, CAMPAIGN.places
-jobs.say_of_tables(CAMPAIGN.data)
+REQUESTS = Requests(RESULTS / "requests", RESULTS / "logs", CAMPAIGN.data, workflow)
+JOB = '"$OSL_PYTHON" -I -S "$OSL_CLIENT" {input.request}'
+"""The command of every rule."""
+
+
+def job(rule, wildcards, command: str, modules=(), **parts) -> dict[str, object]:
+    """The inputs of a rule's job (`Requests.job`); the code of its command counts, or that of these `modules`."""
+    return REQUESTS.job(rule, wildcards, command, code(*modules) if modules else code_of(command), **parts)
 
 
 wildcard_constraints:
@@ -92,25 +98,20 @@ rule:
 
 
 def end_of_run(records) -> str:
-    """What a user must know at the end of a run; what was refused stands last."""
+    """What a user must know at the end of a run; what was refused stands last. `records`: the refusal records in it."""
     recordings = {trial: [str(path) for path in CAMPAIGN.logs(trial)] for trial in CAMPAIGN.trials()}
     page = RESULTS / "report.html"
     said = [
-        jobs.report(RESULTS / "logs"),
         f"open {page} in a browser: every number, figure and trial" if page.is_file() and not is_refused(page) else "",
         doubt_report(result_tables()),
         unchecked_report(result_tables()),
         exclusion_report(checked(CAMPAIGN.trials()), CAMPAIGN.excluded),
         truncation_report(checked(CAMPAIGN.trials()), recordings),
         left_behind_report((RESULTS / "trials").glob("*.parquet"), {*CAMPAIGN.trials(), *CAMPAIGN.excluded}),
-        refusal_report(refusals_in(records, LOST), recordings, ACCEPT, records),
+        refusal_report(refusals_in(records), recordings, ACCEPT, records),
     ]
     return "\n".join(filter(None, said))
 
 
 ACCEPT = CONFIG.failed_trials == "accept"
-WRITTEN = [RESULTS, *([RAW] if CONFIG.simulation else [])]
-jobs.know_by_logs(workflow, WRITTEN)
-jobs.at_end_of_dry_run(workflow, expected_time)
-submit_in_batches(workflow, CAMPAIGN.trials(), CAMPAIGN.recorded_mb)
-jobs.at_end_of_run(workflow, WRITTEN, end_of_run, ACCEPT)
+at_end_of_run(workflow, RESULTS / "logs", end_of_run, expected_time, ACCEPT)

@@ -46,6 +46,10 @@ class About:
     recorded: str
     """Date of the data, or what is known in its place."""
 
+    def of_figure(self) -> str:
+        """The line below a figure but for its numbers: a configuration that it does not use does not draw it anew."""
+        return f"{self.data.capitalize()} data: campaign {self.campaign}, osl-analysis {self.version}, {self.recorded}"
+
     def sentence(self) -> str:
         """All of it in one line."""
         return (

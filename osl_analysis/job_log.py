@@ -4,7 +4,6 @@ The reports at the end of a run are read from the logs. They are therefore compl
 a separate process.
 """
 
-import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -18,8 +17,7 @@ from pydantic import TypeAdapter
 from osl_analysis.files import atomic_path
 
 Outcome = Literal["done", "refused", "failed", "died", "skipped"]
-MADE_OF = "made_of"
-REQUEST = (MADE_OF, "input", "output", "settings")
+REQUEST = ("input", "output", "settings")
 """The last entries of a log: the request."""
 UNLIMITED = 10**9
 MOST_WARNINGS = 10
@@ -71,18 +69,6 @@ def read_log(path: Path) -> JobLog | None:
         return FROM_ENTRIES.validate_python(yaml.load(head, Loader=yaml.CSafeLoader))
     except (OSError, ValueError, yaml.YAMLError):
         return None
-
-
-def text_of(path: Path, name: str) -> str:
-    """The YAML of one entry of a log, without its name, where the entry is a mapping; empty without it.
-
-    Raises
-    ------
-    OSError, ValueError
-        The log cannot be read, or is no text.
-    """
-    text = f"\n{path.read_text(encoding='utf-8')}".partition(f"\n{name}:\n")[2]
-    return re.split(r"\n(?=[^ ])", text, maxsplit=1)[0]
 
 
 def read_logs(folder: Path, since: float) -> list[JobLog]:

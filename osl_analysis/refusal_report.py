@@ -20,6 +20,13 @@ def records_in(files: Iterable[str]) -> tuple[str, ...]:
     return tuple(file for file in files if is_refused(file))
 
 
+def unfinished(files: Iterable[str]) -> str:
+    """A line on results of a run that are not there, as of a job that was killed from outside; empty without."""
+    missing = [file for file in files if not Path(file).exists()]
+    named = f"not made: {listing(missing, MOST_NAMED)}; run again, what is finished stays"
+    return named if missing else ""
+
+
 def refusals_in(files: Iterable[Path | str], more: Iterable[Refusal] = ()) -> tuple[Refusal, ...]:
     """The causes in the records among these files and `more`, each once: trials in order of name, then others."""
     found = distinct([*(refusal for file in files for refusal in read_refusals(file)), *more])

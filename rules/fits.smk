@@ -5,21 +5,9 @@ that a rule names. A rule names one file of every job that it needs; what else t
 """
 
 
-def device(trials):
-    """The parameter file of a trial's device, as an input of its rule; none where there is none for its joint."""
-    files = {CAMPAIGN.device(trial) for trial in trials}
-    return (files.pop() or []) if len(files) == 1 else lambda wildcards: CAMPAIGN.device(wildcards.trial) or []
-
-
-def stated(experiment: str, columns, windows: bool):
-    """What the sheet states for a trial, as a parameter of its rule: its `condition` in these columns, its windows."""
-
-    def of_trial(wildcards) -> dict[str, object]:
-        row = CAMPAIGN.row(wildcards.trial, experiment)
-        condition = {"condition": {column: row[column] for column in columns}} if columns else {}
-        return condition | ({"windows": row["windows"]} if windows else {})
-
-    return of_trial
+def device(trial: str):
+    """The parameter file of a trial's device; none where there is none for its joint."""
+    return CAMPAIGN.device(trial) or []
 
 
 def fit_file(experiment: str, table: str, trial: str) -> Path:
@@ -39,6 +27,32 @@ def fit_tables(experiment: str, trial: str) -> dict[str, Path]:
     return {name: file / f"{name}.csv" if file.suffix == ".zip" else file for name, file in files.items()}
 
 
+def condition(trial: str, columns) -> dict[str, object]:
+    """What the sheet states for a trial in these columns, as a setting of its fit."""
+    return {"condition": {column: CAMPAIGN.row(trial)[column] for column in columns}} if columns else {}
+
+
+def fit_of(experiment: str):
+    """The input of the rule that fits the trials of an experiment."""
+    fit = EXPERIMENTS[experiment].fit
+
+    def of_trial(wildcards) -> dict[str, object]:
+        trial = wildcards.trial
+        settings = {name: getattr(CONFIG, section).part(model) for name, (section, model) in fit.settings.items()}
+        settings |= condition(trial, fit.sheet)
+        return job(
+            getattr(rules, f"fit_{experiment}_trial"),
+            wildcards,
+            fit.job,
+            input={"trial": trial_file(trial)},
+            files={"parameters": device(trial)} if fit.parameters else {},
+            settings=settings | ({"windows": CAMPAIGN.row(trial)["windows"]} if fit.windows else {}),
+            output={"tables": fit_tables(experiment, trial)},
+        )
+
+    return of_trial
+
+
 for experiment, facts in EXPERIMENTS.items():
     if not facts.fit:
         continue
@@ -47,22 +61,13 @@ for experiment, facts in EXPERIMENTS.items():
         name:
             f"fit_{experiment}_trial"
         input:
-            **({"parameters": device(CAMPAIGN.trials(experiment))} if facts.fit.parameters else {}),
-            trial=RESULTS / "trials/{trial}.parquet",
+            unpack(fit_of(experiment)),
         output:
             fit_files(experiment, "{trial}"),
         log:
             RESULTS / f"logs/{experiment}/{{trial}}.log",
-        group:
-            "trials"
-        params:
-            **{name: getattr(CONFIG, section).part(model) for name, (section, model) in facts.fit.settings.items()},
-            of_trial=stated(experiment, facts.fit.sheet, facts.fit.windows),
-            command=facts.fit.job,
-            code=jobs.code_of(facts.fit.job),
-        run:
-            tables = fit_tables(CAMPAIGN.row(wildcards.trial)["experiment"], wildcards.trial)
-            jobs.run_job(log, params.command, input, {"tables": tables}, params, files=output)
+        shell:
+            JOB
 
 
 def fitted(*experiments: str) -> list[Path]:
@@ -72,14 +77,19 @@ def fitted(*experiments: str) -> list[Path]:
 
 rule list_fits:
     input:
-        fits=lambda wildcards: first_rows(wildcards.experiment),
+        unpack(
+            lambda wildcards: job(
+                rules.list_fits,
+                wildcards,
+                "tables.list_fits",
+                input={"fits": first_rows(wildcards.experiment)},
+            )
+        ),
     output:
         RESULTS / "fits/{experiment}.json",
     log:
         RESULTS / "logs/fits/{experiment}.log",
     wildcard_constraints:
         experiment="|".join(name for name, facts in EXPERIMENTS.items() if facts.tables),
-    params:
-        code=jobs.code_of("tables.list_fits"),
-    run:
-        jobs.run_job(log, "tables.list_fits", input, output, params)
+    shell:
+        JOB

@@ -12,66 +12,83 @@ IS_PREDICTED = bool(AMPLITUDES) or any(len(trials) > 1 for trials in REPEATS.val
 """Whether any model predicts data that it was not fitted to."""
 
 
+def compared(name: str) -> dict[str, list[Path]]:
+    """The trials of a comparison over trials, and the verdicts on them."""
+    return {"trials": [trial_file(trial) for trial in REPEATS[name]], "quality": checked(REPEATS[name])}
+
+
 rule compare_belt_models:
     input:
-        parameters=lambda wildcards: CAMPAIGN.device(REPEATS[wildcards.belts][0]) or [],
-        fitted=lambda wildcards: rows("belt", REPEATS[wildcards.belts]),
+        unpack(
+            lambda wildcards: job(
+                rules.compare_belt_models,
+                wildcards,
+                "bench.compare_belt_models",
+                input={"fitted": rows("belt", REPEATS[wildcards.belts])},
+                read=compared(wildcards.belts),
+                files={"parameters": device(REPEATS[wildcards.belts][0])},
+                settings={"settings": CONFIG.dynamometer.part("BeltAnalysis")},
+            )
+        ),
     output:
         RESULTS / "fits/model_comparison/{belts}.csv",
     log:
         RESULTS / "logs/model_comparison/{belts}.log",
     wildcard_constraints:
         belts="belt_trials(_[0-9]+)?",
-    group:
-        "shared"
-    params:
-        code=jobs.code_of("bench.compare_belt_models"),
-        settings=CONFIG.dynamometer.part("BeltAnalysis"),
-    run:
-        trials = REPEATS[wildcards.belts]
-        read = {"trials": [trial_file(trial) for trial in trials], "quality": checked(trials)}
-        jobs.run_job(log, "bench.compare_belt_models", input, output, params, read=read)
+    shell:
+        JOB
 
 
 rule compare_transmission_models:
     input:
-        fitted=lambda wildcards: rows("transmission", REPEATS[wildcards.transmissions]),
+        unpack(
+            lambda wildcards: job(
+                rules.compare_transmission_models,
+                wildcards,
+                "bench.compare_transmission_models",
+                input={"fitted": rows("transmission", REPEATS[wildcards.transmissions])},
+                read=compared(wildcards.transmissions),
+                settings={
+                    "settings": CONFIG.dynamometer.part("SteppedSineAnalysis"),
+                    "sign_width": CONFIG.model_comparison.sign_width,
+                },
+            )
+        ),
     output:
         RESULTS / "fits/model_comparison/{transmissions}.csv",
     log:
         RESULTS / "logs/model_comparison/{transmissions}.log",
     wildcard_constraints:
         transmissions="transmission_trials(_[0-9]+)?",
-    group:
-        "shared"
-    params:
-        code=jobs.code_of("bench.compare_transmission_models"),
-        settings=CONFIG.dynamometer.part("SteppedSineAnalysis"),
-        sign_width=CONFIG.model_comparison.sign_width,
-    run:
-        trials = REPEATS[wildcards.transmissions]
-        read = {"trials": [trial_file(trial) for trial in trials], "quality": checked(trials)}
-        jobs.run_job(log, "bench.compare_transmission_models", input, output, params, read=read)
+    shell:
+        JOB
 
 
 rule compare_impedance_models:
     input:
-        fitted=[RESULTS / "fits/impedance/{trial}.csv"],
+        unpack(
+            lambda wildcards: job(
+                rules.compare_impedance_models,
+                wildcards,
+                "bench.compare_impedance_models",
+                input={"fitted": rows("impedance", [wildcards.trial])},
+                read={"trial": trial_file(wildcards.trial)},
+                files={"parameters": device(wildcards.trial)},
+                settings={
+                    "settings": CONFIG.dynamometer.part("ImpedanceAnalysis"),
+                    "weight": CONFIG.gain_weight.model_dump(mode="json"),
+                    "sign_width": CONFIG.model_comparison.sign_width,
+                    "windows": CAMPAIGN.row(wildcards.trial)["windows"],
+                    **condition(wildcards.trial, ("controller", "K_d", "B_d")),
+                },
+            )
+        ),
     output:
         RESULTS / "fits/model_comparison/{trial}.csv",
     log:
         RESULTS / "logs/model_comparison/{trial}.log",
     wildcard_constraints:
         trial="(?!(belt|transmission)_trials).*",
-    group:
-        "trials"
-    params:
-        code=jobs.code_of("bench.compare_impedance_models"),
-        settings=CONFIG.dynamometer.part("ImpedanceAnalysis"),
-        weight=CONFIG.gain_weight.model_dump(mode="json"),
-        sign_width=CONFIG.model_comparison.sign_width,
-        of_trial=stated("impedance", ("controller", "K_d", "B_d"), windows=True),
-    run:
-        device = CAMPAIGN.device(wildcards.trial) or []
-        read = {"trial": trial_file(wildcards.trial), "parameters": device}
-        jobs.run_job(log, "bench.compare_impedance_models", input, output, params, read=read)
+    shell:
+        JOB

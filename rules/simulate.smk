@@ -7,19 +7,43 @@ def simulated_logs() -> list[Path]:
     return [CONFIG.sheet, *logs] if CONFIG.simulation else []
 
 
+def simulation_of(experiment: str):
+    """The input of the rule that simulates the trials of an experiment."""
+    return lambda wildcards: job(
+        getattr(rules, f"simulate_{experiment}"),
+        wildcards,
+        "simulate.simulate_trial",
+        ("commands.simulate",),
+        made_of=SIMULATION_FILES,
+        settings={
+            "settings_path": str(CONFIG.simulation),
+            "campaign_folder": str(RAW),
+            "trial": wildcards.trial,
+            "followed": CONFIG.shared(experiment).model_dump(mode="json"),
+        },
+        output={},
+    )
+
+
 if CONFIG.simulation:
 
     rule trial_sheet:
         input:
-            settings_path=CONFIG.simulation,
+            unpack(
+                lambda wildcards: job(
+                    rules.trial_sheet,
+                    wildcards,
+                    "simulate.write_sheet",
+                    ("simulator.plan",),
+                    files={"settings_path": CONFIG.simulation},
+                )
+            ),
         output:
             sheet=CONFIG.sheet,
         log:
             RESULTS / "logs/simulate/sheet.log",
-        params:
-            code=jobs.code("simulator.plan"),
-        run:
-            jobs.run_job(log, "simulate.write_sheet", input, output, params)
+        shell:
+            JOB
 
     for experiment, facts in EXPERIMENTS.items():
         if not CAMPAIGN.trials(experiment):
@@ -29,20 +53,12 @@ if CONFIG.simulation:
             name:
                 f"simulate_{experiment}"
             input:
-                SIMULATION_FILES,
+                unpack(simulation_of(experiment)),
             output:
                 [RAW / path for path in facts.simulated_files("{trial}").values()],
             log:
                 RESULTS / "logs/simulate/{trial}.log",
             wildcard_constraints:
                 trial=CAMPAIGN.pattern(experiment),
-            group:
-                "trials"
-            params:
-                code=jobs.code("commands.simulate"),
-                settings_path=str(CONFIG.simulation),
-                campaign_folder=str(RAW),
-                trial="{trial}",
-                followed=CONFIG.shared(experiment).model_dump(mode="json"),
-            run:
-                jobs.run_job(log, "simulate.simulate_trial", input, {}, params, output)
+            shell:
+                JOB

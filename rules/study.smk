@@ -19,7 +19,7 @@ STUDY_JOBS = {
 """The jobs of the study by the names of their files."""
 
 
-def study_files(wildcards) -> list[Path]:
+def study_files() -> list[Path]:
     """The files that decide what the study simulates."""
     from osl_analysis.commands.simulate import settings_files  # it loads the simulator
 
@@ -40,7 +40,25 @@ def expected_time(planned_jobs) -> str:
 
 rule study_batch:
     input:
-        study_files,
+        unpack(
+            lambda wildcards: job(
+                rules.study_batch,
+                wildcards,
+                "study.run_batch",
+                ("commands.study",),
+                made_of=study_files(),
+                settings={
+                    "study": STUDY.model_dump(mode="json", exclude={"trials", "campaigns", "recorded"}),
+                    "dynamometer": CONFIG.dynamometer.model_dump(mode="json"),
+                    "actuator_analysis": CONFIG.actuator.model_dump(mode="json"),
+                    "walking": CONFIG.walking.model_dump(mode="json"),
+                    "sources": str(CONFIG.sources),
+                    "experiment": STUDIED_BY_FILE[wildcards.experiment],
+                    "first": wildcards.first,
+                    "number": wildcards.number,
+                },
+            )
+        ),
     output:
         RESULTS / "study/batches/{experiment}_{first}_{number}.csv",
     log:
@@ -49,65 +67,64 @@ rule study_batch:
         experiment="|".join(STUDIED_BY_FILE),
         first="[0-9]+",
         number="[0-9]+",
-    group:
-        "study"
-    resources:
-        core_ms=lambda wildcards: round(1000 * study_seconds(wildcards)),
-        runtime=lambda wildcards: time_limit(study_seconds(wildcards)),
-    params:
-        code=jobs.code("commands.study"),
-        study=STUDY.model_dump(mode="json", exclude={"trials", "campaigns", "recorded"}),
-        dynamometer=CONFIG.dynamometer.model_dump(mode="json"),
-        actuator_analysis=CONFIG.actuator.model_dump(mode="json"),
-        walking=CONFIG.walking.model_dump(mode="json"),
-        sources=str(CONFIG.sources),
-        experiment=lambda wildcards: STUDIED_BY_FILE[wildcards.experiment],
-        first="{first}",
-        number="{number}",
-    run:
-        jobs.run_job(log, "study.run_batch", input, output, params)
+    shell:
+        JOB
 
 
 rule study_table:
     input:
-        batches=[RESULTS / f"study/batches/{job}.csv" for job in STUDY_JOBS],
+        unpack(
+            lambda wildcards: job(
+                rules.study_table,
+                wildcards,
+                "study.summarise",
+                input={"batches": [RESULTS / f"study/batches/{name}.csv" for name in STUDY_JOBS]},
+            )
+        ),
     output:
         RESULTS / "study/study.csv",
     log:
         RESULTS / "logs/study/table.log",
-    params:
-        code=jobs.code_of("study.summarise"),
-    run:
-        jobs.run_job(log, "study.summarise", input, output, params)
+    shell:
+        JOB
 
 
 rule study_page:
     input:
-        table=RESULTS / "study/study.csv",
+        unpack(
+            lambda wildcards: job(
+                rules.study_page, wildcards, "study.write_page", input={"table": RESULTS / "study/study.csv"}
+            )
+        ),
     output:
         RESULTS / "study/study.md",
     log:
         RESULTS / "logs/study/page.log",
-    params:
-        code=jobs.code_of("study.write_page"),
-    run:
-        jobs.run_job(log, "study.write_page", input, output, params)
+    shell:
+        JOB
 
 
 rule study_figure:
     input:
-        table_csv=RESULTS / "study/study.csv",
+        unpack(
+            lambda wildcards: job(
+                rules.study_figure,
+                wildcards,
+                "figure.draw_figure",
+                ("commands.figure", "figures.others"),
+                input={"table_csv": RESULTS / "study/study.csv"},
+                settings={
+                    "name": "study",
+                    "footer": f"Simulated data: Monte Carlo study with seed {STUDY.seed}, osl-analysis {ABOUT.version}",
+                },
+            )
+        ),
     output:
         multiext(str(RESULTS / "study/study"), *(f".{suffix}" for suffix in SUFFIXES)),
     log:
         RESULTS / "logs/study/figure.log",
-    params:
-        code=jobs.code("commands.figure", "figures.others"),
-        name="study",
-        footer=f"Simulated data: Monte Carlo study with seed {STUDY.seed}, osl-analysis {ABOUT.version}, configuration "
-        f"{ABOUT.configuration}",
-    run:
-        jobs.run_job(log, "figure.draw_figure", input, output, params)
+    shell:
+        JOB
 
 
 rule study:

@@ -52,6 +52,11 @@ def verdicts_on(table: str) -> list[Path]:
     return checked(name for name in PER_TRIAL[table] if name in CAMPAIGN.sheet.index and table != "quality")
 
 
+def by_stem(files) -> dict[str, str]:
+    """These files by their names without suffix."""
+    return {Path(file).stem: str(file) for file in files}
+
+
 def result_tables() -> list[Path]:
     """Every table of results that the campaign's experiments give."""
     tables = [table for table, trials in PER_TRIAL.items() if trials and table not in {"quality", *UNPUBLISHED}]
@@ -102,101 +107,138 @@ def rows_behind(table: str) -> list[Path]:
 
 rule table:
     input:
-        after=lambda wildcards: behind(wildcards.table),
+        unpack(
+            lambda wildcards: job(
+                rules.table,
+                wildcards,
+                "tables.gather",
+                after=behind(wildcards.table),
+                read={
+                    "rows": rows(wildcards.table),
+                    "quality": verdicts_on(wildcards.table),
+                    **({"fits": rows(DOUBTS_OF[wildcards.table])} if wildcards.table in DOUBTS_OF else {}),
+                },
+                settings={
+                    "limits": limits_of(wildcards.table),
+                    "limits_of_fits": limits_of(DOUBTS_OF.get(wildcards.table, "")),
+                    "places": PLACES,
+                },
+            )
+        ),
     output:
         RESULTS / "tables/{table}.csv",
     log:
         RESULTS / "logs/tables/{table}.log",
     wildcard_constraints:
         table="|".join(PER_TRIAL.keys() - {"quality"}),
-    params:
-        code=jobs.code_of("tables.gather"),
-        limits=lambda wildcards: limits_of(wildcards.table),
-        limits_of_fits=lambda wildcards: limits_of(DOUBTS_OF.get(wildcards.table, "")),
-        places=PLACES,
-    run:
-        read = {"rows": rows(wildcards.table), "quality": verdicts_on(wildcards.table)}
-        read |= {"fits": rows(DOUBTS_OF[wildcards.table])} if wildcards.table in DOUBTS_OF else {}
-        jobs.run_job(log, "tables.gather", input, output, params, read=read)
+    shell:
+        JOB
 
 
 rule derived_table:
     input:
-        table=lambda wildcards: RESULTS / f"tables/{DERIVED[wildcards.derived][0]}.csv",
+        unpack(
+            lambda wildcards: job(
+                rules.derived_table,
+                wildcards,
+                DERIVED[wildcards.derived][1],
+                input={"table": RESULTS / f"tables/{DERIVED[wildcards.derived][0]}.csv"},
+            )
+        ),
     output:
         RESULTS / "tables/{derived}.csv",
     log:
         RESULTS / "logs/tables/{derived}.log",
     wildcard_constraints:
         derived="|".join(DERIVED),
-    params:
-        command=lambda wildcards: DERIVED[wildcards.derived][1],
-        code=lambda wildcards: jobs.code_of(DERIVED[wildcards.derived][1]),
-    run:
-        jobs.run_job(log, params.command, input, output, params)
+    shell:
+        JOB
 
 
 rule pool_responses:
     input:
-        parameters=CONFIG.parameters or [],
-        after=behind("response_lines") if "response_lines" in PER_TRIAL else [],
+        unpack(
+            lambda wildcards: job(
+                rules.pool_responses,
+                wildcards,
+                "response.pool_responses",
+                files={"parameters": CONFIG.parameters or []},
+                after=behind("response_lines") if "response_lines" in PER_TRIAL else [],
+                read={"lines": rows("response_lines"), "quality": verdicts_on("response_lines")},
+                settings={
+                    "conditions": {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL["response_lines"]},
+                    "settings": CONFIG.dynamometer.part("FilterSettings"),
+                },
+            )
+        ),
     output:
         response_pooled=RESULTS / "tables/response_pooled.csv",
         response_models_pooled=RESULTS / "tables/response_models_pooled.csv",
     log:
         RESULTS / "logs/tables/response_pooled.log",
-    params:
-        code=jobs.code_of("response.pool_responses"),
-        conditions=lambda wildcards: {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL["response_lines"]},
-        settings=CONFIG.dynamometer.part("FilterSettings"),
-    run:
-        read = {"lines": rows("response_lines"), "quality": verdicts_on("response_lines")}
-        jobs.run_job(log, "response.pool_responses", input, output, params, read=read)
+    shell:
+        JOB
 
 
 rule gains_table:
     input:
-        trajectory=CONFIG.impedance_trajectory or [],
-        parameters=CONFIG.parameters or [],
+        unpack(
+            lambda wildcards: job(
+                rules.gains_table,
+                wildcards,
+                "gains.select_trajectory",
+                files={"trajectory": CONFIG.impedance_trajectory or [], "parameters": CONFIG.parameters or []},
+                settings={"weight": CONFIG.gain_weight.model_dump(mode="json")},
+            )
+        ),
     output:
         RESULTS / "tables/gains.csv",
     log:
         RESULTS / "logs/tables/gains.log",
-    params:
-        code=jobs.code_of("gains.select_trajectory"),
-        weight=CONFIG.gain_weight.model_dump(mode="json"),
-    run:
-        jobs.run_job(log, "gains.select_trajectory", input, output, params)
+    shell:
+        JOB
 
 
 rule headline_numbers:
     input:
-        tables=result_tables(),
-        excluded=RESULTS / "tables/excluded.csv",
+        unpack(
+            lambda wildcards: job(
+                rules.headline_numbers,
+                wildcards,
+                "summarise.write_summary",
+                ("commands.summarise",),
+                input={"excluded": RESULTS / "tables/excluded.csv"},
+                after=result_tables(),
+                read={"table_paths": by_stem(result_tables())},
+                settings={
+                    "about": asdict(ABOUT),
+                    "example": example(),
+                    "trials": {name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)},
+                },
+            )
+        ),
     output:
         summary_json=RESULTS / "summary.json",
         numbers_tex=RESULTS / "numbers.tex",
     log:
         RESULTS / "logs/summary.log",
-    params:
-        code=jobs.code("commands.summarise"),
-        about=asdict(ABOUT),
-        example=example(),
-        trials={name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)},
-    run:
-        paths = {Path(table).stem: table for table in input.tables}
-        files = {"table_paths": paths, "excluded": input.excluded}
-        jobs.run_job(log, "summarise.write_summary", files, output, params)
+    shell:
+        JOB
 
 
 rule describe_tables:
+    input:
+        unpack(
+            lambda wildcards: job(
+                rules.describe_tables,
+                wildcards,
+                "summarise.write_table_metadata",
+                settings={"about": asdict(ABOUT), "tables": written_tables()},
+            )
+        ),
     output:
         RESULTS / "csv-metadata.json",
     log:
         RESULTS / "logs/csv_metadata.log",
-    params:
-        code=jobs.code_of("summarise.write_table_metadata"),
-        about=asdict(ABOUT),
-        tables=lambda wildcards: written_tables(),
-    run:
-        jobs.run_job(log, "summarise.write_table_metadata", input, output, params)
+    shell:
+        JOB

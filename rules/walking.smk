@@ -40,8 +40,19 @@ def crossed(perturbed: bool) -> dict[str, list[Path]]:
 
 rule calibrate_markers:
     input:
-        trial=lambda wildcards: trial_file(wildcards.static),
-        motion=lambda wildcards: [trial_file(trial) for trial in motion_of(wildcards.static)],
+        unpack(
+            lambda wildcards: job(
+                rules.calibrate_markers,
+                wildcards,
+                "crossing.calibrate",
+                input={
+                    "trial": trial_file(wildcards.static),
+                    "motion": [trial_file(trial) for trial in motion_of(wildcards.static)],
+                },
+                read={"quality": checked([wildcards.static, *motion_of(wildcards.static)])},
+                settings={"settings": CAMPAIGN.calibration_settings(wildcards.static)},
+            )
+        ),
     output:
         output=RESULTS / "fits/calibration/{static}.json",
         comparison=RESULTS / "fits/hinge/{static}.csv",
@@ -49,133 +60,182 @@ rule calibrate_markers:
         RESULTS / "logs/calibration/{static}.log",
     wildcard_constraints:
         static=CAMPAIGN.pattern("static"),
-    group:
-        "shared"
-    params:
-        code=jobs.code_of("crossing.calibrate"),
-        settings=lambda wildcards: CAMPAIGN.calibration_settings(wildcards.static),
-    run:
-        read = {"quality": checked([wildcards.static, *motion_of(wildcards.static)])}
-        jobs.run_job(log, "crossing.calibrate", input, output, params, read=read)
+    shell:
+        JOB
 
 
 rule identify_plate:
     input:
-        trials=[trial_file(trial) for trial in CAMPAIGN.plate_trials()],
-        calibrations=lambda wildcards: calibrations(CAMPAIGN.plate_trials()),
+        unpack(
+            lambda wildcards: job(
+                rules.identify_plate,
+                wildcards,
+                "crossing.identify_plate",
+                input={
+                    "trials": [trial_file(trial) for trial in CAMPAIGN.plate_trials()],
+                    "calibrations": calibrations(CAMPAIGN.plate_trials()),
+                },
+                read={"quality": checked(CAMPAIGN.plate_trials())},
+                settings={
+                    "settings": CONFIG.walking.part("PlateModelSettings"),
+                    "statics": statics(CAMPAIGN.plate_trials()),
+                },
+            )
+        ),
     output:
         output=RESULTS / "fits/plate.json",
         comparison=RESULTS / "tables/plate.csv",
     log:
         RESULTS / "logs/walking/plate.log",
-    group:
-        "shared"
-    params:
-        code=jobs.code_of("crossing.identify_plate"),
-        settings=CONFIG.walking.part("PlateModelSettings"),
-        statics=lambda wildcards: statics(CAMPAIGN.plate_trials()),
-    run:
-        read = {"quality": checked(CAMPAIGN.plate_trials())}
-        jobs.run_job(log, "crossing.identify_plate", input, output, params, read=read)
+    shell:
+        JOB
 
 
 rule measure_platform:
     input:
-        trials=[trial_file(trial) for trial in CAMPAIGN.crossings(perturbed=True)],
-        calibrations=lambda wildcards: calibrations(CAMPAIGN.crossings(perturbed=True)),
+        unpack(
+            lambda wildcards: job(
+                rules.measure_platform,
+                wildcards,
+                "crossing.measure_platform",
+                input={
+                    "trials": [trial_file(trial) for trial in CAMPAIGN.crossings(perturbed=True)],
+                    "calibrations": calibrations(CAMPAIGN.crossings(perturbed=True)),
+                },
+                read={"quality": checked(CAMPAIGN.crossings(perturbed=True))},
+                settings={
+                    "settings": CONFIG.walking.part("PlatformMotionSettings"),
+                    "places": WALKED,
+                    "statics": statics(CAMPAIGN.crossings(perturbed=True)),
+                },
+            )
+        ),
     output:
         output=RESULTS / "fits/platform.json",
         comparison=RESULTS / "tables/platform.csv",
     log:
         RESULTS / "logs/walking/platform.log",
-    group:
-        "shared"
-    params:
-        code=jobs.code_of("crossing.measure_platform"),
-        settings=CONFIG.walking.part("PlatformMotionSettings"),
-        places=WALKED,
-        statics=lambda wildcards: statics(CAMPAIGN.crossings(perturbed=True)),
-    run:
-        read = {"quality": checked(CAMPAIGN.crossings(perturbed=True))}
-        jobs.run_job(log, "crossing.measure_platform", input, output, params, read=read)
+    shell:
+        JOB
 
 
 rule analyse_crossing:
     input:
-        trial=RESULTS / "trials/{trial}.parquet",
-        calibration=lambda wildcards: calibration(CAMPAIGN.static(wildcards.trial)),
-        plate=RESULTS / "fits/plate.json",
-        platform=RESULTS / "fits/platform.json",
+        unpack(
+            lambda wildcards: job(
+                rules.analyse_crossing,
+                wildcards,
+                "crossing.analyse",
+                input={
+                    "trial": RESULTS / f"trials/{wildcards.trial}.parquet",
+                    "calibration": calibration(CAMPAIGN.static(wildcards.trial)),
+                    "plate": RESULTS / "fits/plate.json",
+                    "platform": RESULTS / "fits/platform.json",
+                },
+                settings={
+                    "settings": CONFIG.walking.part("CrossingSettings"),
+                    "perturbed": CAMPAIGN.row(wildcards.trial)["perturbed"],
+                    "direction": CAMPAIGN.row(wildcards.trial)["direction"],
+                    "body_mass_kg": CAMPAIGN.row(wildcards.trial)["body_mass_kg"],
+                },
+            )
+        ),
     output:
         RESULTS / "crossings/{trial}.parquet",
     log:
         RESULTS / "logs/crossings/{trial}.log",
-    group:
-        "crossings"
-    params:
-        code=jobs.code_of("crossing.analyse"),
-        settings=CONFIG.walking.part("CrossingSettings"),
-        perturbed=lambda wildcards: CAMPAIGN.row(wildcards.trial)["perturbed"],
-        direction=lambda wildcards: CAMPAIGN.row(wildcards.trial)["direction"],
-        body_mass_kg=lambda wildcards: CAMPAIGN.row(wildcards.trial)["body_mass_kg"],
-    run:
-        jobs.run_job(log, "crossing.analyse", input, output, params)
+    shell:
+        JOB
 
 
 rule select_crossings:
     input:
-        crossings=crossings(CAMPAIGN.trials("walking")),
+        unpack(
+            lambda wildcards: job(
+                rules.select_crossings,
+                wildcards,
+                "walking.select_crossings",
+                input={"crossings": crossings(CAMPAIGN.trials("walking"))},
+                read={"quality": checked(CAMPAIGN.trials("walking"))},
+                settings={
+                    "settings": CONFIG.walking.part("SelectionSettings"),
+                    "sheet": CAMPAIGN.conditions(),
+                    "places": WALKED,
+                },
+            )
+        ),
     output:
         RESULTS / "tables/walking_crossings.csv",
     log:
         RESULTS / "logs/walking/selection.log",
-    params:
-        code=jobs.code_of("walking.select_crossings"),
-        settings=CONFIG.walking.part("SelectionSettings"),
-        sheet=CAMPAIGN.conditions(),
-        places=WALKED,
-    run:
-        read = {"quality": checked(CAMPAIGN.trials("walking"))}
-        jobs.run_job(log, "walking.select_crossings", input, output, params, read=read)
+    shell:
+        JOB
 
 
 rule average_unperturbed:
     input:
-        selection=RESULTS / "tables/walking_crossings.csv",
+        unpack(
+            lambda wildcards: job(
+                rules.average_unperturbed,
+                wildcards,
+                "walking.average_unperturbed",
+                input={"selection": RESULTS / "tables/walking_crossings.csv"},
+                read=crossed(perturbed=False),
+                settings={"settings": CONFIG.walking.part("UnperturbedSettings")},
+            )
+        ),
     output:
         RESULTS / "fits/unperturbed.parquet",
     log:
         RESULTS / "logs/walking/unperturbed.log",
-    params:
-        code=jobs.code_of("walking.average_unperturbed"),
-        settings=CONFIG.walking.part("UnperturbedSettings"),
-    run:
-        jobs.run_job(log, "walking.average_unperturbed", input, output, params, read=crossed(perturbed=False))
+    shell:
+        JOB
 
 
 rule fit_perturbation:
     input:
-        crossing=RESULTS / "crossings/{trial}.parquet",
-        unperturbed=RESULTS / "fits/unperturbed.parquet",
+        unpack(
+            lambda wildcards: job(
+                rules.fit_perturbation,
+                wildcards,
+                "walking.fit_perturbation",
+                input={
+                    "crossing": RESULTS / f"crossings/{wildcards.trial}.parquet",
+                    "unperturbed": RESULTS / "fits/unperturbed.parquet",
+                },
+                read={"selection": RESULTS / "tables/walking_crossings.csv"},
+                settings={"settings": CONFIG.walking.part("ResponseSettings")},
+            )
+        ),
     output:
         RESULTS / "fits/walking/{trial}.csv",
     log:
         RESULTS / "logs/walking/{trial}.log",
-    group:
-        "perturbations"
-    params:
-        code=jobs.code_of("walking.fit_perturbation"),
-        settings=CONFIG.walking.part("ResponseSettings"),
-    run:
-        read = {"selection": RESULTS / "tables/walking_crossings.csv"}
-        jobs.run_job(log, "walking.fit_perturbation", input, output, params, read=read)
+    shell:
+        JOB
 
 
 rule summarise_walking:
     input:
-        table=RESULTS / "tables/walking.csv",
-        selection=RESULTS / "tables/walking_crossings.csv",
-        unperturbed=RESULTS / "fits/unperturbed.parquet",
+        unpack(
+            lambda wildcards: job(
+                rules.summarise_walking,
+                wildcards,
+                "walking.summarise_perturbations",
+                input={
+                    "table": RESULTS / "tables/walking.csv",
+                    "selection": RESULTS / "tables/walking_crossings.csv",
+                    "unperturbed": RESULTS / "fits/unperturbed.parquet",
+                },
+                read=crossed(perturbed=True),
+                settings={
+                    "settings": CONFIG.walking.part("EnsembleSettings"),
+                    "sheet": CAMPAIGN.conditions(),
+                    "places": WALKED,
+                    "limits": CONFIG.doubtful.of("walking_groups").model_dump(mode="json"),
+                },
+            )
+        ),
     output:
         output=RESULTS / "tables/walking_summary.csv",
         responses=RESULTS / "tables/walking_responses.csv",
@@ -183,28 +243,33 @@ rule summarise_walking:
         groups=RESULTS / "tables/walking_groups.csv",
     log:
         RESULTS / "logs/walking/summary.log",
-    params:
-        code=jobs.code_of("walking.summarise_perturbations"),
-        settings=CONFIG.walking.part("EnsembleSettings"),
-        sheet=CAMPAIGN.conditions(),
-        places=WALKED,
-        limits=CONFIG.doubtful.of("walking_groups").model_dump(mode="json"),
-    run:
-        jobs.run_job(log, "walking.summarise_perturbations", input, output, params, read=crossed(perturbed=True))
+    shell:
+        JOB
+
+
+def trajectory() -> list[Path]:
+    """The file of the commanded impedance over stance, if there is one."""
+    return [CONFIG.impedance_trajectory] if CONFIG.impedance_trajectory else []
 
 
 rule impedance_over_stance:
     input:
-        summary=RESULTS / "tables/walking_summary.csv",
-        groups=RESULTS / "tables/walking_groups.csv",
-        trajectory=[CONFIG.impedance_trajectory] if CONFIG.impedance_trajectory else [],
+        unpack(
+            lambda wildcards: job(
+                rules.impedance_over_stance,
+                wildcards,
+                "walking.tabulate_over_stance",
+                input={
+                    "summary": RESULTS / "tables/walking_summary.csv",
+                    "groups": RESULTS / "tables/walking_groups.csv",
+                },
+                files={"trajectory": trajectory()},
+                settings={"stance_share": CONFIG.figures.stance_share, "data": CAMPAIGN.data},
+            )
+        ),
     output:
         RESULTS / "tables/impedance_over_stance.csv",
     log:
         RESULTS / "logs/walking/over_stance.log",
-    params:
-        code=jobs.code_of("walking.tabulate_over_stance"),
-        stance_share=CONFIG.figures.stance_share,
-        data=CAMPAIGN.data,
-    run:
-        jobs.run_job(log, "walking.tabulate_over_stance", input, output, params)
+    shell:
+        JOB

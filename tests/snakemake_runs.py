@@ -1,7 +1,7 @@
 """Runs of Snakemake for the tests, in processes that are forked from one that has imported what every run imports.
 
-A run that starts Python anew takes 3 s more, and the tests run Snakemake some forty times. The jobs are forked as
-always, but from one process for all runs. The first run of the campaign, and those that need another start, are started
+A run that starts Python anew takes 3 s more, and the tests run Snakemake some forty times. Their jobs have one server,
+for all runs. The first run of the campaign, and those that need another start, are started
 as a user starts them.
 """
 
@@ -15,28 +15,27 @@ from pathlib import Path
 from conftest import ROOT
 
 FORKING = """
-import gc, json, os, sys, time
-from multiprocessing import forkserver
+import gc, json, os, sys, tempfile, time
 from pathlib import Path
 import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag
 import osl_analysis.about, osl_analysis.campaign, osl_analysis.doubtful, osl_analysis.refusal_report
 import osl_analysis.commands.simulate, osl_analysis.campaign, osl_analysis.figures, osl_analysis.study
-from osl_analysis import fingerprint, workflow
+from osl_analysis import fingerprint
+from osl_analysis.jobs import client, request, run
 
 snakemake.cli.get_argument_parser()  # imports the plug-ins
 for path in fingerprint.PACKAGE.rglob("*.py"):
     fingerprint.imported_names(path)
-workflow.fork_server()
-forkserver.ensure_running()
-# it is no child of those that are forked here: they cannot ask
-forkserver.ensure_running = forkserver._forkserver.ensure_running = lambda: None
+folder = tempfile.mkdtemp()
+os.environ |= {client.JOBS: f"{folder}/jobs", client.OWNER: str(os.getpid())}
+client.start(f"{folder}/jobs")
 gc.freeze()
 
 for line in sys.stdin:
     arguments, folder, package, said = json.loads(line)
     pid = os.fork()
     if not pid:
-        workflow.STARTED = time.time()
+        run.STARTED = time.time()
         if package:
             fingerprint.PACKAGE = Path(package)
             fingerprint.module_file.cache_clear()

@@ -1,6 +1,5 @@
 """A small campaign through the real Snakefile: everything is made, and a change reruns what depends on it, no more."""
 
-import base64
 import json
 import os
 import re
@@ -11,7 +10,6 @@ import zipfile
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -24,11 +22,11 @@ from osl_analysis.commands.reference import SUMMARY_FIELDS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
 from osl_analysis.fingerprint import code_of, imported_names, job_sources, sources
-from osl_analysis.fork_server import PRELOADED, fork_server, start_early
 from osl_analysis.job_log import read_log
+from osl_analysis.jobs import client, run
+from osl_analysis.jobs.server import PRELOADED
 from osl_analysis.refusal import is_refused
 from osl_analysis.summary.headlines import all_labels
-from osl_analysis.workflow import flat
 
 TRIAL = "impedance_K300_B5.0_compensated"
 PROTOCOL = {"frequencies_hz": [2, 5], "cycles": 5, "amplitudes_deg": [2, 4]}
@@ -166,31 +164,38 @@ def test_every_column_is_in_the_data_dictionary_and_the_dictionary_has_no_other(
     )
 
 
+def requests_in(folder):
+    """The requests of the jobs in a folder of results, by the names of their files."""
+    found = sorted((folder / "results/requests").rglob("*.json"))
+    return {str(path.relative_to(folder)): json.loads(path.read_text()) for path in found}
+
+
+def flat(files):
+    """The names in a list or mapping of names, lists and mappings."""
+    if isinstance(files, dict):
+        return flat(list(files.values()))
+    return [name for inner in files for name in flat(inner)] if isinstance(files, list) else [files]
+
+
 def test_what_a_job_reads_was_made_by_jobs_that_its_rule_waits_for(workspace):
     """Also what the rule does not name (`read`): else a job runs too early, or is not run again. The rules' inputs are
-    those in Snakemake's notes, what a job reads stands in its log."""
-    notes = workspace.folder / ".snakemake/metadata"
-    maker, waits_for = {}, {}
-    for note in (path for path in notes.rglob("*") if path.is_file()):
-        made = base64.b64decode(str(note.relative_to(notes)).replace("/", "").replace("@", ""), altchars=b"-_")
-        said = json.loads(note.read_text())
-        maker[made.decode()], waits_for[said["log"][0]] = said["log"][0], said["input"]
-    logs = {log: yaml.load((workspace.folder / log).read_text(), yaml.CSafeLoader) for log in waits_for}
+    those in Snakemake's notes, what a job reads stands in its request."""
+    requests, waits_for = requests_in(workspace.folder), {}
+    maker = {file: request for request, said in requests.items() for file in said["files"]}
+    for note in (path for path in (workspace.folder / ".snakemake/metadata").rglob("*") if path.is_file()):
+        inputs = json.loads(note.read_text())["input"]
+        (request,) = [file for file in inputs if file in requests]
+        waits_for[request] = inputs
+    assert waits_for.keys() == requests.keys()
 
     @cache
-    def before(log):
-        direct = {maker[file] for file in waits_for[log] if file in maker}
+    def before(request):
+        direct = {maker[file] for file in waits_for[request] if file in maker}
         return direct.union(*map(before, direct))
 
-    early = [
-        (log, file)
-        for log, said in logs.items()
-        for file in flat(said.get("input", {}))
-        if file in maker and maker[file] not in before(log)
-    ]
-    assert early == []
-    unnamed = {file for log, said in logs.items() for file in flat(said.get("input", {})) if file not in waits_for[log]}
-    assert len(unnamed & maker.keys()) > 50
+    reads = [(request, file) for request, said in requests.items() for file in flat(said["input"]) if file in maker]
+    assert [(request, file) for request, file in reads if maker[file] not in before(request)] == []
+    assert len({file for request, file in reads if file not in waits_for[request]}) > 50
 
 
 def test_every_number_of_the_summary_is_in_the_data_dictionary(workspace):
@@ -271,7 +276,7 @@ def test_a_changed_log_reruns_that_trial_and_what_follows(workspace):
             {"fit_belt_trial", "fit_transmission_trial", "identify_plate", "analyse_crossing"},
         ),
         ("bench/impedance", {"fit_impedance_trial"}, {"fit_belt_trial", "fit_transmission_trial", "fit_perturbation"}),
-        ("walking/response_fit", {"fit_perturbation"}, {"fit_belt_trial", "fit_impedance_trial", "analyse_crossing"}),
+        ("walking/response", {"fit_perturbation"}, {"fit_belt_trial", "fit_impedance_trial", "analyse_crossing"}),
     ],
 )
 def test_a_changed_estimator_reruns_its_fits_and_not_ingest(workspace, tmp_path, module, again, untouched):
@@ -560,19 +565,16 @@ def test_the_log_of_a_job_says_what_was_done_with_what_and_how_long_it_took(work
     assert log["settings"] == {"settings": settings | limits}
 
 
-def test_jobs_that_run_as_processes_of_their_own_leave_the_same_logs_and_records(workspace):
-    """As on a cluster: without the profile's threads, each `run:` block is a Snakemake of its own."""
+def test_a_job_without_a_server_leaves_the_same_result(workspace):
+    """As on a system without sockets: each job is a Python of its own."""
     fit = workspace.folder / "results/fits/belt/belt_02.csv"
+    before = fit.read_bytes()
     fit.unlink()
-    workspace.configure({"dynamometer": DYNAMOMETER | {"load_cell_range": 1.0}})
-    result = workspace.start("results/fits/belt/belt_02.csv", "--cores", "2", "--workflow-profile", "none")
-    workspace.configure({})
-    said = result.stdout + result.stderr
-    assert result.returncode == 1, said
-    assert "NOT ANALYSED: 1 of 22 trials" in said
-    assert re.search(r"where the time went .*\nbench +1 jobs", said)
-    assert read_log(workspace.folder / "results/logs/belt/belt_02.log").outcome == "refused"
-    assert is_refused(fit)
+    request = str(workspace.folder / "results/requests/belt/belt_02.json")
+    command = [sys.executable, "-I", "-S", client.__file__, request]
+    done = subprocess.run(command, cwd=workspace.folder, env=os.environ | {client.JOBS: ""}, check=False)
+    assert (done.returncode, fit.read_bytes()) == (0, before)
+    assert read_log(workspace.folder / "results/logs/belt/belt_02.log").outcome == "done"
 
 
 FORMS = """
@@ -642,28 +644,18 @@ SIMULATOR, DRAWINGS = {"commands.simulate", "simulator."}, {"matplotlib", "figur
     [
         ({}, ["snakemake"], set()),
         ({"simulation": "mine.yaml"}, [], set()),
-        ({"simulation": "mine.yaml", "parameters": None}, [], set()),
         ({"simulation": None}, [], SIMULATOR),
-        ({"simulation": None, "parameters": None}, [], SIMULATOR),
         ({"simulation": None}, ["snakemake", "study"], set()),
         ({}, ["snakemake", "results/tables/impedance.csv"], DRAWINGS),
         ({"simulation": None}, ["snakemake", "results/tables/impedance.csv"], SIMULATOR | DRAWINGS),
         ({}, ["snakemake", "--config", "sheet=trials.csv"], set()),
     ],
 )
-def test_jobs_do_not_wait_for_what_none_of_them_uses(monkeypatch, config, argv, left_out):
+def test_jobs_do_not_wait_for_what_none_of_them_uses(config, argv, left_out):
     """Neither for the simulator to be compiled, where all is recorded, nor for what draws, for a table."""
-    asked = []
-    context = SimpleNamespace(set_forkserver_preload=asked.extend, get_start_method=lambda: "nothing is started here")
-    monkeypatch.setattr("osl_analysis.fork_server.fork_server", fork_server.__wrapped__)
-    monkeypatch.setattr("multiprocessing.get_context", lambda _: context)
-    monkeypatch.setattr("sys.argv", argv)
-    start_early(config)
-    missing = set(PRELOADED) - set(asked)
+    missing = run.rarely_used(config, argv)
     assert all(any(part in name for part in left_out) for name in missing)
     assert all(any(part in name for name in missing) for part in left_out)
-    assert asked[0] == "osl_analysis.undisturbed"
-    assert asked[-1] == "osl_analysis.frozen"
 
 
 def test_fingerprint_follows_imports_downwards_only():

@@ -10,11 +10,13 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, OTHER_DRAWINGS
-from osl_analysis.files import atomic_path
+from osl_analysis.files import atomic_path, digest
 from osl_analysis.refusal import Refusal, is_refused, read_refusals
 from osl_analysis.table import read_table, write_table
 
 EMPTY = "no trial of the campaign has the numbers that this figure shows"
+DIGITS = 8
+"""Hexadecimal digits of the hash of the plotted numbers below a figure."""
 METADATA: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}, ".png": {}}
 """Formats that can be written, with the metadata that would hold the time removed: equal numbers give equal files."""
 
@@ -50,10 +52,12 @@ def draw_figure(
     """Draw the numbers of `table_csv` as figure `name` (one of `FIGURES`) into PDF, SVG or PNG files, by suffix.
 
     `refused` are the causes of what the figure lacks. It names these trials; if there are no numbers, it says why. The
-    `footer` says what the data are.
+    `footer` says what the data are; the first digits of the SHA-256 of `table_csv` are added to it.
 
     Raises InputError: unknown figure or suffix; the table is missing or lacks a column.
     """
+    if footer:
+        footer += f", numbers {str(digest(table_csv))[:DIGITS]}"
     if is_refused(table_csv):
         causes = [(cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
         draw_table("not_drawn", not_drawn(name, causes), outputs, footer=footer)

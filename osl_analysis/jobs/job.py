@@ -2,14 +2,13 @@
 
 import importlib
 import inspect
-import os
 import signal
+import sys
 import time
 import traceback
 import warnings
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,31 +19,11 @@ from osl_analysis.errors import OslAnalysisError, PartialResultError, WriteError
 from osl_analysis.exclusion import without_excluded, without_refused
 from osl_analysis.files import temporary_path
 from osl_analysis.job_log import JobLog, write_log
+from osl_analysis.jobs.request import Job, read_request
 from osl_analysis.memory import limited_memory
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.remedy import NO_ACCESS, OF_SEVERAL, REMEDIES, reason_and_remedy
 from osl_analysis.table import tables_of
-
-LONGEST_WAIT_S = 2.0
-"""For the end of a killed process [s]."""
-
-
-@dataclass(frozen=True)
-class Job:
-    """What one job is to do.
-
-    command: `module.function` under `osl_analysis.commands`.
-    request: its `input`, `output` and `settings`, each with the names of the rule.
-    unnamed: further files that it depends on.
-    files: all the files that it writes.
-    data: what the column `data` of its tables says; empty: they have none.
-    """
-
-    command: str
-    request: Mapping[str, Mapping[str, Any]]
-    unnamed: Sequence[str]
-    files: Sequence[str]
-    data: str = ""
 
 
 class MissingInputError(Exception):
@@ -55,13 +34,22 @@ class MissingInputError(Exception):
         self.causes = causes
 
 
-def run_uninterrupted(log: Path, job: Job) -> None:
-    """`run` in a process of its own. Ctrl-C ends Snakemake, which lets the jobs that have begun come to their end."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    run(log, job)
+def run(request: str) -> int:
+    """Run the job of a request; its exit code. Where there is no result, there are records: Snakemake goes on.
+
+    The code is 1 where neither a result nor a record can be written, as on a full disk.
+    """
+    job = read_request(Path(request))
+    job.log.unlink(missing_ok=True)
+    try:
+        perform(job)
+    except (OslAnalysisError, OSError) as error:
+        print(f"error: {job.log.stem}: {error}", file=sys.stderr)
+        return 1
+    return 0
 
 
-def run(log: Path, job: Job) -> None:
+def perform(job: Job) -> None:
     """Call the command, and write log and, where there is no result, records: also after an error."""
     start, ended, causes = time.perf_counter(), JobLog(job.command, "done"), None
     with warnings.catch_warnings(record=True) as caught:
@@ -76,7 +64,7 @@ def run(log: Path, job: Job) -> None:
         except Exception as fault:
             ended = ended_by(job.command, fault)
     warned = tuple(dict.fromkeys(printable(str(warning.message)) for warning in caught))
-    end(log, job, replace(ended, seconds=time.perf_counter() - start, warnings=warned), causes)
+    end(job, replace(ended, seconds=time.perf_counter() - start, warnings=warned), causes)
 
 
 def ended_by(command: str, fault: BaseException) -> JobLog:
@@ -112,20 +100,20 @@ def call(job: Job) -> None:
         convert(function)(**without_excluded(usable.inputs), **job.request["output"], **job.request["settings"], **told)
 
 
-def end(log: Path, job: Job, ended: JobLog, causes: Sequence[Refusal] | None = None) -> None:
+def end(job: Job, ended: JobLog, causes: Sequence[Refusal] | None = None) -> None:
     """Write the log of a job, and unless it is done a record for each of its files.
 
     `causes` are those of a job that lacks an input; otherwise the job itself is the cause.
     """
     if ended.outcome != "done":
         for path in job.files:
-            write_refusals(causes or [refusal(job, ended, log)], Path(path))
-    write_log(log, ended, job.request)
+            write_refusals(causes or [refusal(job, ended)], Path(path))
+    write_log(job.log, ended, job.request)
 
 
-def refusal(job: Job, ended: JobLog, log: Path) -> Refusal:
+def refusal(job: Job, ended: JobLog) -> Refusal:
     """The record of a job that refused its input, failed or died."""
-    reason, remedy = ended.error, REMEDIES[ended.outcome].format(log=log)
+    reason, remedy = ended.error, REMEDIES[ended.outcome].format(log=job.log)
     if ended.outcome == "failed" and not ended.traceback:
         reason, said = reason_and_remedy(ended.error)
         remedy = said or NO_ACCESS
@@ -155,35 +143,17 @@ def files_read(job: Job) -> list[str]:
     return [str(file) for file in (*raw, inputs.get("trial"), inputs.get("crossing")) if file]
 
 
-def died(log: Path, job: Job, pid: int | None, exit_code: int | None) -> None:
-    """End a job whose process was ended from outside, or lives on without the process that started it."""
-    if pid is not None:
-        kill(pid)
-        for path in map(Path, job.files):
-            temporary_path(path, pid).unlink(missing_ok=True)
-    number = -(exit_code or 0)
+def died(request: str, pid: int, number: int) -> int:
+    """End a job whose process was killed by a signal: leave records, so that other jobs go on; the exit code."""
+    job = read_request(Path(request))
+    forget(request, pid)
     known = {int(one): one.name for one in signal.Signals}
     by = f"signal {number}, {known[number]}" if number in known else "from outside"
-    end(log, job, JobLog(job.command, "died", error=f"the process of this job was killed ({by})"))
+    end(job, JobLog(job.command, "died", error=f"the process of this job was killed ({by})"))
+    return 0
 
 
-def kill(pid: int) -> None:
-    """End a process, and wait until it can write no more."""
-    with suppress(ProcessLookupError):
-        os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))  # Windows has SIGTERM alone, and ends at once
-    deadline = time.monotonic() + LONGEST_WAIT_S
-    while runs(pid) and time.monotonic() < deadline:
-        time.sleep(0.01)
-
-
-def runs(pid: int) -> bool:
-    """Whether a process still runs; one that has ended, and whose parent has not asked for it yet, does not."""
-    if os.name == "nt":  # signal 0 is Ctrl-C there
-        return False
-    try:
-        os.kill(pid, 0)
-        return ") Z " not in Path(f"/proc/{pid}/stat").read_text(encoding="utf-8")
-    except ProcessLookupError:
-        return False
-    except OSError:  # no /proc on this system
-        return True
+def forget(request: str, pid: int) -> None:
+    """Delete the temporary files that a killed process has left."""
+    for path in map(Path, read_request(Path(request)).files if pid else ()):
+        temporary_path(path, pid).unlink(missing_ok=True)

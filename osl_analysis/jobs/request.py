@@ -1,0 +1,187 @@
+"""The requests of jobs: what each is to do, with all that its results are made of, as a small file that is its input.
+
+A request is written while Snakemake plans, and only if its content differs. So a changed setting, sheet, program or
+recording is a changed input of the jobs that use it, and of no others. Snakemake compares inputs by content where it
+has notes of its own (`.snakemake`), else by date.
+"""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from osl_analysis.files import atomic_path, digest, file_state
+from osl_analysis.job_log import plain
+from osl_analysis.refusal import TRIED_AGAIN, is_refused, read_refusals
+from osl_analysis.shipped import PACKAGE, root
+
+PLACES = {"<package>": str(PACKAGE), "<shipped>": str(root())}
+"""What stands in requests for folders of the program, so that results hold in another environment with the same."""
+TABLES = (".csv", ".zip")
+"""Suffixes of files that say by their column `data` what their data are."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What one job is to do.
+
+    command: `module.function` under `osl_analysis.commands`.
+    request: its `input`, `output` and `settings`, each with the names of the function's arguments.
+    unnamed: further files that it depends on.
+    files: all the files that it writes.
+    data: what the column `data` of its tables says; empty: they have none.
+    log: the file of its log.
+    """
+
+    command: str
+    request: Mapping[str, Mapping[str, Any]]
+    unnamed: Sequence[str]
+    files: Sequence[str]
+    data: str = ""
+    log: Path = Path("job.log")
+
+
+def read_request(path: Path) -> Job:
+    """The job of a request."""
+    text = path.read_text(encoding="utf-8")
+    for name, place in PLACES.items():
+        text = text.replace(name, place)
+    said = json.loads(text)
+    return Job(said["command"], said, said["needs"], said["files"], said["data"], Path(said["log"]))
+
+
+def write_request(path: Path, content: Mapping[str, Any], frozen: bool = False) -> None:
+    """Write a request if it differs from the one in its place. `frozen`: an older one stays as it is.
+
+    A failed or killed job is tried again, and so is one whose results were deleted: its request counts how often.
+    """
+    now = {name: plain(value) for name, value in content.items()}
+    try:
+        old = path.read_text(encoding="utf-8")
+        before = json.loads(old)
+    except (OSError, ValueError):
+        old, before = "", {}
+    if before and frozen:
+        return
+    now["tried"] = before.get("tried", 0) + int(bool(before) and is_to_try_again(path, now))
+    if before and same_recordings(before["recorded"], now["recorded"], now["files"]):
+        now["recorded"] = before["recorded"]
+    text = json.dumps(now, indent=1) + "\n"
+    for name, place in PLACES.items():
+        text = text.replace(place, name)
+    if text != old:
+        with atomic_path(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+
+def is_to_try_again(request: Path, now: Mapping[str, Any]) -> bool:
+    """Whether results of a job that has run are gone, or stand for a failure since the request was written."""
+    files = [Path(file) for file in now["files"]]
+    if not all(file.exists() for file in files):
+        return Path(now["log"]).exists()
+    written = request.stat().st_mtime_ns
+    failed = (f for f in files if is_refused(f) and any(r.outcome in TRIED_AGAIN for r in read_refusals(f)))
+    return any(file.stat().st_mtime_ns >= written for file in failed)
+
+
+def same_recordings(before: Mapping[str, Any], now: Mapping[str, Any], results: Sequence[str]) -> bool:
+    """Whether recordings with other dates are the same ones, by size and the SHA-256 in their trial's provenance."""
+    if before == now or before.keys() != now.keys() or None in (*before.values(), *now.values()):
+        return False
+    if any(then[::2] != state[::2] for then, state in zip(before.values(), now.values(), strict=True)):
+        return False  # of another size, or not readable
+    import polars as pl
+
+    from osl_analysis.trial import PROVENANCE_KEY
+
+    try:
+        provenance = json.loads(pl.read_parquet_metadata(results[0])[PROVENANCE_KEY])
+        parts = [part for one in provenance["files"].values() for part in one.get("parts", [one])]
+        return [digest(Path(file)) for file in now] == [part["sha256"] for part in parts]
+    except (pl.exceptions.PolarsError, OSError, KeyError, ValueError, TypeError):
+        return False  # as of a refusal record, which has none
+
+
+digest_of = cache(digest)  # many jobs use the same file
+
+
+def contents(files: Iterable[Path]) -> dict[str, str | None]:
+    """What is in small files, by name: parameters, sources, settings of the simulation."""
+    return {str(file): digest_of(Path(file)) for file in files}
+
+
+def recorded(files: Iterable[Path]) -> dict[str, Any]:
+    """State of recordings. As inputs, Snakemake would ignore an older date, and stop where it cannot read one."""
+    return {str(file): file_state(file) for file in files}
+
+
+class Requests:
+    """The requests of a workflow.
+
+    folder: where they are written, under the places of the jobs' logs below `logs`.
+    data: what the column `data` of its tables says.
+    workflow: Snakemake's; in the process of a single job, as on a cluster, requests stay as they are.
+    """
+
+    def __init__(self, folder: Path, logs: Path, data: str, workflow: Any) -> None:
+        self.folder, self.logs, self.data, self.workflow = folder, logs, data, workflow
+
+    def job(
+        self,
+        rule: Any,
+        wildcards: Any,
+        command: str,
+        code: str | Sequence[str],
+        *,
+        input: Mapping[str, Any] | None = None,
+        after: Sequence[Path] = (),
+        needs: Sequence[Path] = (),
+        read: Mapping[str, Any] | None = None,
+        settings: Mapping[str, Any] | None = None,
+        output: Mapping[str, Any] | None = None,
+        files: Mapping[str, Any] | None = None,
+        made_of: Iterable[Path] = (),
+        recordings: Iterable[Path] = (),
+    ) -> dict[str, Any]:
+        """The inputs of one job of a rule for Snakemake, by name; `request` is the file of its request.
+
+        `command` is "module.function" under `osl_analysis.commands`, `code` its fingerprint. It is called with
+
+        * the inputs by name: those of `input`, and those of `read`, which were made when `input` was. Snakemake's
+          planning takes time with every file that it is told of;
+        * the outputs of the rule by their names; without a name, one is `output` and several are `outputs`. Or with
+          `output`, where the command finds the names of its files itself;
+        * the `settings`.
+
+        Each takes the type that the function's signature gives. What the job finds there that is refused or excluded is
+        left out (`jobs.job.call`). Of the files in `needs` it must have every one, the files in `after` are not looked
+        at. The small `files` are inputs by name that no job writes; of these and of those in `made_of` the content
+        counts, of `recordings` state and content.
+        """
+        known = dict(wildcards.items())
+        given = {name: plain(file) for name, file in (files or {}).items()}
+        made_of = [*made_of, *(one for file in given.values() for one in ([file] if isinstance(file, str) else file))]
+        made = [str(pattern).format(**known) for pattern in rule.output]
+        named = {name: str(pattern).format(**known) for name, pattern in rule.output.items()}
+        if output is None:
+            output = named or ({"output": made[0]} if len(made) == 1 else {"outputs": made})
+        log = str(rule.log[0]).format(**known)
+        path = self.folder / Path(log).relative_to(self.logs).with_suffix(".json")
+        content = {
+            "command": command,
+            "code": code,
+            "data": self.data if any(file.endswith(TABLES) for file in made) else "",
+            "log": log,
+            "files": made,
+            "input": {**(input or {}), **(read or {}), **given},
+            "needs": needs,
+            "output": output,
+            "settings": settings or {},
+            "made_of": contents(made_of),
+            "recorded": recorded(recordings),
+        }
+        write_request(path, content, frozen=not self.workflow.is_main_process)
+        listed = {"after": [str(file) for file in after], "needs": [str(file) for file in needs]}
+        return {"request": str(path), **plain(input or {}), **listed}

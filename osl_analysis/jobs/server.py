@@ -1,0 +1,241 @@
+"""The warm server of a run: it imports once, forks once per job, and ends with the run. It has no threads.
+
+A job begins with its work 0.8 s earlier than in a Python of its own, and is still a process of its own.
+`server.py --serve SOCKET` serves, `--job REQUEST PID` runs one job, `--died REQUEST PID SIGNAL` records a killed one;
+PID is a process that died over the job, whose temporary files are deleted.
+"""
+
+import ctypes
+import gc
+import importlib
+import os
+import selectors
+import signal
+import socket
+import sys
+import time
+from contextlib import suppress
+from typing import NoReturn
+
+if __name__ == "__main__":  # started by its path
+    sys.path[0] = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+
+from osl_analysis.jobs.client import OWNER, SPARED
+
+IDLE_S = 30.0
+"""Time without a job after which a server that belongs to no run ends [s]."""
+LOOK_S = 2.0
+"""Between two looks whether the run goes on [s]."""
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
+"""Snakemake counts one core per job."""
+PR_SET_PDEATHSIG = 1
+OF_SIMULATOR = (
+    "osl_analysis.commands.simulate",
+    "osl_analysis.simulator.bench",
+    "osl_analysis.simulator.walking",
+    "osl_analysis.simulator.preloaded",
+)
+"""What only simulating jobs use. In a new clone it compiles for 2 s."""
+OF_DRAWINGS = (
+    "osl_analysis.figures.names",
+    "matplotlib.backends.backend_pdf",
+    "matplotlib.backends.backend_svg",
+    "matplotlib.backends.backend_agg",
+    "fontTools.subset",
+)
+"""What only jobs use that draw: half a second."""
+PRELOADED = (
+    "osl_analysis.jobs.job",
+    "scipy.signal",  # our modules name these at their use: the workflow is read without them
+    "scipy.interpolate",
+    "scipy.ndimage",
+    "scipy.linalg",
+    "scipy.fft",
+    "osl_analysis.commands.trials",
+    "osl_analysis.commands.bench",
+    "osl_analysis.commands.crossing",
+    "osl_analysis.commands.walking",
+    "osl_analysis.commands.tables",
+    "osl_analysis.commands.figure",
+    *OF_SIMULATOR,
+    *OF_DRAWINGS,
+)
+
+
+def warm() -> None:
+    """Do the imports. The jobs share their memory: no garbage collection of a job looks (and writes) there."""
+    gc.disable()
+    for name in PRELOADED:
+        if name not in os.environ.get(SPARED, "").split():
+            with suppress(ImportError):  # a job that needs it will say so
+                importlib.import_module(name)
+    gc.freeze()
+    gc.enable()
+
+
+def run(request: str) -> int:
+    """Do one job; its exit code."""
+    from osl_analysis.jobs.job import run as run_job
+
+    return run_job(request)
+
+
+def dies_with(parent: int) -> None:
+    """Let the kernel kill this process when its parent ends (Linux; elsewhere its job comes to its end)."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(1)
+
+
+def receive(link: socket.socket) -> tuple[list[str], list[int]]:
+    """Folder and request of a job, and its three standard files."""
+    head, files, _, _ = socket.recv_fds(link, 4, 3)
+    size, body = int.from_bytes(head, "big"), b""
+    while len(body) < size:
+        part = link.recv(size - len(body))
+        if not part:
+            raise OSError("the client is gone")
+        body += part
+    return body.decode().split("\0"), files
+
+
+def forked(server: int, words: list[str], files: list[int]) -> NoReturn:
+    """The forked process: in a group of its own, with the client's standard files and folder."""
+    dies_with(server)
+    os.setpgid(0, 0)
+    for number in (signal.SIGTERM, signal.SIGCHLD):
+        signal.signal(number, signal.SIG_DFL)
+    signal.set_wakeup_fd(-1)
+    for wanted, file in enumerate(files):
+        os.dup2(file, wanted)
+    code = 1
+    try:
+        os.chdir(words[0])
+        code = run(words[1])
+    except BaseException:
+        import traceback
+
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def goes_on(owner: int) -> bool:
+    """Whether the process that this server is for goes on; True if it belongs to none. One that nobody has asked for
+    its end yet does not."""
+    try:
+        if owner:
+            os.kill(owner, 0)
+            with open(f"/proc/{owner}/stat", encoding="utf-8") as file:
+                return ") Z " not in file.read()
+    except (ProcessLookupError, FileNotFoundError):
+        return False
+    except OSError:
+        return os.name == "posix"  # no /proc on this system
+    return True
+
+
+class Server:
+    """Takes jobs at a socket until its owner has ended; without an owner, until nothing has come for `IDLE_S`."""
+
+    def __init__(self, path: str, owner: int) -> None:
+        self.path, self.owner = path, owner
+        self.clients: dict[int, socket.socket] = {}
+        self.listener = socket.socket(socket.AF_UNIX)
+        with suppress(FileNotFoundError):
+            os.unlink(path)
+        self.listener.bind(path)  # in a folder that belongs to this user alone
+        self.listener.listen(512)
+        self.wake, woken = socket.socketpair()
+        for end in (self.wake, woken):
+            end.setblocking(False)
+        self.woken = woken
+        self.ready = selectors.DefaultSelector()
+        for file in (self.listener, self.wake):
+            self.ready.register(file, selectors.EVENT_READ)
+
+    def serve(self) -> None:
+        """Until the end of the run."""
+        signal.signal(signal.SIGCHLD, lambda *_: None)
+        signal.set_wakeup_fd(self.woken.fileno())
+        last = time.monotonic()
+        while self.clients or (goes_on(self.owner) and (self.owner or time.monotonic() - last < IDLE_S)):
+            for key, _ in self.ready.select(LOOK_S):
+                if key.fileobj is self.listener:
+                    self.begin(self.listener.accept()[0])
+                elif key.fileobj is self.wake:
+                    self.wake.recv(4096)
+                elif key.data in self.clients:  # a client says nothing more: it was killed
+                    for kill in (os.killpg, os.kill):  # it may not have its group yet
+                        with suppress(OSError):
+                            kill(key.data, signal.SIGKILL)
+                    self.end(key.data, None)
+            self.reap()
+            last = time.monotonic() if self.clients else last
+        for left in (self.path, f"{self.path}.lock", f"{self.path}.log"):
+            with suppress(OSError):
+                os.unlink(left)
+        with suppress(OSError):
+            os.rmdir(os.path.dirname(self.path))
+
+    def begin(self, link: socket.socket) -> None:
+        """Fork the process of a job, and tell its client the number of it."""
+        try:
+            words, files = receive(link)
+        except (OSError, ValueError):
+            link.close()
+            return
+        server, pid = os.getpid(), os.fork()
+        if not pid:
+            self.listener.close()
+            forked(server, words, files)
+        for file in files:
+            os.close(file)
+        self.clients[pid] = link
+        self.ready.register(link, selectors.EVENT_READ, pid)
+        with suppress(OSError):
+            link.send(pid.to_bytes(4, "big"))
+
+    def reap(self) -> None:
+        """Tell the clients of jobs that have ended: exit code, and the signal that killed the job."""
+        with suppress(ChildProcessError):
+            while (ended := os.waitpid(-1, os.WNOHANG))[0]:
+                pid, status = ended
+                killed = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
+                self.end(pid, bytes([0 if killed else os.WEXITSTATUS(status), killed]))
+
+    def end(self, pid: int, said: bytes | None) -> None:
+        link = self.clients.pop(pid, None)
+        if link is not None:
+            self.ready.unregister(link)
+            with suppress(OSError):
+                link.send(said or b"")
+            link.close()
+
+
+def main(what: str, argument: str, *numbers: str) -> int:
+    """Serve, or do one job."""
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if what == "--serve":
+        server = Server(argument, int(os.environ.get(OWNER, "0")))
+        os.write(1, b"+")
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        warm()
+        server.serve()
+        return 0
+    from osl_analysis.jobs import job
+
+    pid, *signals = map(int, numbers)
+    dies_with(os.getppid())
+    if what == "--died":
+        return job.died(argument, pid, signals[0])
+    job.forget(argument, pid)
+    return job.run(argument)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

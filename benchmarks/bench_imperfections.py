@@ -23,7 +23,8 @@ from osl_analysis.config import Config, campaign_config
 from osl_analysis.doubtful import marked
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.job import Job, call
+from osl_analysis.jobs.job import call
+from osl_analysis.jobs.request import Job
 from osl_analysis.parameters import read_parameters
 from osl_analysis.table import read_table
 

@@ -1,6 +1,5 @@
 """What a machine does to commands: full disks, odd file names, Ctrl-C. One line each, nothing lost, nothing half."""
 
-import multiprocessing
 import os
 import resource
 import signal
@@ -10,7 +9,6 @@ import sys
 import time
 from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 
 import numba
 import numpy as np
@@ -19,7 +17,6 @@ import pytest
 from click.testing import CliRunner
 from conftest import ROOT
 
-from osl_analysis import workflow
 from osl_analysis.cli import main
 from osl_analysis.cli_options import INTERRUPTED
 from osl_analysis.commands import gains as gains_command
@@ -28,11 +25,10 @@ from osl_analysis.compiled import compiled
 from osl_analysis.config import Config, overriding
 from osl_analysis.errors import InputError, MemoryLimitError, OslAnalysisError
 from osl_analysis.files import atomic_path
-from osl_analysis.fork_server import fork_server
+from osl_analysis.jobs.run import noticed_interrupt
 from osl_analysis.memory import limited_memory
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
-from osl_analysis.workflow import noticed_interrupt
 from osl_analysis.yaml_settings import read_mapping, validated
 
 DEFAULT = (ROOT / "config/config.yaml").read_text()
@@ -325,33 +321,6 @@ def test_a_broken_cache_of_compiled_functions_heals(tmp_path, monkeypatch, broke
 def test_without_a_folder_for_the_cache_functions_are_compiled_in_each_process(monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", "/proc/nowhere")
     assert compiled(twice)(2.0) == 4
-
-
-def test_a_system_that_cannot_fork_starts_each_job_anew(monkeypatch):
-    monkeypatch.setattr(multiprocessing, "get_all_start_methods", lambda: ["spawn"])
-    started = fork_server.__wrapped__().Process(target=os._exit, args=(7,))
-    started.start()
-    started.join()
-    assert (started._start_method, started.exitcode) == ("spawn", 7)
-
-
-@pytest.mark.parametrize(("local", "stopped"), [(True, "had begun was brought to its end"), (False, "is cancelled")])
-def test_an_interrupted_run_says_what_became_of_its_jobs(tmp_path, monkeypatch, capsys, local, stopped):
-    monkeypatch.chdir(tmp_path)
-    run = SimpleNamespace(is_main_process=True, dag=SimpleNamespace(jobs=[]), scheduler="greedy")
-    run.logger_manager = SimpleNamespace(queue_listener=None)
-    run.scheduling_settings = SimpleNamespace(max_jobs_per_timespan=None)
-    run.execute = lambda **_: signal.raise_signal(signal.SIGINT)
-    before = signal.signal(signal.SIGINT, lambda *_: None)
-    try:
-        workflow.at_end_of_run(run, [tmp_path], lambda records: "the report", accept=False)
-        settings = SimpleNamespace(dryrun_exec=False, local_exec=local)
-        run.execute(executor_plugin=SimpleNamespace(common_settings=settings))
-    finally:
-        signal.signal(signal.SIGINT, before)
-    said = capsys.readouterr().err
-    assert said.startswith("interrupted: ")
-    assert stopped in said
 
 
 def test_ctrl_c_is_noticed_and_handled_as_before():

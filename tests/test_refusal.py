@@ -1,18 +1,17 @@
 """A refused recording or a failed job leaves a record, and every other result is made."""
 
-import multiprocessing
+import json
 import os
 import signal
 import subprocess
-from concurrent.futures import ThreadPoolExecutor
+import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import polars as pl
 import pytest
+from conftest import ROOT
 
-from osl_analysis import fork_server, workflow
 from osl_analysis.commands import crossing, study, tables, trials
 from osl_analysis.commands.walking_files import read_json
 from osl_analysis.errors import InputError, WriteError
@@ -24,16 +23,29 @@ from osl_analysis.exclusion import (
     without_refused,
 )
 from osl_analysis.files import file_state, temporary_path
-from osl_analysis.job import Job, died, refusal, run
 from osl_analysis.job_log import JobLog, read_log, read_logs, run_report, write_log
-from osl_analysis.refusal import Refusal, forget_failures, is_refused, read_refusals, write_refusals
+from osl_analysis.jobs import client
+from osl_analysis.jobs import run as jobs_run
+from osl_analysis.jobs.job import died, perform, refusal
+from osl_analysis.jobs.request import Job, write_request
+from osl_analysis.jobs.server import PRELOADED
+from osl_analysis.refusal import Refusal, is_refused, read_refusals, write_refusals
 from osl_analysis.refusal_report import refusal_report, refusals_in
 from osl_analysis.remedy import reason_and_remedy
-from osl_analysis.stale import logged, made_of
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 
 LOST = Refusal("b_1", "raw/b_1.mcap", "ingest.ingest_trial", "refused", "raw/b_1.mcap: no such file", "copy it there")
+KILLED_AT_ITS_TRIAL = """
+import os, sys
+
+def kill(event, what):
+    if event == "open" and os.path.basename(str(what[0])).startswith(".b_7.") and str(what[0]).endswith(".log"):
+        os.kill(os.getpid(), 9)
+
+if sys.argv[1:2] in (["--serve"], ["--job"]):
+    sys.addaudithook(kill)
+"""
 KILLED = Refusal("b_2", "raw/b_2.mcap", "bench.fit", "died", "the process of this job was killed", "run again")
 
 
@@ -91,13 +103,13 @@ def test_a_job_without_its_table_or_with_an_empty_list_or_of_a_refused_trial_can
 
 def job(tmp_path: Path, command: str, inputs: dict, **settings) -> Job:
     output = str(tmp_path / "tables/belt.csv")
-    return Job(command, {"input": inputs, "output": {"output": output}, "settings": settings}, [], [output])
+    request = {"input": inputs, "output": {"output": output}, "settings": settings}
+    return Job(command, request, [], [output], log=tmp_path / "logs/belt.log")
 
 
 def ended(tmp_path: Path, job: Job) -> tuple[str, tuple[Refusal, ...]]:
-    log = tmp_path / "logs/belt.log"
-    run(log, job)
-    return read_log(log).outcome, read_refusals(job.files[0])
+    perform(job)
+    return read_log(job.log).outcome, read_refusals(job.files[0])
 
 
 def test_a_job_that_refuses_its_input_leaves_reason_and_remedy_in_place_of_an_old_result(tmp_path: Path) -> None:
@@ -138,7 +150,7 @@ def test_a_trial_stands_without_a_verdict_and_no_verdict_without_its_trial(
     settings |= {"commanded": {"amplitudes_deg": [], "frequencies_hz": [], "cycles": 1}}
     outputs = {"trial": str(trial), "quality": str(quality)}
     request = {"input": {}, "output": outputs, "settings": settings}
-    run(tmp_path / "b.log", Job("trials.ingest_and_check", request, [], list(outputs.values())))
+    perform(Job("trials.ingest_and_check", request, [], list(outputs.values()), log=tmp_path / "b.log"))
     assert read_log(tmp_path / "b.log").outcome == "refused"
     assert [is_refused(trial), is_refused(quality)] == [refuses == "ingest", True]
     (cause,) = read_refusals(quality)
@@ -169,72 +181,75 @@ def test_an_empty_or_foreign_log_is_none_of_a_job(tmp_path: Path, text: str) -> 
     assert read_log(tmp_path / "x.log") is None
 
 
-FIT_INPUTS = {"trial": "results/trials/b_7.parquet"}
+def written(tmp_path: Path, **more) -> Path:
+    """The request of a fit of the trial b_7."""
+    path, made = tmp_path / "requests/b_7.json", [str(tmp_path / "fits/b_7.csv")]
+    content = {"command": "bench.fit", "data": "", "log": str(tmp_path / "b_7.log"), "files": made, "needs": []}
+    content |= {"input": {"trial": "results/trials/b_7.parquet"}, "output": {}, "settings": {}, "recorded": {}} | more
+    write_request(path, content)
+    return path
 
 
-def cause_of_death(process: SimpleNamespace, tmp_path: Path, monkeypatch) -> Refusal:
-    """The record of a fit of the trial b_7 whose process is this one."""
-    monkeypatch.setattr(workflow, "fork_server", lambda: SimpleNamespace(Process=lambda **_: process))
-    output = tmp_path / "fits/b_7.csv"
-    workflow.run_job(tmp_path / "b_7.log", "bench.fit", FIT_INPUTS, {"output": str(output)}, {})
-    (cause,) = read_refusals(output)
-    assert (cause.trial, cause.outcome) == ("b_7", "died")
-    return cause
+def tried(request: Path) -> int:
+    return json.loads(request.read_text())["tried"]
 
 
-def test_a_job_whose_fork_server_was_killed_is_named(tmp_path: Path, monkeypatch) -> None:
-    """The exit code of its process is then not known: `multiprocessing` says 255."""
-    ended, other_end = os.pipe()
-    os.close(other_end)
-    process = SimpleNamespace(start=lambda: None, join=lambda: None, sentinel=ended, pid=None, exitcode=255)
-    cause = cause_of_death(process, tmp_path, monkeypatch)
-    assert cause.reason == "the process of this job was killed (from outside)"
-    assert logged(tmp_path / "b_7.log") == made_of(FIT_INPUTS.values(), {})
-
-
-def test_of_jobs_that_are_killed_at_the_same_time_each_says_by_which_signal(tmp_path: Path, monkeypatch) -> None:
-    """A second thread that starts a process may read the exit code of the first one's; it can be read once."""
-    context = multiprocessing.get_context("forkserver")
-    process = SimpleNamespace(Process=lambda **_: context.Process(target=signal.raise_signal, args=[signal.SIGKILL]))
-    monkeypatch.setattr(workflow, "fork_server", lambda: process)
-
-    def reason(number: int) -> str:
-        output = tmp_path / f"{number}.csv"
-        workflow.run_job(tmp_path / f"{number}.log", "bench.fit", FIT_INPUTS, {"output": str(output)}, {})
-        return read_refusals(output)[0].reason
-
-    with ThreadPoolExecutor(4) as threads:
-        assert set(threads.map(reason, range(40))) == {"the process of this job was killed (signal 9, SIGKILL)"}
-
-
-def test_a_killed_job_is_named_with_its_trial_and_can_write_no_more(tmp_path: Path) -> None:
-    one = job(tmp_path, "bench.fit", {"trial": "results/trials/b_7.parquet"})
-    worker = subprocess.Popen(["sleep", "60"])
-    left = temporary_path(Path(one.files[0]), worker.pid)
+def test_a_killed_job_is_named_with_its_trial_and_leaves_nothing_half(tmp_path: Path) -> None:
+    request, output = written(tmp_path), tmp_path / "fits/b_7.csv"
+    left = temporary_path(output, 12345)
     left.parent.mkdir()
     left.write_text("half a table")
-    died(tmp_path / "belt.log", one, worker.pid, -9)
-    assert worker.wait(timeout=5) == -9
+    assert died(str(request), 12345, signal.SIGKILL) == 0
     assert not left.exists()
-    (cause,) = read_refusals(one.files[0])
+    (cause,) = read_refusals(output)
     assert (cause.trial, cause.outcome) == ("b_7", "died")
     assert cause.reason == "the process of this job was killed (signal 9, SIGKILL)"
+
+
+@pytest.mark.parametrize("server", [True, False])
+def test_a_job_that_is_killed_is_named_by_its_client(tmp_path: Path, monkeypatch, server: bool) -> None:
+    """With the warm server and without one. The client itself ends well, so that Snakemake goes on."""
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site/sitecustomize.py").write_text(KILLED_AT_ITS_TRIAL)
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path / 'site'}:{ROOT}")
+    request = written(tmp_path)
+    place = f"/tmp/osl-test-{os.getpid()}-{server}/jobs" if server else ""
+    own = {client.JOBS: place, client.OWNER: str(os.getpid()), client.SPARED: " ".join(PRELOADED)}
+    command = [sys.executable, "-I", "-S", client.__file__, str(request)]
+    assert subprocess.run(command, env=os.environ | own, cwd=tmp_path, check=False).returncode == 0
+    assert read_refusals(tmp_path / "fits/b_7.csv")[0].reason.endswith("was killed (signal 9, SIGKILL)")
+
+
+def test_failed_killed_and_deleted_results_are_tried_again_and_refused_ones_stay(tmp_path: Path) -> None:
+    request, output = written(tmp_path), tmp_path / "fits/b_7.csv"
+    assert tried(written(tmp_path)) == 0  # it never ran
+    (tmp_path / "b_7.log").write_text("job: bench.fit\noutcome: done\n")
+    assert tried(written(tmp_path)) == 1  # its result was deleted
+    for number, (outcome, again) in enumerate([("died", 1), ("failed", 1), ("refused", 0)]):
+        record(output, replace(KILLED, outcome=outcome))
+        before = tried(request)
+        assert (tried(written(tmp_path)) - before, tried(written(tmp_path)) - before) == (again, again), number
+    written(tmp_path, settings={"cutoff_hz": 20})
+    assert tried(request) == before
+
+
+def test_a_request_is_written_only_if_its_content_differs(tmp_path: Path) -> None:
+    request, output = written(tmp_path), tmp_path / "fits/b_7.csv"
+    record(output, LOST)
+    os.utime(request, (10**9, 10**9))
+    written(tmp_path)
+    assert request.stat().st_mtime == 10**9
+    written(tmp_path, code="another program")
+    assert request.stat().st_mtime > 10**9
 
 
 def test_a_recording_that_the_reason_names_is_the_file_to_blame(tmp_path: Path) -> None:
     row = {"trial": "w_1", "log": "leg/w_1.mcap", "mocap": "vicon/w_1.c3d"}
     request = {"input": {}, "output": {}, "settings": {"row": row, "raw_folder": "raw"}}
     said = JobLog("ingest.ingest_trial", "refused", error="raw/vicon/w_1.c3d: truncated")
-    cause = refusal(Job("ingest.ingest_trial", request, [], []), said, tmp_path)
+    cause = refusal(Job("ingest.ingest_trial", request, [], []), said)
     assert (cause.trial, cause.file) == ("w_1", "raw/vicon/w_1.c3d")
     assert "`exclude`" in cause.remedy
-
-
-def test_a_job_that_could_not_be_started_is_named_and_tried_again(tmp_path: Path, monkeypatch) -> None:
-    def ended_early() -> None:
-        raise EOFError("unexpected EOF")
-
-    cause_of_death(SimpleNamespace(start=ended_early), tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize(
@@ -261,10 +276,10 @@ def test_a_remedy_says_what_to_do_and_nothing_of_the_reason_is_lost(message: str
 def test_a_message_without_a_remedy_has_one_in_the_record_and_stays_whole(tmp_path: Path) -> None:
     said = "x.mcap: no topic '/a' (no footer; how much is not known)"
     ended = JobLog("j", "refused", error=said)
-    cause = refusal(job(tmp_path, "j", {"trial": "b_1.parquet"}), ended, tmp_path)
+    cause = refusal(job(tmp_path, "j", {"trial": "b_1.parquet"}), ended)
     assert (cause.trial, cause.reason) == ("b_1", said)
     assert cause.remedy.startswith("correct or replace the file")
-    assert refusal(job(tmp_path, "j", {}), ended, tmp_path).remedy.startswith("correct or exclude the trials behind it")
+    assert refusal(job(tmp_path, "j", {}), ended).remedy.startswith("correct or exclude the trials behind it")
 
 
 def test_a_file_that_may_not_be_read_is_no_fault_of_the_program(tmp_path: Path, monkeypatch) -> None:
@@ -275,15 +290,6 @@ def test_a_file_that_may_not_be_read_is_no_fault_of_the_program(tmp_path: Path, 
     outcome, (cause,) = ended(tmp_path, job(tmp_path, "tables.gather", {"rows": [str(tmp_path / "b_1.csv")]}))
     assert (outcome, cause.reason) == ("failed", "raw/b_1.mcap: Permission denied")
     assert cause.remedy.startswith("make the file or its folder accessible")
-
-
-def test_failed_and_killed_jobs_are_tried_again_and_refused_ones_stay(tmp_path: Path) -> None:
-    lost, killed = (record(tmp_path / f"fits/{name}.csv", cause) for name, cause in (("1", LOST), ("2", KILLED)))
-    failed = record(tmp_path / "fits/5.csv", replace(KILLED, outcome="failed"))
-    mixed, good = record(tmp_path / "tables/3.csv", LOST, KILLED), result(tmp_path / "tables/4.csv")
-    forget_failures([tmp_path])
-    assert [Path(file).exists() for file in (lost, good)] == [True, True]
-    assert not any(Path(file).exists() for file in (killed, mixed, failed))
 
 
 def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_path: Path) -> None:
@@ -339,35 +345,6 @@ def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run(tmp_p
     assert truncation_report(files[1:], recordings) == ""
 
 
-@pytest.mark.parametrize(("accept", "code"), [(False, 1), (True, 0)])
-def test_a_run_in_which_nothing_is_left_to_do_ends_like_the_one_that_was_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], accept: bool, code: int
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    jobs = [SimpleNamespace(output=[record(tmp_path / "fits/b_1.csv", LOST)])]
-    killed = record(tmp_path / "fits/b_2.csv", KILLED)
-    run = SimpleNamespace(
-        execute=lambda **_: None,
-        is_main_process=True,
-        dag=SimpleNamespace(jobs=jobs),
-        scheduler="greedy",
-        logger_manager=SimpleNamespace(queue_listener=None),
-    )
-    workflow.at_end_of_run(run, [tmp_path], lambda refused: f"{len(refused)} refused", accept)
-    plugin = SimpleNamespace(common_settings=SimpleNamespace(dryrun_exec=True, local_exec=False))
-    run.execute(executor_plugin=plugin)
-    assert Path(killed).exists()
-    plugin.common_settings.dryrun_exec = False
-    if code:
-        with pytest.raises(SystemExit) as caught:
-            run.execute(executor_plugin=plugin)
-        assert caught.value.code == code
-    else:
-        run.execute(executor_plugin=plugin)
-    assert capsys.readouterr().err == "1 refused\n"
-    assert not Path(killed).exists()
-
-
 def test_trials_of_a_refused_static_trial_have_no_calibration(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(crossing, "read_calibration", lambda path: path.name)
     statics = {"walk_1": "static_1", "walk_2": "static_2", "walk_3": "static_1"}
@@ -400,17 +377,15 @@ def test_a_long_TMPDIR_does_not_keep_jobs_from_starting(tmp_path: Path, monkeypa
     """A socket's path has at most 107 bytes."""
     long = tmp_path / ("t" * 100)
     long.mkdir()
-    monkeypatch.setattr(fork_server.tempfile, "tempdir", str(long))
-    made: list[str] = []
-    monkeypatch.setattr(
-        fork_server.multiprocessing.util, "get_temp_dir", lambda: made.append(fork_server.tempfile.gettempdir())
-    )
-    fork_server.make_folder_of_sockets()
-    assert len(made[0]) < 71
-    assert fork_server.tempfile.gettempdir() == str(long)
-    monkeypatch.setattr(fork_server.os, "access", lambda *_: False)
-    with pytest.raises(InputError, match=r"TMPDIR .* characters are too long .*; set TMPDIR to a shorter folder"):
-        fork_server.make_folder_of_sockets()
+    monkeypatch.setattr("tempfile.tempdir", str(long))
+    monkeypatch.setattr("sys.argv", ["snakemake", "-n"])
+    for name in (client.JOBS, client.OWNER, client.SPARED, "OSL_PYTHON", "OSL_CLIENT"):
+        monkeypatch.setenv(name, "")
+    jobs_run.start_server({})
+    assert os.environ[client.JOBS].startswith("/tmp/")
+    monkeypatch.setattr("os.access", lambda *_: False)
+    jobs_run.start_server({})
+    assert os.environ[client.JOBS] == ""  # each job starts Python anew
 
 
 def test_a_full_disk_is_no_fault_of_the_input_and_is_tried_again_with_the_advice_to_make_room(tmp_path, monkeypatch):
@@ -418,10 +393,8 @@ def test_a_full_disk_is_no_fault_of_the_input_and_is_tried_again_with_the_advice
         raise WriteError("a.csv: cannot be written (No space left on device); make room, or choose another place")
 
     one = job(tmp_path, "tables.gather", {})
-    monkeypatch.setattr("osl_analysis.job.call", full)
-    run(tmp_path / "a.log", one)
+    monkeypatch.setattr("osl_analysis.jobs.job.call", full)
+    perform(one)
     (cause,) = read_refusals(Path(one.files[0]))
     assert (cause.outcome, cause.reason) == ("failed", "a.csv: cannot be written (No space left on device)")
     assert cause.remedy == "make room, or choose another place"
-    forget_failures([tmp_path])
-    assert not Path(one.files[0]).exists()

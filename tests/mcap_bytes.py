@@ -1,4 +1,4 @@
-"""MCAP files written byte by byte, for what no writer writes: legal rarities, two logs in one file, bombs."""
+"""MCAP files written byte by byte, for what no writer writes: legal rarities and two logs in one file."""
 
 import struct
 import zlib

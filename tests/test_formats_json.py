@@ -1,4 +1,4 @@
-"""JSON messages: what is parsed at once equals what Python's own parser reads, and what is absent is null."""
+"""JSON messages: every number stands at its path, what is absent is null, and what is no number is lost and said."""
 
 import json
 import tempfile
@@ -73,7 +73,7 @@ def usable(messages: list[Any], paths: list[str]) -> list[Any]:
     return [one for one in sound if not any(isinstance(at(one, path), bool) for path in numeric)]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.lists(regular, max_size=4), st.lists(odd, max_size=4), st.sampled_from([None, 1]), st.booleans())
 def test_messages_of_any_shape_equal_pythons_parser(first: Any, then: Any, indent: Any, arrays: bool) -> None:
     texts = [json.dumps(one, indent=indent) for one in [*first, *first, *then]] or ["{}"]
@@ -105,7 +105,7 @@ def test_a_real_json_log_equals_pythons_parser() -> None:
         assert decoded.values[name].tolist() == [message[name] for message in messages]
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.lists(st.text('ab.[]"\\\\= \n\u00e9', max_size=4), min_size=1, max_size=3))
 def test_the_path_to_any_names_leads_to_their_number_and_is_how_it_is_listed(names: list[str]) -> None:
     path, message = "", 1.5
@@ -260,14 +260,6 @@ def test_a_counter_that_does_not_count_is_refused_and_not_taken_for_zero(tmp_pat
     texts = ['{"x": 1.5, "seq": 7}', f'{{"x": 1.5, "seq": {wrong}}}'] * 2
     with pytest.raises(InputError, match=r"'seq' is .* in message 2"):
         ingested(write(tmp_path / "log.mcap", texts), counter="seq")
-
-
-def test_messages_that_are_parsed_in_portions_keep_their_places_and_numbers(tmp_path: Path) -> None:
-    texts = [f'{{"x": {value}, "y": "{"a" * 300_000}"}}' for value in ("1.5", "2.5", '"b"', "4.5")]
-    recording = ingested(write(tmp_path / "log.mcap", texts, chunk_size=4 << 20))
-    assert recording.samples["theta"].to_list() == [1.5, 2.5, 4.5]
-    assert recording.samples["time"].to_list() == [0.0, 0.001, 0.003]
-    assert any("field 'x' is \"b\", not a number, in message 3" in one for one in recording.warnings)
 
 
 def test_a_number_in_place_of_an_object_that_was_not_seen_before_is_no_absent_object(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Protobuf: templates read what google.protobuf reads, to the last bit, and what is not written is null, not zero."""
+"""Protobuf: every number of a message stands at its path, and what is not written is null, not zero."""
 
 import tempfile
 from pathlib import Path
@@ -122,22 +122,13 @@ def assert_equal_to_google(path: Path, topic: str, messages: list[Message]) -> i
     return sum(len(values) for values in expected)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.lists(samples, min_size=1, max_size=8))
 def test_messages_of_any_shape_equal_googles_decoder(contents: list[dict[str, Any]]) -> None:
     messages = [Sample(**content) for content in contents]
     with tempfile.TemporaryDirectory() as folder:
         path = write(Path(folder) / "log.mcap", [message.SerializeToString() for message in messages])
         assert assert_equal_to_google(path, "/lab", messages) >= len(SCALARS) * len(messages)
-
-
-@settings(max_examples=80, deadline=None)
-@given(st.lists(samples, min_size=2, max_size=3))
-def test_what_templates_do_not_hold_equals_googles_decoder_too(contents: list[dict[str, Any]]) -> None:
-    joined = b"".join(Sample(**content).SerializeToString() for content in contents)  # protobuf merges them
-    with tempfile.TemporaryDirectory() as folder:
-        path = write(Path(folder) / "log.mcap", [joined])
-        assert_equal_to_google(path, "/lab", [Sample.FromString(joined)])
 
 
 def test_a_real_protobuf_log_equals_googles_decoder() -> None:
@@ -181,18 +172,6 @@ def test_an_element_is_chosen_by_name_though_the_order_changes(tmp_path: Path) -
     assert read_mcap_log(path, source(theta="packed_double[name=toe]")).samples["theta"].to_list() == [2.0, 3.0]
 
 
-def test_messages_of_one_shape_are_read_by_one_template_and_the_rest_is_noted(tmp_path: Path) -> None:
-    regular = [stamped(1 + i % 2, one_double=1.0 + i, one_int32=300 + i) for i in range(40)]
-    payloads = [*regular, regular[0] + regular[1], b"\x0b\x0c" + regular[2]]
-    path = write(tmp_path / "log.mcap", payloads)
-    decoded = decode_topics(read_mcap(path), {"/lab": ["one_double", "choice_a"]}, optional=["choice_a"])["/lab"]
-    assert decoded.values["one_double"].tolist() == [*np.arange(1.0, 41.0), 2.0, 3.0]
-    twice = write(tmp_path / "twice.mcap", [Sample(choice_b={"nanos": 1}).SerializeToString() + b"\x29" + bytes(8)])
-    decoded = decode_topics(read_mcap(twice), {"/lab": ["choice_a", "choice_b.nanos"]}, ["choice_b.nanos"])["/lab"]
-    assert decoded.present["choice_a"].tolist() == [True]
-    assert decoded.present["choice_b.nanos"].tolist() == [False]
-
-
 def test_a_message_that_google_refuses_is_left_out_and_reported(tmp_path: Path) -> None:
     payloads = [stamped(i, one_double=1.0) for i in range(3)]
     payloads[1] = payloads[1][:-3]
@@ -204,9 +183,9 @@ def test_a_message_that_google_refuses_is_left_out_and_reported(tmp_path: Path) 
         read_mcap_log(path, source(theta="one_double"))
 
 
-def test_varints_that_end_elsewhere_are_of_another_shape_though_all_lengths_agree(tmp_path: Path) -> None:
-    payloads = [stamped(1 + i, packed_int32=numbers) for i, numbers in enumerate([[1, 300], [300, 1], [2, 500]])]
-    path = write(tmp_path / "log.mcap", payloads)
-    found = decode_topics(read_mcap(path), {"/lab": ["packed_int32[0]", "packed_int32[1]"]})["/lab"]
-    assert found.values["packed_int32[0]"].tolist() == [1, 300, 2]
-    assert found.values["packed_int32[1]"].tolist() == [300, 1, 500]
+def test_a_whole_array_is_refused_with_the_fields_there_are(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.mcap", [stamped(0, packed_double=[1.0, 2.0])])
+    with pytest.raises(
+        InputError, match=r"'packed_double' is an array of 2, not one number \(it has .*packed_double\[0..1\]"
+    ):
+        read_mcap_log(path, source(theta="packed_double"))

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
@@ -13,7 +14,7 @@ from mcap_builder import HEADER, SAMPLE, SAMPLE_NAME, stamped, write_log, write_
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.log_overview import inspect_mcap
-from osl_analysis.ingest.message_log import McapSource, read_mcap_log
+from osl_analysis.ingest.message_log import McapSource, joined_on_stamp, read_mcap_log
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 DEGREE = math.pi / 180
@@ -376,3 +377,31 @@ def test_a_delay_that_is_longer_than_the_log_names_the_log(tmp_path: Path) -> No
     path = write_log(tmp_path / "log.mcap", samples())
     late = {"topic": "/lab", "field": "angle", "unit": "rad", "delay": "1e7 s"}
     assert refused(path, source(theta=late)).startswith(f"{path}: theta: a delay of 1e+07 s")
+
+
+def topic(rng: np.random.Generator, *names: str) -> pl.DataFrame:
+    """Some of sixty stamps, with columns of which some values are NaN and some null, and a counter."""
+    stamp = np.sort(rng.choice(60, rng.integers(3, 40), replace=False)).astype(np.int64)
+    columns = {name: np.where(rng.random(len(stamp)) < 0.1, np.nan, rng.standard_normal(len(stamp))) for name in names}
+    null = pl.Series(rng.random(len(stamp)) < 0.1)
+    made = {name: pl.Series(values).set(null, None) for name, values in columns.items()}
+    return pl.DataFrame({"stamp": stamp, **made, f"{names[0]}_counter": np.arange(len(stamp))})
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_topics_are_joined_as_by_a_full_join_that_is_sorted(seed):
+    rng = np.random.default_rng(seed)
+    tables = [topic(rng, "theta", "current"), topic(rng, "torque"), topic(rng, "command")]
+    expected = tables[0]
+    for table in tables[1:]:
+        expected = expected.join(table, on="stamp", how="full", coalesce=True)
+    found = joined_on_stamp([table.clone() for table in tables])
+    assert found.schema == expected.schema
+    assert found.equals(expected.sort("stamp"), null_equal=True)
+
+
+def test_topics_of_the_same_stamps_share_their_rows():
+    stamp = np.array([3, 5, 9])
+    tables = [pl.DataFrame({"stamp": stamp, name: stamp * 0.5}) for name in ("a", "b")]
+    assert joined_on_stamp(tables).columns == ["stamp", "a", "b"]
+    assert len(joined_on_stamp(tables)) == 3

@@ -320,13 +320,7 @@ def template_of(walk: MessageWalk, paths: Sequence[str]) -> Template:
 
 
 def leaf_at(walk: MessageWalk, path: str) -> Leaf | None:
-    """The single number at `path`; None where the message lacks the field or its array is too short.
-
-    Raises
-    ------
-    WholeArrayError
-        The path names a whole array.
-    """
+    """The single number at `path`; None where the message lacks the field or its array is too short."""
     path = index_of_name(walk, path)
     direct = walk.leaves.get(path)
     if direct is not None and direct.count is not None:
@@ -412,13 +406,7 @@ class ShapeReader:
 
 
 def describe_ros(schema: Schema, payload: bytes | None, *, ros1: bool) -> list[FieldDescription]:
-    """The fields of one message; without a message, those of one whose strings and sequences are empty.
-
-    Raises
-    ------
-    InputError
-        The schema cannot be read, or does not describe the message.
-    """
+    """The fields of one message; without a message, those of one whose strings and sequences are empty."""
     walk = walk_of(message_type(schema, ros1=ros1), payload)
     texts: dict[str, list[str]] = defaultdict(list)
     for path, extent in walk.texts.items():

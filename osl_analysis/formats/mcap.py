@@ -320,13 +320,7 @@ class McapFile(MessageFile):
     # --- the messages
 
     def blocks(self) -> Iterator[MessageBlock]:
-        """The messages of every intact chunk, and those outside of chunks, in the order of the file. Call it once.
-
-        Raises
-        ------
-        InputError
-            A channel has two meanings, or a second log begins in a damaged chunk.
-        """
+        """The messages of every intact chunk, and those outside of chunks, in the order of the file. Call it once."""
         self.report_scan()
         damage = self.damage
         if damage.finished and not self.summary_damaged:  # a wrong schema would be wrong values

@@ -242,24 +242,13 @@ class MessageFile:
     """What it is, for messages."""
 
     def blocks(self) -> Iterator[MessageBlock]:
-        """The messages in the order of the file. Call it once.
-
-        Raises
-        ------
-        InputError
-            The file is damaged beyond reading, or two logs.
-        """
+        """The messages in the order of the file. Call it once."""
         raise NotImplementedError
 
     def declare(self, one: Channel | Schema, *, provisional: bool = False) -> None:
         """Take in a channel or a schema. A number means one thing throughout a file.
 
         A `provisional` one gives way to others of the same number.
-
-        Raises
-        ------
-        RefusedFileError
-            The number has two meanings: the file is two logs, or damaged.
         """
         what, known_ones = ("channel", self.channels) if isinstance(one, Channel) else ("schema", self.schemas)
         key, known = (type(one), one.id), known_ones.get(one.id)
@@ -468,13 +457,7 @@ def reader_of(file: MessageFile, number: int, paths: Sequence[str], either: Coll
 
 
 def describe_message(channel: Channel, schema: Schema | None, payload: bytes | None) -> list[FieldDescription]:
-    """The fields of a channel's message; without a message, the fields of its schema.
-
-    Raises
-    ------
-    ValueError
-        The encoding is not read, or the message does not fit its schema (InputError), or is not JSON.
-    """
+    """The fields of a channel's message; without a message, the fields of its schema."""
     check_encoding(channel, schema)
     if channel.message_encoding == "json" or schema is None:
         return describe_json(payload) if payload is not None else []

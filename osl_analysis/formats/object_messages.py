@@ -226,13 +226,7 @@ def json_reader(paths: Sequence[str], either: Collection[str] = ()) -> ObjectRea
 
 
 def json_number(message: Any, path: str) -> float | bool | None:
-    """The number at a path; None where a key is absent or `null`, or an array too short.
-
-    Raises
-    ------
-    NoNumberError
-        Something else stands there or on the way: a text or an object must not become null.
-    """
+    """The number at a path; None where a key is absent or `null`, or an array too short."""
     value, parent = message, None
     for key, way in steps_of(path):
         if value is None:
@@ -295,13 +289,7 @@ PROTOBUF_TYPES = ("", "int32", "int64", "uint32", "uint64", "float64", "float32"
 
 
 def protobuf_reader(schema: Schema, paths: Sequence[str], either: Collection[str] = ()) -> ObjectReader:
-    """The same for protobuf messages, whose schema is a FileDescriptorSet.
-
-    Raises
-    ------
-    InputError
-        The schema cannot be read, or does not hold its own message.
-    """
+    """The same for protobuf messages, whose schema is a FileDescriptorSet."""
     return ObjectReader(paths, protobuf_decoder(schema), protobuf_number, either=either)
 
 

@@ -154,13 +154,7 @@ class Bag1(MessageFile):
         return connections == 0 and chunks == 0
 
     def find_chunks(self, position: int, end: int) -> None:
-        """Find the chunks between two bytes. After bytes that are no record, the next chunk is where the index says.
-
-        Raises
-        ------
-        RefusedFileError
-            A second bag begins there.
-        """
+        """Find the chunks between two bytes. After bytes that are no record, the next chunk is where the index says."""
         while position < end:
             record = record_at(self.data, position)
             if record is not None and record.op >= 0 and record.end <= end:
@@ -191,13 +185,7 @@ class Bag1(MessageFile):
         self.declare(Channel(number, topic, "ros1", {}, number + 1))
 
     def blocks(self) -> Iterator[MessageBlock]:
-        """The messages of every intact chunk, in the order of the file. Call it once.
-
-        Raises
-        ------
-        InputError
-            A connection has two meanings.
-        """
+        """The messages of every intact chunk, in the order of the file. Call it once."""
         for start, end, record in self.sections:
             if record is None:
                 self.damage.lose(f"bytes {start} to {end} are no chunk of messages", end - start, None, 0)
@@ -266,13 +254,7 @@ class Bag1(MessageFile):
 
 
 def read_bag1(path: Path) -> Bag1:
-    """Scan a ROS 1 bag; its messages are read by `blocks`.
-
-    Raises
-    ------
-    InputError
-        The file is empty, no bag, of another version, encrypted, or two bags.
-    """
+    """Scan a ROS 1 bag; its messages are read by `blocks`."""
     data = path.read_bytes()
     if not data.startswith(ANY_BAG1):
         raise InputError(
@@ -302,11 +284,6 @@ def split_parts(folder: Path) -> list[Path]:
     """The bags of one recording of ROS 1, in the order of recording.
 
     Earlier ones may be absent: `rosbag record --max-splits` deletes them.
-
-    Raises
-    ------
-    InputError
-        The folder has bags that are no parts, parts of several recordings, or a part between others is missing.
     """
     bags = bags_in(folder)
     named = {path: PART.fullmatch(path.name) for path in bags}
@@ -408,13 +385,7 @@ def read_description(folder: Path) -> Description:
 
 
 def described_parts(folder: Path) -> list[Path]:
-    """The files of the ROS 2 bag in a folder, in the order of recording.
-
-    Raises
-    ------
-    InputError
-        There is no description, a file that it lists is missing, or the files are compressed as a whole.
-    """
+    """The files of the ROS 2 bag in a folder, in the order of recording."""
     described = read_description(folder)
     missing = [name for name in described.parts if not (folder / name).is_file()]
     if described.is_packed:
@@ -485,13 +456,7 @@ class Database(MessageFile):
     """Channel by number of a topic in the database."""
 
     def blocks(self) -> Iterator[MessageBlock]:
-        """The messages in the order of recording. Call it once.
-
-        Raises
-        ------
-        InputError
-            The database is damaged, or holds something else than messages.
-        """
+        """The messages in the order of recording. Call it once."""
         strangers = 0
         try:
             with closing(opened(self.path)) as connection:
@@ -542,11 +507,6 @@ def read_database(path: Path, described: Description | None = None) -> Database:
     """Open a bag; its messages are read by `blocks`.
 
     described: the description of the recording that it is a part of; without it, the one beside it is used.
-
-    Raises
-    ------
-    InputError
-        It is no database, no bag, damaged, or still has a write-ahead log or a journal.
     """
     with path.open("rb") as file:
         begin = file.read(len(SQLITE))
@@ -630,11 +590,6 @@ def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: s
 
     own: encoding and text of the definitions in the bag, by type.
     distribution: of ROS, which recorded the bag; empty if that is not known.
-
-    Raises
-    ------
-    NoDefinitionError
-        There is none that can be read, or the type is not the same in all distributions of ROS 2.
     """
     encoding, text = own.get(kind, ("", ""))
     if encoding == "ros2msg" and text.strip():
@@ -670,13 +625,7 @@ def folder_format(folder: Path) -> str:
 
 
 def files_in(folder: Path) -> list[Path]:
-    """The files of the recording in a folder: all that a trial is made of.
-
-    Raises
-    ------
-    InputError
-        It is no recording, or a file of it is missing.
-    """
+    """The files of the recording in a folder: all that a trial is made of."""
     if folder_format(folder) == "rosbag1":
         return split_parts(folder)
     if not (folder / DESCRIPTION).is_file():

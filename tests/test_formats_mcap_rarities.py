@@ -1,4 +1,4 @@
-"""MCAP files that are legal and rare are read as the official reader does; two logs in one, and bombs, are refused."""
+"""MCAP files that are legal and rare are read as the official reader does; two logs in one are refused."""
 
 import struct
 from io import BytesIO

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType
 from mcap_builder import stamped, write_log
+from mcap_bytes import record
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import CHUNK_HEAD, MAGIC, MESSAGE_HEAD, RECORD, read_mcap, walk_by_index
@@ -183,10 +184,6 @@ def test_a_wrong_message_index_changes_nothing_and_is_remarked(tmp_path: Path, w
     assert "the index of the chunk" in damage["remarks"][0]
 
 
-def record(opcode: int, content: bytes) -> bytes:
-    return RECORD.pack(opcode, len(content)) + content
-
-
 def test_an_index_that_does_not_tile_its_chunk_is_not_used() -> None:
     inner = record(Opcode.MESSAGE, bytes(MESSAGE_HEAD))
     outer = record(Opcode.MESSAGE, bytes(MESSAGE_HEAD) + inner)
@@ -211,8 +208,7 @@ def test_an_index_made_to_look_like_a_message_is_none(tmp_path: Path) -> None:
 
 def chunk_of(body: bytes, size: int, name: bytes = b"zstd") -> bytes:
     """A chunk record without checksum that declares `size` bytes."""
-    content = CHUNK_HEAD.pack(0, 0, size, 0, len(name)) + name + struct.pack("<Q", len(body)) + body
-    return RECORD.pack(Opcode.CHUNK, len(content)) + content
+    return record(Opcode.CHUNK, CHUNK_HEAD.pack(0, 0, size, 0, len(name)) + name + struct.pack("<Q", len(body)) + body)
 
 
 @pytest.mark.parametrize("size", [2**63, 5000])

@@ -71,6 +71,20 @@ class Walk(NamedTuple):
     """Records of opcodes that the format does not define, which were skipped."""
 
 
+class ChunkHead(NamedTuple):
+    """What a chunk declares of itself."""
+
+    size: int
+    """Bytes that it holds."""
+    crc: int
+    """Checksum of these; 0 if there is none."""
+    name: bytes
+    """Its compression; empty for none."""
+    begin: int
+    """First byte of the compressed records in the file."""
+    end: int
+
+
 @dataclass
 class Section:
     """One part of a file's data section."""
@@ -82,6 +96,8 @@ class Section:
     end: int
     walk: Walk | None = None
     """The loose messages."""
+    head: ChunkHead | None = None
+    """What a chunk declares of itself."""
     indexes: list[tuple[int, NDArray[Any]]] = field(default_factory=list)
     """Channel and entries of the message index records that follow a chunk."""
     harmless: bool = False
@@ -116,6 +132,8 @@ class McapFile(MessageFile):
     summary_checked: bool = False
     """A checksum covers the summary and is right."""
     summary_damaged: bool = False
+    searched: bool = False
+    """A second log was searched for."""
     missing: int = 0
     """Bytes by which the summary stands before the place at which the recorder put it; negative if after."""
 
@@ -182,11 +200,11 @@ class McapFile(MessageFile):
         data, damage = self.data, self.damage
         if opcode == Opcode.CHUNK:
             if self.data_end:  # a chunk after the end of the data shows that this was not the end
-                refuse_second_log(data, self.data_end)
+                self.refuse_second_log()
                 self.sections += self.after_data
                 self.data_end, self.data_crc, self.summary_damaged = 0, "", True
             self.chunked = True
-            self.sections.append(Section("chunk", start, end))
+            self.sections.append(Section("chunk", start, end, head=chunk_head(data, start, end)))
         elif opcode == Opcode.MESSAGE_INDEX and not self.data_end:
             if (chunk := self.last_chunk()) is not None:
                 chunk.indexes.append(index_entries(data, start))
@@ -244,7 +262,7 @@ class McapFile(MessageFile):
         checksum cannot be checked.
         """
         data = self.data
-        refuse_second_log(data, 1)
+        self.refuse_second_log()
         resume = self.resume_at(position + 1, RESUME_IN_CHUNKS)
         is_chunk = data[position] == Opcode.CHUNK
         self.chunked |= is_chunk or (resume < len(data) and data[resume] in (Opcode.CHUNK, Opcode.MESSAGE_INDEX))
@@ -273,7 +291,7 @@ class McapFile(MessageFile):
         A record may be longer than this version of the format says, unless `exact` is asked for.
         """
         if opcode == Opcode.CHUNK:
-            return is_chunk(self.data, start, end)
+            return chunk_head(self.data, start, end) is not None
         if opcode == Opcode.MESSAGE_INDEX:
             return is_message_index(self.data, start, end, exact=exact)
         if opcode in LENGTHS:
@@ -306,7 +324,7 @@ class McapFile(MessageFile):
         channel, entries = index_entries(self.data, start)
         offsets = entries["offset"]
         try:
-            content = unpacked(self.data, chunk.start) if chunk.kind == "chunk" else None
+            content = unpacked(self.data, chunk.head) if chunk.head is not None else None
         except DamagedChunkError:
             content = None
         if content is None:
@@ -316,6 +334,20 @@ class McapFile(MessageFile):
         heads = Rows(content, offsets.astype(np.int64)).at(0, MESSAGE)
         same = (heads["channel"] == channel) & (heads["log_time"] == entries["log_time"])
         return bool((same & (heads["opcode"] == Opcode.MESSAGE)).all())
+
+    def refuse_second_log(self) -> None:
+        """Refuse a damaged file in which another log begins: `cat a.mcap b.mcap`, or a recorder that appends.
+
+        The number of a channel means one topic in the first log and may mean another in the second.
+        """
+        begin, self.searched = len(self.data) if self.searched else 1, True
+        while (place := self.data.find(MAGIC, begin)) >= 0:
+            start = place + len(MAGIC) + RECORD.size
+            if start <= len(self.data):
+                opcode, length = RECORD.unpack_from(self.data, start - RECORD.size)
+                if opcode == Opcode.HEADER and is_header(self.data, start, start + length):
+                    raise RefusedFileError(f"holds two logs, the second from byte {place} on: {TWO_LOGS}")
+            begin = place + 1
 
     # --- the messages
 
@@ -335,10 +367,13 @@ class McapFile(MessageFile):
                 text = f"the checksum of the data section does not match, and no other covers byte {section.start} on"
                 self.lose(section, text, counts_of(found))
                 continue
-            block = self.block_of(buffer, found)
+            heads, starts = found.heads, found.starts + MESSAGE.itemsize
+            lengths, logged = (heads[name].astype(np.int64) for name in ("length", "log_time"))
+            channel, sequence = heads["channel"].astype(np.uint16), heads["sequence"].astype(np.uint32)
+            block = MessageBlock(buffer, channel, sequence, logged, starts, lengths - MESSAGE_HEAD)
             damage.chunks += section.kind == "chunk"
             damage.read.update(block.counts)
-            damage.verified += block.starts.size if covered or self.data_crc == "right" else 0
+            damage.verified += starts.size if covered or self.data_crc == "right" else 0
             self.adopt(found.others)
             yield self.of_declared_channels(block)
         is_missed = (damage.declared_chunks or 0) > damage.chunks + damage.chunks_lost
@@ -353,13 +388,13 @@ class McapFile(MessageFile):
             return None
         if section.walk is not None:
             return self.data, section.walk, False
+        assert section.head is not None
+        listed = [entries["offset"].astype(np.int64) for _, entries in section.indexes]
+        offsets, checked = np.concatenate([np.empty(0, np.int64), *listed]), section.head.crc != 0
         try:
-            content, checked = unpacked(self.data, section.start), self.crc_of(section) != 0
-            if checked and zlib.crc32(content) != self.crc_of(section):
+            content = unpacked(self.data, section.head)
+            if checked and zlib.crc32(content) != section.head.crc:
                 raise DamagedChunkError("does not match its checksum")
-            offsets = np.concatenate(
-                [np.empty(0, np.int64), *(e["offset"].astype(np.int64) for _, e in section.indexes)]
-            )
             walk = walk_by_index(content, offsets)
             if walk is not None:
                 return content, walk, checked
@@ -367,7 +402,7 @@ class McapFile(MessageFile):
             if walk.end != len(content):
                 raise DamagedChunkError(f"holds no record at byte {walk.end} of its {len(content)} bytes")
         except DamagedChunkError as error:
-            refuse_second_log(self.data, 1)  # a cut chunk may reach into the next log
+            self.refuse_second_log()  # a cut chunk may reach into the next log
             self.lose(section, f"the chunk at byte {section.start} is damaged: it {error}")
             return None
         right = not section.indexes or np.array_equal(np.sort(offsets), walk.starts)
@@ -380,10 +415,6 @@ class McapFile(MessageFile):
                 text = f"{lost.total()} messages of the chunk at byte {section.start} are records of unknown opcodes"
                 self.damage.lose(text, 0, lost, 0)
         return content, walk, checked
-
-    def crc_of(self, section: Section) -> int:
-        """The checksum of a chunk; 0 if it has none."""
-        return int(CHUNK_HEAD.unpack_from(self.data, section.start)[3])
 
     def lose(self, section: Section, remark: str, messages: Counter[int] | None = None) -> None:
         """Count a section as lost, with as many messages as its index lists."""
@@ -402,15 +433,6 @@ class McapFile(MessageFile):
                 self.damage.remark("a schema or a channel cannot be read")
                 continue
             self.declare(one, provisional=provisional)
-
-    def block_of(self, buffer: bytes, walk: Walk) -> MessageBlock:
-        """The messages that a walk through the buffer found."""
-        heads = walk.heads
-        lengths = heads["length"].astype(np.int64) - MESSAGE_HEAD
-        channel, sequence = heads["channel"].astype(np.uint16), heads["sequence"].astype(np.uint32)
-        return MessageBlock(
-            buffer, channel, sequence, heads["log_time"].astype(np.int64), walk.starts + MESSAGE.itemsize, lengths
-        )
 
     def of_declared_channels(self, block: MessageBlock) -> MessageBlock:
         """The block without messages of undeclared channels, whose content is unknown."""
@@ -509,64 +531,50 @@ def counts_of(walk: Walk) -> Counter[int]:
     return Counter(walk.heads["channel"].tolist())
 
 
-def unpacked(data: bytes, start: int) -> bytes:
-    """The content of the chunk whose record's content begins at `start`, which must be of the declared size."""
-    _, _, size, _, length = CHUNK_HEAD.unpack_from(data, start)
-    name = data[start + CHUNK_HEAD.size : start + CHUNK_HEAD.size + length]
-    begin, end = body_of(data, start)
-    body = memoryview(data)[begin:end]
+def chunk_head(data: bytes, start: int, end: int) -> ChunkHead | None:
+    """The head of the chunk that is the content of a record; None if what it declares does not fit in.
+
+    A later version of the format may add fields at the end of a record (MCAP specification, "Records").
+    """
+    if end - start < CHUNK_HEAD.size + 8:
+        return None
+    _, _, size, crc, length = CHUNK_HEAD.unpack_from(data, start)
+    begin = start + CHUNK_HEAD.size + length + 8
+    if length > LONGEST_NAME or begin > end:
+        return None
+    stop = begin + struct.unpack_from("<Q", data, begin - 8)[0]
+    return ChunkHead(size, crc, data[begin - 8 - length : begin - 8], begin, stop) if stop <= end else None
+
+
+def is_disguised_chunk(data: bytes, start: int, end: int) -> bool:
+    """Whether the content of a record of another opcode is that of a chunk: names and lengths leave no doubt."""
+    head = chunk_head(data, start, end)
+    if head is None or head.end != end:
+        return False
+    return head.name in HIGHEST_RATIO or (head.name == b"" and head.size == end - head.begin > 0)
+
+
+def unpacked(data: bytes, head: ChunkHead) -> bytes:
+    """The content of a chunk, which must be of the declared size; never more is unpacked."""
+    name, size, body = head.name, head.size, memoryview(data)[head.begin : head.end]
     if name and name not in HIGHEST_RATIO:
         raise DamagedChunkError(f"says it is compressed with {name[:20].decode('latin1')!a}; zstd and lz4 are read")
     if name and size > HIGHEST_RATIO[name] * len(body) + FRAME_HEADER:
         raise DamagedChunkError(f"declares {size} bytes, which {len(body)} bytes of {name.decode()} cannot hold")
     try:
-        if name == b"zstd" and body:
-            declared = zstandard.get_frame_parameters(body).content_size
+        if name == b"zstd":
+            declared = zstandard.get_frame_parameters(body).content_size if body else size
             if declared not in (size, zstandard.CONTENTSIZE_UNKNOWN):
                 raise DamagedChunkError(f"holds {declared} of {size} bytes")
-        content = decompressed(name, body, size)
+            content = zstandard.ZstdDecompressor().decompress(body, max_output_size=size) if size else b""
+        else:
+            lz4_frame = lz4.frame.LZ4FrameDecompressor()
+            content = lz4_frame.decompress(body, max_length=size + 1) if name else bytes(body)
     except (zstandard.ZstdError, RuntimeError, EOFError, struct.error) as error:
         raise DamagedChunkError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
     if len(content) != size:
         raise DamagedChunkError(f"holds {len(content)} of {size} bytes")
     return content
-
-
-def decompressed(name: bytes, body: memoryview, size: int) -> bytes:
-    """Decompress to at most one byte more than the declared size."""
-    if name == b"":
-        return bytes(body)
-    if name == b"zstd":
-        return zstandard.ZstdDecompressor().decompress(body, max_output_size=size) if size else b""
-    content: bytes = lz4.frame.LZ4FrameDecompressor().decompress(body, max_length=size + 1)
-    return content
-
-
-def is_chunk(data: bytes, start: int, end: int) -> bool:
-    """Whether the content of a record can be that of a chunk: what it declares fits in.
-
-    A later version of the format may add fields at the end of a record (MCAP specification, "Records").
-    """
-    if end - start < CHUNK_HEAD.size + 8:
-        return False
-    name = CHUNK_HEAD.unpack_from(data, start)[4]
-    return name <= LONGEST_NAME and start + CHUNK_HEAD.size + name + 8 <= end and body_of(data, start)[1] <= end
-
-
-def is_disguised_chunk(data: bytes, start: int, end: int) -> bool:
-    """Whether the content of a record of another opcode is that of a chunk: names and lengths leave no doubt."""
-    if not is_chunk(data, start, end):
-        return False
-    _, _, size, _, length = CHUNK_HEAD.unpack_from(data, start)
-    name = data[start + CHUNK_HEAD.size : start + CHUNK_HEAD.size + length]
-    body, stop = body_of(data, start)
-    return stop == end and (name in HIGHEST_RATIO or (name == b"" and size == stop - body > 0))
-
-
-def body_of(data: bytes, start: int) -> tuple[int, int]:
-    """Start and end of the compressed records of a chunk whose content begins at `start`."""
-    body = start + CHUNK_HEAD.size + CHUNK_HEAD.unpack_from(data, start)[4] + 8
-    return body, body + struct.unpack_from("<Q", data, body - 8)[0]
 
 
 def is_message_index(data: bytes, start: int, end: int, *, exact: bool = False) -> bool:
@@ -596,17 +604,3 @@ def is_header(data: bytes, start: int, end: int) -> bool:
         return False
     library = start + 4 + int(struct.unpack_from("<I", data, start)[0])
     return library + 4 <= end and bool(library + 4 + struct.unpack_from("<I", data, library)[0] == end)
-
-
-def refuse_second_log(data: bytes, begin: int) -> None:
-    """Refuse a damaged file in which another log begins: `cat a.mcap b.mcap`, or a recorder that appends.
-
-    The number of a channel means one topic in the first log and may mean another in the second.
-    """
-    while (place := data.find(MAGIC, begin)) >= 0:
-        start = place + len(MAGIC) + RECORD.size
-        if start <= len(data):
-            opcode, length = RECORD.unpack_from(data, start - RECORD.size)
-            if opcode == Opcode.HEADER and is_header(data, start, start + length):
-                raise RefusedFileError(f"holds two logs, the second from byte {place} on: {TWO_LOGS}")
-        begin = place + 1

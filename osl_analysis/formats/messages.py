@@ -50,9 +50,7 @@ class MessageBlock:
     """The messages of one chunk, or of another part of a file, (n,) each."""
 
     buffer: bytes
-    """The bytes that hold the messages."""
     channel: NDArray[np.uint16]
-    """Number of each message's channel."""
     sequence: NDArray[np.uint32]
     """Number that the recorder or the publisher gave to each message; often 0."""
     log_time: Indices
@@ -73,7 +71,6 @@ class MessageBlock:
         return self if len(self.counts) == 1 else self.of(np.flatnonzero(self.channel == number))
 
     def of(self, rows: NDArray[np.intp]) -> "MessageBlock":
-        """Some of the messages, by their indices."""
         channel, sequence, log_time = self.channel[rows], self.sequence[rows], self.log_time[rows]
         return MessageBlock(self.buffer, channel, sequence, log_time, self.starts[rows], self.lengths[rows])
 
@@ -93,13 +90,11 @@ class Damage:
     declared_chunks: int | None = None
     """Chunks in the file as it says itself."""
     read: Counter[int] = field(default_factory=Counter)
-    """Messages of each channel that were read."""
     verified: int = 0
     """Messages that were read and are covered by a checksum that was right."""
     misfits: Counter[int] = field(default_factory=Counter)
     """Messages of each channel that were read and do not fit their own schema; they count as lost."""
     chunks: int = 0
-    """Chunks that were read."""
     chunks_lost: int = 0
     """Chunks that were found and could not be read."""
     indexed_lost: Counter[int] = field(default_factory=Counter)
@@ -111,12 +106,10 @@ class Damage:
     bytes_lost: int = 0
     """Bytes of the data section that could not be read, without those at the end of a file that was cut off."""
     remarks: list[str] = field(default_factory=list)
-    """Faults of the file, a sentence each."""
+    """Faults of the file, a sentence each: the first `MOST_REMARKS`."""
     more_remarks: int = 0
-    """Remarks beyond the first ones, which are counted only."""
 
     def remark(self, text: str) -> None:
-        """Add a remark. The number of remarks is limited."""
         if len(self.remarks) < MOST_REMARKS:
             self.remarks.append(text)
         else:
@@ -132,7 +125,6 @@ class Damage:
 
     @property
     def messages(self) -> int:
-        """Messages that were read."""
         return self.read.total()
 
     def messages_lost(self, channels: Collection[int] | None = None) -> int | None:
@@ -232,9 +224,7 @@ class MessageFile:
     size: int
     """Its size [bytes]."""
     channels: dict[int, Channel] = field(default_factory=dict)
-    """Channels by number."""
     schemas: dict[int, Schema] = field(default_factory=dict)
-    """Schemas by number."""
     provisional: set[tuple[type, int]] = field(default_factory=set)
     """Channels and schemas that only a summary without a checksum has had so far."""
     damage: Damage = field(default_factory=Damage)
@@ -354,11 +344,9 @@ class ChannelReader:
     log_times: list[Indices] = field(default_factory=list)
     """When the messages of each block were logged [ns]."""
     sequences: list[NDArray[np.uint32]] = field(default_factory=list)
-    """Their sequence numbers."""
     first: bytes = b""
     """The first message, to list its fields."""
     messages: int = 0
-    """Messages so far."""
 
     def add(self, mine: MessageBlock) -> None:
         """Read messages of a block, all of which are the channel's."""

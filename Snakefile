@@ -24,7 +24,7 @@ from osl_analysis.config import campaign_config, overriding
 from osl_analysis.doubtful import doubt_report, unchecked_report
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.campaign import matching, response_example, time_series_example
-from osl_analysis.exclusion import exclusion_report, left_behind_report, truncation_report
+from osl_analysis.exclusion import Judge, exclusion_report, left_behind_report, truncation_report
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.figures import FIGURES, drawn_figures
 from osl_analysis.files import check_working_folder
@@ -55,7 +55,8 @@ except OslAnalysisError as error:
 
 ABOUT = about(CAMPAIGN, SIMULATION_FILES)
 RESULTS, RAW, PLACES = CONFIG.results, CONFIG.raw_data, CAMPAIGN.places
-REQUESTS = Requests(RESULTS / "requests", RESULTS / "logs", CAMPAIGN.data, workflow)
+JUDGE = Judge(CONFIG.quality, {trial: CAMPAIGN.accepted(trial) for trial in CAMPAIGN.trials()})
+REQUESTS = Requests(RESULTS / "requests", RESULTS / "logs", CAMPAIGN.data, JUDGE, workflow)
 JOB = '"$OSL_PYTHON" -I -S "$OSL_CLIENT" {input.request}'
 """The command of every rule."""
 
@@ -100,13 +101,13 @@ rule:
 def end_of_run(records) -> str:
     """What a user must know at the end of a run; what was refused stands last. `records`: the refusal records in it."""
     recordings = {trial: [str(path) for path in CAMPAIGN.logs(trial)] for trial in CAMPAIGN.trials()}
-    page = RESULTS / "report.html"
+    page, verdicts = RESULTS / "report.html", JUDGE.verdicts(checked(CAMPAIGN.trials()))
     said = [
         f"open {page} in a browser: every number, figure and trial" if page.is_file() and not is_refused(page) else "",
         doubt_report(result_tables()),
         unchecked_report(result_tables()),
-        exclusion_report(checked(CAMPAIGN.trials()), CAMPAIGN.excluded),
-        truncation_report(checked(CAMPAIGN.trials()), recordings),
+        exclusion_report(verdicts, CAMPAIGN.excluded),
+        truncation_report(verdicts, recordings),
         left_behind_report((RESULTS / "trials").glob("*.parquet"), {*CAMPAIGN.trials(), *CAMPAIGN.excluded}),
         refusal_report(refusals_in(records), recordings, ACCEPT, records),
     ]

@@ -22,6 +22,7 @@ from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.config import Config, campaign_config
 from osl_analysis.doubtful import marked
 from osl_analysis.errors import OslAnalysisError
+from osl_analysis.exclusion import Judge
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.jobs.job import call
 from osl_analysis.jobs.request import Job
@@ -336,12 +337,11 @@ def analysed(row: Mapping[str, Any], config: Config, sources: Path, folder: Path
     """The table of a trial's fits with doubts marked, and what quality control says; as the workflow does."""
     facts, trial = EXPERIMENTS[row["experiment"]], folder / f"{row['trial']}.parquet"
     recording = {"row": row, "raw_folder": folder, "sources_folder": sources, "needed_columns": []}
-    rules = {"rules": config.quality.model_dump(mode="json"), "accept": []}
     commanded = {"commanded": config.dynamometer.model_dump(mode="json", include=set(PROTOCOL))}
     outputs = {"trial": trial, "quality": folder / "quality.csv"}
-    ingested = {"input": {}, "output": outputs, "settings": recording | rules | commanded}
+    ingested = {"input": {}, "output": outputs, "settings": recording | commanded}
     call(Job("trials.ingest_and_check", ingested, (), ()))
-    verdicts = read_table(folder / "quality.csv").filter(pl.col("verdict") != "pass")
+    verdicts = Judge(config.quality, {}).verdicts([folder / "quality.csv"]).filter(pl.col("verdict") != "pass")
     failed = [f"{check} ({verdict})" for check, verdict in verdicts.select("check", "verdict").rows()]
     assert facts.fit is not None
     parts = {name: getattr(config, section).part(model) for name, (section, model) in facts.fit.settings.items()}

@@ -3,19 +3,26 @@ result of their own (`refusal.py`). Both are always listed.
 """
 
 import csv
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+import json
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Self
+
+import polars as pl
 
 from osl_analysis.errors import InputError, listing
+from osl_analysis.files import atomic_path
+from osl_analysis.quality.checks import QualityRules
+from osl_analysis.quality.verdict import judged_table
 from osl_analysis.refusal import Refusal, distinct, is_refused, read_refusals
 
 REMEDY = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"
 TRUNCATED = "truncated"
 """Check of quality control that fails where the end of a log is missing."""
 JUDGES = ("quality", "fitted")
-"""Inputs that only tell which trials are used: verdicts of quality control, and other results of the same trials."""
+"""Inputs that only tell which trials are used: what was measured of them, and other results of the same trials."""
+MEASURED = ("trial", "check", "value", "unit", "remark")  # columns of the file of a trial's checks
 
 
 @dataclass(frozen=True)
@@ -35,7 +42,7 @@ class Usable:
 def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> Usable:
     """The named inputs of a job without refusal records.
 
-    A trial with a record in one list, or among the verdicts in `quality` or the results in `fitted`, is removed from
+    A trial with a record in one list, or among those in `quality` or the results in `fitted`, is removed from
     every list. The job cannot run if a record stands for a single input or for one of the `unnamed` files, if the input
     `trial` is such a trial, or if nothing is left of a list; beside an input `trial`, lists may become empty. Lists by
     name are handed over as they are.
@@ -57,36 +64,64 @@ def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> U
     return Usable({**inputs, **kept}, distinct([*causes, *missing]), distinct(missing))
 
 
-def verdicts(quality: Iterable[Path]) -> Iterator[dict[str, str]]:
-    """The rows of the quality tables of single trials."""
-    for path in quality:
-        with path.open(newline="", encoding="utf-8") as file:
-            yield from csv.DictReader(file)
+@dataclass(frozen=True)
+class Judge:
+    """What decides which trials are used: the configured rules of quality control, and what the sheet accepts by trial.
+
+    A job that measures knows neither: a changed threshold judges again what was measured, and measures nothing again.
+    A job over several trials finds it in a file, whose change alone runs no job again: its request names the trials
+    that are excluded.
+    """
+
+    rules: QualityRules
+    accept: Mapping[str, Collection[str]]
+
+    def write(self, path: Path) -> None:
+        """Write it to a file for jobs."""
+        accept = {trial: list(names) for trial, names in self.accept.items() if names}
+        with atomic_path(path) as temporary:
+            temporary.write_text(json.dumps({"rules": self.rules.model_dump(mode="json"), "accept": accept}))
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """That of a file."""
+        said = json.loads(path.read_text(encoding="utf-8"))
+        return cls(QualityRules.model_validate(said["rules"]), said["accept"])
+
+    def verdicts(self, measured: Iterable[Path]) -> pl.DataFrame:
+        """The rows of `quality.csv` for trials whose checks were measured; a missing file, or a record, has none."""
+        rows: list[dict[str, Any]] = []
+        for path in measured:
+            if path.is_file() and not is_refused(path):
+                with path.open(newline="", encoding="utf-8") as file:
+                    rows += csv.DictReader(file)
+        values = [float(row["value"]) if row["value"] else None for row in rows]
+        table = pl.DataFrame(rows, schema=dict.fromkeys(MEASURED, pl.String))
+        return judged_table(table.with_columns(pl.Series("value", values, dtype=pl.Float64)), self.rules, self.accept)
 
 
-def excluded(quality: Iterable[Path]) -> dict[str, str]:
-    """Excluded trials and why, from the quality tables of single trials."""
+def exclusions(verdicts: pl.DataFrame) -> dict[str, str]:
+    """The trials that quality control excludes, and why."""
     reasons: dict[str, str] = {}
-    for row in verdicts(quality):
-        if row["verdict"] == "exclude":
-            said = f"{row['check']} {float(row['value']):.4g} {row['unit']}, threshold {row['threshold']}"
-            said += f": {row['remark'].replace('; ', ', ')}" if row["remark"] else ""
-            reasons[row["trial"]] = "; ".join(filter(None, [reasons.get(row["trial"]), said]))
+    for row in verdicts.filter(pl.col("verdict") == "exclude").iter_rows(named=True):
+        said = f"{row['check']} {row['value']:.4g} {row['unit']}, threshold {row['threshold']}"
+        said += f": {row['remark'].replace('; ', ', ')}" if row["remark"] else ""
+        reasons[row["trial"]] = "; ".join(filter(None, [reasons.get(row["trial"]), said]))
     return reasons
 
 
-def without_excluded(inputs: Mapping[str, Any]) -> dict[str, Any]:
-    """The named inputs of a job without the files of excluded trials; the input `quality` has the verdicts.
+def without_excluded(inputs: Mapping[str, Any], reasons: Mapping[str, str]) -> dict[str, Any]:
+    """The named inputs of a job without the files of excluded trials (`exclusions`).
 
-    Files with the name of an excluded trial are removed from every list. The inputs `JUDGES` are not passed on.
+    Of the trials in the input `quality`, files with the name of an excluded one are removed from every list. The inputs
+    `JUDGES` are not passed on.
 
     Raises
     ------
     InputError
         The input `trial` is excluded, or all trials of the lists are excluded.
     """
-    quality = [Path(path) for path in inputs.get("quality", ())]
-    judged, reasons = {path.stem for path in quality}, excluded(quality)
+    judged = {Path(path).stem for path in inputs.get("quality", ())}
     lists = {name: files for name, files in inputs.items() if isinstance(files, list) and name not in JUDGES}
     needed = {Path(file).stem for files in lists.values() for file in files} & judged
     single = {Path(str(inputs.get("trial"))).stem} & judged
@@ -102,12 +137,12 @@ def refuse(reasons: Mapping[str, str]) -> NoReturn:
     raise InputError(f"quality control excludes every trial that is needed here: {why}; {REMEDY}")
 
 
-def exclusion_report(quality: Iterable[Path], by_sheet: Mapping[str, str]) -> str:
+def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:
     """Excluded trials with reasons, for the end of a run, also of a failed run; empty without excluded trials.
 
-    `by_sheet` has the reasons in the sample sheet. Trials without a quality table are ignored.
+    `verdicts` are those on the trials that were examined, `by_sheet` has the reasons in the sample sheet.
     """
-    reasons = excluded(path for path in quality if path.is_file() and not is_refused(path))
+    reasons = exclusions(verdicts)
     judged = [f"excluded from tables and figures by quality control: {trial} ({why})" for trial, why in reasons.items()]
     stated = [f"excluded by the sample sheet: {trial} ({why})" for trial, why in by_sheet.items()]
     return "\n".join([*stated, *judged, *([f"to change that: {REMEDY}"] if judged else [])])
@@ -127,13 +162,12 @@ def left_behind_report(stored: Iterable[Path], trials: Collection[str]) -> str:
     )
 
 
-def truncation_report(quality: Iterable[Path], recordings: Mapping[str, Sequence[str]]) -> str:
+def truncation_report(verdicts: pl.DataFrame, recordings: Mapping[str, Sequence[str]]) -> str:
     """A line per trial that is used although the end of its recording is missing, for the end of a run.
 
     `recordings` has the raw files of every trial. A trial that the sheet accepts with this is not named.
     """
-    read = verdicts(path for path in quality if path.is_file() and not is_refused(path))
-    cut = [row["trial"] for row in read if row["check"] == TRUNCATED and row["verdict"] == "flag"]
+    cut = verdicts.filter(pl.col("check") == TRUNCATED, pl.col("verdict") == "flag")["trial"]
     return "\n".join(
         f"warning: trial {trial}, file {', '.join(recordings.get(trial, ()))}: the end of the log is missing, and what "
         "is there is analysed; copy or record it again, give a reason under `exclude` in the sample sheet, or write "

@@ -23,12 +23,12 @@ rule report:
                     **({"captions": RESULTS / "figures/captions.md"} if drawn_names() else {}),
                     "tables": report_tables(),
                     "figures": drawn_svg(),
+                    "verdicts": RESULTS / "tables/quality.csv",
                     "excluded": RESULTS / "tables/excluded.csv",
                     "summary": RESULTS / "summary.json",
                 },
                 read={
                     "trials": by_stem(ingested()),
-                    "verdicts": by_stem(checked(CAMPAIGN.trials())),
                     "series": by_stem(rows("series") if "series" in PER_TRIAL else []),
                     "crossings": by_stem(crossings(CAMPAIGN.trials("walking"))),
                     "tables": by_stem(report_tables()),

@@ -1,4 +1,4 @@
-"""Raw log -> trial and the verdict of quality control on it, in one job."""
+"""Raw log -> trial and what the checks of quality control measure on it, in one job; the verdicts on all trials."""
 
 
 def ingested(*experiments: str) -> list[Path]:
@@ -12,7 +12,7 @@ def trial_file(trial: str) -> Path:
 
 
 def checked(trials) -> list[Path]:
-    """The verdicts of quality control on these trials."""
+    """What was measured on these trials, without verdicts: in a job the input `quality` leaves the excluded ones out."""
     return [RESULTS / f"quality/{trial}.csv" for trial in trials]
 
 
@@ -29,10 +29,8 @@ def ingest_of(wildcards) -> dict[str, object]:
         settings={
             "row": CAMPAIGN.recording(trial),
             "needed_columns": EXPERIMENTS[CAMPAIGN.row(trial)["experiment"]].needed_columns,
-            "accept": CAMPAIGN.accepted(trial),
             "raw_folder": str(RAW),
             "sources_folder": str(CONFIG.sources),
-            "rules": CONFIG.quality.model_dump(mode="json"),
             "commanded": CONFIG.dynamometer.model_dump(mode="json", include=set(PROTOCOL)),
         },
     )
@@ -50,15 +48,19 @@ rule ingest:
         JOB
 
 
-rule quality_table:
+rule judge:
     input:
         unpack(
             lambda wildcards: job(
-                rules.quality_table,
+                rules.judge,
                 wildcards,
-                "quality.tabulate",
+                "quality.judge",
                 input={"rows": checked(CAMPAIGN.trials())},
-                settings={"places": PLACES},
+                settings={
+                    "rules": CONFIG.quality.model_dump(mode="json"),
+                    "accept": JUDGE.accept,
+                    "places": PLACES,
+                },
             )
         ),
     output:

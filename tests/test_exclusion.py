@@ -8,53 +8,67 @@ import polars as pl
 import pytest
 from conftest import ROOT
 
-from osl_analysis.commands.quality import check_trial, list_excluded, tabulate
-from osl_analysis.commands.tables import gather
+from osl_analysis.commands.quality import judge, list_excluded, measure_trial
 from osl_analysis.config import read_section
 from osl_analysis.errors import InputError
-from osl_analysis.exclusion import exclusion_report, without_excluded
+from osl_analysis.exclusion import Judge, exclusion_report, exclusions, without_excluded
 from osl_analysis.quality.checks import Commanded, QualityRules
 from osl_analysis.refusal import Refusal
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial
 
 RULES = read_section(ROOT / "config/config.yaml", "quality", QualityRules)
+ACCEPT = {"plate_3": ["unzeroed_plate"]}
+JUDGE = Judge(RULES, ACCEPT)
 
 
 @pytest.fixture
 def checked(tmp_path: Path) -> list[Path]:
-    """Quality tables of three plate trials: one slow, which flags it, the others with a plate that was not zeroed."""
+    """What was measured on three plate trials: a slow one, which flags it, two with a plate that was not zeroed."""
     paths = []
     for name, offset, rate in (("plate_1", 1.0, 50), ("plate_2", -80.0, 1000), ("plate_3", -90.0, 1000)):
         force = offset + np.random.default_rng(1).standard_normal(1000)
         trial = Trial(name, pl.DataFrame({"time": np.arange(1000) / rate, "plate1_force_z": force}))
         paths.append(tmp_path / f"quality/{name}.csv")
-        accept = ("unzeroed_plate",) if name == "plate_3" else ()
-        check_trial(trial, "plate", accept, RULES, Commanded((), (), 1), paths[-1])
+        measure_trial(trial, "plate", Commanded((), (), 1), paths[-1])
     return paths
 
 
 def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked: list[Path]) -> None:
     files = [f"fits/{name}.parquet" for name in ("plate_1", "plate_2", "plate_3")]
     inputs = {"trials": files, "table": "tables/plate_2.csv", "quality": list(map(str, checked))}
-    assert without_excluded(inputs) == {"trials": [files[0], files[2]], "table": "tables/plate_2.csv"}
+    assert without_excluded(inputs, exclusions(JUDGE.verdicts(checked))) == {
+        "trials": [files[0], files[2]],
+        "table": "tables/plate_2.csv",
+    }
+
+
+def test_a_changed_threshold_judges_anew_what_was_measured(checked: list[Path]) -> None:
+    content = RULES.model_dump(mode="json")
+    wider = QualityRules.model_validate(content | {"unzeroed_plate": {"threshold": "85 N", "on_failure": "exclude"}})
+    excluding = [exclusions(Judge(rules, {}).verdicts(checked)) for rules in (RULES, wider)]
+    assert [list(reasons) for reasons in excluding] == [["plate_2", "plate_3"], ["plate_3"]]
+    assert not {"threshold", "verdict"} & set(read_table(checked[0]).columns)
 
 
 def test_a_list_may_become_empty_where_the_trial_itself_is_left(checked: list[Path]) -> None:
     inputs = {"trial": "trials/plate_1.parquet", "motion": ["trials/plate_2.parquet"], "quality": checked}
-    assert without_excluded(inputs) == {"trial": "trials/plate_1.parquet", "motion": []}
+    assert without_excluded(inputs, exclusions(JUDGE.verdicts(checked))) == {
+        "trial": "trials/plate_1.parquet",
+        "motion": [],
+    }
 
 
 def test_who_was_left_out_is_listed_and_told_with_value_threshold_and_remedy(checked: list[Path]) -> None:
     folder = checked[0].parent
-    gather(checked, folder / "quality.csv")
+    judge(checked, RULES, ACCEPT, folder / "quality.csv")
     list_excluded(folder / "quality.csv", {"b_2": "stumbled"}, folder / "excluded.csv")
     verdicts = read_table(folder / "quality.csv").filter(pl.col("verdict") != "pass")
     assert verdicts.select("trial", "verdict").rows() == [("plate_1", "flag"), ("plate_2", "exclude")]
     listed = read_table(folder / "excluded.csv")
     assert listed.select("trial", "check").rows() == [("plate_2", "unzeroed_plate"), ("b_2", "sample sheet")]
     assert listed["value"][0] == pytest.approx(80, abs=0.5)
-    told = exclusion_report([*checked, folder / "missing.csv"], {"b_2": "stumbled"})
+    told = exclusion_report(JUDGE.verdicts([*checked, folder / "missing.csv"]), {"b_2": "stumbled"})
     assert "excluded by the sample sheet: b_2 (stumbled)" in told
     assert re.search(r"plate_2 \(unzeroed_plate (80\.0|79\.9)\S* N, threshold 20\.0: plate1 -(80\.0|79\.9) N\)", told)
     assert "threshold 20" in told
@@ -65,7 +79,7 @@ def test_a_trial_that_could_not_be_judged_is_in_both_lists_with_reason_and_remed
     lost = Refusal("plate_9", "p.c3d", "ingest.ingest_trial", "refused", "p.c3d: truncated", "export it again")
     folder = checked[0].parent
     for judged, n in (([], 0), (checked, 3)):
-        tabulate(judged, folder / "quality.csv", [lost])
+        judge(judged, RULES, ACCEPT, folder / "quality.csv", [lost])
         table = read_table(
             folder / "quality.csv", ["trial", "check", "value", "unit", "threshold", "verdict", "remark"]
         )
@@ -79,8 +93,8 @@ def test_a_trial_that_could_not_be_judged_is_in_both_lists_with_reason_and_remed
 
 
 def test_without_exclusions_nothing_is_told_and_the_list_is_empty(checked: list[Path]) -> None:
-    assert exclusion_report(checked[:1], {}) == ""
-    gather(checked[:1], checked[0].parent / "quality.csv")
+    assert exclusion_report(JUDGE.verdicts(checked[:1]), {}) == ""
+    judge(checked[:1], RULES, {}, checked[0].parent / "quality.csv")
     list_excluded(checked[0].parent / "quality.csv", {}, checked[0].parent / "excluded.csv")
     assert read_table(checked[0].parent / "excluded.csv").is_empty()
 
@@ -92,5 +106,5 @@ def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(
     with pytest.raises(
         InputError, match=r"excludes every trial .*: plate_2 \(unzeroed_plate .*; record again"
     ) as caught:
-        without_excluded({name: files, "quality": checked})
+        without_excluded({name: files, "quality": checked}, exclusions(JUDGE.verdicts(checked)))
     assert "\n" not in str(caught.value)

@@ -31,7 +31,7 @@ from osl_analysis.commands.bench import (
 from osl_analysis.commands.gains import Request, requested_gains
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.plotted_numbers import fig7
-from osl_analysis.commands.quality import check_trial
+from osl_analysis.commands.quality import judge, measure_trial
 from osl_analysis.commands.tables import gather
 from osl_analysis.commands.torque_angle import fit_torque_angle_trial
 from osl_analysis.commands.watch import estimates_line
@@ -210,7 +210,8 @@ def test_the_frequency_response_of_any_motion_is_that_of_the_campaign(experiment
 def test_the_check_of_a_trial_has_the_rows_of_the_campaign(tmp_path, short):
     config, trial = read_config(short), bench_trial("impedance")
     commanded = Commanded(**{name: getattr(config.dynamometer, name) for name in PROTOCOL})
-    check_trial(trial, "impedance", (), config.quality, commanded, tmp_path / "quality.csv")
+    measure_trial(trial, "impedance", commanded, tmp_path / "measured.csv")
+    judge([tmp_path / "measured.csv"], config.quality, {}, tmp_path / "quality.csv")
     assert_same(osl.check(trial, config=short), tmp_path / "quality.csv", tmp_path)
 
 
@@ -219,7 +220,8 @@ def test_the_check_looks_at_what_the_experiment_needs_and_accepts_nothing(tmp_pa
     slow = replace(trial, samples=trial.samples.with_columns(pl.col("time") * 50))
     config = read_config(ROOT / "config/config.yaml")
     commanded = Commanded(**{name: getattr(config.dynamometer, name) for name in PROTOCOL})
-    check_trial(slow, "actuator", (), config.quality, commanded, tmp_path / "quality.csv")
+    measure_trial(slow, "actuator", commanded, tmp_path / "measured.csv")
+    judge([tmp_path / "measured.csv"], config.quality, {}, tmp_path / "quality.csv")
     assert_same(osl.check(slow, "actuator"), tmp_path / "quality.csv", tmp_path)
     verdicts = dict(osl.check(slow, "actuator").select("check", "verdict").rows())
     assert verdicts["rate"] != "pass"

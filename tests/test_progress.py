@@ -63,7 +63,7 @@ def test_a_refusal_is_said_when_its_job_ends(tmp_path):
     assert "\x1b" not in said
 
 
-@pytest.mark.parametrize("rule", ["table", "headline_numbers", "report", "quality_table", "excluded_trials"])
+@pytest.mark.parametrize("rule", ["table", "headline_numbers", "report", "judge", "excluded_trials"])
 def test_a_rule_of_no_other_stage_makes_tables(rule):
     assert stage_of(rule) == "tables and page"
 

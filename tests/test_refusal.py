@@ -16,6 +16,7 @@ from osl_analysis.commands import crossing, study, tables, trials
 from osl_analysis.commands.walking_files import read_json
 from osl_analysis.errors import InputError, WriteError
 from osl_analysis.exclusion import (
+    Judge,
     exclusion_report,
     left_behind_report,
     truncation_report,
@@ -29,6 +30,7 @@ from osl_analysis.jobs import run as jobs_run
 from osl_analysis.jobs.job import died, perform, refusal
 from osl_analysis.jobs.request import Job, write_request
 from osl_analysis.jobs.server import PRELOADED
+from osl_analysis.quality.checks import QualityRules
 from osl_analysis.refusal import Refusal, is_refused, read_refusals, write_refusals
 from osl_analysis.refusal_report import refusal_report, refusals_in
 from osl_analysis.remedy import reason_and_remedy
@@ -85,8 +87,9 @@ def test_a_trial_refused_in_one_list_is_missing_from_every_list_and_the_job_goes
 
 def test_verdicts_and_other_results_of_a_trial_are_not_passed_on_and_records_are_no_verdicts(tmp_path: Path) -> None:
     bad, good = record(tmp_path / "quality/b_1.csv", LOST), result(tmp_path / "fits/b_2.csv")
-    assert without_excluded({"table": good, "fitted": [good], "quality": []}) == {"table": good}
-    assert exclusion_report([Path(bad)], {}) == ""
+    assert without_excluded({"table": good, "fitted": [good], "quality": []}, {}) == {"table": good}
+    judge = Judge(QualityRules(), {})
+    assert exclusion_report(judge.verdicts([Path(bad)]), {}) == ""
 
 
 def test_a_job_without_its_table_or_with_an_empty_list_or_of_a_refused_trial_cannot_run(tmp_path: Path) -> None:
@@ -144,9 +147,9 @@ def test_a_trial_stands_without_a_verdict_and_no_verdict_without_its_trial(
         raise InputError("raw/b_1.mcap: too short; record it again")
 
     monkeypatch.setattr(trials, "ingest_trial", ingest)
-    monkeypatch.setattr(trials, "check_trial", refuse)
-    settings = {"row": {"trial": "b_1", "experiment": "belt", "log": "b_1.mcap"}, "needed_columns": [], "accept": []}
-    settings |= {"raw_folder": "raw", "sources_folder": ".", "rules": {}}
+    monkeypatch.setattr(trials, "measure_trial", refuse)
+    settings = {"row": {"trial": "b_1", "experiment": "belt", "log": "b_1.mcap"}, "needed_columns": []}
+    settings |= {"raw_folder": "raw", "sources_folder": "."}
     settings |= {"commanded": {"amplitudes_deg": [], "frequencies_hz": [], "cycles": 1}}
     outputs = {"trial": str(trial), "quality": str(quality)}
     request = {"input": {}, "output": outputs, "settings": settings}
@@ -334,15 +337,16 @@ def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run()
 
 def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run(tmp_path: Path) -> None:
     verdicts = {"b_1": "flag", "b_2": "pass", "b_3": "exclude"}
-    files = [tmp_path / f"{trial}.csv" for trial in verdicts]
-    for file, (trial, verdict) in zip(files, verdicts.items(), strict=True):
-        rows = {"trial": [trial] * 2, "check": ["truncated", "damage"], "verdict": [verdict, "flag"]}
-        write_table(pl.DataFrame(rows), file)
-    bad, recordings = record(tmp_path / "b_4.csv", LOST), {trial: [f"raw/{trial}.mcap"] for trial in verdicts}
-    (told,) = truncation_report([*files, Path(bad), tmp_path / "b_5.csv"], recordings).splitlines()
+    rows = [
+        {"trial": trial, "check": check, "verdict": verdict if check == "truncated" else "flag"}
+        for trial, verdict in verdicts.items()
+        for check in ("truncated", "damage")
+    ]
+    table, recordings = pl.DataFrame(rows), {trial: [f"raw/{trial}.mcap"] for trial in verdicts}
+    (told,) = truncation_report(table, recordings).splitlines()
     assert told.startswith("warning: trial b_1, file raw/b_1.mcap: the end of the log is missing")
     assert "`truncated` under `accept`" in told
-    assert truncation_report(files[1:], recordings) == ""
+    assert truncation_report(table[2:], recordings) == ""
 
 
 def test_trials_of_a_refused_static_trial_have_no_calibration(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,28 +1,37 @@
-"""Quality control of one trial, and the list of those that it excludes."""
+"""Quality control: what is measured of one trial, the verdicts on all, and the list of those that are not used."""
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import polars as pl
 
+from osl_analysis.exclusion import Judge
 from osl_analysis.quality.checks import Commanded, QualityRules
-from osl_analysis.quality.verdict import examine, quality_table
+from osl_analysis.quality.verdict import examine, measured_table
 from osl_analysis.refusal import Refusal, refused_trials
 from osl_analysis.table import Places, read_table, with_places, write_table
 from osl_analysis.trial import Trial
 
 
-def check_trial(
-    trial: Trial, experiment: str, accept: Collection[str], rules: QualityRules, commanded: Commanded, output: Path
+def measure_trial(trial: Trial, experiment: str, commanded: Commanded, output: Path) -> None:
+    """What every check measures on an ingested trial, a row each, without limits and verdicts."""
+    write_table(measured_table(trial.name, examine(trial, experiment, commanded)), output)
+
+
+def judge(
+    rows: Sequence[Path],
+    rules: QualityRules,
+    accept: Mapping[str, Collection[str]],
+    output: Path,
+    refused: Sequence[Refusal] = (),
+    places: Places | None = None,
 ) -> None:
-    """Every check of an ingested trial, a row each; a failure of those in `accept` counts as passed."""
-    write_table(quality_table(trial.name, examine(trial, experiment, commanded), rules, accept), output)
+    """The verdict on every trial from what was measured, with a row for each that could not be measured, and why.
 
-
-def tabulate(rows: Sequence[Path], output: Path, refused: Sequence[Refusal] = (), places: Places | None = None) -> None:
-    """One table from the verdicts on single trials, with a row for every trial that could not be judged, and why."""
-    tables = [read_table(path) for path in rows]
-    table = pl.concat([*tables, refused_rows(refused, verdict="refused")], how="diagonal_relaxed")
+    A failure of the checks that `accept` has for a trial counts as passed.
+    """
+    table = Judge(rules, accept).verdicts(rows)
+    table = pl.concat([table, refused_rows(refused, verdict="refused")], how="diagonal_relaxed")
     write_table(with_places(table, places or {}), output)
 
 

@@ -33,11 +33,11 @@ def write_report(
     sheet: Mapping[str, Mapping[str, Any]],
     largest_mb: float,
     trials: Mapping[str, Path],
-    verdicts: Mapping[str, Path],
     series: Mapping[str, Path],
     crossings: Mapping[str, Path],
     tables: Mapping[str, Path],
     figures: Mapping[str, Path],
+    verdicts: Path,
     excluded: Path,
     summary: Path,
     output: Path,
@@ -46,9 +46,9 @@ def write_report(
 ) -> None:
     """Write the page `report.html`.
 
-    `sheet` has the row of every trial, also of those that the sheet excludes; `trials`, `verdicts`, `series` and
-    `crossings` the files of each that has them, `tables` the result tables and `figures` the SVG files by name.
-    `captions` are those of the figures, `excluded` is the table of excluded trials, `summary` is `summary.json`.
+    `sheet` has the row of every trial, also of those that the sheet excludes; `trials`, `series` and `crossings` the
+    files of each that has them, `tables` the result tables and `figures` the SVG files by name. `captions` are those of
+    the figures, `verdicts` is `quality.csv`, `excluded` the trials that are not used, `summary` is `summary.json`.
     `refused` are the causes of all that is missing. The page has at most `largest_mb` [MB] where thinning out its
     signals allows it.
     """
@@ -56,13 +56,15 @@ def write_report(
     said_of = {one.trial: f"{one.reason}; {one.remedy}" for one in refused if one.trial}
     left_out = left_out_trials(read_table(excluded), written.get("walking_excluded"), said_of)
     described = {Path(table.place).name: table for table in described_tables() if table.place.startswith("tables/")}
-    by_role = {"trial": trials, "quality": verdicts, "series": series, "crossing": crossings}
+    by_role = {"trial": trials, "series": series, "crossing": crossings}
+    judged = read_table(verdicts).filter(pl.col("verdict") != "refused").partition_by("trial", as_dict=True)
     reported = [
         reported_trial(
             name,
             row,
             rows_of_trial(name, row["experiment"], written),
             {role: files[name] for role, files in by_role.items() if name in files},
+            judged.get((name,)),
             left_out,
         )
         for name, row in sheet.items()
@@ -108,9 +110,10 @@ def reported_trial(
     row: Mapping[str, Any],
     tables: Mapping[str, pl.DataFrame],
     files: Mapping[str, Path],
+    verdicts: pl.DataFrame | None,
     left_out: Mapping[str, LeftOut],
 ) -> ReportedTrial:
-    """One trial with what its `files` hold: `trial`, `quality`, `series` and `crossing`, as far as there are any."""
+    """One trial with what its `files` hold: `trial`, `series` and `crossing`, as far as there are any."""
     why = left_out.get(name)
     if why is None and lacks_result(row["experiment"], tables, files):
         why = without_result(list(left_out))
@@ -118,7 +121,7 @@ def reported_trial(
         name,
         row,
         tables,
-        read_table(files["quality"]) if "quality" in files else None,
+        verdicts,
         read_provenance(files["trial"]) if "trial" in files else {},
         why.reasons if why else (),
         why is not None and why.refused,

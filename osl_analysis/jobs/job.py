@@ -16,10 +16,10 @@ from pydantic import ConfigDict, validate_call
 
 from osl_analysis.archive import archives
 from osl_analysis.errors import OslAnalysisError, PartialResultError, WriteError, printable, unexpected
-from osl_analysis.exclusion import without_excluded, without_refused
+from osl_analysis.exclusion import Judge, exclusions, without_excluded, without_refused
 from osl_analysis.files import temporary_path
 from osl_analysis.job_log import JobLog, write_log
-from osl_analysis.jobs.request import Job, read_request
+from osl_analysis.jobs.request import Job, read_request, say_excluded
 from osl_analysis.memory import limited_memory
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.remedy import NO_ACCESS, OF_SEVERAL, REMEDIES, reason_and_remedy
@@ -89,6 +89,11 @@ def call(job: Job) -> None:
     """
     module, _, name = job.command.partition(".")
     function = getattr(importlib.import_module(f"osl_analysis.commands.{module}"), name)
+    reasons: dict[str, str] = {}
+    if job.judge:
+        reasons = exclusions(Judge.read(job.judge).verdicts(map(Path, job.request["input"]["quality"])))
+    if job.judge and job.path:
+        say_excluded(job.path, list(reasons))
     usable = without_refused(job.request["input"], job.unnamed)
     told: dict[str, Any] = {}
     if "refused" in inspect.signature(function).parameters:
@@ -97,7 +102,8 @@ def call(job: Job) -> None:
         raise MissingInputError(usable.missing)
     convert = validate_call(config=ConfigDict(arbitrary_types_allowed=True))
     with tables_of(job.data), archives(), limited_memory(files_read(job)):
-        convert(function)(**without_excluded(usable.inputs), **job.request["output"], **job.request["settings"], **told)
+        inputs = without_excluded(usable.inputs, reasons)
+        convert(function)(**inputs, **job.request["output"], **job.request["settings"], **told)
 
 
 def end(job: Job, ended: JobLog, causes: Sequence[Refusal] | None = None) -> None:

@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from osl_analysis.exclusion import Judge, exclusions
 from osl_analysis.files import PACKAGE, atomic_path, digest, file_state, root
 from osl_analysis.job_log import plain
 from osl_analysis.refusal import TRIED_AGAIN, is_refused, read_refusals
@@ -32,6 +33,8 @@ class Job:
     files: all the files that it writes.
     data: what the column `data` of its tables says; empty: they have none.
     log: the file of its log.
+    judge: the file of what decides which trials are used (`exclusion.Judge`); None where a job needs none.
+    path: the file of the request itself.
     """
 
     command: str
@@ -40,6 +43,8 @@ class Job:
     files: Sequence[str]
     data: str = ""
     log: Path = Path("job.log")
+    judge: Path | None = None
+    path: Path | None = None
 
 
 def read_request(path: Path) -> Job:
@@ -48,7 +53,19 @@ def read_request(path: Path) -> Job:
     for name, place in PLACES.items():
         text = text.replace(name, place)
     said = json.loads(text)
-    return Job(said["command"], said, said["needs"], said["files"], said["data"], Path(said["log"]))
+    judge = Path(said["judge"]) if said.get("judge") else None
+    return Job(said["command"], said, said["needs"], said["files"], said["data"], Path(said["log"]), judge, path)
+
+
+def say_excluded(path: Path, excluded: Sequence[str]) -> None:
+    """Let a request say which of its trials quality control excludes, as the job found when all were measured.
+
+    While the request was written some were not measured yet: without this the next run would take it for changed.
+    """
+    said = json.loads(path.read_text(encoding="utf-8"))
+    if said["excluded"] != list(excluded):
+        with atomic_path(path) as temporary:
+            temporary.write_text(json.dumps(said | {"excluded": list(excluded)}, indent=1) + "\n", encoding="utf-8")
 
 
 def write_request(path: Path, content: Mapping[str, Any], frozen: bool = False) -> None:
@@ -121,11 +138,21 @@ class Requests:
 
     folder: where they are written, under the places of the jobs' logs below `logs`.
     data: what the column `data` of its tables says.
+    judge: what decides which trials are used.
     workflow: Snakemake's; in the process of a single job, as on a cluster, requests stay as they are.
     """
 
-    def __init__(self, folder: Path, logs: Path, data: str, workflow: Any) -> None:
-        self.folder, self.logs, self.data, self.workflow = folder, logs, data, workflow
+    def __init__(self, folder: Path, logs: Path, data: str, judge: Judge, workflow: Any) -> None:
+        self.folder, self.logs, self.data, self.judge, self.workflow = folder, logs, data, judge, workflow
+        self.is_excluded = cache(lambda measured: bool(exclusions(judge.verdicts([Path(measured)]))))
+        self.judge_file = cache(self.write_judge)
+
+    def write_judge(self) -> str:
+        """The file with the judge, for jobs over trials that were measured."""
+        file = self.folder / "judge.json"
+        if self.workflow.is_main_process:
+            self.judge.write(file)
+        return str(file)
 
     def job(
         self,
@@ -168,6 +195,7 @@ class Requests:
             output = named or ({"output": made[0]} if len(made) == 1 else {"outputs": made})
         log = str(rule.log[0]).format(**known)
         path = self.folder / Path(log).relative_to(self.logs).with_suffix(".json")
+        measured = [str(file) for file in {**(input or {}), **(read or {})}.get("quality", ())]
         content = {
             "command": command,
             "code": code,
@@ -175,6 +203,8 @@ class Requests:
             "log": log,
             "files": made,
             "input": {**(input or {}), **(read or {}), **given},
+            "judge": self.judge_file() if measured else "",
+            "excluded": [Path(file).stem for file in measured if self.is_excluded(file)],
             "needs": needs,
             "output": output,
             "settings": settings or {},

@@ -119,13 +119,11 @@ LISTED = (*NOT_READ, *SUFFIXES)  # endings of the files that `samples` lists
 
 
 def inspect_file(path: Path) -> Overview:
-    """What a file holds."""
     check_file(path)
     return FORMATS[recognise(path)].inspect(path)
 
 
 def overview_text(overview: Overview) -> str:
-    """The overview as lines for a terminal."""
     lines = [f"format: {overview.format}", *(f"{name}: {shortened(fact)}" for name, fact in overview.facts.items()), ""]
     lines += [channel_text(channel) for channel in overview.channels]
     lines += ["", *(f"! {printable(remark)}" for remark in (*overview.remarks, *overview.open))]
@@ -169,7 +167,6 @@ def samples_table(folder: Path, rules: QualityRules) -> str:
 
 
 def row_of(path: Path, rules: QualityRules) -> tuple[str, str, str]:
-    """A file's format, what it holds, and what is said to it."""
     try:
         overview = inspect_file(path)
     except InputError as error:

@@ -80,7 +80,6 @@ def check_new(folder: Path) -> None:
 
 
 def known_recorder(name: str) -> str:
-    """The name of a shipped source file."""
     names = sorted(path.stem for path in shipped("config/sources").glob("*.yaml"))
     if name not in names:
         raise InputError(f"no source file for a recorder '{name}'; there are {', '.join(names)}{nearest(name, names)}")
@@ -88,7 +87,6 @@ def known_recorder(name: str) -> str:
 
 
 def write_campaign(folder: Path, name: str, raw_data: Path, draft: Draft, example: bool) -> None:
-    """Write the files of a campaign into a new folder."""
     (folder / "sources").mkdir(parents=True)
     allowed = "".join(c if c.isascii() and (c.isalnum() or c in "_-") else "_" for c in name).strip("_") or "campaign"
     template = shipped(f"config/new_campaign/{'example' if example else 'config'}.yaml").read_text(encoding="utf-8")
@@ -205,6 +203,5 @@ def drafted_text(draft: Draft) -> str:
 
 
 def row_text(cells: Mapping[str, str]) -> str:
-    """A row of a drafted sheet on one line."""
     more = [f"{name} {cells[name]}" for name in ("controller", "K_d", "B_d", "perturbed") if name in cells]
     return ", ".join([f"{cells['trial']}: {cells['experiment']}", *more])

@@ -79,7 +79,6 @@ def is_record(data: bytes, position: int) -> bool:
 
 
 def parameter_record(data: bytes, position: int, processor: str) -> ParameterRecord:
-    """The record at a place."""
     length, group = struct.unpack_from("bb", data, position)
     end = position + 2 + abs(length)
     name = data[position + 2 : end].decode("latin-1").strip().upper()
@@ -204,7 +203,6 @@ def is_c3d(begin: bytes) -> bool:
 
 
 def parse_file(path: Path, data: bytes, counts: Counts = "refuse") -> C3DHeader:
-    """Header and parameters of a file's content."""
     if len(data) < 2 * BLOCK or data[1] != KEY:
         raise InputError(
             f"{path}: not a C3D file (it begins with {data[:4]!r}); check the path and the source's format"
@@ -338,12 +336,10 @@ class C3DRecording:
 
     @property
     def point_labels(self) -> list[str]:
-        """Labels of the points, in the file's order."""
         return self.header.texts("POINT:LABELS")[: self.header.points]
 
     @property
     def analog_labels(self) -> list[str]:
-        """Labels of the analog channels, in the file's order."""
         return self.header.texts("ANALOG:LABELS")[: self.header.channels]
 
     @property

@@ -197,7 +197,6 @@ class CsvTable:
         raise InputError(f"{where} is missing; the file has {listing(self.names)}{advice}")
 
     def cells(self, column: int) -> pl.Series:
-        """A column's cells."""
         return self.body.to_series(column)
 
 

@@ -71,7 +71,6 @@ class JsonLines:
     notes: tuple[str, ...] = ()  # what was repaired, a sentence each
 
     def line(self, row: int) -> bytes:
-        """The text of one line."""
         return self.data[self.starts[row] : self.starts[row] + self.lengths[row]]
 
 

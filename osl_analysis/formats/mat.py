@@ -65,7 +65,6 @@ class Value:
 
     @property
     def size(self) -> int:
-        """Number of elements."""
         return int(np.prod(self.shape, dtype=np.int64)) if self.shape else 1
 
     def described(self) -> str:
@@ -105,12 +104,10 @@ class MatFile:
 
     @property
     def version(self) -> str:
-        """Version of the format."""
         return "7.3" if self.data.startswith(MARK73) else "5"
 
     @property
     def header(self) -> str:
-        """What MATLAB wrote about itself."""
         return self.data[:116].split(b"\0")[0].decode("latin-1").strip()
 
     @property
@@ -147,7 +144,6 @@ READING_ERRORS = (OSError, RuntimeError, KeyError, ValueError, TypeError, struct
 
 
 def damaged(path: Path, error: Exception) -> InputError:
-    """The refusal of a file in one line."""
     if isinstance(error, InputError):
         return error if str(path) in str(error) else InputError(f"{path}: {error}")
     reason = " ".join(str(error).split())
@@ -227,7 +223,6 @@ def name_and_class(content: bytes, order: str) -> tuple[str, str]:
 
 
 def read_version5(data: bytes, wanted: Sequence[str]) -> dict[str, Value]:
-    """The wanted variables of a file of version 5."""
     from scipy.io import loadmat  # half a second, which other commands need not wait for
 
     try:
@@ -242,7 +237,6 @@ def read_version5(data: bytes, wanted: Sequence[str]) -> dict[str, Value]:
 
 
 def value5(raw: Any) -> Value:
-    """A value as scipy gives it."""
     from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
     from scipy.sparse import issparse
 
@@ -369,7 +363,6 @@ class Address:
 
     @property
     def variable(self) -> str:
-        """The variable of the file that it leads into."""
         return self.steps[0]["name"]
 
     def below(self, part: "Address | None") -> "Address":
@@ -413,7 +406,6 @@ def find(variables: Mapping[str, Value], names: Sequence[str], address: Address)
 
 
 def written(step: Mapping[str, str]) -> str:
-    """A step as it stands in an address."""
     forms = {"name": ".{}", "number": "({})", "cell": "{{{}}}", "column": "(:,{})", "row": "({},:)"}
     if "field" in step:
         return f"({step['field']}={step['value']})"
@@ -422,7 +414,6 @@ def written(step: Mapping[str, str]) -> str:
 
 
 def no_such(address: Address, place: str, name: str, what: str, known: Sequence[str]) -> str:
-    """A message about an unknown name."""
     return f"{address.text}: {place} has no {what} '{name}'; it has {listing(known, LISTED)}{nearest(name, known)}"
 
 
@@ -448,7 +439,6 @@ def one_step(value: Value, step: Mapping[str, str], place: str, address: Address
 
 
 def field_of(value: Value, name: str, place: str, address: Address) -> Value:
-    """A field of a struct."""
     if value.kind != "struct":
         remedy = f"; {value.remedy()}" if value.load is None and value.kind != "cell" else ""
         raise InputError(f"{address.text}: {place} is a {value.described()}, no struct with fields{remedy}")

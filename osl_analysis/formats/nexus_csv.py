@@ -128,7 +128,6 @@ def section_begins(rows: Rows, place: int) -> bool:
 
 
 def nexus_section(path: Path, rows: Rows, decimal: str) -> NexusSection:
-    """A section from its title on."""
     (line, title), (_, rate), (_, names), (_, header) = rows[:4]
     samples = rows[5:]
     try:

@@ -46,7 +46,6 @@ class TdmsChannel:
 
     @property
     def address(self) -> str:
-        """Group and name, as source files have them."""
         return f"{self.group}/{self.name}"
 
     @property
@@ -104,7 +103,6 @@ class TdmsFile:
 
 
 def in_words(channel: TdmsChannel) -> str:
-    """What the values of a channel are."""
     kind = np.dtype(channel.kind)
     return WORDS.get(kind.kind, kind.name)
 
@@ -198,7 +196,6 @@ def ends_with_segment(data: bytes) -> bool:
 
 
 def channel_of(one: Any) -> TdmsChannel:
-    """A channel as the library describes it."""
     properties = one.properties
     step = properties.get("wf_increment")
     since, offset = properties.get("wf_start_time"), float(properties.get("wf_start_offset", 0.0))
@@ -210,7 +207,6 @@ def channel_of(one: Any) -> TdmsChannel:
 
 
 def unreadable(path: Path, error: Exception) -> InputError:
-    """The error for a file that the library cannot read."""
     if isinstance(error, InputError):
         return error
     reason = " ".join(f"{type(error).__name__} {error}".split())[:160]

@@ -85,7 +85,6 @@ def cells_of(line: tuple[int, str]) -> list[str]:
 
 
 def whole(path: Path, said: dict[str, str], key: str, line: int) -> int:
-    """A count in the header."""
     text = said.get(key.casefold(), "")
     if not (text.isascii() and text.isdigit() and 0 < int(text) < 10**8):
         raise InputError(f"{path}: line {line}: {key} is {text[:40]!r} and no count above zero; {EXPORT}")

@@ -139,7 +139,6 @@ def c3d_markers(recording: C3DRecording, source: C3dSource) -> tuple[str, ...]:
 
 
 def c3d_track(recording: C3DRecording, label: str, source: C3dSource) -> MarkerTrack:
-    """One marker by its label."""
     place = place_of(label, recording.point_labels, "marker")
     return MarkerTrack(label, label, recording.points[:, place], source.unit_of_length(recording))
 
@@ -170,7 +169,6 @@ def place_of(label: str, labels: list[str], what: str) -> int:
 
 
 def c3d_warnings(recording: C3DRecording, source: C3dSource) -> list[str]:
-    """Warnings about the recording."""
     found, name, header = [], printable(recording.path.name), recording.header
     if header.remark:
         found.append(f"{name}: {printable(header.remark)}")
@@ -190,7 +188,6 @@ MOST_PLATES = 99
 
 
 def plate_count(recording: C3DRecording) -> int:
-    """How many plates the file says are in use."""
     used = recording.header.numbers("FORCE_PLATFORM:USED")
     if used.size and not 0 <= used[0] <= MOST_PLATES:
         raise InputError(f"FORCE_PLATFORM:USED is {used[0]:g}; correct it, or write plates: none")
@@ -396,7 +393,6 @@ def c3d_overview(recording: C3DRecording) -> Overview:
 
 
 def recorded_points(recording: C3DRecording) -> Iterator[RecordedChannel]:
-    """Markers, and the model outputs that are stored like them."""
     header, outputs = recording.header, recording.model_outputs
     for place, label in enumerate(recording.point_labels[: header.points]):
         seen = ~np.isnan(recording.points[:, place, 0])
@@ -411,7 +407,6 @@ def recorded_points(recording: C3DRecording) -> Iterator[RecordedChannel]:
 
 
 def recorded_analogs(recording: C3DRecording) -> Iterator[RecordedChannel]:
-    """Analog channels with their range."""
     header = recording.header
     rate = header.rate * header.samples_per_frame
     for place, label in enumerate(recording.analog_labels):
@@ -422,7 +417,6 @@ def recorded_analogs(recording: C3DRecording) -> Iterator[RecordedChannel]:
 
 
 def recorded_plates(recording: C3DRecording) -> Iterator[RecordedChannel]:
-    """Force plates with their type and analog channels."""
     for number in range(1, plate_count(recording) + 1):
         try:
             kind = int(plate_parameter(recording, "TYPE", number))
@@ -446,7 +440,6 @@ def load_on(recording: C3DRecording, number: int) -> tuple[float | None, tuple[f
 
 
 def c3d_oddities(recording: C3DRecording) -> Iterator[str]:
-    """Oddities that a source file may have to settle."""
     header = recording.header
     if header.remark:
         yield header.remark

@@ -369,7 +369,6 @@ def common_clock(log: Recording, mocap: Recording) -> ClockFit:
 
 
 def course_of(recording: Recording, column: str, who: str) -> Course:
-    """A column over the time of its recorder."""
     if column not in recording.samples.columns:
         raise InputError(f"no column '{column}' from {who}; map the channel in its source file")
     rows = recording.samples.select("time", column).drop_nulls()
@@ -393,7 +392,6 @@ def angle_between(first: Array, second: Array) -> Array:
 
 
 def edges_of(recording: Recording, who: str) -> Edges:
-    """Edges of a recording's sync channel."""
     if "sync" not in recording.samples.columns:
         raise InputError(
             f"no column 'sync' from {who}: the clocks cannot be aligned; map the channel in its source file"

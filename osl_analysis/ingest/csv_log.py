@@ -139,7 +139,6 @@ class CsvSource(LogSource):
 
     @property
     def layout(self) -> CsvLayout:
-        """How the logger writes its table."""
         return CsvLayout(**{one.name: getattr(self, one.name) for one in fields(CsvLayout)})
 
 
@@ -309,7 +308,6 @@ SAMPLE = 5  # rows in which a decimal comma is sought
 
 
 def inspect_csv(path: Path) -> Overview:
-    """Columns with units, rate, gaps and cells that are no numbers."""
     lines = read_lines(path)
     comments = [text for _, text in lines if text.lstrip().startswith(COMMENT)]
     content = [(line, text) for line, text in lines if not text.lstrip().startswith(COMMENT)]
@@ -361,7 +359,6 @@ def check_numbers(path: Path, rows: Rows) -> None:
 def settings_of(
     clock: RecordedChannel | None, width: int, rows: Rows, delimiter: str, headed: bool, has_units: bool
 ) -> dict[str, object]:
-    """The fields of a source file that the file tells."""
     settings: dict[str, object] = {"clock": "master"}
     settings["delimiter"] = {sign: name for name, sign in DELIMITERS.items()}.get(delimiter, delimiter)
     settings |= {} if headed else {"header": "none"}
@@ -403,7 +400,6 @@ def column_channels(names: list[str], units: list[str], rows: Rows, clock: str |
 
 
 def odd_rows(rows: Rows, width: int) -> Iterator[str]:
-    """Remarks on rows of another length than the header."""
     for length, count in Counter(len(cells) for _, cells in rows).items():
         if length != width:
             first = next(line for line, cells in rows if len(cells) == length)

@@ -340,7 +340,6 @@ def free_name(name: str, one: Recorded, taken: Mapping[str, list[Recorded]]) -> 
 
 
 def drafted(name: str, files: Sequence[Recorded]) -> DraftedTrial:
-    """The row of one trial."""
     cells = {"trial": name}
     for one in files:
         role = "mocap" if one.is_capture else "log"

@@ -157,7 +157,6 @@ def check_misfits(lines: JsonLines, decoded: DecodedLines, source: JsonSource) -
 
 
 def notes_on(lines: JsonLines, decoded: DecodedLines) -> list[str]:
-    """What was left out, a sentence each."""
     count, total = decoded.misfits, lines.starts.size
     skipped = [f"{lines.path.name}: {count} of {total} lines cannot be used and were skipped: {decoded.misfit}"]
     return [*lines.notes, *skipped * bool(count)]
@@ -222,7 +221,6 @@ def readings_of(name: str, decoded: DecodedLines) -> Array:
 
 
 def channel_of(name: str, decoded: DecodedLines, is_time: bool) -> RecordedChannel:
-    """One number of the lines, with its range."""
     there = decoded.present[name]
     values = readings_of(name, decoded)
     known = values[np.isfinite(values)]

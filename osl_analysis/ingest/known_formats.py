@@ -167,6 +167,5 @@ def formats_of(path: Path, begin: bytes) -> list[str]:
 
 
 def beginning(path: Path) -> bytes:
-    """The first bytes of a file, which tell its format."""
     with path.open("rb") as file:
         return file.read(FIRST_BYTES)

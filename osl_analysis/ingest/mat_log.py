@@ -64,7 +64,6 @@ class MatChannel(TableChannel):
 
     @property
     def title(self) -> str:
-        """Its address, which needs no quotes."""
         return self.variable
 
 
@@ -83,7 +82,6 @@ class MatTime(TableTime):
 
     @property
     def title(self) -> str:
-        """Its address, which needs no quotes."""
         return str(self.variable)
 
     @model_validator(mode="after")
@@ -120,7 +118,6 @@ class MatSource(TableSource):
         return text
 
     def address(self, text: str) -> Address:
-        """An address of the source file within the part of the trial."""
         part = parsed(self.log_part) if self.log_part else None
         return parsed(text, inside=part is not None and not text.startswith("/")).below(part)
 
@@ -187,7 +184,6 @@ class Leaf:
 
     @property
     def address(self) -> str:
-        """Its address in the file."""
         joint = "." if self.part and not self.name.startswith("{") else ""
         return f"{self.part}{joint}{self.name}"
 
@@ -222,7 +218,6 @@ def note_on_parts(parts: Sequence[str]) -> str:
 
 
 def leaves_of(part: str, name: str, value: Value) -> Iterator[Leaf]:
-    """The variables below one of them, in the order of the file."""
     here = Leaf(part, name, value)
     if value.kind == "struct" and value.elements:
         several = len(value.elements) > 1
@@ -244,7 +239,6 @@ def readings_of(leaf: Leaf) -> Array:
 
 
 def channel_of(leaf: Leaf) -> RecordedChannel:
-    """One variable for the list."""
     value, note = leaf.value, ""
     values = readings_of(leaf)
     known = values[np.isfinite(values)]
@@ -292,7 +286,6 @@ def parts_alike(leaves: Sequence[Leaf]) -> Mapping[str, list[Leaf]]:
 
 
 def clocks_of(drafted: Sequence[Leaf]) -> list[Leaf]:
-    """The signals of a part that may be its time."""
     return [leaf for leaf in drafted if seems_clock(leaf.name) and 1 in leaf.value.shape]
 
 

@@ -150,7 +150,6 @@ def identity_of(path: Path, given: str, source: str) -> Identity:
 
 
 def identity(path: Path, given: str, source: str) -> Identity:
-    """Hash a raw file before it is read."""
     with path.open("rb") as file:
         state, now = state_of(os.fstat(file.fileno())), time.time_ns()
         digest = hashlib.file_digest(file, "sha256").hexdigest()

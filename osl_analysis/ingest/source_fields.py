@@ -170,7 +170,6 @@ class SourceFile(Settings):
     _path: Path | None = PrivateAttr(default=None)
 
     def written_in(self, path: Path) -> None:
-        """Remember the file, for messages."""
         self._path = path
 
     def place(self, *keys: str) -> str:

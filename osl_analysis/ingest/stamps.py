@@ -41,7 +41,6 @@ class Ordering:
         return asdict(self)
 
     def says(self, topic: str) -> list[str]:
-        """Warnings, a sentence per count that is not zero."""
         counts = {
             "came late and were put in the order of their stamps": self.late,
             "repeat a stamp and were joined to its first": self.repeated - self.contradicted,

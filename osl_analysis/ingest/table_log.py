@@ -64,7 +64,6 @@ class RowStamps:
 
     @property
     def repeats(self) -> int:
-        """Number of rows that repeat the stamp of the row before."""
         return int((~self.fresh).sum())
 
     def facts(self, file: str, start: float) -> dict[str, Any]:
@@ -116,12 +115,10 @@ class TableChannel(Conversion):
 
     @property
     def name(self) -> str:
-        """The column's name in the file."""
         return str(getattr(self, self.ADDRESS))
 
     @property
     def title(self) -> str:
-        """What messages call it."""
         return f"{self.ADDRESS} '{self.name}'"
 
 
@@ -135,13 +132,11 @@ class TableTime(RowTime):
 
     @property
     def name(self) -> str | None:
-        """Name of the column that holds time."""
         given: str | None = getattr(self, self.ADDRESS)
         return given
 
     @property
     def title(self) -> str:
-        """What messages call the column."""
         return f"{self.ADDRESS} '{self.name}'"
 
     @model_validator(mode="after")

@@ -100,7 +100,6 @@ def timing_of(file: TdmsFile, channel: TdmsChannel, source: TdmsSource) -> Timin
 
 
 def part_of(file: TdmsFile, source: TdmsSource, timing: Timing) -> Recording:
-    """The columns of channels that were sampled together."""
     names = [name for one in source.channels.values() for name in (one.channel, one.counter) if name]
     wanted = [file.channel(name) for name in dict.fromkeys([*names, *filter(None, [source.time.channel])])]
     for one in wanted:

@@ -120,7 +120,6 @@ def timing(sections: Sections, slow: bool, fast: bool) -> tuple[int, float, int,
 
 
 def section_of(sections: Sections, title: str) -> NexusSection:
-    """A section that must be there."""
     if title not in sections:
         raise InputError(f"no section {title}; the file has {', '.join(sections)}; export it too")
     return sections[title]
@@ -166,7 +165,6 @@ FLAT = 0.5
 
 
 def inspect_nexus(path: Path) -> Overview:
-    """The sections of a Nexus export."""
     sections = read_sections(path)
     facts, remarks = {}, []
     for title, section in sections.items():
@@ -271,7 +269,6 @@ def inspect_trc(path: Path) -> Overview:
 
 
 def marker_channel(file: TrcFile, place: int) -> RecordedChannel:
-    """One marker for the list."""
     positions = file.positions[:, place]
     seen = ~np.isnan(positions).any(axis=1)
     missing = 1.0 - float(seen.mean())

@@ -140,7 +140,6 @@ def base_units(spelling: str) -> tuple[float, str] | None:
 
 @cache
 def dimension(canonical: str) -> str:
-    """The base units of a canonical unit."""
     found = base_units(canonical)
     assert found is not None  # the canonical units are ours
     return found[1]
@@ -199,7 +198,6 @@ def as_schema(common: list[str], pattern: str) -> WithJsonSchema:
 
 
 def common(*canonical: str) -> list[str]:
-    """The units that messages propose for these canonical units."""
     return list(dict.fromkeys(unit for key in canonical or EXAMPLES for unit in EXAMPLES[key]))
 
 

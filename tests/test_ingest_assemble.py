@@ -97,10 +97,6 @@ def test_the_leg_and_motion_capture_share_one_clock_afterwards(laboratory: Path)
     clock = trial.provenance["clock"]
     assert clock["residual"] < 1e-3
     assert clock["edges"] >= 25
-
-
-def test_rows_of_the_log_before_and_after_motion_capture_are_counted(laboratory: Path) -> None:
-    clock = ingested(laboratory).provenance["clock"]
     assert clock["rows_before"] == pytest.approx(500, abs=1)  # the leg was on a second longer on either side
     assert clock["rows_after"] == pytest.approx(500, abs=2)
 
@@ -157,18 +153,14 @@ def test_a_sync_voltage_with_a_spike_that_hides_its_edges_aligns_by_its_course(l
     np.testing.assert_allclose(theta, np.radians(angle(time)), atol=np.radians(10 * 2 * np.pi * 0.7) * 1e-3)
 
 
-def test_each_column_keeps_its_own_samples_only(laboratory: Path) -> None:
-    samples = ingested(laboratory).samples
+def test_each_column_keeps_its_own_samples_only_and_motion_captures_time_as_it_is(laboratory: Path) -> None:
+    trial = ingested(laboratory)
+    samples = trial.samples
     assert samples["sync"].drop_nulls().len() == 7500
-    assert samples["marker_M1_x"].drop_nulls().len() == 1500
     assert samples["theta"].drop_nulls().len() == pytest.approx(2500, abs=2)
     assert samples["time"].null_count() == 0
     assert samples["time"].is_between(0, DURATION).all()
-
-
-def test_motion_captures_time_is_left_as_it_is(laboratory: Path) -> None:
-    time, _ = ingested(laboratory).signals("marker_M1_x")
-    np.testing.assert_array_equal(time, np.arange(1500) * 5 / 1500)
+    np.testing.assert_array_equal(trial.signals("marker_M1_x")[0], np.arange(1500) * 5 / 1500)
 
 
 def test_rows_within_a_nanosecond_become_one() -> None:
@@ -251,63 +243,57 @@ def test_a_file_that_is_damaged_by_a_change_is_refused_for_the_change(
     assert "changed while it was read" in refused(laboratory, mocap=None, mocap_source=None)
 
 
-def test_a_log_alone_is_a_trial(laboratory: Path) -> None:
+def test_one_recording_alone_is_a_trial(laboratory: Path) -> None:
+    assert "theta" not in ingested(laboratory, log="", log_source="").samples.columns
     trial = ingested(laboratory, mocap=None, mocap_source=None)
     assert set(trial.samples.columns) == {"time", "theta", "sync"}
     assert trial.samples["time"][0] == 0
 
 
-def test_motion_capture_alone_is_a_trial(laboratory: Path) -> None:
-    assert "theta" not in ingested(laboratory, log="", log_source="").samples.columns
+BOTH = {**CAPTURE, "analogs": {"sync": {"channel": "A1"}, "theta": {"channel": "A1", "unit": "deg"}}}
+PERIODIC = [stamped(i * 2_000_000, angle=0.0, torque=0.0, sync=(i // 29) % 2 > 0) for i in range(2500)]
+MISTAKES: dict[str, tuple[Callable[[Path], object] | None, dict[str, object], str]] = {
+    "one column of both": (
+        lambda folder: (folder / "vicon.yaml").write_text(yaml.safe_dump(BOTH)),
+        {},
+        "trial walk_1 (leg.mcap, vicon.c3d): column 'theta' is mapped in log and motion capture",
+    ),
+    "no sync channel": (
+        lambda folder: (folder / "vicon.yaml").write_text(yaml.safe_dump({"format": "c3d"})),
+        {},
+        "no column 'sync' from motion capture: the clocks cannot be aligned",
+    ),
+    "a clock of its own": (
+        lambda folder: (folder / "leg.yaml").write_text(yaml.safe_dump({**LEG, "clock": "master"})),
+        {},
+        "write clock: sync",
+    ),
+    "of different trials": (
+        lambda folder: write_log(folder / "leg.mcap", PERIODIC),
+        {},
+        "trial walk_1 (leg.mcap, vicon.c3d): ",
+    ),
+    "no such log": (None, {"log": "elsewhere/none.bin"}, "elsewhere/none.bin: no such file; correct the sample sheet"),
+    "no such mocap": (None, {"mocap": "elsewhere/none.bin"}, "/none.bin: no such file; correct the sample sheet"),
+    "empty": (lambda folder: (folder / "leg.mcap").write_bytes(b""), {}, "leg.mcap: the file is empty"),
+    "c3d as log": (None, {"log": "vicon.c3d", "mocap": ""}, "is c3d, its source file says mcap; write `format: c3d`"),
+    "mcap as mocap": (
+        None,
+        {"log": "", "mocap": "leg.mcap"},
+        "is mcap, its source file says c3d; write `format: mcap`",
+    ),
+    "no such source file": (None, {"log_source": "none"}, "none.yaml: no such file"),
+    "no source file": (None, {"log_source": None}, "log_source is empty"),
+    "no file": (None, {"log": None, "mocap": float("nan")}, "trial walk_1: the sheet names no file"),
+}
 
 
-def test_a_column_from_both_recordings_is_refused(laboratory: Path) -> None:
-    both = {**CAPTURE, "analogs": {"sync": {"channel": "A1"}, "theta": {"channel": "A1", "unit": "deg"}}}
-    (laboratory / "vicon.yaml").write_text(yaml.safe_dump(both))
-    assert "trial walk_1 (leg.mcap, vicon.c3d): column 'theta' is mapped in log and motion capture" in refused(
-        laboratory
-    )
-
-
-def test_motion_capture_without_a_sync_channel_is_refused(laboratory: Path) -> None:
-    (laboratory / "vicon.yaml").write_text(yaml.safe_dump({"format": "c3d"}))
-    assert "no column 'sync' from motion capture: the clocks cannot be aligned" in refused(laboratory)
-
-
-def test_a_log_of_its_own_clock_is_refused_beside_motion_capture(laboratory: Path) -> None:
-    (laboratory / "leg.yaml").write_text(yaml.safe_dump({**LEG, "clock": "master"}))
-    assert "write clock: sync" in refused(laboratory)
-
-
-def test_two_recordings_of_different_trials_are_refused(laboratory: Path) -> None:
-    log = [stamped(i * 2_000_000, angle=0.0, torque=0.0, sync=(i // 29) % 2 > 0) for i in range(2500)]
-    write_log(laboratory / "leg.mcap", log)
-    assert "trial walk_1 (leg.mcap, vicon.c3d): " in refused(laboratory)
-
-
-@pytest.mark.parametrize("missing", ["log", "mocap"])
-def test_a_missing_file_is_refused(laboratory: Path, missing: str) -> None:
-    message = refused(laboratory, **{missing: "elsewhere/none.bin"})
-    assert message.startswith(f"{laboratory / 'elsewhere/none.bin'}: no such file; correct the sample sheet")
-
-
-def test_an_empty_file_is_refused(laboratory: Path) -> None:
-    (laboratory / "leg.mcap").write_bytes(b"")
-    assert refused(laboratory).startswith(f"{laboratory / 'leg.mcap'}: the file is empty")
-
-
-def test_a_file_of_the_other_format_is_refused(laboratory: Path) -> None:
-    assert "is c3d, its source file says mcap; write `format: c3d`" in refused(laboratory, log="vicon.c3d", mocap="")
-    assert "is mcap, its source file says c3d; write `format: mcap`" in refused(laboratory, log="", mocap="leg.mcap")
-
-
-def test_a_missing_source_file_is_refused(laboratory: Path) -> None:
-    assert f"{laboratory / 'none.yaml'}: no such file" in refused(laboratory, log_source="none")
-    assert "log_source is empty" in refused(laboratory, log_source=None)
-
-
-def test_a_row_without_files_is_refused(laboratory: Path) -> None:
-    assert "trial walk_1: the sheet names no file" in refused(laboratory, log=None, mocap=float("nan"))
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_told_and_leaves_nothing_behind(laboratory: Path, mistake: str) -> None:
+    change, fields, told = MISTAKES[mistake]
+    if change is not None:
+        change(laboratory)
+    assert told in refused(laboratory, **fields)
 
 
 def test_a_refused_trial_leaves_an_older_one_as_it_was(laboratory: Path) -> None:
@@ -330,23 +316,17 @@ def test_a_trial_file_keeps_null_and_nan_apart_and_every_bit(tmp_path: Path) -> 
     assert (read.name, read.provenance) == (trial.name, trial.provenance)
 
 
-def test_a_file_that_is_no_parquet_is_refused(tmp_path: Path) -> None:
+def test_what_is_no_trial_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
+    with pytest.raises(InputError, match="no such trial; ingest it first"):
+        read_trial(path)
     for content in (b"", b"time,theta\n", b"PAR1" + bytes(50) + b"PAR1"):
         path.write_bytes(content)
         with pytest.raises(InputError, match=r"t.parquet: not a Parquet file .*; ingest the trial again"):
             read_trial(path)
-
-
-def test_a_parquet_of_another_program_is_refused(tmp_path: Path) -> None:
-    pl.DataFrame({"time": [0.0]}).write_parquet(tmp_path / "t.parquet")
+    pl.DataFrame({"time": [0.0]}).write_parquet(path)
     with pytest.raises(InputError, match="Parquet without provenance"):
-        read_trial(tmp_path / "t.parquet")
-
-
-def test_a_trial_that_was_never_ingested_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such trial; ingest it first"):
-        read_trial(tmp_path / "t.parquet")
+        read_trial(path)
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="real data are not here")

@@ -45,12 +45,6 @@ def test_recovers_offset_and_drift_within_what_sampling_allows(duration: float) 
     assert fit.excluded_edges == 0
 
 
-def test_a_long_recording_tells_the_drift_to_a_part_per_million() -> None:
-    changes = irregular(300.0)
-    fit = fit_clock(slave_edges(changes, 300.0), master_edges(changes, 300.0))
-    assert fit.drift == pytest.approx(DRIFT, abs=1e-6)
-
-
 def test_missing_and_spurious_edges_do_not_move_the_fit() -> None:
     changes = irregular(60.0)
     slave, master = slave_edges(changes, 60.0), master_edges(changes, 60.0)
@@ -105,6 +99,7 @@ def test_a_short_recording_says_that_it_cannot_tell_the_drift() -> None:
     long = fit_clock(slave_edges(changes, 300.0), master_edges(changes, 300.0))
     assert short.drift_error > 50e-6
     assert long.drift_error < 1e-6
+    assert long.drift == pytest.approx(DRIFT, abs=1e-6)
 
 
 def test_edges_that_are_late_by_little_more_than_a_sample_do_not_pull_the_fit() -> None:
@@ -122,22 +117,15 @@ def test_edges_of_a_slow_voltage_are_found_between_its_samples() -> None:
     edges = find_edges(time, np.clip((time - 0.4003) / 0.02 + 0.5, 0, 1) * 5)
     np.testing.assert_allclose(edges.time, [0.4003], atol=1e-9)
     assert edges.rising.tolist() == [True]
-
-
-def test_an_edge_of_a_logic_level_is_midway_between_its_samples() -> None:
-    edges = find_edges(np.array([0.0, 2.0, 4.0, 6.0]), np.array([0.0, 0.0, 1.0, 0.0]))
-    assert edges.time.tolist() == [3.0, 5.0]
-    assert edges.rising.tolist() == [True, False]
+    logic = find_edges(np.array([0.0, 2.0, 4.0, 6.0]), np.array([0.0, 0.0, 1.0, 0.0]))
+    assert (logic.time.tolist(), logic.rising.tolist()) == ([3.0, 5.0], [True, False])
+    assert find_edges(np.arange(5.0), np.full(5, 3.3)).time.size == 0
 
 
 def test_noise_at_the_mid_level_is_one_edge() -> None:
     edges = find_edges(np.arange(9.0), np.array([0, 0, 2.4, 2.6, 2.4, 2.7, 5, 5, 5]))
     assert edges.rising.tolist() == [True]
     assert edges.time[0] == pytest.approx(4 + 1 / 3)
-
-
-def test_a_silent_channel_has_no_edges() -> None:
-    assert find_edges(np.arange(5.0), np.full(5, 3.3)).time.size == 0
 
 
 def test_pulses_of_one_period_are_refused_because_they_fit_anywhere() -> None:

@@ -170,22 +170,26 @@ def wrench_of(path: Path, **fields: object) -> list[float]:
     return [samples[f"plate1_{q}_{axis}"][3] for q in ("force", "moment") for axis in "xyz"]
 
 
-def test_plate_columns_are_in_si_units_and_laboratory_axes(tmp_path: Path) -> None:
-    assert wrench_of(plate_file(tmp_path / "a.c3d")) == pytest.approx([1, -2, -3, 4, -5, -6], rel=1e-12)
+def test_columns_and_geometry_of_a_plate_are_in_si_units_and_laboratory_axes(tmp_path: Path) -> None:
+    path = plate_file(tmp_path / "a.c3d")
+    assert wrench_of(path) == pytest.approx([1, -2, -3, 4, -5, -6], rel=1e-12)
+    expected = {
+        "xyz": [[0.6, 0, 0], [0, 0, 0], [0, 0.4, 0], [0.6, 0.4, 0]],
+        "x-zy": [[0.6, 0, 0], [0, 0, 0], [0, 0, 0.4], [0.6, 0, 0.4]],
+    }
+    for axes, corners in expected.items():
+        source = C3dSource(format="c3d", axes=tuple(re.findall("-?[xyz]", axes)))
+        (plate,) = read_c3d_capture(path, source).facts["plates"]
+        assert (plate["plate"], plate["type"]) == (1, 2)
+        np.testing.assert_allclose(plate["corners"], corners, atol=1e-12)
 
 
-def test_the_plates_geometry_goes_into_the_facts_in_metres(tmp_path: Path) -> None:
-    facts = read_c3d_capture(plate_file(tmp_path / "a.c3d"), C3dSource(format="c3d")).facts
-    expected = [[0.6, 0, 0], [0, 0, 0], [0, 0.4, 0], [0.6, 0.4, 0]]
-    (plate,) = facts["plates"]
-    assert (plate["plate"], plate["type"]) == (1, 2)
-    assert plate["corners"] == pytest.approx(np.array(expected))
-
-
-def test_corners_of_a_plate_are_in_our_axes_as_its_forces_are(tmp_path: Path) -> None:
-    source = C3dSource(format="c3d", axes=("x", "-z", "y"))
-    (plate,) = read_c3d_capture(plate_file(tmp_path / "a.c3d"), source).facts["plates"]
-    np.testing.assert_allclose(plate["corners"], [[0.6, 0, 0], [0, 0, 0], [0, 0, 0.4], [0.6, 0, 0.4]], atol=1e-12)
+def test_a_plate_that_the_file_lacks_or_describes_wrongly_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no force plate 2; the file has 1, counted from 1"):
+        wrench_of(plate_file(tmp_path / "a.c3d"), plates=[2])
+    path = plate_file(tmp_path / "a.c3d", FORCE_PLATFORM__CORNERS=np.zeros((3, 3, 1)))
+    with pytest.raises(InputError, match=r"plate 1: FORCE_PLATFORM:CORNERS has dimensions \(3, 3, 1\)"):
+        wrench_of(path)
 
 
 def test_plate_units_of_the_source_file_override_the_files(tmp_path: Path) -> None:
@@ -236,17 +240,6 @@ def test_a_plate_whose_channels_are_not_in_the_file_is_refused_and_can_be_left_o
     with pytest.raises(InputError, match=r"plate 1 of type 2 needs 6 channels.* leave this plate out: `plates: none`"):
         wrench_of(path)
     assert read_c3d_capture(path, C3dSource(format="c3d", plates="none")).facts["plates"] == []
-
-
-def test_a_plate_that_the_file_lacks_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no force plate 2; the file has 1, counted from 1"):
-        wrench_of(plate_file(tmp_path / "a.c3d"), plates=[2])
-
-
-def test_a_parameter_of_wrong_dimensions_is_refused_by_name(tmp_path: Path) -> None:
-    path = plate_file(tmp_path / "a.c3d", FORCE_PLATFORM__CORNERS=np.zeros((3, 3, 1)))
-    with pytest.raises(InputError, match=r"plate 1: FORCE_PLATFORM:CORNERS has dimensions \(3, 3, 1\)"):
-        wrench_of(path)
 
 
 @pytest.mark.parametrize(

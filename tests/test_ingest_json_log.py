@@ -193,14 +193,6 @@ def test_a_stamp_with_a_part_that_is_no_count_is_refused_with_its_line(tmp_path:
     assert "field 'h.stamp': no time in row 7 of 50" in said
 
 
-def test_nanoseconds_since_1970_are_exact(tmp_path: Path) -> None:
-    start = 1_700_000_000_123_456_789
-    lines = [{"t_ns": start + 1_000_001 * k, "angle": 0.5} for k in range(50)]
-    channels = {"theta": {"field": "angle", "unit": "rad"}}
-    samples = read(write(tmp_path / "a", lines), time={"field": "t_ns", "unit": "ns"}, channels=channels).samples
-    np.testing.assert_allclose(samples["time"], 1.000001e-3 * np.arange(50), rtol=0, atol=1e-15)
-
-
 def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) -> None:
     lines = [json.dumps(one) for one in rust_lines()]
     recording = read(write(tmp_path / "a", [*lines[:-1], lines[-1][:30]], end=""))
@@ -237,11 +229,6 @@ def test_a_line_that_cannot_be_used_is_skipped_within_a_share_and_else_refused(
     assert reason in said
     assert "`most_missing: 0.015`" in said
     assert "cannot be used" in refused(write(tmp_path / "a", [*lines[:12], *rust_lines()[13:]]), time={"rate": 500})
-
-
-def test_the_line_that_is_named_counts_blank_lines(tmp_path: Path) -> None:
-    lines: list[Any] = ["", *rust_lines(5), "", {"variables": {"time": 1, "ankle_angle": "x"}}]
-    assert 'is "x", not a number, in line 8' in refused(write(tmp_path / "a", lines))
 
 
 def test_a_key_that_appears_later_has_no_sample_before(tmp_path: Path) -> None:
@@ -285,6 +272,15 @@ def test_a_missing_field_and_a_time_that_is_none_are_refused(tmp_path: Path) -> 
     assert "is theta and torque in the source file" in refused(tmp_path / "b", channels=channels)
     with pytest.raises(ValueError, match="state either the field that holds time, or the rate"):
         read(tmp_path / "b", time={})
+
+
+def test_lines_are_counted_with_blank_ones_and_nanoseconds_are_exact(tmp_path: Path) -> None:
+    blank: list[Any] = ["", *rust_lines(5), "", {"variables": {"time": 1, "ankle_angle": "x"}}]
+    assert 'is "x", not a number, in line 8' in refused(write(tmp_path / "a", blank))
+    lines = [{"t_ns": 1_700_000_000_123_456_789 + 1_000_001 * k, "angle": 0.5} for k in range(50)]
+    channels = {"theta": {"field": "angle", "unit": "rad"}}
+    samples = read(write(tmp_path / "b", lines), time={"field": "t_ns", "unit": "ns"}, channels=channels).samples
+    np.testing.assert_allclose(samples["time"], 1.000001e-3 * np.arange(50), rtol=0, atol=1e-15)
 
 
 def test_deep_json_and_endless_names_end_within_limits(tmp_path: Path) -> None:

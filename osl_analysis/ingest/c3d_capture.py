@@ -8,10 +8,10 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, PositiveInt, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, PositiveInt
 
 from osl_analysis.columns import AXES
 from osl_analysis.errors import InputError, listing, nearest, printable
@@ -21,7 +21,7 @@ from osl_analysis.ingest.overview import UNKNOWN, Overview, RecordedChannel
 from osl_analysis.ingest.plates import CHANNELS, ForcePlate, channel_facts
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source_fields import CaptureSource, Conversion, all_none_or_list
-from osl_analysis.ingest.units import ForceUnit, LengthUnit, Unit, si_factor
+from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, si_factor
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Settings
 
@@ -31,17 +31,10 @@ class PlateUnits(Settings):
 
     force: ForceUnit
     """Unit of the force channels."""
-    moment: Unit
+    moment: MomentUnit
     """Unit of the moment channels."""
     length: LengthUnit | None = None
     """Unit of the centre of pressure of a type 1 plate; null: the file's."""
-
-    @field_validator("force", "moment", "length")
-    @classmethod
-    def _known(cls, unit: str | None, info: ValidationInfo) -> str | None:
-        if unit is not None:
-            si_factor(unit, {"force": "N", "moment": "N*m", "length": "m"}[str(info.field_name)])
-        return unit
 
 
 class C3dAnalog(Conversion):
@@ -63,25 +56,13 @@ class C3dSource(CaptureSource):
     header, parameters, or refuse."""
     point_unit: LengthUnit | None = None
     """Unit of length, where the file's POINT:UNITS is absent or wrong."""
-    plates: Literal["all"] | tuple[int, ...] = "all"
+    plates: Annotated[Literal["all"] | tuple[int, ...], BeforeValidator(all_none_or_list)] = "all"
     """The force plates to read: all, none or a list counted from 1."""
     plate_units: PlateUnits | None = None
     """Units of the plates' channels, where the file's ANALOG:UNITS are absent or wrong."""
     plate_zero: Literal["none", "file"] | tuple[PositiveInt, PositiveInt] = "none"
     """Baseline to subtract from the plates' channels: none, file (the frames of FORCE_PLATFORM:ZERO) or two frames,
     counted from 1, between which the plates were unloaded."""
-
-    @field_validator("plates", mode="before")
-    @classmethod
-    def _plate_choice(cls, value: Any) -> Any:
-        return all_none_or_list(value)
-
-    @field_validator("point_unit")
-    @classmethod
-    def _length(cls, unit: str | None) -> str | None:
-        if unit is not None:
-            si_factor(unit, "m")
-        return unit
 
     def unit_of_length(self, recording: C3DRecording) -> str:
         """The source file's unit of length, or else the recording's."""

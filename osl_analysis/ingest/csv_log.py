@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from osl_analysis.columns import counter_column, unit_of
 from osl_analysis.errors import InputError
@@ -60,34 +60,27 @@ def text_of_number(value: Any) -> Any:
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
+ColumnName = Annotated[str, BeforeValidator(text_of_number)]
+
+
 class CsvChannel(Conversion):
     """One column. Without `unit`, the file's unit is used: in brackets after the column's name, or in a row of
     units."""
 
-    column: str
+    column: ColumnName
     """Name in the header, with or without its unit (`torque` finds `torque [Nm]`); a pattern in which `*` stands for
     any text, which must fit one column (`"*.output_position"`); or the column's number, counted from 1."""
-    counter: str | None = None
+    counter: ColumnName | None = None
     """Name of the column in which the device counts its samples. It tells which samples are missing."""
-
-    @field_validator("column", "counter", mode="before")
-    @classmethod
-    def _number(cls, value: Any) -> Any:
-        return text_of_number(value)
 
 
 class CsvTime(RowTime):
     """Where the time of a row comes from: a column, or the rate at which rows were written."""
 
-    column: str | None = None
+    column: ColumnName | None = None
     """Name of the column that holds time."""
     unit: TimeUnit | None = None
     """Unit of the column. Without it, the file's unit is used."""
-
-    @field_validator("column", mode="before")
-    @classmethod
-    def _number(cls, value: Any) -> Any:
-        return text_of_number(value)
 
     @model_validator(mode="after")
     def _one(self) -> "CsvTime":

@@ -4,10 +4,10 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.formats.mat import LISTED, Address, MatFile, Value, find, open_mat, parsed, vector
@@ -37,11 +37,13 @@ from osl_analysis.ingest.units import Unit
 from osl_analysis.trial import Array
 
 
-def checked_address(text: str | None) -> str | None:
+def checked_address(text: str) -> str:
     """The text of an address as it is; refused if it is none."""
-    if text is not None:
-        parsed(text, inside=True)
+    parsed(text, inside=True)
     return text
+
+
+AddressText = Annotated[str, AfterValidator(checked_address)]
 
 
 class MatChannel(TableChannel):
@@ -49,18 +51,13 @@ class MatChannel(TableChannel):
 
     ADDRESS: ClassVar[str] = "variable"
 
-    variable: str
+    variable: AddressText
     """Its address in MATLAB's notation: `torque`, `Test.run(2).torque`, `data(:,3)`, `runs{2}.torque`. It is within
     `log_part`, unless it begins with `/`."""
     unit: Unit
     """Unit of the numbers, as laboratories spell it."""
-    counter: str | None = None
+    counter: AddressText | None = None
     """Address of the device's count of its samples. It tells which samples are missing."""
-
-    @field_validator("variable", "counter")
-    @classmethod
-    def _is_address(cls, text: str | None) -> str | None:
-        return checked_address(text)
 
     @property
     def title(self) -> str:
@@ -72,13 +69,8 @@ class MatTime(TableTime):
 
     ADDRESS: ClassVar[str] = "variable"
 
-    variable: str | None = None
+    variable: AddressText | None = None
     """Address of the variable that holds time, as in `channels`."""
-
-    @field_validator("variable")
-    @classmethod
-    def _is_address(cls, text: str | None) -> str | None:
-        return checked_address(text)
 
     @property
     def title(self) -> str:

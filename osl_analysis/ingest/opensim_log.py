@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import polars as pl
-from pydantic import Field, PositiveInt, field_validator, model_validator
+from pydantic import Field, PositiveInt, model_validator
 
 from osl_analysis.columns import AXES, plate_columns, unit_of
 from osl_analysis.errors import InputError, printable
@@ -32,7 +32,7 @@ from osl_analysis.ingest.overview import (
 )
 from osl_analysis.ingest.plates import channel_facts
 from osl_analysis.ingest.recording import Recording, check_finite
-from osl_analysis.ingest.source_fields import Axis, misplaced, right_handed, rotation_of
+from osl_analysis.ingest.source_fields import Axes, misplaced, rotation_of
 from osl_analysis.ingest.table_log import Table, TableChannel, TableColumn, TableSource, TableTime, read_table_log
 from osl_analysis.ingest.units import TimeUnit, Unit, si_factor
 from osl_analysis.trial import Array
@@ -96,13 +96,8 @@ class OpenSimSource(TableSource):
     """The column of each canonical column."""
     plates: dict[PositiveInt, OpenSimPlate] = Field(default={})
     """Force plates by number, counted from 1."""
-    axes: tuple[Axis, Axis, Axis] = ("x", "-z", "y")
+    axes: Axes = ("x", "-z", "y")
     """The file's axes that point forward, to the left and up, for its plates. OpenSim's own are x forward, y up."""
-
-    @field_validator("axes")
-    @classmethod
-    def _right_handed(cls, axes: tuple[Axis, Axis, Axis]) -> tuple[Axis, Axis, Axis]:
-        return right_handed(axes)
 
     @model_validator(mode="after")
     def _not_empty(self) -> "OpenSimSource":

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from osl_analysis.columns import AXES, COLUMNS, unit_of
@@ -218,6 +218,30 @@ class LogSource(SourceFile):
         return self
 
 
+def rotation_of(axes: tuple[Axis, Axis, Axis]) -> Array:
+    """From a file's axes to ours, (3, 3), by the file's axes that point forward, to the left and up."""
+    return np.array([[(-1.0 if name[0] == "-" else 1.0) * (name[-1] == axis) for axis in AXES] for name in axes])
+
+
+def right_handed(axes: tuple[Axis, Axis, Axis]) -> tuple[Axis, Axis, Axis]:
+    """The axes as they are; raises ValueError if they are none of a right-handed laboratory."""
+    if round(float(np.linalg.det(rotation_of(axes)))) != 1:
+        raise ValueError("forward, left and up must be three different axes of a right-handed laboratory")
+    return axes
+
+
+def all_none_or_list(value: Any) -> Any:
+    """A choice among a file's things: `none` is the empty list."""
+    if value == "none":
+        return ()
+    if value == "all" or isinstance(value, list | tuple):
+        return value
+    raise ValueError("write all, none or a list")
+
+
+Axes = Annotated[tuple[Axis, Axis, Axis], AfterValidator(right_handed)]
+
+
 class SharedAngle(Settings):
     """An angle that log and motion capture both recorded, which aligns their clocks where no sync edges do."""
 
@@ -245,9 +269,9 @@ class CaptureSource(SourceFile):
     """Format of the file."""
     description: str = ""
     """For readers; nothing is computed from it."""
-    markers: Literal["all"] | tuple[str, ...] = "all"
+    markers: Annotated[Literal["all"] | tuple[str, ...], BeforeValidator(all_none_or_list)] = "all"
     """The markers to read: all (every labelled point except model outputs), none or a list of labels."""
-    axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
+    axes: Axes = ("x", "y", "z")
     """The file's axes that point forward, to the left and up: `[z, x, y]` or `[x, -z, y]` where y is up."""
     shared: SharedAngle | None = None
     """What aligns the clock of a log that says `clock: shared`."""
@@ -261,43 +285,12 @@ class CaptureSource(SourceFile):
         """From the file's axes to ours, (3, 3): our coordinates are `rotation @ (x, y, z)`."""
         return rotation_of(self.axes)
 
-    @field_validator("axes")
-    @classmethod
-    def _right_handed(cls, axes: tuple[Axis, Axis, Axis]) -> tuple[Axis, Axis, Axis]:
-        return right_handed(axes)
-
-    @field_validator("markers", mode="before")
-    @classmethod
-    def _marker_choice(cls, value: Any) -> Any:
-        return all_none_or_list(value)
-
     @field_validator("analogs", "outputs", check_fields=False)
     @classmethod
     def _canonical(cls, channels: Mapping[str, Conversion]) -> Mapping[str, Conversion]:
         for column, channel in channels.items():
             check_canonical(column, channel)
         return channels
-
-
-def rotation_of(axes: tuple[Axis, Axis, Axis]) -> Array:
-    """From a file's axes to ours, (3, 3), by the file's axes that point forward, to the left and up."""
-    return np.array([[(-1.0 if name[0] == "-" else 1.0) * (name[-1] == axis) for axis in AXES] for name in axes])
-
-
-def right_handed(axes: tuple[Axis, Axis, Axis]) -> tuple[Axis, Axis, Axis]:
-    """The axes as they are; raises ValueError if they are none of a right-handed laboratory."""
-    if round(float(np.linalg.det(rotation_of(axes)))) != 1:
-        raise ValueError("forward, left and up must be three different axes of a right-handed laboratory")
-    return axes
-
-
-def all_none_or_list(value: Any) -> Any:
-    """A choice among a file's things: `none` is the empty list."""
-    if value == "none":
-        return ()
-    if value == "all" or isinstance(value, list | tuple):
-        return value
-    raise ValueError("write all, none or a list")
 
 
 def check_canonical(column: str, channel: Conversion) -> None:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from pydantic import Field, PositiveFloat, field_validator, model_validator
+from pydantic import Field, PositiveFloat, model_validator
 
 from osl_analysis.columns import counter_column, unit_of
 from osl_analysis.errors import InputError
@@ -36,13 +36,6 @@ class RowTime(Settings):
     recorder read a device faster than it sampled; only the first row of each stamp is used."""
     stamps: Stamps = "auto"
     """How the stamps are taken."""
-
-    @field_validator("unit")
-    @classmethod
-    def _of_time(cls, unit: str | None) -> str | None:
-        if unit is not None:
-            si_factor(unit, "s")
-        return unit
 
 
 @dataclass(frozen=True)

@@ -205,8 +205,6 @@ class TrcSource(CaptureSource):
         for key in ("analogs", "outputs"):
             if getattr(self, key):
                 raise misplaced("a TRC file holds markers only; map the others in the source file of a log", key)
-        if self.point_unit is not None:
-            si_factor(self.point_unit, "m")
         return self
 
 

@@ -11,7 +11,7 @@ from functools import cache
 from typing import Annotated
 
 import pint
-from pydantic import WithJsonSchema
+from pydantic import AfterValidator, WithJsonSchema
 
 from osl_analysis.errors import InputError
 
@@ -197,12 +197,23 @@ def as_schema(common: list[str], pattern: str) -> WithJsonSchema:
     return WithJsonSchema({"type": "string", "anyOf": [{"enum": common}, {"pattern": f"^ *{pattern} *$"}]})
 
 
+def measuring(expected: str) -> AfterValidator:
+    """The check that a unit measures what the SI unit `expected` does."""
+
+    def checked(unit: str) -> str:
+        si_factor(unit, expected)
+        return unit
+
+    return AfterValidator(checked)
+
+
 def common(*canonical: str) -> list[str]:
     return list(dict.fromkeys(unit for key in canonical or EXAMPLES for unit in EXAMPLES[key]))
 
 
 Unit = Annotated[str, as_schema(common(), f"{one_of()}(?:{SEPARATOR}{one_of()}){{0,{MOST_NAMES - 1}}}")]
 """Any unit."""
-TimeUnit = Annotated[str, as_schema(common("s"), one_of("s"))]  # A unit of time
-LengthUnit = Annotated[str, as_schema(common("m"), one_of("m"))]  # A unit of length
-ForceUnit = Annotated[str, as_schema(common("N"), one_of("N"))]  # A unit of force
+TimeUnit = Annotated[str, measuring("s"), as_schema(common("s"), one_of("s"))]
+LengthUnit = Annotated[str, measuring("m"), as_schema(common("m"), one_of("m"))]
+ForceUnit = Annotated[str, measuring("N"), as_schema(common("N"), one_of("N"))]
+MomentUnit = Annotated[Unit, measuring("N*m")]

@@ -52,6 +52,10 @@ COLUMNS = [
 ]  # fmt: skip
 
 
+FILES = {"calibration": "calibration.json", "plate": "plate.json", "gait": "unperturbed.parquet"}
+FILES["selection"] = "walking_crossings.csv"
+
+
 @dataclass(frozen=True)
 class Session:
     """A simulated session of the gait laboratory, ingested; perturbed crossings by name, and the others."""
@@ -70,21 +74,9 @@ class Session:
         facts: dict[str, Any] = json.loads((self.folder / "truth" / f"{name}.json").read_text())
         return facts
 
-    @property
-    def calibration(self) -> Path:
-        return self.folder / "calibration.json"
-
-    @property
-    def plate(self) -> Path:
-        return self.folder / "plate.json"
-
-    @property
-    def selection(self) -> Path:
-        return self.folder / "walking_crossings.csv"
-
-    @property
-    def gait(self) -> Path:
-        return self.folder / "unperturbed.parquet"
+    def __getattr__(self, name: str) -> Path:
+        """The files of the session."""
+        return self.folder / FILES[name]
 
     def analysed(self, **choices: Any) -> "Session":
         """Run every step."""
@@ -209,12 +201,9 @@ def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent
         assert real.estimate("B", estimator)["mean"] == pytest.approx(real.rendered("B"), rel=0.1)
         assert real.estimate("I", estimator)["mean"] == pytest.approx(real.rendered("I"), abs=0.01)
     assert real.estimate("VAF")["mean"] > 99
-
-
-def test_the_truth_is_in_the_bootstrap_interval(real: Session) -> None:
-    K_ensemble = real.estimate("K", "ensemble")
-    assert K_ensemble["low"] < real.rendered("K") < K_ensemble["high"]
-    assert 1 < K_ensemble["se"] < 10
+    K = real.estimate("K", "ensemble")
+    assert K["low"] < real.rendered("K") < K["high"]
+    assert 1 < K["se"] < 10
 
 
 def test_the_plate_and_its_lag_are_the_simulated_ones(real: Session) -> None:
@@ -225,6 +214,10 @@ def test_the_plate_and_its_lag_are_the_simulated_ones(real: Session) -> None:
     assert model.inertia.parameters[0] == pytest.approx(mass, rel=0.02)
     np.testing.assert_allclose(model.inertia.parameters[1:4], mass * com, atol=0.02)
     assert model.inertia.rms_after[4] < 0.1 * model.inertia.rms_before[4]
+    table = read_table(real.folder / "plate.csv", ["rms_before", "rms_after", "left_percent", "lag_s", "lag_se_s"])
+    assert (table.filter(pl.col("component").is_in(["F_x", "F_z", "M_y"]))["left_percent"] < 10).all()
+    assert table["lag_s"][0] == pytest.approx(5e-4, abs=1e-4)
+    assert 0 < table["lag_se_s"][0] < 1e-4
 
 
 def test_a_plate_whose_inertia_stays_in_passes_for_the_ankles(real: Session, tmp_path: Path) -> None:
@@ -374,14 +367,6 @@ def test_without_a_motion_the_anatomical_axis_stays_and_the_functional_one_is_re
         calibrate(real.trial("static_1"), [], settings(hinge="functional"), *outputs)
 
 
-def test_the_table_of_the_plate_shows_what_its_removal_changes(real: Session) -> None:
-    table = read_table(real.folder / "plate.csv", ["rms_before", "rms_after", "left_percent", "lag_s", "lag_se_s"])
-    sagittal = table.filter(pl.col("component").is_in(["F_x", "F_z", "M_y"]))
-    assert (sagittal["left_percent"] < 10).all()
-    assert table["lag_s"][0] == pytest.approx(5e-4, abs=1e-4)
-    assert 0 < table["lag_se_s"][0] < 1e-4
-
-
 # What users get wrong
 
 
@@ -479,15 +464,6 @@ def test_a_perturbation_that_cannot_be_fitted_is_listed_too(ideal: Session, tmp_
     assert "samples cannot determine 3 parameters" in row["excluded"]
 
 
-@pytest.mark.parametrize(("which", "claimed"), [("perturbed", False), ("unperturbed", True)])
-def test_a_sheet_that_disagrees_with_the_platform_is_refused(
-    ideal: Session, tmp_path: Path, which: str, claimed: bool
-) -> None:
-    name, output = getattr(ideal, which)[0], tmp_path / "crossing.parquet"
-    with refused(output, f"trial {name}: the platform .* sheet says perturbed = {str(claimed).lower()}"):
-        analyse(ideal.trial(name), ideal.calibration, ideal.plate, claimed, settings(), output)
-
-
 @contextmanager
 def refused(output: Path, reason: str) -> Iterator[None]:
     """The crossing is refused for a reason like this, with a warning, and its file says so."""
@@ -552,21 +528,28 @@ def test_a_cluster_hidden_while_the_perturbation_is_fitted_is_refused(ideal: Ses
         assert read_crossing(output).bridged > 0
 
 
-def test_a_missing_marker_is_named(ideal: Session, tmp_path: Path) -> None:
-    name = ideal.unperturbed[0]
-    source = read_trial(ideal.trial(name))
-    write_trial(Trial(name, source.samples.drop("marker_FOOT3_x"), source.provenance), tmp_path / "t.parquet")
-    with refused(tmp_path / "c.parquet", f"trial {name}: no column 'marker_FOOT3_x'"):
-        analyse(tmp_path / "t.parquet", ideal.calibration, ideal.plate, False, settings(), tmp_path / "c.parquet")
-
-
-def test_a_marker_that_was_not_calibrated_is_named(ideal: Session, tmp_path: Path) -> None:
-    content = json.loads(ideal.calibration.read_text())
-    del content["foot"]["FOOT2"]
+@pytest.mark.parametrize(
+    ("which", "claimed", "lost", "choices", "reason"),
+    [
+        ("perturbed", False, "", {}, "the platform .* sheet says perturbed = false"),
+        ("unperturbed", True, "", {}, "the platform .* sheet says perturbed = true"),
+        ("unperturbed", False, "column", {}, "no column 'marker_FOOT3_x'"),
+        ("unperturbed", False, "calibration", {}, "marker FOOT2 is not in the static calibration"),
+        ("perturbed", True, "", {"window_s": 0.6}, "baseline and window, .* leave stance"),
+    ],
+)
+def test_what_contradicts_sheet_markers_calibration_or_stance_is_refused_by_name(
+    ideal: Session, tmp_path: Path, which: str, claimed: bool, lost: str, choices: dict[str, Any], reason: str
+) -> None:
+    name, path, output = getattr(ideal, which)[0], tmp_path / "t.parquet", tmp_path / "c.parquet"
+    source, content = read_trial(ideal.trial(name)), json.loads(ideal.calibration.read_text())
+    samples = source.samples.drop("marker_FOOT3_x") if lost == "column" else source.samples
+    write_trial(Trial(name, samples, source.provenance), path)
+    if lost == "calibration":
+        del content["foot"]["FOOT2"]
     (tmp_path / "calibration.json").write_text(json.dumps(content))
-    name = ideal.unperturbed[0]
-    with refused(tmp_path / "c", f"trial {name}: marker FOOT2 is not in the static calibration"):
-        analyse(ideal.trial(name), tmp_path / "calibration.json", ideal.plate, False, settings(), tmp_path / "c")
+    with refused(output, f"trial {name}: {reason}"):
+        analyse(path, tmp_path / "calibration.json", ideal.plate, claimed, settings(**choices), output)
 
 
 def test_too_few_unperturbed_crossings_leave_no_file(ideal: Session, tmp_path: Path) -> None:
@@ -574,12 +557,6 @@ def test_too_few_unperturbed_crossings_leave_no_file(ideal: Session, tmp_path: P
     with pytest.raises(InputError, match=r"2 unperturbed crossings .* expected 3 or more"):
         average_unperturbed(few, ideal.selection, settings(), tmp_path / "gait.parquet")
     assert not (tmp_path / "gait.parquet").exists()
-
-
-def test_a_window_that_leaves_stance_is_refused_by_name(ideal: Session, tmp_path: Path) -> None:
-    name = ideal.perturbed[0]
-    with refused(tmp_path / "c", f"trial {name}: baseline and window, .* leave stance"):
-        analyse(ideal.trial(name), ideal.calibration, ideal.plate, True, settings(window_s=0.6), tmp_path / "c")
 
 
 def test_one_perturbation_has_no_summary(ideal: Session, tmp_path: Path) -> None:

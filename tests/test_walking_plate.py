@@ -1,9 +1,13 @@
-"""The moving force plate: its axes, its own mass, and its lateness."""
+"""The moving force plate: its axes, its own mass, its lateness, its faults, and how the foot loads it."""
+
+from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
+from test_quality_plates import TIME as T
+from test_quality_plates import load, trial_of, type_2, type_3
 from walking_synthetic import (
     CORNERS,
     PLATE_RATE,
@@ -20,14 +24,21 @@ from walking_synthetic import (
 )
 
 from osl_analysis.errors import InputError
-from osl_analysis.plate_surface import plate_axes
+from osl_analysis.plate_surface import furthest_outside, plate_axes
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import BodyMotion, static_calibration
+from osl_analysis.walking.checks import check_heading, check_push, check_vertical
+from osl_analysis.walking.events import Stance
 from osl_analysis.walking.plate import (
     PlateWrench,
     RecordedWrench,
+    check_plate,
     check_range,
+    check_type_on_platform,
     in_laboratory,
+    load_of_weight,
+    load_on_foot,
+    recorded_corners,
     rotation_from_rest,
     unloaded_zero,
 )
@@ -150,15 +161,9 @@ def test_standard_errors_cover_white_noise() -> None:
     pair = [plate_motion(about, 0.15, 0.04) for about in range(3)]
     scores = []
     for _ in range(40):
-        noisy = [
-            (
-                m,
-                PlateWrench(
-                    w.force + random.normal(0, 0.5, w.force.shape), w.moment + random.normal(0, 0.05, (RATE, 3))
-                ),
-            )
-            for m, w in pair
-        ]
+        drawn = [random.normal(0, [0.5] * 3 + [0.05] * 3, (RATE, 6)) for _ in pair]
+        wrenches = [PlateWrench(w.force + d[:, :3], w.moment + d[:, 3:]) for (_, w), d in zip(pair, drawn, strict=True)]
+        noisy = [(m, w) for (m, _), w in zip(pair, wrenches, strict=True)]
         inertia = identify_plate_inertia(noisy)
         scores.append((inertia.parameters - TRUE) / inertia.standard_errors)
     # 400 scores of unit variance: their RMS lies within 0.85-1.2 even with the few that Newey and West misjudge
@@ -296,31 +301,20 @@ def hidden_for(trial: Trial, start: float, duration: float) -> Trial:
     )
 
 
-def test_an_unloaded_trial_whose_turn_was_hidden_is_excluded_by_name() -> None:
-    """40 ms about the middle of the ramp, which a bridge would make the lag of."""
-    blind = hidden_for(unloaded("plate_2", lag=0.0015), 0.99, 0.04)
-    with pytest.warns(
-        UserWarning, match="trial plate_2: excluded from the plate.s model: the platform turned while its markers"
-    ):
-        model = identify_plate_model([unloaded("plate_1", lag=0.0015), blind], CALIBRATION, settings())
+@pytest.mark.parametrize(("start", "duration"), [(0.99, 0.04), (0.8, 1.6)])
+def test_an_unloaded_trial_whose_turn_was_hidden_is_excluded_by_name(start: float, duration: float) -> None:
+    """40 ms about the middle of the ramp, which a bridge would make the lag of. Or from before the ramp until the
+    platform is back, longer than gaps are bridged: the longest run of frames that was seen does not turn."""
+    seen, blind = unloaded("plate_1", lag=0.0015), hidden_for(unloaded("plate_2", lag=0.0015), start, duration)
+    why = "the platform turned while its markers"
+    with pytest.warns(UserWarning, match=f"trial plate_2: excluded from the plate.s model: {why}"):
+        model = identify_plate_model([seen, blind], CALIBRATION, settings())
     assert len(model.lags) == 1
-    bridged = identify_plate_model([blind], CALIBRATION, settings(longest_fitted_gap_s=0.1))
-    assert abs(bridged.lag - 0.0015) > 3e-4
-    with pytest.raises(
-        InputError,
-        match=r"no unloaded trial .* trial plate_2, as others: the platform turned while its markers were hidden",
-    ):
+    with pytest.raises(InputError, match=f"no unloaded trial .* trial plate_2, as others: {why} were hidden"):
         identify_plate_model([blind], CALIBRATION, settings())
-
-
-def test_a_turn_hidden_for_longer_than_gaps_are_bridged_excludes_its_trial_only() -> None:
-    """From before the ramp until the platform is back: the longest run of frames that was seen does not turn."""
-    blind = hidden_for(unloaded("plate_2", lag=0.0015), 0.8, 1.6)
-    with pytest.warns(
-        UserWarning, match="trial plate_2: excluded from the plate.s model: the platform turned while its markers"
-    ):
-        model = identify_plate_model([unloaded("plate_1", lag=0.0015), blind], CALIBRATION, settings())
-    assert len(model.lags) == 1
+    if duration < 0.1:
+        bridged = identify_plate_model([blind], CALIBRATION, settings(longest_fitted_gap_s=0.1))
+        assert abs(bridged.lag - 0.0015) > 3e-4
 
 
 def test_a_motion_that_the_recording_cuts_has_no_part_in_the_plates_model() -> None:
@@ -404,3 +398,136 @@ def test_a_limit_shows_in_the_axes_of_a_plate_that_stands_askew() -> None:
     check_range(TIME, own @ turn.T, np.eye(3), 30)
     with pytest.raises(InputError, match="stays at 250 N"):
         check_range(TIME, own @ turn.T, axes, 30)
+
+
+STANCE = Stance(0.2, 0.8)
+PERSON = np.array([0.0, 700.0])
+
+
+def clipped(path: Path, limit: float) -> Trial:
+    channels = type_3(*load())
+    channels[:, 5] = np.clip(channels[:, 5], -limit, limit)
+    return trial_of(path, 3, channels)
+
+
+def test_a_sensor_at_its_limit_is_refused_with_its_time(tmp_path: Path) -> None:
+    trial = clipped(tmp_path / "a.c3d", 200.0)
+    with pytest.raises(InputError, match=r"channel A6 of force plate 1 stays at -?200 from 0\.\d+ s to 0\."):
+        check_plate(trial, 1, STANCE, PERSON)
+
+
+def test_a_limit_outside_the_stance_or_of_another_plate_does_not_matter(tmp_path: Path) -> None:
+    trial = clipped(tmp_path / "a.c3d", 200.0)
+    check_plate(trial, 1, Stance(0.9, 1.5), PERSON)
+    check_plate(trial, 2, STANCE, PERSON)
+    check_plate(clipped(tmp_path / "b.c3d", 2000.0), 1, STANCE, PERSON)
+
+
+def test_a_dead_channel_is_refused(tmp_path: Path) -> None:
+    channels = type_2(*load())
+    channels[:, 3] = 12.0
+    with pytest.raises(InputError, match=r"channel A4 of force plate 1 repeats one value from .* it is dead"):
+        check_plate(trial_of(tmp_path / "a.c3d", 2, channels), 1, STANCE, PERSON)
+
+
+def test_a_force_of_a_lorry_is_refused(tmp_path: Path) -> None:
+    trial = trial_of(tmp_path / "a.c3d", 2, type_2(*load()))
+    with pytest.raises(InputError, match=r"plate 1 reads up to 7e\+05 N, expected less than 8000 N under a person"):
+        check_plate(trial, 1, STANCE, 1e3 * PERSON)
+
+
+def test_type_1_is_refused_on_a_moving_platform(tmp_path: Path) -> None:
+    pressure = np.column_stack([np.zeros((T.size, 2)), -700 + 0 * T, 0.01 * np.sin(T), 0 * T, 0 * T])
+    trial = trial_of(tmp_path / "a.c3d", 1, pressure, plate_units={"force": "N", "moment": "N*m", "length": "m"})
+    with pytest.raises(InputError, match=r"of type 1 .* export it as type 2, 3 or 4"):
+        check_type_on_platform(trial, 1)
+    check_type_on_platform(trial_of(tmp_path / "b.c3d", 2, type_2(*load())), 1)
+
+
+SURFACE = np.array([[0.3, 0.2, 0], [-0.3, 0.2, 0], [-0.3, -0.2, 0], [0.3, -0.2, 0]]) + np.array([1.0, 2.0, 0.1])
+PHASE = np.linspace(0, 1, 11)
+
+
+def test_the_pressure_beside_the_ankle_is_where_the_force_acts() -> None:
+    """A force through a known point of the surface, the ankle 0.1 m above it; the axis points along -x, heading +y."""
+    centre, ankle = np.array([[1.0, 2.0, 0.1]]), np.array([[1.05, 1.9, 0.2]])
+    force, point = np.array([[30.0, -20.0, 700.0]]), np.array([0.93, 2.1, 0.1])
+    moment = np.cross(point - centre, force) + np.array([0, 0, 4.0])  # and a free moment
+    load = load_on_foot(PlateWrench(force, moment), centre, ankle, np.array([[-1.0, 0, 0]]))
+    assert load.force == pytest.approx([700])
+    assert load.left == pytest.approx([1.05 - 0.93])
+
+
+def test_without_load_there_is_no_pressure() -> None:
+    light = PlateWrench(np.array([[0.0, 0, 60]]), np.array([[0.0, 40, 0]]))
+    assert load_on_foot(light, np.zeros((1, 3)), np.zeros((1, 3)), np.array([[0.0, 1, 0]])).left == [0.0]
+
+
+def test_the_load_is_a_share_of_the_weight_in_single_support() -> None:
+    force = np.where((PHASE > 0.15) & (PHASE < 0.85), 0.9 * 70 * 9.81, 5000.0)
+    stance = Stance(3.0, 3.8)
+    share = load_of_weight(3.0 + 0.8 * PHASE, force, stance, 70.0)
+    assert share == pytest.approx(0.9, rel=1e-3)
+    assert load_of_weight(3.0 + 0.8 * PHASE, force, stance, None) is None
+
+
+@pytest.mark.parametrize(
+    ("point", "distance"), [([1.29, 2.19, 0.1], 0.0), ([1.35, 2.1, 0.3], 0.05), ([0.66, 1.77, 0.1], 0.05)]
+)
+def test_the_distance_of_a_marker_outside_the_plate(point: list[float], distance: float) -> None:
+    assert furthest_outside(np.array([[1.0, 2.0, 0.1], point]), SURFACE) == pytest.approx(distance)
+
+
+@pytest.mark.parametrize(
+    ("force", "problem"),
+    [
+        (
+            [20.0, 700, 30],
+            r"acts along \+y \(570 N\), expected \+z: its vertical axis is y; state `axes: \[x, -z, y\]`",
+        ),
+        ([20.0, 30, -700], r"acts along -z \(-570 N\), expected \+z: the force is of the other sign"),
+        ([-700.0, 30, 10], r"acts along -x \(-570 N\), expected \+z: state `axes`"),
+    ],
+)
+def test_a_load_that_does_not_act_upwards_is_refused(force: list[float], problem: str) -> None:
+    with pytest.raises(InputError, match=problem):
+        check_vertical(np.sin(np.pi * PHASE)[:, None] * force)
+
+
+def test_a_load_that_acts_upwards_and_an_empty_plate_pass() -> None:
+    check_vertical(np.sin(np.pi * PHASE)[:, None] * [200.0, 100, 700])
+    check_vertical(np.zeros((5, 3)))
+
+
+@pytest.mark.parametrize("turn", [0.0, 2.0, np.pi])
+def test_a_shank_that_leans_against_its_own_heading_is_refused(turn: float) -> None:
+    heading, left = (np.array([f(turn), g(turn), 0]) for f, g in ((np.cos, np.sin), (lambda a: -np.sin(a), np.cos)))
+    shank = np.outer(-0.1 + 0.25 * PHASE, heading) + np.array([0, 0, 0.3])
+    axis = np.tile(left, (PHASE.size, 1))
+    check_heading(PHASE, shank, axis)
+    with pytest.raises(InputError, match=r"the shank moves 20 cm backwards over the foot .* correct `side`, exchange"):
+        check_heading(PHASE, shank, -axis)
+
+
+def test_a_moment_that_lifts_the_toes_in_late_stance_is_refused() -> None:
+    torque = -10 + 90 * PHASE
+    check_push(PHASE, torque)
+    with pytest.raises(InputError, match=r"moment in late stance is -53 N\*m"):
+        check_push(PHASE, -torque)
+
+
+@pytest.mark.parametrize(
+    ("axes", "named"), [([0, 2, 1], r"across the y axis.*`axes: \[x, -z, y\]`"), ([2, 1, 0], "across the x")]
+)
+def test_a_plate_that_stands_on_edge_says_that_z_is_not_up(axes: list[int], named: str) -> None:
+    facts = {"plates": [{"plate": 1, "type": 2, "corners": SURFACE[:, axes].tolist()}]}
+    trial = Trial("plate_1", pl.DataFrame({"time": [0.0]}), facts)
+    with pytest.raises(InputError, match=named):
+        recorded_corners(trial, 1)
+    level = Trial("plate_1", trial.samples, {"plates": [{"plate": 1, "type": 2, "corners": SURFACE.tolist()}]})
+    np.testing.assert_allclose(recorded_corners(level, 1), SURFACE)
+
+
+def test_the_normal_of_a_plate_points_up_whichever_way_its_corners_go_round() -> None:
+    for corners in (SURFACE, SURFACE[::-1]):
+        np.testing.assert_allclose(plate_axes(np.array(corners))[:, 2], [0, 0, 1], atol=1e-12)

@@ -1,24 +1,150 @@
-"""Angle and moment at the ankle: signs a clinician expects, mechanics that do not depend on the frame."""
+"""Marker clusters and the ankle: the pose that moved them is found, and signs and mechanics are a clinician's."""
 
 from typing import Literal
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from walking_synthetic import CLUSTERS, FOOT, SHANK, about_y, pose, settings, static_trial
+from walking_synthetic import CLUSTERS, FOOT, RATE, SHANK, about_y, pose, settings, static_trial
 
 from osl_analysis.errors import InputError
+from osl_analysis.signals import LowPass
 from osl_analysis.walking.bodies import (
     FootInertia,
     ankle_angle,
     ankle_in_lab,
     body_motion,
+    bridge_gaps,
     calibrate_static,
     cluster_poses,
+    filtered_poses,
     foot_torque,
+    spans_a_plane,
     static_calibration,
 )
 from osl_analysis.walking.plate import PlateWrench, ankle_torque
+
+TIME = np.arange(240) / RATE
+
+
+def wandering() -> tuple[Rotation, np.ndarray]:
+    """A rotation about a fixed skew axis by 0.4 sin(7 t), and a path."""
+    axis = np.array([1.0, 2.0, -0.5]) / np.linalg.norm([1.0, 2.0, -0.5])
+    rotation = Rotation.from_rotvec(0.4 * np.sin(7 * TIME)[:, None] * axis)
+    path = np.stack([1.3 * TIME, 0.2 * np.cos(5 * TIME), 0.1 * np.sin(9 * TIME)], axis=1)
+    return rotation, path
+
+
+def tracks() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rotation, path = wandering()
+    R = rotation.as_matrix()
+    return np.einsum("nij,mj->nmi", R, FOOT) + path[:, None], R, path
+
+
+def test_recovers_the_pose_that_moved_the_markers() -> None:
+    observed, R, path = tracks()
+    poses = cluster_poses(FOOT, observed)
+    np.testing.assert_allclose(poses.rotation, R, atol=1e-12)
+    np.testing.assert_allclose(poses.points(np.zeros((1, 3)))[:, 0], path, atol=1e-12)
+    assert poses.residual.max() < 1e-12
+
+
+def test_a_hidden_marker_of_four_changes_nothing() -> None:
+    observed, R, _ = tracks()
+    observed[50:80, 2] = np.nan
+    observed[70:90, 0, 1] = np.nan  # one coordinate is enough; frames 70-79 keep two markers only
+    poses = cluster_poses(FOOT, observed)
+    lost = np.zeros(len(TIME), dtype=bool)
+    lost[70:80] = True
+    np.testing.assert_allclose(poses.rotation[~lost], R[~lost], atol=1e-12)
+    assert np.isnan(poses.position[lost]).all()
+
+
+def test_no_pose_from_three_markers_on_a_line() -> None:
+    line = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0.001, 0]])
+    assert not spans_a_plane(line)
+    assert not cluster_poses(line, np.tile(line, (3, 1, 1))).seen().any()
+
+
+def test_a_mirrored_cluster_is_a_misfit_and_not_a_reflection() -> None:
+    mirrored = FOOT * [1, -1, 1]
+    poses = cluster_poses(FOOT, mirrored[None])
+    assert np.linalg.det(poses.rotation[0]) == pytest.approx(1)
+    assert poses.residual[0] > 5e-3
+
+
+def test_swapped_markers_are_refused_by_their_residual() -> None:
+    observed, _, _ = tracks()
+    observed[10] = observed[10, [1, 0, 2, 3]]
+    poses = cluster_poses(FOOT, observed, largest_residual=0.005)
+    assert list(np.flatnonzero(~poses.seen())) == [10]
+
+
+def test_residual_is_the_rms_distance() -> None:
+    noise = 1e-3 * np.random.default_rng(1).standard_normal((2000, 4, 3))
+    poses = cluster_poses(FOOT, FOOT + noise)
+    # 12 coordinates, 6 of them taken by the pose: 3 (12 - 6)/12 of the variance of one remain per marker
+    assert np.sqrt(np.mean(poses.residual**2)) == pytest.approx(1e-3 * np.sqrt(1.5), rel=0.03)
+
+
+def test_a_bridge_over_noisy_frames_follows_a_cubic_and_carries_little_noise_into_the_gap() -> None:
+    """25 frames at 300 Hz. A spline through the frames leaves a resting cluster by 10 standard deviations of noise."""
+    time = np.arange(100) / 300
+    x = (time - 0.15) / 0.15
+    path = np.column_stack([0.3 * x**3 - 0.2 * x, 0.1 * x**2, 0.05 * x])
+    exact = FOOT + path[:, None]
+    quiet = np.where((np.arange(100) // 25 == 1)[:, None, None], np.nan, exact)
+    found = bridge_gaps(time, cluster_poses(FOOT, quiet), 0.2)
+    np.testing.assert_allclose(found.points(FOOT), exact, atol=1e-9)
+    resting = FOOT + np.random.default_rng(0).normal(0, 1e-4, (200, 100, *FOOT.shape))
+    resting[:, 25:50] = np.nan
+    off = [bridge_gaps(time, cluster_poses(FOOT, one), 0.2).points(FOOT)[25:50] - FOOT for one in resting]
+    assert np.sqrt(np.mean(np.square(off))) < 2.5e-4
+
+
+def test_short_interior_gaps_are_bridged_and_flagged_the_others_stay() -> None:
+    observed, R, path = tracks()
+    observed[:4], observed[60:66], observed[100:130], observed[-3:] = np.nan, np.nan, np.nan, np.nan
+    bridged_poses = bridge_gaps(TIME, cluster_poses(FOOT, observed), longest=0.03)
+    assert list(np.flatnonzero(bridged_poses.bridged)) == list(range(60, 66))
+    assert list(np.flatnonzero(~bridged_poses.seen())) == [0, 1, 2, 3, *range(100, 130), 237, 238, 239]
+    # slerp over 7 frames errs by (7/300)^2/8 * 0.4 * 7^2 = 1.3 mrad where the turn accelerates most
+    np.testing.assert_allclose(bridged_poses.rotation[60:66], R[60:66], atol=1.3e-3)
+    np.testing.assert_allclose(bridged_poses.points(np.zeros((1, 3)))[60:66, 0], path[60:66], atol=2e-4)
+
+
+def test_a_gap_of_exactly_the_longest_duration_is_bridged() -> None:
+    observed, _, _ = tracks()
+    observed[60:69] = np.nan
+    assert bridge_gaps(TIME, cluster_poses(FOOT, observed), 9 / RATE).bridged.sum() == 9
+    assert not bridge_gaps(TIME, cluster_poses(FOOT, observed), 8 / RATE).bridged.any()
+
+
+def test_smoothing_leaves_slow_motion_alone_and_stays_rigid() -> None:
+    observed, R, _ = tracks()
+    noisy = observed + 2e-4 * np.random.default_rng(2).standard_normal(observed.shape)
+    filtered = filtered_poses(cluster_poses(FOOT, noisy), FOOT, LowPass(20.0), RATE)
+    inside = slice(30, -30)
+    raw = cluster_poses(FOOT, noisy)
+    assert np.abs(filtered.rotation - R)[inside].max() < 0.6 * np.abs(raw.rotation - R)[inside].max()
+    np.testing.assert_allclose(
+        np.einsum("nij,nkj->nik", filtered.rotation, filtered.rotation)[5], np.eye(3), atol=1e-12
+    )
+
+
+def test_a_body_that_turns_about_a_fixed_axis_has_the_textbook_velocity_and_acceleration() -> None:
+    axis, arm = np.array([0.0, 0.6, 0.8]), np.array([0.1, -0.2, 0.3])
+    phi, omega, alpha = 0.4 * np.sin(7 * TIME), 2.8 * np.cos(7 * TIME), -19.6 * np.sin(7 * TIME)
+    R = Rotation.from_rotvec(phi[:, None] * axis).as_matrix()
+    motion = body_motion(TIME, pose(R, np.zeros((len(TIME), 3))), arm)
+    r = R @ arm
+    w, z = omega[:, None] * axis, alpha[:, None] * axis
+    inside = slice(6, -6)
+    np.testing.assert_allclose(motion.omega[inside], w[inside], atol=1e-6)
+    np.testing.assert_allclose(motion.alpha[inside], z[inside], atol=1e-4)
+    expected = np.cross(z, r) + np.cross(w, np.cross(w, r))
+    np.testing.assert_allclose(motion.acceleration[inside], expected[inside], atol=1e-4)
+
 
 LEFT = np.array([0.0, 1.0, 0.0])
 ANKLE = np.array([0.02, -0.1, 0.09])

@@ -54,7 +54,7 @@ def fit_log(time, theta_m, current, torque_m, low_pass=LOW_PASS, slowest=SLOWEST
 
 
 def fitted(log):
-    return fit_log(log.time, log.actuator_angle, log.motor_current, log.output_torque)
+    return fit_log(log.time, log["actuator_angle"], log["motor_current"], log["output_torque"])
 
 
 def by_hand(theta_m, omega, alpha, current, **changes):
@@ -78,9 +78,9 @@ def schedule(current_hz=(0.17, 0.73), velocity_offset=0.0, phase=0.0):
 def test_what_is_simulated_obeys_equations_1_and_2():
     log, truth = simulate_actuator_trial("actuator_1", settings(effects=False), P)
     motion = turning(settings().actuator, RATE)
-    expected = by_hand(motion.theta, motion.omega, motion.alpha, log.motor_current)
-    assert log.output_torque == pytest.approx(expected, abs=1e-12)
-    assert log.actuator_angle == pytest.approx(motion.theta, abs=0)
+    expected = by_hand(motion.theta, motion.omega, motion.alpha, log["motor_current"])
+    assert log["output_torque"] == pytest.approx(expected, abs=1e-12)
+    assert log["actuator_angle"] == pytest.approx(motion.theta, abs=0)
     assert truth["parameters"]["f_G"] == P.f_G
 
 
@@ -98,15 +98,15 @@ def test_friction_jumps_where_the_velocity_is_zero_whenever_the_torque_is_sample
     rows = np.rint((log.torque_time - log.torque_time[0] + 3e-4) * 10 * RATE).astype(int)
     current = current_schedule(settings().actuator, 10 * RATE)[rows]
     expected = by_hand(fine.theta[rows], fine.omega[rows], fine.alpha[rows], current)
-    assert log.output_torque == pytest.approx(expected, abs=1e-3), "alpha bends where the fade ends"
+    assert log["output_torque"] == pytest.approx(expected, abs=1e-3), "alpha bends where the fade ends"
 
 
 @pytest.mark.parametrize("later_s", [0.0, 3e-4, 5e-4, 7e-4])
 def test_inertia_does_not_depend_on_when_the_torque_is_sampled(later_s):
     """0.01 %, a sixth of a standard error; 0.05 % where friction jumped at the sample after the reversal."""
     log, _ = simulate_actuator_trial("actuator_1", two_nodes(later_s), P)
-    motion = {"theta_m": log.actuator_angle, "current": log.motor_current}
-    trial = recorded_trial("actuator_1", log.time, motion, log.torque_time, {"torque_m": log.output_torque})
+    motion = {"theta_m": log["actuator_angle"], "current": log["motor_current"]}
+    trial = recorded_trial("actuator_1", log.time, motion, log.torque_time, {"torque_m": log["output_torque"]})
     fit = actuator_trial(trial, ActuatorAnalysis(cutoff_hz=15, order=4, sign_width=0.002, slowest=0.5)).fit
     assert fit["J_m"] == pytest.approx(TRUE["J_m"], rel=2e-4)
 
@@ -277,12 +277,12 @@ ANGLE_LINE = "  # theta_m:"
 def bench_csv(path, log, motion):
     """The log as a bench of its own writes it, under the names of the documentation, before the 9:1 gear."""
     header = re.search(r"```\n(.*)\n```", DOC)[1]
-    moved = np.rad2deg(log.actuator_angle) * 9
+    moved = np.rad2deg(log["actuator_angle"]) * 9
     if motion == "theta_m":
         header = header.replace("motor velocity [rpm]", "motor angle [deg]")
     else:
         moved = np.gradient(moved, log.time) / 6
-    columns = np.column_stack([log.time, moved, log.motor_current, log.output_torque])
+    columns = np.column_stack([log.time, moved, log["motor_current"], log["output_torque"]])
     np.savetxt(path, columns, fmt="%.9g", delimiter=",", header=header, comments="")
 
 

@@ -77,7 +77,7 @@ def simulated(trial, found, p):
 def simulated_belts(p, *off):
     found = settings("load_cell_drift", *off).model_copy(update={"seed": 3})
     logs = [simulated(f"belt_{i:02d}", found, p) for i in (1, 2, 3)]
-    return [belt_fold(LOW_PASS(log.joint_angle, 1000.0), LOW_PASS(-log.load_cell_torque, 1000.0)) for log in logs]
+    return [belt_fold(LOW_PASS(log["joint_angle"], 1000.0), LOW_PASS(-log["load_cell_torque"], 1000.0)) for log in logs]
 
 
 BELTS = {
@@ -137,11 +137,11 @@ def stepped_trial(controller, *off, p=DEFAULT, believed=None):
     """A trial at 2, 4 and 6 deg, and Eq. 9 with what is believed of it; with the folds of Eq. 15."""
     believed, found = believed or p, settings(*off, amplitudes_deg=(2, 4, 6))
     log = simulated(f"impedance_K300_B5.0_{controller}", found, p)
-    motion, torque = filtered_motion(log.time, log.joint_angle, -log.load_cell_torque, LOW_PASS)
+    motion, torque = filtered_motion(log.time, log["joint_angle"], -log["load_cell_torque"], LOW_PASS)
     starts = [500 + i * round(1000 * (BLOCK + 0.5)) for i in range(3)]
     parts = [slice(start, start + round(1000 * BLOCK), 11) for start in starts]
     gains = select_gains(controller, 300.0, 5.0, believed)
-    trial = DrivetrainTrial("made", log.joint_angle, motion, torque, parts, 1000.0, LOW_PASS, gains, believed, 0.05)
+    trial = DrivetrainTrial("made", log["joint_angle"], motion, torque, parts, 1000.0, LOW_PASS, gains, believed, 0.05)
     return trial, [impedance_fold(motion[part], torque[part]) for part in parts]
 
 
@@ -265,8 +265,8 @@ def analysis():
 
 
 def write_log(log, name, folder):
-    columns = {"time": log.time, "theta": log.joint_angle, "theta_m": log.actuator_angle}
-    samples = pl.DataFrame({**columns, "torque": -log.load_cell_torque})
+    columns = {"time": log.time, "theta": log["joint_angle"], "theta_m": log["actuator_angle"]}
+    samples = pl.DataFrame({**columns, "torque": -log["load_cell_torque"]})
     write_trial(Trial(name, samples), folder / f"{name}.parquet")
     return folder / f"{name}.parquet"
 

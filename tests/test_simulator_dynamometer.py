@@ -117,7 +117,7 @@ def settled_rows(protocol, rate=1000.0, dropped=4):
 
 def fitted_impedance(log, protocol, rate=1000.0):
     """K, B, I of Eq. 15 from a log without noise, settled cycles, derivatives by fourth-order differences."""
-    theta, torque, i = log.joint_angle, -log.load_cell_torque, settled_rows(protocol, rate)
+    theta, torque, i = log["joint_angle"], -log["load_cell_torque"], settled_rows(protocol, rate)
     omega = (theta[i - 2] - 8 * theta[i - 1] + 8 * theta[i + 1] - theta[i + 2]) * rate / 12
     alpha = (-theta[i - 2] + 16 * theta[i - 1] - 30 * theta[i] + 16 * theta[i + 1] - theta[i + 2]) * rate**2 / 12
     return regress(torque[i], theta[i], omega, alpha, np.ones(len(i)))[:3]
@@ -160,7 +160,7 @@ def test_with_every_effect_but_friction_the_stiffness_is_within_2_percent_of_lin
 
 def residual_share(log, settled=slice(2000, 11000)):
     """Part of the torque's variance that one sine with offset leaves, in settled cycles of a 1 Hz sine."""
-    t, torque = log.time[settled] - log.time[0], log.load_cell_torque[settled]
+    t, torque = log.time[settled] - log.time[0], log["load_cell_torque"][settled]
     columns = np.column_stack([np.sin(2 * np.pi * t), np.cos(2 * np.pi * t), np.ones_like(t)])
     residual = torque - columns @ regress(torque, *columns.T)
     return np.var(residual) / np.var(torque)
@@ -180,7 +180,7 @@ def test_the_stiffest_undamped_impedance_is_stable_with_every_effect():
     settings = settings_from(DEFAULT)
     protocol = SteppedSineSchedule(frequencies_hz=(1,), cycles=20, amplitudes_deg=(6,), rest_s=0, lead_s=0)
     log, _ = simulate("impedance_K400_B0.0_compensated", settings.model_copy(update={"protocol": protocol}))
-    assert np.max(np.abs(log.load_cell_torque)) < 1.2 * 400 * np.deg2rad(6)
+    assert np.max(np.abs(log["load_cell_torque"])) < 1.2 * 400 * np.deg2rad(6)
 
 
 def test_the_belt_trial_loads_the_belt_by_its_own_stiffness_with_the_actuator_locked():
@@ -189,10 +189,10 @@ def test_the_belt_trial_loads_the_belt_by_its_own_stiffness_with_the_actuator_lo
     for trial in ("belt_01", "belt_02"):
         log, truth = simulate(trial, settings)
         loading = slice(600, 1400)
-        omega = np.gradient(log.joint_angle, 1e-3)[loading]
-        slope, _ = regress(-log.load_cell_torque[loading] - P.B_j * omega, log.joint_angle[loading], np.ones(800))
+        omega = np.gradient(log["joint_angle"], 1e-3)[loading]
+        slope, _ = regress(-log["load_cell_torque"][loading] - P.B_j * omega, log["joint_angle"][loading], np.ones(800))
         assert slope == pytest.approx(truth["parameters"]["K_s"], rel=1e-4)
-        assert not np.any(log.actuator_angle)
+        assert not np.any(log["actuator_angle"])
         stiffness.append(slope)
     assert 1e-4 < abs(stiffness[0] / stiffness[1] - 1) < 0.06
 
@@ -201,10 +201,10 @@ def test_the_joint_of_a_belt_trial_has_its_damping_and_inertia():
     """Two joints that differ by 2 N*m*s/rad and 1 kg*m^2 differ in torque by that damping and that inertia alone."""
     settings = settings_from(TINY, only=("dynamometer_bandwidth",))
     light, heavy = (simulate("belt_01", settings, p)[0] for p in (P, replace(P, B_j=P.B_j + 2, J_j=P.J_j + 1)))
-    theta, inside = light.joint_angle, slice(300, 2700)
+    theta, inside = light["joint_angle"], slice(300, 2700)
     omega = np.gradient(theta, 1e-3)
     alpha = np.gradient(omega, 1e-3)
-    extra = light.load_cell_torque - heavy.load_cell_torque
+    extra = light["load_cell_torque"] - heavy["load_cell_torque"]
     assert regress(extra[inside], omega[inside], alpha[inside]) == pytest.approx([2, 1], rel=1e-3)
 
 
@@ -220,22 +220,22 @@ def test_the_transmission_trial_shows_damping_and_inertia_only():
     K, B, I = fitted_impedance(log, settings.protocol)
     assert (B, I) == (pytest.approx(P.B_j, rel=1e-4), pytest.approx(P.J_j, rel=1e-3))
     assert pytest.approx(0, abs=1e-3) == K
-    assert not np.any(log.actuator_angle)
-    assert not np.any(log.motor_current)
+    assert not np.any(log["actuator_angle"])
+    assert not np.any(log["motor_current"])
 
 
 def test_the_load_cell_pulls_back_where_the_joint_is_pushed():
     log, _ = simulate("belt_01", settings_from(TINY, only=()))
-    assert np.argmin(log.load_cell_torque) == pytest.approx(np.argmax(log.joint_angle), abs=50)
-    assert np.min(log.load_cell_torque) == pytest.approx(-685.6 * np.deg2rad(5), rel=0.01)
+    assert np.argmin(log["load_cell_torque"]) == pytest.approx(np.argmax(log["joint_angle"]), abs=50)
+    assert np.min(log["load_cell_torque"]) == pytest.approx(-685.6 * np.deg2rad(5), rel=0.01)
 
 
 def test_each_sensor_effect_adds_what_the_truth_says_and_leaves_the_other_draws_alone():
     names = ("load_cell_offset", "load_cell_drift", "load_cell_noise")
-    clean = simulate("belt_01", settings_from(TINY, only=()))[0].load_cell_torque
+    clean = simulate("belt_01", settings_from(TINY, only=()))[0]["load_cell_torque"]
     all_on, truth = simulate("belt_01", settings_from(TINY, only=names))
-    parts = {name: simulate("belt_01", settings_from(TINY, only=(name,)))[0].load_cell_torque - clean for name in names}
-    assert all_on.load_cell_torque - clean == pytest.approx(sum(parts.values()), abs=1e-10)
+    parts = {name: simulate("belt_01", settings_from(TINY, only=(name,)))[0]["load_cell_torque"] - clean for name in names}
+    assert all_on["load_cell_torque"] - clean == pytest.approx(sum(parts.values()), abs=1e-10)
     elapsed = all_on.time - all_on.time[0]
     assert parts["load_cell_offset"] == pytest.approx(np.full(3000, truth["drawn"]["load_cell_offset"]), abs=1e-10)
     assert parts["load_cell_drift"] == pytest.approx(truth["drawn"]["load_cell_drift"] * elapsed / 60, abs=1e-10)
@@ -247,10 +247,10 @@ def test_each_sensor_effect_adds_what_the_truth_says_and_leaves_the_other_draws_
 def test_every_sensor_reads_in_its_counts():
     log, _ = simulate("impedance_K300_B5.0_compensated", settings_from(TINY))
     for values, step in (
-        (log.joint_angle, 2.397e-5),
-        (log.actuator_angle, 4.26e-5),
-        (log.load_cell_torque, 0.01),
-        (log.motor_current, 1e-3),
+        (log["joint_angle"], 2.397e-5),
+        (log["actuator_angle"], 4.26e-5),
+        (log["load_cell_torque"], 0.01),
+        (log["motor_current"], 1e-3),
     ):
         counts = values / step
         assert counts == pytest.approx(np.rint(counts), abs=1e-6)
@@ -260,15 +260,15 @@ def test_every_sensor_reads_in_its_counts():
 def test_two_trials_draw_different_noise_and_the_same_trial_the_same():
     settings = settings_from(TINY)
     first, again, second = (simulate(t, settings)[0] for t in ("belt_01", "belt_01", "belt_02"))
-    assert np.array_equal(first.load_cell_torque, again.load_cell_torque)
-    assert not np.array_equal(first.load_cell_torque, second.load_cell_torque)
+    assert np.array_equal(first["load_cell_torque"], again["load_cell_torque"])
+    assert not np.array_equal(first["load_cell_torque"], second["load_cell_torque"])
     other = simulate("belt_01", settings.model_copy(update={"seed": 8}))[0]
-    assert not np.array_equal(first.load_cell_torque, other.load_cell_torque)
+    assert not np.array_equal(first["load_cell_torque"], other["load_cell_torque"])
 
 
 def test_switching_all_effects_off_leaves_the_exact_linear_world():
     log, truth = simulate("impedance_K300_B5.0_compensated", settings_from(TINY, without=()))
-    assert np.array_equal(log.joint_angle, log.commanded_angle)
+    assert np.array_equal(log["joint_angle"], log["commanded_angle"])
     assert not any(effect["enabled"] for effect in truth["effects"].values())
     assert (truth["drawn"]["load_cell_offset"], truth["drawn"]["load_cell_drift"]) == (0, 0)
 
@@ -296,7 +296,7 @@ def test_the_files_hold_the_log_and_the_truth(tmp_path, monkeypatch):
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         messages = [ros for *_, ros in reader.iter_decoded_messages("/dynamometer")]
     torque = np.array([m.load_cell_torque for m in messages])
-    assert torque == pytest.approx(log.load_cell_torque, rel=1e-6, abs=1e-6)
+    assert torque == pytest.approx(log["load_cell_torque"], rel=1e-6, abs=1e-6)
     stamps = np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages])
     assert stamps == pytest.approx(log.time, abs=1e-9)
     assert json.loads((tmp_path / "truth" / "belt_02.json").read_text()) == truth

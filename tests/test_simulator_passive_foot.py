@@ -54,7 +54,7 @@ def test_torque_angle_trials_without_a_foot_are_refused():
 def test_the_analysis_finds_the_springs_of_the_foot_and_what_each_cycle_loses():
     row = plan_trials(SETTINGS).to_dict("records")[0]
     log, truth = simulate_dynamometer_trial(row, SETTINGS, read_parameters(SETTINGS.parameters))
-    columns = {"time": log.time - log.time[0], "theta": log.joint_angle, "torque": -log.load_cell_torque}
+    columns = {"time": log.time - log.time[0], "theta": log["joint_angle"], "torque": -log["load_cell_torque"]}
     campaign = read_config(ROOT / "config/campaigns/torque_angle/config.yaml")
     found = torque_angle_trial(Trial("foot", pl.DataFrame(columns)), campaign.torque_angle)
     cycles, foot = cycle_table(found), SETTINGS.foot

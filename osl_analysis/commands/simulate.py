@@ -182,10 +182,8 @@ def record_trial(
     """Simulate the trial of one row and let its recorders write. Without a gait laboratory it is one of a bench."""
     require_compiler()
     p = read_parameters(settings.parameters)
-    if EXPERIMENTS[row["experiment"]].log == "dynamometer":
+    if row["experiment"] == "actuator" or EXPERIMENTS[row["experiment"]].log == "dynamometer":
         record_bench_trial(row, settings, p, campaign_folder)
-    elif row["experiment"] == "actuator":
-        record_actuator_trial(row, settings, p, campaign_folder)
     elif laboratory is None:
         raise InputError(f"trial '{row['trial']}': the settings name no 'walking' file; add it")
     else:
@@ -197,22 +195,13 @@ def record_trial(
 def record_bench_trial(
     row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
 ) -> None:
-    """A trial of the dynamometer. The truth is written first, so that every log has a truth."""
-    from osl_analysis.simulator.bench import simulate_dynamometer_trial, write_dynamometer_log
+    """A trial of a bench. The truth is written first, so that every log has a truth."""
+    from osl_analysis.simulator.bench import simulate_actuator_trial, simulate_dynamometer_trial, write_bench_log
     from osl_analysis.simulator.recorder import write_truth
 
-    log, truth = simulate_dynamometer_trial(row, settings, p)
+    if row["experiment"] == "actuator":
+        log, truth = simulate_actuator_trial(row["trial"], settings, p)
+    else:
+        log, truth = simulate_dynamometer_trial(row, settings, p)
     write_truth(campaign_folder, row["trial"], truth)
-    write_dynamometer_log(campaign_folder / row["log"], log, settings.recorder.torque_node is not None)
-
-
-def record_actuator_trial(
-    row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
-) -> None:
-    """A trial of the actuator's own bench, in the same order."""
-    from osl_analysis.simulator.bench import simulate_actuator_trial, write_actuator_log
-    from osl_analysis.simulator.recorder import write_truth
-
-    log, truth = simulate_actuator_trial(row["trial"], settings, p)
-    write_truth(campaign_folder, row["trial"], truth)
-    write_actuator_log(campaign_folder / row["log"], log, settings.recorder.torque_node is not None)
+    write_bench_log(campaign_folder / row["log"], log, settings.recorder.torque_node is not None)

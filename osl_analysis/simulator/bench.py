@@ -1,6 +1,6 @@
 """One trial of a bench, the dynamometer's or the actuator's own: true motion and torque, recorded log, truth."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,25 +28,9 @@ from osl_analysis.simulator.joint_motion import (
 )
 from osl_analysis.simulator.kernel import spline_at
 from osl_analysis.simulator.mcap_writer import ACTUATOR, DYNAMOMETER, joint_states, wrenches, write_mcap, write_topics
-from osl_analysis.simulator.recorder import Jumping, TrueSignal, bench_truth, recorded
-from osl_analysis.simulator.settings import ActuatorBench, SimulationSettings, Tone, stream
+from osl_analysis.simulator.recorder import BenchLog, Jumping, TrueSignal, bench_truth, recorded
+from osl_analysis.simulator.settings import ActuatorBench, SimulationSettings, stream
 from osl_analysis.trial import Array
-
-
-@dataclass(frozen=True)
-class DynamometerLog:
-    """Signals that the dynamometer's recorder writes, with the recorder's units and signs. time [s] of the recorder's
-    clock has shape (n,), as every channel except the torque. torque_time [s] has shape (m,), as the torque; it equals
-    `time` if one node records all signals. joint_angle, actuator_angle, commanded_angle [rad]; motor_current [A];
-    load_cell_torque [N*m] is the torque of the joint on the bench, the paper's tau_j: *minus* the canonical torque."""
-
-    time: Array
-    joint_angle: Array
-    load_cell_torque: Array
-    actuator_angle: Array
-    motor_current: Array
-    commanded_angle: Array
-    torque_time: Array
 
 
 @dataclass(frozen=True)
@@ -58,9 +42,14 @@ class BenchResponse:
     torque: Array
 
 
+def unpowered(torque: Array) -> BenchResponse:
+    """The response of a joint whose actuator stays where it is and has no current."""
+    return BenchResponse(np.zeros_like(torque), np.zeros_like(torque), torque)
+
+
 def simulate_dynamometer_trial(
     row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters
-) -> tuple[DynamometerLog, dict[str, object]]:
+) -> tuple[BenchLog, dict[str, object]]:
     """The log of one trial of the sample sheet, and the truth about it. `row` has the sheet's trial, experiment (belt,
     transmission, torque_angle or impedance), controller, K_d and B_d."""
     trial, gains = str(row["trial"]), None
@@ -70,16 +59,13 @@ def simulate_dynamometer_trial(
         response = simulate_belt(motion, drivetrain_effects(settings), p)
     elif row["experiment"] == "torque_angle" and settings.foot is not None:
         command, motion = moved(slow_cycles(settings.foot.cycles, settings.dynamometer.rate_hz), settings)
-        still = np.zeros_like(motion.theta)
-        response = BenchResponse(still, still, foot_torque(settings.foot, motion))
+        response = unpowered(foot_torque(settings.foot, motion))
     else:
         command, motion = moved(commanded(row, settings), settings)
         if row["experiment"] == "transmission":
             response = simulate_transmission(motion, p)
         elif settings.joint is not None:
-            still = np.zeros_like(motion.theta)
-            torque = second_order_torque(settings.joint, motion, settings.dynamometer.rate_hz)
-            response = BenchResponse(still, still, torque)
+            response = unpowered(second_order_torque(settings.joint, motion, settings.dynamometer.rate_hz))
         else:
             weight = settings.gain_weight.weight
             gains = select_gains(str(row["controller"]), float(row["K_d"]), float(row["B_d"]), p, weight)
@@ -108,15 +94,13 @@ def moved(command: JointMotion, settings: SimulationSettings) -> tuple[Array, Jo
 
 def simulate_belt(motion: JointMotion, effects: DrivetrainEffects, p: DrivetrainParameters) -> BenchResponse:
     """The actuator is locked at theta_m = 0: all of the joint's angle deflects the belt."""
-    still = np.zeros_like(motion.theta)
     elastic = simulate_belt_torque(motion.theta, effects, p)
-    return BenchResponse(still, still, elastic + p.B_j * motion.omega + p.J_j * motion.alpha)
+    return unpowered(elastic + p.B_j * motion.omega + p.J_j * motion.alpha)
 
 
 def simulate_transmission(motion: JointMotion, p: DrivetrainParameters) -> BenchResponse:
     """The motor is detached: the belt stays slack (theta_s = 0), the idle actuator's encoder and current read 0."""
-    still = np.zeros_like(motion.theta)
-    return BenchResponse(still, still, p.B_j * motion.omega + p.J_j * motion.alpha)
+    return unpowered(p.B_j * motion.omega + p.J_j * motion.alpha)
 
 
 def simulate_impedance(
@@ -154,40 +138,23 @@ def scatter(trial: str, settings: SimulationSettings) -> float:
 
 def recorded_dynamometer(
     trial: str, command: Array, motion: JointMotion, response: BenchResponse, settings: SimulationSettings
-) -> tuple[DynamometerLog, dict[str, float]]:
-    """The recorded log, and the errors that were drawn for this trial."""
+) -> tuple[BenchLog, dict[str, float]]:
+    """The recorded log, and the errors that were drawn for this trial. The load cell has the torque of the joint on the
+    bench, the paper's tau_j: *minus* the canonical torque."""
     mount = settings.effects.mount_stiffness
-    nodes, drawn = recorded(
-        trial,
-        {
-            "joint_angle": motion.theta + response.torque / mount.size if mount.enabled else motion.theta,
-            "actuator_angle": response.theta_m,
-            "motor_current": response.current,
-            "commanded_angle": command,
-            "load_cell_torque": -response.torque,
-        },
-        settings,
-    )
-    channels = {name: values for node in nodes for name, values in node.channels.items()}
-    return DynamometerLog(time=nodes[0].time, torque_time=nodes[-1].time, **channels), drawn
-
-
-@dataclass(frozen=True)
-class ActuatorLog:
-    """Signals that the bench's recorder writes: time [s], actuator_angle [rad] and motor_current [A], shape (n,) each.
-    output_torque [N*m], shape (m,), is the torque of the actuator on the bench, the paper's tau_m. torque_time [s],
-    shape (m,), are its stamps. They equal `time` if one node records all signals."""
-
-    time: Array
-    actuator_angle: Array
-    motor_current: Array
-    output_torque: Array
-    torque_time: Array
+    signals: dict[str, TrueSignal] = {
+        "joint_angle": motion.theta + response.torque / mount.size if mount.enabled else motion.theta,
+        "actuator_angle": response.theta_m,
+        "motor_current": response.current,
+        "commanded_angle": command,
+        "load_cell_torque": -response.torque,
+    }
+    return recorded(trial, signals, settings)
 
 
 def simulate_actuator_trial(
     trial: str, settings: SimulationSettings, p: DrivetrainParameters
-) -> tuple[ActuatorLog, dict[str, object]]:
+) -> tuple[BenchLog, dict[str, object]]:
     """The log of one trial, and its truth. `settings.actuator` must not be None. The bench follows its commanded
     angle with `dynamometer_bandwidth`, as the dynamometer does. Its torque transducer has the imperfections of the
     load cell."""
@@ -231,23 +198,19 @@ def fading(time: Array, duration: float, fade: float) -> tuple[Array, Array, Arr
 def current_schedule(bench: ActuatorBench, rate_hz: float) -> Array:
     """Commanded I_q [A], which the current loop follows: the sum of the tones, faded in and out."""
     time = np.arange(round(bench.duration_s * rate_hz)) / rate_hz
-    return tones(bench.current, time) * fading(time, bench.duration_s, bench.fade_s)[0]
-
-
-def tones(schedule: Sequence[Tone], time: Array) -> Array:
-    """Sum of sines from phase 0, in the unit of their sizes."""
-    return np.asarray(sum(tone.size * np.sin(2 * np.pi * tone.frequency_hz * time) for tone in schedule))
+    tones = sum(tone.size * np.sin(2 * np.pi * tone.frequency_hz * time) for tone in bench.current)
+    return np.asarray(tones * fading(time, bench.duration_s, bench.fade_s)[0])
 
 
 def recorded_actuator(
     trial: str, motion: JointMotion, current: Array, p: DrivetrainParameters, settings: SimulationSettings
-) -> tuple[ActuatorLog, dict[str, float]]:
-    """The recorded log of an actuator with these parameters, and the errors that were drawn for this trial."""
+) -> tuple[BenchLog, dict[str, float]]:
+    """The recorded log of an actuator with these parameters, and the errors that were drawn for this trial. The torque
+    is that of the actuator on the bench, the paper's tau_m."""
     torque = torque_of(motion, current, p, settings.dynamometer.rate_hz)
-    signals: dict[str, TrueSignal] = {"actuator_angle": motion.theta, "motor_current": current, "output_torque": torque}
-    nodes, drawn = recorded(trial, signals, settings)
-    channels = {name: values for node in nodes for name, values in node.channels.items()}
-    return ActuatorLog(time=nodes[0].time, torque_time=nodes[-1].time, **channels), drawn
+    return recorded(
+        trial, {"actuator_angle": motion.theta, "motor_current": current, "output_torque": torque}, settings
+    )
 
 
 def torque_of(motion: JointMotion, current: Array, p: DrivetrainParameters, rate_hz: float) -> Jumping:
@@ -264,37 +227,17 @@ def torque_of(motion: JointMotion, current: Array, p: DrivetrainParameters, rate
     return Jumping(actuator_torque(current, motion.omega, motion.alpha, p), at)
 
 
-JOINT_STATES_TOPIC, WRENCH_TOPIC = "/joint_states", "/wrench"
+JOINTS = {"joint": "joint_angle", "actuator": "actuator_angle", "command": "commanded_angle"}
 
 
-def write_dynamometer_log(path: Path, log: DynamometerLog, two_nodes: bool) -> None:
-    """Write the dynamometer's log. With two nodes, the second one is the load cell's."""
-    columns = {
-        "joint_angle": log.joint_angle,
-        "load_cell_torque": log.load_cell_torque,
-        "actuator_angle": log.actuator_angle,
-        "motor_current": log.motor_current,
-        "commanded_angle": log.commanded_angle,
-    }
+def write_bench_log(path: Path, log: BenchLog, two_nodes: bool) -> None:
+    """Write a log: one topic with all channels, or the standard messages of two nodes, the second of the torque."""
+    topic, torque, cell = DYNAMOMETER, "load_cell_torque", "load_cell"
+    if torque not in log.channels:
+        topic, torque, cell = ACTUATOR, "output_torque", "transducer"
     if not two_nodes:
-        write_mcap(path, DYNAMOMETER, log.time, columns)
+        write_mcap(path, topic, log.time, log.channels)
         return
-    position = {"joint": log.joint_angle, "actuator": log.actuator_angle, "command": log.commanded_angle}
-    joints = joint_states(JOINT_STATES_TOPIC, "bench", log.time, position, {"actuator": log.motor_current})
-    write_topics(path, [joints, wrenches(WRENCH_TOPIC, "load_cell", log.torque_time, log.load_cell_torque)])
-
-
-def write_actuator_log(path: Path, log: ActuatorLog, two_nodes: bool) -> None:
-    """Write the log of the actuator's bench. With two nodes, the second one is the transducer's."""
-    columns = {
-        "actuator_angle": log.actuator_angle,
-        "motor_current": log.motor_current,
-        "output_torque": log.output_torque,
-    }
-    if not two_nodes:
-        write_mcap(path, ACTUATOR, log.time, columns)
-        return
-    joints = joint_states(
-        JOINT_STATES_TOPIC, "bench", log.time, {"actuator": log.actuator_angle}, {"actuator": log.motor_current}
-    )
-    write_topics(path, [joints, wrenches(WRENCH_TOPIC, "transducer", log.torque_time, log.output_torque)])
+    position = {joint: log[angle] for joint, angle in JOINTS.items() if angle in log.channels}
+    joints = joint_states("/joint_states", "bench", log.time, position, {"actuator": log["motor_current"]})
+    write_topics(path, [joints, wrenches("/wrench", cell, log.torque_time, log[torque])])

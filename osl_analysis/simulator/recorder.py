@@ -66,11 +66,16 @@ FINER = 8  # Steps per sample with which a sensor's own low-pass is computed, it
 
 
 @dataclass(frozen=True)
-class TopicRecording:
-    """What one node writes: its time stamps [s], (n,), and its channels, (n,) each."""
+class BenchLog:
+    """What the recorder of a bench writes, with its units and signs. torque_time [s], shape (m,), is that of the
+    torque; it equals `time` (n,), which all other channels have, if one node records all signals."""
 
     time: Array
+    torque_time: Array
     channels: Mapping[str, Array]
+
+    def __getitem__(self, channel: str) -> Array:
+        return self.channels[channel]
 
 
 @dataclass(frozen=True)
@@ -108,17 +113,19 @@ class Sampling:
 
 def recorded(
     trial: str, signals: Mapping[str, TrueSignal], settings: SimulationSettings
-) -> tuple[tuple[TopicRecording, ...], dict[str, float]]:
-    """What the nodes of a bench write, the torque's own last, and the numbers that were drawn for this trial. `signals`
-    are the true ones by channel, (n,) each, at the even instants of the simulation."""
+) -> tuple[BenchLog, dict[str, float]]:
+    """What the nodes of a bench write, and the numbers that were drawn for this trial. `signals` are the true ones by
+    channel, (n,) each, at the even instants of the simulation."""
     recorder, drawn = settings.recorder, bench_errors(trial, settings)
-    torque = {name: values for name, values in signals.items() if name in TORQUES}
-    nodes = [("node", recorder.node, signals)]
-    if recorder.torque_node is not None:
-        others = {name: values for name, values in signals.items() if name not in TORQUES}
-        nodes = [("node", recorder.node, others), ("torque_node", recorder.torque_node, torque)]
     bench = Bench(trial, settings, drawn)
-    return tuple(bench.recording(*node) for node in nodes), drawn
+    if recorder.torque_node is None:
+        time, channels = bench.recording("node", recorder.node, signals)
+        return BenchLog(time, time, channels), drawn
+    torque = {name: values for name, values in signals.items() if name in TORQUES}
+    others = {name: values for name, values in signals.items() if name not in TORQUES}
+    time, channels = bench.recording("node", recorder.node, others)
+    torque_time, torques = bench.recording("torque_node", recorder.torque_node, torque)
+    return BenchLog(time, torque_time, channels | torques), drawn
 
 
 @dataclass(frozen=True)
@@ -129,15 +136,17 @@ class Bench:
     settings: SimulationSettings
     drawn: Mapping[str, float]
 
-    def recording(self, name: str, node: NodeSettings, signals: Mapping[str, TrueSignal]) -> TopicRecording:
-        """What one node writes of its channels."""
+    def recording(
+        self, name: str, node: NodeSettings, signals: Mapping[str, TrueSignal]
+    ) -> tuple[Array, dict[str, Array]]:
+        """The stamps [s] and the channels, (n,) each, that one node writes."""
         duration = len(next(iter(signals.values()))) / self.settings.dynamometer.rate_hz
         sampling = self.sampling(name, node, duration)
         channels = {channel: self.reading(channel, true, sampling)[sampling.rows] for channel, true in signals.items()}
         time = self.drawn["clock_start_s"] + sampling.stamps
         if node.decimals.enabled:
             time = np.round(time, int(node.decimals.size))
-        return TopicRecording(time[sampling.rows], channels)
+        return time[sampling.rows], channels
 
     def sampling(self, name: str, node: NodeSettings, duration: float) -> Sampling:
         """When a node takes its samples within `duration` [s], what its stamps say, and which it writes."""

@@ -89,8 +89,8 @@ class StudyBench:
         zero = settings.effects.joint_encoder.value * stream(settings.seed, name, "encoder_zero").random()
         motion = replace(self.motion, theta=self.motion.theta + zero)
         log, _ = recorded_dynamometer(name, self.command, motion, self.response, settings)
-        joint = {"theta": log.joint_angle, "theta_m": log.actuator_angle, "theta_command": log.commanded_angle}
-        return recorded_trial(name, log.time, joint, log.torque_time, {"torque": -log.load_cell_torque})
+        joint = {"theta": log["joint_angle"], "theta_m": log["actuator_angle"], "theta_command": log["commanded_angle"]}
+        return recorded_trial(name, log.time, joint, log.torque_time, {"torque": -log["load_cell_torque"]})
 
     def record(self, name: str, ideal: bool = False) -> SteppedSineTrial:
         """One trial of a stepped sine."""
@@ -330,8 +330,8 @@ class ActuatorExperiment:
         zero = settings.effects.actuator_encoder.value * stream(settings.seed, name, "encoder_zero").random()
         motion = replace(self.motion, theta=self.motion.theta + zero)
         log, _ = recorded_actuator(name, motion, self.current, self.actuator, settings)
-        actuator = {"theta_m": log.actuator_angle, "current": log.motor_current}
-        return recorded_trial(name, log.time, actuator, log.torque_time, {"torque_m": log.output_torque})
+        actuator = {"theta_m": log["actuator_angle"], "current": log["motor_current"]}
+        return recorded_trial(name, log.time, actuator, log.torque_time, {"torque_m": log["output_torque"]})
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """The estimates of the pipeline's fit."""

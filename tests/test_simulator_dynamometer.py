@@ -234,7 +234,9 @@ def test_each_sensor_effect_adds_what_the_truth_says_and_leaves_the_other_draws_
     names = ("load_cell_offset", "load_cell_drift", "load_cell_noise")
     clean = simulate("belt_01", settings_from(TINY, only=()))[0]["load_cell_torque"]
     all_on, truth = simulate("belt_01", settings_from(TINY, only=names))
-    parts = {name: simulate("belt_01", settings_from(TINY, only=(name,)))[0]["load_cell_torque"] - clean for name in names}
+    parts = {
+        name: simulate("belt_01", settings_from(TINY, only=(name,)))[0]["load_cell_torque"] - clean for name in names
+    }
     assert all_on["load_cell_torque"] - clean == pytest.approx(sum(parts.values()), abs=1e-10)
     elapsed = all_on.time - all_on.time[0]
     assert parts["load_cell_offset"] == pytest.approx(np.full(3000, truth["drawn"]["load_cell_offset"]), abs=1e-10)

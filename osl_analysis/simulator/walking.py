@@ -46,14 +46,6 @@ class LegClock:
     offset: float
     drift: float
 
-    def at(self, time: Array) -> Array:
-        """The leg's time [s] at Vicon's."""
-        return self.offset + (1 + self.drift) * time
-
-    def inverse(self, leg_time: Array) -> Array:
-        """Vicon's time [s] at the leg's."""
-        return (leg_time - self.offset) / (1 + self.drift)
-
 
 def draw_clock(trial: str, seed: int, walking: WalkingSettings) -> LegClock:
     """The leg's clock in one trial. Its offset is drawn evenly from 0.5 to 1.5 times its mean."""
@@ -89,11 +81,11 @@ def write_leg_log(
 ) -> LegClock:
     """Write the leg's log, sampled at whole periods of its own clock. Return this clock, for the truth."""
     clock, rate = draw_clock(trial, settings.seed, walking), walking.rates.leg_hz
-    first, last = clock.at(crossing.time[[0, -1]]) * rate
+    first, last = (clock.offset + (1 + clock.drift) * crossing.time[[0, -1]]) * rate
     # the margin excludes a period that rounding put before the first sample or after the last
     leg_time = np.arange(np.ceil(first + 1e-6), np.floor(last - 1e-6) + 1) / rate
-    columns = leg_columns(trial, crossing, clock.inverse(leg_time), settings, walking)
-    write_mcap(path, LEG, leg_time, columns)
+    time = (leg_time - clock.offset) / (1 + clock.drift)
+    write_mcap(path, LEG, leg_time, leg_columns(trial, crossing, time, settings, walking))
     return clock
 
 
@@ -155,7 +147,7 @@ def record_crossing(row: Mapping[str, object], laboratory: GaitLaboratory, p: Dr
     compensates, effects = str(row.get("controller")) != "uncompensated", drivetrain_effects(settings)
     unperturbed = simulate_crossing(time, step, False, compensates, walking, effects, p)
     walked = simulate_crossing(time, step, True, compensates, walking, effects, p) if perturbed else unperturbed
-    write_curves(laboratory.folder, trial, crossing_curves(walked, unperturbed, walking), analog_stride(walking))
+    write_curves(laboratory.folder, trial, crossing_curves(walked, unperturbed, walking), walking.rates.analog_stride)
     clock = write_leg_log(laboratory.folder / "leg" / f"{trial}.mcap", trial, walked, settings, walking)
     write_facts(trial, laboratory, crossing_facts(walked, unperturbed, clock))
     record_scene(trial, laboratory, scene_of(walked, walking, settings.seed))
@@ -219,7 +211,7 @@ def record_scene(trial: str, laboratory: GaitLaboratory, scene: Scene) -> None:
 def write_platform_truth(trial: str, laboratory: GaitLaboratory, time: Array, platform: PlatformMotion) -> None:
     """Write the exact motion of a platform without a foot on it."""
     curves = platform_curves(time, platform, laboratory.walking)
-    write_curves(laboratory.folder, trial, curves, analog_stride(laboratory.walking))
+    write_curves(laboratory.folder, trial, curves, laboratory.walking.rates.analog_stride)
     write_facts(trial, laboratory, {"command_s": platform.command, "onset_s": platform.onset})
 
 
@@ -243,14 +235,7 @@ def crossing_facts(walked: SimulatedCrossing, unperturbed: SimulatedCrossing, cl
 
 def write_facts(trial: str, laboratory: GaitLaboratory, facts: Mapping[str, object]) -> None:
     """Write the random quantities of a trial, and its settings."""
-    effects = {
-        "effects": laboratory.settings.effects.model_dump(),
-        "gait_laboratory": laboratory.walking.model_dump(mode="json"),
-    }
-    truth = {"trial": trial, "seed": laboratory.settings.seed, **facts, **effects}
+    truth = {"trial": trial, "seed": laboratory.settings.seed, **facts}
+    truth["effects"] = laboratory.settings.effects.model_dump()
+    truth["gait_laboratory"] = laboratory.walking.model_dump(mode="json")
     write_truth(laboratory.folder, trial, truth)
-
-
-def analog_stride(walking: WalkingSettings) -> int:
-    """Samples of the motion per analog sample: the truth's curves are kept at the analogs' rate."""
-    return walking.rates.motion_hz // walking.rates.analogs_hz

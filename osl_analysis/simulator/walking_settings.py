@@ -149,6 +149,11 @@ class Rates(Settings):
         """Rate [Hz] at which the motion is computed."""
         return math.lcm(self.points_hz, self.analogs_hz, self.controller_hz)
 
+    @property
+    def analog_stride(self) -> int:
+        """Samples of the motion per analog sample."""
+        return self.motion_hz // self.analogs_hz
+
 
 class Gait(Settings):
     """The nominal crossing."""

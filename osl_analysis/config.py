@@ -183,7 +183,7 @@ def read_campaign_section(path: Path, section: str, model: type[Model]) -> Model
     InputError
         As `read_section`.
     """
-    content = overriding(read_mapping(default_config()), read_mapping(path))
+    content = overriding(read_mapping(default_config()), read_mapping(path, by_snakemake=True))
     unknown = [name for name in content if name not in Config.model_fields]
     if unknown:
         raise InputError(f"{path}: unknown field '{unknown[0]}'; give a configuration, or fields that override it")
@@ -198,7 +198,7 @@ def read_config(path: Path) -> Config:
     InputError
         As `campaign_config`.
     """
-    return validated(overriding(read_mapping(default_config()), read_mapping(path)), Config, path)
+    return validated(overriding(read_mapping(default_config()), read_mapping(path, by_snakemake=True)), Config, path)
 
 
 def read_section(path: Path, section: str, model: type[Model]) -> Model:
@@ -209,7 +209,7 @@ def read_section(path: Path, section: str, model: type[Model]) -> Model:
     InputError
         The file is missing or has no such section, or a field is not valid.
     """
-    content = read_mapping(path)
+    content = read_mapping(path, by_snakemake=True)
     if section not in content:
         raise InputError(f"{path}: no section '{section}'; give a configuration like config/config.yaml")
     return validated(content[section], model, path, (path,), (section,))
@@ -224,5 +224,5 @@ def campaign_config(content: Any, files: Sequence[Path]) -> Config:
         A file is not YAML in UTF-8 or has a key twice, or a field is unknown, missing or of a wrong value.
     """
     for file in files:
-        read_mapping(file)
+        read_mapping(file, by_snakemake=True)
     return validated(content, Config, Path(" overridden by ".join(map(str, files))), files)

@@ -204,7 +204,7 @@ def test_a_configuration_that_snakemake_would_answer_with_a_traceback_is_refused
     broken.write_text("campaign: x\n  more: [1\n")
     said = call("run", *stated)
     assert (said.exit_code, said.output.count("\n")) == (1, 1)
-    assert f"error: {broken.name}: not YAML: mapping values are not allowed in this context in line 2" in said.output
+    assert f"error: {broken.name}: not YAML: mapping values are not allowed here in line 2" in said.output
 
 
 def test_a_folder_that_cannot_be_written_to_is_refused_by_the_command(tmp_path, monkeypatch):

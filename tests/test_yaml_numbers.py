@@ -54,11 +54,15 @@ TRUTH = "write a number; YAML reads true, yes and on, false, no and off as truth
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("inner:\n  rate: yes", f"line 3: inner.rate: true is not allowed: {TRUTH}"),
-        ("inner:\n  rate: off", f"line 3: inner.rate: false is not allowed: {TRUTH}"),
+        ("inner:\n  rate: true", f"line 3: inner.rate: true is not allowed: {TRUTH}"),
+        (
+            "inner:\n  rate: off",
+            "line 3: inner.rate: 'off' is not allowed: write a number, without a unit, with a full stop as "
+            "decimal sign",
+        ),
         ("inner: {sign: true}", f"line 2: inner.sign: true is not allowed: {TRUTH}"),
-        ("inner: {cycles: on}", f"line 2: inner.cycles: true is not allowed: {TRUTH}"),
-        ("inner:\n  vector:\n  - 1\n  - no", f"line 5: inner.vector.1: {TRUTH}"),
+        ("inner: {cycles: true}", f"line 2: inner.cycles: true is not allowed: {TRUTH}"),
+        ("inner:\n  vector:\n  - 1\n  - false", f"line 5: inner.vector.1: {TRUTH}"),
         ("inner:\n  limits:\n    K: 1\n    B: true", f"line 5: inner.limits.B: {TRUTH}"),
         ("several:\n- rate: 1\n- rate: true", f"line 4: several.1.rate: true is not allowed: {TRUTH}"),
     ],
@@ -74,18 +78,19 @@ def test_truth_values_are_kept_where_they_are_allowed(tmp_path):
 
 
 @pytest.mark.parametrize(("number", "way"), [("1:30", "sixties"), ("1:30.5", "sixties"), ("010", "eights")])
-def test_a_number_that_yaml_reads_otherwise_than_people_do_is_refused(tmp_path, number, way):
-    """Before any model: Snakemake hands over what it read itself, 90 and 8."""
-    (tmp_path / "a.yaml").write_text(f"a:\n  b: [1, 2]\n  rate: {number}\n")
+def test_a_number_that_yaml_1_1_counts_is_text_or_plain_and_refused_where_snakemake_reads_it(tmp_path, number, way):
+    """Snakemake hands over 90 and 8. YAML 1.2 has a text and 10."""
+    text = f"a:\n  b: [1, 2]\n  rate: {number}\n"
+    (tmp_path / "a.yaml").write_text(text)
     (tmp_path / "list.yaml").write_text(f"a:\n  rate:\n  - {number}\n")
     for name in ("a", "list"):
-        with pytest.raises(
-            InputError, match=rf"{name}\.yaml: line 3: rate: YAML counts {number} in {way}; write a plain"
-        ):
-            read_mapping(tmp_path / f"{name}.yaml")
-    text = f"a: '{number}'\nb: [0, 0.5, 00.5, -0, 1e3, 100]\nc: 2026-11-20 10:30:00\n"
+        said = rf"{name}\.yaml: line 3: rate: YAML counts {number} in {way}; write a plain"
+        with pytest.raises(InputError, match=said):
+            read_mapping(tmp_path / f"{name}.yaml", by_snakemake=True)
+    assert read_mapping(tmp_path / "a.yaml")["a"]["rate"] == (number if ":" in number else 10)
+    text = f"a: '{number}'\nb: [0, 0.5, 00.5, -0, 1.0e+3, 100]\nc: 2026-11-20 10:30:00\n"
     (tmp_path / "good.yaml").write_text(text)
-    assert read_mapping(tmp_path / "good.yaml") == yaml.safe_load(text)
+    assert read_mapping(tmp_path / "good.yaml", by_snakemake=True) == yaml.safe_load(text)
 
 
 @pytest.mark.parametrize(

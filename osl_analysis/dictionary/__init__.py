@@ -20,7 +20,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-import yaml
+from osl_analysis.yaml_settings import read_mapping
 
 HERE = Path(__file__).parent
 FILES = (*(HERE / f"{name}.yaml" for name in ("bench", "walking", "campaign")), HERE.parent / "figures/figures.yaml")
@@ -57,14 +57,7 @@ class DescribedTable:
 @cache
 def described_tables() -> tuple[DescribedTable, ...]:
     """Every table of the dictionary."""
-    return tuple(table for path in FILES for table in tables_of(read_file(path)))
-
-
-@cache
-def read_file(path: Path) -> Mapping[str, Any]:
-    """One YAML file of the dictionary."""
-    content: Mapping[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
-    return content
+    return tuple(table for path in FILES for table in tables_of(read_mapping(path)))
 
 
 def tables_of(content: Mapping[str, Any]) -> Iterator[DescribedTable]:
@@ -81,7 +74,7 @@ def tables_of(content: Mapping[str, Any]) -> Iterator[DescribedTable]:
 
 def columns_of(key: str, text: str | None, before: Mapping[str, DescribedColumn]) -> Iterator[DescribedColumn]:
     """The columns that one line of the dictionary describes; `before` are those of the same table above it."""
-    shared = read_file(HERE / "shared.yaml")
+    shared = read_mapping(HERE / "shared.yaml")
     word, _, rest = key.partition(" ")
     if word == "include":
         for name, described in shared["groups"][rest].items():

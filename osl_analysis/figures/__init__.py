@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
+from ruamel.yaml import YAML
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,7 @@ class CampaignFigure:
 
 def read_figures(path: Path) -> dict[str, CampaignFigure]:
     """The figures of a campaign by name, from the list in YAML."""
-    entries = {
-        place.removeprefix("figures/"): entry for place, entry in yaml.safe_load(path.read_text("utf-8")).items()
-    }
+    entries = {place.removeprefix("figures/"): entry for place, entry in YAML(typ="safe", pure=True).load(path).items()}
     optional = ("setting", "option", "own_rule")
     return {
         name: CampaignFigure(name, entry["from"], **{key: entry[key] for key in optional if key in entry})

@@ -20,6 +20,7 @@ start_server(config)  # its imports take the other core while this one does thos
 
 from osl_analysis.about import about
 from osl_analysis.campaign import check_campaign, open_campaign
+from osl_analysis.commands.run import with_shipped_profile
 from osl_analysis.config import campaign_config, overriding
 from osl_analysis.doubtful import doubt_report, unchecked_report
 from osl_analysis.errors import OslAnalysisError
@@ -41,6 +42,7 @@ from osl_analysis.yaml_settings import read_mapping
 
 try:
     check_working_folder()
+    list(with_shipped_profile(sys.argv))  # a mistyped profile is refused
     DEFAULT = default_config()
     FILES = [DEFAULT, *(Path(os.path.relpath(file)) for file in reversed(workflow.configfiles))]
     CONFIG = campaign_config(overriding(read_mapping(DEFAULT), config), FILES)
@@ -114,5 +116,8 @@ def end_of_run(records) -> str:
     return "\n".join(filter(None, said))
 
 
+# Where a cluster runs the jobs of single trials, the others, which take a moment, run here.
+OF_TRIALS = ("simulate_", "ingest", "fit_", "analyse_crossing", "study_batch")
+workflow.localrules(*(rule.name for rule in workflow.rules if not rule.name.startswith(OF_TRIALS)))
 ACCEPT = CONFIG.failed_trials == "accept"
 at_end_of_run(workflow, RESULTS / "logs", end_of_run, expected_time, ACCEPT)

@@ -1,5 +1,6 @@
 """Run the shipped workflow on the campaign of a folder: what `osl-analysis run` hands to Snakemake."""
 
+import difflib
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -40,13 +41,30 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
 
 
 def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
-    """The arguments, with the folder of a shipped profile where it is named and none here has its name."""
+    """The arguments, with the folder of a shipped profile where it is named and none here has its name.
+
+    Raises
+    ------
+    InputError
+        There is neither; Snakemake would go on without a profile.
+    """
     for before, argument in pairwise(("", *arguments)):
         option, is_stated, value = argument.partition("=")
         if before == PROFILE:
-            yield str(shipped(argument))
+            yield profile(argument)
         else:
-            yield f"{PROFILE}={shipped(value)}" if option == PROFILE and is_stated else argument
+            yield f"{PROFILE}={profile(value)}" if option == PROFILE and is_stated else argument
+
+
+def profile(named: str) -> str:
+    """The folder of a profile, here or shipped; `none` is Snakemake's word for no profile."""
+    folder = shipped(named)
+    if named != "none" and not folder.is_dir():
+        known = sorted(f"profiles/{one.name}" for one in shipped("profiles").iterdir())
+        near = difflib.get_close_matches(named, known, 1, 0.5)
+        meant = f"did you mean {near[0]}?" if near else f"correct it: there are {', '.join(known)}"
+        raise InputError(f"{PROFILE} {named}: no such folder; {meant}")
+    return str(folder)
 
 
 def configurations(arguments: Sequence[str]) -> Iterator[Path]:

@@ -1,10 +1,10 @@
-"""A campaign of 30 trials through SLURM on this machine: `make test-slurm`, as root on Debian (`one_node.sh`).
+"""Campaigns through SLURM on this machine: `make test-slurm`, as root on Debian (`one_node.sh`).
 
-A local run simulates and analyses it. SLURM analyses the same recordings in another folder: with one of them broken and
-one submission cancelled, then with a node that is lost, with a full disk, with a submission that
-SLURM does not take, and at last as it should be.
+A local run simulates and analyses thirty trials. SLURM analyses the same recordings in another folder: as one submission
+of the local run, and some of them as several submissions by the plug-in of Snakemake, of which one is cancelled.
 """
 
+import os
 import re
 import shutil
 import subprocess
@@ -20,9 +20,12 @@ from osl_analysis.refusal import is_refused
 
 ROOT = Path(__file__).parents[2]
 SLURM = ["--workflow-profile", str(ROOT / "profiles/slurm")]
+SNAKEMAKE = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--configfile", CONFIG]
 BROKEN = "belt_02"
 LOG = f"raw_data/small/dynamometer/{BROKEN}.mcap"
-DISK_MB = 200
+BENCH = [f"results/tables/{table}.csv" for table in ("belt", "transmission")]
+LIMIT = 1.5
+"""Of the time of one submission over that of a local run, without the queue's wait."""
 LONGEST_S = 400
 """Of one run on a busy machine [s]."""
 
@@ -34,18 +37,13 @@ def run(folder: Path, *arguments: str, then: Callable[[], None] = lambda: None, 
 
     `then` is called when there is a file like `once` that is no refusal record.
     """
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--configfile", CONFIG]
-    begun, said = time.perf_counter(), folder / "said.txt"
-    with (
-        said.open("w") as file,
-        subprocess.Popen([*command, *arguments], cwd=folder, stdout=file, stderr=file) as process,
-    ):
-        while all(map(is_refused, folder.glob(once))) and process.poll() is None:
+    said = folder / "said.txt"
+    with said.open("w") as file, subprocess.Popen([*SNAKEMAKE, *arguments], cwd=folder, stdout=file, stderr=file) as it:
+        while all(map(is_refused, folder.glob(once))) and it.poll() is None:
             time.sleep(0.1)
         then()
-        process.wait(timeout=LONGEST_S)
-    print(f"\n{folder.name}, {' '.join(arguments[2:]) or 'as it is'}: {time.perf_counter() - begun:.0f} s")
-    return f"{said.read_text()}\nexit code {process.returncode}"
+        it.wait(timeout=LONGEST_S)
+    return f"{said.read_text()}\nexit code {it.returncode}"
 
 
 def slurm(*command: str) -> str:
@@ -54,100 +52,72 @@ def slurm(*command: str) -> str:
     return done.stdout.strip()
 
 
-def running() -> str:
-    """The number of the submission that runs."""
-    return slurm("squeue", "--noheader", "--states=running", "--format=%i")
+def copied(local: Path, folder: Path) -> Path:
+    """The same recordings and configuration, as measured ones, without results."""
+    shutil.copytree(local, folder, ignore=shutil.ignore_patterns("results", ".snakemake"), dirs_exist_ok=True)
+    measured(folder)
+    return folder
 
 
-def lost_trials(said: str, why: str) -> set[str]:
-    """Trials that are listed because their submission was lost."""
-    return set(re.findall(rf"^  trial (\S+), file .*: the cluster's job \d+ was lost \({why}\); ", said, re.MULTILINE))
+def differing(local: Path, other: Path) -> list[Path]:
+    """The tables of a folder that are not those of the local run."""
+    tables = [path.relative_to(other) for path in (other / "results").rglob("*") if path.suffix in (".csv", ".zip")]
+    assert tables
+    return [path for path in tables if (local / path).read_bytes() != (other / path).read_bytes()]
 
 
 @pytest.fixture(scope="module")
 def local(tmp_path_factory) -> Path:
-    """The campaign after a local run."""
+    """The campaign after a local run of its recordings, with its time [s] in the file `seconds`."""
     assert shutil.which("sbatch"), "SLURM is started by `make test-slurm`"
     folder = tmp_path_factory.mktemp("local")
     write(folder)
+    assert run(folder, "results/tables/quality.csv").endswith("exit code 0")
+    measured(folder)
+    shutil.rmtree(folder / "results")
+    begun = time.perf_counter()
     assert run(folder).endswith("exit code 0")
+    (folder / "seconds").write_text(str(time.perf_counter() - begun))
     return folder
 
 
-@pytest.fixture(scope="module")
-def cluster(local, tmp_path_factory):
-    """The same recordings and configuration with a broken recording, and results on a disk of their own."""
-    folder = tmp_path_factory.mktemp("cluster")
-    shutil.copytree(local, folder, ignore=shutil.ignore_patterns("results", ".snakemake"), dirs_exist_ok=True)
-    measured(folder)
+def test_one_submission_of_the_local_run_gives_its_bytes_in_about_its_time(local, tmp_path):
+    folder = copied(local, tmp_path)
+    command = f"date +%s.%N > begun; {' '.join(SNAKEMAKE)} --cores 2; code=$?; date +%s.%N > ended; exit $code"
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    sbatch = ["sbatch", "--wait", "-c", "2", "--output", "said.txt", "--wrap", command]
+    asked = time.time()
+    subprocess.run(sbatch, cwd=folder, env=environment, check=True, timeout=LONGEST_S)
+    begun, ended = (float((folder / name).read_text()) for name in ("begun", "ended"))
+    here, there = float((local / "seconds").read_text()), ended - begun
+    print(f"\n30 trials: local {here:.0f} s, in one submission {there:.0f} s after {begun - asked:.1f} s in the queue")
+    assert differing(local, folder) == []
+    assert len(list((folder / "results").rglob("*.csv"))) == len(list((local / "results").rglob("*.csv")))
+    assert there < LIMIT * here
+    assert "Nothing to be done" in run(folder, "-n")
+
+
+def test_several_submissions_give_the_same_bytes_and_a_cancelled_one_is_made_by_the_next_run(local, tmp_path):
+    """Of the bench's seven trials, two in each submission; one recording is broken."""
+    folder = copied(local, tmp_path)
     (folder / LOG).write_bytes(b"no log")
-    (folder / "results").mkdir()
-    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={DISK_MB}m", "tmpfs", folder / "results"], check=True)
-    yield folder
-    subprocess.run(["umount", "--lazy", folder / "results"], check=True)
+    options = (*BENCH, *SLURM, "--group-components", "trials=2", "--default-resources", "mem_mb=500", "runtime=5")
+    begun = time.perf_counter()
 
+    def cancel() -> None:
+        slurm("scancel", *slurm("squeue", "--noheader", "--states=running", "--format=%i").split()[-1:])
 
-def test_a_broken_recording_and_a_cancelled_submission_are_named_and_the_rest_is_made(cluster):
-    """Batches of ten trials; the last is cancelled when its first trial is there."""
-    options = (*SLURM, "--group-components", "trials=10")
-    said = run(cluster, *options, then=lambda: slurm("scancel", running()), once="results/trials/walking_1*.parquet")
+    said = run(folder, *options, then=cancel, once="results/trials/*.parquet")
+    print(f"\n7 trials in several submissions, one of them cancelled: {time.perf_counter() - begun:.0f} s")
+    assert said.endswith("exit code 1"), said
+    assert re.search(r"^not made: .*; run again", said, re.MULTILINE), said
+    begun = time.perf_counter()
+    said = run(folder, *options)
+    print(f"the next run: {time.perf_counter() - begun:.0f} s")
     assert said.endswith("exit code 1"), said
     assert re.search(rf"^  trial {BROKEN}, file \S+{BROKEN}\.mcap: .*; remedy: ", said, re.MULTILINE), said
-    lost = lost_trials(said, "CANCELLED")
-    assert lost, said
-    assert all(trial.startswith("walking_") for trial in lost)
-    assert f"NOT ANALYSED: {1 + len(lost)} of 30 trials" in said
-    assert re.search(r"^trials +\d+ jobs", said, re.MULTILINE)
-    assert len((cluster / "results/tables/belt.csv").read_text().splitlines()) == 1 + 3
-    assert not list((cluster / "results").rglob(".*"))
-    assert said.count("has been submitted with SLURM jobid") == 4
-
-
-def test_a_lost_node_is_named_for_every_trial_that_it_had_not_finished(cluster, local):
-    """The recording is whole again. The node returns as soon as its daemon answers."""
-    shutil.copy2(local / LOG, cluster / LOG)
-    node = slurm("sinfo", "--noheader", "--format=%n")
-
-    def lose() -> None:
-        slurm("scontrol", "update", f"nodename={node}", "state=down", "reason=test")
-
-    said = run(cluster, *SLURM, then=lose, once=f"results/trials/{BROKEN}.parquet")
-    assert said.endswith("exit code 1"), said
-    assert lost_trials(said, "NODE_FAIL"), said
-    assert not list((cluster / "results").rglob(".*"))
-
-
-def test_a_full_disk_is_named(cluster):
-    """It has room for a few results more."""
-    used = sum(path.stat().st_blocks * 512 for path in (cluster / "results").rglob("*"))
-    remount = ("mount", "-o")
-    subprocess.run([*remount, f"remount,size={used + 300_000}", cluster / "results"], check=True)
-    said = run(cluster, *SLURM)
-    subprocess.run([*remount, f"remount,size={DISK_MB}m", cluster / "results"], check=True)
-    assert said.endswith("exit code 1"), said
-    assert "No space left on device" in said
-
-
-def test_what_slurm_does_not_take_is_named_and_the_run_ends(cluster):
-    """The submission asks for more memory than the node has."""
-    said = run(cluster, *SLURM, "--set-resources", "fit_perturbation:mem_mb=9000000")
-    assert said.endswith("exit code 1"), said
-    assert "the cluster did not take its job (Memory specification can not be satisfied" in said
-
-
-def test_the_next_run_makes_what_is_missing_and_every_table_is_that_of_the_local_run(cluster, local):
-    said = run(cluster, *SLURM)
-    assert said.endswith("exit code 0"), said
-    assert said.count("has been submitted with SLURM jobid") == 1
-    tables = sorted(
-        path.relative_to(local) for path in (local / "results").rglob("*") if path.suffix in (".csv", ".zip")
-    )
-    assert len(tables) > 100
-    differing = [path for path in tables if (local / path).read_bytes() != (cluster / path).read_bytes()]
-    assert differing == []
-
-
-def test_a_local_run_has_nothing_left_to_do(cluster):
-    assert "Nothing to be done" in run(cluster, "-n")
-    shutil.rmtree(cluster / ".snakemake")
-    assert "Nothing to be done" in run(cluster, "-n")
+    assert "not made:" not in said
+    assert len((folder / BENCH[0]).read_text().splitlines()) == 1 + 3
+    shutil.copy2(local / LOG, folder / LOG)
+    assert run(folder, *BENCH).endswith("exit code 0")
+    assert differing(local, folder) == []

@@ -570,7 +570,7 @@ def test_a_job_without_a_server_leaves_the_same_result(workspace):
     fit = workspace.folder / "results/fits/belt/belt_02.csv"
     before = fit.read_bytes()
     fit.unlink()
-    request = str(workspace.folder / "results/requests/belt/belt_02.json")
+    request = str(workspace.folder / "results/requests/belt/belt_02/job.json")
     command = [sys.executable, "-I", "-S", client.__file__, request]
     done = subprocess.run(command, cwd=workspace.folder, env=os.environ | {client.JOBS: ""}, check=False)
     assert (done.returncode, fit.read_bytes()) == (0, before)

@@ -194,7 +194,8 @@ class Requests:
         if output is None:
             output = named or ({"output": made[0]} if len(made) == 1 else {"outputs": made})
         log = str(rule.log[0]).format(**known)
-        path = self.folder / Path(log).relative_to(self.logs).with_suffix(".json")
+        # Each in a folder of its own: what is written beside a file that it has looked for, Snakemake does not see.
+        path = self.folder / Path(log).relative_to(self.logs).with_suffix("") / "job.json"
         measured = [str(file) for file in {**(input or {}), **(read or {})}.get("quality", ())]
         content = {
             "command": command,

@@ -1,7 +1,7 @@
 """Campaigns through SLURM on this machine: `make test-slurm`, as root on Debian (`one_node.sh`).
 
-A local run simulates and analyses thirty trials. SLURM analyses the same recordings in another folder: as one submission
-of the local run, and some of them as several submissions by the plug-in of Snakemake, of which one is cancelled.
+A local run simulates and analyses thirty trials. SLURM analyses the same recordings in another folder: as one
+submission of the local run, and some as several by the plug-in of Snakemake, of which one is cancelled.
 """
 
 import os

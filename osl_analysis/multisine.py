@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
-GROUP = 4
-"""Number of neighbouring odd lines of which one is left out."""
+GROUP = 4  # number of neighbouring odd lines of which one is left out
 FEWEST_LINES = 3
 """Smallest number of excited lines: each gives two equations for K, B and I, and one alone leaves K and I together."""
 
@@ -23,16 +22,11 @@ FEWEST_LINES = 3
 class Multisine:
     """An angle sum of size_k sin(2 pi line_k t/period + phase_k), lasting for ever."""
 
-    period_s: float
-    """Period [s]."""
-    lines: NDArray[np.intp]
-    """Excited lines, odd multiples of 1/period, shape (n,)."""
-    size: Array
-    """Amplitudes [rad], shape (n,)."""
-    phase: Array
-    """Phases [rad], shape (n,)."""
-    detection: NDArray[np.intp]
-    """Odd lines between the excited ones that are left out."""
+    period_s: float  # period [s]
+    lines: NDArray[np.intp]  # excited lines, odd multiples of 1/period, shape (n,)
+    size: Array  # amplitudes [rad], shape (n,)
+    phase: Array  # phases [rad], shape (n,)
+    detection: NDArray[np.intp]  # odd lines between the excited ones that are left out
 
     @property
     def frequency_hz(self) -> Array:
@@ -90,11 +84,6 @@ def odd_lines(period_s: float, band_hz: tuple[float, float], seed: int) -> tuple
     """The odd lines within a band [Hz] that are excited, and those that are left out; one drawn in each whole group.
 
     The first and the last line of the band are excited, so that a line that is left out has a neighbour on either side.
-
-    Raises
-    ------
-    InputError
-        As `odd_multisine`.
     """
     low, high = band_hz
     if not (0 < period_s < np.inf and 0 < low < high < np.inf):

@@ -13,18 +13,13 @@ from osl_analysis.plateaus import longest_at_extreme
 from osl_analysis.signals import longest_run, runs
 from osl_analysis.trial import Array, Trial
 
-AT_RAIL = 1e-3
-"""Distance from a stated end of a sensor's range, as a share of the range, that counts as the end."""
+AT_RAIL = 1e-3  # distance from a stated end of a sensor's range, as a share of the range, that counts as the end
 BEYOND_RANGE = 0.01
 """Share of a sensor's range by which a value may lie beyond it: electronics reach a little further than data sheets."""
-IS_COMMAND = 0.3
-"""Share of samples that repeat their predecessor, beside the longest run, in a commanded current."""
-FEWEST = 5
-"""Samples at an extreme from which an angle is examined further."""
-CERTAIN = 10.0
-"""Standard deviations of the torque's noise by which it must change while a clipped angle stands."""
-CREEP = 0.02
-"""Share of the torque's range by which it may change while a joint rests."""
+IS_COMMAND = 0.3  # share of samples that repeat their predecessor, beside the longest run, in a commanded current
+FEWEST = 5  # samples at an extreme from which an angle is examined further
+CERTAIN = 10.0  # standard deviations of the torque's noise by which it must change while a clipped angle stands
+CREEP = 0.02  # share of the torque's range by which it may change while a joint rests
 CORNER = 8.0
 """Steps by which a clipped angle moves within half of its standing time before it, or after it. A sine that is rounded
 to steps moves by four at most."""

@@ -14,16 +14,11 @@ from osl_analysis.trial import Array
 class ImpedanceFit:
     """A fit of Eq. 15."""
 
-    K: float
-    """Stiffness [N*m/rad]."""
-    B: float
-    """Damping [N*m*s/rad]."""
-    I: float
-    """Inertia [kg*m^2]."""
-    offset: float
-    """Offset of the torque [N*m]."""
-    fit: LinearFit
-    """The regression that gave these estimates."""
+    K: float  # stiffness [N*m/rad]
+    B: float  # damping [N*m*s/rad]
+    I: float  # inertia [kg*m^2]
+    offset: float  # offset of the torque [N*m]
+    fit: LinearFit  # the regression that gave these estimates
 
     def torque(self, motion: Motion) -> Array:
         """Torque [N*m] of the fitted system for a motion (n,), Eq. 15 with the offset."""

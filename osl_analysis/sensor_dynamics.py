@@ -13,10 +13,8 @@ from osl_analysis.trial import Array
 class SensorLowPass:
     """Analogue Butterworth low-pass of a sensor or its amplifier: causal, run once, with its phase."""
 
-    cutoff_hz: float
-    """Cut-off [Hz]."""
-    order: int
-    """Order."""
+    cutoff_hz: float  # cut-off [Hz]
+    order: int  # order
 
     def __call__(self, values: Array, rate_hz: float) -> Array:
         """Samples (n,), taken at `rate_hz`, after the filter. The filter starts at rest at the first sample.

@@ -12,20 +12,16 @@ from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite
 from osl_analysis.trial import Array
 
-DEGREE = 5
-"""Degree of the spline that gives derivatives."""
+DEGREE = 5  # degree of the spline that gives derivatives
 SLOPE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60
 CURVATURE = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180
 """First and second derivative per step and per squared step, of the polynomial of degree 6 through seven samples
 (Fornberg, Math. Comput. 51, 1988, table 1). Of a sine of w rad per sample they lose w^6/140 and w^6/560."""
-REACH = len(SLOPE) // 2
-"""Samples of these on either side."""
-LOST = 1e-8
-"""Share of a velocity at the cut-off of the filter that the seven samples may lose: 5e-9 at 15 Hz and 1 kHz."""
+REACH = len(SLOPE) // 2  # samples of these on either side
+LOST = 1e-8  # share of a velocity at the cut-off of the filter that the seven samples may lose: 5e-9 at 15 Hz and 1 kHz
 ENDS = 40
 """Samples at either end through which the spline gives what seven samples cannot; its other end is forgotten there."""
-MEMORY = 10
-"""Half periods of a filter's cut-off over which its noise is taken to be correlated."""
+MEMORY = 10  # half periods of a filter's cut-off over which its noise is taken to be correlated
 UNIFORM_TOLERANCE = 0.2
 """Largest accepted deviation of a sampling step from the mean step, as a fraction of the mean step."""
 
@@ -53,14 +49,7 @@ class LowPass:
         return float(self.cutoff_hz * angle / np.sin(angle) * (1 - 1 / (2 * self.order)))
 
     def __call__(self, signal: Array, rate_hz: float) -> Array:
-        """Filter samples along the first axis, shape (n, ...), taken at `rate_hz`.
-
-        Raises
-        ------
-        InputError
-            The cut-off is not below half the sampling rate, the signal is shorter than the filter's edge, or it has a
-            value that is not finite, which the filter would spread over all of it.
-        """
+        """Filter samples along the first axis, shape (n, ...), taken at `rate_hz`."""
         check_finite("the signal", signal)
         if not 0 < self.cutoff_hz < rate_hz / 2:
             raise InputError(

@@ -20,8 +20,7 @@ NAME_KEY = "osl_analysis.trial"
 PROVENANCE_KEY = "osl_analysis.provenance"
 LARGEST_TIME_S, SHORTEST_S = 1e20, 1e-9
 """Latest stamp [s], beyond that of nanoseconds since 1970 taken for seconds, and shortest span [s] of a log."""
-LISTED = 6
-"""Largest number of names in a message."""
+LISTED = 6  # largest number of names in a message
 
 
 @dataclass(frozen=True)
@@ -63,13 +62,7 @@ class Trial:
         return [rows.to_numpy() for rows in self.sampled(*columns).iter_columns()]
 
     def signals(self, *columns: str) -> tuple[Array, ...]:
-        """Time [s] and the named columns, shape (n,) each, at the stamps where all of them have a sample.
-
-        Raises
-        ------
-        InputError
-            A column is missing, or holds NaN.
-        """
+        """Time [s] and the named columns, shape (n,) each, at the stamps where all of them have a sample."""
         rows = self.sampled(*columns)
         for column in columns:
             missing = int(rows[column].is_nan().sum())

@@ -158,7 +158,6 @@ FITS_OF_SIGNALS: dict[str, Callable[[Array, Array, Array], Any]] = {
     "linear_fit of eight cycles": by_cycles(8),
     "linear_fit of two cycles": by_cycles(2),
     "linear_fit of one cycle": by_cycles(1),
-    "linear_fit with instruments": lambda t, x, y: linear_fit(y, columns(x), instruments=columns(np.roll(x, 1))),
     "with_shared_error": lambda t, x, y: regression.with_shared_error(linear_fit(y, {"a": x}), np.array([0.1])),
     "variance_accounted_for": lambda t, x, y: regression.variance_accounted_for(y, x) if len(y) else None,
     "fit_slow_motion": lambda t, x, y: fit_slow_motion(y, columns(x), {"b": np.roll(x, 9)}, 3, 0.1),

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from repeated_cycles import repeated
 from scipy.stats import t as student
-from statsmodels.sandbox.regression.gmm import IV2SLS
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.second_order import impedance_columns
@@ -130,19 +129,6 @@ def test_the_interval_is_students():
     half = student.ppf(0.975, fit.degrees_of_freedom[1]) * fit.se("b")
     assert (low, high) == pytest.approx((fit["b"] - half, fit["b"] + half))
     assert fit.cov("a", "b") == fit.covariance[0, 1]
-
-
-def test_instruments_see_through_noise_in_a_column_as_statsmodels_does():
-    rng = np.random.default_rng(9)
-    clean = np.sin(np.arange(4000) / 30)
-    y = 5 * clean + 0.1 * rng.standard_normal(4000)
-    noisy, one = clean + 0.5 * rng.standard_normal(4000), np.ones(4000)
-    columns, instruments = {"K": noisy, "offset": one}, {"K": clean, "offset": one}
-    fit = linear_fit(y, columns, instruments=instruments)
-    other = IV2SLS(y, np.column_stack([noisy, one]), np.column_stack([clean, one])).fit()
-    assert fit.estimates == pytest.approx(other.params, rel=1e-8)
-    assert fit["K"] == pytest.approx(5, abs=4 * fit.se("K"))
-    assert linear_fit(y, columns)["K"] < 3.7
 
 
 def test_estimates_that_lean_on_one_another_show_in_their_correlation():

@@ -21,8 +21,7 @@ from osl_analysis.uniform import UniformSignals, uniform_signals
 
 PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
 """Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping, inertia."""
-FEWEST_MOVING_S = 1.0
-"""Shortest duration [s] of the samples that are fitted."""
+FEWEST_MOVING_S = 1.0  # shortest duration [s] of the samples that are fitted
 EDGE_PERIODS = 3
 """Periods of the filter's cut-off at both ends that are not fitted: there the filter had to extrapolate."""
 
@@ -31,42 +30,28 @@ EDGE_PERIODS = 3
 class ActuatorSignals:
     """Signals of one trial on the actuator's bench, shape (n,) each."""
 
-    time: Array
-    """Time [s]."""
-    motion: Array
-    """Angle [rad] or velocity [rad/s] at the actuator's output."""
-    current: Array
-    """q-axis current I_q [A]."""
-    torque_m: Array
-    """Torque that the actuator exerts at its output [N*m]."""
-    is_velocity: bool = False
-    """Whether `motion` is the velocity; it is then differentiated once instead of twice."""
+    time: Array  # time [s]
+    motion: Array  # angle [rad] or velocity [rad/s] at the actuator's output
+    current: Array  # q-axis current I_q [A]
+    torque_m: Array  # torque that the actuator exerts at its output [N*m]
+    is_velocity: bool = False  # whether `motion` is the velocity; it is then differentiated once instead of twice
 
 
 @dataclass(frozen=True)
 class ActuatorTrial:
     """Filtered torques of one trial, shape (n,) each, and the fit."""
 
-    name: str
-    """Name of the trial."""
-    motion: str
-    """Column that the motion is from: theta_m, or omega_m of a bench that logs no angle."""
-    time: Array
-    """Time [s]."""
-    torque: Array
-    """Filtered torque [N*m]."""
-    modelled: Array
-    """Torque of the fitted model [N*m]."""
-    fitted: NDArray[np.bool_]
-    """Rows that are fitted."""
-    fit: LinearFit
-    """The fit."""
-    low_pass: LowPass
-    """The filter of all signals."""
+    name: str  # name of the trial
+    motion: str  # column that the motion is from: theta_m, or omega_m of a bench that logs no angle
+    time: Array  # time [s]
+    torque: Array  # filtered torque [N*m]
+    modelled: Array  # torque of the fitted model [N*m]
+    fitted: NDArray[np.bool_]  # rows that are fitted
+    fit: LinearFit  # the fit
+    low_pass: LowPass  # the filter of all signals
     uniform: UniformSignals | None = None
     """The signals on their time base, with what the recorders did; None for a trial that no file holds."""
-    other: LinearFit | None = None
-    """The fit if undecided stamps were taken the other way; None where all are decided."""
+    other: LinearFit | None = None  # the fit if undecided stamps were taken the other way; None where all are decided
 
 
 def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> ActuatorTrial:
@@ -166,11 +151,6 @@ def actuator_columns(
 
     The sign of the velocity is tanh(omega_m/sign_width), `sign_width` in rad/s. It is taken before the filter, so that
     friction's jumps are smeared in the column as they are in the torque, which biases nothing.
-
-    Raises
-    ------
-    InputError
-        As `LowPass`, or the stamps are not uniform.
     """
     time, rate = signals.time, sampling_rate(signals.time)
     smooth = differentiate(time, low_pass(signals.motion, rate))

@@ -56,13 +56,7 @@ def time_base_words(fit: LinearFit, other: LinearFit | None, names: Sequence[str
 
 
 def check_stiffer(trial: str, symbol: str, stiffness: float, bench: BenchStiffness | None) -> None:
-    """Refuse a stiffness [N*m/rad] that is not below that of the bench.
-
-    Raises
-    ------
-    InputError
-        It is not: the frame would have turned by more than the joint, or by more than the bench itself.
-    """
+    """Refuse a stiffness [N*m/rad] that is not below that of the bench."""
     if bench is not None and not 0 < stiffness * bench.compliance < 1:
         raise InputError(
             f"trial {trial}: {symbol} = {stiffness:.4g} N*m/rad is not between 0 and the bench's stiffness of "

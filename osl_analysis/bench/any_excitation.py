@@ -54,20 +54,12 @@ def ratio_at_peaks(measured: Array, modelled: Array) -> float | None:
 
 FEWEST_STEPS = 20.0
 """Steps of the encoder that an angle turns by at least; below, its rounding is no noise but a part of the motion."""
-HARDLY_MOVES = 0.1
-"""Share of the acceleration that is the encoder's noise, from which a record is refused."""
-SLOW = 200.0
-"""Steps of the encoder from which a motion is not small but slow, if noise makes its acceleration."""
+HARDLY_MOVES = 0.1  # share of the acceleration that is the encoder's noise, from which a record is refused
+SLOW = 200.0  # steps of the encoder from which a motion is not small but slow, if noise makes its acceleration
 
 
 def check_moves(record: MovingRecord) -> float:
-    """`angle_noise_share`, refused where the record hardly moves, or slowly.
-
-    Raises
-    ------
-    InputError
-        The noise of the angle is a large share of its motion, or the motion is a few steps of the encoder.
-    """
+    """`angle_noise_share`, refused where the record hardly moves, or slowly."""
     share, steps = angle_noise_share(record), steps_turned(record)
     if steps < FEWEST_STEPS:
         raise InputError(
@@ -101,8 +93,7 @@ def steps_turned(record: MovingRecord) -> float:
     return float(levels if step is None else min(np.ptp(measured) / step, levels))
 
 
-SIGN_WIDTH = 0.05
-"""Velocity, as a share of its RMS, over which the sign of the velocity is smoothed."""
+SIGN_WIDTH = 0.05  # velocity, as a share of its RMS, over which the sign of the velocity is smoothed
 WEIGHTING = "power of the filtered motion"
 """How frequencies weigh in the estimates, as in every least-squares fit of filtered signals."""
 OF_SINES = (
@@ -116,13 +107,7 @@ OF_PERIODS = ("period_s", "periods", "realisations", "even_harmonics", "odd_harm
 
 
 def checked_fit(record: MovingRecord) -> LinearFit:
-    """The fit of a record that moves, tells K from I, and is not aliased.
-
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        The excitation does not allow a fit; the message names trial, cause and remedy.
-    """
+    """The fit of a record that moves, tells K from I, and is not aliased."""
     check_moves(record)
     try:
         fit = record.estimate
@@ -138,13 +123,7 @@ def checked_fit(record: MovingRecord) -> LinearFit:
 
 
 def record_table(record: MovingRecord, expected: Admittance | None = None) -> pl.DataFrame:
-    """The trial's row of `impedance.csv`, without an amplitude; `expected` as in `impedance_table`.
-
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `checked_fit`, or the clocks of angle and torque drift apart.
-    """
+    """The trial's row of `impedance.csv`, without an amplitude; `expected` as in `impedance_table`."""
     fit = checked_fit(record)
     other = None if record.other is None else record.other.of_noise_and_lines
     row: Row = {
@@ -207,13 +186,7 @@ def friction_row(record: MovingRecord, fit: LinearFit) -> Row:
 
 
 def lowest_vaf_of_parts(record: MovingRecord) -> float:
-    """Lowest VAF [percent] of a part of the record by the fit to the others; each has its own offset and drift.
-
-    Raises
-    ------
-    IdentifiabilityError
-        The joint rests in two of three parts.
-    """
+    """Lowest VAF [percent] of a part of the record by the fit to the others; each has its own offset and drift."""
     columns = {name: record.part(column) for name, column in impedance_columns(record.motion).items()}
     torque, time = record.part(record.filtered_torque), record.part(record.time)
     vafs = []

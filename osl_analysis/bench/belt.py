@@ -31,8 +31,7 @@ from osl_analysis.uniform import UniformSignals, uniform_signals
 ONSET_FRACTION = 0.05
 """Deflection at which loading begins, as a share of the peak; below it the hysteresis of the belt reverses."""
 
-LARGEST_FALL = 0.2
-"""Largest fall of the deflection while loading, as a share of the peak."""
+LARGEST_FALL = 0.2  # largest fall of the deflection while loading, as a share of the peak
 
 SMALLEST_DEFLECTION = np.deg2rad(0.5)
 
@@ -44,17 +43,13 @@ CONSTANT_VELOCITY = 0.05
 class BeltFit:
     """Fits to one load-unload cycle."""
 
-    K_s: float
-    """Slope while loading [N*m/rad]."""
+    K_s: float  # slope while loading [N*m/rad]
     loading: LinearFit
     """Straight line with damping while loading: `K_s`, `offset` [N*m], and `B_j` [N*m per rad and sample] where the
     velocity is not constant."""
-    unloading: LinearFit
-    """The same while unloading."""
-    quadratic: LinearFit
-    """Torque on theta_s and theta_s |theta_s| while loading: `K_s`, `K_s2` [N*m/rad^2], `offset`."""
-    hysteresis_area: float
-    """Area of the loop [N*m*rad = J]."""
+    unloading: LinearFit  # the same while unloading
+    quadratic: LinearFit  # torque on theta_s and theta_s |theta_s| while loading: `K_s`, `K_s2` [N*m/rad^2], `offset`
+    hysteresis_area: float  # area of the loop [N*m*rad = J]
 
     def widened(self, softer: "BeltFit") -> "BeltFit":
         """The fit with the error of the bench's stiffness in its intervals, as `alternatives.widened`."""
@@ -76,12 +71,6 @@ def fit_belt_stiffness(
     For the intervals: noise is independent after `every` samples (`LowPass.independent_samples`), and the load cell's
     drift has a standard deviation of `drift` [N*m per sample]. A straight line cannot tell a drift during the ramp from
     stiffness.
-
-    Raises
-    ------
-    InputError
-        The deflection stays below 0.5 degrees, the trial ends before unloading, or there is more than one loading;
-        there are no samples, or a value is not finite or cannot be measured.
     """
     check_measured("theta_s", theta_s)
     check_measured("torque", torque)
@@ -101,13 +90,7 @@ def fit_belt_stiffness(
 
 
 def loaded_rows(deflection: Array) -> tuple[int, int, int]:
-    """Rows of one load-unload cycle: the onset of loading, the peak, and the row after unloading.
-
-    Raises
-    ------
-    InputError
-        As `fit_belt_stiffness`.
-    """
+    """Rows of one load-unload cycle: the onset of loading, the peak, and the row after unloading."""
     peak = int(np.argmax(np.abs(deflection)))
     if abs(deflection[peak]) < SMALLEST_DEFLECTION:
         raise InputError(
@@ -138,12 +121,9 @@ def check_one_loading(deflection: Array) -> None:
 class Branch:
     """The usable rows of loading or unloading, shape (n,) each."""
 
-    theta_s: Array
-    """Deflection [rad] from the first row of the trial on."""
-    velocity: Array
-    """Velocity of the joint [rad per sample]; the actuator is locked."""
-    torque: Array
-    """Resisting torque [N*m]."""
+    theta_s: Array  # deflection [rad] from the first row of the trial on
+    velocity: Array  # velocity of the joint [rad per sample]; the actuator is locked
+    torque: Array  # resisting torque [N*m]
 
     @property
     def damping(self) -> dict[str, Array]:
@@ -176,8 +156,7 @@ def fit_quadratic_belt(branch: Branch, every: int, drift: float) -> LinearFit:
     return fit_slow_motion(branch.torque, columns, {"B_j": branch.velocity}, every, drift)
 
 
-CURVE_STEP_HZ = 50.0
-"""Points per second of the torque-deflection curve that is kept for the figure."""
+CURVE_STEP_HZ = 50.0  # points per second of the torque-deflection curve that is kept for the figure
 LOCKED = 0.01
 """Largest turn of the shaft, as a share of the joint's, that counts as rest where n_T is not known: K_s is 1 % off at
 most."""
@@ -190,24 +169,16 @@ SUMMARISED = ("K_s", "unloading", "hysteresis_area", "quadratic_K_s2")
 class BeltTrial:
     """Filtered signals of one belt trial, shape (n,) each, and their fit."""
 
-    name: str
-    """Name of the trial."""
-    time: Array
-    """Time [s]."""
-    rate_hz: float
-    """Sampling rate [Hz]."""
-    low_pass: LowPass
-    """The filter of angles and torque."""
-    theta_s: Array
-    """Belt deflection [rad]."""
-    torque: Array
-    """Resisting torque [N*m]."""
-    fit: BeltFit
-    """The fit to them."""
+    name: str  # name of the trial
+    time: Array  # time [s]
+    rate_hz: float  # sampling rate [Hz]
+    low_pass: LowPass  # the filter of angles and torque
+    theta_s: Array  # belt deflection [rad]
+    torque: Array  # resisting torque [N*m]
+    fit: BeltFit  # the fit to them
     uniform: UniformSignals | None = None
     """The signals on their time base, with what the recorders did; None for a trial that no file holds."""
-    bench: BenchStiffness | None = None
-    """Stiffness of the bench; its yielding is taken off the angle."""
+    bench: BenchStiffness | None = None  # stiffness of the bench; its yielding is taken off the angle
     other: "BeltTrial | None" = None
     """The same if undecided stamps were taken the other way; None where all are decided."""
 

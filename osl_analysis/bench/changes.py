@@ -26,12 +26,9 @@ from osl_analysis.trial import Array
 
 CERTAIN = 0.999
 """Probability that the estimate of a constant stiffness is below the part of a change that counts as noise."""
-PASSES = 0.99
-"""Probability that a joint of Eq. 15 is taken as one."""
-UNTOLD = 0.1
-"""Share of I that an unseen change of K may make, from which it is not known whether K changes."""
-OF_DRIFT = ("K_drift", "drift_inertia_share")
-"""Columns of a change of K, null where it cannot be told."""
+PASSES = 0.99  # probability that a joint of Eq. 15 is taken as one.
+UNTOLD = 0.1  # share of I that an unseen change of K may make, from which it is not known whether K changes
+OF_DRIFT = ("K_drift", "drift_inertia_share")  # columns of a change of K, null where it cannot be told
 
 
 def stiffness_of_cycles(theta: Array, torque: Array, segments: Sequence[Segment]) -> dict[Segment, Array]:
@@ -76,16 +73,11 @@ def stiffness_drift_row(stiffness: Mapping[Segment, Array], segments: Sequence[S
 class Cycles:
     """Cycles of some segments, shape (n,) each."""
 
-    kind: NDArray[np.intp]
-    """Number of their amplitude and frequency."""
-    curvature: Array
-    """Angular acceleration over angle, -w^2 [rad^2/s^2]."""
-    when: Array
-    """Time from the first cycle, as a share of that to the last."""
-    stiffness: Array
-    """Torque in phase over angle [N*m/rad]."""
-    weight: Array
-    """Sum of the squares of the angle."""
+    kind: NDArray[np.intp]  # number of their amplitude and frequency
+    curvature: Array  # angular acceleration over angle, -w^2 [rad^2/s^2]
+    when: Array  # time from the first cycle, as a share of that to the last
+    stiffness: Array  # torque in phase over angle [N*m/rad]
+    weight: Array  # sum of the squares of the angle
 
     @classmethod
     def of(cls, stiffness: Mapping[Segment, Array], segments: Sequence[Segment]) -> "Cycles":
@@ -122,11 +114,9 @@ class Slope:
     """A change [N*m/rad] of stiffness from the first cycle to the last, beside other columns, and its error."""
 
     change: float
-    squares: float
-    """Weighted sum of the squares of what the fit leaves."""
+    squares: float  # weighted sum of the squares of what the fit leaves
     degrees_of_freedom: int
-    spread: float
-    """Weighted sum of the squares of the time beside the other columns."""
+    spread: float  # weighted sum of the squares of the time beside the other columns
 
     @property
     def variance(self) -> float:
@@ -170,26 +160,20 @@ def stiffness_slope(cycles: Cycles) -> Slope | None:
     return slope_beside(many, many.of_kinds())
 
 
-KEPT = 4
-"""Samples that are kept in half a period of the cut-off: 120 Hz at 15 Hz. The signals have nothing faster."""
-SHOWS_S = 2.0
-"""Time [s] over which the size and the frequency of a motion are taken."""
-LEAST_MOTION = 0.1
-"""Share of the RMS angle, below which a motion is too small to have a frequency."""
+KEPT = 4  # samples that are kept in half a period of the cut-off: 120 Hz at 15 Hz. The signals have nothing faster.
+SHOWS_S = 2.0  # time [s] over which the size and the frequency of a motion are taken
+LEAST_MOTION = 0.1  # share of the RMS angle, below which a motion is too small to have a frequency
 CERTAIN_BESIDE_MISFIT = 5.0
 """Standard errors from which a change counts where Eq. 15 does not explain the rest: they know little of friction."""
-KeptColumns = Mapping[str, Array]
-"""Columns (m,) of a fit by name."""
+KeptColumns = Mapping[str, Array]  # columns (m,) of a fit by name
 
 
 @dataclass(frozen=True)
 class RecordDrift:
     """Change of the stiffness from the first to the last row that is fitted."""
 
-    change: float
-    """Change [N*m/rad] beyond what noise can make of a constant stiffness; 0 if it is no more."""
-    inertia_share: float
-    """Share of I that a certain change makes; 0 if none is certain."""
+    change: float  # change [N*m/rad] beyond what noise can make of a constant stiffness; 0 if it is no more
+    inertia_share: float  # share of I that a certain change makes; 0 if none is certain
 
 
 def record_drift(record: MovingRecord) -> RecordDrift | None:
@@ -268,13 +252,7 @@ def record_drift_row(record: MovingRecord, fit: LinearFit) -> Row:
 
 
 def record_clock_row(record: MovingRecord) -> Row:
-    """As `clock_drift_row`; all null where one device recorded both, or the motion does not show a drift.
-
-    Raises
-    ------
-    InputError
-        The drift is beyond what the configuration allows; the message names the trial.
-    """
+    """As `clock_drift_row`; all null where one device recorded both, or the motion does not show a drift."""
     drift = drift_between(record)
     if drift is None:
         return dict.fromkeys(("clock_drift_ppm", "clock_drift_se_ppm", "certain_clock_drift_ppm"))

@@ -28,8 +28,7 @@ from osl_analysis.second_order import fit_impedance, impedance_columns
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit
 
-IMPEDANCE = ("K", "B", "I")
-"""Parameters of Eq. 15."""
+IMPEDANCE = ("K", "B", "I")  # parameters of Eq. 15.
 MAY_BE_NULL = (
     "amplitude_deg",
     "K_change",
@@ -49,10 +48,8 @@ class DesiredImpedance:
 
     controller: str | None
     """Any name; `compensated` and `uncompensated` are those of the draft. None: none, or not known."""
-    K_d: float | None
-    """Desired stiffness [N*m/rad]; None: not known."""
-    B_d: float | None
-    """Desired damping [N*m*s/rad]; None: not known."""
+    K_d: float | None  # desired stiffness [N*m/rad]; None: not known
+    B_d: float | None  # desired damping [N*m*s/rad]; None: not known
 
     def gains(self, p: DrivetrainParameters | None, weight: Weight) -> Gains | None:
         """The gains of a device with these parameters, selected with W of Eq. 14; None where they are not known.
@@ -168,11 +165,6 @@ def amplitude_series(trial: SteppedSineTrial, amplitude_deg: float, duration_s: 
 
     Rests and other amplitudes within these seconds have no rows. Rows that the fit leaves out, such as the first cycles
     at a frequency, have no modelled torque (null).
-
-    Raises
-    ------
-    InputError
-        The amplitude [deg] is not in the protocol.
     """
     chosen = [b for b in trial.blocks if np.isclose(np.rad2deg(b.amplitude), amplitude_deg)]
     if not chosen:

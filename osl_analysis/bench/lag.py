@@ -23,43 +23,31 @@ CERTAIN_LAG = 10.0
 explains most of what a fit without it leaves. Friction and higher dynamics also leave something."""
 CERTAIN_BESIDE_NOISE = 5.0
 """The same where the fit leaves no more than the noise of many phasors; few know their noise less well."""
-ONCE_IN = 1e-3
-"""Probability that noise alone goes beyond what counts as noise, beside which few phasors count for less."""
+ONCE_IN = 1e-3  # probability that noise alone goes beyond what counts as noise, beside which few phasors count for less
 CERTAINLY_LESS = 3.0
 """Square root of the difference of two sums of squares, in noise, from which one fit leaves certainly less."""
 LARGEST_TURN = 0.2
 """Phase [rad] at the highest frequency, 6 ms at 5 Hz, beyond which a lag stands for other dynamics if no model is
 known."""
-ONLY_NOISE = 1.5
-"""What the fit leaves, over the noise of the phasors, up to which it counts as noise."""
-LAG_STEPS = 5
-"""Steps of Gauss and Newton to the lag; a lag of 5 ms is found to a nanosecond in four."""
-LAG_CONDITION = 1e6
-"""Largest scaled condition number: near 1000 with five frequencies, since a lag is nearly a damping."""
-MUCH_BETTER = 5.0
-"""A model of the joint decides alone if it leaves less than the other by this factor."""
-LARGEST_YIELD = 0.5
-"""Largest share of the joint's angle by which a frame may yield; beyond it the fit did not find one."""
-YIELD_STARTS = (0.0, 0.25, 0.5)
-"""Shares of the angle from which the yielding of a frame is sought."""
+ONLY_NOISE = 1.5  # what the fit leaves, over the noise of the phasors, up to which it counts as noise
+LAG_STEPS = 5  # steps of Gauss and Newton to the lag; a lag of 5 ms is found to a nanosecond in four
+LAG_CONDITION = 1e6  # largest scaled condition number: near 1000 with five frequencies, since a lag is nearly a damping
+MUCH_BETTER = 5.0  # A model of the joint decides alone if it leaves less than the other by this factor
+LARGEST_YIELD = 0.5  # largest share of the joint's angle by which a frame may yield; beyond it the fit did not find one
+YIELD_STARTS = (0.0, 0.25, 0.5)  # shares of the angle from which the yielding of a frame is sought
 
 
 @dataclass(frozen=True)
 class TorqueLag:
     """By how much the torque lags the angle."""
 
-    lag: float
-    """Lag [s]; positive if the torque is late."""
-    se: float
-    """Its standard error [s], from what the fit leaves."""
-    misfit: float
-    """Standard deviation of what the fit leaves [N*m, at 1 Hz]."""
+    lag: float  # lag [s]; positive if the torque is late
+    se: float  # its standard error [s], from what the fit leaves
+    misfit: float  # standard deviation of what the fit leaves [N*m, at 1 Hz]
     frame_stiffness: float | None = None
     """Stiffness [N*m/rad] of a frame whose yielding explains the data as well as the lag; None if none does."""
-    freedom: int = 1
-    """Degrees of freedom that the fit leaves."""
-    apart: float = 0.0
-    """Distance [s] to another small lag that explains the data as well; 0 if none does."""
+    freedom: int = 1  # degrees of freedom that the fit leaves
+    apart: float = 0.0  # distance [s] to another small lag that explains the data as well; 0 if none does
 
     def certain_from(self, noise: float) -> float:
         """Standard errors from which the lag is certain, if the phasors have this `noise` [N*m, at 1 Hz]."""
@@ -72,14 +60,10 @@ class TorqueLag:
 class ImpedancePoints:
     """Measured impedances, shape (n,) each."""
 
-    frequency_hz: Array
-    """Frequency [Hz]."""
-    theta: Array
-    """Amplitude [rad]."""
-    amplitude: Array
-    """Commanded amplitude, in any unit: equal where the protocol's is."""
-    impedance: Phasors
-    """torque/theta [N*m/rad]."""
+    frequency_hz: Array  # frequency [Hz]
+    theta: Array  # amplitude [rad]
+    amplitude: Array  # commanded amplitude, in any unit: equal where the protocol's is
+    impedance: Phasors  # torque/theta [N*m/rad]
 
 
 def torque_lag(points: ImpedancePoints, expected: Phasors) -> TorqueLag:
@@ -90,11 +74,6 @@ def torque_lag(points: ImpedancePoints, expected: Phasors) -> TorqueLag:
     second-order system, or as the linear model with other K, B and I, whichever fits better together with a lag. Their
     higher dynamics differ by as much as a lag of milliseconds. Where neither fits much better than the other, the
     difference between their lags is part of the standard error.
-
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        Too few points, or points that are too similar, to distinguish a lag from the rest.
     """
     fits = [(best_lag(points, base), base) for base in (0 * expected, expected)]
     (better, base), (worse, _) = sorted(fits, key=lambda fit: fit[0].misfit)
@@ -159,8 +138,7 @@ class Effect:
 
     undone: Callable[[Phasors, Phasors, float], Phasors]
     """The joint's impedance behind a measured one, for complex s [rad/s] and x."""
-    slope: Callable[[Phasors, Phasors], Phasors]
-    """By how much the joint's impedance changes with x."""
+    slope: Callable[[Phasors, Phasors], Phasors]  # by how much the joint's impedance changes with x
 
 
 LAG = Effect(lambda measured, s, d: measured * np.exp(s * d), lambda joint, s: s * joint)
@@ -198,12 +176,10 @@ def lag_beyond(points: ImpedancePoints, base: Phasors, effect: Effect, start: fl
 UNSEEN = 0.1
 """Share of B or of I that a lag may make without being certain, beyond which it is not known whether the torque is
 late."""
-POSSIBLE = 2.0
-"""Standard errors by which a lag may be larger than it is found."""
+POSSIBLE = 2.0  # standard errors by which a lag may be larger than it is found
 LITTLE_DAMPING, LITTLE_INERTIA = 2.0, 5e-3
 """B [N*m*s/rad] and I [kg*m^2] below which their shares say little; added in quadrature to what a share is taken of."""
-OF_CERTAIN_LAG = ("lag_share", "lag_inertia_share", "frame_stiffness")
-"""Columns of a lag that is certain."""
+OF_CERTAIN_LAG = ("lag_share", "lag_inertia_share", "frame_stiffness")  # columns of a lag that is certain
 
 
 def torque_lag_row(phasors: Sequence[SegmentPhasors], fit: LinearFit, expected: Admittance | None) -> Row:
@@ -315,12 +291,9 @@ def points_of(phasors: Sequence[SegmentPhasors]) -> ImpedancePoints:
     )
 
 
-CERTAIN_IN_NOISE = 3.0
-"""Standard errors from which a lag is certain where the fit leaves only noise."""
-BEYOND = 3.0
-"""Cut-offs of the filter up to which the linear model is taken into account."""
-SETTLED = 0.01
-"""Standard errors by which the last step to the lag changes it."""
+CERTAIN_IN_NOISE = 3.0  # standard errors from which a lag is certain where the fit leaves only noise
+BEYOND = 3.0  # cut-offs of the filter up to which the linear model is taken into account
+SETTLED = 0.01  # standard errors by which the last step to the lag changes it
 KEPT, WIDER = 0.25, 1.5
 """Share of a sampling rate [Hz] below which a cubic between samples keeps their noise; least cut-off, in cut-offs."""
 MOST = 0.5

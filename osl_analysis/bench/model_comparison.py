@@ -30,30 +30,25 @@ from osl_analysis.stats.repeats import (
 )
 from osl_analysis.trial import Array
 
-Terms = Mapping[str, tuple[str, ...]]
-"""Names of the columns of each model, by the model's name."""
+Terms = Mapping[str, tuple[str, ...]]  # names of the columns of each model, by the model's name
 BELT_MODELS: Terms = {"M1": ("K_s",), "M2": ("K_s", "K_s2"), "M3": ("K_s", "T_h"), "M4": ("K_s", "K_s2", "T_h")}
 """T_h [N*m] is half the torque by which loading and unloading differ."""
 TRANSMISSION_MODELS: Terms = {"M1": ("B_j", "J_j"), "M2": ("B_j", "J_j", "T_C")}
 SECOND_ORDER: tuple[str, ...] = ("K", "B", "I")
-TURN = 0.1
-"""Share of the peak deflection, at both ends, in which the belt's hysteresis may still reverse."""
+TURN = 0.1  # share of the peak deflection, at both ends, in which the belt's hysteresis may still reverse
 HELD_OUT_BY_TRIAL = ("belt", "transmission")
 """Experiments in which each trial is predicted from the other trials; elsewhere each amplitude from the others."""
 SCORE_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out", "BIC")
 """Columns of `model_comparison.csv` that its summary uses."""
-PLACE = ("joint", "side")
-"""Columns by which its summary is split too, where the table has them."""
+PLACE = ("joint", "side")  # columns by which its summary is split too, where the table has them
 OF_MODEL = ("experiment", *PLACE, "controller", "model", "terms", "parameters")
-SMALLEST_LOSS = 1e-9
-"""Percent of the variance below which what a model leaves is rounding error."""
+SMALLEST_LOSS = 1e-9  # percent of the variance below which what a model leaves is rounding error
 SAMPLES_PER_PERIOD = 6
 """Samples kept per period of the filter's cut-off. More of them cost time and add no information."""
 GIVEN = np.ones(3)
 """The three fitted numbers of Eq. 9 at their given values: K_1 divided by its given value, 1 plus the change of B_1
 divided by (K_1 J_m)^1/2, and friction divided by that of the parameter file."""
-LEAST_GAIN = 0.1
-"""Smallest K_1, divided by its given value."""
+LEAST_GAIN = 0.1  # smallest K_1, divided by its given value
 STEP = 1e-2
 """Step of the numerical derivatives. Because friction stops and starts, the torque is rough at smaller steps."""
 
@@ -163,22 +158,15 @@ class DrivetrainTrial:
     """One trial for the drivetrain model; signals have shape (n,)."""
 
     name: str
-    theta: Array
-    """Raw joint angle [rad]."""
-    motion: Motion
-    """Filtered joint angle with its derivatives."""
-    torque: Array
-    """Filtered resisting torque [N*m]."""
-    amplitude_rows: Sequence[NDArray[np.intp]]
-    """Rows of each amplitude."""
+    theta: Array  # raw joint angle [rad]
+    motion: Motion  # filtered joint angle with its derivatives
+    torque: Array  # filtered resisting torque [N*m]
+    amplitude_rows: Sequence[NDArray[np.intp]]  # rows of each amplitude
     rate_hz: float
-    low_pass: LowPass
-    """The filter of angle and torque."""
-    gains: Gains
-    """Control gains that the leg was given."""
+    low_pass: LowPass  # the filter of angle and torque
+    gains: Gains  # control gains that the leg was given
     p: DrivetrainParameters
-    sign_width: float
-    """Velocity [rad/s] over which the sign of the velocity is smoothed."""
+    sign_width: float  # velocity [rad/s] over which the sign of the velocity is smoothed
 
     @property
     def unit_damping(self) -> float:

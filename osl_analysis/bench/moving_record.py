@@ -30,25 +30,18 @@ from osl_analysis.timebase.grid import GapLimits
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals, regridded, uniform_signals
 
-PERIODIC = 1.5
-"""Highest line of a periodic motion, in cut-offs of the filter."""
+PERIODIC = 1.5  # highest line of a periodic motion, in cut-offs of the filter
 EDGE = 2.0
 """Periods of the cut-off at each end of what is fitted that are left out: 130 ms at 15 Hz. The ends of a record,
 filtered with an invented continuation, would change K by 0.05 % and I by 0.4 %."""
-SHORTEST_S = 1.0
-"""Shortest stretch [s] that is fitted."""
-LEAST, MOST = 0.01, 0.99
-"""Shares of the power of angle and acceleration beyond the band of a motion."""
-PARTS = 3
-"""Number of consecutive parts of a record, each of which is predicted by a fit to the others."""
-BAND_PIECE_S = 8.0
-"""Longest piece [s] of the spectrum from which the band is read."""
-TERMS = 5
-"""Terms by which a signal is found from what a filter left of it: up to the cut-off 97 % of it."""
+SHORTEST_S = 1.0  # shortest stretch [s] that is fitted
+LEAST, MOST = 0.01, 0.99  # shares of the power of angle and acceleration beyond the band of a motion
+PARTS = 3  # number of consecutive parts of a record, each of which is predicted by a fit to the others
+BAND_PIECE_S = 8.0  # longest piece [s] of the spectrum from which the band is read
+TERMS = 5  # terms by which a signal is found from what a filter left of it: up to the cut-off 97 % of it
 DITHERED = 1e-3
 """Share of the rounding that survives the noise before it, below which the residuals have all that is left of it."""
-Columns = Mapping[str, Array]
-"""Columns (n,) of a regression by name, over all rows of a record."""
+Columns = Mapping[str, Array]  # columns (n,) of a regression by name, over all rows of a record
 NONE: Columns = {}
 
 
@@ -56,29 +49,20 @@ NONE: Columns = {}
 class MovingRecord:
     """Signals of one trial of any excitation, shape (n,) each, and the stretches that are fitted."""
 
-    uniform: UniformSignals
-    """The signals on their time base."""
-    theta: Array
-    """Angle of the joint [rad], the yielding of the bench taken off."""
-    torque: Array
-    """Raw resisting torque [N*m] without the load cell's drift."""
-    motion: Motion
-    """Filtered joint angle with its derivatives."""
-    filtered_torque: Array
-    """The torque through the same filter [N*m]."""
-    pieces: tuple[slice, ...]
-    """Rows of the stretches that are fitted: moving, measured, away from ends."""
-    inside: NDArray[np.bool_]
-    """Rows of the stated windows; all of them without one."""
-    band_hz: tuple[float, float]
-    """Lowest and highest frequency [Hz] of the motion."""
+    uniform: UniformSignals  # the signals on their time base
+    theta: Array  # angle of the joint [rad], the yielding of the bench taken off
+    torque: Array  # raw resisting torque [N*m] without the load cell's drift
+    motion: Motion  # filtered joint angle with its derivatives
+    filtered_torque: Array  # the torque through the same filter [N*m]
+    pieces: tuple[slice, ...]  # rows of the stretches that are fitted: moving, measured, away from ends
+    inside: NDArray[np.bool_]  # rows of the stated windows; all of them without one
+    band_hz: tuple[float, float]  # lowest and highest frequency [Hz] of the motion
     low_pass: LowPass
     largest_inertia_error: float | None = None
     """Change of I [kg*m^2] by a small torque error from which the record is refused; None: no limit."""
     largest_drift_ppm: float = np.inf
     """Drift [ppm] between the clocks of angle and torque from which the record is refused."""
-    drift: float = 0.0
-    """Drift of the load cell [N*m/s] that was subtracted from the torque."""
+    drift: float = 0.0  # drift of the load cell [N*m/s] that was subtracted from the torque
     bench: BenchStiffness | None = None
     other: "MovingRecord | None" = None
     """The same if undecided stamps were taken the other way; None where all are decided."""
@@ -154,12 +138,6 @@ def moving_record(
     """Bring a trial on one time base, find where the joint moves, and filter; `windows` as in `stated_windows`.
 
     `signals` are those of `recorded`, where it was called already.
-
-    Raises
-    ------
-    InputError
-        A signal is missing or has no time base, windows are not in the record, or nothing is left to fit. The message
-        names the trial.
     """
     if signals is None:
         signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))

@@ -40,14 +40,10 @@ RESPONSE_KEYS = ("trial", "joint", "side", "controller", "K_d", "B_d", "frequenc
 class SegmentPhasors:
     """Phasors of raw angle and torque in one segment."""
 
-    amplitude_deg: float
-    """Commanded amplitude [deg]."""
-    frequency_hz: float
-    """Frequency [Hz]."""
-    theta: Phasor
-    """Of the joint angle [rad]."""
-    torque: Phasor
-    """Of the resisting torque [N*m]."""
+    amplitude_deg: float  # commanded amplitude [deg]
+    frequency_hz: float  # frequency [Hz]
+    theta: Phasor  # of the joint angle [rad]
+    torque: Phasor  # of the resisting torque [N*m]
     compliance_error: float = 0.0
     """Standard error [rad/(N*m)] of the bench's compliance, whose yielding was taken off the angle."""
 
@@ -65,11 +61,6 @@ def phasors_beside(trial: SteppedSineTrial, model: Columns) -> list[SegmentPhaso
 
     The last cycle is not used. If the angle lags the command by more at one frequency than at another, this cycle
     contains the beginning of the next frequency. A fit of the `model` will need the same errors of rounding.
-
-    Raises
-    ------
-    InputError
-        As `segment_phasors`, naming the trial.
     """
     try:
         return [phasors_of(trial, segment, model) for segment in trial.segments(None)]
@@ -91,11 +82,6 @@ def segment_phasors(
     """Phasors of one segment of the raw signals `theta` and `torque` (n,) [rad, N*m], with the segment's sine.
 
     `repeated` are the errors of a signal that every cycle repeats, in the rows of the segment.
-
-    Raises
-    ------
-    InputError
-        As `fit_sinusoid`.
     """
     parts = {name: segment.part(signal) for name, signal in signals.items()}
     phasors = sine.phasors(parts, {name: [error] for name, error in repeated.items()})
@@ -193,14 +179,11 @@ Phasors = NDArray[np.complex128]
 class Nonlinearity:
     """Harmonics of the torque under a sine of the angle, and what of them has the phase of which cause."""
 
-    even: float
-    """Amplitude of harmonics 2 and 4 that all segments share, as a share of the fundamental: asymmetry."""
+    even: float  # amplitude of harmonics 2 and 4 that all segments share, as a share of the fundamental: asymmetry
     odd: float
     """Amplitude of harmonics 3 and 5, as a share of the fundamental: friction, backlash, a spring that stiffens."""
-    coulomb: float
-    """Coulomb friction [N*m], from harmonics in phase with the sign of the velocity."""
-    cubic: float
-    """Cubic stiffness [N*m/rad^3], from the third harmonic in phase with the angle."""
+    coulomb: float  # coulomb friction [N*m], from harmonics in phase with the sign of the velocity
+    cubic: float  # cubic stiffness [N*m/rad^3], from the third harmonic in phase with the angle
     gap: float
     """Torque [N*m] that a gap takes off, from harmonics in phase with the sign of the torque: K times half the gap."""
 

@@ -36,8 +36,7 @@ from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.repeats import summary_row
 from osl_analysis.trial import Trial
 
-SLOW_TURN_DEG = 1.0
-"""Turn of a joint [deg] beyond the noise of any encoder: it moved, if slowly."""
+SLOW_TURN_DEG = 1.0  # turn of a joint [deg] beyond the noise of any encoder: it moved, if slowly
 RenderedTrial = SteppedSineTrial | MovingRecord
 OF_RECORDS = (
     "theta_rms_deg",
@@ -79,13 +78,7 @@ def rendered_trial(trial: Trial, settings: ImpedanceAnalysis, windows: str | Non
 
 
 def perhaps_at_rest(trial: Trial, settings: ImpedanceAnalysis, known: Recorded) -> SteppedSineTrial:
-    """A stepped sine in an angle that turns by no more than its noise.
-
-    Raises
-    ------
-    InputError
-        There is none: the joint does not move, or slowly.
-    """
+    """A stepped sine in an angle that turns by no more than its noise."""
     try:
         return stepped_sine_trial(trial, settings, known)
     except InputError as error:
@@ -103,13 +96,7 @@ def perhaps_at_rest(trial: Trial, settings: ImpedanceAnalysis, known: Recorded) 
 
 
 def perhaps_damaged(trial: Trial, settings: ImpedanceAnalysis, known: Recorded) -> SteppedSineTrial:
-    """A stepped sine that may be damaged, where a part of the moving time are sines.
-
-    Raises
-    ------
-    InputError
-        As `stepped_sine_trial`, or hardly any of it is a sine; the message names the setting for another motion.
-    """
+    """A stepped sine that may be damaged, where a part of the moving time are sines."""
     sines = known.motion.sines
     meant = (
         f"{100 * sines:.0f} % of the moving time are sines of one frequency: if another motion was meant, "
@@ -206,8 +193,7 @@ OF_GAINS, OF_LAG = (
     "whether the torque is late",
 )
 LOOKS_ALIKE = "a lag that would change I by a tenth or more looks like noise here, or like what Eqs. 15 and 9 miss"
-BAND_POINTS = 12
-"""Frequencies of a band at which the rendered impedance is predicted."""
+BAND_POINTS = 12  # frequencies of a band at which the rendered impedance is predicted
 OF_BELT = "K against the belt's K_s"
 OF_DRIFT = "whether K changes while it is recorded: noise, or what Eq. 15 misses, may hide it"
 OF_CLOCKS = "whether the clocks of angle and torque drift apart: what the fit leaves does not show it"
@@ -217,12 +203,9 @@ OF_CLOCKS = "whether the clocks of angle and torque drift apart: what the fit le
 class AskedImpedance:
     """What the leg was asked to render, and all that linear theory needs to say what it should have rendered."""
 
-    desired: DesiredImpedance
-    """Controller and desired impedance."""
-    weight: Weight
-    """W of Eq. 14 with which the gains were selected."""
-    frequencies_hz: Sequence[float]
-    """Frequencies [Hz] of the protocol."""
+    desired: DesiredImpedance  # controller and desired impedance
+    weight: Weight  # W of Eq. 14 with which the gains were selected.
+    frequencies_hz: Sequence[float]  # frequencies [Hz] of the protocol
 
     def frequencies_of(self, rendered: RenderedTrial) -> Sequence[float]:
         """Frequencies [Hz] at which the rendered impedance is predicted: of the protocol, or over the motion's band."""
@@ -302,14 +285,11 @@ def judged_by_gains(
     return judged.with_columns(asked.left_unchecked(p))
 
 
-SAME_MOTION = 0.15
-"""Largest relative difference of band, period and size of motions that are realisations of one."""
-QUANTITIES = ("K", "B", "I")
-"""Estimates that are averaged."""
+SAME_MOTION = 0.15  # largest relative difference of band, period and size of motions that are realisations of one
+QUANTITIES = ("K", "B", "I")  # estimates that are averaged
 SAME = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
 """Columns in which the trials of one row agree, as far as the table of fits has them."""
-TEXT = ("joint", "side", "controller", "group", "excitation", "quantity", "interval_method")
-"""Columns of text."""
+TEXT = ("joint", "side", "controller", "group", "excitation", "quantity", "interval_method")  # columns of text
 NUMBERS = ("band_low_hz", "band_high_hz", "n", "mean", "sd", "se", "low", "high", "n_doubtful", "n_left_out")
 """Columns of numbers beside the condition."""
 

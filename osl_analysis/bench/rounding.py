@@ -20,28 +20,21 @@ from osl_analysis.stats.rounding import (
 from osl_analysis.stats.sinusoid import waves
 from osl_analysis.trial import Array
 
-SINES = 3
-"""Harmonics of the sine that a segment may have, the fundamental included."""
-BATCH = 12_000
-"""Samples whose rounding is computed at a time: it stays in the processor's cache."""
+SINES = 3  # harmonics of the sine that a segment may have, the fundamental included
+BATCH = 12_000  # samples whose rounding is computed at a time: it stays in the processor's cache
 FEW, CLEAR = 8, 1.2
 """Rows of which one is seen at first, and the noise [steps] that is then large enough: twice what `DITHERED` needs."""
-DITHERED = 1e-3
-"""Share of the rounding that survives the noise before it, below which there is nothing to repeat."""
+DITHERED = 1e-3  # share of the rounding that survives the noise before it, below which there is nothing to repeat
 
 
 @dataclass(frozen=True)
 class Rounded:
     """A signal that was rounded, in its unit, on the grid with times `time` (n,) [s]."""
 
-    step: float
-    """The step."""
-    signal: Array
-    """The signal as it was recorded, shape (n,)."""
-    smooth: Array
-    """The signal without rounding, noise and anything else that is fast, shape (n,)."""
-    time: Array
-    """Uniform times [s]."""
+    step: float  # the step
+    signal: Array  # the signal as it was recorded, shape (n,)
+    smooth: Array  # the signal without rounding, noise and anything else that is fast, shape (n,)
+    time: Array  # uniform times [s]
     sampled: Array
     """When the sensor took its samples, shape (k,) [s]; the times themselves where these are the rows of the grid."""
     kept: dict[Segment, Array] = field(default_factory=dict, init=False, compare=False, repr=False)
@@ -92,8 +85,7 @@ class Rounded:
 class RoundingSums:
     """What the rounding of a signal adds up to over cycles, beside columns (n, p) of a fit. Sums of segments add."""
 
-    total: Array
-    """Sums of columns times harmonics of the error over all cycles, shape (p, 2 HARMONICS)."""
+    total: Array  # sums of columns times harmonics of the error over all cycles, shape (p, 2 HARMONICS)
     shown: Array
     """Part of their covariance that the spread between cycles has already, shape (p, p); 0 with too few cycles."""
 

@@ -17,14 +17,10 @@ from osl_analysis.stats.sinusoid import waves
 from osl_analysis.timebase.grid import BRIDGE_MORE
 from osl_analysis.trial import Array
 
-SAME_FREQUENCY = 1e-3
-"""Relative difference of frequencies that are one."""
-SAME_PHASE = 2e-3
-"""Part of a cycle by which a run may slip against a frequency that is taken for its own."""
-TOUCHING = 0.3
-"""Largest part of a cycle between two runs that follow one another without a rest."""
-COARSE = 20
-"""Steps within half a period of the fastest sine in which the start of a group is sought at first."""
+SAME_FREQUENCY = 1e-3  # relative difference of frequencies that are one
+SAME_PHASE = 2e-3  # part of a cycle by which a run may slip against a frequency that is taken for its own
+TOUCHING = 0.3  # largest part of a cycle between two runs that follow one another without a rest
+COARSE = 20  # steps within half a period of the fastest sine in which the start of a group is sought at first
 WHOLE, UPWARD = 0.15, 0.5
 """Deviation of a run from whole cycles, and of its phase [rad] at its start from 0, with which it is a plain sine."""
 
@@ -33,16 +29,11 @@ WHOLE, UPWARD = 0.15, 0.5
 class Segment:
     """Whole cycles of one amplitude at one frequency. Rows are counted in the record; they need not be whole."""
 
-    amplitude: float
-    """Commanded amplitude [rad]."""
-    frequency_hz: float
-    """Frequency [Hz], the commanded one where the recorded one cannot be told from it."""
-    start: float
-    """Row at which the first cycle begins."""
-    stop: float
-    """Row at which the last one ends."""
-    cycles: int
-    """Number of cycles in between."""
+    amplitude: float  # commanded amplitude [rad]
+    frequency_hz: float  # frequency [Hz], the commanded one where the recorded one cannot be told from it
+    start: float  # row at which the first cycle begins
+    stop: float  # row at which the last one ends
+    cycles: int  # number of cycles in between
     excluded_cycles: frozenset[int] = frozenset()
     """Cycles, counted from 0, that are not used: they contain rows without a measurement."""
 
@@ -102,10 +93,8 @@ def whole_rows(start: float, stop: float) -> slice:
 class Block:
     """The segments of one amplitude."""
 
-    amplitude: float
-    """Commanded amplitude [rad]."""
-    segments: tuple[Segment, ...]
-    """One segment per run of this amplitude, in the order of time."""
+    amplitude: float  # commanded amplitude [rad]
+    segments: tuple[Segment, ...]  # one segment per run of this amplitude, in the order of time
 
     @property
     def amplitude_deg(self) -> float:
@@ -132,11 +121,6 @@ def settled(
 
     The first cycles still contain the transient. Into the last one the zero-phase filter smears the beginning of the
     next frequency. Cycles with a row that is not `usable` (n,) are not fitted.
-
-    Raises
-    ------
-    InputError
-        No cycle of an amplitude at one frequency is usable.
     """
     segments = (s for block in blocks for s in block.segments)
     trimmed = (trimmed_segment(s, min(settle_cycles, s.cycles - 1), 1) for s in segments)
@@ -204,11 +188,6 @@ def find_blocks(
 
     Frequencies, their order, rests, ramps and numbers of cycles are as recorded. The protocol says which amplitudes
     are meant. A run of another amplitude is not used if all of the commanded ones were recorded.
-
-    Raises
-    ------
-    InputError
-        There is no sine, or a commanded amplitude was not recorded and another one was.
     """
     rate = sampling_rate(time)
     found = likeness(time, theta, protocol).runs if known is None else known

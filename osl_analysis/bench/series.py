@@ -16,18 +16,12 @@ MOST_ROWS = 10_000
 class Series:
     """Measured and modelled signals of one trial, shape (n,) each."""
 
-    time: Array
-    """Time [s]."""
-    torque: Array
-    """Measured torque, as it was fitted [N*m]."""
-    torque_model: Array
-    """Torque of the fitted model [N*m]; NaN where the model says nothing."""
-    motion: Array
-    """Angle [rad], or velocity [rad/s] where the bench has no angle."""
-    fitted: NDArray[np.bool_]
-    """Rows that are fitted."""
-    is_velocity: bool = False
-    """Whether `motion` is a velocity."""
+    time: Array  # time [s]
+    torque: Array  # measured torque, as it was fitted [N*m]
+    torque_model: Array  # torque of the fitted model [N*m]; NaN where the model says nothing
+    motion: Array  # angle [rad], or velocity [rad/s] where the bench has no angle
+    fitted: NDArray[np.bool_]  # rows that are fitted
+    is_velocity: bool = False  # whether `motion` is a velocity
 
     def table(self, most: int = MOST_ROWS) -> pl.DataFrame:
         """Every k-th sample, `most` or fewer rows, and the range of the residual in the k samples from each on.

@@ -83,13 +83,7 @@ class BenchStiffness(Settings):
 
 
 def in_newton_metres_per_rad(text: str) -> float:
-    """A stiffness with its unit [N*m/rad].
-
-    Raises
-    ------
-    ValueError
-        It is no positive number with one of the `STIFFNESS_UNITS`.
-    """
+    """A stiffness with its unit [N*m/rad]."""
     number, _, unit = text.strip().partition(" ")
     try:
         value = float(number) * STIFFNESS_UNITS[unit.strip()]

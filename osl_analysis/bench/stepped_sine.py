@@ -25,8 +25,7 @@ from osl_analysis.timebase.drift import ClockDrift, SinePiece, check_drift, cloc
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals, origin, uniform_signals
 
-Columns = Callable[[Motion], Mapping[str, Array]]
-"""The named columns (n,) of a model for a motion (n,)."""
+Columns = Callable[[Motion], Mapping[str, Array]]  # the named columns (n,) of a model for a motion (n,)
 
 
 @dataclass(frozen=True)
@@ -34,8 +33,7 @@ class Recorded:
     """Angle and torque of a trial on one time base, with the command if a log has it, and what the joint did."""
 
     signals: UniformSignals
-    motion: Likeness
-    """The motion of the bench's angle, which the bench controls."""
+    motion: Likeness  # the motion of the bench's angle, which the bench controls
 
     def other(self) -> "Recorded | None":
         """The same if undecided stamps were taken the other way; None where all are decided."""
@@ -44,13 +42,7 @@ class Recorded:
 
 
 def recorded(trial: Trial, settings: SteppedSineAnalysis) -> Recorded:
-    """The signals of a trial, as every fit of a stepped sine, or of another motion, takes them.
-
-    Raises
-    ------
-    InputError
-        A signal is missing or has no time base; the message names the trial.
-    """
+    """The signals of a trial, as every fit of a stepped sine, or of another motion, takes them."""
     signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
     return recorded_motion(signals, settings.protocol)
 
@@ -70,36 +62,23 @@ def resolution_of(trial: Trial, column: str, known: Recorded) -> float | None:
 class SteppedSineTrial:
     """Raw and filtered signals of one stepped-sine trial, shape (n,) each, and the blocks of its protocol."""
 
-    name: str
-    """Name of the trial."""
-    time: Array
-    """Time [s]."""
-    rate_hz: float
-    """Sampling rate [Hz]."""
-    theta: Array
-    """Raw joint angle [rad]."""
-    torque: Array
-    """Raw resisting torque [N*m] without the load cell's drift."""
-    motion: Motion
-    """Filtered joint angle with its derivatives."""
-    filtered_torque: Array
-    """The torque through the same filter [N*m]."""
-    blocks: tuple[Block, ...]
-    """One block per amplitude."""
-    settle_cycles: int
-    """Number of cycles at the start of each segment that are not fitted."""
-    low_pass: LowPass
-    """The filter of angle and torque."""
-    drift: float
-    """Drift of the load cell [N*m/s] that was subtracted from the torque."""
+    name: str  # name of the trial
+    time: Array  # time [s]
+    rate_hz: float  # sampling rate [Hz]
+    theta: Array  # raw joint angle [rad]
+    torque: Array  # raw resisting torque [N*m] without the load cell's drift
+    motion: Motion  # filtered joint angle with its derivatives
+    filtered_torque: Array  # the torque through the same filter [N*m]
+    blocks: tuple[Block, ...]  # one block per amplitude
+    settle_cycles: int  # number of cycles at the start of each segment that are not fitted
+    low_pass: LowPass  # the filter of angle and torque
+    drift: float  # drift of the load cell [N*m/s] that was subtracted from the torque
     steps: tuple[float | None, float | None] = (None, None)
     """Steps to which angle [rad] and torque [N*m] were rounded; None where they are not known."""
-    usable: NDArray[np.bool_] | None = None
-    """Rows that are not near a gap in the recording; None: all."""
+    usable: NDArray[np.bool_] | None = None  # rows that are not near a gap in the recording; None: all
     uniform: UniformSignals | None = None
     """The signals on their time base, with what the recorders did; None for a trial that no file holds."""
-    bench: BenchStiffness | None = None
-    """Stiffness of the bench; its yielding is taken off the angle."""
+    bench: BenchStiffness | None = None  # stiffness of the bench; its yielding is taken off the angle
     other: "SteppedSineTrial | None" = None
     """The same if undecided stamps were taken the other way; None where all are decided."""
     softer: "SteppedSineTrial | None" = None

@@ -23,20 +23,15 @@ from osl_analysis.stats.slow_motion import fit_slow_motion
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals, uniform_signals
 
-SMALLEST_SWING = 0.1
-"""Part of the range of motion by which the angle must come back for a turning point."""
-AT_AN_END = 0.1
-"""Part of the range of motion within which a start counts as one end of the motion."""
-CLOSED = 0.05
-"""Largest distance of a cycle's ends, as a part of the range of motion."""
-WHOLE = 0.9
-"""Smallest range of a cycle, as a part of the range of motion."""
+SMALLEST_SWING = 0.1  # part of the range of motion by which the angle must come back for a turning point
+AT_AN_END = 0.1  # part of the range of motion within which a start counts as one end of the motion
+CLOSED = 0.05  # largest distance of a cycle's ends, as a part of the range of motion
+WHOLE = 0.9  # smallest range of a cycle, as a part of the range of motion
 NO_RETURN = 0.005
 """Part of the range of torque by which a first cycle may miss its begin without differing from the later ones."""
 MUCH_MORE = 3.0
 """Ratio of this distance to that of later cycles from which on the first one differs: drift makes them alike."""
-RESTS = 0.01
-"""Part of the range of motion within which the joint rests."""
+RESTS = 0.01  # part of the range of motion within which the joint rests
 
 
 @dataclass(frozen=True)
@@ -91,11 +86,6 @@ def find_cycles(theta: Array, settle: int = 0) -> Cycles:
     A cycle begins where the recording begins, and ends where the angle comes back in the same direction; if the motion
     starts at one of its ends, where the angle comes back to this end. Loading is the way to the end that is farther
     from the start.
-
-    Raises
-    ------
-    InputError
-        There is no whole cycle, or none after the first ones.
     """
     low, high = float(theta.min()), float(theta.max())
     span, start = high - low, float(theta[0])
@@ -183,27 +173,18 @@ def joined(pieces: Sequence[slice]) -> NDArray[np.intp]:
     return np.concatenate([np.arange(piece.start, piece.stop) for piece in pieces])
 
 
-AT_REST = 0.01
-"""Part of the range of motion by which the angle may change while the joint rests."""
+AT_REST = 0.01  # part of the range of motion by which the angle may change while the joint rests
 OFF_MIDDLE = 0.25
 """Distance of the zero from the middle of the loop, as a part of its width there, from which it is said: 0.5 on a
 branch, 0 where friction lets go at rest."""
-LEAST_SHIFT = 0.005
-"""The same as a part of the range of torque, below which it is not worth a word."""
+LEAST_SHIFT = 0.005  # the same as a part of the range of torque, below which it is not worth a word
 LEAST_LOOP = 0.02
 """Width of the loop, as a part of the range of torque, below which hysteresis leaves nothing worth a word."""
-SMALL_ZERO = 0.1
-"""Torque taken for zero, as a part of the width of the loop, below which it is no matter what it is."""
+SMALL_ZERO = 0.1  # torque taken for zero, as a part of the width of the loop, below which it is no matter what it is
 
 
 def torque_zero(theta: Array, torque: Array, rate_hz: float, settings: TorqueAngleAnalysis) -> float:
-    """Torque [N*m] at rest, by the rule of the settings; 0 if there is none.
-
-    Raises
-    ------
-    InputError
-        The joint does not rest there.
-    """
+    """Torque [N*m] at rest, by the rule of the settings; 0 if there is none."""
     if settings.zero == "none":
         return 0.0
     count = max(round(settings.rest_s * rate_hz), 1)
@@ -236,10 +217,8 @@ def rest_change(theta: Array, torque: Array, rate_hz: float, settings: TorqueAng
 class Loop:
     """The loop at the angle of the rest, [N*m] from the zero."""
 
-    middle: float
-    """Mean of loading and unloading."""
-    width: float
-    """Their distance."""
+    middle: float  # mean of loading and unloading
+    width: float  # their distance
 
 
 def loop_at(at_deg: float, angle_deg: Array, loading: Array, unloading: Array) -> Loop | None:
@@ -262,12 +241,9 @@ def may_be_left(zero: float, loop: Loop | None, widest: float, torque_range: flo
     return abs(loop.middle) > max(OFF_MIDDLE * loop.width, LEAST_SHIFT * torque_range)
 
 
-FEWEST_SAMPLES = 10
-"""Samples around a point of a curve below which it stays empty."""
-NORMAL = 1.96
-"""Half-width of the 95 % interval, in standard errors, where the noise is known well."""
-FEWEST_POINTS = 5
-"""Points of a curve below which a trial is refused."""
+FEWEST_SAMPLES = 10  # samples around a point of a curve below which it stays empty
+NORMAL = 1.96  # half-width of the 95 % interval, in standard errors, where the noise is known well
+FEWEST_POINTS = 5  # points of a curve below which a trial is refused
 
 
 @dataclass(frozen=True)
@@ -287,16 +263,11 @@ class Energies:
 class Curve:
     """One branch, over the cycles: (m,) each at the angles of the grid; NaN where the branch does not reach."""
 
-    torque: Array
-    """Torque [N*m], mean of the cycles."""
-    stiffness: Array
-    """Slope of torque over angle [N*m/rad], mean of the cycles."""
-    torque_half: Array
-    """Half-width of the 95 % interval of the torque."""
-    stiffness_half: Array
-    """Half-width of the 95 % interval of the slope."""
-    torques: Array
-    """Torque of each cycle (cycles, m)."""
+    torque: Array  # torque [N*m], mean of the cycles
+    stiffness: Array  # slope of torque over angle [N*m/rad], mean of the cycles
+    torque_half: Array  # half-width of the 95 % interval of the torque
+    stiffness_half: Array  # half-width of the 95 % interval of the slope
+    torques: Array  # torque of each cycle (cycles, m)
 
 
 def energies(theta: Array, torque: Array, cycle: Cycle) -> Energies:
@@ -314,13 +285,7 @@ def energies(theta: Array, torque: Array, cycle: Cycle) -> Energies:
 
 
 def grid_deg(theta: Array, branches: Sequence[Sequence[NDArray[np.intp]]], step_deg: float) -> Array:
-    """The angles [deg], multiples of a step, that every branch of every cycle passes.
-
-    Raises
-    ------
-    InputError
-        There are too few.
-    """
+    """The angles [deg], multiples of a step, that every branch of every cycle passes."""
     low = max(float(theta[rows].min()) for cycle in branches for rows in cycle)
     high = min(float(theta[rows].max()) for cycle in branches for rows in cycle)
     first, last = int(np.ceil(np.rad2deg(low) / step_deg)), int(np.floor(np.rad2deg(high) / step_deg))
@@ -437,36 +402,24 @@ def secant(theta: Array, torque: Array, rows: NDArray[np.intp]) -> float:
     return float((torque[high] - torque[low]) / (theta[high] - theta[low]))
 
 
-LEAST_VAF = 50.0
-"""VAF [percent] of the torque by its curve over angle below which the torque does not follow the angle."""
+LEAST_VAF = 50.0  # VAF [percent] of the torque by its curve over angle below which the torque does not follow the angle
 
 
 @dataclass(frozen=True)
 class TorqueAngleTrial:
     """One trial: filtered signals, shape (n,) each, cycles, and curves at the angles of the grid, (m,)."""
 
-    name: str
-    """Name of the trial."""
-    time: Array
-    """Time [s]."""
-    theta: Array
-    """Angle of the joint [rad], without the bench's yielding."""
-    bench_theta: Array
-    """Angle of the bench [rad]."""
-    torque: Array
-    """Resisting torque [N*m] from its zero."""
-    zero: float
-    """Torque [N*m] that was taken for zero."""
-    cycles: Cycles
-    """Its cycles."""
-    angle_deg: Array
-    """Angles of the grid [deg]."""
-    curves: tuple[Curve, Curve]
-    """Loading and unloading."""
-    settings: TorqueAngleAnalysis
-    """The choices of the analysis."""
-    uniform: UniformSignals
-    """The signals on their time base."""
+    name: str  # name of the trial
+    time: Array  # time [s]
+    theta: Array  # angle of the joint [rad], without the bench's yielding
+    bench_theta: Array  # angle of the bench [rad]
+    torque: Array  # resisting torque [N*m] from its zero
+    zero: float  # torque [N*m] that was taken for zero
+    cycles: Cycles  # its cycles
+    angle_deg: Array  # angles of the grid [deg]
+    curves: tuple[Curve, Curve]  # loading and unloading
+    settings: TorqueAngleAnalysis  # the choices of the analysis
+    uniform: UniformSignals  # the signals on their time base
 
     def rows(self, branch: int) -> list[NDArray[np.intp]]:
         """Rows of a branch, 0 loading or 1 unloading, cycle by cycle."""

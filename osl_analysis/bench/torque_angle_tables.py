@@ -23,8 +23,7 @@ from osl_analysis.trial import Array
 BRANCHES = ("loading", "unloading")
 OTHER_SPEED = 1.3
 """Ratio of the speeds of the fastest and slowest cycle from which on they say whether torque depends on speed."""
-TEXTS = ("interval_method", "desired", "not_checked")
-"""Columns of a trial's row that hold text and may be empty."""
+TEXTS = ("interval_method", "desired", "not_checked")  # columns of a trial's row that hold text and may be empty
 SMALLER = "smaller_cycles, whole but smaller than the largest, are not analysed: record each amplitude as its own trial"
 """Said of a trial with cycles of several amplitudes."""
 LEFT = (

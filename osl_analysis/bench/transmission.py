@@ -16,8 +16,7 @@ from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, est
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
 
-TRANSMISSION = ("B_j", "J_j")
-"""Parameters of Eq. 4 with the motor detached."""
+TRANSMISSION = ("B_j", "J_j")  # parameters of Eq. 4 with the motor detached.
 COULOMB_WIDTH = 0.05
 """Velocity [rad/s] over which the sign of the velocity is smoothed where Coulomb friction is fitted for comparison."""
 SUMMARISED = ("B_j", "J_j", "VAF", "T_C", "VAF_coulomb")

@@ -119,12 +119,11 @@ def analyse(
     platform: Path | None = None,
 ) -> None:
     """Angle and torque of one crossing, with its events, to a Parquet file. `perturbed`, `direction` and `body_mass_kg`
-    are entries of the sheet.
+    are entries of the sheet. Without the file `platform` of `measure_platform`, the crossing has its own motion and
+    onset of the platform.
 
-    Without the file `platform` of `measure_platform`, the crossing has its own motion and onset of the platform.
-
-    A crossing that cannot be analysed does not stop the others. Its file contains the reason instead of samples, and a
-    warning states the reason.
+    A crossing that cannot be analysed does not stop the others: its file has the reason instead of samples, and a
+    warning states it.
     """
     static, model, walked = read_calibration(calibration), read_plate(plate), read_trial(trial)
     shared = ALONE if platform is None else read_platform(platform)

@@ -24,7 +24,7 @@ from osl_analysis.table import MEASURED, Places, read_table, write_table
 from osl_analysis.trial import Array, read_trial
 from osl_analysis.walking.conditions import ALL, statements
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.ensemble import Headline, group_headline
+from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.gait import UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.headline_doubts import group_facts
 from osl_analysis.walking.overground import overground_rows
@@ -62,9 +62,9 @@ NO_GAIT = (
 class GroupResult:
     """What a group gives to each table."""
 
-    rows: Sequence[Mapping[str, Any]]  # Its rows of `walking_summary.csv`
-    fact: Mapping[str, Any]  # Its row of `walking_groups.csv`
-    curve: pl.DataFrame | None  # Its responses in their window; None without a result
+    rows: Sequence[Mapping[str, Any]]  # of `walking_summary.csv`
+    fact: Mapping[str, Any]  # its row of `walking_groups.csv`
+    curve: pl.DataFrame | None  # its responses in their window; None without a result
 
 
 def group_result(
@@ -79,37 +79,26 @@ def group_result(
     known = {"group": group.name}
     fact: dict[str, Any] = group_row(group, gait, settings.window_s) | {"fitted_phase": None, "reason": None}
     try:
-        headline = headline_of(own, files, gait, settings)
+        if gait is None:
+            raise InputError(NO_GAIT)
+        if len(own) < FEWEST_PERTURBED:
+            raise InputError(
+                f"{len(own)} perturbations can be used, expected {FEWEST_PERTURBED} or more for a scatter; see the "
+                "reasons in walking_excluded.csv, or record more"
+            )
+        headline = group_headline([read_crossing(files[trial]) for trial in own["trial"]], gait, settings)
     except OslAnalysisError as error:
         warnings.warn(f"no result of {group.name}: {error}", stacklevel=2)
         rows = [known | row for row in reason_rows(str(error), len(own))]
         return GroupResult(rows, fact | {"reason": str(error)}, None)
-    fact |= {"fitted_phase": phase_after(fact, fitted_time(headline.ensemble, settings.timing))}
+    time = fitted_time(headline.ensemble, settings.timing)
+    fact["fitted_phase"] = float(fact["onset_phase"] + time / fact["stance_s"])
     rows = [
         known | row | {"commanded": group.cells.get(f"{row['quantity']}_d"), "reason": None}
         for row in headline_rows(headline, own, doubtful_row(own))
     ]
     curve = response_table(group.name, headline.responses, headline.ensemble)
     return GroupResult(rows, fact | group_facts(headline), curve)
-
-
-def headline_of(
-    fits: pl.DataFrame, files: Mapping[str, Path], gait: UnperturbedGait | None, settings: EnsembleSettings
-) -> Headline:
-    """Result of the crossings of one group that have rows in `fits`; `files` are the crossings' by trial."""
-    if gait is None:
-        raise InputError(NO_GAIT)
-    if len(fits) < FEWEST_PERTURBED:
-        raise InputError(
-            f"{len(fits)} perturbations can be used, expected {FEWEST_PERTURBED} or more for a scatter; see the "
-            "reasons in walking_excluded.csv, or record more"
-        )
-    return group_headline([read_crossing(files[trial]) for trial in fits["trial"]], gait, settings)
-
-
-def phase_after(fact: Mapping[str, Any], time: float) -> float:
-    """Phase of stance a time [s] after the onset of a group, whose row of `walking_groups.csv` is given."""
-    return float(fact["onset_phase"] + time / fact["stance_s"])
 
 
 HEADLINES = ("group", "quantity", "estimator", "n", "mean", "se", "low", "high", "commanded")
@@ -247,13 +236,7 @@ def summarise_perturbations(
 
 def selected_crossings(crossings: Sequence[Path], selection: Path) -> list[Crossing]:
     """The crossings that the table `selection` does not exclude."""
-    return [read_crossing(path) for path in crossings if exclusion_reason(path, selection) is None]
-
-
-def exclusion_reason(crossing: Path, selection: Path) -> str | None:
-    """Why the table `selection` excludes a crossing; None if it does not."""
-    reason: str | None = place_of(crossing, selection)["reason"]
-    return reason
+    return [read_crossing(path) for path in crossings if place_of(path, selection)["reason"] is None]
 
 
 def place_of(crossing: Path, selection: Path) -> dict[str, Any]:

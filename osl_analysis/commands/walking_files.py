@@ -6,7 +6,7 @@ reason why it was refused.
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,21 +37,14 @@ REFUSED = "refused"
 
 def write_calibration(calibration: StaticCalibration, trial: str, path: Path) -> None:
     """Write the static calibration from a trial [m, laboratory axes of the static trial]."""
-    clusters = {
-        name: {marker: position.tolist() for marker, position in getattr(calibration, name).items()}
-        for name in SEGMENTS
-    }
-    ankle = {"ankle_centre": calibration.ankle_centre.tolist(), "ankle_axis": calibration.ankle_axis.tolist()}
-    write_json({"trial": trial, **clusters, **ankle}, path)
+    write_json({"trial": trial, **asdict(calibration)}, path)
 
 
 def read_calibration(path: Path) -> StaticCalibration:
     """Read what `write_calibration` wrote."""
     content = read_json(path, "calibrate", *SEGMENTS, "ankle_centre", "ankle_axis")
-    foot, shank, platform = (
-        {marker: np.array(position) for marker, position in content[name].items()} for name in SEGMENTS
-    )
-    return StaticCalibration(foot, shank, platform, np.array(content["ankle_centre"]), np.array(content["ankle_axis"]))
+    clusters = ({marker: np.array(place) for marker, place in content[name].items()} for name in SEGMENTS)
+    return StaticCalibration(*clusters, np.array(content["ankle_centre"]), np.array(content["ankle_axis"]))
 
 
 def write_plate(plate: PlateModel, path: Path) -> None:
@@ -77,8 +70,8 @@ def plate_content(plate: PlateModel) -> dict[str, Any]:
 
 def read_plate(path: Path) -> PlateModel:
     """Read what `write_plate` wrote."""
-    fields = ("parameters", "lag_s", "lag_unknown", "lag_se_s", "lags_s", "rms_before", "rms_after", "leave_one_out")
-    content = read_json(path, "identify-plate", *fields)
+    required = ("parameters", "lag_s", "lag_unknown", "lag_se_s", "lags_s", "rms_before", "rms_after", "leave_one_out")
+    content = read_json(path, "identify-plate", *required)
     others = tuple(plate_from_content(model) for model in content["leave_one_out"])
     return replace(plate_from_content(content), leave_one_out=others)
 
@@ -93,9 +86,13 @@ def plate_from_content(content: Mapping[str, Any]) -> PlateModel:
 
 
 def write_json(content: Mapping[str, Any], path: Path) -> None:
-    """Write a JSON file, complete or not at all."""
+    """Write a JSON file, complete or not at all; arrays are lists, dataclasses objects."""
+
+    def plain(value: Any) -> Any:
+        return value.tolist() if isinstance(value, np.ndarray) else asdict(value)
+
     with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(content, indent=1, default=plain) + "\n", encoding="utf-8")
 
 
 def read_json(path: Path, step: str, *required: str) -> dict[str, Any]:
@@ -157,47 +154,32 @@ def read_crossing_files(paths: Sequence[Path]) -> tuple[list[Crossing], list[Ref
 
 def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     """Read what `write_crossing` or `write_refusal` wrote."""
-    refused = refused_crossing(path) if path.is_file() else None
-    if refused is not None:
-        return refused
+    if path.is_file():
+        try:
+            metadata = pl.read_parquet_metadata(path)
+        except (pl.exceptions.PolarsError, OSError):
+            metadata = {}
+        facts = json.loads(metadata.get(PROVENANCE_KEY, "{}"))
+        if REFUSED in facts:
+            return RefusedCrossing(metadata[NAME_KEY], facts["perturbed"], facts[REFUSED])
     trial = read_trial(path)
     events = trial.provenance
     if "heel_strike_s" not in events:
         raise InputError(f"{path}: a trial without events; run the step 'analyse' and use its crossing")
-    time, theta, torque, platform = trial.signals("theta", "torque", "platform")
+    signals, quality = trial.signals("theta", "torque", "platform"), events["quality"]
+    encoder, (forward, left) = quality["encoder"] and EncoderCheck(**quality["encoder"]), quality["placement"]
     return Crossing(
-        name=trial.name,
-        time=time,
-        theta=theta,
-        torque=torque,
-        platform=platform,
+        trial.name,
+        *signals,
         stance=Stance(events["heel_strike_s"], events["toe_off_s"]),
         onset=events["onset_s"],
         bridged=events["bridged"],
-        quality=quality_from_events(events["quality"]),
-        plate_errors=plate_error_columns(trial.samples).reshape(-1, len(time)),
+        quality=CrossingQuality(quality["residuals"], quality["zero"], (forward, left), encoder, quality["outside"]),
+        plate_errors=plate_error_columns(trial.samples).reshape(-1, len(signals[0])),
         load=Load(*trial.signals(LOAD, LOAD_LEFT)[1:]) if LOAD in trial.samples.columns else None,
         turn=events.get("turn_rad"),
         body_mass=events.get("body_mass_kg"),
     )
-
-
-def refused_crossing(path: Path) -> RefusedCrossing | None:
-    """The refused crossing that a Parquet file holds; None if it holds something else, or is not Parquet."""
-    try:
-        metadata = pl.read_parquet_metadata(path)
-    except (pl.exceptions.PolarsError, OSError):
-        return None
-    facts = json.loads(metadata.get(PROVENANCE_KEY, "{}"))
-    return RefusedCrossing(metadata[NAME_KEY], facts["perturbed"], facts[REFUSED]) if REFUSED in facts else None
-
-
-def quality_from_events(facts: dict[str, Any]) -> CrossingQuality:
-    """The quality in a crossing's provenance."""
-    encoder = facts["encoder"]
-    forward, left = facts["placement"]
-    checked = encoder and EncoderCheck(**encoder)
-    return CrossingQuality(facts["residuals"], facts["zero"], (forward, left), checked, facts["outside"])
 
 
 def plate_error_columns(frame: pl.DataFrame) -> np.ndarray:
@@ -217,66 +199,39 @@ def shared_side(trials: Sequence[str], places: Places | None) -> str | None:
     return sides.pop() if len(sides) == 1 else None
 
 
-FIELDS = ("template", "reason", "alignments", "triggers", "latency", "leave_out")
-NUMBERS = ("noise", "crossings", "scaled", "start_se", "start_shape")  # Of a shape, beside its arrays
-
-
 def write_platform(model: PlatformModel, path: Path) -> None:
     """Write the shape, how each crossing follows it, and the trigger's latency [SI]."""
-    content = {
-        "template": model.template and template_content(model.template),
-        "reason": model.reason,
-        "alignments": [asdict(a) | {"offset": a.offset.tolist()} for a in model.alignments.values()],
-        "triggers": model.triggers,
-        "latency": model.latency and asdict(model.latency),
-        "leave_out": [template_content(template) for template in model.leave_out],
-    }
-    write_json(content, path)
-
-
-def template_content(template: PlatformTemplate) -> dict[str, Any]:
-    """A shape as lists of numbers."""
-    arrays = {name: getattr(template, name).tolist() for name in ("axes", "time", "shape")}
-    return arrays | {name: getattr(template, name) for name in NUMBERS}
-
-
-def template_from(content: Mapping[str, Any]) -> PlatformTemplate:
-    """The shape that `template_content` described."""
-    arrays: dict[str, Any] = {name: np.array(content[name], dtype=float) for name in ("axes", "time", "shape")}
-    return PlatformTemplate(**arrays, **{name: content[name] for name in NUMBERS})
+    write_json({**vars(model), "alignments": list(model.alignments.values())}, path)
 
 
 def read_platform(path: Path) -> PlatformModel:
     """Read what `write_platform` wrote."""
-    content = read_json(path, "measure-platform", *FIELDS)
+
+    def shape(content: Mapping[str, Any]) -> PlatformTemplate:
+        arrays = {name: np.array(content[name], dtype=float) for name in ("axes", "time", "shape")}
+        return PlatformTemplate(**{**content, **arrays})
+
+    content = read_json(path, "measure-platform", *(field.name for field in fields(PlatformModel)))
     alignments = [Alignment(**{**a, "offset": np.array(a["offset"], dtype=float)}) for a in content["alignments"]]
     return PlatformModel(
-        content["template"] and template_from(content["template"]),
+        content["template"] and shape(content["template"]),
         content["reason"],
         {a.name: a for a in alignments},
-        dict(content["triggers"]),
+        content["triggers"],
         content["latency"] and TriggerLatency(**content["latency"]),
-        tuple(template_from(template) for template in content["leave_out"]),
+        tuple(map(shape, content["leave_out"])),
     )
 
 
 def write_unperturbed_gaits(gaits: Mapping[str, UnperturbedGait], path: Path) -> None:
     """Write the unperturbed crossings of each gait, by its name: a row per crossing and phase."""
-    n = len(PHASES)
-    frames = [
-        pl.DataFrame(
-            {
-                "gait": [name] * (n * len(gait.names)),
-                "trial": [trial for trial in gait.names for _ in range(n)],
-                "stance_s": np.repeat(gait.stance, n),
-                "phase": np.tile(PHASES, len(gait.names)),
-                "theta": gait.theta.ravel(),
-                "torque": gait.torque.ravel(),
-                **{f"{PLATE_ERROR}{i}": error.ravel() for i, error in enumerate(gait.plate_errors)},
-            }
-        )
-        for name, gait in gaits.items()
-    ]
+    n, frames = len(PHASES), []
+    for name, gait in gaits.items():
+        crossings = np.repeat(gait.names, n).tolist()
+        known = {"gait": [name] * len(crossings), "trial": crossings, "stance_s": np.repeat(gait.stance, n)}
+        curves = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
+        curves |= {f"{PLATE_ERROR}{i}": error.ravel() for i, error in enumerate(gait.plate_errors)}
+        frames.append(pl.DataFrame({**known, "phase": np.tile(PHASES, len(gait.names)), **curves}))
     with atomic_path(path) as temporary:
         pl.concat(frames).write_parquet(temporary)
 
@@ -284,23 +239,18 @@ def write_unperturbed_gaits(gaits: Mapping[str, UnperturbedGait], path: Path) ->
 def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
     """Read what `write_unperturbed_gaits` wrote: gaits with fewer crossings than the least are not among them."""
     check_not_refused(path)
+    step, gaits = "'average-unperturbed'", {}
     if not path.is_file():
-        raise InputError(f"{path}: no such file; run the step 'average-unperturbed' first")
+        raise InputError(f"{path}: no such file; run the step {step} first")
     try:
-        whole = pl.read_parquet(path)
-        return {
-            str(frame["gait"][0]): gait_from_frame(frame) for frame in whole.partition_by("gait", maintain_order=True)
-        }
+        for frame in pl.read_parquet(path).partition_by("gait", maintain_order=True):
+            names = frame["trial"].unique(maintain_order=True).to_list()
+            theta, torque, stance = (
+                frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s")
+            )
+            errors = plate_error_columns(frame).reshape(-1, *theta.shape)
+            gaits[str(frame["gait"][0])] = UnperturbedGait(tuple(names), theta, torque, stance[:, 0], errors)
     except (pl.exceptions.PolarsError, OSError) as error:
-        raise InputError(
-            f"{path}: not unperturbed gait ({str(error).splitlines()[0]}); delete it and run the step "
-            "'average-unperturbed'"
-        ) from error
-
-
-def gait_from_frame(frame: pl.DataFrame) -> UnperturbedGait:
-    """The gait whose rows `write_unperturbed_gaits` wrote."""
-    names = frame["trial"].unique(maintain_order=True).to_list()
-    theta, torque, stance = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
-    errors = plate_error_columns(frame).reshape(-1, *theta.shape)
-    return UnperturbedGait(tuple(names), theta, torque, stance[:, 0], errors)
+        said = str(error).splitlines()[0]
+        raise InputError(f"{path}: not unperturbed gait ({said}); delete it and run the step {step}") from error
+    return gaits

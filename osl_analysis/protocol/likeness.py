@@ -14,23 +14,19 @@ from osl_analysis.trial import Array
 
 Kind = Literal["stepped sine", "unclear", "other"]
 
-BIN_S = 0.25
-"""Time [s] within which a joint that moves turns measurably."""
+BIN_S = 0.25  # time [s] within which a joint that moves turns measurably
 MOVES = 0.02
 """Share of the largest turn that it makes in this time; at the peak of a sine of 1 Hz it makes a seventh of its own."""
 STEADY = 0.01
 """Largest relative difference of the frequencies of the two halves of a sine; those of a sweep differ by more."""
-PURE = 0.08
-"""Largest misfit of a sine that was not commanded, as a share of its own RMS; that of a triangle is 0.12."""
-FEWEST_OF_A_HALF = 2
-"""Number of crossings in each half of a run that tell its frequency."""
+PURE = 0.08  # largest misfit of a sine that was not commanded, as a share of its own RMS; that of a triangle is 0.12
+FEWEST_OF_A_HALF = 2  # number of crossings in each half of a run that tell its frequency
 MOSTLY, HARDLY = 0.5, 0.25
 """Shares of the moving time in sines: above the one a motion is a stepped sine, below the other it is not."""
 AS_COMMANDED = 0.6
 """Share of the moving time in cycles of a commanded frequency and amplitude, from which a damaged stepped sine is
 likely. Noise of 0.5 to 6 Hz has up to 0.4 of them by chance."""
-PIECE_S = 4.0
-"""Time [s] of the pieces whose spectra are compared with the commanded frequencies."""
+PIECE_S = 4.0  # time [s] of the pieces whose spectra are compared with the commanded frequencies
 ONE_LINE = 0.85
 """Mean share of a piece's power at one commanded frequency, from which a damaged stepped sine is likely: a stepped sine
 has 0.95 beside spikes, hum and a wandering angle, a sweep 0.7 to 0.8, noise less."""
@@ -44,12 +40,9 @@ class Likeness:
     """Likeness of a joint angle to a stepped sine: shares of the moving time, 0 to 1. Each is found when it is asked
     for, and most motions are known for what they are by the first."""
 
-    recorded: Array
-    """Uniform times (n,) [s]."""
-    theta: Array
-    """Joint angle (n,) [rad]."""
-    protocol: SteppedSineProtocol
-    """What was commanded."""
+    recorded: Array  # uniform times (n,) [s]
+    theta: Array  # joint angle (n,) [rad]
+    protocol: SteppedSineProtocol  # what was commanded
 
     @property
     def time(self) -> Array:

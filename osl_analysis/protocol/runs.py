@@ -22,12 +22,9 @@ bandwidth."""
 class SteppedSineProtocol:
     """A stepped sine: each amplitude at every frequency, in any order and with or without rests."""
 
-    amplitudes: Sequence[float]
-    """Amplitudes [rad]."""
-    frequencies_hz: Sequence[float]
-    """Frequencies [Hz]."""
-    cycles: float | Sequence[float]
-    """Number of cycles at each frequency: one number for all, or one for each."""
+    amplitudes: Sequence[float]  # amplitudes [rad]
+    frequencies_hz: Sequence[float]  # frequencies [Hz]
+    cycles: float | Sequence[float]  # number of cycles at each frequency: one number for all, or one for each
 
     @property
     def cycles_at(self) -> tuple[float, ...]:
@@ -50,8 +47,7 @@ class SteppedSineProtocol:
         return nearest
 
 
-MOVING_S = 0.02
-"""Time [s] over which an angle changes measurably where the joint moves."""
+MOVING_S = 0.02  # time [s] over which an angle changes measurably where the joint moves
 DEAD_BAND = 0.02
 """Share of the largest angle that the angle must reach on both sides of its centre; rests and noise stay below."""
 
@@ -87,44 +83,33 @@ def centre_of_motion(time: Array, theta: Array) -> float:
     return float(np.median(theta[apart:][moving] if moving.any() else theta))
 
 
-SAME_FREQUENCY, SAME_AMPLITUDE = 0.05, 0.15
-"""Relative differences of neighbouring cycles that belong to one run."""
+SAME_FREQUENCY, SAME_AMPLITUDE = 0.05, 0.15  # relative differences of neighbouring cycles that belong to one run
 PLATEAU = 0.06
 """Relative difference of a cycle's amplitude from the median of its run; cycles beyond, at its ends, are a ramp."""
-NO_SINE = 0.3
-"""Largest misfit of a run, as a share of its amplitude (RMS over RMS of the sine): beyond it is no sine."""
+NO_SINE = 0.3  # largest misfit of a run, as a share of its amplitude (RMS over RMS of the sine): beyond it is no sine
 LEAVES = 0.08
 """Distance between angle and sine, as a share of the amplitude, at which a run has ended; twice the misfit of its
 own cycles is added."""
 MOST_STEPS, NO_SLIP = 4, 1e-9
 """Largest number of steps to the frequency of a run; cycles over the run by which a step changes it, to be the last."""
-SAMPLES_PER_CYCLE = 64
-"""Samples of a cycle from which frequency and amplitude are fitted; more of them add nothing."""
-FEWEST_CYCLES = 3
-"""Smallest number of cycles of a run; what is shorter may be a transient."""
+SAMPLES_PER_CYCLE = 64  # samples of a cycle from which frequency and amplitude are fitted; more of them add nothing
+FEWEST_CYCLES = 3  # smallest number of cycles of a run; what is shorter may be a transient
 
-SEEN_WHOLE = 2
-"""Smallest number of alike cycles between upward crossings; a single one may be a ramp's, or a rest's."""
+SEEN_WHOLE = 2  # smallest number of alike cycles between upward crossings; a single one may be a ramp's, or a rest's
 
 
 @dataclass(frozen=True)
 class Run:
     """A stretch of one frequency and amplitude."""
 
-    amplitude: float
-    """Amplitude [rad]."""
-    frequency_hz: float
-    """Frequency [Hz]."""
+    amplitude: float  # amplitude [rad]
+    frequency_hz: float  # frequency [Hz]
     phasor: complex
     """The sine is the real part of phasor exp(2j pi frequency t) about the centre, t the time of the record [s]."""
-    centre: float
-    """Angle [rad] about which the sine goes."""
-    start: float
-    """Time [s] at which it begins."""
-    stop: float
-    """Time [s] at which it ends."""
-    misfit: float
-    """RMS distance [rad] of its angle from the sine: harmonics, a decay, rounding."""
+    centre: float  # angle [rad] about which the sine goes
+    start: float  # time [s] at which it begins
+    stop: float  # time [s] at which it ends
+    misfit: float  # RMS distance [rad] of its angle from the sine: harmonics, a decay, rounding
 
     @property
     def cycles(self) -> float:
@@ -158,10 +143,8 @@ class Run:
 class Stretch:
     """Consecutive cycles that are alike, from an upward crossing of the centre to another one."""
 
-    rows: slice
-    """Their rows."""
-    frequency_hz: float
-    """Number of cycles over their duration [Hz]."""
+    rows: slice  # their rows
+    frequency_hz: float  # number of cycles over their duration [Hz]
 
 
 def find_runs(time: Array, theta: Array, fewest: int = FEWEST_CYCLES, crossings: Array | None = None) -> list[Run]:

@@ -23,8 +23,7 @@ from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
 
-PERIODS = "periods"
-"""Source of an interval: the scatter of periods."""
+PERIODS = "periods"  # source of an interval: the scatter of periods
 CERTAINLY_MORE = 1 - 1e-6
 """Probability with which the ratio of two variances of one size is below the limit (F distribution)."""
 
@@ -54,10 +53,8 @@ def at_least_of_periods(fit: LinearFit, columns: Mapping[str, Array], errors: Se
     )
 
 
-ENOUGH_REALISATIONS = 4
-"""Number of realisations from which on the interval comes from their spread."""
-ENOUGH_DETECTION = 4
-"""Smallest number of lines without excitation, over all realisations, that tell the distortion."""
+ENOUGH_REALISATIONS = 4  # number of realisations from which on the interval comes from their spread
+ENOUGH_DETECTION = 4  # smallest number of lines without excitation, over all realisations, that tell the distortion
 REALISATIONS, DETECTION, EXCITED = "realisations", "detection lines", "excited lines"
 """Sources of the interval: spread of realisations, lines without excitation, what the fit leaves at excited lines."""
 
@@ -66,12 +63,10 @@ REALISATIONS, DETECTION, EXCITED = "realisations", "detection lines", "excited l
 class LineScatter(ResidualCorrelation):
     """Covariance of a fit to excited lines: rows are real parts, then imaginary parts, realisation by realisation."""
 
-    shape: tuple[int, int] = (0, 0)
-    """Number of realisations and of excited lines."""
+    shape: tuple[int, int] = (0, 0)  # number of realisations and of excited lines
     level: Array | None = None
     """E|error|^2 that the weighted rows have at the excited lines, (realisations, lines); None: what the fit leaves."""
-    shares: Array | None = None
-    """Weights (lines, detection lines) with which the level at an excited line was averaged."""
+    shares: Array | None = None  # weights (lines, detection lines) with which the level at an excited line was averaged
 
     def window(self, residual: Array) -> int:
         """Errors of two lines are not correlated."""

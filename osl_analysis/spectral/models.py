@@ -88,13 +88,7 @@ class Drivetrain:
         self.p = p
 
     def start(self, K: float, B: float) -> Array:
-        """The gain of Eq. 13 for a stiffness K.
-
-        Raises
-        ------
-        InputError
-            The joint is stiffer than the belt, or not stiff.
-        """
+        """The gain of Eq. 13 for a stiffness K."""
         if not 0 < K < LARGEST_SHARE * self.p.K_s:
             raise InputError(
                 f"K = {K:.4g} N*m/rad is not between 0 and the belt's K_s = {self.p.K_s:g}; Eq. 9 of this parameter "
@@ -116,8 +110,7 @@ class Drivetrain:
         return np.array([by_gain, s * by_gain])
 
 
-HARMONICS = 100
-"""Harmonics of the error of rounding that are summed."""
+HARMONICS = 100  # harmonics of the error of rounding that are summed
 
 
 def repeated_rounding(one: Realisation, impedance: Spectrum) -> Array:
@@ -149,8 +142,7 @@ def repeated_variance(one: Realisation, spectra: Spectrum, step: float | None) -
 
 POWER, NOISE = "power", "noise"
 """Weights of a fit: power behind the low-pass filter, or the inverse variance of the noise."""
-SIGNIFICANT = 0.05
-"""Probability below which what a structure leaves is more than noise."""
+SIGNIFICANT = 0.05  # probability below which what a structure leaves is more than noise
 STEPS, CONVERGED = 30, 1e-9
 """Largest number of steps of Gauss and Newton, and the share of a parameter below which a step ends them."""
 
@@ -159,8 +151,7 @@ STEPS, CONVERGED = 30, 1e-9
 class UnitNoise(ResidualCorrelation):
     """Covariance of a fit to lines that were divided by the size of their noise: each row has a variance of 1/2."""
 
-    freedom: float = np.inf
-    """Degrees of freedom of the noise."""
+    freedom: float = np.inf  # degrees of freedom of the noise
 
     def window(self, residual: Array) -> int:
         """Errors of two lines are not correlated."""
@@ -175,24 +166,15 @@ class UnitNoise(ResidualCorrelation):
 class FittedLines:
     """Lines to which structures are fitted, those of n realisations (or of 1 record) side by side, shape (n, m)."""
 
-    s: Spectrum
-    """Complex frequencies 2j pi f [rad/s]."""
-    theta: Spectrum
-    """Lines of the angle [rad]."""
-    torque: Spectrum
-    """Lines of the torque [N*m]."""
-    power: Array
-    """Weights of the rows in a fit by power."""
-    noise: Array
-    """E|noise|^2 of the equation error [(N*m)^2]."""
-    noise_freedom: Array
-    """Degrees of freedom of each `noise`: the mean of its inverse is too large by 2 in as many."""
-    pooled_freedom: float
-    """Degrees of freedom of all of them together; neighbours share theirs."""
-    level: Array | None
-    """E|noise and distortion|^2 of the rows weighted by power; None: what the fit leaves."""
-    shares: Array | None
-    """As in `LineScatter`."""
+    s: Spectrum  # complex frequencies 2j pi f [rad/s]
+    theta: Spectrum  # lines of the angle [rad]
+    torque: Spectrum  # lines of the torque [N*m]
+    power: Array  # weights of the rows in a fit by power
+    noise: Array  # E|noise|^2 of the equation error [(N*m)^2]
+    noise_freedom: Array  # degrees of freedom of each `noise`: the mean of its inverse is too large by 2 in as many
+    pooled_freedom: float  # degrees of freedom of all of them together; neighbours share theirs
+    level: Array | None  # E|noise and distortion|^2 of the rows weighted by power; None: what the fit leaves
+    shares: Array | None  # as in `LineScatter`
     shared: float = 0.0
     """Share of the equation error from which its noise is estimated; 0 where that comes from the scatter of periods."""
     transient: Spectrum | None = None
@@ -204,18 +186,13 @@ class FittedStructure:
     """A structure with its parameters, and what it leaves."""
 
     structure: Structure
-    fit: LinearFit
-    """Its parameters; further columns are transients."""
-    weights: str
-    """`POWER` or `NOISE`."""
-    vaf: float
-    """Share of the lines' power behind the filter that the fit by power accounts for [percent]."""
-    misfit: float
-    """RMS of what the fit by power leaves beyond the noise, as a share of the torque [percent]."""
+    fit: LinearFit  # its parameters; further columns are transients
+    weights: str  # `POWER` or `NOISE`
+    vaf: float  # share of the lines' power behind the filter that the fit by power accounts for [percent]
+    misfit: float  # RMS of what the fit by power leaves beyond the noise, as a share of the torque [percent]
     ratio: float
     """What the fit by noise leaves over the noise: 1 on average if the structure is right; NaN without noise."""
-    p: float
-    """Probability that noise alone leaves as much; NaN without noise."""
+    p: float  # probability that noise alone leaves as much; NaN without noise
 
     def impedance(self, frequency_hz: Array) -> Spectrum:
         """Z [N*m/rad] at frequencies (m,)."""
@@ -226,11 +203,6 @@ class FittedStructure:
 def lines_of_periods(realisations: Sequence[Realisation], low_pass: LowPass) -> FittedLines:
     """The excited lines of realisations. Their noise comes from the scatter of periods at all lines nearby, and from
     rounding that every period repeats.
-
-    Raises
-    ------
-    InputError
-        As `lines_of`.
     """
     single, found = distinct(realisations), equation_error(realisations)
     at = np.flatnonzero(found.lines.excited)
@@ -283,13 +255,7 @@ def lines_of_record(spectrum: RecordSpectrum, low_pass: LowPass) -> FittedLines:
 
 
 def fit_structure(structure: Structure, lines: FittedLines, first: tuple[float, float]) -> FittedStructure:
-    """A structure fitted to lines; `first` are K [N*m/rad] and B [N*m*s/rad] of a fit of Eq. 15, to start from.
-
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `linear_fit` and `Structure.start`.
-    """
+    """A structure fitted to lines; `first` are K [N*m/rad] and B [N*m*s/rad] of a fit of Eq. 15, to start from."""
     start = structure.start(*first)
     scatter = LineScatter(shape=lines.theta.shape, level=lines.level, shares=lines.shares)
     by_power = gauss_newton(structure, lines, lines.power, start, scatter)

@@ -16,31 +16,22 @@ from osl_analysis.signals import runs
 from osl_analysis.trial import Array
 
 Spectrum = NDArray[np.complex128]
-COARSE_HZ = 100.0
-"""Rate [Hz] at which periods are looked for; neighbouring samples are averaged down to it."""
+COARSE_HZ = 100.0  # rate [Hz] at which periods are looked for; neighbouring samples are averaged down to it
 LEAST_CORRELATION = 0.3
 """Smallest autocorrelation of a lag that is tried. With realisations of two periods each it is a half."""
-MOST_CANDIDATES = 60
-"""Largest number of lags that are tried."""
+MOST_CANDIDATES = 60  # largest number of lags that are tried
 LARGEST_MISMATCH = 0.1
 """Largest difference between a motion and itself a period later, as a share of its RMS, in the middle of all times."""
-LOCAL_MISMATCH = 0.25
-"""The same at one time, within `WINDOW_S`."""
-WINDOW_S = 0.25
-"""Width [s] of the windows in which the mismatch is measured."""
-REST = 0.2
-"""RMS over one period, as a share of the largest one, below which the joint rests."""
-LEAST_COVERED = 0.5
-"""Smallest share of the time in motion in which it must repeat itself."""
+LOCAL_MISMATCH = 0.25  # the same at one time, within `WINDOW_S`
+WINDOW_S = 0.25  # width [s] of the windows in which the mismatch is measured
+REST = 0.2  # RMS over one period, as a share of the largest one, below which the joint rests
+LEAST_COVERED = 0.5  # smallest share of the time in motion in which it must repeat itself
 SETTLED, FLOOR = 5.0, 3e-4
 """A transient has ended where the mismatch is `SETTLED` times what it is in the middle of the repeating times, or
 `FLOOR` of the motion's RMS."""
-STEPS = 2
-"""Steps of Gauss and Newton to the lag."""
-SLACK = 0.02
-"""Share of a period by which a stretch of two periods may be too short: windows and averages blur its ends."""
-ALIKE = 2.0
-"""Of lags with mismatches within this factor the shortest one is the period, and not a multiple of it."""
+STEPS = 2  # steps of Gauss and Newton to the lag
+SLACK = 0.02  # share of a period by which a stretch of two periods may be too short: windows and averages blur its ends
+ALIKE = 2.0  # of lags with mismatches within this factor the shortest one is the period, and not a multiple of it
 
 
 @dataclass(frozen=True)
@@ -49,8 +40,7 @@ class CoarseMotion:
 
     theta: Array
     rate_hz: float
-    usable: NDArray[np.bool_]
-    """Samples that are not near a gap, shape (n,)."""
+    usable: NDArray[np.bool_]  # samples that are not near a gap, shape (n,)
 
     @cached_property
     def autocorrelation(self) -> Array:
@@ -83,12 +73,10 @@ class CoarseMotion:
 class Repetition:
     """A motion that repeats itself after a lag."""
 
-    period: float
-    """Lag [s], not a whole number of samples."""
+    period: float  # lag [s], not a whole number of samples
     mismatch: float
     """RMS of the difference between the motion and itself a lag later, as a share of its RMS; median over time."""
-    covered: float
-    """Share of the time in motion that belongs to a stretch in which it repeats itself."""
+    covered: float  # share of the time in motion that belongs to a stretch in which it repeats itself
     stretches: tuple[tuple[float, float], ...]
     """First and last time [s] from the first sample of each stretch of two periods or more."""
 
@@ -102,11 +90,6 @@ def find_repetition(theta: Array, rate_hz: float, usable: NDArray[np.bool_] | No
     rows that are not near a gap.
 
     A stepped sine also repeats itself: look for its protocol first.
-
-    Raises
-    ------
-    InputError
-        A value cannot be measured.
     """
     check_measured("the angle", theta)
     if not varies(theta):

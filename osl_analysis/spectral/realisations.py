@@ -16,16 +16,11 @@ from osl_analysis.measured import check_measured
 from osl_analysis.spectral.period import COARSE_HZ, Repetition, Spectrum, find_repetition
 from osl_analysis.trial import Array
 
-DEGREE = 5
-"""Degree of the spline through the samples; it errs by 3e-5 at a sixth of the rate."""
-FEWEST_PERIODS = 2
-"""Smallest number of periods of a realisation; one has no scatter."""
-BLURRED = 3
-"""Coarse samples by which the ends of a stretch are uncertain."""
-REFINEMENTS = 2
-"""How often the period is corrected by the phases of its lines."""
-STRONG = 0.1
-"""Size of a line, as a share of the largest, from which its phase helps to find the period."""
+DEGREE = 5  # degree of the spline through the samples; it errs by 3e-5 at a sixth of the rate
+FEWEST_PERIODS = 2  # smallest number of periods of a realisation; one has no scatter
+BLURRED = 3  # coarse samples by which the ends of a stretch are uncertain
+REFINEMENTS = 2  # how often the period is corrected by the phases of its lines
+STRONG = 0.1  # size of a line, as a share of the largest, from which its phase helps to find the period
 LARGEST_UNSTEADINESS = 0.02
 """Largest difference of the lines of two periods, as a share of their size. A bench repeats a motion within 1 %, a hand
 that tries to within 5 to 10."""
@@ -41,16 +36,11 @@ class Realisation:
     its zero of time. No filter was applied: a ratio of torque and angle needs none where both have the same.
     """
 
-    period: float
-    """Period [s]."""
-    rate_hz: float
-    """Sampling rate [Hz]."""
-    theta: Spectrum
-    """Lines of the angle [rad], shape (periods, lines)."""
-    torque: Spectrum
-    """Lines of the resisting torque [N*m], shape (periods, lines)."""
-    start: float
-    """When the first period begins [s], from the first sample of the record."""
+    period: float  # period [s]
+    rate_hz: float  # sampling rate [Hz]
+    theta: Spectrum  # lines of the angle [rad], shape (periods, lines)
+    torque: Spectrum  # lines of the resisting torque [N*m], shape (periods, lines)
+    start: float  # when the first period begins [s], from the first sample of the record
     steps: tuple[float | None, float | None] = (None, None)
     """Steps to which angle [rad] and torque [N*m] were rounded; None where they are not known."""
 
@@ -69,10 +59,8 @@ class Realisation:
 class PeriodicMotion:
     """A periodic motion and its realisations."""
 
-    period: float
-    """Period [s]."""
-    period_error_ppm: float
-    """Standard error of the period, from the scatter of the lines' phases [1e-6 of the period]."""
+    period: float  # period [s]
+    period_error_ppm: float  # standard error of the period, from the scatter of the lines' phases [1e-6 of the period]
     realisations: tuple[Realisation, ...]
 
 
@@ -222,14 +210,11 @@ def shift_between(first: Realisation, second: Realisation) -> float | None:
     return at
 
 
-NEIGHBOURS = 8
-"""Lines to each side of a line that count as its neighbourhood."""
+NEIGHBOURS = 8  # lines to each side of a line that count as its neighbourhood
 BESIDE_NEIGHBOURS, BESIDE_ALL = 0.05, 0.005
 """Size of an excited line, as a share of the largest one in its neighbourhood, and of all."""
-ABOVE_NOISE = 5.0
-"""Standard errors by which an excited line differs from 0."""
-PERIODS_AGREE = 1e-3
-"""Largest difference between the periods of realisations that are analysed together, as a share."""
+ABOVE_NOISE = 5.0  # standard errors by which an excited line differs from 0
+PERIODS_AGREE = 1e-3  # largest difference between the periods of realisations that are analysed together, as a share
 
 
 @dataclass(frozen=True)
@@ -237,10 +222,8 @@ class Lines:
     """Kinds of the lines of a periodic motion, shape (lines,) each; line 0, the mean, is none of them."""
 
     excited: NDArray[np.bool_]
-    odd: NDArray[np.bool_]
-    """Odd lines that are not excited, from half the lowest to the highest excited line."""
-    even: NDArray[np.bool_]
-    """Even lines that are not excited, in the same band."""
+    odd: NDArray[np.bool_]  # odd lines that are not excited, from half the lowest to the highest excited line
+    even: NDArray[np.bool_]  # even lines that are not excited, in the same band
 
     @property
     def only_odd(self) -> bool:

@@ -38,45 +38,30 @@ class FrequencyResponse:
     (E|.|^2)^1/2, averaged over neighbouring lines.
     """
 
-    method: str
-    """One of `ROBUST`, `FAST`, `LOCAL`."""
-    frequency_hz: Array
-    """Frequency [Hz]."""
-    impedance: Spectrum
-    """Z = torque/theta [N*m/rad]."""
-    angle: Array
-    """Amplitude of the angle at this frequency [rad], RMS over realisations."""
-    noise_sd: Array
-    """Standard deviation of Z by noise [N*m/rad]."""
-    total_sd: Array
-    """Standard deviation of Z by noise and distortion [N*m/rad]."""
-    noise_level: Array
-    """Noise in the mean over the periods of one realisation [N*m/rad]."""
+    method: str  # one of `ROBUST`, `FAST`, `LOCAL`
+    frequency_hz: Array  # frequency [Hz]
+    impedance: Spectrum  # Z = torque/theta [N*m/rad]
+    angle: Array  # amplitude of the angle at this frequency [rad], RMS over realisations
+    noise_sd: Array  # standard deviation of Z by noise [N*m/rad]
+    total_sd: Array  # standard deviation of Z by noise and distortion [N*m/rad]
+    noise_level: Array  # noise in the mean over the periods of one realisation [N*m/rad]
     odd_level: Array
     """Odd distortion, from odd lines that are not excited and the scatter of realisations, without the noise
     [N*m/rad]."""
-    even_level: Array
-    """Even distortion, from even lines that are not excited, without the noise [N*m/rad]."""
-    total_level: Array
-    """Noise and distortion, from the scatter of realisations [N*m/rad]."""
+    even_level: Array  # even distortion, from even lines that are not excited, without the noise [N*m/rad]
+    total_level: Array  # noise and distortion, from the scatter of realisations [N*m/rad]
 
 
 @dataclass(frozen=True)
 class BandLevels:
     """Levels over the excited band: RMS amplitude of the torque per line [N*m], in one realisation; NaN if not seen."""
 
-    torque: float
-    """The torque itself at the excited lines."""
-    noise: float
-    """Noise in the mean over the periods."""
-    odd: float
-    """Odd distortion at all odd lines that show it, without the noise."""
-    even: float
-    """Even distortion, without the noise."""
-    detection: float
-    """Distortion at the lines without excitation that show what excited lines have, without the noise."""
-    distortion: float
-    """Distortion at the excited lines from the scatter of realisations, without the noise."""
+    torque: float  # the torque itself at the excited lines
+    noise: float  # noise in the mean over the periods
+    odd: float  # odd distortion at all odd lines that show it, without the noise
+    even: float  # even distortion, without the noise
+    detection: float  # distortion at the lines without excitation that show what excited lines have, without the noise
+    distortion: float  # distortion at the excited lines from the scatter of realisations, without the noise
 
 
 @dataclass(frozen=True)
@@ -84,18 +69,12 @@ class EquationError:
     """torque - Z theta of several realisations; what the angle's own noise and distortion do to Z is in it."""
 
     lines: Lines
-    frequency_hz: Array
-    """Frequencies of the lines [Hz], shape (lines,)."""
-    impedance: Spectrum
-    """Z (lines,) [N*m/rad]; between excited lines it is interpolated."""
-    angle: Array
-    """Sum over realisations of the amplitudes of the angle (lines,) [rad]."""
-    error: Spectrum
-    """Mean over the periods (realisations, lines) [N*m]."""
-    noise: Array
-    """E|noise|^2 of this mean, from the scatter of periods, (realisations, lines) [(N*m)^2]."""
-    freedom: Array
-    """Degrees of freedom of the noise at each line of each realisation, (realisations,)."""
+    frequency_hz: Array  # frequencies of the lines [Hz], shape (lines,)
+    impedance: Spectrum  # Z (lines,) [N*m/rad]; between excited lines it is interpolated
+    angle: Array  # sum over realisations of the amplitudes of the angle (lines,) [rad]
+    error: Spectrum  # mean over the periods (realisations, lines) [N*m]
+    noise: Array  # E|noise|^2 of this mean, from the scatter of periods, (realisations, lines) [(N*m)^2]
+    freedom: Array  # degrees of freedom of the noise at each line of each realisation, (realisations,)
 
 
 def equation_error(realisations: Sequence[Realisation]) -> EquationError:
@@ -103,11 +82,6 @@ def equation_error(realisations: Sequence[Realisation]) -> EquationError:
 
     The phases of the angle are the reference: turned by them, the lines of realisations are averaged before they are
     divided. The mean of quotients would be biased by noise of the angle.
-
-    Raises
-    ------
-    InputError
-        As `lines_of`.
     """
     single = distinct(realisations)
     lines = lines_of(single)
@@ -215,45 +189,33 @@ def band_levels(found: EquationError, square: Array) -> BandLevels:
     )
 
 
-HALF_WIDTH = 8
-"""Lines to each side of a line that are fitted together with it."""
-ORDER = 2
-"""Order of the polynomials."""
-LOCAL_FREEDOM = 2 * HALF_WIDTH + 1 - 2 * (ORDER + 1)
-"""Complex degrees of freedom of the noise at a line."""
-END_POWERS = 5
-"""Powers of s that the ends of a record add."""
+HALF_WIDTH = 8  # lines to each side of a line that are fitted together with it
+ORDER = 2  # order of the polynomials
+LOCAL_FREEDOM = 2 * HALF_WIDTH + 1 - 2 * (ORDER + 1)  # complex degrees of freedom of the noise at a line
+END_POWERS = 5  # powers of s that the ends of a record add
 WEAK, NEAREST = 0.01, 2
 """RMS of the angle at a line and its `NEAREST` ones to each side, as a share of the largest one, below which the
 impedance is not known."""
-UNKNOWN = 0.1
-"""Standard deviation of an impedance, as a share of it, from which on it is not known."""
-LARGEST_CONDITION = 1e8
-"""Largest condition number of a local fit, its columns scaled."""
+UNKNOWN = 0.1  # standard deviation of an impedance, as a share of it, from which on it is not known
+LARGEST_CONDITION = 1e8  # largest condition number of a local fit, its columns scaled
 
 
 @dataclass(frozen=True)
 class RecordSpectrum:
     """Lines of a whole stretch of a record, shape (lines,); line k is the sine Re(X_k exp(2j pi f_k t)), k >= 1."""
 
-    frequency_hz: Array
-    """Frequency [Hz]."""
-    theta: Spectrum
-    """Lines of the angle [rad]."""
-    torque: Spectrum
-    """Lines of the torque [N*m]."""
+    frequency_hz: Array  # frequency [Hz]
+    theta: Spectrum  # lines of the angle [rad]
+    torque: Spectrum  # lines of the torque [N*m]
 
 
 @dataclass(frozen=True)
 class LocalFit:
     """Result of the local polynomial method at each line, shape (lines,); NaN where the joint does not move."""
 
-    impedance: Spectrum
-    """Z [N*m/rad]."""
-    variance: Array
-    """E|error|^2 of Z [(N*m/rad)^2]."""
-    noise: Array
-    """E|noise|^2 of a line of the torque [(N*m)^2], with `LOCAL_FREEDOM` complex degrees of freedom."""
+    impedance: Spectrum  # Z [N*m/rad]
+    variance: Array  # E|error|^2 of Z [(N*m/rad)^2]
+    noise: Array  # E|noise|^2 of a line of the torque [(N*m)^2], with `LOCAL_FREEDOM` complex degrees of freedom
 
 
 def record_spectrum(theta: Array, torque: Array, rate_hz: float, highest_hz: float) -> RecordSpectrum:
@@ -261,11 +223,6 @@ def record_spectrum(theta: Array, torque: Array, rate_hz: float, highest_hz: flo
 
     No window is applied. What the ends of the record and a drift of the torque add (`end_columns`) is fitted together
     with a second-order joint and subtracted from the torque. What is left of it is smooth over frequency.
-
-    Raises
-    ------
-    InputError
-        A value cannot be measured, or the stretch has fewer lines than a local fit needs.
     """
     n = len(theta)
     top = int(np.floor(min(highest_hz, rate_hz / 3) * n / rate_hz)) + 1
@@ -334,11 +291,6 @@ def local_response(spectrum: RecordSpectrum) -> FrequencyResponse:
     """The impedance of a record at every `HALF_WIDTH`-th line that moves, with its noise.
 
     Distortion of a motion that does not repeat itself is noise: `total_sd` equals `noise_sd`, levels are not known.
-
-    Raises
-    ------
-    InputError
-        The joint moves at no line.
     """
     found = local_fit(spectrum)
     at = np.arange(HALF_WIDTH // 2, len(found.noise), HALF_WIDTH)

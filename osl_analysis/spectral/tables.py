@@ -57,18 +57,12 @@ MODELS: dict[str, type[pl.DataType]] = {
 class RecordedMotion:
     """Angle and torque of a trial, shape (n,), not filtered, on a uniform grid."""
 
-    trial: str
-    """Name of the trial."""
-    theta: Array
-    """Angle [rad]."""
-    torque: Array
-    """Resisting torque [N*m], its drift taken off."""
-    rate_hz: float
-    """Sampling rate [Hz]."""
-    low_pass: LowPass
-    """The filter of the fits in time; its cut-off is the end of the band."""
-    periodic: PeriodicMotion | None
-    """The periods of the motion; None if it does not repeat itself."""
+    trial: str  # name of the trial
+    theta: Array  # angle [rad]
+    torque: Array  # resisting torque [N*m], its drift taken off
+    rate_hz: float  # sampling rate [Hz]
+    low_pass: LowPass  # the filter of the fits in time; its cut-off is the end of the band
+    periodic: PeriodicMotion | None  # the periods of the motion; None if it does not repeat itself
     pieces: tuple[slice, ...]
     """Stretches in which the joint moves, without their ends. The longest is used if the motion does not repeat."""
 

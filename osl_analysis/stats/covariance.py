@@ -24,12 +24,9 @@ class Cycles:
     at one amplitude) are repetitions: only the differences between them count as random error.
     """
 
-    first: Array
-    """Where each cycle begins, in rows of the fit, shape (m,)."""
-    stop: Array
-    """Where it ends, shape (m,)."""
-    stratum: NDArray[np.intp]
-    """Number of the stratum that each cycle belongs to, from 0 on and rising, shape (m,)."""
+    first: Array  # where each cycle begins, in rows of the fit, shape (m,)
+    stop: Array  # where it ends, shape (m,)
+    stratum: NDArray[np.intp]  # number of the stratum that each cycle belongs to, from 0 on and rising, shape (m,)
 
     def sums(self, X: Array, y: Array) -> Array:
         """Sums (m, p) of X times y in each cycle, for columns X (n, p) and y (n,) in the rows of the fit."""
@@ -90,14 +87,10 @@ def cubic_weights(x: Array | NDArray[np.intp]) -> Array:
 Covariance = tuple[Array, Array]
 """Covariance (p, p) of the estimates, and the degrees of freedom (p,) of the variances on its diagonal."""
 
-CYCLES = "cycles"
-"""Name of the spread between cycles in the tables."""
-FEWEST_CYCLES = 5
-"""Smallest number of cycles at one frequency whose spread gives an interval."""
-COUNTS = 0.01
-"""Share of a variance from which on a component of type B is named."""
-CERTAIN = 1e12
-"""Degrees of freedom from which a variance is certain: the rounding of a sum would decide on more."""
+CYCLES = "cycles"  # name of the spread between cycles in the tables
+FEWEST_CYCLES = 5  # smallest number of cycles at one frequency whose spread gives an interval
+COUNTS = 0.01  # share of a variance from which on a component of type B is named
+CERTAIN = 1e12  # degrees of freedom from which a variance is certain: the rounding of a sum would decide on more
 FILTER_SPAN = 8
 """Shortest window, in half periods of the filter's cut-off. Over this window the Bartlett weights lose 1 % of the
 noise's variance."""
@@ -221,11 +214,6 @@ def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> Covariance:
 
     A bootstrap that draws cycles within each stratum converges to this covariance, apart from the factor m/(m - 1)
     for the mean that was estimated from the m cycles of the stratum.
-
-    Raises
-    ------
-    InputError
-        A stratum has a single cycle, which has no spread.
     """
     members = np.bincount(stratum).astype(float)
     check_repeated(members)
@@ -278,8 +266,7 @@ def welch_satterthwaite(variances: Sequence[ArrayLike] | Array, degrees_of_freed
     return np.asarray(np.divide(total, uncertainty, out=np.full_like(total, np.inf), where=counts))
 
 
-MOST_ROWS = 600
-"""Rows of a fit that are kept for this: the work grows with their third power."""
+MOST_ROWS = 600  # rows of a fit that are kept for this: the work grows with their third power
 
 
 @dataclass(frozen=True)
@@ -289,10 +276,8 @@ class KnownMemory(ResidualCorrelation):
     It is not lowered: residuals may be other than noise.
     """
 
-    memory: Array | None = None
-    """Autocovariance of the noise at 0, 1, 2 ... samples, shape (m,); 0 beyond."""
-    position: NDArray[np.intp] | None = None
-    """Sample of the recording that each row of the fit is, shape (n,)."""
+    memory: Array | None = None  # autocovariance of the noise at 0, 1, 2 ... samples, shape (m,); 0 beyond.
+    position: NDArray[np.intp] | None = None  # sample of the recording that each row of the fit is, shape (n,)
 
     def spread(self, X: Array, inverse: Array, residual: Array) -> Covariance:
         """As `ResidualCorrelation.spread`."""

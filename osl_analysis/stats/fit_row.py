@@ -20,13 +20,11 @@ MOST_LAGS = 10
 class Whiteness:
     """How much a residual is correlated with its own past."""
 
-    autocorrelation: float
-    """Autocorrelation after one sample, -1 to 1."""
+    autocorrelation: float  # autocorrelation after one sample, -1 to 1
     per_lag: float
     """Ljung and Box's statistic divided by the number of lags: about 1 for white noise of any length. For correlated
     noise it grows with the length."""
-    p: float
-    """Probability that white noise gives a statistic at least as large."""
+    p: float  # probability that white noise gives a statistic at least as large
 
 
 def whiteness(residual: Array, rate_hz: float, low_pass: LowPass) -> Whiteness | None:
@@ -39,11 +37,6 @@ def whiteness(residual: Array, rate_hz: float, low_pass: LowPass) -> Whiteness |
     Ljung and Box (Biometrika 65, 1978): Q = n (n + 2) sum_k r_k^2 / (n - k) over `MOST_LAGS` lags, or over a fifth of
     the samples if that is fewer; chi-squared with as many degrees of freedom. A residual with fewer than
     `FEWEST_SAMPLES` samples left, or of zeros, is not judged.
-
-    Raises
-    ------
-    InputError
-        A value of the residual cannot be measured.
     """
     check_measured("the residual", residual)
     step = max(rate_hz / (2 * low_pass.noise_bandwidth_hz), 1.0)  # not rounded, so that the rate is exact
@@ -57,8 +50,7 @@ def whiteness(residual: Array, rate_hz: float, low_pass: LowPass) -> Whiteness |
     return Whiteness(float(r[0]), Q / len(lag), float(chdtrc(len(lag), Q)))
 
 
-Row = dict[str, float | str | None]
-"""One row of a result table, by column. None becomes an empty field."""
+Row = dict[str, float | str | None]  # one row of a result table, by column. None becomes an empty field.
 
 
 def estimates_row(fit: LinearFit, *names: str) -> dict[str, float]:

@@ -40,12 +40,6 @@ def refined(X: Array, y: Array, inverse: Array) -> Array:
     return np.asarray(estimates + inverse @ (X.T @ (y - X @ estimates)))
 
 
-def projected(X: Array, Z: Array) -> Array:
-    """Projection of the columns X (n, p) on the instruments Z (n, q)."""
-    Q, _ = np.linalg.qr(Z / np.linalg.norm(Z, axis=0))
-    return np.asarray(Q @ (Q.T @ X))
-
-
 def largest_correlation(covariance: Array) -> float:
     """Largest absolute correlation in a covariance (p, p); 0 for a single estimate."""
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
@@ -76,13 +70,6 @@ def refuse_unidentifiable(names: tuple[str, ...], direction: Array, condition: f
         f"{first} and {second} cannot be told apart in these data (scaled condition number {condition:.3g}); "
         "excite more frequencies, lengthen the window or fix one of them"
     )
-
-
-def instrument_columns(shape: tuple[int, ...], instruments: Mapping[str, Array]) -> Array:
-    """The instruments as a matrix (n, q); none of them is zero throughout."""
-    Z = checked_columns(shape, instruments)
-    check_not_zero(tuple(instruments), Z)
-    return Z
 
 
 def checked_columns(shape: tuple[int, ...], columns: Mapping[str, Array]) -> Array:

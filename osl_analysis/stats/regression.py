@@ -13,9 +13,7 @@ from osl_analysis.stats.least_squares import (
     check_not_zero,
     checked_columns,
     decomposed,
-    instrument_columns,
     largest_correlation,
-    projected,
     refined,
     refuse_unidentifiable,
 )
@@ -30,28 +28,18 @@ CONDITION_LIMIT = 1e3
 class LinearFit:
     """Result of `linear_fit`."""
 
-    names: tuple[str, ...]
-    """Names of the p columns."""
-    estimates: Array
-    """Estimates (p,) [unit of y per unit of the column]."""
-    covariance: Array
-    """Covariance of the estimates (p, p)."""
-    vaf: float
-    """100 (1 - var(residual)/var(y)) [percent]. An offset does not change it."""
-    r_squared: float
-    """Coefficient of determination about zero. An offset does change it."""
-    condition_number: float
-    """Condition number of the columns, each scaled to unit length."""
-    correlation_samples: int
-    """Number of samples over which the residuals were allowed to be correlated."""
-    samples: int
-    """Number of samples n that were fitted."""
+    names: tuple[str, ...]  # names of the p columns
+    estimates: Array  # estimates (p,) [unit of y per unit of the column]
+    covariance: Array  # covariance of the estimates (p, p)
+    vaf: float  # 100 (1 - var(residual)/var(y)) [percent]. An offset does not change it.
+    r_squared: float  # coefficient of determination about zero. An offset does change it.
+    condition_number: float  # condition number of the columns, each scaled to unit length
+    correlation_samples: int  # number of samples over which the residuals were allowed to be correlated
+    samples: int  # number of samples n that were fitted
     interval_method: str
     """Source of the covariance: `HAC`, `cycles`, or the source that `fit_slow_motion` or `fit_response` names."""
-    degrees_of_freedom: Array
-    """Degrees of freedom (p,) of the estimates' variances, for Student's quantile."""
-    residual: Array
-    """y minus the fit (n,) [unit of y]."""
+    degrees_of_freedom: Array  # degrees of freedom (p,) of the estimates' variances, for Student's quantile
+    residual: Array  # y minus the fit (n,) [unit of y]
     largest_correlation: float
     """Largest absolute correlation of two estimates under white noise: from the columns, so that a few noisy cycles do
     not change it; 0 if there is only one. Near 1 only a combination of the two is known."""
@@ -89,7 +77,6 @@ def linear_fit(
     y: Array,
     columns: Mapping[str, Array],
     residuals: ResidualCorrelation = NO_REPEATS,
-    instruments: Mapping[str, Array] | None = None,
     condition_limit: float = CONDITION_LIMIT,
 ) -> LinearFit:
     """Least squares of y (n,) on named columns (n,) each, with standard errors for correlated residuals.
@@ -97,9 +84,6 @@ def linear_fit(
     Consecutive samples of a filtered signal are not independent. If the experiment repeats cycles, the covariance is
     that of resampling the cycles. Otherwise it is Newey and West's (Econometrica 55, 1987) with the bandwidth of
     Andrews (Econometrica 59, 1991). `residuals` says which.
-
-    With `instruments`, as many as columns, the columns are replaced by their projection on the instruments (two-stage
-    least squares). Noise of a column that no instrument shares then does not bias the estimates.
 
     An exact fit has covariance 0, or that of rounding; degrees of freedom are infinite where a variance is 0.
 
@@ -111,27 +95,19 @@ def linear_fit(
     IdentifiabilityError
         The scaled condition number exceeds `condition_limit`; the message names the two columns that look alike.
     """
-    return regressors(columns, np.shape(y), instruments, condition_limit).fit(y, residuals)
+    return regressors(columns, np.shape(y), condition_limit).fit(y, residuals)
 
 
 @dataclass(frozen=True)
 class Regressors:
     """Columns (n, p) of a fit, decomposed: several y are fitted to them for little more than one."""
 
-    names: tuple[str, ...]
-    """Names of the columns."""
-    measured: Array
-    """The columns, shape (n, p)."""
-    X: Array
-    """Their projection on instruments (n, p), or themselves."""
-    scale: Array
-    """Length of each column of X (p,)."""
-    U: Array | None
-    """Left singular vectors (n, p) of the scaled X; None where its Gram matrix gave the others."""
-    singular: Array
-    """Singular values (p,), the largest first."""
-    Vt: Array
-    """Right singular vectors (p, p), a row each."""
+    names: tuple[str, ...]  # names of the columns
+    X: Array  # the columns, shape (n, p)
+    scale: Array  # length of each column of X (p,)
+    U: Array | None  # left singular vectors (n, p) of the scaled X; None where its Gram matrix gave the others
+    singular: Array  # singular values (p,), the largest first
+    Vt: Array  # right singular vectors (p, p), a row each
 
     @property
     def condition(self) -> float:
@@ -144,13 +120,7 @@ class Regressors:
         return (self.Vt.T / self.singular**2) @ self.Vt / np.outer(self.scale, self.scale)
 
     def solved(self, y: Array) -> Array:
-        """Estimates (p,) alone, by least squares of y (n,).
-
-        Raises
-        ------
-        InputError
-            y cannot be measured.
-        """
+        """Estimates (p,) alone, by least squares of y (n,)."""
         check_measured("column 'y'", y)
         return self.estimated(y)
 
@@ -163,7 +133,7 @@ class Regressors:
     def fit(self, y: Array, residuals: ResidualCorrelation = NO_REPEATS) -> LinearFit:
         """Least squares of y (n,) on the columns; `residuals` and what is raised as in `linear_fit`."""
         estimates, inverse = self.solved(y), self.inverse
-        residual = y - self.measured @ estimates
+        residual = y - self.X @ estimates
         covariance, degrees_of_freedom, method = residuals.covariance(self.X, inverse, residual)
         return LinearFit(
             self.names,
@@ -182,32 +152,16 @@ class Regressors:
 
 
 def regressors(
-    columns: Mapping[str, Array],
-    shape: tuple[int, ...],
-    instruments: Mapping[str, Array] | None = None,
-    condition_limit: float = CONDITION_LIMIT,
+    columns: Mapping[str, Array], shape: tuple[int, ...], condition_limit: float = CONDITION_LIMIT
 ) -> Regressors:
-    """The named columns, for fits to y of some shape (n,); `instruments` and what is raised as in `linear_fit`."""
-    names, measured = tuple(columns), checked_columns(shape, columns)
-    X = measured
-    if instruments is not None:
-        check_not_zero(names, measured)
-        X = projected(measured, instrument_columns(shape, instruments))
-    return regressors_of(names, X, measured, condition_limit)
+    """The named columns, for fits to y of some shape (n,); raises as `linear_fit`."""
+    return regressors_of(tuple(columns), checked_columns(shape, columns), condition_limit)
 
 
-def regressors_of(
-    names: tuple[str, ...], X: Array, measured: Array | None = None, condition_limit: float = CONDITION_LIMIT
-) -> Regressors:
-    """Columns X (n, p) that can be measured, for fits; they are the projections of `measured`, or measured themselves.
-
-    Raises
-    ------
-    IdentifiabilityError
-        As `linear_fit`.
-    """
+def regressors_of(names: tuple[str, ...], X: Array, condition_limit: float = CONDITION_LIMIT) -> Regressors:
+    """Columns X (n, p) that can be measured, for fits; raises IdentifiabilityError as `linear_fit`."""
     scale = check_not_zero(names, X)
-    found = Regressors(names, X if measured is None else measured, X, scale, *decomposed(X, scale))
+    found = Regressors(names, X, scale, *decomposed(X, scale))
     if found.condition > condition_limit:
         refuse_unidentifiable(names, found.Vt[-1], found.condition)
     return found

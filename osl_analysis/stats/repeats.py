@@ -19,27 +19,20 @@ from osl_analysis.trial import Array
 class Repeats:
     """Summary of one estimate per trial, all in the unit of the estimate."""
 
-    n: int
-    """Number of trials."""
+    n: int  # number of trials
     mean: float
-    sd: float
-    """Standard deviation between trials."""
-    se: float
-    """Standard error of the mean."""
-    low: float
-    """Lower bound of the 95 % interval of the mean (Student)."""
-    high: float
-    """Upper bound of the 95 % interval of the mean (Student)."""
+    sd: float  # standard deviation between trials
+    se: float  # standard error of the mean
+    low: float  # lower bound of the 95 % interval of the mean (Student)
+    high: float  # upper bound of the 95 % interval of the mean (Student)
 
 
 @dataclass(frozen=True)
 class CommonError:
     """An error that all trials share, so that their scatter does not show it."""
 
-    variance: float
-    """Variance of the error, in the squared unit of the estimate."""
-    degrees_of_freedom: float
-    """Degrees of freedom of this variance."""
+    variance: float  # variance of the error, in the squared unit of the estimate
+    degrees_of_freedom: float  # degrees of freedom of this variance
 
 
 def over_repeats(values: ArrayLike, common: Sequence[CommonError] = (), kinds: ArrayLike | None = None) -> Repeats:
@@ -87,22 +80,18 @@ def summary_row(values: pl.Series) -> dict[str, float | str | None]:
 
 
 PREFERRED, TIED, WORSE = "preferred", "tied", "worse"
-LARGEST_LAG = 0.1
-"""Largest lag of the residual's autocorrelation, as a share of the samples."""
+LARGEST_LAG = 0.1  # largest lag of the residual's autocorrelation, as a share of the samples
 
 
 @dataclass(frozen=True)
 class Candidate:
     """One model and its residuals."""
 
-    model: str
-    """Name of the model: M1, M2 ..."""
-    terms: str
-    """Terms of the model."""
+    model: str  # name of the model: M1, M2 ..
+    terms: str  # terms of the model
     parameters: int
     """Number of parameters that were fitted. Offset and drift, which every model of y has, do not count."""
-    residual: Array
-    """Residual of the fit to all data, shape (n,) [unit of y]."""
+    residual: Array  # residual of the fit to all data, shape (n,) [unit of y]
     held_out_residual: Array
     """Residual on data that the fit did not use, shape (n,) [unit of y]; NaN where there are no other data."""
 
@@ -111,22 +100,15 @@ class Candidate:
 class Score:
     """The score of one model on one trial."""
 
-    model: str
-    """As in `Candidate`."""
-    terms: str
-    """As in `Candidate`."""
-    parameters: int
-    """As in `Candidate`."""
-    vaf: float
-    """Variance accounted for [percent]."""
+    model: str  # as in `Candidate`
+    terms: str  # as in `Candidate`
+    parameters: int  # as in `Candidate`
+    vaf: float  # variance accounted for [percent]
     vaf_held_out: float
     """The same for data that were held out of the fit [percent]; NaN where no other data were there to fit."""
-    bic: float
-    """Bayesian information criterion; lower is better."""
-    effective_samples: float
-    """Number of independent samples among those of the trial."""
-    rank: int
-    """Rank by BIC, from 1 on."""
+    bic: float  # bayesian information criterion; lower is better
+    effective_samples: float  # number of independent samples among those of the trial
+    rank: int  # rank by BIC, from 1 on
 
 
 def score_models(y: Array, candidates: Sequence[Candidate]) -> list[Score]:
@@ -174,11 +156,6 @@ def effective_samples(residual: Array) -> float:
     n / sum of rho_k^2 over all lags k (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946). The autocorrelation rho
     is computed up to a tenth of the samples. Its squares are 1/n by chance alone; the numerator is corrected for them,
     so that white noise gives n. A residual that does not vary (an exact fit) counts as n independent samples.
-
-    Raises
-    ------
-    InputError
-        The residual has a value that cannot be measured.
     """
     check_measured("the residual", residual)
     if not varies(residual):

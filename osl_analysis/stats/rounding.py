@@ -10,19 +10,15 @@ from osl_analysis.measured import SMALLEST, check_finite, check_measured
 from osl_analysis.stats.covariance import Cycles, check_repeated
 from osl_analysis.trial import Array
 
-TRIED = 1 << 10
-"""Samples that show the step to which a signal was rounded."""
+TRIED = 1 << 10  # samples that show the step to which a signal was rounded
 SAME = 1e-9
 """Difference of two values, as a share of the range, below which they are one that was converted with another error."""
-DISTINCT = 0.5
-"""Largest share of distinct values among the samples of a signal whose step is visible."""
-HARMONICS = 8
-"""Harmonics of the error of rounding: 93 % of its variance."""
+DISTINCT = 0.5  # largest share of distinct values among the samples of a signal whose step is visible
+HARMONICS = 8  # harmonics of the error of rounding: 93 % of its variance
 ORDERS = np.tile(np.arange(1, HARMONICS + 1), 2)
 SIZES = 1 / (np.sqrt(2) * np.pi * ORDERS) / np.sqrt(np.sum(1 / ORDERS**2) / 2 * 6 / np.pi**2)
 """Orders of `rounding_harmonics`, and their sizes in the error [steps]."""
-WHOLE_STEPS = 0.99
-"""Smallest share of the differences between neighbouring values that are a whole number of steps."""
+WHOLE_STEPS = 0.99  # smallest share of the differences between neighbouring values that are a whole number of steps
 
 
 def visible_step(values: Array) -> float | None:

@@ -39,10 +39,8 @@ class ComplexEstimate:
     """
 
     value: complex
-    covariance: Array
-    """Covariance (2, 2) of real and imaginary part."""
-    degrees_of_freedom: float
-    """Degrees of freedom of its variances; infinite where these are 0."""
+    covariance: Array  # covariance (2, 2) of real and imaginary part
+    degrees_of_freedom: float  # degrees of freedom of its variances; infinite where these are 0
 
     def __post_init__(self) -> None:
         check_finite("the estimate", [self.value.real, self.value.imag])
@@ -161,14 +159,11 @@ def polar_row(number: ComplexEstimate) -> dict[str, float]:
     }
 
 
-HARMONICS = 5
-"""Highest harmonic that is fitted. Harmonics 3 and 5, which friction makes, are among them."""
+HARMONICS = 5  # highest harmonic that is fitted. Harmonics 3 and 5, which friction makes, are among them.
 NAMES = ("offset", *(f"{wave}{k}" for k in range(1, HARMONICS + 1) for wave in ("cos", "sin")))
 """The columns of a sine with its harmonics."""
-EVEN = 1e-9
-"""Phase [rad] that steps between even times may lose over a table of `waves`; rounding loses less by far."""
-SOME = 1000
-"""Times that say how fast a signal was sampled."""
+EVEN = 1e-9  # phase [rad] that steps between even times may lose over a table of `waves`; rounding loses less by far
+SOME = 1000  # times that say how fast a signal was sampled
 NO_SINE = 1e-12
 """Smallest amplitude that counts as a sine, as a share of the largest reading. Below it is the fit's rounding error."""
 
@@ -177,12 +172,10 @@ NO_SINE = 1e-12
 class Phasor(ComplexEstimate):
     """Complex amplitude P of a sine: signal = Re(P exp(j w t)) + offset + harmonics, in the unit of the signal."""
 
-    distortion: float
-    """Root sum of squares of harmonics 2 to 5, divided by the fundamental."""
+    distortion: float  # root sum of squares of harmonics 2 to 5, divided by the fundamental
     harmonics: NDArray[np.complex128]
     """Complex amplitudes of the fundamental and of harmonics 2 to 5, shape (5,): harmonic k is Re(H exp(j k w t))."""
-    interval_method: str
-    """Source of the covariance, as in `LinearFit`."""
+    interval_method: str  # source of the covariance, as in `LinearFit`
 
     @property
     def amplitudes(self) -> Array:
@@ -202,12 +195,6 @@ def fit_sinusoid(
     `time` [s] sets the zero of the phase: fit angle and torque with the same times. `cycles` are the signal's cycles,
     whose spread gives the covariance; None: it is divided from its first sample on. `repeated` are the signal's errors
     that every cycle repeats, to which that spread is blind.
-
-    Raises
-    ------
-    InputError
-        The signal lasts less than one cycle, is sampled too slowly for the fifth harmonic, or is constant. A time or
-        value is not finite or cannot be measured.
     """
     return sinusoid(time, frequency_hz, cycles).phasors({"signal": signal}, {"signal": repeated})["signal"]
 
@@ -216,14 +203,10 @@ def fit_sinusoid(
 class Sinusoid:
     """A sine of known frequency with its harmonics at some times, which several signals are fitted with."""
 
-    frequency_hz: float
-    """Frequency [Hz]."""
-    begin: float
-    """The first of the times [s]."""
-    columns: Regressors
-    """Offset, and cosine and sine of every harmonic."""
-    cycles: Cycles | None
-    """The cycles whose spread gives the covariance; None: too few."""
+    frequency_hz: float  # frequency [Hz]
+    begin: float  # the first of the times [s]
+    columns: Regressors  # offset, and cosine and sine of every harmonic
+    cycles: Cycles | None  # the cycles whose spread gives the covariance; None: too few
 
     def phasors(
         self, signals: Mapping[str, Array], repeated: Mapping[str, Sequence[RepeatedError]]

@@ -52,11 +52,6 @@ def memory_samples(noise: Array, every: int) -> float:
 
     rho is the autocorrelation after `every` samples, 0 for a noise of zeros. The noise is modelled as an AR(1) at this
     step.
-
-    Raises
-    ------
-    InputError
-        A value cannot be measured.
     """
     check_measured("the noise", noise)
     power = float(noise @ noise)

@@ -19,31 +19,23 @@ from osl_analysis.timebase.stream import Stream
 from osl_analysis.trial import Array
 
 Counts = NDArray[np.int64]
-EVENLY = 0.2
-"""Range of the steps, in mean steps, below which none is missing: a missing sample makes one step of two."""
-LONG_STEP = 1.5
-"""Step, in usual steps, from which it counts as a gap."""
-SUSPECT = 1.3
-"""Step from which a sample may be missing before it: the sample before the missing one may have been late."""
-BURST = 10
-"""Step from which samples are missing in a burst."""
+EVENLY = 0.2  # range of the steps, in mean steps, below which none is missing: a missing sample makes one step of two
+LONG_STEP = 1.5  # step, in usual steps, from which it counts as a gap
+SUSPECT = 1.3  # step from which a sample may be missing before it: the sample before the missing one may have been late
+BURST = 10  # step from which samples are missing in a burst
 BLOCKS = (25, 25, 25, 100, 100)
 """Samples among which the promptest is sought, to find the usual step: first so few that most blocks miss none."""
-FEWEST_WHOLE = 0.05
-"""Share of the blocks that must lack no sample if the step is to be taken from them."""
-WINDOW = 100
-"""Samples on either side of a long step whose levels are compared; three times the step if that is longer."""
+FEWEST_WHOLE = 0.05  # share of the blocks that must lack no sample if the step is to be taken from them
+WINDOW = 100  # samples on either side of a long step whose levels are compared; three times the step if that is longer
 FEW, TIDY = 20, 0.1
 """Samples below which the level of an end of the record is believed only if stamps scatter by less than TIDY steps."""
 LATE_SHARE, EVEN_SHARE = 0.03, 0.2
 """Share of the window below its level: the promptest few where stamps are late, never early; else the lowest fifth."""
 LATE_RATIO = 0.7
 """Distance of the lowest of 20 stamps to their median over that of the highest, below which all are late."""
-NOTICED = 0.3
-"""Change of the level, in steps, below which a count stands without a closer look."""
+NOTICED = 0.3  # change of the level, in steps, below which a count stands without a closer look
 PASSES = 4
-CLOCK_JUMP_S = 5e-3
-"""Change of the level that a counter does not confirm, from which the clock is said to jump."""
+CLOCK_JUMP_S = 5e-3  # change of the level that a counter does not confirm, from which the clock is said to jump
 
 
 def counted(stream: Stream) -> Counts:
@@ -237,18 +229,14 @@ def check_clock_against_counter(stream: Stream, count: Counts) -> None:
 
 PROMPT_BLOCKS = (16, 128)
 """Samples of which only the promptest is used: it waited least. The longer blocks are for waits of several steps."""
-FEWEST_PROMPT = 60
-"""Promptest samples below which no line stands out."""
+FEWEST_PROMPT = 60  # promptest samples below which no line stands out
 LOWEST, HIGHEST = 0.998, 1.1
 """Where the line is sought, in rates of the samples that are left: up to one sample in ten is lost."""
-BINS = 6
-"""Bins per step into which stamps are sorted for the spectrum; the line is refined from the stamps themselves."""
+BINS = 6  # bins per step into which stamps are sorted for the spectrum; the line is refined from the stamps themselves
 STANDS_OUT = 6.0
 """Height of the line over the median of the spectrum. Of 100 000 frequencies of noise the highest reaches 4."""
-REFINED = (0.5, 0.1, 0.02)
-"""Half-widths of three searches around the line, in cycles over the record."""
-ENDS = 200
-"""Samples at either end of the record whose promptest shows how many ticks have passed."""
+REFINED = (0.5, 0.1, 0.02)  # half-widths of three searches around the line, in cycles over the record
+ENDS = 200  # samples at either end of the record whose promptest shows how many ticks have passed
 
 
 def missing_by_rhythm(stamps: Array) -> int | None:

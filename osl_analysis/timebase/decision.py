@@ -22,15 +22,12 @@ from osl_analysis.trial import Array
 
 TRUE_ABOVE, EVEN_BELOW, LARGEST_ERROR = 0.75, 0.25, 0.1
 """Bounds of g, and of its standard error, from which a signal is firm; 1727 of 1730 cases so decided, none wrongly."""
-NO_MATTER = 0.001
-"""Residual, in steps, below which both answers are the same samples."""
+NO_MATTER = 0.001  # residual, in steps, below which both answers are the same samples
 ORDER = 6
 DIFFERENCE = np.array([(-1.0) ** k * comb(ORDER, k) for k in range(ORDER + 1)])
 """Weights of seven samples in a sixth difference."""
-LARGEST_NOISE = 0.2
-"""Share of the slope's mean square that may be noise."""
-SLOPE_S = 0.02
-"""Half the stretch [s] over which the signal's slope is taken."""
+LARGEST_NOISE = 0.2  # share of the slope's mean square that may be noise
+SLOPE_S = 0.02  # half the stretch [s] over which the signal's slope is taken
 
 
 @dataclass(frozen=True)
@@ -110,8 +107,7 @@ def smoothing(window: int, order: int) -> Array:
     return np.asarray(scipy.signal.savgol_filter(np.eye(window), window, 3, deriv=order, axis=0))
 
 
-WANDERS = 0.1
-"""Slow wander of the residual, in steps, from which an undecided stream keeps its stamps."""
+WANDERS = 0.1  # slow wander of the residual, in steps, from which an undecided stream keeps its stamps
 
 
 @dataclass(frozen=True)

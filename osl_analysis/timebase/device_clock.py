@@ -12,8 +12,7 @@ ONE_SIDED = 0.5
 """Skew of the usual residual from which stamps are late and never early: the line then runs along their lower edge."""
 FAR, NEAR = 5.0, 1e-6
 """Usual spreads, and usual steps besides, from which a sample lies far off the line and says nothing about it."""
-WANDER_SAMPLES = 50
-"""Samples over which the residual is averaged to see whether it wanders slowly; jitter averages out."""
+WANDER_SAMPLES = 50  # samples over which the residual is averaged to see whether it wanders slowly; jitter averages out
 
 
 @dataclass(frozen=True)

@@ -14,18 +14,12 @@ from osl_analysis.trial import Array
 
 PER_PERIOD = 5
 """Samples kept per period of the highest harmonic; the filter leaves nothing that more of them would show."""
-CERTAIN = 4.0
-"""Standard errors by which a drift must differ from zero before it is believed, if they are known exactly."""
-FILTERED_HARMONICS = 1.5
-"""Frequency, in cut-offs, up to which the filter leaves harmonics that count."""
-PARTS = 100
-"""Chunks from whose scatter the standard error comes: the more there are, the better it is known."""
-CHUNKS, FEWEST_CHUNKS = 20, 5
-"""Chunks of `chunked_slope`, and the fewest of them that tell an error."""
-TIE = 1e-9
-"""Share of x^2 by which two chunks may differ."""
-LEAST_SEEN = 0.02
-"""Share of the noise's scatter that must be left where its standard error is to be told from it."""
+CERTAIN = 4.0  # standard errors by which a drift must differ from zero before it is believed, if they are known exactly
+FILTERED_HARMONICS = 1.5  # frequency, in cut-offs, up to which the filter leaves harmonics that count
+PARTS = 100  # chunks from whose scatter the standard error comes: the more there are, the better it is known
+CHUNKS, FEWEST_CHUNKS = 20, 5  # chunks of `chunked_slope`, and the fewest of them that tell an error
+TIE = 1e-9  # share of x^2 by which two chunks may differ
+LEAST_SEEN = 0.02  # share of the noise's scatter that must be left where its standard error is to be told from it
 
 
 @dataclass(frozen=True)
@@ -34,8 +28,7 @@ class ClockDrift:
 
     ppm: float
     se: float
-    freedom: float = np.inf
-    """Degrees of freedom of the standard error."""
+    freedom: float = np.inf  # degrees of freedom of the standard error
 
     @property
     def certain_ppm(self) -> float:
@@ -56,14 +49,10 @@ class ClockDrift:
 class SinePiece:
     """Filtered signals of settled cycles of one sine, (n,) each, at uniform times."""
 
-    frequency_hz: float
-    """Frequency of the sine [Hz]."""
-    time: Array
-    """Time [s]."""
-    motion: Motion
-    """Joint angle and its derivatives."""
-    torque: Array
-    """Resisting torque [N*m]."""
+    frequency_hz: float  # frequency of the sine [Hz]
+    time: Array  # time [s]
+    motion: Motion  # joint angle and its derivatives
+    torque: Array  # resisting torque [N*m]
 
 
 @dataclass(frozen=True)
@@ -72,10 +61,8 @@ class DriftColumns:
 
     drifting: Array
     torque: Array
-    beside: Array
-    """What is fitted beside the drift (k, n)."""
-    inverse: Array
-    """Inverse of its products (k, k)."""
+    beside: Array  # what is fitted beside the drift (k, n)
+    inverse: Array  # inverse of its products (k, k)
 
     def left_of(self, signals: Array) -> Array:
         """What the fit beside the drift leaves of signals (m, n)."""
@@ -115,11 +102,6 @@ def scatter_of_noise(rests: Iterable[DriftColumns], edges: Sequence[int], memory
     What is fitted takes part of the noise out of the chunks: nearly all of it in two cycles, whose harmonics are as
     many as their independent samples. Both follow from the autocovariance of the noise, `memory` (m,) at 0, 1, ...
     samples (Bell and McCaffrey 2002, Survey Methodology 28, 169-181).
-
-    Raises
-    ------
-    IdentifiabilityError
-        Hardly any noise is left.
     """
     kernel, chunks = np.concatenate([memory[:0:-1], memory])[None], len(edges) - 1
     products, shares, first = np.zeros((chunks, chunks)), np.zeros(chunks), 0

@@ -23,8 +23,7 @@ BRIDGE_MORE = (
     "50 ms bridged in every cycle change I by about 1 %"
 )
 """What the user may do where gaps leave nothing to fit."""
-ROUNDING = 0.1
-"""Steps by which jitter may lengthen a gap that is still bridged."""
+ROUNDING = 0.1  # steps by which jitter may lengthen a gap that is still bridged
 
 
 @dataclass(frozen=True)
@@ -67,13 +66,7 @@ class Gaps:
 
 
 def gaps_of(samples: Samples, first: float, last: float, limits: GapLimits) -> Gaps:
-    """Gaps of a stream between two times [s].
-
-    Raises
-    ------
-    InputError
-        A gap is longer than `limits.longest_s`.
-    """
+    """Gaps of a stream between two times [s]."""
     times = samples.times
     row = np.flatnonzero(np.diff(times) > LONG_STEP * samples.step)
     ends = np.stack([times[row], times[row + 1]], axis=1)
@@ -104,8 +97,7 @@ def usable_rows(time: Array, marked: Array, margin: float) -> NDArray[np.bool_]:
     return usable
 
 
-NOMINALLY_EQUAL = 1e-3
-"""Difference of two rates below which it is the clocks' and not the devices' intention."""
+NOMINALLY_EQUAL = 1e-3  # difference of two rates below which it is the clocks' and not the devices' intention
 
 
 @dataclass(frozen=True)
@@ -237,10 +229,8 @@ def stream_report(part: Samples, gaps: Gaps, rate_hz: float, limits: GapLimits) 
     )
 
 
-ON_GRID = 1e-6
-"""Distance, in steps, at which a sample counts as lying on the grid."""
-ROUNDED = 1e6
-"""Rows of a grid from which that distance grows with their number: a step is known to 1e-13 of itself."""
+ON_GRID = 1e-6  # distance, in steps, at which a sample counts as lying on the grid
+ROUNDED = 1e6  # rows of a grid from which that distance grows with their number: a step is known to 1e-13 of itself
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,6 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import ArrayLike, NDArray
 
-from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.trial import Array
 
@@ -287,17 +286,14 @@ CDR_TYPES = {"bool": "u1", "uint8": "u1", "int32": "<i4", "uint32": "<u4", "floa
 
 
 def write_mcap(path: Path, topic: LogTopic, time: Array, columns: Mapping[str, ArrayLike]) -> None:
-    """Write one topic with a message for each time stamp [s], from 0 to 2^31 s in whole nanoseconds.
-
-    The columns have shape (n,) each. They are cast to the types of the topic's schema. The schema lists them, in any
-    order, after `std_msgs/Header header`. The file appears whole or not at all.
-
-    Raises
-    ------
-    InputError
-        The schema and the columns do not name the same fields, or a field's type is not a plain scalar.
-    """
-    write_topics(path, [topic_of(topic, nanoseconds(time), columns)])
+    """Write one topic with a message for each time stamp [s], from 0 to 2^31 s in whole nanoseconds. The columns, (n,)
+    each, are cast to the types of the fields that the schema lists after its header."""
+    declared = topic.schema_text.split("===", maxsplit=1)[0].splitlines()[1:]
+    types = {words[1]: CDR_TYPES[words[0]] for words in map(str.split, declared) if words}
+    layout = aligned(header_members(topic.frame_id) | {f"field.{field}": kind for field, kind in types.items()})
+    values = {f"field.{field}": np.asarray(columns[field]) for field in types}
+    stamps, constants = nanoseconds(time), header(topic.frame_id)
+    write_topics(path, [Topic(topic.name, topic.schema_name, topic.schema_text, stamps, layout, constants, values)])
 
 
 def write_topics(path: Path, topics: Sequence[Topic]) -> None:
@@ -313,42 +309,10 @@ def nanoseconds(time: Array) -> NDArray[np.int64]:
     return np.rint(np.asarray(time) * 1e9).astype(np.int64)
 
 
-def topic_of(topic: LogTopic, stamps: NDArray[np.int64], columns: Mapping[str, ArrayLike]) -> Topic:
-    """The messages of a logger."""
-    types = field_types(topic.schema_text, topic.schema_name)
-    if set(types) != set(columns):
-        raise InputError(
-            f"{topic.schema_name}: the schema has {', '.join(types)} and the columns are {', '.join(columns)}; "
-            "give both the same fields"
-        )
-    constants = header(topic.frame_id)
-    layout = cdr_layout(types, len(constants["frame_id"]))
-    own = {f"field.{field}": np.asarray(values) for field, values in columns.items()}
-    return Topic(topic.name, topic.schema_name, topic.schema_text, stamps, layout, constants, own)
-
-
-def field_types(schema_text: str, schema_name: str) -> dict[str, str]:
-    """numpy type of each field after the header, in the order of the message."""
-    own = schema_text.split("===", maxsplit=1)[0]
-    declared = [line.split("#")[0].split() for line in own.splitlines() if line.split("#")[0].strip()]
-    if not declared or declared[0] != ["std_msgs/Header", "header"]:
-        raise InputError(f"{schema_name}: the first field must be 'std_msgs/Header header'; put it there")
-    for kind, field in declared[1:]:
-        if kind not in CDR_TYPES:
-            raise InputError(f"{schema_name}: field '{field}' is a {kind}; use one of {', '.join(CDR_TYPES)}")
-    return {field: CDR_TYPES[kind] for kind, field in declared[1:]}
-
-
-def cdr_layout(types: Mapping[str, str], frame_id_size: int) -> "np.dtype[np.void]":
-    """Record of a message with a header and scalars."""
-    return aligned(header_members(frame_id_size) | {f"field.{name}": kind for name, kind in types.items()})
-
-
-def header_members(frame_id_size: int) -> dict[str, str]:
+def header_members(frame_id: str) -> dict[str, str]:
     """Members of a record up to the end of its header, with their numpy types."""
-    return {
-        "encapsulation": "V4", "sec": "<i4", "nanosec": "<u4", "frame_id_length": "<u4", "frame_id": f"S{frame_id_size}"
-    }  # fmt: skip
+    frame = f"S{len(frame_id) + 1}"
+    return {"encapsulation": "V4", "sec": "<i4", "nanosec": "<u4", "frame_id_length": "<u4", "frame_id": frame}
 
 
 def header(frame_id: str) -> dict[str, Any]:
@@ -389,16 +353,13 @@ def joint_states(
     """JointState messages: positions [rad] by joint, (n,) each, and the effort of some joints; the other efforts are
     0."""
     names = [name.encode() + b"\0" for name in position]
-    members = header_members(len(frame_id) + 1) | {"names": "<u4"}
-    for k, name in enumerate(names):
-        members |= {f"name_length.{k}": "<u4", f"name.{k}": f"S{len(name)}"}
-    for field in ("position", "effort"):
-        # effort comes after the empty list of velocities
-        members |= ({} if field == "position" else {"velocities": "<u4"}) | {f"{field}s": "<u4"}
-        members |= {f"{field}.{joint}": "<f8" for joint in position}
+    members = header_members(frame_id) | {"names": "<u4"}
     constants = header(frame_id) | dict.fromkeys(("names", "positions", "efforts"), len(names))
     for k, name in enumerate(names):
+        members |= {f"name_length.{k}": "<u4", f"name.{k}": f"S{len(name)}"}
         constants |= {f"name_length.{k}": len(name), f"name.{k}": name}
+    members |= {"positions": "<u4"} | {f"position.{joint}": "<f8" for joint in position}
+    members |= {"velocities": "<u4", "efforts": "<u4"} | {f"effort.{joint}": "<f8" for joint in position}
     columns = {f"position.{joint}": values for joint, values in position.items()}
     columns |= {f"effort.{joint}": values for joint, values in effort.items()}
     return Topic(topic, JOINT_STATE, JOINT_STATE_TEXT, nanoseconds(time), aligned(members), constants, columns)
@@ -407,6 +368,6 @@ def joint_states(
 def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> Topic:
     """WrenchStamped messages with a torque [N*m] about z, (n,). All other components are 0."""
     axes = [f"{vector}.{axis}" for vector in ("force", "torque") for axis in "xyz"]
-    layout = aligned(header_members(len(frame_id) + 1) | dict.fromkeys(axes, "<f8"))
+    layout = aligned(header_members(frame_id) | dict.fromkeys(axes, "<f8"))
     columns = {"torque.z": torque}
     return Topic(topic, WRENCH, WRENCH_TEXT, nanoseconds(time), layout, header(frame_id), columns)

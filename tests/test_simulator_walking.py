@@ -2,38 +2,37 @@
 
 import numpy as np
 import pytest
-from walking_setup import Setup, load_setup
+from walking_setup import load_setup
 
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.shared_choices import read_impedance_trajectory
 from osl_analysis.simulator import step as gait
 from osl_analysis.simulator.bench import drivetrain_effects
-from osl_analysis.simulator.crossing import SimulatedCrossing, rendered_impedance, simulate_crossing
+from osl_analysis.simulator.crossing import rendered_impedance, simulate_crossing
 from osl_analysis.simulator.rigid_body import Pose, RigidBody, interpolated_at, rotation_about, time_derivative
 from osl_analysis.simulator.step import draw_step
 from osl_analysis.simulator.walking import motion_grid
-from osl_analysis.trial import Array
 
 G = 9.81
 GRAVITY = np.array([0, 0, -G])
 
 
 @pytest.fixture(scope="module")
-def setup() -> Setup:
+def setup():
     return load_setup()
 
 
 @pytest.fixture(scope="module")
-def walked(setup: Setup) -> SimulatedCrossing:
+def walked(setup):
     return setup.crossing(perturbed=True)
 
 
 @pytest.fixture(scope="module")
-def calm(setup: Setup) -> SimulatedCrossing:
+def calm(setup):
     return setup.crossing(perturbed=False)
 
 
-def inside_stance(crossing: SimulatedCrossing) -> Array:
+def inside_stance(crossing):
     phase = crossing.step.stance_phase(crossing.time)
     return (phase > 0.08) & (phase < 0.92)
 
@@ -41,19 +40,19 @@ def inside_stance(crossing: SimulatedCrossing) -> Array:
 # Newton and Euler
 
 
-def test_the_derivative_of_a_sine_is_a_cosine() -> None:
+def test_the_derivative_of_a_sine_is_a_cosine():
     t = np.arange(600) / 3000
     np.testing.assert_allclose(time_derivative(np.sin(60 * t), 3000)[2:-2], 60 * np.cos(60 * t)[2:-2], atol=60 * 6e-9)
 
 
-def test_interpolation_is_exact_for_cubics_and_on_the_grid() -> None:
+def test_interpolation_is_exact_for_cubics_and_on_the_grid():
     t, other = np.arange(50) / 100, np.array([0.0, 0.0123, 0.2, 0.3777, 0.49])
     values = np.stack([t**3 - t, 2 * t**2], axis=-1)
     expected = np.stack([other**3 - other, 2 * other**2], axis=-1)
     np.testing.assert_allclose(interpolated_at(values, 100, other)[1:-1], expected[1:-1], atol=1e-14)
 
 
-def test_a_turning_body_needs_what_its_six_point_masses_need() -> None:
+def test_a_turning_body_needs_what_its_six_point_masses_need():
     """Swung about y through a pivot by phi = 0.2 sin 9t: a = alpha x r + omega x (omega x r), by hand per mass."""
     rate, t = 3000.0, np.arange(900) / 3000
     phi, omega, alpha = 0.2 * np.sin(9 * t), 1.8 * np.cos(9 * t), -16.2 * np.sin(9 * t)
@@ -72,9 +71,7 @@ def test_a_turning_body_needs_what_its_six_point_masses_need() -> None:
     np.testing.assert_allclose(wrench.moment_about(np.tile(pivot, (900, 1)))[4:-4], moment[4:-4], atol=1e-4)
 
 
-def test_the_ground_gives_the_foot_what_torque_weight_and_inertia_leave(
-    walked: SimulatedCrossing, setup: Setup
-) -> None:
+def test_the_ground_gives_the_foot_what_torque_weight_and_inertia_leave(walked, setup):
     """tau = N - u . M_a, with N of the foot's mass written out as a point mass and a gyration about the axis."""
     foot, rate = walked.motion.foot, setup.walking.rates.motion_hz
     axis, inside = foot.rotation[:, :, 1], inside_stance(walked)
@@ -89,14 +86,14 @@ def test_the_ground_gives_the_foot_what_torque_weight_and_inertia_leave(
     np.testing.assert_allclose(walked.torque[inside], walked.drivetrain_torque[inside], atol=1e-9)
 
 
-def test_shank_and_foot_are_hinged_at_the_ankle_by_theta(walked: SimulatedCrossing) -> None:
+def test_shank_and_foot_are_hinged_at_the_ankle_by_theta(walked):
     foot, shank = walked.motion.foot, walked.motion.shank
     between = foot.rotation.transpose(0, 2, 1) @ shank.rotation
     np.testing.assert_allclose(between, rotation_about(1, walked.motion.theta), atol=1e-12)
     np.testing.assert_array_equal(foot.origin, shank.origin)
 
 
-def test_leaning_forward_over_the_foot_is_dorsiflexion(calm: SimulatedCrossing) -> None:
+def test_leaning_forward_over_the_foot_is_dorsiflexion(calm):
     lean = calm.motion.shank.rotation[:, 0, 2] - calm.motion.foot.rotation[:, 0, 2]
     flat = (calm.step.stance_phase(calm.time) > 0.3) & (calm.step.stance_phase(calm.time) < 0.58)
     np.testing.assert_allclose(lean[flat], np.sin(calm.motion.theta[flat]), atol=1e-3)
@@ -105,7 +102,7 @@ def test_leaning_forward_over_the_foot_is_dorsiflexion(calm: SimulatedCrossing) 
 # The gait
 
 
-def test_the_flat_foot_is_rigid_on_the_platform(walked: SimulatedCrossing) -> None:
+def test_the_flat_foot_is_rigid_on_the_platform(walked):
     phase = walked.step.stance_phase(walked.time)
     flat = (phase > gait.FLAT_FROM) & (phase < gait.FLAT_TO)
     platform, foot = walked.motion.platform.pose, walked.motion.foot
@@ -116,13 +113,13 @@ def test_the_flat_foot_is_rigid_on_the_platform(walked: SimulatedCrossing) -> No
     assert np.degrees(np.ptp(walked.motion.platform.angle[flat])) == pytest.approx(5, abs=1e-6)
 
 
-def test_the_foot_stays_above_the_floor(calm: SimulatedCrossing, setup: Setup) -> None:
+def test_the_foot_stays_above_the_floor(calm, setup):
     for point in (gait.HEEL, gait.BALL):
         assert calm.motion.foot.point(point)[:, 2].min() > setup.walking.plate.centre_m[2] - 1e-3
 
 
 @pytest.mark.parametrize("trial", [f"walking_{i:02d}" for i in range(1, 6)])
-def test_the_ground_presses_under_the_foot(setup: Setup, trial: str) -> None:
+def test_the_ground_presses_under_the_foot(setup, trial):
     crossing = setup.crossing(perturbed=False, trial=trial)
     inside = inside_stance(crossing)
     below = crossing.motion.foot.origin.copy()
@@ -133,7 +130,7 @@ def test_the_ground_presses_under_the_foot(setup: Setup, trial: str) -> None:
     assert ahead.max() < 0.20
 
 
-def test_ankle_moment_and_force_are_those_of_level_walking(calm: SimulatedCrossing, setup: Setup) -> None:
+def test_ankle_moment_and_force_are_those_of_level_walking(calm, setup):
     phase, mass = calm.step.stance_phase(calm.time), setup.walking.gait.body_mass_kg
     window = (phase > 0.39) & (phase < 0.53)
     assert 30 < calm.torque[window].mean() < 50
@@ -146,7 +143,7 @@ def test_ankle_moment_and_force_are_those_of_level_walking(calm: SimulatedCrossi
     assert not calm.reaction.moment[swing].any()
 
 
-def test_step_to_step_variability_has_the_sizes_that_are_set(setup: Setup) -> None:
+def test_step_to_step_variability_has_the_sizes_that_are_set(setup):
     """Standard deviations over 400 steps are within 15 % (4 sigma) of the sizes."""
     time = motion_grid(setup.walking)[::300]
     steps = [draw_step(f"walking_{i}", 1, time, setup.walking) for i in range(400)]
@@ -168,7 +165,7 @@ def test_step_to_step_variability_has_the_sizes_that_are_set(setup: Setup) -> No
 # The perturbation
 
 
-def test_a_perturbation_changes_nothing_before_its_onset(walked: SimulatedCrossing, calm: SimulatedCrossing) -> None:
+def test_a_perturbation_changes_nothing_before_its_onset(walked, calm):
     onset = walked.motion.platform.onset
     assert onset is not None
     before = walked.time <= onset
@@ -181,9 +178,7 @@ def test_a_perturbation_changes_nothing_before_its_onset(walked: SimulatedCrossi
     np.testing.assert_array_equal(walked.reaction.moment[early], calm.reaction.moment[early])
 
 
-def test_the_ramp_is_five_degrees_of_dorsiflexion_within_the_window(
-    walked: SimulatedCrossing, calm: SimulatedCrossing
-) -> None:
+def test_the_ramp_is_five_degrees_of_dorsiflexion_within_the_window(walked, calm):
     onset, phase = walked.motion.platform.onset, walked.step.stance_phase(walked.time)
     assert onset is not None
     turned = np.degrees(walked.motion.theta - calm.motion.theta)
@@ -195,7 +190,7 @@ def test_the_ramp_is_five_degrees_of_dorsiflexion_within_the_window(
     assert (walked.torque - calm.torque)[window].max() > 20
 
 
-def linear_answer(setup: Setup, K_d: float, B_d: float, crossing: SimulatedCrossing, calm: SimulatedCrossing) -> Array:
+def linear_answer(setup, K_d, B_d, crossing, calm):
     """Torque of the linear drivetrain (Eqs. 7-8) to the perturbation's rotation, integrated apart by scipy."""
     from scipy.signal import StateSpace, lsim
 
@@ -208,7 +203,7 @@ def linear_answer(setup: Setup, K_d: float, B_d: float, crossing: SimulatedCross
     return np.asarray(p.K_s * (theta - theta_m / p.n_T) + p.B_j * omega + p.J_j * alpha)
 
 
-def fitted(torque: Array, crossing: SimulatedCrossing, calm: SimulatedCrossing) -> Array:
+def fitted(torque, crossing, calm):
     columns = [getattr(crossing.motion, n) - getattr(calm.motion, n) for n in ("theta", "omega", "alpha")]
     onset = crossing.motion.platform.onset
     assert onset is not None
@@ -216,7 +211,7 @@ def fitted(torque: Array, crossing: SimulatedCrossing, calm: SimulatedCrossing) 
     return np.asarray(np.linalg.lstsq(np.stack(columns, axis=-1)[window], torque[window], rcond=None)[0])
 
 
-def test_without_imperfections_the_leg_renders_what_linear_theory_says(setup: Setup) -> None:
+def test_without_imperfections_the_leg_renders_what_linear_theory_says(setup):
     ideal = setup.ideal()
     crossing, calm = ideal.crossing(perturbed=True), ideal.crossing(perturbed=False)
     theory = linear_answer(ideal, 340, 5, crossing, calm)
@@ -232,15 +227,13 @@ def test_without_imperfections_the_leg_renders_what_linear_theory_says(setup: Se
     assert rendered["I_rendered"] == pytest.approx(inertia, abs=1e-3)
 
 
-def test_with_imperfections_it_renders_340_within_a_few_percent(
-    walked: SimulatedCrossing, calm: SimulatedCrossing
-) -> None:
+def test_with_imperfections_it_renders_340_within_a_few_percent(walked, calm):
     rendered = rendered_impedance(walked, calm)
     assert rendered["K_rendered"] == pytest.approx(340, rel=0.04)
     assert rendered["B_rendered"] == pytest.approx(5, rel=0.1)
 
 
-def test_the_desired_stiffness_peaks_at_340_and_is_level_in_the_window(setup: Setup) -> None:
+def test_the_desired_stiffness_peaks_at_340_and_is_level_in_the_window(setup):
     desired = read_impedance_trajectory(setup.walking.impedance)
     assert desired.K_d.max() == 340
     assert desired.K_d[0] == desired.K_d[-1]
@@ -250,7 +243,7 @@ def test_the_desired_stiffness_peaks_at_340_and_is_level_in_the_window(setup: Se
     np.testing.assert_allclose(desired.at(desired.K_d, window - 1), desired.at(desired.K_d, window))
 
 
-def test_an_uncompensated_leg_gets_the_naive_gains_and_renders_less(setup: Setup, walked: SimulatedCrossing) -> None:
+def test_an_uncompensated_leg_gets_the_naive_gains_and_renders_less(setup, walked):
     time = motion_grid(setup.walking)
     effects = drivetrain_effects(setup.settings)
     naive, calm = (

@@ -8,7 +8,6 @@ import pytest
 from osl_analysis.bench.segments import (
     Block,
     Segment,
-    best_lag,
     find_blocks,
     repeated_cycles,
     rows_of,
@@ -193,14 +192,3 @@ def test_cycles_tile_the_rows_of_the_segments_with_edges_between_rows():
     np.testing.assert_allclose(np.diff(cycles.first[8:]), 500 / 3)
     assert len(rows_of(segments)) == 1750 + 1167
     assert repeated_cycles([Segment(0.1, 2.0, 0, 1000, 4)]) is None
-
-
-@pytest.mark.parametrize("step", [1, 8, 25])
-def test_the_best_lag_of_a_template_is_that_of_all_lags(step):
-    """Noise as large as the sine; NumPy's correlation knows every lag."""
-    rng = np.random.default_rng(3)
-    template = np.sin(2 * np.pi * 3 * np.arange(1700) / 500)
-    for start in (0, 1, 83, 159, 160):
-        signal = rng.standard_normal(1860)
-        signal[start : start + 1700] += template
-        assert best_lag(signal, template, step) == np.argmax(np.correlate(signal, template, "valid"))

@@ -304,12 +304,7 @@ NOISE = np.random.default_rng(3).standard_normal(FULL.size)
     ("theta", "torque", "changes", "message"),
     [
         (FULL / 100, K * FULL, {}, "the angle moves by 0.0997 deg in all, expected 0.5 deg or more"),
-        (
-            path(0, 10),
-            K * path(0, 10),
-            {},
-            "begins at 0.00 deg, goes to 0.00 and 10.00 deg, and ends at 10.00 deg",
-        ),
+        (path(0, 10), K * path(0, 10), {}, "begins at 0.00 deg, goes to 0.00 and 10.00 deg, and ends at 10.00 deg"),
         (path(0, 10, 0, speed=20), K * path(0, 10, 0, speed=20), {}, "a cycle takes 1 s, which is not quasi-static"),
         (FULL, NOISE, {}, "torque does not follow the angle: its curve over angle accounts for"),
         (FULL, 0 * FULL + 2, {}, "torque stays at 2 throughout"),

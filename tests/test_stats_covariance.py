@@ -7,7 +7,6 @@ import pytest
 import statsmodels.api as sm
 from conftest import filtered_noise
 from repeated_cycles import COUNT, CYCLE, repeated
-from scipy.signal import fftconvolve
 
 from osl_analysis.second_order import fit_impedance, impedance_torque
 from osl_analysis.signals import LowPass, differentiate
@@ -169,11 +168,3 @@ def test_cycles_that_a_filter_correlates_have_the_spread_of_the_noise_before_it(
     ratio = {name: np.sqrt(np.mean(each)) / np.std(errors) for name, each in variances.items()}
     assert ratio["before"] == pytest.approx(1, abs=0.05)
     assert ratio["behind"] < 0.96
-
-
-@pytest.mark.parametrize("window", [1, 300, 20_000])
-def test_sums_over_a_window_of_a_long_record_are_those_of_its_convolution(window):
-    scores = np.random.default_rng(4).standard_normal((40_000, 2))
-    sums = np.array([fftconvolve(column, np.ones(window)) for column in scores.T])
-    expected = sums @ sums.T / window * 40_000 / (40_000 - 2)
-    assert moving_sums(scores, window)[0] == pytest.approx(expected, rel=1e-9, abs=1e-7)

@@ -1,14 +1,24 @@
-"""Means over repeated trials, and their summary tables."""
+"""Means over trials, and rival models over trials."""
 
 import numpy as np
 import polars as pl
 import pytest
 from scipy.special import stdtrit
+from scipy.stats import t as student
 from scipy.stats import ttest_ind
 
 from osl_analysis.bench.diagnostics import summary_of_trials
 from osl_analysis.errors import InputError
-from osl_analysis.stats.repeats import CommonError, over_repeats
+from osl_analysis.signals import LowPass
+from osl_analysis.stats.repeats import (
+    Candidate,
+    CommonError,
+    effective_samples,
+    mean_over_trials,
+    over_repeats,
+    rank_words,
+    score_models,
+)
 
 
 def test_repeats_give_students_interval():
@@ -50,3 +60,104 @@ def test_kinds_of_trials_count_as_one_mean_each_and_their_difference_is_no_scatt
     interval = ttest_ind(first, second, equal_var=False).confidence_interval()
     assert summary.high - summary.low == pytest.approx((interval.high - interval.low) / 2)
     assert summary.sd == pytest.approx(np.sqrt((3 * np.var(first, ddof=1) + 2 * np.var(second, ddof=1)) / 5))
+
+
+LOW_PASS = LowPass(15)
+
+
+def test_effective_samples_are_those_of_theory():
+    """White noise has n; AR(1) has n (1 - r^2)/(1 + r^2) (Bayley and Hammersley): within 10 % for 20 000 samples."""
+    rng = np.random.default_rng(4)
+    white = rng.standard_normal(20_000)
+    assert effective_samples(white) == pytest.approx(20_000, rel=0.1)
+    r, correlated = 0.9, np.zeros(20_000)
+    for i in range(1, 20_000):
+        correlated[i] = r * correlated[i - 1] + white[i]
+    assert effective_samples(correlated) == pytest.approx(20_000 * (1 - r**2) / (1 + r**2), rel=0.1)
+    band = LOW_PASS(white, 1000.0)
+    assert effective_samples(band) == pytest.approx(20_000 * 2 * 15 / 1000, rel=0.15)
+    thinned = effective_samples(band[::11])
+    assert thinned == pytest.approx(effective_samples(band), rel=0.15), "thinning a filtered signal loses nothing"
+
+
+def test_a_residual_that_does_not_vary_has_as_many_effective_samples_as_samples():
+    assert effective_samples(np.zeros(50)) == effective_samples(np.full(50, 0.3)) == 50
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-15])
+def test_of_models_that_fit_exactly_the_one_with_fewest_parameters_ranks_first(size):
+    """Whether rounding leaves zeros or 1e-15 N*m depends on the processor; the ranks must not."""
+    rng = np.random.default_rng(8)
+    torque, nothing = rng.standard_normal(500), size * rng.standard_normal(500)
+    scores = score_models(torque, [Candidate("", "", p, nothing, nothing) for p in (3, 2)])
+    assert [s.rank for s in scores] == [2, 1]
+    assert np.isfinite([s.bic for s in scores]).all()
+
+
+def test_bic_charges_a_parameter_the_logarithm_of_the_effective_samples():
+    rng = np.random.default_rng(5)
+    torque, left = rng.standard_normal(500), 0.1 * rng.standard_normal(500)
+    few, many = (Candidate("", "", p, left, left) for p in (2, 5))
+    scores = score_models(torque, [few, many])
+    m = scores[0].effective_samples
+    assert scores[1].bic - scores[0].bic == pytest.approx(3 * np.log(m))
+    assert scores[0].bic == pytest.approx(m * np.log(np.mean(left**2)) + 2 * np.log(m))
+    assert [s.rank for s in scores] == [1, 2]
+
+
+def test_paired_differences_tell_models_apart_that_their_own_scatter_hides():
+    """Trials differ by 100, the models by 1 +- 0.1 in every trial."""
+    rng = np.random.default_rng(1)
+    trial = rng.normal(0, 100, 10)
+    loss = np.column_stack([trial, trial - 1 + rng.normal(0, 0.1, 10), trial + 3])
+    assert rank_words(loss) == ["worse", "preferred", "worse"]
+    assert mean_over_trials(loss[:, 0]).low < mean_over_trials(loss[:, 1]).mean < mean_over_trials(loss[:, 0]).high
+
+
+def test_of_models_that_tie_the_first_is_preferred_although_another_has_the_smaller_mean():
+    loss = np.array([[1.0, 0.9, 5.0], [1.0, 1.2, 5.0], [1.0, 0.8, 5.0]])
+    assert rank_words(loss) == ["preferred", "tied", "worse"]
+
+
+def test_a_single_trial_tells_nothing_apart_and_has_no_interval():
+    assert rank_words(np.array([[1.0, 0.0]])) == ["preferred", "tied"]
+    assert rank_words(np.zeros((0, 2))) == [None, None]
+    alone = mean_over_trials(np.array([4.0]))
+    assert (alone.n, alone.mean) == (1, 4.0)
+    assert np.isnan([alone.sd, alone.low, alone.high]).all()
+
+
+def test_intervals_are_students_and_wider_where_trials_share_their_fits():
+    """Own trials: s / sqrt(n), n - 1 degrees of freedom. Shared: s^2 (1/n + 1/(n - 1)) after Nadeau and Bengio.
+
+    Both terms are of one scatter, which is worth n - 1 degrees of freedom and not the sum of two independent ones.
+    """
+    values = np.array([1.0, 2.0, 4.0, 7.0])
+    own, shared = mean_over_trials(values), mean_over_trials(values, shared=True)
+    assert own.high - own.mean == pytest.approx(student.ppf(0.975, 3) * np.std(values, ddof=1) / 2)
+    assert shared.se**2 == pytest.approx(np.var(values, ddof=1) * (1 / 4 + 1 / 3))
+    assert (shared.high - shared.mean) / shared.se == pytest.approx(student.ppf(0.975, 3))
+    assert shared.mean == own.mean == 3.5
+
+
+def gains_of_a_term(size, trials, rng):
+    """Held-out gains of a term: own estimates e of each trial, of which the mean of the others predicts this one."""
+    e = size + rng.standard_normal(trials)
+    others = (e.sum() - e) / (trials - 1)
+    return 2 * others * e - others**2
+
+
+@pytest.mark.parametrize(("trials", "plain"), [(5, 0.89), (10, 0.905)])
+def test_the_interval_of_a_held_out_gain_covers_its_mean_better_than_plain_student(trials, plain):
+    """Leave-one-out gains are no independent draws: E = a^2 - 1/(n - 1), and `plain` is what Student covers for a = 1.
+
+    2000 draws: a Monte Carlo error of 0.5 %. Over five trials 94 % remain, over ten 96 %.
+    """
+    for size, least in ((0.0, 0.95), (1.0, plain + 0.04), (3.0, 0.95)):
+        rng, covered, better = np.random.default_rng(2), 0, 0
+        for _ in range(2000):
+            found = mean_over_trials(gains_of_a_term(size, trials, rng), shared=True)
+            covered += found.low < size**2 - 1 / (trials - 1) < found.high
+            better += found.low > 0
+        assert covered / 2000 > least
+        assert size or better / 2000 < 0.01, "a needless term is not found"

@@ -12,7 +12,6 @@ from osl_analysis.stats.sinusoid import (
     complex_row,
     fit_sinusoid,
     polar_row,
-    waves,
 )
 
 
@@ -96,12 +95,3 @@ def test_amplitudes_that_differ_from_cycle_to_cycle_leave_the_phase_certain():
     assert phasor.covariance[0, 1] > 0
     assert phasor.magnitude_se == pytest.approx(0.1 / np.sqrt(40), rel=0.3)
     assert phasor.phase_se < 0.02 * phasor.magnitude_se
-
-
-@pytest.mark.parametrize("gap", [0.0, 7.3])
-def test_waves_are_cosine_and_sine_at_even_times_and_across_a_gap(gap):
-    """A time of 100 s is known to 1e-14 s: the phase of 5 Hz to 5e-13 rad."""
-    for n in (1, 2, 3, 50, 1999):
-        time = 100 + 1e-3 * (np.arange(n) + gap * (np.arange(n) > 20))
-        expected = [f(2 * np.pi * frequency * time) for frequency in (3.0, 5.0) for f in (np.cos, np.sin)]
-        np.testing.assert_allclose(waves(time, [3.0, 5.0]), expected, rtol=0, atol=4e-12)

@@ -159,10 +159,7 @@ def test_short_stretches_of_cycles_are_not_used_beside_a_long_one():
 
 @pytest.mark.parametrize(
     ("shift", "problem"),
-    [
-        (20.0, "overlap in 0 rows, at least 20 are needed"),
-        (0.0, "no sample from 3.0000 s to 4.0000 s, 1.000 s long"),
-    ],
+    [(20.0, "overlap in 0 rows, at least 20 are needed"), (0.0, "no sample from 3.0000 s to 4.0000 s, 1.000 s long")],
 )
 def test_what_has_no_time_base_is_refused_by_trial_channel_and_time(shift, problem):
     stamps = times() + shift

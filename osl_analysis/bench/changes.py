@@ -260,11 +260,7 @@ def record_clock_row(record: MovingRecord) -> Row:
         check_drift(drift, record.largest_drift_ppm)
     except InputError as error:
         raise InputError(f"trial {record.name}: {error}") from error
-    return {
-        "clock_drift_ppm": drift.ppm,
-        "clock_drift_se_ppm": drift.se,
-        "certain_clock_drift_ppm": drift.certain_ppm,
-    }
+    return {"clock_drift_ppm": drift.ppm, "clock_drift_se_ppm": drift.se, "certain_clock_drift_ppm": drift.certain_ppm}
 
 
 def drift_between(record: MovingRecord) -> ClockDrift | None:

@@ -20,14 +20,7 @@ from osl_analysis.model.drivetrain_response import Friction, belt_response
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.stats.regression import regressors
-from osl_analysis.stats.repeats import (
-    Candidate,
-    Score,
-    loss_behind_best,
-    mean_over_trials,
-    rank_words,
-    score_models,
-)
+from osl_analysis.stats.repeats import Candidate, Score, loss_behind_best, mean_over_trials, rank_words, score_models
 from osl_analysis.trial import Array
 
 Terms = Mapping[str, tuple[str, ...]]  # names of the columns of each model, by the model's name

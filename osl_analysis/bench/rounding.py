@@ -21,7 +21,6 @@ from osl_analysis.stats.sinusoid import waves
 from osl_analysis.trial import Array
 
 SINES = 3  # harmonics of the sine that a segment may have, the fundamental included
-BATCH = 12_000  # samples whose rounding is computed at a time: it stays in the processor's cache
 FEW, CLEAR = 8, 1.2
 """Rows of which one is seen at first, and the noise [steps] that is then large enough: twice what `DITHERED` needs."""
 DITHERED = 1e-3  # share of the rounding that survives the noise before it, below which there is nothing to repeat
@@ -161,7 +160,7 @@ class RepeatedRounding:
             first, weights = rows.stop, X.T[:, rows]
             # the error acts as stiffness e + damping de/dt; by parts, the derivative is the column's
             if (stiffness, damping) != (1.0, 0.0):
-                weights = stiffness * weights - damping * signal.rate_hz * slopes(weights)
+                weights = stiffness * weights - damping * signal.rate_hz * np.gradient(weights, axis=1)
             used = [k for k in segment.used if piece.start - 1 < segment.edges[k] < piece.stop - 1]
             edges = signal.time[0] + segment.edges[[*used, used[-1] + 1]] / signal.rate_hz
             cuts = np.searchsorted(signal.sampled, edges)
@@ -169,11 +168,9 @@ class RepeatedRounding:
             count = samples.stop - samples.start
             place, smooth = signal.place(samples) - piece.start, signal.at_samples[samples]
             size = SIZES * signal.step * signal.rate_hz * (edges[-1] - edges[0]) / count  # per row
-            for cycles in np.array_split(np.arange(len(used)), min(-(-count // BATCH), len(used))):
-                low, *_, high = edge = cuts[cycles[0] : cycles[-1] + 2] - cuts[0]
-                each = interpolated(place[low:high], weights, own.T[:, rows])
-                errors = rounding_harmonics(smooth[low:high], signal.step)
-                yield from (each[:, i:j] @ errors[:, i:j].T * size for i, j in pairwise(edge - low))
+            each = interpolated(place, np.vstack([weights, own.T[:, rows]]))
+            errors = rounding_harmonics(smooth, signal.step)
+            yield from (each[:, i:j] @ errors[:, i:j].T * size for i, j in pairwise(cuts - cuts[0]))
 
     def transfer(self, segment: Segment) -> tuple[float, float]:
         """By how much what is fitted follows the signal and its derivative in a segment; (1, 0): the signal itself."""
@@ -193,32 +190,11 @@ def total(sums: Sequence[RoundingSums], segments: Sequence[Segment]) -> Rounding
     return found if all(segment.repeated is not None for segment in segments) else found.whole
 
 
-def slopes(values: Array) -> Array:
-    """Slope of values (p, n) per row, as `np.gradient` has it in twice the time."""
-    found = np.empty_like(values)
-    np.subtract(values[:, 2:], values[:, :-2], out=found[:, 1:-1])
-    found[:, 1:-1] /= 2
-    found[:, [0, -1]] = values[:, [1, -1]] - values[:, [0, -2]]
-    return found
-
-
-def interpolated(place: Array, *values: Array) -> Array:
-    """Values (p, k) at places (k,) between rows from those (p, n) in the rows, by straight lines; constant beyond.
-
-    Those of several arrays (p, n) stand one below the other.
-    """
-    row = np.clip(place.astype(np.intp), 0, values[0].shape[1] - 2)
-    in_turn = len(row) > 0 and bool((np.diff(row) == 1).all())
-    share, found, first = np.clip(place - row, 0.0, 1.0), np.empty((sum(map(len, values)), len(row))), 0
-    for each in values:
-        some = each[:, row[0] : row[-1] + 2] if in_turn else None
-        below, above = (each[:, row], each[:, row + 1]) if some is None else (some[:, :-1], some[:, 1:])
-        between = found[first : first + len(each)]
-        np.subtract(above, below, out=between)
-        between *= share
-        between += below
-        first += len(each)
-    return found
+def interpolated(place: Array, values: Array) -> Array:
+    """Values (p, k) at places (k,) between rows from those (p, n) in the rows, by straight lines; constant beyond."""
+    row = np.clip(place.astype(np.intp), 0, values.shape[1] - 2)
+    below, above = values[:, row], values[:, row + 1]
+    return np.asarray(below + np.clip(place - row, 0.0, 1.0) * (above - below))
 
 
 def with_sines(theta: Array, time: Array, segments: Sequence[Segment]) -> Array:
@@ -238,5 +214,5 @@ def with_sines(theta: Array, time: Array, segments: Sequence[Segment]) -> Array:
 def harmonics_of(angle: Array, time: Array, frequency_hz: float) -> Array:
     """The mean and the first `SINES` harmonics of an angle (n,) at times (n,) [s], by least squares, shape (n,)."""
     columns = np.ones((2 * SINES + 1, len(time)))
-    columns[1:] = waves(time, frequency_hz * np.arange(1, SINES + 1))
+    columns[1:] = waves(time, frequency_hz, SINES)
     return np.asarray(np.linalg.solve(columns @ columns.T, columns @ angle) @ columns)

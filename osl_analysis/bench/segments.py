@@ -20,7 +20,6 @@ from osl_analysis.trial import Array
 SAME_FREQUENCY = 1e-3  # relative difference of frequencies that are one
 SAME_PHASE = 2e-3  # part of a cycle by which a run may slip against a frequency that is taken for its own
 TOUCHING = 0.3  # largest part of a cycle between two runs that follow one another without a rest
-COARSE = 20  # steps within half a period of the fastest sine in which the start of a group is sought at first
 WHOLE, UPWARD = 0.15, 0.5
 """Deviation of a run from whole cycles, and of its phase [rad] at its start from 0, with which it is a plain sine."""
 
@@ -280,20 +279,7 @@ def best_start(theta: Array, group: Sequence[Segment], rate: float) -> float:
     near = theta[low : round(group[0].start) + reach + len(template)]
     if len(near) < len(template):
         return group[0].start
-    return low + best_lag(near, template, max(reach // COARSE, 1))
-
-
-def best_lag(signal: Array, template: Array, step: int) -> int:
-    """Row of a signal (n,) from which on it agrees best with a template (k,): by every `step`-th, then by those near.
-
-    The template changes little within a step, and so does the agreement.
-    """
-    last = len(signal) - len(template)
-    agreement = {row: float(signal[row : row + len(template)] @ template) for row in range(0, last + 1, step)}
-    best = max(agreement, key=agreement.__getitem__)
-    for row in range(max(best - step, 0), min(best + step, last) + 1):
-        agreement[row] = float(signal[row : row + len(template)] @ template)
-    return max(sorted(agreement), key=agreement.__getitem__)
+    return float(low + np.argmax(np.correlate(near, template, "valid")))
 
 
 def shifted(group: Sequence[Segment], start: float) -> list[Segment]:

@@ -7,12 +7,7 @@ from typing import Any
 from osl_analysis.bench.plausibility import check_recording, saturated
 from osl_analysis.bench.settings import TorqueAngleAnalysis
 from osl_analysis.bench.torque_angle import torque_angle_trial
-from osl_analysis.bench.torque_angle_tables import (
-    curve_table,
-    cycle_table,
-    torque_angle_table,
-    torque_angle_time_base,
-)
+from osl_analysis.bench.torque_angle_tables import curve_table, cycle_table, torque_angle_table, torque_angle_time_base
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 

@@ -6,11 +6,10 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.measured import SMALLEST, check_finite, check_measured
+from osl_analysis.measured import check_finite, check_measured
 from osl_analysis.stats.covariance import Cycles, check_repeated
 from osl_analysis.trial import Array
 
-TRIED = 1 << 10  # samples that show the step to which a signal was rounded
 SAME = 1e-9
 """Difference of two values, as a share of the range, below which they are one that was converted with another error."""
 DISTINCT = 0.5  # largest share of distinct values among the samples of a signal whose step is visible
@@ -29,9 +28,7 @@ def visible_step(values: Array) -> float | None:
     span = float(np.ptp(values))
     if span == 0:
         return None
-    most = int(DISTINCT * len(values))
-    distinct = even_values(values, most)
-    distinct = distinct_values(values, most) if distinct is None else distinct
+    distinct = distinct_values(values, int(DISTINCT * len(values)))
     if distinct is None:
         return None
     apart = np.diff(distinct)
@@ -41,25 +38,6 @@ def visible_step(values: Array) -> float | None:
     step = float(np.median(apart[apart < 1.5 * np.min(apart)]))
     off = np.abs(apart / step - np.rint(apart / step))
     return step if float(np.mean(off < 0.02)) >= WHOLE_STEPS else None
-
-
-def even_values(values: Array, most: int) -> Array | None:
-    """The distinct values of a signal (n,) that are whole steps apart, but for errors of rounding, rising.
-
-    A thousand of the samples show the step. None where the others do not keep to it, or where more than `most` steps
-    are possible: then `distinct_values` may find more. It takes four times as long.
-    """
-    low, span = float(values.min()), float(np.ptp(values))
-    apart = np.diff(np.unique(values[:: max(len(values) // TRIED, 1)]))
-    shortest = np.min(apart[apart > SAME * span], initial=span)
-    steps = round(span / shortest)
-    if steps > most or span < SMALLEST:
-        return None
-    place = (values - low) * (steps / span)
-    nearest = np.rint(place)
-    if np.max(np.abs(place - nearest)) > SAME * steps:
-        return None
-    return np.asarray(low + span / steps * np.flatnonzero(np.bincount(nearest.astype(np.intp))))
 
 
 def distinct_values(values: Array, most: int) -> Array | None:

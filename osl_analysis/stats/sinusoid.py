@@ -1,13 +1,12 @@
 """Complex estimates with their covariance, and the fit of a sine of known frequency with its harmonics."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from osl_analysis.errors import InputError
@@ -162,7 +161,6 @@ def polar_row(number: ComplexEstimate) -> dict[str, float]:
 HARMONICS = 5  # highest harmonic that is fitted. Harmonics 3 and 5, which friction makes, are among them.
 NAMES = ("offset", *(f"{wave}{k}" for k in range(1, HARMONICS + 1) for wave in ("cos", "sin")))
 """The columns of a sine with its harmonics."""
-EVEN = 1e-9  # phase [rad] that steps between even times may lose over a table of `waves`; rounding loses less by far
 SOME = 1000  # times that say how fast a signal was sampled
 NO_SINE = 1e-12
 """Smallest amplitude that counts as a sine, as a share of the largest reading. Below it is the fit's rounding error."""
@@ -273,8 +271,7 @@ def sinusoid(time: Array, frequency_hz: float, cycles: Cycles | None = None) -> 
     step = float(np.median(np.diff(time[:SOME]))) if len(time) > 1 else np.inf
     check_sampling(len(time), step, frequency_hz)
     cycles = cycles or whole_cycles(len(time), 1 / (step * frequency_hz))
-    rows = waves(time, frequency_hz * np.arange(HARMONICS + 1))[1:]
-    rows[0] = 1.0  # the offset stands where the sine of frequency 0 was
+    rows = np.concatenate([np.ones((1, len(time))), waves(time, frequency_hz, HARMONICS)])
     return Sinusoid(frequency_hz, float(time[0]), regressors_of(NAMES, rows.T), cycles)
 
 
@@ -300,20 +297,11 @@ def whole_cycles(samples: int, period: float) -> Cycles | None:
     return Cycles(edges[:-1], edges[1:], np.zeros(count, dtype=np.intp))
 
 
-def waves(time: Array, frequencies_hz: ArrayLike) -> Array:
-    """cos(2 pi f t) and sin(2 pi f t) (2 k, n) in turn for some frequencies (k,), at times [s] (n,).
-
-    At even times they are those of sums of angles from two short tables, a tenth of the work.
-    """
-    turn, n = 2j * np.pi * np.atleast_1d(frequencies_hz)[:, None], len(time)
-    few = max(math.isqrt(n), 1)
-    if n < 3 or np.ptp(np.diff(time)) * np.abs(turn).max() * few >= EVEN:
-        each = np.exp(turn * time)
-        return np.stack([each.real, each.imag], axis=1).reshape(-1, n)
-    starts, steps = np.exp(turn * time[::few]), np.exp(turn * (time[:few] - time[0]))
-    found = np.empty((len(turn), 2, starts.shape[1], few))
-    for pair, start, step in zip(found, starts, steps, strict=True):
-        each = np.array([step.real, step.imag])
-        np.matmul(np.array([start.real, -start.imag]).T, each, out=pair[0])
-        np.matmul(np.array([start.imag, start.real]).T, each, out=pair[1])
-    return found.reshape(2 * len(turn), -1)[:, :n]
+def waves(time: Array, frequency_hz: float, harmonics: int = 1) -> Array:
+    """cos(2 pi k f t) and sin(2 pi k f t) (2 harmonics, n) in turn for k from 1 on, at times [s] (n,)."""
+    found, once = np.empty((harmonics, 2, len(time))), np.exp(2j * np.pi * frequency_hz * time)
+    turned = np.ones_like(once)
+    for pair in found:
+        turned = turned * once
+        pair[0], pair[1] = turned.real, turned.imag
+    return found.reshape(2 * harmonics, -1)

@@ -8,6 +8,7 @@ from pathlib import Path
 from commands import commands_page
 
 import osl_analysis
+from osl_analysis.commands import reference
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -60,6 +61,8 @@ def fill_page(app, page, source):
         text = "# Glossary\n\n" + section(with_links(ROOT / "CONTRIBUTING.md", page), "## Words")
     elif page == "site/commands":
         text = text.partition("\n")[0] + "\n\n" + commands_page()
+    elif page == "site/tables":
+        text = reference.page("osl-analysis describe-tables")
     elif page == "site/functions":
         text = text + functions_page()
     else:

@@ -39,7 +39,7 @@ TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)
 def gain_table(
     K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters, weight: Weight, frequencies_hz: Sequence[float]
 ) -> pl.DataFrame:
-    """A row per pair K_d [N*m/rad], B_d [N*m*s/rad], arrays of shape (pairs,); docs/tables.md has the columns.
+    """A row per pair K_d [N*m/rad], B_d [N*m*s/rad], arrays of shape (pairs,); `describe-tables` has the columns.
 
     They are the gains at the actuator's output and at the joint (times n_T^2), the norm of Eq. 14, the flags of
     `OptimalDamping`, the fit of Eq. 15 that linear theory predicts at `frequencies_hz`, and the stability, passivity

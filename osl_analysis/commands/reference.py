@@ -1,4 +1,4 @@
-"""The page docs/tables.md: what every column of every result table, and every entry of the summary, means."""
+"""What a user looks up: the meaning of every column of every result table, and the JSON schemas of the YAML files."""
 
 import ast
 import inspect

@@ -87,7 +87,7 @@ class Fit:
     """A fitted trial. Nothing of it can be changed: its data frames are copies.
 
     Every column of its table is an attribute, with the value of the fit to all data: `fit.K`, `fit.K_se`, `fit.VAF`;
-    `fit.K_interval` is (low, high), the 95 % interval. docs/tables.md has meaning and unit of each.
+    `fit.K_interval` is (low, high), the 95 % interval. `osl-analysis describe-tables` has meaning and unit of each.
     """
 
     experiment: str  # Experiment, which names the table that the fit has rows of in a campaign

@@ -23,7 +23,7 @@ def gains(K_d: Numbers, B_d: Numbers, parameters: File | None = OF_CONFIG, confi
 
     As `osl-analysis gains`: `K_1` and `B_1` at the actuator's output (Eqs. 13 and 14), `K_1_joint` and `B_1_joint` at
     the joint, and what theory predicts for them: `K_predicted`, `faithful_to_hz`, `delay_margin` and more
-    (docs/tables.md, `gains`). `parameters` and `config` as in `fit_impedance`; the configuration has W of Eq. 14.
+    (`describe-tables`). `parameters` and `config` as in `fit_impedance`; the configuration has W of Eq. 14.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def read_summary(folder: File = "results") -> pl.DataFrame:
 
 
 def read_table(path: File) -> pl.DataFrame:
-    """A result table of a campaign, such as `results/tables/impedance.csv`; docs/tables.md explains its columns.
+    """A result table of a campaign, such as `results/tables/impedance.csv`; `osl-analysis describe-tables` explains it.
 
     Raises
     ------

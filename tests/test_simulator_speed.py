@@ -9,7 +9,7 @@ from conftest import ROOT
 from scipy.interpolate import CubicSpline
 from walking_setup import load_setup
 
-from osl_analysis.commands.simulate import row_of_trial
+from osl_analysis.commands.simulate import row_of_trial, simulate_trial
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator import drivetrain, joint_motion, kernel
@@ -67,3 +67,13 @@ def test_jobs_find_the_compiled_functions_loaded(monkeypatch):
     replace(setup, p=p).crossing(perturbed=True)
     assert called == warmed
     assert set(called) == {name for _, name in KERNELS}
+
+
+def test_without_a_compiler_nothing_is_simulated_and_one_line_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr("osl_analysis.compiled.numba", None)
+    with pytest.raises(
+        InputError, match=r"needs numba, which is not installed; pip install 'osl-analysis\[simulator\]'"
+    ):
+        simulate_trial(ROOT / "tests/tiny_simulation.yaml", tmp_path, "belt_01")
+    assert list(tmp_path.iterdir()) == []

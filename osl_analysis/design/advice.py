@@ -30,44 +30,35 @@ def long_enough(plan: Plan, enough: Callable[[Plan], bool]) -> Plan | None:
     """The shortest plan of the same kind that is `enough`; None if no length that is tried is. Of a multisine, periods
     and realisations are chosen together, with four realisations or more: their spread is the only interval that has the
     distortion as it is."""
-    if isinstance(plan, SteppedSine):
-        cycles = smallest(
-            lambda n: enough(replace(plan, cycles=(float(n),) * len(plan.frequencies_hz))),
-            plan.settle_cycles + LAST_CYCLES + FEWEST_CYCLES,
-            MOST_CYCLES,
-        )
-        return None if cycles is None else replace(plan, cycles=(float(cycles),) * len(plan.frequencies_hz))
-    if isinstance(plan, Continuous):
-        seconds = smallest(lambda n: enough(replace(plan, duration_s=float(n))), SHORTEST_S, LONGEST_S)
-        return None if seconds is None else replace(plan, duration_s=float(seconds))
-    assert isinstance(plan, PeriodicMultisine)
-    return shortest_multisine(plan, enough)
+    found = []
+    for one in [replace(plan, periods=n) for n in PERIODS] if isinstance(plan, PeriodicMultisine) else [plan]:
+        length = smallest(lambda n, one=one: enough(of_length(one, n)), *lengths(one))  # type: ignore[misc]
+        if length is not None:
+            found.append(of_length(one, length))
+    return min(found, key=lambda one: one.record_s, default=None)
 
 
 def longest(plan: Plan) -> Plan:
     """The longest plan of the same kind that `long_enough` tries."""
+    most = replace(plan, periods=max(PERIODS)) if isinstance(plan, PeriodicMultisine) else plan
+    return of_length(most, lengths(plan)[1])
+
+
+def lengths(plan: Plan) -> tuple[int, int]:
+    """Smallest and largest number that is tried of cycles, of seconds, or of realisations."""
     if isinstance(plan, SteppedSine):
-        return replace(plan, cycles=(float(MOST_CYCLES),) * len(plan.frequencies_hz))
+        return plan.settle_cycles + LAST_CYCLES + FEWEST_CYCLES, MOST_CYCLES
+    return (SHORTEST_S, LONGEST_S) if isinstance(plan, Continuous) else (ENOUGH_REALISATIONS, MOST_REALISATIONS)
+
+
+def of_length(plan: Plan, n: int) -> Plan:
+    """The plan with n cycles at each frequency, with n seconds, or with n realisations."""
+    if isinstance(plan, SteppedSine):
+        return replace(plan, cycles=(float(n),) * len(plan.frequencies_hz))
     if isinstance(plan, Continuous):
-        return replace(plan, duration_s=float(LONGEST_S))
+        return replace(plan, duration_s=float(n))
     assert isinstance(plan, PeriodicMultisine)
-    return replace(plan, periods=max(PERIODS), realisations=MOST_REALISATIONS)
-
-
-def shortest_multisine(plan: PeriodicMultisine, enough: Callable[[Plan], bool]) -> PeriodicMultisine | None:
-    """As `long_enough`, of a multisine."""
-    best: PeriodicMultisine | None = None
-    for periods in PERIODS:
-        found = fewest_realisations(replace(plan, periods=periods), enough)
-        if found is not None and (best is None or found.record_s < best.record_s):
-            best = found
-    return best
-
-
-def fewest_realisations(plan: PeriodicMultisine, enough: Callable[[Plan], bool]) -> PeriodicMultisine | None:
-    """The plan with the fewest realisations that are `enough`; None if no number is."""
-    count = smallest(lambda n: enough(replace(plan, realisations=n)), ENOUGH_REALISATIONS, MOST_REALISATIONS)
-    return None if count is None else replace(plan, realisations=count)
+    return replace(plan, realisations=n)
 
 
 def smallest(enough: Callable[[int], bool], first: int, last: int) -> int | None:

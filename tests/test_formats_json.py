@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from osl_analysis.errors import InputError
@@ -20,7 +19,6 @@ from osl_analysis.formats.object_messages import json_number, last_name, path_to
 from osl_analysis.ingest.log_overview import inspect_mcap
 from osl_analysis.ingest.message_log import McapSource, read_mcap_log
 
-REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 MILLISECOND = 1_000_000
 
 
@@ -94,17 +92,6 @@ def test_messages_of_any_shape_equal_pythons_parser(first: Any, then: Any, inden
                 assert found == (value if -(2**53) < value < 2**53 else pytest.approx(value, rel=2**-52))
 
 
-def test_a_real_json_log_equals_pythons_parser() -> None:
-    path = REAL_DATA / "mcap" / "rerun_json_and_protobuf.mcap"
-    if not path.exists():
-        pytest.skip("real data are not here")
-    with path.open("rb") as file:
-        messages = [json.loads(message.data) for _, _, message in make_reader(file).iter_messages(topics=["mouse"])]
-    decoded = decode_topics(read_mcap(path), {"mouse": ["clientX", "clientY"]})["mouse"]
-    for name in ("clientX", "clientY"):
-        assert decoded.values[name].tolist() == [message[name] for message in messages]
-
-
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.text('ab.[]"\\\\= \n\u00e9', max_size=4), min_size=1, max_size=3))
 def test_the_path_to_any_names_leads_to_their_number_and_is_how_it_is_listed(names: list[str]) -> None:
@@ -126,11 +113,6 @@ def test_a_name_with_a_dot_is_read_in_a_topic_as_in_lines(tmp_path: Path) -> Non
     assert decoded.values['f["cell.mz"]'].tolist() == list(range(30))
     assert decoded.values["f.cell.mz"].tolist() == [-k for k in range(30)]
     assert [one.address["field"] for one in inspect_mcap(path).channels] == ['f["cell.mz"]', "f.cell.mz"]
-
-
-def test_a_number_with_a_fraction_after_whole_ones_is_not_cut(tmp_path: Path) -> None:
-    path = write(tmp_path / "log.mcap", ['{"a": 1}'] * 30 + ['{"a": 2.5}'], chunk_size=400)
-    assert read(path, "a").values["a"].tolist() == [1.0] * 30 + [2.5]
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -160,12 +142,6 @@ SOUND = b'{"a": "b", "b": 1, "c": [2], "b2": 3}'
 def test_a_field_that_nobody_wants_may_be_written_twice(tmp_path: Path) -> None:
     decoded = read(write(tmp_path / "log.mcap", ['{"a": 1, "b": 2, "b": 3}'] * 9), "a")
     assert decoded.values["a"].tolist() == [1] * 9
-
-
-def test_a_field_that_comes_late_is_not_overlooked(tmp_path: Path) -> None:
-    texts = ['{"a": 1.5}'] * 30 + ['{"a": 1.5, "b": {"c": 7}}'] * 30
-    decoded = read(write(tmp_path / "log.mcap", texts, chunk_size=400), "a", "b.c")
-    assert decoded.present["b.c"].tolist() == [False] * 30 + [True] * 30
 
 
 def test_stamps_in_json_are_exact_and_what_is_no_json_is_left_out(tmp_path: Path) -> None:
@@ -260,8 +236,3 @@ def test_a_counter_that_does_not_count_is_refused_and_not_taken_for_zero(tmp_pat
     texts = ['{"x": 1.5, "seq": 7}', f'{{"x": 1.5, "seq": {wrong}}}'] * 2
     with pytest.raises(InputError, match=r"'seq' is .* in message 2"):
         ingested(write(tmp_path / "log.mcap", texts), counter="seq")
-
-
-def test_a_number_in_place_of_an_object_that_was_not_seen_before_is_no_absent_object(tmp_path: Path) -> None:
-    texts = ['{"a": 1.5}'] * 30 + ['{"a": 1.5, "x": 3}']
-    assert read(write(tmp_path / "log.mcap", texts, chunk_size=100), "a", "x.y").values["a"].size == 30

@@ -189,3 +189,13 @@ def test_a_whole_array_is_refused_with_the_fields_there_are(tmp_path: Path) -> N
         InputError, match=r"'packed_double' is an array of 2, not one number \(it has .*packed_double\[0..1\]"
     ):
         read_mcap_log(path, source(theta="packed_double"))
+
+
+def test_large_whole_numbers_stay_exact_beside_small_ones(tmp_path: Path) -> None:
+    values = [2**64 - 1, 7, 2**63 + 1]
+    payloads = [stamped(k, one_uint64=value, maybe_bool=True) for k, value in enumerate(values)]
+    payloads.append(stamped(3, one_uint64=5))  # read in a batch of its own, as it has other fields
+    decoded = decode_topics(
+        read_mcap(write(tmp_path / "log.mcap", payloads)), {"/lab": ["one_uint64", "maybe_bool"]}, ["maybe_bool"]
+    )
+    assert decoded["/lab"].values["one_uint64"].tolist() == [*values, 5]

@@ -192,6 +192,8 @@ def batches(places: Sequence[int], messages: Sequence[dict[str, Any]]) -> Iterat
 
 def as_array(numbers: Sequence[float | bool]) -> NDArray[Any]:
     """Numbers in one type that holds them all; integers beyond 64 bits become floats."""
+    if all(one.__class__ is int for one in numbers) and min(numbers) >= 0 and 2**63 <= max(numbers) < 2**64:
+        return np.array(numbers, np.uint64)  # numpy would make floats of them
     values = np.array(numbers)
     return values.astype(np.float64) if values.dtype == object else values
 

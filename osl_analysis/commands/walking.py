@@ -120,20 +120,16 @@ def select_crossings(
     each. A warning says by which conditions results are split although the configuration does not ask for it."""
     rows = selection_rows(*read_crossing_files(crossings), settings, sheet)
     table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
-    for sentence in [*statements(sheet or {}, settings), *timing_statements(table, settings)]:
+    said = statements(sheet or {}, settings)
+    timed = [name for name in table["group"].drop_nulls().unique(maintain_order=True) if "timing " in name]
+    if timed and "timing" not in settings.group_by:
+        said.append(
+            f"perturbations begin at {len(timed)} different phases of stance ({'; '.join(sorted(timed))}): each has a "
+            "result of its own; write timing under walking.group_by to keep that, or under walking.pool for one result"
+        )
+    for sentence in said:
         warnings.warn(sentence, stacklevel=2)
     write_table(on_the_walkway(table, places), output)
-
-
-def timing_statements(table: pl.DataFrame, settings: SelectionSettings) -> list[str]:
-    """A sentence if results are split by timing although the configuration does not ask for it."""
-    timed = [name for name in table["group"].drop_nulls().unique(maintain_order=True) if "timing " in name]
-    if not timed or "timing" in settings.group_by:
-        return []
-    return [
-        f"perturbations begin at {len(timed)} different phases of stance ({'; '.join(sorted(timed))}): each has "
-        "a result of its own; write timing under walking.group_by to keep that, or under walking.pool for one result"
-    ]
 
 
 def average_unperturbed(

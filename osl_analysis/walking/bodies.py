@@ -235,7 +235,6 @@ Calibrations = StaticCalibration | Mapping[str, StaticCalibration]
 
 
 def calibration_of(calibrations: Calibrations, trial: str) -> StaticCalibration:
-    """The calibration of a trial."""
     return calibrations if isinstance(calibrations, StaticCalibration) else calibrations[trial]
 
 

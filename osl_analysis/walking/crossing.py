@@ -174,7 +174,6 @@ class FilteredCrossing:
 
     @property
     def time(self) -> Array:
-        """Times (n,) [s]."""
         return self.plate.time[self.rows]
 
     @cached_property

@@ -66,7 +66,6 @@ class Stacked:
 
     @classmethod
     def of(cls, responses: Sequence[PerturbationResponse], signs: NDArray[np.int_]) -> "Stacked":
-        """The responses, with `signs` (n,)."""
         theta, torque, behaviour = (
             np.array([getattr(r, name) for r in responses]) for name in ("thetas", "torques", "behaviour")
         )
@@ -76,9 +75,8 @@ class Stacked:
         """Angle and torque (k,) each, of the responses joined with `weights` (n,), whose baseline is the mean of the
         unperturbed crossings with weights (c,), or what the predictors tell for each direction."""
         if not predictors:
-            return unperturbed @ np.tensordot(weights, self.theta, 1), unperturbed @ np.tensordot(
-                weights, self.torque, 1
-            )
+            theta, torque = (np.tensordot(weights, curves, 1) for curves in (self.theta, self.torque))
+            return unperturbed @ theta, unperturbed @ torque
         chosen, parts = [BEHAVIOUR.index(name) for name in predictors], []
         for sign in np.unique(self.signs[weights != 0]):
             own = np.where(self.signs == sign, weights, 0.0)
@@ -197,11 +195,9 @@ def ensemble_response(responses: Sequence[PerturbationResponse], predictors: Pre
 def freedom_of(signs: NDArray[np.int_]) -> float:
     """Degrees of freedom of a mean of perturbations, or of a difference of two means (Welch, equal variances)."""
     counts = np.unique(signs, return_counts=True)[1].tolist()
-    return (
-        float(welch_satterthwaite([1 / n for n in counts], [n - 1 for n in counts]))
-        if len(counts) > 1
-        else float(counts[0] - 1)
-    )
+    if len(counts) == 1:
+        return float(counts[0] - 1)
+    return float(welch_satterthwaite([1 / n for n in counts], [n - 1 for n in counts]))
 
 
 def check_alike(responses: Sequence[PerturbationResponse]) -> None:
@@ -346,7 +342,6 @@ class Headline:
 
     @property
     def resampled(self) -> Bootstrap:
-        """The bootstrap of `ensemble`."""
         return self.asked[1]
 
     @property

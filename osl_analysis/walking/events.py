@@ -27,7 +27,6 @@ class Stance:
 
     @property
     def duration(self) -> float:
-        """Duration [s]."""
         return self.toe_off - self.heel_strike
 
 

@@ -191,7 +191,12 @@ class AlignedGait:
 def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource) -> AlignedGait:
     """The alignment of a perturbed crossing, whose duration of stance comes from `source`."""
     own, usual = crossing.stance.duration, float(np.mean(gait.stance))
-    scale, others = matched_scales_of(crossing, gait)
+    onset, scale, others = crossing.onset, float("nan"), np.full(len(gait.names), np.nan)
+    last = crossing.stance.toe_off if onset is None else onset
+    phase = PHASES[(last - BEFORE_ONSET_S - crossing.stance.heel_strike) / own >= PHASES]
+    if len(phase) >= FEWEST_PHASES:  # from heel strike to before the onset
+        theta = signal_at(crossing, crossing.theta, stance_times(crossing, phase))
+        scale, others = steadiest_scales(phase, theta, gait.theta)
     expected = own / scale * float(others.mean())
     if source != "matched":
         return AlignedGait(own if source == "own" else usual, np.ones(len(gait.names)), expected)
@@ -202,12 +207,3 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource
             "perturbed_stance: own"
         )
     return AlignedGait(own / scale, others, expected)
-
-
-def matched_scales_of(crossing: Crossing, gait: UnperturbedGait) -> tuple[float, Array]:
-    """Scales of a perturbed crossing and of the unperturbed ones (crossings,), from heel strike to before the onset."""
-    onset = crossing.stance.toe_off if crossing.onset is None else crossing.onset
-    phase = PHASES[(onset - BEFORE_ONSET_S - crossing.stance.heel_strike) / crossing.stance.duration >= PHASES]
-    if len(phase) < FEWEST_PHASES:
-        return float("nan"), np.full(len(gait.names), np.nan)
-    return steadiest_scales(phase, signal_at(crossing, crossing.theta, stance_times(crossing, phase)), gait.theta)

@@ -26,16 +26,12 @@ Facts = dict[str, float | None]
 
 def single_facts(response: PerturbationResponse, impedance: ImpedanceFit) -> Facts:
     """Columns of `walking.csv`: residual and offset of one fit over those that ordinary gait causes, change of stance.
-
-    Null where the residual is a small share of the torque, the offset hardly changes K, or no stance is expected.
-    """
-    motion, torque, left = (
-        response.fitted_motion,
-        response.fitted_torque,
-        gait_torque(response, impedance)[:, response.window],
-    )
+    Null where the residual is a small share of the torque, the offset hardly changes K, or no stance is expected."""
+    motion, torque = response.fitted_motion, response.fitted_torque
+    left = gait_torque(response, impedance)[:, response.window]
     compared = offset_comparison(motion, torque, impedance.K)
-    scatter = float(np.std(offsets(motion, left), ddof=1))
+    columns = np.column_stack([motion.theta, motion.omega, motion.alpha, np.ones_like(motion.theta)])
+    scatter = float(np.std(np.linalg.lstsq(columns, left.T, rcond=None)[0][-1], ddof=1))
     counts = abs(compared["offset_share"] or 0.0) > SMALL_OFFSET and scatter > 0
     return {
         "residual_over_gait": residual_over_gait(motion, torque, left),
@@ -54,8 +50,9 @@ def group_facts(headline: Headline) -> Facts:
     intervals = {name: headline.resampled.interval(name) for name in QUANTITIES}
     singles = [fit_response(r) for r in responses]
     outside = sum(not low <= values[name] <= high for name, (low, high) in intervals.items())
+    angles = np.array([r.sign * r.fitted_motion.theta for r in responses])
     return {
-        "coherence": coherence(responses),
+        "coherence": rms(angles.mean(axis=0)) / rms(angles),  # 1 for equal responses, 0 if they cancel
         "VAF": fit.fit.vaf,
         "residual_over_gait": residual_over_gait(motion, torque, left),
         "offset_share": offset_comparison(motion, torque, fit.K)["offset_share"],
@@ -72,19 +69,11 @@ def group_facts(headline: Headline) -> Facts:
 
 
 def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | None:
-    """RMS residual of Eq. 15 over the RMS residual of what ordinary gait leaves (crossings, k).
-
-    Null if the residual is below 3 % of the torque, or gait leaves none.
-    """
+    """RMS residual of Eq. 15 over the RMS residual of what ordinary gait leaves (crossings, k). Null if the residual is
+    below 3 % of the torque, or gait leaves none."""
     columns = np.column_stack([motion.theta, motion.omega, motion.alpha])
     own, gait = rms(unexplained(columns, torque[None])), rms(unexplained(columns, left))
     return own / gait if own > SMALL_RESIDUAL * rms(torque) and gait > 0 else None
-
-
-def offsets(motion: Motion, left: Array) -> Array:
-    """Offsets (crossings,) [N*m] of Eq. 15 fitted to torques (crossings, k)."""
-    columns = np.column_stack([motion.theta, motion.omega, motion.alpha, np.ones_like(motion.theta)])
-    return np.asarray(np.linalg.lstsq(columns, left.T, rcond=None)[0][-1])
 
 
 def unexplained(columns: Array, torques: Array) -> Array:
@@ -95,22 +84,14 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def coherence(responses: Sequence[PerturbationResponse]) -> float:
-    """RMS of the mean angle in the window over the RMS of single ones: 1 for equal responses, 0 if they cancel."""
-    angles = np.array([r.sign * r.fitted_motion.theta for r in responses])
-    return rms(angles.mean(axis=0)) / rms(angles)
-
-
 def estimator_difference(
     headline: Headline,
     singles: Sequence[ImpedanceFit],
     values: Mapping[str, float],
     intervals: Mapping[str, tuple[float, float]],
 ) -> float:
-    """Largest distance of ensemble and mean of perturbations, over the sum of the halves of both intervals.
-
-    Intervals without width, of crossings that are all equal, do not count.
-    """
+    """Largest distance of ensemble and mean of perturbations, over the sum of the halves of both intervals. Intervals
+    without width, of crossings that are all equal, do not count."""
     distances, signs = [], signs_of(headline.responses)
     for name, (low, high) in intervals.items():
         mean = over_repeats([getattr(fit, name) for fit in singles], headline.common.get(name, ()), signs)
@@ -122,10 +103,8 @@ def estimator_difference(
 
 def heterogeneity(singles: Sequence[ImpedanceFit]) -> float | None:
     """Scatter of single stiffnesses over that of their standard errors: Cochran's Q over its degrees of freedom.
-
     Standard errors count as at least 3 % of the mean stiffness: smaller differences are of no interest. None of fewer
-    than two stiffnesses, or where all are 0.
-    """
+    than two stiffnesses, or where all are 0."""
     K, se = np.array([fit.K for fit in singles]), np.array([fit.fit.se("K") for fit in singles])
     variance = se**2 + (SMALL_DIFFERENCE * K.mean()) ** 2
     if len(K) < 2 or not np.isfinite(se).all() or not (variance > 0).all():

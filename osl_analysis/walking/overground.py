@@ -37,7 +37,6 @@ class MomentComparison:
 
     @property
     def correlation(self) -> float:
-        """Correlation of the two moments."""
         return float(np.corrcoef(self.moment, self.reference)[0, 1])
 
     @property

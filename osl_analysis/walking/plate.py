@@ -25,7 +25,7 @@ CLIPPED_S = 0.02
 
 @dataclass(frozen=True)
 class PlateWrench:
-    """Ground reaction on the foot, n samples: force (n, 3) [N], and moment (n, 3) [N*m] about the centre of the plate's
+    """Ground reaction on the foot: force (n, 3) [N], and moment (n, 3) [N*m] about the centre of the plate's
     surface."""
 
     force: Array
@@ -43,14 +43,13 @@ class PlateWrench:
         return PlateWrench(smooth[:, :3], smooth[:, 3:])
 
     def components(self) -> Array:
-        """Force and moment side by side (n, 6)."""
         return np.hstack([self.force, self.moment])
 
 
 @dataclass(frozen=True)
 class RecordedWrench:
-    """A plate's wrench at its own stamps (k,) [s], in axes that are fixed to the plate and parallel to the laboratory's
-    at rest."""
+    """A plate's wrench at its own stamps (k,) [s], in axes that are the laboratory's at rest and turn with the
+    plate."""
 
     time: Array
     wrench: PlateWrench
@@ -67,8 +66,8 @@ class RecordedWrench:
 
 @dataclass(frozen=True)
 class WrenchAtFrames:
-    """A plate's wrench without what would alias at the marker frames (n,) [s]: a spline of its six components [N, N*m]
-    at any time between its first and last stamp [s], the ends."""
+    """A plate's wrench without what would alias at the marker frames (n,) [s]: a spline of its components between two
+    ends."""
 
     time: Array
     spline: BSpline

@@ -235,7 +235,12 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
         raise InputError(f"{len(tracks)} motions of the platform, expected {FEWEST} or more to find what they share")
     ends = -LEAD_S, window + 0.05
     noise = float(np.sqrt(np.mean([track.noise**2 for track in tracks])))
-    axes = common_directions(tracks, ends, noise)
+    moved = []
+    for track in tracks:  # about the middle of the rise; where each rests is not a direction
+        since = track.time - middle_of_rise(track)
+        near = track.filtered[(since >= ends[0]) & (since <= ends[1])]
+        moved.append(near - near.mean(axis=0))
+    axes = directions(moved, noise, tracks[0].low_pass, tracks[0].rate)
 
     def alternated(pairs: Pairs, scaled: bool) -> tuple[PlatformTemplate, list[Alignment]]:
         """Shape and alignments in turn, until both stand."""
@@ -282,16 +287,6 @@ def middle_of_rise(track: PlatformTrack) -> float:
     row = int(np.argmax(moved > top / 2))
     share = (top / 2 - moved[row - 1]) / (moved[row] - moved[row - 1]) if row else 1.0
     return float(track.time[max(row - 1, 0)] + share * (track.time[1] - track.time[0]))
-
-
-def common_directions(tracks: Sequence[PlatformTrack], ends: tuple[float, float], noise: float) -> Array:
-    """Directions (r, 6) of the motions about the middle of their rise. Where each rests is not a direction."""
-    moved = []
-    for track in tracks:
-        since = track.time - middle_of_rise(track)
-        near = track.filtered[(since >= ends[0]) & (since <= ends[1])]
-        moved.append(near - near.mean(axis=0))
-    return directions(moved, noise, tracks[0].low_pass, tracks[0].rate)
 
 
 GROUPS = 10  # Largest number of groups of crossings that are left out in turn, for the jackknife of the shape

@@ -1,5 +1,4 @@
-"""The motion of a platform in one trial: in its few directions, so that noise in all others stays out, and none at
-rest.
+"""The motion of a platform in one trial: in its few directions, without noise in all others and at rest.
 
 A pose has six coordinates: the screw (logarithm in SE(3)) that carries the cluster from its place in the static trial.
 A rotation about a fixed axis, however large, is a straight line in them. They are scaled so that marker noise is the

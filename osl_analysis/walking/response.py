@@ -42,7 +42,6 @@ class PerturbationResponse:
 
     @property
     def window(self) -> slice:
-        """Samples of the fitted window."""
         return window_samples(self.time, self.timing)
 
     @property

@@ -84,7 +84,6 @@ class WalkingFilter(Settings):
 
     @property
     def low_pass(self) -> LowPass:
-        """The filter of these settings."""
         return LowPass(self.cutoff_hz, self.order)
 
 
@@ -98,7 +97,6 @@ class TimingSettings(Settings):
 
     @property
     def timing(self) -> Timing:
-        """Window, baseline and guard."""
         return Timing(self.window_s, self.baseline_s, self.guard_s)
 
 
@@ -135,7 +133,6 @@ class PlateModelSettings(PlatformSettings):
 
     @property
     def plate_low_pass(self) -> LowPass:
-        """The further filter of the identification."""
         return LowPass(self.plate_cutoff_hz, self.order)
 
 

@@ -289,7 +289,8 @@ def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.Dat
         (pl.col("estimator") == ENSEMBLE) & pl.col("quantity").is_in(PLOTTED) & pl.col("mean").is_not_null()
     )
     rows = ensemble.join(groups.select(FACTS), on="group", how="left", maintain_order="left")
-    series = pl.Series("series", [series_of(name) for name in rows["group"]], dtype=pl.String)
+    named = [re.sub(r"timing [-\d]+ %(, )?", "", name).removesuffix(", ") or ALL for name in rows["group"]]
+    series = pl.Series("series", named, dtype=pl.String)  # groups without their timing
     order = pl.col("quantity").replace_strict({q: i for i, q in enumerate(PLOTTED)}, return_dtype=pl.Int64)
     table = rows.with_columns(series).sort(order, "series", "fitted_phase", maintain_order=True)
     place = [name for name in PLACE if name in table.columns]
@@ -297,11 +298,6 @@ def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.Dat
         "group", *place, "series", "quantity", pl.col("fitted_phase").alias("phase"), "onset_phase", "end_phase", "n",
         pl.col("mean").alias("estimate"), "se", "low", "high", pl.col("commanded").cast(pl.Float64),
     )  # fmt: skip
-
-
-def series_of(group: str) -> str:
-    """Name of a group without its timing."""
-    return re.sub(r"timing [-\d]+ %(, )?", "", group).removesuffix(", ") or ALL
 
 
 def with_trajectory(table: pl.DataFrame, phase: Array, K_d: Array, B_d: Array) -> pl.DataFrame:

@@ -276,13 +276,13 @@ def table_of(path: Path, lines: Lines, layout: CsvLayout) -> CsvTable:
     if cut:
         notes.append(f"{path.name}: the last line, {rows[-1][0]}, is cut off and was skipped")
         rows = rows[:-1]
-    rows, repairs = fitting_rows(path, rows, len(names), layout)
-    if not rows:
+    fitting, repairs = fitting_rows(path, rows, len(names), layout)
+    if not fitting:
         raise InputError(
             f"{path}: none of its rows fits the header's {len(names)} names; state `delimiter` or `header`"
         )
-    cells = [pl.Series(str(k), [row[k] for _, row in rows], dtype=pl.String) for k in range(len(names))]
-    numbered, said = np.array([line for line, _ in rows]), [text for _, text in comments]
+    cells = [pl.Series(str(k), [row[k] for _, row in fitting], dtype=pl.String) for k in range(len(names))]
+    numbered, said = np.array([line for line, _ in fitting]), [text for _, text in comments]
     return CsvTable(path, names, units, numbered, pl.DataFrame(cells), said, [*notes, *repairs], delimiter, not cut)
 
 

@@ -26,7 +26,7 @@ NUMBERS = "biuf"  # kinds of numpy's types that are signals
 UNITS = ("unit_string", "NI_UnitDescription")  # properties in which LabVIEW states the unit of a channel
 LEAD_IN = 28  # bytes at the beginning of a segment that tell its byte order and length
 BIG_ENDIAN = 1 << 6
-BITS = 8  # channels of single bits share a byte
+NEEDED = ("tdms", "a TDMS file")  # the extra of the package that installs npTDMS, and for what
 RECOVER = "copy it again, or open it in LabVIEW or DIAdem and save it under a new name"
 
 
@@ -92,19 +92,17 @@ class TdmsFile:
             if not one.count:
                 raise InputError(f"{self.path}: channel '{one.address}' is empty; take another one, or record again")
             if not (one.holds_numbers or one.holds_times):
-                raise InputError(
-                    f"{self.path}: channel '{one.address}' holds {in_words(one)} and no numbers; take another one"
-                )
+                kind = np.dtype(one.kind)
+                what = WORDS.get(kind.kind, kind.name)
+                raise InputError(f"{self.path}: channel '{one.address}' holds {what} and no numbers; take another one")
         try:
-            with overheard(), library().TdmsFile.open(BytesIO(self.data), raw_timestamps=True) as file:
+            with (
+                overheard(),
+                optional_module("nptdms", *NEEDED).TdmsFile.open(BytesIO(self.data), raw_timestamps=True) as file,
+            ):
                 return {one.address: as_numbers(file[one.group][one.name].read_data()) for one in wanted}
         except Exception as error:  # the library raises many kinds of errors on damaged bytes
             raise unreadable(self.path, error) from error
-
-
-def in_words(channel: TdmsChannel) -> str:
-    kind = np.dtype(channel.kind)
-    return WORDS.get(kind.kind, kind.name)
 
 
 def is_tdms(begin: bytes) -> bool:
@@ -121,17 +119,12 @@ def overheard() -> Iterator[list[str]]:
         said.append(record.getMessage())
         return False
 
-    handler = optional_module("nptdms.log", "tdms", "a TDMS file").log_manager.console_handler
+    handler = optional_module("nptdms.log", *NEEDED).log_manager.console_handler
     handler.addFilter(keep)
     try:
         yield said
     finally:
         handler.removeFilter(keep)
-
-
-def library() -> Any:
-    """npTDMS; raises InputError where it is not installed."""
-    return optional_module("nptdms", "tdms", "a TDMS file")
 
 
 def as_numbers(values: Any) -> NDArray[Any]:
@@ -148,14 +141,14 @@ def read_tdms(path: Path) -> TdmsFile:
     Raises
     ------
     InputError
-        npTDMS is not installed, the file is no TDMS or damaged, or declares more values than it can hold.
+        npTDMS is not installed, or the file is no TDMS or damaged.
     """
     data = path.read_bytes()
     if data[:4] == INDEX:
         raise InputError(f"{path}: the index of a TDMS file; name the .tdms file beside it")
     if data[:4] != MAGIC:
         raise InputError(f"{path}: no TDMS file (it begins with {data[:8]!r}); check the path and the source's format")
-    tdms = library()
+    tdms = optional_module("nptdms", *NEEDED)
     try:
         with overheard() as said, tdms.TdmsFile.read_metadata(BytesIO(data)) as file:
             channels = [channel_of(one) for group in file.groups() for one in group.channels()]
@@ -168,12 +161,6 @@ def read_tdms(path: Path) -> TdmsFile:
         raise InputError(f"{path}: the length of a segment contradicts that of its channels ({odd[0][:80]}); {RECOVER}")
     if not channels:
         raise InputError(f"{path}: the TDMS file holds no channels, or is cut off before them; {RECOVER}")
-    for one in channels:
-        if one.count > BITS * len(data):
-            raise InputError(
-                f"{path}: channel '{one.address}' declares {one.count} values, more than {len(data)} bytes can hold; "
-                f"{RECOVER}"
-            )
     return TdmsFile(path, data, channels, about, tuple(losses(data, status)))
 
 

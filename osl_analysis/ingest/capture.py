@@ -89,15 +89,10 @@ def recording_of(capture: Capture, source: CaptureSource) -> Recording:
         **capture.facts,
     }
     origins = {**plate_origins, **analog_origins, **marker_origins, **output_origins}
-    warnings = [*capture.warnings, *hidden_text(capture)]
+    hidden = f"none of the {len(capture.markers)} markers was seen in any of the {capture.frames} frames"
+    seen = not capture.markers or any(np.isfinite(marker.positions).any() for marker in capture.markers)
+    warnings = [*capture.warnings, *[hidden] * (not seen)]
     return Recording(interleaved(time, fast, slow, ratio), origins, facts, warnings)
-
-
-def hidden_text(capture: Capture) -> list[str]:
-    """A warning where no marker was seen in any frame."""
-    if not capture.markers or any(np.isfinite(marker.positions).any() for marker in capture.markers):
-        return []
-    return [f"none of the {len(capture.markers)} markers was seen in any of the {capture.frames} frames"]
 
 
 def interleaved(time: Array, fast: Columns, slow: Columns, ratio: int) -> pl.DataFrame:

@@ -334,10 +334,8 @@ def best_shift(part: Array, around: Array) -> float | None:
 def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) -> tuple[ClockFit, list[str]]:
     """The clock fit, and a warning if the edges of the sync channels could not be used.
 
-    A log that says `clock: common` has the times of motion capture's file.
-
     In this case the clocks are aligned by correlation: of the angle that motion capture's source file names under
-    `shared`, or else of the two sync voltages.
+    `shared`, or else of the two sync voltages. A log that says `clock: common` has the times of that file.
     """
     if log.facts.get("clock") == "common":
         return common_clock(log, mocap), []
@@ -383,12 +381,9 @@ def marker_angle(mocap: Recording, labels: Sequence[str]) -> Course:
     columns = [marker_columns(label) for label in labels]
     seen = mocap.samples.select("time", *(name for three in columns for name in three)).fill_nan(None).drop_nulls()
     first, vertex, last = (seen.select(three).to_numpy() for three in columns)
-    return Course(seen["time"].to_numpy(), angle_between(first - vertex, last - vertex))
-
-
-def angle_between(first: Array, second: Array) -> Array:
-    """Angle [rad] between vectors, (n, 3) each."""
-    return np.asarray(np.arctan2(np.linalg.norm(np.cross(first, second), axis=1), (first * second).sum(axis=1)))
+    one, other = first - vertex, last - vertex
+    angle = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
+    return Course(seen["time"].to_numpy(), np.asarray(angle))
 
 
 def edges_of(recording: Recording, who: str) -> Edges:

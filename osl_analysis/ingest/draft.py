@@ -7,7 +7,7 @@ character as an escape. Nothing is taken as told that is not: a trial that no na
 import json
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -134,38 +134,25 @@ def log_lines(overview: Overview, named: bool) -> list[str]:
         HINT,
         f"# canonical names: {known}",
         "channels:",
-        *(named_lines(channels) if named else channel_lines(channels)),
+        *channel_lines(channels, named),
     ]
 
 
-def channel_lines(channels: Sequence[RecordedChannel]) -> Iterator[str]:
-    """An entry per channel. Of many, those that are like no canonical column by name and unit are comments."""
-    guesses = [likely_column(channel) for channel in channels]
-    many = len(channels) > MOST_ACTIVE and any(guesses)
-    for number, (channel, guess) in enumerate(zip(channels, guesses, strict=True), start=1):
-        line = channel_line(number, channel, guess)
-        yield f"# {line}" if many and not guess else line
+def channel_lines(channels: Sequence[RecordedChannel], named: bool = False) -> Iterator[str]:
+    """An entry per channel. Of many, those that are like no canonical column by name and unit are comments.
 
-
-def named_lines(channels: Sequence[RecordedChannel]) -> Iterator[str]:
-    """An entry per channel, under its column's name where only this one is like it and its name leaves no doubt.
-
-    One that may be another quantity, as a command or another joint's angle, is left to the user; those like none are
-    comments.
+    named: an entry has its column's name where only this channel is like it and its name leaves no doubt. One that may
+    be another quantity, as a command or another joint's angle, is left to the user.
     """
     guesses = [likely_column(channel) for channel in channels]
     times = Counter(guesses)
+    comment_others = any(guesses) and (named or len(channels) > MOST_ACTIVE)
     for number, (channel, guess) in enumerate(zip(channels, guesses, strict=True), start=1):
-        is_told = times[guess] == 1 and unit_of(channel) != UNKNOWN and is_certain(channel, guess)
         line = channel_line(number, channel, guess)
-        if guess and is_told:
-            yield line.replace(f"NAME_{number}:", f"{guess}:", 1).replace(
-                f"# {guess}?",
-                "# guessed from its name;" if channel.likely_unit and not channel.unit else "# guessed from its name",
-                1,
-            )
-        else:
-            yield line if guess or not any(guesses) else f"# {line}"
+        if named and guess and times[guess] == 1 and unit_of(channel) != UNKNOWN and is_certain(channel, guess):
+            said = "# guessed from its name" + ";" * bool(channel.likely_unit and not channel.unit)
+            line = line.replace(f"NAME_{number}:", f"{guess}:", 1).replace(f"# {guess}?", said, 1)
+        yield f"# {line}" if comment_others and not guess else line
 
 
 def capture_lines(overview: Overview) -> list[str]:
@@ -220,13 +207,14 @@ def draft_walking(overview: Overview) -> list[str]:
     clusters = {key: [name for name in free if contains(name, word)] for key, word in CLUSTERS.items()}
     if not clusters["platform"] or not (clusters["foot"] or clusters["shank"]):
         return []
+    few = f"  # UNKNOWN: a cluster has {FEWEST} or more"
     lines = [
         TITLE,
         "walking:",
         "  side: UNKNOWN  # left or right: the leg that steps on the platform",
         f"  plate: {plate_text(overview, clusters['platform'])}",
         "  markers:",
-        *(f"    {key}: {cluster_text(names)}" for key, names in clusters.items()),
+        *(f"    {key}: {json.dumps(names)}{few * (len(names) < FEWEST)}" for key, names in clusters.items()),
         *(f"    {key}: {malleolus_text(names)}" for key, names in malleoli.items()),
     ]
     return [f"# {line}" for line in lines]
@@ -257,13 +245,6 @@ def plate_text(overview: Overview, platform: Sequence[str]) -> str:
 def contains(label: str, word: str) -> bool:
     """Whether a label contains the pattern; the name of the subject before a colon does not count."""
     return re.search(word, label.rpartition(":")[2].upper()) is not None
-
-
-def cluster_text(names: Iterable[str]) -> str:
-    """The labels of a cluster in YAML, with a remark if they are too few."""
-    found = [json.dumps(name) for name in names]
-    few = f"  # UNKNOWN: a cluster has {FEWEST} or more" if len(found) < FEWEST else ""
-    return f"[{', '.join(found)}]{few}"
 
 
 def malleolus_text(names: list[str]) -> str:

@@ -208,7 +208,8 @@ def assemble(
     if both:
         raise InputError(f"column '{both[0]}' is mapped in log and motion capture; remove it from one source file")
     fit, warnings = aligned_clock(log, mocap, shared)
-    clock = {**asdict(fit), **rows_outside(log, mocap, fit)}
+    time, end = fit.to_master(log.samples["time"].to_numpy()), float(mocap.samples["time"][-1])
+    clock = {**asdict(fit), "rows_before": int((time < 0.0).sum()), "rows_after": int((time > end).sum())}
     warnings = [*provenance["warnings"], *warnings]
     return Trial(name, merged(log, mocap, fit), {**provenance, "warnings": warnings, "clock": clock})
 
@@ -225,12 +226,6 @@ def provenance_of(recordings: Mapping[str, Recording], files: Mapping[str, Mappi
         **{key: fact for _, one in in_order for key, fact in one.facts.items() if key == "damage"},
         **{role: {key: fact for key, fact in one.facts.items() if key not in SHARED_FACTS} for role, one in in_order},
     }
-
-
-def rows_outside(log: Recording, mocap: Recording, fit: ClockFit) -> dict[str, int]:
-    """Number of rows of the log before and after motion capture, which `merged` does not use."""
-    time, end = fit.to_master(log.samples["time"].to_numpy()), float(mocap.samples["time"][-1])
-    return {"rows_before": int((time < 0.0).sum()), "rows_after": int((time > end).sum())}
 
 
 def merged(log: Recording, mocap: Recording, fit: ClockFit) -> pl.DataFrame:

@@ -192,9 +192,15 @@ def read_table_log(table: Table, source: TableSource, own_time: Array | None = N
         what = f"{path}: {channel.title}"
         check_values(what, np.where(present, raw, 0.0), time, source.most_missing)
         missing[column] = int(np.isnan(raw[present]).sum())
-        converted = pl.Series(column, in_si(channel, raw, column, found.unit, what, source))
-        columns.append(converted if present.all() else converted.set(pl.Series(~present), None))
-        absent += absent_text(channel, present)
+        try:
+            converted = pl.Series(column, channel.to_si(raw, unit_of(column), found.unit))
+        except InputError as error:
+            raise InputError(f"{what}: {error}, as {source.place('channels', column, 'unit')}") from error
+        if not present.all():
+            converted = converted.set(pl.Series(~present), None)
+            count = f"{int((~present).sum())} of {present.size} rows, first row {int(np.argmin(present)) + 1}"
+            absent.append(f"{channel.title} has no value in {count}")
+        columns.append(converted)
         if channel.counter is not None:
             columns.append(counter_of(table, channel, time).alias(counter_column(column)))
         origins[column] = channel.origin(column, found.unit)
@@ -206,22 +212,6 @@ def read_table_log(table: Table, source: TableSource, own_time: Array | None = N
     warnings = [*table.notes, *(f"{path.name}: {text}" for text in said)]
     warnings += stamps.repeats_text(repeats, source.place("time"))
     return Recording(pl.DataFrame(columns).filter(pl.Series(stamps.kept)), origins, facts, warnings)
-
-
-def absent_text(channel: TableChannel, present: NDArray[np.bool_]) -> list[str]:
-    """A warning about a column without a value in some rows, (rows,)."""
-    if present.all():
-        return []
-    count, first = int((~present).sum()), int(np.argmin(present)) + 1
-    return [f"{channel.title} has no value in {count} of {present.size} rows, first row {first}"]
-
-
-def in_si(channel: TableChannel, raw: Array, column: str, unit: str, what: str, source: TableSource) -> Array:
-    """A column's numbers in SI units; a refusal names the column and the place of its unit."""
-    try:
-        return channel.to_si(raw, unit_of(column), unit)
-    except InputError as error:
-        raise InputError(f"{what}: {error}, as {source.place('channels', column, 'unit')}") from error
 
 
 def column_of(table: Table, column: str, channel: TableChannel) -> TableColumn:

@@ -166,7 +166,7 @@ def test_every_column_is_in_the_data_dictionary_and_the_dictionary_has_no_other(
 
 def requests_in(folder):
     """The requests of the jobs in a folder of results, by the names of their files."""
-    found = sorted((folder / "results/requests").rglob("*.json"))
+    found = sorted(path for path in (folder / "results/requests").rglob("*.json") if path.name != "judge.json")
     return {str(path.relative_to(folder)): json.loads(path.read_text()) for path in found}
 
 
@@ -306,6 +306,30 @@ def test_a_changed_limit_marks_the_table_and_what_shows_it_anew_and_fits_nothing
     assert "configuration, doubtful.belt: the table has no column 'sample' of numbers" in result.stdout
 
 
+def test_changed_thresholds_and_limits_judge_anew_what_was_measured_as_a_fresh_run_does(workspace, tmp_path):
+    """No trial is ingested or fitted again; what several trials share is, where one of them becomes excluded."""
+    (_, least), (bad, most) = load_cell_rests(workspace)
+    rule = {"threshold": f"{(least + most) / 2} N*m", "on_failure": "exclude"}
+    changes = {"quality": {"unzeroed_load_cell": rule}, "doubtful": {"transmission": {"above": {"samples": 10}}}}
+    again, fresh = workspace.copied(tmp_path / "again"), workspace.copied(tmp_path / "fresh", "results", ".snakemake")
+    for copy in (again, fresh):
+        copy.configure(changes)
+    planned = again.planned()
+    assert {"judge", "table", "compare_transmission_models"} <= set(planned)
+    fits = BENCH | CROSSINGS | {"fit_actuator_trial", "compare_belt_models", "summarise_walking"}
+    assert not (fits | {"ingest"}) & set(planned)
+    made = [f"results/tables/{name}.csv" for name in ("transmission", "transmission_summary", "belt_summary")]
+    made.append("results/fits/model_comparison/transmission_trials.csv")
+    for copy in (again, fresh):
+        assert copy.run(*made, "results/tables/quality.csv" if copy is again else made[0]).returncode == 0
+        assert copy.planned(*made) == {}
+    assert [(again.folder / file).read_bytes() == (fresh.folder / file).read_bytes() for file in made] == [True] * 4
+    assert bad not in table(again, "transmission")["trial"].to_list()
+    assert table(again, "transmission")["doubtful"].str.contains("^samples .* is above 10").all()
+    judged = table(again, "quality").filter(pl.col("trial").str.starts_with("transmission"))
+    assert judged.filter(pl.col("verdict") != "pass").select("trial", "verdict").rows() == [(bad, "exclude")]
+
+
 BENCH = {"fit_belt_trial", "fit_transmission_trial", "fit_impedance_trial"}
 RIVALS = {"compare_belt_models", "compare_transmission_models", "compare_impedance_models"}
 STEPPED_SINE = (BENCH | RIVALS) - {"fit_belt_trial", "compare_belt_models"}
@@ -326,7 +350,7 @@ CROSSINGS = {"identify_plate", "analyse_crossing", "select_crossings", "average_
             {"model_comparison": {"sign_width": 0.06}, "walking": WALKING | {"cutoff_hz": 18}},
             (RIVALS - {"compare_belt_models"}) | CROSSINGS | {"summarise_walking"},
         ),
-        ({"quality": {"gap": {"threshold": "0.06 s"}}}, {"ingest"}),
+        ({"quality": {"gap": {"threshold": "0.06 s"}}}, {"judge"}),
     ],
 )
 def test_a_changed_setting_reruns_the_jobs_that_use_it_and_no_others(workspace, changes, fits):
@@ -336,8 +360,7 @@ def test_a_changed_setting_reruns_the_jobs_that_use_it_and_no_others(workspace, 
     workspace.configure({})
     assert fits <= set(planned)
     first = BENCH | RIVALS | CROSSINGS | {"ingest", "calibrate_markers", "fit_actuator_trial"}
-    follows = first - {"ingest"} if "ingest" in fits else set()
-    assert set(planned) & (first | {"gains_table", "summarise_walking"}) - follows <= fits | {"summarise_walking"}
+    assert set(planned) & (first | {"gains_table", "summarise_walking"}) <= fits | {"summarise_walking"}
 
 
 def test_a_changed_gain_weight_simulates_the_controlled_leg_anew_and_nothing_else(workspace):

@@ -49,11 +49,6 @@ class Multisine:
         """Largest deflection [rad] to either side."""
         return float(np.max(np.abs(self.one_period(16 * int(self.lines[-1])))))
 
-    @property
-    def crest_factor(self) -> float:
-        """Peak over root mean square: 1.41 for a sine, 2 to 4 for random phases."""
-        return self.peak / self.rms
-
     def one_period(self, samples: int) -> Array:
         """Angle [rad] at `samples` even instants of one period, shape (samples,)."""
         return self.angle(self.period_s * np.arange(samples) / samples)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from osl_analysis.bench.segments import find_blocks, unit_block
+from osl_analysis.bench.segments import find_blocks, unit_sines
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.second_order import impedance_torque
@@ -10,6 +10,11 @@ from osl_analysis.signals import LowPass, Motion, filtered_motion
 
 RATE, LOW_PASS = 500.0, LowPass(15)
 PROTOCOL = SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)
+
+
+def unit_block(protocol, rate):
+    """All frequencies of a protocol at unit amplitude, without a rest, at `rate` [Hz]."""
+    return unit_sines(list(zip(protocol.frequencies_hz, protocol.cycles_at, strict=True)), rate)
 
 
 def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL, seed=1):

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from bench_synthetic import unit_block
 
 from osl_analysis.bench.segments import (
     Block,
@@ -12,7 +13,6 @@ from osl_analysis.bench.segments import (
     repeated_cycles,
     rows_of,
     settled,
-    unit_block,
 )
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.runs import SteppedSineProtocol, find_runs

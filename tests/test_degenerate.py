@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from bench_synthetic import unit_block
 from conftest import ROOT
 from walking_crossings import Walk, walked
 from walking_synthetic import settings
 
 from osl_analysis.bench.belt import fit_belt_stiffness
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.segments import unit_block
 from osl_analysis.commands.fit import FITS, fit_request
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.model.compensator import select_gains

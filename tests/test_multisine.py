@@ -48,11 +48,6 @@ def test_another_realisation_has_the_same_lines_and_independent_phases():
     assert abs(alike) < 4 / np.sqrt(2 * len(other.lines))  # of independent phases: 1/sqrt(2 n), four times
 
 
-def test_its_crest_factor_is_peak_over_rms():
-    signal = DEFAULT.one_period(20_000)
-    assert DEFAULT.crest_factor == pytest.approx(np.max(np.abs(signal)) / np.std(signal), rel=5e-3)
-
-
 @pytest.mark.parametrize(
     ("period", "band", "rms"), [(8, (6, 0.5), 0.1), (0.5, (0.5, 6), 0.1), (0, (1, 2), 0.1), (8, (0.5, 6), 0)]
 )

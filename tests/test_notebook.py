@@ -15,12 +15,12 @@ import numpy as np
 import polars as pl
 import pytest
 from any_motion import TRUE, made_trial, multisine
+from bench_synthetic import unit_block
 from conftest import ROOT
 from matplotlib.figure import Figure
 from polars.testing import assert_frame_equal
 
 import osl_analysis as osl
-from osl_analysis.bench.segments import unit_block
 from osl_analysis.commands.bench import (
     average_over_amplitudes,
     fit_actuator_trial,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from any_motion import RATE, chirp, multisine, noise
+from bench_synthetic import unit_block
 
-from osl_analysis.bench.segments import unit_block
 from osl_analysis.protocol.likeness import likeness, moving_bins
 from osl_analysis.protocol.runs import SteppedSineProtocol, centre_of_motion, noise_of, upward_crossings
 

@@ -25,7 +25,7 @@ from osl_analysis.timebase.drift import (
 )
 from osl_analysis.timebase.grid import GapLimits, UniformGrid, one_time_base
 from osl_analysis.timebase.samples import first_of_each, take
-from osl_analysis.timebase.stream import Stream, streams_of
+from osl_analysis.timebase.stream import Stream
 
 JOINT = np.array([300.0, 5.0, 0.02])
 SIZE = np.deg2rad(4.0)
@@ -138,15 +138,6 @@ def test_even_samples_of_one_device_stay_as_they_are_to_the_bit():
         assert np.array_equal(grid.signals[name], values)
     assert grid.time == pytest.approx(t, abs=1e-12)
     assert grid.usable.all()
-
-
-def test_columns_of_a_table_with_samples_in_the_same_rows_form_one_stream():
-    time = np.arange(100.0)
-    even, every = time % 2 == 0, np.ones(100, dtype=bool)
-    a, b = streams_of(time, {"x": time, "y": -time, "z": 2 * time}, {"x": even, "y": every, "z": even}, "exact")
-    assert (a.name, list(a.signals), b.name, a.choice) == ("x, z", ["x", "z"], "y", "exact")
-    assert np.array_equal(a.stamps, time[::2])
-    assert np.array_equal(a.signals["z"], 2 * time[::2])
 
 
 def test_the_grid_covers_what_all_streams_share_and_not_a_step_more():

@@ -19,8 +19,7 @@ LITTLE = {"K": 0.0, "B": 2.0}
 """Size of an estimate below which its own share says little, added in quadrature to what a change is divided by.
 Friction changes B by as many N*m*s/rad where B is nearly 0. At 5 Hz, 2 N*m*s/rad make a fifth of the torque of
 K = 300 N*m/rad."""
-GAP = 3e-3
-"""Share of K that a gap takes off, from which on a lag cannot be told from it. At 6 deg, a gap of 0.02 deg."""
+GAP = 3e-3  # Share of K that a gap takes off, from which on a lag cannot be told from it. At 6 deg, a gap of 0.02 deg.
 CONFIRMED = 0.5
 """Part of the change of K over the amplitudes, as a cause implies it, that must be seen for the cause to count."""
 
@@ -103,13 +102,7 @@ def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.Data
 
 
 def check_changes(column: str, values: Array) -> None:
-    """Refuse a signal (n,) that never changes, as that of a dead sensor.
-
-    Raises
-    ------
-    InputError
-        Every value is the same, or no sensor can have given them; the message names the column.
-    """
+    """Refuse a signal (n,) that never changes, as that of a dead sensor."""
     check_measured(column, values)
     if not np.ptp(values):
         raise InputError(
@@ -123,11 +116,6 @@ def check_resists(trial: str, symbol: str, value: float, high: float | None = No
 
     A torque that is read with the wrong sign changes the sign of every estimate, and the fit is as good as before.
     Where `high`, the upper end of the interval, is positive, it may be the estimate of a joint without stiffness.
-
-    Raises
-    ------
-    InputError
-        It is negative; the message names the trial.
     """
     if value < 0 and (high is None or high < 0):
         raise InputError(

@@ -293,8 +293,3 @@ def unit_sines(sines: Sequence[tuple[float, float]], rate: float) -> Array:
     """Sines of unit amplitude, one after the other: frequency [Hz] and number of cycles of each, at `rate` [Hz]."""
     pieces = [waves(np.arange(round(cycles / f * rate)) / rate, f)[1] for f, cycles in sines]
     return np.concatenate(pieces)
-
-
-def unit_block(protocol: SteppedSineProtocol, rate: float) -> Array:
-    """All frequencies of a protocol at unit amplitude, without a rest, at `rate` [Hz]."""
-    return unit_sines(list(zip(protocol.frequencies_hz, protocol.cycles_at, strict=True)), rate)

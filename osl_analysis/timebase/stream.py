@@ -102,20 +102,3 @@ def without_repeats(stream: Stream) -> Stream:
 def changes(column: Array) -> NDArray[np.bool_]:
     """Whether each value but the first differs from the one before, (n - 1,); a missing one equals a missing one."""
     return np.asarray((column[1:] != column[:-1]) & ~(np.isnan(column[1:]) & np.isnan(column[:-1])))
-
-
-def streams_of(
-    time: Array, columns: Mapping[str, Array], present: Mapping[str, NDArray[np.bool_]], choice: Stamps = "auto"
-) -> list[Stream]:
-    """Streams of a table: columns with samples in the same rows share their stamps, and a stream is named by them.
-
-    time: (n,) [s]. columns: name -> (n,). present: name -> (n,), true where the column has a sample.
-    """
-    groups: dict[bytes, list[str]] = {}
-    for name in columns:
-        groups.setdefault(present[name].tobytes(), []).append(name)
-    return [
-        Stream(", ".join(names), time[rows], {name: columns[name][rows] for name in names}, choice)
-        for names in groups.values()
-        for rows in (present[names[0]],)
-    ]

@@ -12,7 +12,7 @@ import numpy as np
 from osl_analysis.simulator.crossing import SimulatedCrossing
 from osl_analysis.simulator.rigid_body import GRAVITY, Pose, RigidBody, TrueWrench
 from osl_analysis.simulator.step import FOOT_WIDTH
-from osl_analysis.simulator.walking_settings import CaptureSettings, Plate, WalkingSettings
+from osl_analysis.simulator.walking_settings import Plate, WalkingSettings
 from osl_analysis.trial import Array
 
 PLATE_AXES = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -37,13 +37,6 @@ def plate_corners(plate: Plate) -> Array:
 def sensor_from_centre(plate: Plate) -> Array:
     """The sensor origin [m] from the surface's centre, laboratory axes of the resting plate, shape (3,)."""
     return np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
-
-
-def c3d_origin(plate: Plate) -> Array:
-    """FORCE_PLATFORM:ORIGIN [m] with the sign of Vicon Nexus, shape (3,): z > 0 for a sensor below the surface. The C3D
-    manual defines the opposite vector, from the sensor origin to the surface. Readers distinguish the two by the sign
-    of z and reverse the vector."""
-    return np.asarray(PLATE_AXES.T @ sensor_from_centre(plate))
 
 
 def sensor_reading(reaction: TrueWrench, platform: Pose, plate: Plate, mass: float, rate_hz: float) -> SensorReading:
@@ -79,7 +72,9 @@ def plate_load(walked: SimulatedCrossing, walking: WalkingSettings) -> TrueWrenc
     if not change.second_foot_percent:
         return own
     place = np.add(walking.plate.centre_m, [*walking.plate.nominal_ankle_m, 0.0]) + SECOND_FOOT_M
-    other = second_foot(walked)
+    phase = walked.step.stance_phase(walked.time)
+    load = np.exp(-(((phase - 0.5) / SECOND_FOOT_WIDTH) ** 2)) * ((phase > 0) & (phase < 1))
+    other = load[:, None] * (-0.01 * change.second_foot_percent * walked.step.body_mass * GRAVITY)
     point = walked.motion.platform.pose.point(place)
     moment = own.moment + np.cross(point - own.point, other)
     return TrueWrench(own.force + other, moment, own.point)
@@ -95,14 +90,6 @@ def foot_on_plate(walked: SimulatedCrossing) -> TrueWrench:
     share = 1.0 - beside / FOOT_WIDTH
     inward = np.array([0.0, 0.5 * beside, 0.0])
     return TrueWrench(share * reaction.force, share * reaction.moment, reaction.point + inward)
-
-
-def second_foot(walked: SimulatedCrossing) -> Array:
-    """Force [N] of the other foot on the plate, shape (n, 3): vertical, and largest at mid-stance."""
-    phase = walked.step.stance_phase(walked.time)
-    load = np.exp(-(((phase - 0.5) / SECOND_FOOT_WIDTH) ** 2)) * ((phase > 0) & (phase < 1))
-    weight = -0.01 * walked.step.change.second_foot_percent * walked.step.body_mass * GRAVITY
-    return np.asarray(load[:, None] * weight)
 
 
 MILLI = 1e3
@@ -126,42 +113,29 @@ CROSSTALK = 0.01  # Share of each channel of type 4 in the next one
 
 @dataclass(frozen=True)
 class PlateChannels:
-    """The channels of a plate as the file has them.
-
-    values: shape (n, channels), in `units`; origin [m]: FORCE_PLATFORM:ORIGIN; calibration: (6, 6) of type 4, which
-    turns the channels into [N] and [N*mm], or None.
-    """
+    """The channels of a plate as the file has them."""
 
     labels: tuple[str, ...]
     units: tuple[str, ...]
-    values: Array
-    origin: Array
-    calibration: Array | None
+    values: Array  # (n, channels)
+    origin: Array  # FORCE_PLATFORM:ORIGIN [m]
+    calibration: Array | None  # (6, 6) of type 4, which turns the channels into [N] and [N*mm]
 
 
 def plate_channels(reading: SensorReading, walking: WalkingSettings) -> PlateChannels:
-    """The channels of the plate's type, from its reading [N, N*m] with noise and offset, and their faults."""
-    capture, kind = walking.capture, walking.capture.plate_type
+    """The channels of the plate's type, from its reading [N, N*m] with noise and offset, inside the rails of their
+    amplifiers, with the dead ones and the units that the file states."""
+    capture, effects, kind = walking.capture, walking.effects, walking.capture.plate_type
     values, origin, calibration = {1: type_1, 2: type_2, 3: type_3, 4: type_4}[kind](reading, walking)
     labels, units = LABELS[kind], UNITS[kind]
-    limited = clipped(values, units, walking)
-    for label, value in capture.dead_channels.items():
-        limited[:, labels.index(label)] = value
-    return PlateChannels(labels, stated(units, capture), limited, origin, calibration)
-
-
-def clipped(values: Array, units: tuple[str, ...], walking: WalkingSettings) -> Array:
-    """The channels inside the rails of their amplifiers; the force's rails are those of the sensors of type 3."""
-    effects, kind = walking.effects, walking.capture.plate_type
     forces = effects.sensor_clip if kind == 3 else effects.force_clip
     rails = {"N": forces.value, "Nmm": MILLI * effects.moment_clip.value}
     limits = np.array([rails.get(unit, 0.0) or np.inf for unit in units])
-    return np.clip(values, -limits, limits)
-
-
-def stated(units: tuple[str, ...], capture: CaptureSettings) -> tuple[str, ...]:
-    """The units that the file states."""
-    return tuple(capture.moment_label or unit if unit == "Nmm" else unit for unit in units)
+    limited = np.clip(values, -limits, limits)
+    for label, value in capture.dead_channels.items():
+        limited[:, labels.index(label)] = value
+    stated = tuple(capture.moment_label or unit if unit == "Nmm" else unit for unit in units)
+    return PlateChannels(labels, stated, limited, origin, calibration)
 
 
 def about(point: Array, reading: SensorReading, walking: WalkingSettings) -> Array:
@@ -181,8 +155,10 @@ def type_1(reading: SensorReading, walking: WalkingSettings) -> tuple[Array, Arr
 
 
 def type_2(reading: SensorReading, walking: WalkingSettings) -> tuple[Array, Array, Array | None]:
-    """Force and moment about the sensor origin."""
-    return np.hstack([reading.force, MILLI * reading.moment]), c3d_origin(walking.plate), None
+    """Force and moment about the sensor origin. ORIGIN has the sign of Vicon Nexus: z > 0 for a sensor below the
+    surface. The C3D manual defines the opposite vector, and readers reverse it by the sign of z."""
+    origin = np.asarray(PLATE_AXES.T @ sensor_from_centre(walking.plate))
+    return np.hstack([reading.force, MILLI * reading.moment]), origin, None
 
 
 def type_3(reading: SensorReading, walking: WalkingSettings) -> tuple[Array, Array, Array | None]:

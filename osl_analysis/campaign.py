@@ -45,8 +45,6 @@ class Campaign:
 
     def trials(self, *experiments: str) -> list[str]:
         """Names of the trials of these experiments, or of all, in the order of the sheet."""
-        if len(experiments) == 1:
-            return list(self.by_experiment.get(experiments[0], []))
         return [trial for trial, row in self.rows.items() if not experiments or row["experiment"] in experiments]
 
     def crossings(self, perturbed: bool) -> list[str]:
@@ -59,13 +57,7 @@ class Campaign:
         return {trial: {column: self.row(trial)[column] for column in columns} for trial in self.trials("walking")}
 
     def static(self, trial: str) -> str:
-        """The static trial that calibrates a crossing or plate trial.
-
-        Raises
-        ------
-        InputError
-            There is none, or the sheet does not tell several apart.
-        """
+        """The static trial that calibrates a crossing or plate trial."""
         row = self.row(trial)
         stated = tuple(row.get(column) for column in (STATIC, *SHARED))
         if stated not in self.static_by_cells:
@@ -126,13 +118,7 @@ class Campaign:
         return "|".join(sorted(found)) or "(?!)"
 
     def row(self, trial: str, experiment: str | None = None) -> Mapping[str, Any]:
-        """One trial's row of the sheet, empty cells as None.
-
-        Raises
-        ------
-        InputError
-            There is no such trial, or it is not of this experiment.
-        """
+        """One trial's row of the sheet, empty cells as None."""
         if trial not in self.rows:
             raise InputError(f"{self.config.sheet}: no trial '{trial}'; it has {', '.join(self.sheet.index[:5])}, ...")
         if experiment is not None and self.rows[trial]["experiment"] != experiment:
@@ -146,14 +132,6 @@ class Campaign:
     def rows(self) -> dict[str, dict[str, Any]]:
         """The rows of the trials, by trial; empty cells as None. The rules ask for a row some twenty times per job."""
         return {str(trial): cells(row.items()) for trial, row in self.sheet.iterrows()}
-
-    @cached_property
-    def by_experiment(self) -> dict[str, list[str]]:
-        """Names of the trials of each experiment, in the order of the sheet."""
-        found: dict[str, list[str]] = {}
-        for trial, row in self.rows.items():
-            found.setdefault(row["experiment"], []).append(trial)
-        return found
 
     def every_row(self) -> dict[str, dict[str, Any]]:
         """The rows of all trials, of those that the sheet excludes too, by trial; empty cells as None."""
@@ -216,11 +194,6 @@ class Campaign:
         named = [self.config.raw_data / row[column] for column in ("log", "mocap") if row[column]]
         return [file for path in named for file in recorded_files(path)]
 
-    def recorded_mb(self, trial: str) -> float:
-        """Size of a trial's raw files [MB]; 0 for no trial, and for files that are not there yet."""
-        files = self.logs(trial) if trial in self.sheet.index else []
-        return sum(path.stat().st_size for path in files if path.is_file()) / 1e6
-
     def sources(self, trial: str) -> list[Path]:
         """The source files that describe a trial's raw files."""
         row = self.row(trial)
@@ -228,13 +201,7 @@ class Campaign:
 
 
 def open_campaign(config: Config, planned: pd.DataFrame | None) -> Campaign:
-    """The campaign of a configuration; `planned` is the sheet of a simulation that has not been written yet.
-
-    Raises
-    ------
-    InputError
-        The sheet is not valid, or excludes every trial.
-    """
+    """The campaign of a configuration; `planned` is the sheet of a simulation that has not been written yet."""
     sheet = read_sheet(config.sheet) if planned is None else planned.set_index("trial", drop=False)
     sheet = sheet.fillna({"joint": JOINT})
     used, unused = sheet[sheet["exclude"].isna()], sheet[sheet["exclude"].notna()]
@@ -309,11 +276,6 @@ def check_walking(campaign: Campaign) -> None:
         )
     for static in campaign.statics:
         campaign.calibration_settings(static)
-    check_conditions(campaign)
-
-
-def check_conditions(campaign: Campaign) -> None:
-    """Refuse conditions of crossings that the analysis cannot keep apart."""
     try:
         split_keys(campaign.conditions(), campaign.config.walking)
     except InputError as error:
@@ -344,13 +306,7 @@ class ImpedanceExample:
 
 
 def time_series_example(campaign: Campaign) -> ImpedanceExample | None:
-    """The trial that Fig. 4 shows; None for a campaign without impedance trials.
-
-    Raises
-    ------
-    InputError
-        The configuration asks for a trial that the sheet does not have, and the default configuration does not.
-    """
+    """The trial that Fig. 4 shows; None for a campaign without impedance trials."""
     stated, trials = campaign.config.figures.time_series, campaign.trials("impedance")
     if not trials:
         return None

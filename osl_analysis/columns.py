@@ -71,13 +71,7 @@ def counter_column(column: str) -> str:
 
 
 def unit_of(column: str) -> str:
-    """Canonical unit of a column.
-
-    Raises
-    ------
-    KeyError
-        The name is not in the nomenclature.
-    """
+    """Canonical unit of a column."""
     for pattern, unit in FAMILIES.items():
         if pattern.fullmatch(column):
             return unit

@@ -176,13 +176,7 @@ def overriding(base: Any, override: Any) -> Any:
 
 
 def read_campaign_section(path: Path, section: str, model: type[Model]) -> Model:
-    """One section of a campaign's configuration, whose file overrides fields of the default configuration.
-
-    Raises
-    ------
-    InputError
-        As `read_section`.
-    """
+    """One section of a campaign's configuration, whose file overrides fields of the default configuration."""
     content = overriding(read_mapping(default_config()), read_mapping(path, by_snakemake=True))
     unknown = [name for name in content if name not in Config.model_fields]
     if unknown:
@@ -191,24 +185,12 @@ def read_campaign_section(path: Path, section: str, model: type[Model]) -> Model
 
 
 def read_config(path: Path) -> Config:
-    """A whole configuration from a file that may override fields of the default only.
-
-    Raises
-    ------
-    InputError
-        As `campaign_config`.
-    """
+    """A whole configuration from a file that may override fields of the default only."""
     return validated(overriding(read_mapping(default_config()), read_mapping(path, by_snakemake=True)), Config, path)
 
 
 def read_section(path: Path, section: str, model: type[Model]) -> Model:
-    """One section of a configuration file.
-
-    Raises
-    ------
-    InputError
-        The file is missing or has no such section, or a field is not valid.
-    """
+    """One section of a configuration file."""
     content = read_mapping(path, by_snakemake=True)
     if section not in content:
         raise InputError(f"{path}: no section '{section}'; give a configuration like config/config.yaml")
@@ -216,13 +198,7 @@ def read_section(path: Path, section: str, model: type[Model]) -> Model:
 
 
 def campaign_config(content: Any, files: Sequence[Path]) -> Config:
-    """Validate a configuration that Snakemake merged from files, of which a later one overrides the earlier.
-
-    Raises
-    ------
-    InputError
-        A file is not YAML in UTF-8 or has a key twice, or a field is unknown, missing or of a wrong value.
-    """
+    """Validate a configuration that Snakemake merged from files, of which a later one overrides the earlier."""
     for file in files:
         read_mapping(file, by_snakemake=True)
     return validated(content, Config, Path(" overridden by ".join(map(str, files))), files)

@@ -46,13 +46,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 
 def check_working_folder() -> None:
-    """Refuse a working folder that cannot be written to: Snakemake keeps its notes there, and ends with a traceback.
-
-    Raises
-    ------
-    InputError
-        It cannot.
-    """
+    """Refuse a working folder that cannot be written to: Snakemake keeps its notes there, and ends with a traceback."""
     if not os.access(Path(), os.W_OK):
         raise InputError(f"{Path.cwd()}: cannot be written to; copy the campaign to a folder that can")
 
@@ -68,15 +62,11 @@ SPECIAL = {
 
 
 def check_target(path: Path) -> None:
-    """Refuse to replace anything but a regular file: a renamed file would delete a device for all of the machine.
-
-    Raises
-    ------
-    InputError
-        The name is no UTF-8, or the path, or what it links to, exists and is no regular file.
-    """
-    if not is_utf8(path):
-        raise InputError(f"{path}: its name is not UTF-8; choose another name")
+    """Refuse to replace anything but a regular file: a renamed file would delete a device for all of the machine."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:  # the libraries that write tables take text alone
+        raise InputError(f"{path}: its name is not UTF-8; choose another name") from error
     try:
         kind = stat.S_IFMT(path.stat().st_mode)
     except OSError:
@@ -86,13 +76,7 @@ def check_target(path: Path) -> None:
 
 
 def check_output(path: Path) -> None:
-    """Refuse an output that cannot be written, before anything is computed for it. Nothing is left behind.
-
-    Raises
-    ------
-    InputError
-        As `check_target`, or no file can be made in the folder of the path.
-    """
+    """Refuse an output that cannot be written, before anything is computed for it. Nothing is left behind."""
     check_target(path)
     folder = next(parent for parent in (*path.parents, Path()) if os.path.lexists(parent))
     try:
@@ -117,15 +101,6 @@ def disk_failure(error: BaseException, written: Path) -> str | None:
             return os.strerror(int(number[1]))
         cause = cause.__cause__ or cause.__context__
     return None
-
-
-def is_utf8(path: Path) -> bool:
-    """Whether the name of a file is text. Other bytes cannot be handed to the libraries that write tables."""
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def temporary_path(path: Path, pid: int) -> Path:

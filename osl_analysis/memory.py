@@ -51,13 +51,7 @@ def limited_memory(files: Sequence[Path | str], megabytes: float | None = None) 
 
 
 def stated_megabytes() -> float:
-    """What the environment allows [MB]; 0 where it says nothing.
-
-    Raises
-    ------
-    InputError
-        It says no number above 0.
-    """
+    """What the environment allows [MB]; 0 where it says nothing."""
     text = os.environ.get(VARIABLE, "")
     if not text:
         return 0

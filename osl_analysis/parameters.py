@@ -23,14 +23,7 @@ SMALLEST, LARGEST = 1e-9, 1e9
 
 @dataclass(frozen=True)
 class DrivetrainParameters:
-    """Actuator and transmission (Table I) in SI units; J_m and B_m are at the actuator's output.
-
-    Raises
-    ------
-    InputError
-        A value that must be positive is not, a value that may be zero is negative, or a value is outside `SMALLEST` to
-        `LARGEST`.
-    """
+    """Actuator and transmission (Table I) in SI units; J_m and B_m are at the actuator's output."""
 
     k_tau: float
     n_m: float

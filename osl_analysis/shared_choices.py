@@ -109,12 +109,6 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     """Read a CSV table with columns phase, K_d [N*m/rad], B_d [N*m*s/rad] and, optionally, theta_eq_rad [rad].
 
     Lines that begin with `#` are comments. One of them, `# kind: synthetic`, may say what the trajectory is.
-
-    Raises
-    ------
-    InputError
-        The file is missing or not such a table, a column is missing or stands twice, a value is not a number, or the
-        phase does not rise from 0 to 1.
     """
     if not path.is_file():
         raise InputError(
@@ -149,10 +143,7 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     phase = columns["phase"]
     if phase[0] != 0 or phase[-1] != 1 or not (np.diff(phase) > 0).all():
         raise InputError(f"{path}: column phase runs from {phase[0]:g} to {phase[-1]:g}; it must rise from 0 to 1")
-    return ImpedanceTrajectory(phase, columns["K_d"], columns["B_d"], columns.get(EQUILIBRIUM), kind_of(text))
-
-
-def kind_of(text: str) -> str | None:
-    """The word behind `# kind:` in the comments of a trajectory file; None without one."""
-    said = re.search(r"^#\s*kind:\s*(\S.*?)\s*$", text, re.MULTILINE)
-    return said[1] if said else None
+    kind = re.search(r"^#\s*kind:\s*(\S.*?)\s*$", text, re.MULTILINE)
+    return ImpedanceTrajectory(
+        phase, columns["K_d"], columns["B_d"], columns.get(EQUILIBRIUM), kind[1] if kind else None
+    )

@@ -34,12 +34,6 @@ def read_lines(path: Path) -> tuple[list[str], list[SheetLine]]:
 
     Empty lines and lines that begin with `#` are skipped; elsewhere `#` is text. `NA` is text, too. An empty cell says
     nothing.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is not UTF-8 or not CSV, names a column twice, a row has more cells than the header, or
-        a cell has a character that looks like a blank or like nothing.
     """
     rows = list(numbered_rows(path))
     if not rows:
@@ -97,11 +91,8 @@ def check_text(path: Path, content: bytes) -> None:
 
 def outer_blanks_off(cell: str) -> str:
     """A cell without blanks and invisible characters at its ends."""
-    while cell and (cell[0].isspace() or unicodedata.category(cell[0]) in INVISIBLE):
-        cell = cell[1:]
-    while cell and (cell[-1].isspace() or unicodedata.category(cell[-1]) in INVISIBLE):
-        cell = cell[:-1]
-    return cell
+    seen = [k for k, sign in enumerate(cell) if not (sign.isspace() or unicodedata.category(sign) in INVISIBLE)]
+    return cell[seen[0] : seen[-1] + 1] if seen else ""
 
 
 def check_characters(path: Path, line: SheetLine) -> None:

@@ -15,6 +15,7 @@ numba: Any = import_module("numba") if find_spec("numba") else None
 P = ParamSpec("P")
 R = TypeVar("R")
 FunctionCache: Any = import_module("numba.core.caching").FunctionCache if numba else object
+Dispatcher: Any = import_module("numba.core.registry").CPUDispatcher if numba else object
 
 
 class HealingCache(FunctionCache):  # type: ignore[misc]
@@ -35,14 +36,22 @@ class HealingCache(FunctionCache):  # type: ignore[misc]
             super().save_overload(sig, data)
 
 
+class Compiled(Dispatcher):  # type: ignore[misc]
+    """What `numba.njit` makes of a function, with a cache that heals."""
+
+    def enable_caching(self) -> None:
+        """Keep what is compiled on disk."""
+        self._cache = HealingCache(self.py_func)
+
+
 def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     """The function, compiled on its first call. The result is kept on disk where a folder can be written. Numba looks
     for changes in the function's own file only: compiled functions that call one another share a file."""
     if numba is None:
         return function
-    fast = numba.njit(error_model="numpy", **options)(function)
+    fast = Compiled(function, targetoptions={"nopython": True, "error_model": "numpy", **options})
     with suppress(RuntimeError, OSError):  # no folder can be written: each process compiles anew
-        fast._cache = HealingCache(function)
+        fast.enable_caching()
     return cast(Callable[P, R], fast)
 
 

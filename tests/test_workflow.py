@@ -363,6 +363,86 @@ def test_a_changed_setting_reruns_the_jobs_that_use_it_and_no_others(workspace, 
     assert set(planned) & (first | {"gains_table", "summarise_walking"}) <= fits | {"summarise_walking"}
 
 
+WHOLE = {"summary", "csv_metadata", "report", "figures/captions"}
+"""The jobs whose results name the hash of the whole configuration."""
+NOT_HERE = {"campaign", "sheet", "simulation", "raw_data", "results", "parameters", "sources", "impedance_trajectory"}
+NOT_HERE |= {"study", "torque_angle", "doubtful", "figures", "overground", "fewest_unperturbed"}
+"""Files and folders, and settings of jobs that this campaign does not have or that a test of its own changes."""
+
+
+def another(value, number):
+    """Another number near this one, of its kind; of each `number` a different one."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return value + 1 if isinstance(value, int) and value < 1000 else value * (1 + 1e-5 * number)
+
+
+def changed_everywhere(settings, given, number=1):
+    """A mapping of settings in which every number is another one, with the places of these."""
+    out, places = {}, {}
+    for name, value in settings.items():
+        if isinstance(value, dict):
+            inner, found = changed_everywhere(value, given.get(name, {}), number + len(places))
+            out |= {name: inner} if inner else {}
+            places |= {(name, *place): new for place, new in found.items()}
+        elif name not in given and name not in NOT_HERE and (new := another(value, number + len(places))) is not None:
+            out[name] = places[name,] = new
+    return out, places
+
+
+def leaves(value, place=()):
+    """Every value in nested mappings and lists, by its place."""
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else None
+    if inner is None:
+        return {place: value}
+    return {at: one for name, part in inner for at, one in leaves(part, (*place, name)).items()}
+
+
+def test_every_number_of_the_configuration_is_in_requests_of_jobs_and_changes_nothing_else_in_them(workspace, tmp_path):
+    """All are changed at once, in a dry run: each difference of a request is one of them at a place of its name."""
+    copy, default = workspace.copied(tmp_path), yaml.safe_load((ROOT / "config/config.yaml").read_text())
+    sections = {name: default[name] for name in default.keys() - NOT_HERE if isinstance(default[name], dict)}
+    changes, places = changed_everywhere(sections, OVERRIDES)
+    assert len(places) > 40
+    before = requests_in(copy.folder)
+    copy.configure({name: OVERRIDES.get(name, {}) | inner for name, inner in changes.items()})
+    result = copy.run("-n")
+    assert result.returncode == 0, result.stdout
+    found, other = set(), {}
+    for request, now in requests_in(copy.folder).items():
+        was = leaves(before[request])
+        differing = {at: value for at, value in leaves(now).items() if was.get(at) != value}
+        for at, value in differing.items():
+            names = {place for place, new in places.items() if new == value and place[-1] in at}
+            found |= names
+            if not names:
+                other.setdefault(Path(request).parent.relative_to("results/requests").as_posix(), []).append(at)
+    assert other.keys() <= WHOLE | {name for name in other if name.startswith("simulate/")}
+    assert set(places) - found == set()
+
+
+def test_a_changed_setting_gives_the_bytes_of_a_fresh_run_and_touches_nothing_that_does_not_use_it(workspace, tmp_path):
+    """In the filter of the bench; what is ingested, simulated and fitted elsewhere stays, with its date."""
+    targets = [f"results/tables/{name}.csv" for name in ("belt", "impedance", "model_comparison_summary", "quality")]
+    again, fresh = (
+        workspace.copied(tmp_path / name, *left) for name, left in (("a", ()), ("b", ("results", ".snakemake")))
+    )
+    for space in (again, fresh):
+        space.configure({"dynamometer": DYNAMOMETER | {"cutoff_hz": 18}})
+        assert space.run(*targets).returncode == 0
+    files = [
+        path.relative_to(fresh.folder)
+        for path in (fresh.folder / "results").rglob("*")
+        if path.suffix in (".csv", ".zip")
+    ]
+    assert len(files) > 40
+    assert [file for file in files if (again.folder / file).read_bytes() != (fresh.folder / file).read_bytes()] == []
+    for kept in ("trials/belt_01.parquet", "quality/belt_01.csv", "fits/walking", "crossings"):
+        paths = [path.relative_to(again.folder) for path in again.folder.glob(f"results/{kept}")]
+        assert paths
+        assert all((again.folder / p).stat().st_mtime == (workspace.folder / p).stat().st_mtime for p in paths)
+
+
 def test_a_changed_gain_weight_simulates_the_controlled_leg_anew_and_nothing_else(workspace):
     workspace.configure({"gain_weight": {"order": 2}})
     planned = workspace.planned()

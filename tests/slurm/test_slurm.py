@@ -20,7 +20,8 @@ from osl_analysis.refusal import is_refused
 
 ROOT = Path(__file__).parents[2]
 SLURM = ["--workflow-profile", str(ROOT / "profiles/slurm")]
-SNAKEMAKE = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--configfile", CONFIG]
+SNAKEMAKE = [sys.executable, "-m", "snakemake"]
+CAMPAIGN = ["--snakefile", str(ROOT / "Snakefile"), "--configfile", CONFIG]
 BROKEN = "belt_02"
 LOG = f"raw_data/small/dynamometer/{BROKEN}.mcap"
 BENCH = [f"results/tables/{table}.csv" for table in ("belt", "transmission")]
@@ -37,8 +38,8 @@ def run(folder: Path, *arguments: str, then: Callable[[], None] = lambda: None, 
 
     `then` is called when there is a file like `once` that is no refusal record.
     """
-    said = folder / "said.txt"
-    with said.open("w") as file, subprocess.Popen([*SNAKEMAKE, *arguments], cwd=folder, stdout=file, stderr=file) as it:
+    said, command = folder / "said.txt", [*SNAKEMAKE, *arguments, *CAMPAIGN]
+    with said.open("w") as file, subprocess.Popen(command, cwd=folder, stdout=file, stderr=file) as it:
         while all(map(is_refused, folder.glob(once))) and it.poll() is None:
             time.sleep(0.1)
         then()
@@ -83,7 +84,9 @@ def local(tmp_path_factory) -> Path:
 
 def test_one_submission_of_the_local_run_gives_its_bytes_in_about_its_time(local, tmp_path):
     folder = copied(local, tmp_path)
-    command = f"date +%s.%N > begun; {' '.join(SNAKEMAKE)} --cores 2; code=$?; date +%s.%N > ended; exit $code"
+    command = (
+        f"date +%s.%N > begun; {' '.join(SNAKEMAKE + CAMPAIGN)} --cores 2; code=$?; date +%s.%N > ended; exit $code"
+    )
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     sbatch = ["sbatch", "--wait", "-c", "2", "--output", "said.txt", "--wrap", command]
     asked = time.time()

@@ -43,8 +43,8 @@ def write_calibration(calibration: StaticCalibration, trial: str, path: Path) ->
 def read_calibration(path: Path) -> StaticCalibration:
     """Read what `write_calibration` wrote."""
     content = read_json(path, "calibrate", *SEGMENTS, "ankle_centre", "ankle_axis")
-    clusters = ({marker: np.array(place) for marker, place in content[name].items()} for name in SEGMENTS)
-    return StaticCalibration(*clusters, np.array(content["ankle_centre"]), np.array(content["ankle_axis"]))
+    foot, shank, platform = ({marker: np.array(p) for marker, p in content[name].items()} for name in SEGMENTS)
+    return StaticCalibration(foot, shank, platform, np.array(content["ankle_centre"]), np.array(content["ankle_axis"]))
 
 
 def write_plate(plate: PlateModel, path: Path) -> None:
@@ -166,16 +166,19 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     events = trial.provenance
     if "heel_strike_s" not in events:
         raise InputError(f"{path}: a trial without events; run the step 'analyse' and use its crossing")
-    signals, quality = trial.signals("theta", "torque", "platform"), events["quality"]
+    quality, (time, theta, torque, platform) = events["quality"], trial.signals("theta", "torque", "platform")
     encoder, (forward, left) = quality["encoder"] and EncoderCheck(**quality["encoder"]), quality["placement"]
     return Crossing(
         trial.name,
-        *signals,
+        time,
+        theta,
+        torque,
+        platform,
         stance=Stance(events["heel_strike_s"], events["toe_off_s"]),
         onset=events["onset_s"],
         bridged=events["bridged"],
         quality=CrossingQuality(quality["residuals"], quality["zero"], (forward, left), encoder, quality["outside"]),
-        plate_errors=plate_error_columns(trial.samples).reshape(-1, len(signals[0])),
+        plate_errors=plate_error_columns(trial.samples).reshape(-1, len(time)),
         load=Load(*trial.signals(LOAD, LOAD_LEFT)[1:]) if LOAD in trial.samples.columns else None,
         turn=events.get("turn_rad"),
         body_mass=events.get("body_mass_kg"),

@@ -251,8 +251,8 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
 
     guesses = []
     for track in tracks:  # by the middle of the rise, with the sign of the largest displacement
-        moved = (track.filtered - track.rest) @ axes.T
-        size, rest = float(moved[np.argmax(np.abs(moved[:, 0])), 0]), track.rest @ axes.T
+        along = (track.filtered - track.rest) @ axes.T
+        size, rest = float(along[np.argmax(np.abs(along[:, 0])), 0]), track.rest @ axes.T
         guesses.append(Alignment(track.name, middle_of_rise(track), 0.0, size, 1.0, 0.0, 0.0, rest, 0.0, True))
     template, alignments = alternated(list(zip(tracks, guesses, strict=True)), False)
     free = [aligned(track, a, template, True) for track, a in zip(tracks, alignments, strict=True)]
@@ -520,7 +520,9 @@ def inertial_motion(
 def platform_table(model: PlatformModel) -> pl.DataFrame:
     """`platform.csv`: one row per perturbed crossing whose platform was seen; none without a shape."""
     late, shape, rows = model.latency, model.template, []
-    for a in model.alignments.values() if shape is not None else ():
+    if shape is None:
+        return pl.DataFrame(schema=PLATFORM_COLUMNS)
+    for a in model.alignments.values():
         starts = (model.onset(a.name, a.start), a.start, float(np.hypot(a.start_se, shape.start_se)), shape.start_se)
         follows = (shape.start_shape, a.amplitude, a.duration, a.misfit, int(a.follows), len(shape.axes))
         trigger = (model.triggers.get(a.name), late and late.mean, late and late.sd, int(bool(late and late.used)))

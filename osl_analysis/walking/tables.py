@@ -121,6 +121,7 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
     response = isolate_response(crossing, gait, settings.timing, settings.perturbed_stance)
     impedance, delay = fit_response(response), response_lag(response)
     fit, onset = impedance.fit, crossing.onset or 0.0
+    lag, lag_se = (None, None) if delay is None else (delay.lag, delay.se)
     return {
         "trial": crossing.name,
         "onset_s": onset,
@@ -132,7 +133,7 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
         **covariance_row(fit, "K", "B", "I"),
         **offset_comparison(response.fitted_motion, response.fitted_torque, fit["K"]),
         **single_facts(response, impedance),
-        **lag_damping_row(delay and delay.lag, delay and delay.se, fit["K"]),
+        **lag_damping_row(lag, lag_se, fit["K"]),
         "lag_out_of_reach": float(delay is None),
         **diagnostics_row(fit, 1 / (response.time[1] - response.time[0]), settings.low_pass),
     }
@@ -215,9 +216,10 @@ def response_table(group: str, responses: Sequence[PerturbationResponse], ensemb
     """Isolated responses of a group around the onset: trial (or 'ensemble'), time [s], angle [deg], torque [N*m] and
     its fit, null outside the window."""
     window = responses[0].window
-    fits = [(r.name, r, fit_response(r)) for r in responses]
+    named: list[tuple[str, PerturbationResponse | EnsembleResponse]] = [(r.name, r) for r in responses]
     frames = []
-    for name, response, fit in [*fits, (ENSEMBLE, ensemble, ensemble.fit)]:
+    for name, response in [*named, (ENSEMBLE, ensemble)]:
+        fit = response.fit if isinstance(response, EnsembleResponse) else fit_response(response)
         model = np.full(len(response.time), np.nan)
         model[window] = fit.torque(response.motion)[window]
         columns = {"trial": pl.Series([name] * len(model)), "time": response.time}

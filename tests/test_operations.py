@@ -10,6 +10,7 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+import h5py
 import numba
 import numpy as np
 import polars as pl
@@ -263,6 +264,22 @@ def test_what_needs_more_memory_than_a_job_may_have_is_refused_with_file_limit_a
     monkeypatch.setenv("OSL_MEMORY_MB", "4 GB")
     with pytest.raises(InputError, match="OSL_MEMORY_MB=4 GB: write a number of megabytes"), limited_memory([]):
         pass
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")
+def test_a_file_of_two_kilobytes_that_unpacks_to_more_memory_than_allowed_ends_in_one_line(tmp_path):
+    """Two variables of 8 GB in a MATLAB file, of which nothing is stored."""
+    path = tmp_path / "bomb.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name in "ta":
+            stored = file.create_dataset(name, (1, 10**9), "f8", chunks=(1, 10**6), compression="gzip")
+            stored.attrs["MATLAB_class"] = np.bytes_("double")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    words = [sys.executable, "-c", "from osl_analysis.cli import main; main()", "inspect", str(path)]
+    ended = subprocess.run(words, capture_output=True, text=True, env=os.environ | {"OSL_MEMORY_MB": "1500"})
+    assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (1, "", 1)
+    assert ended.stderr.startswith(f"error: {path}: not enough memory, a job may have 1500 MB here; cut the recording")
 
 
 def bomb(levels):

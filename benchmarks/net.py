@@ -34,7 +34,10 @@ EXPLAINED: dict[tuple[str, str], str] = {
     ("*/timebase.csv", "ppm"): "the rate of a clock against its own grid, 1e-10 ppm, is what rounding leaves",
     ("excitations/impedance.csv", "clock_drift_se_ppm"): "ties between chunks of equal weight are not left to rounding",
     **dict.fromkeys(
-        [("*/model_comparison*.csv", column) for column in ("VAF*", "BIC", "effective_samples")],
+        [
+            *(("*/model_comparison*.csv", column) for column in ("VAF*", "BIC", "effective_samples")),
+            ("*/summary.json", "numbers.drivetrain_VAF_gain_compensated.*"),
+        ],
         "where B_d = 0, friction turns 1e-17 N*m*s/rad of B_1 into 5e-4 of the drivetrain's held-out VAF",
     ),
 }

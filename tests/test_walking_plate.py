@@ -6,8 +6,8 @@ import numpy as np
 import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
-from test_quality import TIME as T
-from test_quality import load, trial_of, type_2, type_3
+from test_quality_plates import TIME as T
+from test_quality_plates import load, trial_of, type_2, type_3
 from walking_synthetic import (
     CORNERS,
     PLATE_RATE,

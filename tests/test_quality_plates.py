@@ -1,0 +1,161 @@
+"""Force plates under quality control: raw channels before any rotation, and the centre of pressure under load."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from c3d_builder import REAL_DATA, write_c3d
+
+from osl_analysis.ingest.c3d_capture import C3dSource, read_c3d_capture
+from osl_analysis.plateaus import run_at_extreme
+from osl_analysis.quality.checks import CheckResult, Commanded
+from osl_analysis.quality.verdict import examine
+from osl_analysis.trial import Array, Trial
+
+RATE, FRAMES = 500, 200
+TIME = np.arange(5 * FRAMES) / RATE
+STANCE = np.clip(np.minimum(TIME - 0.2, 0.8 - TIME) / 0.05, 0, 1)
+ROLL = np.interp(TIME, [0.2, 0.8], [-0.08, 0.14])  # centre of pressure along x [m]
+SENSORS = (0.12, 0.2, 0.05)  # a, b and depth of a type 3 plate [m]
+
+
+def load(roll: Array = ROLL, seed: int = 1) -> tuple[Array, Array]:
+    """Force and moment (n, 3) on the plate in its axes (z down): 700 N that rolls along x, with noise."""
+    rng = np.random.default_rng(seed)
+    vertical = -700 * STANCE * (1 + 0.1 * np.sin(10 * TIME))
+    force = np.column_stack([60 * STANCE * np.sin(10 * (TIME - 0.5)), 20 * STANCE, vertical])
+    moment = np.column_stack([0.02 * vertical, -roll * vertical, 0.0 * TIME])
+    return force + rng.normal(0, 1.0, force.shape), moment + rng.normal(0, 0.1, moment.shape)
+
+
+def type_2(force: Array, moment: Array) -> Array:
+    return np.hstack([force, moment])
+
+
+def type_3(force: Array, moment: Array, seed: int = 2) -> Array:
+    """Channels of Kistler's four sensors that add up to this load about the surface, with a free moment of 0."""
+    a, b, depth = SENSORS
+    (fx, fy, fz), (mx, my) = force.T, moment.T[:2]
+    mx, my = mx + depth * -fy, my + depth * fx  # about the sensors' plane
+    z = [fz / 4 + sx * mx / (4 * b) + sy * my / (4 * a) for sx, sy in ((1, -1), (1, 1), (-1, 1), (-1, -1))]
+    channels = np.column_stack([fx / 2, fx / 2, fy / 2, fy / 2, *z])
+    return channels + np.random.default_rng(seed).normal(0, 0.3, channels.shape)
+
+
+def trial_of(path: Path, kind: int, channels: Array, unit: str = "Nm", **source: Any) -> Trial:
+    """The C3D of one level plate of 0.6 m by 0.4 m, as ingest reads it."""
+    corners = np.array([[300.0, -200, 0], [-300, -200, 0], [-300, 200, 0], [300, 200, 0]])  # z down: y to the right
+    count, moments = channels.shape[1], [unit] * 3
+    write_c3d(
+        path,
+        np.ones((FRAMES, 1, 4)),
+        channels,
+        ANALOG__UNITS=["N"] * 8 if kind == 3 else ["N"] * 3 + moments,
+        FORCE_PLATFORM__USED=np.array([1]),
+        FORCE_PLATFORM__TYPE=np.array([kind]),
+        FORCE_PLATFORM__CORNERS=corners.T[:, :, None],
+        FORCE_PLATFORM__ORIGIN=(1e3 * np.array(SENSORS) if kind == 3 else np.zeros(3))[:, None],
+        FORCE_PLATFORM__CHANNEL=np.arange(1, count + 1)[:, None],
+    )
+    recording = read_c3d_capture(path, C3dSource(format="c3d", **source))
+    return Trial("walk", recording.samples, recording.facts)
+
+
+def checked(trial: Trial, experiment: str = "walking") -> dict[str, CheckResult]:
+    return examine(trial, experiment, Commanded((2,), (1,), 3))
+
+
+@pytest.mark.parametrize("kind", [2, 3])
+def test_a_sound_plate_passes(tmp_path: Path, kind: int) -> None:
+    channels = (type_2 if kind == 2 else type_3)(*load())
+    found = checked(trial_of(tmp_path / "a.c3d", kind, channels))
+    assert found["saturation"].value is not None
+    assert found["saturation"].value < 5
+    assert found["stuck"].value is not None
+    assert found["stuck"].value < 0.05
+    assert found["pressure_centre"] == CheckResult(0.0, "")
+    travel = found["pressure_travel"].value
+    assert travel == pytest.approx(0.9 * 0.22, rel=0.15)  # 5th to 95th percentile of a steady roll of 0.22 m
+
+
+@pytest.mark.parametrize(("kind", "channel", "limit"), [(2, 4, 60.0), (3, 5, 200.0)])
+def test_a_clipped_raw_channel_is_named_with_its_time(tmp_path: Path, kind: int, channel: int, limit: float) -> None:
+    channels = (type_2 if kind == 2 else type_3)(*load())
+    channels[:, channel] = np.clip(channels[:, channel], -limit, limit)
+    trial = trial_of(tmp_path / "a.c3d", kind, channels)
+    result = checked(trial)["saturation"]
+    assert result.remark == f"plate1 channel A{channel + 1}"
+    assert result.value is not None
+    assert result.value > 20
+    facts = trial.provenance["plates"][0]["channels"][channel]
+    assert abs(facts["clipped_at"]) == limit
+    assert 0.2 < facts["clipped_from_s"] < facts["clipped_to_s"] < 0.8
+
+
+@pytest.mark.parametrize("value", [0.0, 37.5])
+def test_a_raw_channel_that_stands_while_the_plate_is_loaded_is_stuck(tmp_path: Path, value: float) -> None:
+    channels = type_2(*load())
+    channels[:, 4] = value
+    found = checked(trial_of(tmp_path / "a.c3d", 2, channels))
+    assert found["stuck"].value == pytest.approx(TIME[-1], abs=2 / RATE)
+    assert found["stuck"].remark == "plate1 channel A5"
+
+
+def test_a_plate_whose_moments_stand_still_has_a_centre_of_pressure_outside_or_at_rest(tmp_path: Path) -> None:
+    force, moment = load()
+    far = checked(trial_of(tmp_path / "a.c3d", 2, type_2(force, 0 * moment + [0, 840.0, 0])))["pressure_centre"]
+    assert far.value is not None
+    assert far.value > 840 / 770 - 0.3  # at the largest force
+    assert "a moment channel is dead, clipped or of the other sign" in far.remark
+    still = checked(trial_of(tmp_path / "b.c3d", 2, type_2(force, 0 * moment)))["pressure_travel"]
+    assert still.value == pytest.approx(0, abs=0.005)
+
+
+def test_moments_a_thousand_times_too_large_or_too_small_are_named(tmp_path: Path) -> None:
+    force, moment = load()
+    large = trial_of(tmp_path / "a.c3d", 2, type_2(force, 1e3 * moment))
+    result = checked(large)["pressure_centre"]
+    assert result.value is not None
+    assert result.value > 100
+    assert "moments look a thousand times too large; state `plate_units`" in result.remark
+    mended = trial_of(tmp_path / "a.c3d", 2, type_2(force, 1e3 * moment), plate_units={"force": "N", "moment": "N*mm"})
+    assert checked(mended)["pressure_centre"].value == 0
+    small = checked(trial_of(tmp_path / "b.c3d", 2, type_2(force, 1e-3 * moment)))["pressure_travel"]
+    assert small.value is not None
+    assert small.value < 0.001
+    assert "a thousand times too small" in small.remark
+
+
+@pytest.mark.parametrize("beyond", [0.0, 0.1])
+def test_the_distance_outside_is_measured_from_the_plates_edge(tmp_path: Path, beyond: float) -> None:
+    roll = np.full(TIME.size, 0.25 + 0.05 + beyond)  # the plate ends 0.3 m from its centre
+    result = checked(trial_of(tmp_path / "a.c3d", 2, type_2(*load(roll))))["pressure_centre"]
+    assert result.value == pytest.approx(beyond, abs=0.003)
+
+
+def test_a_plate_on_which_nobody_stands_is_not_judged(tmp_path: Path) -> None:
+    force, moment = load()
+    trial = trial_of(tmp_path / "a.c3d", 2, 0.05 * type_2(force, moment))
+    assert checked(trial)["pressure_centre"] == CheckResult(None, "not applicable: no plate is stood on")
+    assert checked(trial, "plate")["pressure_centre"].remark == "not applicable: nobody stands on a plate"
+
+
+def test_the_peak_of_a_coarsely_sampled_signal_is_no_rail() -> None:
+    smooth = 700 * np.sin(np.pi * np.arange(1200) / 400) ** 3
+    coarse = np.round(smooth / 2) * 2
+    assert (coarse == coarse.max()).sum() > 10
+    assert run_at_extreme(coarse).stop == 0
+    clipped = np.minimum(coarse, 640.0)
+    run = run_at_extreme(clipped)
+    assert clipped[run.start] == 640
+    assert run.stop - run.start > 50
+
+
+@pytest.mark.skipif(not (REAL_DATA / "c3d").is_dir(), reason="real data are not here")
+def test_real_plates_pass() -> None:
+    for name in ("btk_PiG_Motion3_FF.c3d", "opensim_jogging_300_1500.c3d", "c3dorg_s10_TYPE-4.C3D"):
+        recording = read_c3d_capture(REAL_DATA / "c3d" / name, C3dSource(format="c3d", markers=()))
+        found = checked(Trial(name, recording.samples, recording.facts), "overground")
+        assert found["pressure_centre"].value == pytest.approx(0, abs=0.01), name
+        assert (found["saturation"].value or 0) < 5, name

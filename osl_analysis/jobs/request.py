@@ -188,11 +188,13 @@ class Requests:
         """
         known = dict(wildcards.items())
         given = {name: plain(file) for name, file in (files or {}).items()}
-        made_of = [*made_of, *(one for file in given.values() for one in ([file] if isinstance(file, str) else file))]
+        named_files = (one for file in given.values() for one in ([file] if isinstance(file, str) else file))
+        made_of = [*made_of, *map(Path, named_files)]
         made = [str(pattern).format(**known) for pattern in rule.output]
         named = {name: str(pattern).format(**known) for name, pattern in rule.output.items()}
         if output is None:
-            output = named or ({"output": made[0]} if len(made) == 1 else {"outputs": made})
+            only: dict[str, Any] = {"output": made[0]} if len(made) == 1 else {"outputs": made}
+            output = named or only
         log = str(rule.log[0]).format(**known)
         # Each in a folder of its own: what is written beside a file that it has looked for, Snakemake does not see.
         path = self.folder / Path(log).relative_to(self.logs).with_suffix("") / "job.json"

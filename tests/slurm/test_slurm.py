@@ -73,7 +73,7 @@ def local(tmp_path_factory) -> Path:
     assert shutil.which("sbatch"), "SLURM is started by `make test-slurm`"
     folder = tmp_path_factory.mktemp("local")
     write(folder)
-    assert run(folder, "results/tables/quality.csv").endswith("exit code 0")
+    assert run(folder, "raw_data/small/trials.csv", "results/tables/quality.csv").endswith("exit code 0")
     measured(folder)
     shutil.rmtree(folder / "results")
     begun = time.perf_counter()

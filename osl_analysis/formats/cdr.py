@@ -31,12 +31,9 @@ ROS1_TYPE = re.compile(r"^([ \t]*)(time|duration|Header|byte)(?=(?:\[\d*\])?[ \t
 ROS1_AS_ROS2 = {"time": "ros1/Time", "duration": "ros1/Duration", "Header": "std_msgs/Header", "byte": "int8"}
 """What the types that ROS 2 does not have, or means otherwise, are (wiki.ros.org/msg)."""
 ROS1_STAMPS = "\n===\nMSG: ros1/Time\nuint32 secs\nuint32 nsecs\n===\nMSG: ros1/Duration\nint32 secs\nint32 nsecs\n"
-PADDING = 3
-"""Bytes of any content after the last field: DDS pads a message to four bytes (RTPS 2.5, 9.4.1)."""
-ZERO_PADDING = 7
-"""Bytes after the last field if they are zero: to eight."""
-MOST_SHAPES = 200
-"""Of one channel and message length; what varies more is read message by message."""
+PADDING = 3  # bytes of any content after the last field: DDS pads a message to four bytes (RTPS 2.5, 9.4.1)
+ZERO_PADDING = 7  # bytes after the last field if they are zero: to eight
+MOST_SHAPES = 200  # of one channel and message length; what varies more is read message by message
 INDEXED = re.compile(r"(?P<array>.+)\[(?P<index>\d+)\]")
 NAMED = re.compile(r"(?P<parent>.*\.)?(?P<array>\w+)\[(?P<names>\w+)=(?P<name>[^\]]+)\]")
 LATER_ELEMENT = re.compile(r"\[(?!0\])\d+\]")
@@ -47,8 +44,7 @@ class MessageField:
     """One field of a message type."""
 
     name: str
-    type: str
-    """A primitive, a string or `package/Name`."""
+    type: str  # a primitive, a string or `package/Name`
     array: int | Literal["sequence"] | None = None
     """Length of an array of fixed size, "sequence" where the length is in the message, None for no array."""
 
@@ -110,12 +106,9 @@ def short_name(name: str) -> str:
 class MessageType(NamedTuple):
     """The type of a channel's messages."""
 
-    name: str
-    """`package/Name`."""
-    definitions: Definitions
-    """Fields of it and of all types in it."""
-    ros1: bool
-    """Little-endian, not aligned, no zero at the end of strings (wiki.ros.org/msg)."""
+    name: str  # `package/Name`
+    definitions: Definitions  # fields of it and of all types in it
+    ros1: bool  # little-endian, not aligned, no zero at the end of strings (wiki.ros.org/msg)
 
 
 def message_type(schema: Schema, *, ros1: bool) -> MessageType:
@@ -130,12 +123,9 @@ def message_type(schema: Schema, *, ros1: bool) -> MessageType:
 class Leaf:
     """A number, or an array of numbers, in the messages of one shape."""
 
-    offset: int
-    """First byte in the message."""
-    dtype: str
-    """Type of the number in numpy's spelling, with its byte order; `?` for a bool."""
-    count: int | None = None
-    """Length of the array; None for a single number."""
+    offset: int  # first byte in the message
+    dtype: str  # type of the number in numpy's spelling, with its byte order; `?` for a bool
+    count: int | None = None  # length of the array; None for a single number
 
 
 @dataclass
@@ -144,13 +134,10 @@ class MessageWalk:
 
     payload: bytes
     kind: MessageType
-    order: str = "<"
-    """Byte order, as `struct` spells it."""
+    order: str = "<"  # byte order, as `struct` spells it
     position: int = 0
-    leaves: dict[str, Leaf] = field(default_factory=dict)
-    """The numbers by path."""
-    texts: dict[str, range] = field(default_factory=dict)
-    """Extents of the strings in arrays of strings, by path."""
+    leaves: dict[str, Leaf] = field(default_factory=dict)  # the numbers by path
+    texts: dict[str, range] = field(default_factory=dict)  # extents of the strings in arrays of strings, by path
     guards: list[int] = field(default_factory=list)
     """Offsets of the bytes that another message must share to have the same shape."""
 
@@ -279,8 +266,7 @@ class Rows:
 class Template:
     """How to read the wanted numbers of all messages of one shape."""
 
-    leaves: dict[str, Leaf]
-    """The numbers, by path."""
+    leaves: dict[str, Leaf]  # the numbers, by path
     words: list[tuple[int, np.dtype[Any], Any, Any]]
     """Offset, type, mask and expected value of the guarded words, which a message of the shape must have."""
 
@@ -352,18 +338,13 @@ class ShapeReader:
     """Reads the messages of a channel by templates; it learns one from the first message of each shape."""
 
     kind: MessageType
-    paths: Sequence[str]
-    """Paths of the fields to read."""
+    paths: Sequence[str]  # paths of the fields to read
     templates: dict[int, list[Template]] = field(default_factory=lambda: defaultdict(list))
     """The templates so far, by length of the message."""
-    read_alone: int = 0
-    """Messages that were read one by one."""
-    misfits: int = 0
-    """Messages that do not fit their schema."""
-    misfit: str = ""
-    """What is wrong with the first of the misfits."""
-    no_numbers: int = 0
-    """A schema says that a number is one."""
+    read_alone: int = 0  # messages that were read one by one
+    misfits: int = 0  # messages that do not fit their schema
+    misfit: str = ""  # what is wrong with the first of the misfits
+    no_numbers: int = 0  # a schema says that a number is one
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> Iterator[tuple[Indices, Values]]:
         """Batches of messages: their places among `starts`, and their numbers by path; misfits are only counted."""

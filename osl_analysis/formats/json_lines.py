@@ -80,8 +80,7 @@ class DecodedLines:
 
     rows: Indices  # their places among the lines, (n,)
     values: Mapping[str, Array]  # numbers (n,) by path, in the type of the file
-    present: Mapping[str, np.ndarray[tuple[int], np.dtype[np.bool_]]]
-    """Whether the line has the field, (n,) by path."""
+    present: Mapping[str, np.ndarray[tuple[int], np.dtype[np.bool_]]]  # whether the line has the field, (n,) by path
     misfits: int  # lines that cannot be used
     misfit: str  # what is wrong with the first of these
 

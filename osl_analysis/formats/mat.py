@@ -55,8 +55,7 @@ class Value:
     kind: str  # its class in MATLAB, such as `double`, `struct`, `cell`, `table`; `sparse` for a sparse matrix
     shape: tuple[int, ...] = (1, 1)
     is_complex: bool = False
-    load: Callable[[], Array] | None = None
-    """Reads its numbers, of its shape; None for anything but real numbers."""
+    load: Callable[[], Array] | None = None  # reads its numbers, of its shape; None for anything but real numbers
     text: str = ""  # its text, for one row of characters
     fields: tuple[str, ...] = ()
     elements: Sequence[Mapping[str, "Value"]] = field(default=())

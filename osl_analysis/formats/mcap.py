@@ -41,8 +41,7 @@ STATISTICS = struct.Struct("<Q14xI16xI")  # messages, chunks, bytes of the map o
 LONGEST_NAME = 32
 HIGHEST_RATIO = {b"zstd": 1 << 15, b"lz4": 255}
 """More is impossible: zstd writes a block of 128 kB in 4 bytes, lz4 255 bytes in one. The header is then wrong."""
-FRAME_HEADER = 1 << 16
-"""Bytes by which a frame that holds next to nothing may be larger than what its ratio allows."""
+FRAME_HEADER = 1 << 16  # bytes by which a frame that holds next to nothing may be larger than what its ratio allows
 NUMBERED = range(Opcode.HEADER, Opcode.DATA_END + 1)
 """Opcodes that the format defines. Records of higher ones are private or of a later version, and are skipped."""
 LENGTHS = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
@@ -59,29 +58,20 @@ class DamagedChunkError(Exception):
 class Walk(NamedTuple):
     """The records that follow each other in a buffer."""
 
-    heads: NDArray[Any]
-    """Heads of the messages, a structured array."""
-    starts: Indices
-    """Where their records begin [bytes]."""
-    others: list[tuple[int, bytes]]
-    """Opcode and content of the schemas and channels among them."""
-    end: int
-    """End of the walk [bytes]: the end of the buffer, or the first bytes that are not a record."""
-    unknown: int = 0
-    """Records of opcodes that the format does not define, which were skipped."""
+    heads: NDArray[Any]  # heads of the messages, a structured array
+    starts: Indices  # where their records begin [bytes]
+    others: list[tuple[int, bytes]]  # opcode and content of the schemas and channels among them
+    end: int  # end of the walk [bytes]: the end of the buffer, or the first bytes that are not a record
+    unknown: int = 0  # records of opcodes that the format does not define, which were skipped
 
 
 class ChunkHead(NamedTuple):
     """What a chunk declares of itself."""
 
-    size: int
-    """Bytes that it holds."""
-    crc: int
-    """Checksum of these; 0 if there is none."""
-    name: bytes
-    """Its compression; empty for none."""
-    begin: int
-    """First byte of the compressed records in the file."""
+    size: int  # bytes that it holds
+    crc: int  # checksum of these; 0 if there is none
+    name: bytes  # its compression; empty for none
+    begin: int  # first byte of the compressed records in the file
     end: int
 
 
@@ -91,17 +81,13 @@ class Section:
 
     kind: Literal["chunk", "loose", "lost chunk", "lost"]
     """A chunk, loose messages outside of chunks, a chunk that is lost, or lost bytes of which nothing is known."""
-    start: int
-    """First byte: of the content of a chunk, else of the section."""
+    start: int  # first byte: of the content of a chunk, else of the section
     end: int
-    walk: Walk | None = None
-    """The loose messages."""
-    head: ChunkHead | None = None
-    """What a chunk declares of itself."""
+    walk: Walk | None = None  # the loose messages
+    head: ChunkHead | None = None  # what a chunk declares of itself
     indexes: list[tuple[int, NDArray[Any]]] = field(default_factory=list)
     """Channel and entries of the message index records that follow a chunk."""
-    harmless: bool = False
-    """Lost, but it held no message."""
+    harmless: bool = False  # lost, but it held no message
 
     def indexed(self) -> Counter[int]:
         """How many messages of each channel its message indexes list."""
@@ -114,26 +100,19 @@ class McapFile(MessageFile):
 
     kind: str = "MCAP"
     data: bytes = b""
-    sections: list[Section] = field(default_factory=list)
-    """The parts of the data section, in order."""
-    data_end: int = 0
-    """Where the data section ends; 0 until that is known."""
-    data_crc: Literal["", "right", "wrong"] = ""
-    """Whether the checksum of the data section is right, if there is one."""
+    sections: list[Section] = field(default_factory=list)  # the parts of the data section, in order
+    data_end: int = 0  # where the data section ends; 0 until that is known
+    data_crc: Literal["", "right", "wrong"] = ""  # whether the checksum of the data section is right, if there is one
     described: list[tuple[int, bytes]] = field(default_factory=list)
     """Opcode and content of the schemas and channels in the summary."""
     after_data: list[Section] = field(default_factory=list)
     """The same as parts of the data, should these go on after all."""
     chunked: bool = False
-    indexed_chunks: int = 0
-    """How many chunks the index of chunks in the summary has; a file may have none."""
-    summary_begin: int = 0
-    """Where the summary begins: after the record that ends the data."""
-    summary_checked: bool = False
-    """A checksum covers the summary and is right."""
+    indexed_chunks: int = 0  # how many chunks the index of chunks in the summary has; a file may have none
+    summary_begin: int = 0  # where the summary begins: after the record that ends the data
+    summary_checked: bool = False  # a checksum covers the summary and is right
     summary_damaged: bool = False
-    searched: bool = False
-    """A second log was searched for."""
+    searched: bool = False  # a second log was searched for
     missing: int = 0
     """Bytes by which the summary stands before the place at which the recorder put it; negative if after."""
 

@@ -51,14 +51,10 @@ class MessageBlock:
 
     buffer: bytes
     channel: NDArray[np.uint16]
-    sequence: NDArray[np.uint32]
-    """Number that the recorder or the publisher gave to each message; often 0."""
-    log_time: Indices
-    """When each message was logged [ns]."""
-    starts: Indices
-    """Where each payload begins in the buffer [bytes]."""
-    lengths: Indices
-    """Length of each payload [bytes]."""
+    sequence: NDArray[np.uint32]  # number that the recorder or the publisher gave to each message; often 0
+    log_time: Indices  # when each message was logged [ns]
+    starts: Indices  # where each payload begins in the buffer [bytes]
+    lengths: Indices  # length of each payload [bytes]
 
     @cached_property
     def counts(self) -> Counter[int]:
@@ -79,34 +75,25 @@ class MessageBlock:
 class Damage:
     """Losses of a log, counted while it is read and reported in the trial's provenance under `damage`."""
 
-    finished: bool = False
-    """The recorder closed the file. If it did not, nobody knows what is missing."""
-    gaps: bool = False
-    """Some part of the file cannot be read or is missing; the summary counts as a part."""
+    finished: bool = False  # the recorder closed the file. If it did not, nobody knows what is missing.
+    gaps: bool = False  # some part of the file cannot be read or is missing; the summary counts as a part
     declared_messages: int | None = None
     """Messages in the file as it says itself; None if it does not, or cannot be trusted."""
-    declared: Counter[int] | None = None
-    """The same for each channel."""
-    declared_chunks: int | None = None
-    """Chunks in the file as it says itself."""
+    declared: Counter[int] | None = None  # the same for each channel
+    declared_chunks: int | None = None  # chunks in the file as it says itself
     read: Counter[int] = field(default_factory=Counter)
-    verified: int = 0
-    """Messages that were read and are covered by a checksum that was right."""
+    verified: int = 0  # messages that were read and are covered by a checksum that was right
     misfits: Counter[int] = field(default_factory=Counter)
     """Messages of each channel that were read and do not fit their own schema; they count as lost."""
     chunks: int = 0
-    chunks_lost: int = 0
-    """Chunks that were found and could not be read."""
+    chunks_lost: int = 0  # chunks that were found and could not be read
     indexed_lost: Counter[int] = field(default_factory=Counter)
     """Lost messages of each channel, as far as an index lists them."""
-    uncounted: bool = False
-    """Something was lost, and no index tells how many messages it held."""
-    bytes: int = 0
-    """Bytes of the file's data section."""
+    uncounted: bool = False  # something was lost, and no index tells how many messages it held
+    bytes: int = 0  # bytes of the file's data section
     bytes_lost: int = 0
     """Bytes of the data section that could not be read, without those at the end of a file that was cut off."""
-    remarks: list[str] = field(default_factory=list)
-    """Faults of the file, a sentence each: the first `MOST_REMARKS`."""
+    remarks: list[str] = field(default_factory=list)  # faults of the file, a sentence each: the first `MOST_REMARKS`
     more_remarks: int = 0
 
     def remark(self, text: str) -> None:
@@ -219,17 +206,14 @@ class Damage:
 class MessageFile:
     """A log of messages; what it declares and its losses are complete once its blocks are read."""
 
-    path: Path
-    """Where the log is: a file, or the folder of its parts."""
-    size: int
-    """Its size [bytes]."""
+    path: Path  # where the log is: a file, or the folder of its parts
+    size: int  # its size [bytes]
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     provisional: set[tuple[type, int]] = field(default_factory=set)
     """Channels and schemas that only a summary without a checksum has had so far."""
     damage: Damage = field(default_factory=Damage)
-    kind: str = "bag"
-    """What it is, for messages."""
+    kind: str = "bag"  # what it is, for messages
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages in the order of the file. Call it once."""
@@ -273,8 +257,7 @@ def meaning_of(one: Channel | Schema) -> tuple[object, ...]:
 class SplitLog(MessageFile):
     """The files of one recording, one after the other. A topic has one channel in all of them."""
 
-    parts: Sequence[MessageFile] = ()
-    """The files, in the order of recording."""
+    parts: Sequence[MessageFile] = ()  # the files, in the order of recording
     counts: Counter[str] | None = None
     """Messages of each topic in all of them, as a description says; None where each part counts its own."""
     numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
@@ -341,11 +324,9 @@ class ChannelReader:
     reader: ShapeReader | ObjectReader
     parts: list[tuple[Indices, Values]] = field(default_factory=list)
     """Places among the channel's messages, and values, of batches of messages."""
-    log_times: list[Indices] = field(default_factory=list)
-    """When the messages of each block were logged [ns]."""
+    log_times: list[Indices] = field(default_factory=list)  # when the messages of each block were logged [ns]
     sequences: list[NDArray[np.uint32]] = field(default_factory=list)
-    first: bytes = b""
-    """The first message, to list its fields."""
+    first: bytes = b""  # the first message, to list its fields
     messages: int = 0
 
     def add(self, mine: MessageBlock) -> None:
@@ -470,14 +451,10 @@ def check_encoding(channel: Channel, schema: Schema | None) -> None:
 class Decoded:
     """The messages of one topic, channel by channel in the order of recording; every array has shape (n,)."""
 
-    log_time: Indices
-    """When each message was logged [ns]."""
-    channel: NDArray[np.uint16]
-    """Number of each message's channel."""
-    values: dict[str, NDArray[Any]]
-    """Numbers by path of the field, in the type of the message."""
-    present: dict[str, NDArray[np.bool_]]
-    """Whether the message has the field, by path."""
+    log_time: Indices  # when each message was logged [ns]
+    channel: NDArray[np.uint16]  # number of each message's channel
+    values: dict[str, NDArray[Any]]  # numbers by path of the field, in the type of the message
+    present: dict[str, NDArray[np.bool_]]  # whether the message has the field, by path
     how: list[dict[str, Any]] = field(default_factory=list)
     """How the messages of each channel were decoded, for the provenance."""
 
@@ -600,10 +577,8 @@ class ChannelSurvey:
     """One channel of a file: when its messages were logged, and its first message."""
 
     channel: Channel
-    schema: Schema | None
-    """Schema of its messages; None for JSON."""
-    first: bytes | None = None
-    """Its first message."""
+    schema: Schema | None  # schema of its messages; None for JSON
+    first: bytes | None = None  # its first message
     log_time: Indices = field(default_factory=lambda: np.empty(0, np.int64))
     """Log times of its messages [ns], in the order of the file."""
 

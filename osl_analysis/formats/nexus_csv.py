@@ -35,8 +35,7 @@ class NexusSection:
     names: list[str]  # name of every column: `Anna:LTOE`, `EMG2000 - Voltage`
     components: list[str]  # component of every column: X, Y, Z, Fx ..
     units: list[str]  # unit of every column, as Nexus spells it
-    rows: Rows
-    """Number of the line in the file, and its cells; the first two are the numbers of frame and sub frame."""
+    rows: Rows  # number of the line in the file, and its cells; the first two are the numbers of frame and sub frame
     decimal: str
 
     def place(self, name: str, component: str) -> int:

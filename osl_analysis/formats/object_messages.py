@@ -22,12 +22,9 @@ from osl_analysis.errors import InputError, OslAnalysisError
 PART = re.compile(
     r"(?P<name>[^.\[\]]+)|\[(?P<quoted>\"(?:[^\"\\]|\\.)*\")\]|\[(?P<index>\d+)\]|\[(?P<names>\w+)=(?P<one>[^\]]+)\]|\."
 )
-PLAIN = re.compile(r"[^.\[\]]+")
-"""A name that needs no quotes."""
-MOST_SHOWN = 40
-"""Characters of a value in a message to the user."""
-AT_ONCE = 1 << 14
-"""Messages that are held as objects at once."""
+PLAIN = re.compile(r"[^.\[\]]+")  # a name that needs no quotes
+MOST_SHOWN = 40  # characters of a value in a message to the user
+AT_ONCE = 1 << 14  # messages that are held as objects at once
 
 Indices = NDArray[np.int64]
 Values = dict[str, NDArray[Any]]
@@ -82,12 +79,9 @@ def last_name(path: str) -> str:
 class FieldDescription:
     """A number in a message, or an array of numbers, for a user who writes a source file."""
 
-    path: str
-    """Dotted path; of an array of messages it passes element 0."""
-    type: str
-    """Type of the number, such as float64 or bool."""
-    length: int | None = None
-    """Number of elements in the inspected message; None for a single number."""
+    path: str  # dotted path; of an array of messages it passes element 0
+    type: str  # type of the number, such as float64 or bool
+    length: int | None = None  # number of elements in the inspected message; None for a single number
     labels: tuple[str, ...] = ()
     """The array's elements by label, such as `name=ankle`; empty where no array of text beside it names them."""
 
@@ -117,22 +111,16 @@ def array_labels(path: str, length: int | None, texts: Mapping[str, Sequence[str
 class ObjectReader:
     """Reads messages one by one."""
 
-    paths: Sequence[str]
-    """Paths of the fields to read."""
+    paths: Sequence[str]  # paths of the fields to read
     decode: Callable[[bytes], Any]
     """Makes an object of a message; raises ValueError (InputError) if it does not fit its type."""
     number_at: Callable[[Any, str], float | bool | None]
     """The number at a path of an object; None where it has none, NoNumberError where something else stands."""
-    read_alone: int = 0
-    """Messages that were read one by one."""
-    misfits: int = 0
-    """Messages that are not what their type says, write a field twice, or have no number in a field."""
-    misfit: str = ""
-    """What is wrong with the first of these."""
-    no_numbers: int = 0
-    """Those of the misfits that have something else than a number."""
-    before: int = 0
-    """Messages before those that are read now."""
+    read_alone: int = 0  # messages that were read one by one
+    misfits: int = 0  # messages that are not what their type says, write a field twice, or have no number in a field
+    misfit: str = ""  # what is wrong with the first of these
+    no_numbers: int = 0  # those of the misfits that have something else than a number
+    before: int = 0  # messages before those that are read now
     either: Collection[str] = ()
     """Different spellings of the same field. After one was seen, the others are not searched."""
 

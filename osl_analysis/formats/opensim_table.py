@@ -21,8 +21,7 @@ class OpenSimTable:
     """One table."""
 
     path: Path
-    header: dict[str, str]
-    """What the header says, by key in small letters; a line without a value stands under itself."""
+    header: dict[str, str]  # what the header says, by key in small letters; a line without a value stands under itself
     names: list[str]
     rows: Rows  # number of the line in the file, and its cells, of every row
 

@@ -51,8 +51,7 @@ class Record:
     """One record: a header of named fields, and data."""
 
     fields: dict[bytes, bytes]
-    start: int
-    """Where its data begins [bytes]."""
+    start: int  # where its data begins [bytes]
     end: int
 
     @property
@@ -112,8 +111,7 @@ class Bag1(MessageFile):
     """Start and end of its chunks and of unreadable stretches, in order, with the chunk's record."""
     counts: dict[int, Counter[int]] = field(default_factory=dict)
     """Messages of each connection in the chunk at a byte, as the bag's index says."""
-    numbers: dict[int, int] = field(default_factory=dict)
-    """Channel by number of a connection."""
+    numbers: dict[int, int] = field(default_factory=dict)  # channel by number of a connection
 
     def scan(self) -> None:
         """Find the chunks, and what the index says of them."""
@@ -275,8 +273,7 @@ def read_bag1(path: Path) -> Bag1:
 
 PART = re.compile(r"(?P<name>.*)_(?P<number>\d+)\.bag(\.active)?")
 """How `rosbag record --split` names its files; the one that it was writing when it was killed is still `active`."""
-DATE = re.compile(r"\d{4}(-\d\d){5}")
-"""When a file was begun, in its name; each has its own."""
+DATE = re.compile(r"\d{4}(-\d\d){5}")  # when a file was begun, in its name; each has its own
 ONE_BAG = "keep the files of one recording in the folder, or name one bag as the trial's log"
 
 
@@ -337,10 +334,8 @@ RECOVER = "save what it holds with `sqlite3 BAG .recover | sqlite3 NEW`, or reco
 CONVERT = (
     "convert it with `ros2 bag convert` to MCAP where the type is installed, or record it with ROS 2 Iron or later"
 )
-ZSTD = b"\x28\xb5\x2f\xfd"
-"""How a compressed message begins. One in CDR begins with a zero byte."""
-AT_ONCE = 1 << 14
-"""Messages of a block."""
+ZSTD = b"\x28\xb5\x2f\xfd"  # how a compressed message begins. One in CDR begins with a zero byte.
+AT_ONCE = 1 << 14  # messages of a block
 TABLES = {
     "topics": {"id", "name", "type", "serialization_format"},
     "messages": {"id", "topic_id", "timestamp", "data"},
@@ -352,14 +347,10 @@ TABLES = {
 class Description:
     """What `metadata.yaml` says of a bag."""
 
-    parts: tuple[str, ...]
-    """Names of its files, in the order of recording, without their folder."""
-    counts: Counter[str]
-    """Messages of each topic in all parts."""
-    distribution: str
-    """Distribution of ROS that recorded it, such as `humble`; empty where it is not said."""
-    is_packed: bool
-    """Its files are compressed as a whole."""
+    parts: tuple[str, ...]  # names of its files, in the order of recording, without their folder
+    counts: Counter[str]  # messages of each topic in all parts
+    distribution: str  # distribution of ROS that recorded it, such as `humble`; empty where it is not said
+    is_packed: bool  # its files are compressed as a whole
 
 
 def read_description(folder: Path) -> Description:
@@ -452,8 +443,7 @@ class Database(MessageFile):
     in a write-ahead log beside it, would be missed: such a bag is refused.
     """
 
-    numbers: dict[int, int] = field(default_factory=dict)
-    """Channel by number of a topic in the database."""
+    numbers: dict[int, int] = field(default_factory=dict)  # channel by number of a topic in the database
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages in the order of recording. Call it once."""

@@ -40,8 +40,7 @@ class TdmsChannel:
     kind: str  # type of its values, as numpy spells it
     unit: str = ""  # its unit, as the file spells it
     step: float | None = None  # time between two values [s]; None where the properties do not tell
-    begin: int = 0
-    """`wf_start_time`, since 1970 [us]: seconds in one float would be rounded to parts of a microsecond."""
+    begin: int = 0  # `wf_start_time`, since 1970 [us]: seconds in one float would be rounded to parts of a microsecond
     offset: float = 0.0  # time of the first value after `begin` [s]
 
     @property

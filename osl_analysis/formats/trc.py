@@ -21,8 +21,7 @@ from osl_analysis.trial import Array
 
 BEGIN = "PathFileType"
 UNSEEN = ("", "nan", "NaN", "NAN")  # cells of a marker that was not seen
-ROUNDING = 0.6
-"""Of the last decimal of a time: half of it by rounding, and a little for sums in single precision."""
+ROUNDING = 0.6  # of the last decimal of a time: half of it by rounding, and a little for sums in single precision
 EXPORT = "export it again, or correct the header"
 
 

@@ -1,7 +1,7 @@
 """Small bags of ROS 1 and ROS 2, written by the library `rosbags`, independent of the readers under test."""
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
@@ -43,7 +43,7 @@ def sample(store, row: int, ros: int):  # type: ignore[no-untyped-def]
     return store.types[KIND](header, float(row), state, np.array([-row / 2, row]), row % 2 == 0)
 
 
-def write_bag1(path: Path, rows: range = range(50), compression: str = "", chunk: int = 0) -> Path:
+def write_bag1(path: Path, rows: Iterable[float] = range(50), compression: str = "", chunk: int = 0) -> Path:
     """A bag of ROS 1 with the topic /lab; `chunk` is the size of its chunks [bytes]."""
     store = typestore(1)
     writer = Writer1(path)
@@ -54,12 +54,14 @@ def write_bag1(path: Path, rows: range = range(50), compression: str = "", chunk
     with writer:
         connection = writer.add_connection("/lab", KIND, typestore=store)
         for row in rows:
-            data = store.serialize_ros1(sample(store, row, 1), KIND)
-            writer.write(connection, START + row * STEP + LATE, data)
+            data = store.serialize_ros1(sample(store, int(row), 1), KIND)
+            writer.write(connection, START + int(row * STEP) + LATE, data)
     return path
 
 
-def write_bag2(folder: Path, rows: range = range(50), storage: str = "SQLITE3", compression: str = "") -> Path:
+def write_bag2(
+    folder: Path, rows: Iterable[float] = range(50), storage: str = "SQLITE3", compression: str = ""
+) -> Path:
     """A folder with a bag of ROS 2 with the topic /lab."""
     store = typestore(2)
     writer = Writer2(folder, version=9, storage_plugin=StoragePlugin[storage])
@@ -68,7 +70,8 @@ def write_bag2(folder: Path, rows: range = range(50), storage: str = "SQLITE3", 
     with writer:
         connection = writer.add_connection("/lab", KIND, typestore=store)
         for row in rows:
-            writer.write(connection, START + row * STEP + LATE, store.serialize_cdr(sample(store, row, 2), KIND))
+            data = store.serialize_cdr(sample(store, int(row), 2), KIND)
+            writer.write(connection, START + int(row * STEP) + LATE, data)
     return folder
 
 

@@ -15,7 +15,7 @@ from mcap_builder import HEADER, stamped, write_log
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.cdr import MessageType, MessageWalk, Rows, message_type, parse_schema, template_of, walk_of
+from osl_analysis.formats.cdr import MessageType, MessageWalk, Rows, message_type, template_of, walk_of
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.messages import decode_topics
 
@@ -139,12 +139,24 @@ def one_row(payload: bytes) -> Rows:
     return Rows(payload, np.zeros(1, np.int64))
 
 
-def test_big_endian_messages_are_read() -> None:
-    payload = b"\x00\x00\x00\x00" + struct.pack(">B7xdh2xIf", 7, -2.5, -300, 1, 0.75)
-    paths = ["a", "b", "c", "d[0]"]
-    walk = walk_of(kind_of("uint8 a\nfloat64 b\nint16 c\nfloat32[] d"), payload)
-    read = template_of(walk, paths).read(one_row(payload))
-    assert [read[path][0] for path in paths] == [7, -2.5, -300, 0.75]
+@pytest.mark.parametrize(
+    ("schema", "payload", "expected"),
+    [
+        (
+            "uint8 a\nfloat64 b\nint16 c\nfloat32 d",
+            b"\0\0\0\0" + struct.pack(">B7xdh2xf", 7, -2.5, -300, 0.75),
+            [7, -2.5, -300, 0.75],
+        ),
+        (
+            "char a\nint8 b\nbyte c\nuint8 d",
+            b"\0\1\0\0\xc8\xc8\xc8\xc8",
+            [200, -56, 200, 200],
+        ),  # as rosidl defines them
+    ],
+)
+def test_big_endian_messages_and_characters_are_numbers(schema: str, payload: bytes, expected: list[float]) -> None:
+    read = template_of(walk_of(kind_of(schema), payload), "abcd").read(one_row(payload))
+    assert [read[path][0] for path in "abcd"] == expected
 
 
 def test_a_joint_is_found_by_name_though_the_order_of_joints_changes(tmp_path: Path) -> None:
@@ -164,55 +176,35 @@ def test_a_missing_field_is_refused_with_the_fields_there_are(tmp_path: Path) ->
         decode_topics(read_mcap(path), {"/lab": ["a", "c"]})
 
 
-def test_a_message_shorter_than_its_schema_is_refused() -> None:
-    kind = kind_of("float64 a\nstring s\nfloat64[] b")
-    for payload in (struct.pack("<4sd", b"\0\1\0\0", 1.0), struct.pack("<4sdII", b"\0\1\0\0", 1.0, 0, 2**31)):
-        with pytest.raises(InputError, match="too short for its schema"):
-            walk_of(kind, payload)
+ONE = struct.pack("<4sd", b"\0\1\0\0", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("schema", "payload", "said"),
+    [
+        ("float64 a\nstring s\nfloat64[] b", ONE, "too short for its schema"),
+        ("float64 a\nstring s\nfloat64[] b", ONE + struct.pack("<II", 0, 2**31), "too short for its schema"),
+        ("uint8 a", b"\x00\x07\x00\x00\x01", "encapsulation 00070000 is not plain CDR"),
+        ("wstring w", b"\0\1\0\0\0\0\0\0", "field 'w' is a wstring"),
+        ("Other a", b"", "schema l/S: type 'l/Other' of field 'a' is not defined"),
+        ("}{", b"", r"schema l/S: cannot read the line '\}\{'"),
+        ("float64 a\nfloat64 a", b"", "field 'a' is defined twice"),
+    ],
+)
+def test_a_message_or_a_schema_that_cannot_be_read_is_refused_by_name(schema: str, payload: bytes, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        walk_of(kind_of(schema), payload)
 
 
 def test_a_message_with_more_than_its_schema_describes_is_refused_and_padding_is_not() -> None:
     kind = kind_of("float64 a")
-    payload = struct.pack("<4sd", b"\0\1\0\0", 1.0)
     for padding in (b"\xff", b"\xff" * 3, bytes(4), bytes(7)):  # to four bytes with any content, to eight with zeros
-        assert walk_of(kind, payload + padding).leaves["a"].offset == 4
+        assert walk_of(kind, ONE + padding).leaves["a"].offset == 4
     for more in (b"\0\0\0\1", struct.pack("<d", 2.0), bytes(8)):
         with pytest.raises(InputError, match=f"a message of {12 + len(more)} bytes has {len(more)} more than its"):
-            walk_of(kind, payload + more)
-
-
-def test_padding_that_is_zero_in_one_message_does_not_let_another_with_content_pass(tmp_path: Path) -> None:
-    kind = kind_of("float64 a")
-    walk = walk_of(kind, struct.pack("<4sdi", b"\0\1\0\0", 1.0, 0))
-    other = np.frombuffer(struct.pack("<4sdi", b"\0\1\0\0", 1.0, 7), np.uint8)
-    assert not template_of(walk, ["a"]).fits(one_row(other.tobytes()))[0]
-
-
-def test_a_char_is_an_unsigned_byte_as_rosidl_defines_it() -> None:
-    payload = b"\0\1\0\0\xc8\xc8\xc8"
-    walk = walk_of(kind_of("char a\nint8 b\nbyte c"), payload)
-    read = template_of(walk, ["a", "b", "c"]).read(one_row(payload))
-    assert [read[name][0] for name in "abc"] == [200, -56, 200]
-
-
-def test_an_encapsulation_other_than_plain_cdr_is_refused() -> None:
-    with pytest.raises(InputError, match="encapsulation 00070000 is not plain CDR"):
-        walk_of(kind_of("uint8 a"), b"\x00\x07\x00\x00\x01")
-
-
-def test_a_schema_with_an_undefined_type_is_refused() -> None:
-    with pytest.raises(InputError, match="schema l/S: type 'l/Other' of field 'a' is not defined"):
-        parse_schema("l/msg/S", "Other a")
-
-
-def test_a_line_that_is_no_field_is_refused() -> None:
-    with pytest.raises(InputError, match=r"schema l/S: cannot read the line '\}\{'"):
-        parse_schema("l/msg/S", "}{")
-
-
-def test_a_wide_string_is_refused_by_name() -> None:
-    with pytest.raises(InputError, match="field 'w' is a wstring"):
-        walk_of(kind_of("wstring w"), b"\0\1\0\0\0\0\0\0")
+            walk_of(kind, ONE + more)
+    padded = template_of(walk_of(kind, ONE + bytes(4)), ["a"])
+    assert not padded.fits(one_row(ONE + b"\0\0\0\7"))[0]  # zeros there do not let another with content pass
 
 
 def test_messages_of_equal_log_time_stay_in_the_order_of_the_file_whatever_their_shapes(tmp_path: Path) -> None:

@@ -16,7 +16,6 @@ from osl_analysis.formats.json_lines import addresses_in_line
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.messages import Decoded, decode_topics
 from osl_analysis.formats.object_messages import json_number, last_name, path_to, steps_of
-from osl_analysis.ingest.log_overview import inspect_mcap
 from osl_analysis.ingest.message_log import McapSource, read_mcap_log
 
 MILLISECOND = 1_000_000
@@ -106,15 +105,6 @@ def test_the_path_to_any_names_leads_to_their_number_and_is_how_it_is_listed(nam
     assert last_name(path) == names[-1]
 
 
-def test_a_name_with_a_dot_is_read_in_a_topic_as_in_lines(tmp_path: Path) -> None:
-    texts = [json.dumps({"f": {"cell.mz": k, "cell": {"mz": -k}}}) for k in range(30)]
-    path = write(tmp_path / "log.mcap", texts, chunk_size=200)
-    decoded = read(path, 'f["cell.mz"]', "f.cell.mz")
-    assert decoded.values['f["cell.mz"]'].tolist() == list(range(30))
-    assert decoded.values["f.cell.mz"].tolist() == [-k for k in range(30)]
-    assert [one.address["field"] for one in inspect_mcap(path).channels] == ['f["cell.mz"]', "f.cell.mz"]
-
-
 @pytest.mark.parametrize("sign", [1, -1])
 def test_an_integer_beyond_a_floats_reach_is_exact_in_every_chunk(tmp_path: Path, sign: int) -> None:
     texts = [json.dumps({"a": sign * (2**53 + 1 + 2 * i) if i > 20 else i}) for i in range(60)]
@@ -134,9 +124,6 @@ def test_a_message_that_writes_a_field_twice_is_lost_and_said(tmp_path: Path, tw
     assert any(
         "1 of 40 messages of topic '/lab' are lost: field 'a' is written twice" in r for r in file.damage.remarks
     )
-
-
-SOUND = b'{"a": "b", "b": 1, "c": [2], "b2": 3}'
 
 
 def test_a_field_that_nobody_wants_may_be_written_twice(tmp_path: Path) -> None:
@@ -164,12 +151,10 @@ def test_stamps_in_json_are_exact_and_what_is_no_json_is_left_out(tmp_path: Path
     assert recording.facts["damage"]["messages_lost"] == 1
 
 
-LAB = {"format": "mcap", "time": {"source": "log"}, "largest_loss": 0.3}
-
-
 def ingested(path: Path, **channel: str) -> Any:
     channels = {"theta": {"topic": "/lab", "field": "x", "unit": "rad", **channel}}
-    return read_mcap_log(path, McapSource.model_validate({**LAB, "channels": channels}))
+    described = {"format": "mcap", "time": {"source": "log"}, "largest_loss": 0.3, "channels": channels}
+    return read_mcap_log(path, McapSource.model_validate(described))
 
 
 @pytest.mark.parametrize(

@@ -3,14 +3,12 @@
 import struct
 import tempfile
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
-import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
@@ -19,7 +17,7 @@ from mcap_builder import stamped, write_log
 from mcap_bytes import record
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap import CHUNK_HEAD, MAGIC, MESSAGE_HEAD, RECORD, read_mcap, walk_by_index
+from osl_analysis.formats.mcap import CHUNK_HEAD, MAGIC, RECORD
 from osl_analysis.ingest.message_log import McapSource, read_mcap_log
 
 MESSAGES = 60
@@ -62,12 +60,6 @@ def read(folder: Path, content: bytes, largest_loss: float = 1.0) -> tuple[pl.Da
     return recording.samples, recording.facts["damage"]
 
 
-def without_end(content: bytes) -> bytes:
-    """As a recorder that was killed leaves it."""
-    (end,) = [start for opcode, start, _ in top_level(content) if opcode == Opcode.DATA_END]
-    return content[:end]
-
-
 def test_an_intact_file_is_complete_and_checked(tmp_path: Path) -> None:
     assert read(tmp_path, written(tmp_path), 0.0)[1] == {
         "complete": True,
@@ -78,14 +70,6 @@ def test_an_intact_file_is_complete_and_checked(tmp_path: Path) -> None:
         "topics": {"/lab": {"messages": MESSAGES, "messages_lost": 0}},
         "remarks": [],
     }
-
-
-def test_a_file_without_footer_is_read_and_said_to_be_incomplete(tmp_path: Path) -> None:
-    samples, damage = read(tmp_path, without_end(written(tmp_path)), 0.0)
-    assert len(samples) == MESSAGES
-    assert not damage["complete"]
-    assert damage["messages_lost"] is None
-    assert "no footer" in damage["remarks"][0]
 
 
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.NONE, CompressionType.LZ4])
@@ -124,8 +108,13 @@ def messages_in_chunks(content: bytes) -> list[int]:
 
 @pytest.mark.parametrize("length", [2**64 - 1, 2**40, 0, 60])
 @pytest.mark.parametrize("with_summary", [True, False])
-def test_a_chunk_with_an_absurd_length_costs_itself_alone(tmp_path: Path, length: int, with_summary: bool) -> None:
-    content = written(tmp_path) if with_summary else without_end(written(tmp_path))
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.NONE])
+def test_a_chunk_with_an_absurd_length_costs_itself_alone(
+    tmp_path: Path, length: int, with_summary: bool, compression: CompressionType
+) -> None:
+    content = written(tmp_path, compression=compression)
+    if not with_summary:  # as a recorder that was killed leaves it
+        content = content[: next(start for opcode, start, _ in top_level(content) if opcode == Opcode.DATA_END)]
     start = chunks(content)[2][0]
     lost = messages_in_chunks(content)[2]
     damaged = content[: start + 1] + struct.pack("<Q", length) + content[start + 9 :]
@@ -133,23 +122,6 @@ def test_a_chunk_with_an_absurd_length_costs_itself_alone(tmp_path: Path, length
     assert len(samples) == MESSAGES - lost
     assert (damage["chunks_lost"], damage["messages_lost"]) == ((1, lost) if with_summary else (None, None))
     assert damage["share_lost"] == pytest.approx(lost / MESSAGES)
-
-
-def test_the_last_chunk_of_a_killed_recorder_is_lost_alone(tmp_path: Path) -> None:
-    content = written(tmp_path)
-    start, end = chunks(content)[-1]
-    damaged = content[: start + 1] + struct.pack("<Q", 2**64 - 1) + content[start + 9 : end - 20]
-    samples, damage = read(tmp_path, damaged)
-    assert len(samples) == sum(messages_in_chunks(content)[:-1])
-    assert (damage["complete"], damage["chunks_lost"], damage["messages_lost"]) == (False, None, None)
-    assert damage["share_lost"] == 0.0
-
-
-def test_messages_of_an_uncompressed_chunk_that_is_damaged_do_not_count(tmp_path: Path) -> None:
-    content = written(tmp_path, compression=CompressionType.NONE)
-    start = chunks(content)[0][0]
-    damaged = content[: start + 1] + struct.pack("<Q", 2**64 - 1) + content[start + 9 :]
-    assert len(read(tmp_path, damaged)[0]) == MESSAGES - messages_in_chunks(content)[0]
 
 
 def test_a_chunk_that_fails_its_checksum_is_left_out_and_counted(tmp_path: Path) -> None:
@@ -163,15 +135,6 @@ def test_a_chunk_that_fails_its_checksum_is_left_out_and_counted(tmp_path: Path)
     assert "does not match its checksum" in damage["remarks"][0]
 
 
-def test_more_lost_than_the_source_file_allows_is_refused_by_name(tmp_path: Path) -> None:
-    content = bytearray(written(tmp_path))
-    content[chunks(bytes(content))[1][1] - 5] ^= 0xFF
-    with pytest.raises(
-        InputError, match=r"damaged.mcap: damaged or incomplete MCAP: 20 % of topic '/lab' is lost, at most 1 % may be"
-    ):
-        read(tmp_path, bytes(content), 0.01)
-
-
 @pytest.mark.parametrize("wrong", [b"\0" * 8, b"\xff" * 8, b"\x01" + b"\0" * 7])
 def test_a_wrong_message_index_changes_nothing_and_is_remarked(tmp_path: Path, wrong: bytes) -> None:
     content = written(tmp_path)
@@ -183,20 +146,6 @@ def test_a_wrong_message_index_changes_nothing_and_is_remarked(tmp_path: Path, w
     assert "the index of the chunk" in damage["remarks"][0]
 
 
-def test_an_index_that_does_not_tile_its_chunk_is_not_used() -> None:
-    inner = record(Opcode.MESSAGE, bytes(MESSAGE_HEAD))
-    outer = record(Opcode.MESSAGE, bytes(MESSAGE_HEAD) + inner)
-    schema = record(Opcode.SCHEMA, b"\1" * 40)
-    buffer = schema + outer + inner
-    at = np.cumsum([0, len(schema), len(outer)])
-    walk = walk_by_index(buffer, at[[2, 1]])
-    assert walk is not None
-    assert walk.starts.tolist() == [at[1], at[2]]
-    within = at[1] + 9 + MESSAGE_HEAD
-    for wrong in ([at[1], within, at[2]], [*at], [at[1]], [at[1], at[1], at[2]], [at[1], at[2] + 1], [within, at[2]]):
-        assert walk_by_index(buffer, np.array(wrong)) is None
-
-
 def test_an_index_made_to_look_like_a_message_is_none(tmp_path: Path) -> None:
     content = bytearray(written(tmp_path))
     for opcode, start, _ in top_level(bytes(content)):
@@ -205,27 +154,11 @@ def test_an_index_made_to_look_like_a_message_is_none(tmp_path: Path) -> None:
     assert len(read(tmp_path, bytes(content), 0.0)[0]) == MESSAGES
 
 
-def chunk_of(body: bytes, size: int, name: bytes = b"zstd") -> bytes:
-    """A chunk record without checksum that declares `size` bytes."""
-    return record(Opcode.CHUNK, CHUNK_HEAD.pack(0, 0, size, 0, len(name)) + name + struct.pack("<Q", len(body)) + body)
-
-
-@pytest.mark.parametrize("size", [2**63, 5000])
-@pytest.mark.parametrize("declared_inside", [True, False])
-def test_a_chunk_that_declares_what_it_cannot_hold_is_lost(tmp_path: Path, size: int, declared_inside: bool) -> None:
-    packer = zstandard.ZstdCompressor(write_content_size=declared_inside)
-    bomb = chunk_of(packer.compress(bytes(64 << 20)), size)
-    content = written(tmp_path)
-    start = chunks(content)[1][0]
-    samples, damage = read(tmp_path, content[:start] + bomb + content[start:])
-    assert len(samples) == MESSAGES
-    assert damage["chunks_lost"] == 1
-
-
 def test_a_chunk_of_unknown_compression_is_lost_and_named(tmp_path: Path) -> None:
     content = written(tmp_path)
     start = chunks(content)[1][0]
-    samples, damage = read(tmp_path, content[:start] + chunk_of(b"abc", 9, b"xyz\n") + content[start:])
+    unknown = record(Opcode.CHUNK, CHUNK_HEAD.pack(0, 0, 9, 0, 4) + b"xyz\n" + struct.pack("<Q", 3) + b"abc")
+    samples, damage = read(tmp_path, content[:start] + unknown + content[start:])
     assert len(samples) == MESSAGES
     assert any(r"is compressed with 'xyz\n'; zstd and lz4 are read" in remark for remark in damage["remarks"])
 
@@ -238,34 +171,12 @@ def test_a_stray_end_of_the_data_does_not_hide_the_chunks_after_it(tmp_path: Pat
     assert not damage["complete"]
 
 
-def test_messages_of_an_undeclared_channel_are_left_out_beside_those_of_a_declared_one(tmp_path: Path) -> None:
-    path = tmp_path / "log.mcap"
-    path.write_bytes(written(tmp_path))
-    file = read_mcap(path)
-    block = next(iter(file.blocks()))
-    strange = np.arange(block.channel.size) % 3 == 0
-    mixed = replace(block, channel=np.where(strange, 999, block.channel).astype(np.uint16))
-    kept = file.of_declared_channels(mixed)
-    assert kept.starts.tolist() == block.starts[~strange].tolist()
-    assert file.damage.misfits == {999: strange.sum()}
-
-
 def test_a_schema_from_a_damaged_summary_reads_nothing(tmp_path: Path) -> None:
     content = written(tmp_path)
     first, rest = content[: chunks(content)[0][1] - 3], content[chunks(content)[0][1] :]
     damaged = first + b"abc" + rest.replace(b"float32 angle\nfloat64 torque", b"float32 wrong\nfloat32  angle")
     with pytest.raises(InputError, match="messages belong to channels that are not declared"):
         read(tmp_path, damaged)
-
-
-def test_messages_that_do_not_fit_their_schema_are_lost(tmp_path: Path) -> None:
-    log = [stamped(i * MILLISECOND, angle=1.0 + i, torque=0.0, sync=False) for i in range(MESSAGES)]
-    content = write_log(tmp_path / "log.mcap", log, enable_crcs=False, compression=CompressionType.NONE).read_bytes()
-    frame_id = content.index(b"\x04\0\0\0lab\0", content.index(b"\x04\0\0\0lab\0") + 1)
-    samples, damage = read(tmp_path, content[:frame_id] + b"\xff\xff" + content[frame_id + 2 :])
-    assert len(samples) == MESSAGES - 1
-    assert (damage["complete"], damage["messages_lost"]) == (False, 1)
-    assert "1 of 60 messages of topic '/lab' are lost: a message of" in damage["remarks"][0]
 
 
 @pytest.mark.parametrize("content", [b"", bytes(300), MAGIC, MAGIC * 2, MAGIC + b"\xff" * 99])

@@ -8,17 +8,14 @@ from pathlib import Path
 from shutil import rmtree
 from typing import Any
 
-import lz4.frame
 import numpy as np
 import pytest
 import yaml
-import zstandard
-from bag_builder import KIND, START, STEP, edited, sample, typestore, write_bag1, write_bag2, write_split
+from bag_builder import START, STEP, edited, write_bag1, write_bag2, write_split
 from c3d_builder import REAL_DATA
 from mcap.records import Schema
 from recognised_files import read_recognised, refusal_of
 from rosbags.rosbag1 import Reader as Reader1
-from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import Reader as Reader2
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -27,12 +24,10 @@ from rosbags.typesys import Stores, get_typestore
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.cdr import Rows, message_type, template_of, walk_of
-from osl_analysis.formats.rosbag import Bag1, DamagedError, Record, opened, read_bag1, record_at
-from osl_analysis.ingest import raw_files
+from osl_analysis.formats.rosbag import opened, read_bag1, record_at
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.ingest.recording import Recording
-from osl_analysis.trial import Trial
 
 CHANNELS = {
     "theta": {"topic": "/lab", "field": "angle", "unit": "deg"},
@@ -51,14 +46,6 @@ def check_rows(recording: Recording, rows: range = range(50)) -> None:
     np.testing.assert_array_equal(recording.samples["torque"], row / 2)
     np.testing.assert_array_equal(recording.samples["sync"], row % 2 == 0)
     assert recording.facts["time"]["start_ns"] == START + rows[0] * STEP
-
-
-def check_one_chunk_is_lost(recording: Recording, rows: int) -> None:
-    """Few of the messages, all in one chunk, and counted."""
-    lost = rows - len(recording.samples)
-    assert 0 < lost <= 10
-    assert recording.facts["damage"]["topics"]["/lab"]["messages_lost"] == lost
-    assert recording.facts["damage"]["chunks_lost"] == 1
 
 
 def kept_files(folder: Path) -> list[str]:
@@ -93,17 +80,6 @@ def test_the_parts_of_a_split_recording_are_one_log(tmp_path: Path, storage: str
     assert len(recording.facts["decoding"]["/lab"]) == 1
 
 
-def test_the_trial_of_a_folder_names_all_its_files_with_their_hashes(tmp_path: Path) -> None:
-    write_split(tmp_path / "bag")
-    described = {"format": "rosbag2", "time": {"source": "header"}, "channels": CHANNELS}
-    (tmp_path / "ros.yaml").write_text(yaml.safe_dump(described))
-    trial = trial_from_files({"trial": "a", "log": "bag", "log_source": "ros"}, tmp_path, tmp_path)
-    files = trial.provenance["files"]["log"]
-    assert [one["path"] for one in files["parts"]] == ["metadata.yaml", "bag_0.db3", "bag_1.db3"]
-    assert files["bytes"] == sum(path.stat().st_size for path in (tmp_path / "bag").iterdir())
-    assert isinstance(trial, Trial)
-
-
 def write_split1(folder: Path, names: list[str]) -> Path:
     """A recording of ROS 1 in files of these names, of 5 messages each."""
     folder.mkdir()
@@ -119,17 +95,21 @@ def test_the_bags_of_a_split_recording_of_ros_1_are_one_log_in_the_order_of_thei
     damage = recording.facts["damage"]
     assert (damage["complete"], damage["topics"]) == (True, {"/lab": {"messages": 60, "messages_lost": 0}})
     assert inspect_file(folder).facts["messages lost"] == "0"
-    (tmp_path / "ros.yaml").write_text(
-        yaml.safe_dump({"format": "rosbag1", "time": {"source": "header"}, "channels": CHANNELS})
-    )
-    trial = trial_from_files({"trial": "a", "log": "bag", "log_source": "ros"}, tmp_path, tmp_path)
-    files = [one["path"] for one in trial.provenance["files"]["log"]["parts"]]
-    assert [name.rpartition("_")[2] for name in files] == [f"{k}.bag" for k in range(12)]
-    (tmp_path / "ros.yaml").write_text(
-        yaml.safe_dump({"format": "rosbag2", "time": {"source": "header"}, "channels": CHANNELS})
-    )
+
+
+def test_the_trial_of_a_folder_names_all_its_files_and_is_of_the_format_that_its_source_file_says(
+    tmp_path: Path,
+) -> None:
+    described = {"format": "rosbag2", "time": {"source": "header"}, "channels": CHANNELS}
+    (tmp_path / "ros.yaml").write_text(yaml.safe_dump(described))
+    row = {"trial": "a", "log": "bag", "log_source": "ros"}
+    write_split(tmp_path / "bag")
+    files = trial_from_files(row, tmp_path, tmp_path).provenance["files"]["log"]
+    assert [one["path"] for one in files["parts"]] == ["metadata.yaml", "bag_0.db3", "bag_1.db3"]
+    assert files["bytes"] == sum(path.stat().st_size for path in (tmp_path / "bag").iterdir())
+    write_split1(tmp_path / "first", ["knee_0.bag"])
     with pytest.raises(InputError, match="a folder with a recording in rosbag1, its source file says rosbag2"):
-        trial_from_files({"trial": "a", "log": "bag", "log_source": "ros"}, tmp_path, tmp_path)
+        trial_from_files(row | {"log": "first"}, tmp_path, tmp_path)
 
 
 def test_a_damaged_chunk_in_one_bag_of_a_split_recording_is_counted(tmp_path: Path) -> None:
@@ -274,27 +254,45 @@ def test_rows_that_are_no_messages_are_refused_and_strangers_are_counted(tmp_pat
     assert "holds str at" in refused(bag / "bag.db3")
 
 
-def standard_bag(folder: Path, kind: str, **fields: Any) -> Path:
-    """A bag with a message of a standard type, as it was before bags had definitions."""
+def without_definitions(bag: Path) -> Path:
+    """A bag as it was before bags had definitions of their messages."""
+    with edited(bag / f"{bag.name}.db3") as connection:
+        connection.execute("DROP TABLE message_definitions")
+    return bag
+
+
+def standard_bag(folder: Path, kind: str, *fields: Any) -> Path:
+    """Two messages of a standard type in a bag without definitions."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     with Writer2(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
         connection = writer.add_connection("/lab", kind, typestore=store)
-        writer.write(connection, 5, store.serialize_cdr(store.types[kind](**fields), kind))
-        writer.write(connection, 9, store.serialize_cdr(store.types[kind](**fields), kind))
-    with edited(folder / f"{folder.name}.db3") as connection:
-        connection.execute("DROP TABLE message_definitions")
-    return folder
+        for time in (5, 9):
+            writer.write(connection, time, store.serialize_cdr(store.types[kind](*fields), kind))
+    return without_definitions(folder)
+
+
+def test_a_standard_type_that_changed_needs_the_distribution(tmp_path: Path) -> None:
+    """`Range` has the field `variance` since ROS 2 Iron."""
+    types = get_typestore(Stores.ROS2_HUMBLE).types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, 0), "")
+    bag = standard_bag(tmp_path / "bag", "sensor_msgs/msg/Range", header, 1, 0.1, 0.2, 3.0, 1.5)
+    asked: dict[str, Any] = {"channels": {"theta": {"topic": "/lab", "field": "range", "unit": "rad"}}}
+    asked["time"] = {"source": "log"}
+    said = refused(bag, **asked)
+    assert "which differs between the distributions of ROS 2; convert it with `ros2 bag convert`" in said
+    described = yaml.safe_load((bag / "metadata.yaml").read_text())
+    described["rosbag2_bagfile_information"]["ros_distro"] = "humble"
+    (bag / "metadata.yaml").write_text(yaml.safe_dump(described))
+    assert read(bag, **asked).samples["theta"].to_list() == [1.5, 1.5]
 
 
 def test_standard_types_are_known_without_definitions_and_others_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bag = standard_bag(tmp_path / "bag", "std_msgs/msg/Float64", data=2.5)
+    bag = standard_bag(tmp_path / "bag", "std_msgs/msg/Float64", 2.5)
     channels = {"theta": {"topic": "/lab", "field": "data", "unit": "rad"}}
     assert read(bag, channels=channels, time={"source": "log"}).samples["theta"].to_list() == [2.5, 2.5]
-    with edited(write_bag2(tmp_path / "own") / "own.db3") as connection:
-        connection.execute("DROP TABLE message_definitions")
-    said = refused(tmp_path / "own")
+    said = refused(without_definitions(write_bag2(tmp_path / "own")))
     assert "topic '/lab': the bag has no definition of type 'lab_msgs/msg/Sample', which is no standard one" in said
     monkeypatch.setitem(sys.modules, "rosbags", None)
     monkeypatch.delitem(sys.modules, "rosbags.typesys")
@@ -318,13 +316,23 @@ def test_a_ros_1_bag_whose_recorder_was_killed_is_read_and_the_losses_are_unknow
         assert any("the recorder did not finish" in text for text in recording.warnings)
 
 
-def test_a_damaged_chunk_of_a_ros_1_bag_is_lost_and_counted(tmp_path: Path) -> None:
-    path = write_bag1(tmp_path / "a.bag", range(2000), "LZ4", 500)
+@pytest.mark.parametrize("fault", ["a stretch of zeros", "the length of a message"])
+def test_a_damaged_chunk_of_a_ros_1_bag_is_lost_as_a_whole_and_counted(tmp_path: Path, fault: str) -> None:
+    zeros = fault == "a stretch of zeros"
+    path = write_bag1(tmp_path / "a.bag", range(2000), "LZ4" if zeros else "", 500)
     content = bytearray(path.read_bytes())
-    place = content.index(b"\x04\x22\x4d\x18", len(content) // 2)
-    content[place + 20 : place + 200] = bytes(180)
+    if zeros:
+        place = content.index(b"\x04\x22\x4d\x18", len(content) // 2)
+        content[place + 20 : place + 200] = bytes(180)
+    else:
+        place = content.index(b"time=", len(content) // 2) + 13
+        content[place : place + 4] = (1 << 20).to_bytes(4, "little")
     path.write_bytes(content)
-    check_one_chunk_is_lost(read(path), 2000)
+    recording = read(path)
+    lost = 2000 - len(recording.samples)
+    assert 0 < lost <= 10
+    assert recording.facts["damage"]["topics"]["/lab"]["messages_lost"] == lost
+    assert recording.facts["damage"]["chunks_lost"] == 1
 
 
 def test_two_bags_in_one_file_and_other_versions_are_refused(tmp_path: Path) -> None:
@@ -338,15 +346,11 @@ def test_two_bags_in_one_file_and_other_versions_are_refused(tmp_path: Path) -> 
     assert "the header of the bag is damaged" in refused(path)
 
 
-def test_a_clock_that_was_set_back_in_a_ros_1_bag_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("write", [write_bag1, write_bag2])
+def test_a_clock_that_was_set_back_is_refused(tmp_path: Path, write: Any) -> None:
     """`rosbags` sorts by time and would interleave the halves."""
-    store = typestore(1)
-    with Writer1(tmp_path / "a.bag") as writer:
-        connection = writer.add_connection("/lab", KIND, typestore=store)
-        for row in [*range(100), *(20.3 + np.arange(100))]:
-            data = store.serialize_ros1(sample(store, int(row), 1), KIND)
-            writer.write(connection, START + int(row * STEP), data)
-    assert "the clock was set while recording" in refused(tmp_path / "a.bag", time={"source": "log"})
+    path = write(tmp_path / "a.bag", [*range(100), *(20.3 + np.arange(100))])
+    assert "the clock was set while recording" in refused(path, time={"source": "log"})
 
 
 def test_the_draft_of_a_bag_names_its_topic_and_fields(tmp_path: Path) -> None:
@@ -391,58 +395,6 @@ def test_a_real_ros_2_database_is_read_as_the_library_reads_it(tmp_path: Path) -
     np.testing.assert_array_equal(recording.samples["theta"], expected)
 
 
-def record(op: int, time: int, data: bytes, connection: int = 0) -> bytes:
-    """A record of a ROS 1 bag with the fields of a message (wiki.ros.org/Bags/Format/2.0)."""
-    stamp = (time // 10**9).to_bytes(4, "little") + (time % 10**9).to_bytes(4, "little")
-    fields = {b"conn": connection.to_bytes(4, "little"), b"op": bytes([op]), b"time": stamp}
-    head = b"".join((len(n) + 1 + len(v)).to_bytes(4, "little") + n + b"=" + v for n, v in fields.items())
-    return len(head).to_bytes(4, "little") + head + len(data).to_bytes(4, "little") + data
-
-
-def bag1(content: bytes, size: int, compression: bytes) -> tuple[Bag1, Record]:
-    """A bag and the record of a chunk with this content."""
-    bag = Bag1(Path("a.bag"), len(content), data=content)
-    return bag, Record({b"size": size.to_bytes(4, "little"), b"compression": compression}, 0, len(content))
-
-
-def test_records_of_other_kinds_with_the_fields_of_a_message_are_none() -> None:
-    content = record(2, 5, b"abc") + record(9, 6, b"x") + record(2, 3_000_000_007, b"de", 4)
-    bag, _ = bag1(content, len(content), b"none")
-    bag.numbers = {0: 0, 4: 1}
-    block = bag.block_of(content, 0)
-    assert block.log_time.tolist() == [5, 3_000_000_007]
-    assert block.channel.tolist() == [0, 1]
-    assert block.lengths.tolist() == [3, 2]
-    assert bag.damage.remarks == ["1 records of the chunk at byte 0 are of no known kind"]
-
-
-def test_a_chunk_must_unpack_to_its_declared_size_and_no_byte_more() -> None:
-    packed = lz4.frame.compress(bytes(1000))
-    bag, whole = bag1(packed, 1000, b"lz4")
-    assert bag.unpacked(whole) == bytes(1000)
-    for size in (999, 1001):
-        with pytest.raises(DamagedError, match=f"of {size} bytes"):
-            bag.unpacked(bag1(packed, size, b"lz4")[1])
-
-
-def test_a_chunk_whose_records_do_not_end_with_it_is_lost_as_a_whole(tmp_path: Path) -> None:
-    path = write_bag1(tmp_path / "a.bag", range(2000), chunk=500)
-    content = bytearray(path.read_bytes())
-    place = content.index(b"time=", len(content) // 2) + 13  # the length of a message
-    content[place : place + 4] = (1 << 20).to_bytes(4, "little")
-    path.write_bytes(content)
-    check_one_chunk_is_lost(read(path), 2000)
-
-
-def test_an_index_record_of_odd_length_is_no_crash(tmp_path: Path) -> None:
-    content = bytearray(write_bag1(tmp_path / "a.bag").read_bytes())
-    place = content.rindex(b"ver=") + 8  # the last record counts the messages of a chunk: its length, then the pair
-    end = content.index((8).to_bytes(4, "little"), place)
-    content[end : end + 4] = (5).to_bytes(4, "little")
-    (tmp_path / "a.bag").write_bytes(content)
-    assert read(tmp_path / "a.bag").facts["damage"]["messages_lost"] is None
-
-
 def test_a_signalling_nan_is_a_failed_reading(tmp_path: Path) -> None:
     content = write_bag1(tmp_path / "a.bag", range(200)).read_bytes()
     angle = np.float32(77).tobytes() + len("stance").to_bytes(4, "little")
@@ -466,15 +418,6 @@ def test_a_ros_1_message_has_the_length_of_its_definition() -> None:
             walk_of(kind, wrong)
 
 
-def test_a_clock_that_was_set_back_in_a_database_is_refused(tmp_path: Path) -> None:
-    store = typestore(2)
-    with Writer2(tmp_path / "a", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connection = writer.add_connection("/lab", KIND, typestore=store)
-        for row in [*range(100), *(20.3 + np.arange(100))]:
-            writer.write(connection, START + int(row * STEP), store.serialize_cdr(sample(store, int(row), 2), KIND))
-    assert "the clock was set while recording" in refused(tmp_path / "a", time={"source": "log"})
-
-
 def test_no_file_appears_beside_a_database_that_had_a_write_ahead_log(tmp_path: Path) -> None:
     bag = write_bag2(tmp_path / "bag")
     with edited(bag / "bag.db3") as connection:
@@ -487,36 +430,6 @@ def test_no_file_appears_beside_a_database_that_had_a_write_ahead_log(tmp_path: 
         database.execute("DELETE FROM messages")
 
 
-def test_packed_messages_that_do_not_say_their_size_are_read(tmp_path: Path) -> None:
-    bag = write_bag2(tmp_path / "bag")
-    packer = zstandard.ZstdCompressor(write_content_size=False)
-    with edited(bag / "bag.db3") as connection:
-        rows = connection.execute("SELECT id, data FROM messages").fetchall()
-        packed = [(packer.compress(data), row) for row, data in rows]
-        connection.executemany("UPDATE messages SET data = ? WHERE id = ?", packed)
-    check_rows(read(bag))
-
-
-def test_a_standard_type_that_changed_needs_the_distribution(tmp_path: Path) -> None:
-    """`Range` has the field `variance` since ROS 2 Iron."""
-    kind, channels = "sensor_msgs/msg/Range", {"theta": {"topic": "/lab", "field": "range", "unit": "rad"}}
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    header = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](0, 0), "")
-    with Writer2(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connection = writer.add_connection("/lab", kind, typestore=store)
-        for time in (5, 9):
-            writer.write(connection, time, store.serialize_cdr(store.types[kind](header, 1, 0.1, 0.2, 3.0, 1.5), kind))
-    with edited(tmp_path / "bag" / "bag.db3") as database:
-        database.execute("DROP TABLE message_definitions")
-    said = refused(tmp_path / "bag", channels=channels, time={"source": "log"})
-    assert "which differs between the distributions of ROS 2; convert it with `ros2 bag convert`" in said
-    metadata = tmp_path / "bag" / "metadata.yaml"
-    described = yaml.safe_load(metadata.read_text())
-    described["rosbag2_bagfile_information"]["ros_distro"] = "humble"
-    metadata.write_text(yaml.safe_dump(described))
-    assert read(tmp_path / "bag", channels=channels, time={"source": "log"}).samples["theta"].to_list() == [1.5, 1.5]
-
-
 def test_a_last_part_without_its_end_leaves_the_losses_unknown(tmp_path: Path) -> None:
     folder = write_split(tmp_path / "bag", "MCAP")
     whole = (folder / "bag_1.mcap").read_bytes()
@@ -524,22 +437,3 @@ def test_a_last_part_without_its_end_leaves_the_losses_unknown(tmp_path: Path) -
     damage = read(folder).facts["damage"]
     assert damage["messages_lost"] is None
     assert damage["complete"] is False
-
-
-def test_a_part_that_changes_while_the_recording_is_read_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = write_split(tmp_path / "bag")
-    described = {"format": "rosbag2", "time": {"source": "header"}, "channels": CHANNELS}
-    (tmp_path / "ros.yaml").write_text(yaml.safe_dump(described))
-    usual = raw_files.recording_from
-
-    def meddling(path, source):  # type: ignore[no-untyped-def]
-        recording = usual(path, source)
-        with (folder / "bag_1.db3").open("ab") as file:
-            file.write(b"\0")
-        return recording
-
-    monkeypatch.setattr(raw_files, "recording_from", meddling)
-    with pytest.raises(InputError, match=r"bag_1\.db3: the file changed while it was read"):
-        raw_files.trial_from_files({"trial": "a", "log": "bag", "log_source": "ros"}, tmp_path, tmp_path)

@@ -1,21 +1,19 @@
 """Impedance from motions that are no stepped sine, against joints whose torque is a formula."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
-from any_motion import LEAD, TRUE, chirp, made_trial, multisine, noise
+from any_motion import TRUE, chirp, made_trial, multisine, noise
 from conftest import ROOT
 from scipy.linalg import expm
 
 from osl_analysis.bench.any_excitation import record_table
-from osl_analysis.bench.excitation_limits import angle_noise_bias, jumps
+from osl_analysis.bench.excitation_limits import angle_noise_bias
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.lag import jerk_of, lag_beside, linear_torque, noise_behind, record_lag
+from osl_analysis.bench.lag import jerk_of, lag_beside, linear_torque, record_lag
 from osl_analysis.bench.moving_record import (
-    TERMS,
     MovingRecord,
     fit_of,
     moving_record,
@@ -40,10 +38,7 @@ from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.quality.checks import Commanded, Examined
 from osl_analysis.quality.recording import measure_protocol
-from osl_analysis.second_order import impedance_columns
 from osl_analysis.shared_choices import PAPER
-from osl_analysis.stats.covariance import correlation_samples, moving_sums
-from osl_analysis.stats.regression import linear_fit
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
 
@@ -100,15 +95,6 @@ def test_windows_are_fitted_and_nothing_else():
 def test_windows_that_are_none_are_refused(text, why):
     with pytest.raises(InputError, match=why):
         stated_windows(text, 30.0)
-
-
-def test_rests_before_and_after_are_left_out_and_the_edges_with_them():
-    rng = np.random.default_rng(2)
-    time, _ = motion = noise(rng)
-    record = moving_record(made_trial(rng, motion), SETTINGS)
-    first, last = time[record.rows[[0, -1]]]
-    assert LEAD + 0.1 < first < LEAD + 0.8
-    assert 30 + LEAD - 0.8 < last < 30 + LEAD - 0.1
 
 
 def test_a_motion_of_a_narrow_slow_band_is_refused_with_the_band_that_is_missing():
@@ -272,13 +258,6 @@ def test_clocks_that_drift_apart_are_seen_where_the_rates_of_the_devices_differ(
     assert abs(quiet["lag_s"]) < 4 * quiet["lag_se_s"]
 
 
-def test_the_noise_behind_the_filter_is_that_of_the_samples_not_of_the_rows_between_them():
-    """White noise of 0.05 N*m at 250 Hz; a cubic between its samples takes it off near 125 Hz."""
-    record = moving_record(at_two_rates(np.random.default_rng(7)), SETTINGS)
-    behind = 0.05 * np.sqrt(2 * record.low_pass.noise_bandwidth_hz / 250.0)
-    assert noise_behind(record, record.low_pass) == pytest.approx(behind, rel=0.05)
-
-
 def test_clocks_of_two_devices_that_friction_hides_are_said_to_be_unchecked():
     trial = at_two_rates(np.random.default_rng(8), friction=1.0)
     table = judged_impedance(moving_record(trial, SETTINGS), saturated(trial), None, None)
@@ -433,33 +412,3 @@ def test_an_angle_beyond_a_joint_beside_a_torque_of_an_angle_s_size_is_said_to_b
     swapped = Trial("made", trial.samples.rename({"theta": "torque", "torque": "theta"}))
     with pytest.raises(InputError, match=r"theta turns by \+-\d+.*torque has \+-0\.\d+ N\*m only, are the two swapped"):
         check_recording(swapped, SETTINGS)
-
-
-def test_the_interval_of_a_record_is_of_its_noise_before_the_filter_beside_its_own_model():
-    """A regression of the same rows by hand, with what the filter took off beyond the torque of the model."""
-    rng = np.random.default_rng(2)
-    record = moving_record(made_trial(rng, noise(rng), torque_noise=0.05), SETTINGS)
-    columns = {**impedance_columns(record.motion), "drift": record.time - record.time.mean()}
-    fitted, fit = {name: column[record.rows] for name, column in columns.items()}, fit_of(record)
-    by_hand = linear_fit(record.filtered_torque[record.rows], fitted)
-    np.testing.assert_allclose(fit.estimates[:4], by_hand.estimates[:4], rtol=1e-9)
-    beyond = sum(size * column for size, column in zip(fit.estimates, columns.values(), strict=True))
-    rate, every = record.rate_hz, record.low_pass.independent_samples(record.rate_hz)
-    off = record.torque - record.filtered_torque
-    for _ in range(TERMS):
-        beyond = beyond - record.low_pass(beyond, rate)
-        off = off - beyond
-    X, window = np.column_stack(list(fitted.values())), correlation_samples(fit.residual, every)
-    scores = X @ np.linalg.inv(X.T @ X) * (fit.residual + off[record.rows])[:, None]
-    np.testing.assert_allclose(fit.covariance, moving_sums(scores, window, slow=True)[0], rtol=1e-8)
-    assert by_hand.se("K") != pytest.approx(fit.se("K"), rel=0.05)
-
-
-def test_a_jump_of_the_acceleration_is_found_with_its_size():
-    rng = np.random.default_rng(8)
-    record = moving_record(made_trial(rng, noise(rng, duration=20.0)), SETTINGS)
-    since = np.maximum(record.time - record.time[2000], 0.0)
-    theta = 50.0 * since**2 + 1e-8 * rng.standard_normal(len(since))
-    rows, sizes = jumps(replace(record, theta=theta, steps=(None, None)))
-    assert sizes == pytest.approx([100.0], rel=0.01)
-    assert abs(rows[0] - 2000) <= 1

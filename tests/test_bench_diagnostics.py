@@ -8,10 +8,9 @@ import pytest
 from bench_synthetic import PROTOCOL, RATE, second_order, stepped_sine
 from conftest import ROOT
 
-from osl_analysis.bench.changes import stiffness_of_cycles
 from osl_analysis.bench.diagnostics import check_resists, over_amplitudes
 from osl_analysis.bench.impedance import impedance_table, trial_phasors
-from osl_analysis.bench.lag import ImpedancePoints, TorqueLag, torque_lag, yielding_in
+from osl_analysis.bench.lag import ImpedancePoints, torque_lag, yielding_in
 from osl_analysis.bench.plausibility import Saturated, plausible_impedance
 from osl_analysis.bench.rendered import rendered_table
 from osl_analysis.bench.segments import find_blocks
@@ -88,14 +87,6 @@ def test_a_lag_of_one_amplitude_has_its_sign_although_another_of_the_other_sign_
     assert torque_lag(points, 1 / drivetrain()(S[one])).lag == pytest.approx(lag, abs=4e-4)
 
 
-def test_few_phasors_know_their_noise_less_well_so_that_a_lag_is_certain_from_more_standard_errors():
-    """Student's quantile of one in a thousand is 6.87 with five degrees of freedom, as tabulated."""
-    few, many, fewest = (TorqueLag(1e-3, 1e-4, 1e-3, freedom=freedom) for freedom in (5, 23, 1))
-    assert few.certain_from(1e-3) == pytest.approx(6.869, abs=1e-3)
-    assert many.certain_from(1e-3) == 5
-    assert fewest.certain_from(1e-3) == few.certain_from(1e-5) == 10
-
-
 def test_where_neither_model_of_the_joint_fits_their_difference_makes_the_lag_uncertain():
     odd = SECOND_ORDER + 20 * np.exp(1j * FREQUENCY * 2)
     assert measured_lag(odd).se > 1e-3
@@ -136,11 +127,6 @@ def test_a_stiffness_that_changes_while_it_is_recorded_is_named_and_has_its_size
     first, *_, last = record.segments(None)
     middles = np.mean(first.edges[:2]), np.mean(last.edges[-2:])
     assert whole["K_drift"] * whole["K"] == pytest.approx(-fall * 200 * np.diff(middles)[0] / len(record.time), rel=0.1)
-    segments = record.segments(None)
-    stiffness = stiffness_of_cycles(record.motion.theta + 0.3, record.filtered_torque + 20, segments)
-    for segment in segments:
-        alone = stiffness_of_cycles(record.motion.theta + 0.3, record.filtered_torque + 20, [segment])[segment]
-        np.testing.assert_allclose(stiffness[segment], alone, rtol=1e-12)
     assert "K_drift" in whole["doubtful"]
     assert "warming up" in whole["doubtful"]
 

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from any_motion import FADE, LEAD, RATE, TRUE, chirp, made_trial, multisine, noise, sines
+from any_motion import LEAD, RATE, TRUE, chirp, made_trial, multisine, noise, sines
 from conftest import ROOT
 from scipy.signal import lfilter
 
 from osl_analysis.bench.any_excitation import record_table
-from osl_analysis.bench.changes import every, record_drift, thinned
+from osl_analysis.bench.changes import record_drift
 from osl_analysis.bench.moving_record import moving_record
 from osl_analysis.bench.plausibility import saturated
 from osl_analysis.bench.rendered import judged_impedance
@@ -129,14 +129,6 @@ def test_a_stiffness_that_grows_with_the_frequency_is_no_change_in_a_sweep():
     slow = np.exp(-2 * np.pi * 2.0 / RATE)
     follows = motion[1][0] - lfilter([1 - slow], [1, -slow], motion[1][0])
     assert record_drift(moving_record(made_trial(rng, motion, more=60 * follows), SETTINGS)) is None
-
-
-def test_rows_are_kept_as_densely_as_the_filter_asks():
-    record = moving_record(made_trial(np.random.default_rng(1), chirp(np.random.default_rng(1))), SETTINGS)
-    assert every(record) == 2  # of 250 Hz: half a period of 15 Hz is 8 samples, of which four are kept
-    columns, torque = thinned(record)
-    assert len(torque) == len(columns["K"]) == -(-len(record.rows) // 2)
-    assert columns["drift"][-1] - columns["drift"][0] == pytest.approx(DURATION - 2 * 2 / 15, abs=FADE)
 
 
 def test_a_stiffness_that_warms_up_in_a_sweep_is_named_though_it_is_not_linear_in_time():

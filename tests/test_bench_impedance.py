@@ -13,19 +13,11 @@ from scipy.ndimage import shift
 from osl_analysis.bench.impedance import (
     DesiredImpedance,
     amplitude_series,
-    impedance_of,
     impedance_table,
     trial_phasors,
 )
 from osl_analysis.bench.lag import (
-    TorqueLag,
-    degrees_of_freedom,
     lag_in_noise,
-    lag_of,
-    lag_row,
-    lag_shares,
-    noise_of,
-    points_of,
     torque_lag_row,
 )
 from osl_analysis.bench.model_comparison import thinned_amplitudes
@@ -49,7 +41,6 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.shared_choices import PAPER
 from osl_analysis.signals import LowPass, filtered_motion
-from osl_analysis.stats.sinusoid import complex_quotient
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial, write_trial
 
@@ -171,16 +162,6 @@ def test_where_amplitudes_nest_inside_frequencies_fig4_and_the_comparison_use_on
     assert len(large_rows) == pytest.approx(len(small_rows), abs=3)
 
 
-def test_a_trial_that_is_made_of_a_fitted_one_is_fitted_anew():
-    """Fits are kept with their trial, and not taken over by another one with other signals."""
-    record = stepped_sine(second_order, noise=0.1)
-    whole = impedance_of(record, None)
-    assert impedance_of(record, None) is whole
-    stiffer = replace(record, filtered_torque=2 * record.filtered_torque, torque=2 * record.torque)
-    assert impedance_of(stiffer, None)["K"] == pytest.approx(2 * whole["K"], rel=1e-9)
-    assert impedance_of(record, None)["K"] == whole["K"]
-
-
 @pytest.mark.parametrize("level", [0.0, 3.0])
 def test_a_torque_that_stays_where_it_is_is_refused_by_trial_signal_and_time(level):
     record = stepped_sine(lambda motion: np.full_like(motion.theta, level))
@@ -240,14 +221,6 @@ def test_an_error_of_the_bench_s_stiffness_is_in_the_admittance_and_is_not_avera
     condition = {"controller": pl.lit("compensated"), "K_d": pl.lit(200.0), "B_d": pl.lit(4.0), "doubtful": pl.lit("")}
     mean = frequency_response_table(table.with_columns(**condition)).row(0, named=True)
     assert np.sqrt(mean["Y_var_re"]) == pytest.approx(300 / 3000**2, rel=0.01)
-
-
-def test_the_noise_of_measured_impedances_is_that_of_the_quotients_of_torque_and_angle():
-    """RMS over all phasors, each quotient with its whole covariance, weighed as the fit of a lag weighs it."""
-    phasors = trial_phasors(replace(stepped_sine(second_order, noise=0.1), steps=(2 * np.pi / 2**12, None)))
-    weights = [abs(s.theta.value) ** 2 / (2 * s.frequency_hz) for s in phasors]
-    variances = [np.trace(complex_quotient(s.torque, s.theta).covariance) for s in phasors]
-    assert noise_of(phasors) == pytest.approx(np.sqrt(np.mean(np.multiply(weights, variances))), rel=1e-9)
 
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")
@@ -317,12 +290,6 @@ def test_what_a_drivetrain_leaves_is_not_taken_for_a_lag(noise):
     assert row["lag_inertia_share"] is None
 
 
-def test_friction_and_a_spring_that_stiffens_are_no_lag():
-    joint = JOINT + 4j * 0.5 / (np.pi * THETA) + 1e3 * THETA**2
-    found = lag_in_noise(phasors(joint), FIT)
-    assert abs(found.lag) < 4 * found.se
-
-
 def test_where_a_lag_of_a_tenth_of_b_would_not_be_certain_it_is_not_known_but_a_certain_one_is():
     noisy = 8e-3
     assert lag_in_noise(phasors(JOINT, noisy), FIT) is None
@@ -344,23 +311,6 @@ def test_a_lag_of_more_than_a_fifth_of_a_radian_stands_for_other_dynamics():
     assert lag_in_noise(phasors(JOINT * np.exp(-S * 7e-3)), FIT) is None
 
 
-def test_of_two_lags_that_explain_the_torque_the_larger_counts_if_it_leaves_certainly_less():
-    """-4.7 ms leave 1.26 times the noise of 30 numbers, 5 ms leave 0.86."""
-    found = lag_in_noise(phasors(JOINT * np.exp(-S * 5e-3), 2e-3), FIT)
-    assert found.lag == pytest.approx(5e-3, abs=4 * found.se)
-
-
-def test_shares_are_what_a_late_torque_takes_off_the_joints_own_b_and_i():
-    """B = 5 seen as 4.4 is 300 times 2 ms; I loses 5 times 2 ms."""
-    assert lag_shares(2e-3, {"K": 300.0, "B": 4.4, "I": 0.012}) == pytest.approx((0.6 / 4.4, 0.01 / 0.013), rel=1e-12)
-
-
-def test_too_few_phasors_tell_no_lag():
-    assert degrees_of_freedom(points_of(phasors(JOINT))) == 30 - 7  # three K, B, I, friction, lag
-    assert degrees_of_freedom(points_of(phasors(JOINT, at=slice(3, 6)))) == 0
-    assert lag_in_noise(phasors(JOINT, at=slice(3, 6)), FIT) is None
-
-
 ONE = slice(5, 10)
 
 
@@ -372,12 +322,6 @@ def test_a_lag_that_is_not_certain_but_may_change_the_inertia_by_a_tenth_is_said
     assert row["certain_lag_damping"] == 0
     assert row["lag_se_s"] > 7e-5
     assert row["lag_share"] is row["lag_inertia_share"] is row["frame_stiffness"] is None
-
-
-@pytest.mark.parametrize(("lag", "share"), [(3.5e-4, None), (1e-5, 0.0)])
-def test_a_lag_may_be_larger_than_it_is_found(lag, share):
-    """Five standard errors of 73 us make 9 % of I; 350 us and two of them make 12 %."""
-    assert lag_row(TorqueLag(lag, 7.3e-5, 1e-3), 5.0, FIT)["lag_inertia_share"] == share
 
 
 def test_where_two_lags_of_either_sign_explain_the_torque_the_standard_error_has_their_distance():
@@ -400,10 +344,3 @@ def test_whether_the_torque_is_late_is_said_in_the_rows_that_cannot_tell_and_in_
     reasons = table.select(known.left_unchecked(P))["not_checked"].to_list()
     assert reasons[0] is None
     assert "whether the torque is late: a lag that would change I by a tenth" in reasons[1]
-
-
-@pytest.mark.parametrize("noise", [1e-4, 2e-4])
-def test_few_phasors_beside_known_gains_have_the_standard_error_of_their_noise_too(noise):
-    few, expected = slice(10, 15, 2), joint_admittance(GAINS.K_1, GAINS.B_1, P, P.J_j)
-    z = [lag_of(phasors(JOINT, noise, few, seed), expected) for seed in range(40)]
-    assert max(abs(found.lag / found.se) for found in z if found) < 4

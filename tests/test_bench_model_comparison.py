@@ -43,20 +43,10 @@ from osl_analysis.trial import Trial, write_trial
 from osl_analysis.yaml_settings import read_yaml
 
 TINY = ROOT / "tests/tiny_simulation.yaml"
-
-
 DEFAULT_FILE = ROOT / "config/parameters/default.yaml"
-
-
 DEFAULT = read_parameters(DEFAULT_FILE)
-
-
 QUADRATIC = read_parameters(ROOT / "config/parameters/osl-v2-published.yaml")
-
-
 LOW_PASS = LowPass(15)
-
-
 BLOCK = 3 * (1 / 2 + 1 / 5)
 
 
@@ -245,16 +235,6 @@ def test_branches_of_the_belt_are_signed_alike_in_both_directions():
         fold = belt_fold(sign * theta_s, sign * torque)
         residual = fold.torque - 600 * fold.columns["K_s"] - 0.3 * fold.columns["T_h"]
         assert np.max(np.abs(residual)) < 1e-9
-
-
-def test_both_branches_cover_the_same_deflections_away_from_the_turns():
-    way = 0.08 * (1 - np.cos(np.linspace(0, np.pi, 1500))) / 2
-    theta_s = np.concatenate([np.zeros(100), way, way[::-1], np.zeros(100)])
-    fold = belt_fold(theta_s, 600 * theta_s)
-    loading = fold.columns["T_h"] > 0
-    for branch in (loading, ~loading):
-        assert np.ptp(fold.columns["K_s"][branch]) == pytest.approx(0.8 * 0.08, rel=0.01)
-    assert np.mean(loading) == pytest.approx(0.5, abs=0.01)
 
 
 @pytest.fixture(scope="module")

@@ -11,15 +11,12 @@ from osl_analysis.bench.segments import (
     Segment,
     find_blocks,
     repeated_cycles,
-    rows_of,
     settled,
 )
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.runs import SteppedSineProtocol, find_runs
 
 PROTOCOL = SteppedSineProtocol(amplitudes=(0.03, 0.06, 0.1), frequencies_hz=(2.0, 4.0), cycles=6)
-
-
 RATE = 500.0
 
 
@@ -29,14 +26,6 @@ def stepped_record(start=3.0, rests=(1.0, 1.0, 2.0), unit=1.0, protocol=PROTOCOL
         pieces += [amplitude * unit * unit_block(protocol, RATE), np.zeros(round(rest * RATE))]
     theta = np.concatenate(pieces)
     return np.arange(len(theta)) / RATE, theta
-
-
-@pytest.mark.parametrize("start", [0.0, 3.0, 7.7])
-def test_finds_every_segment_wherever_the_record_starts(start):
-    blocks = find_blocks(*stepped_record(start), PROTOCOL)
-    starts = [start, start + 4.5 + 1.0, start + 2 * (4.5 + 1.0)]
-    assert [b.segments[0].start / RATE for b in blocks] == pytest.approx(starts, abs=1.5 / RATE)
-    assert [(s.stop - s.start) / RATE for b in blocks for s in b.segments] == pytest.approx([3, 1.5] * 3)
 
 
 @dataclass(frozen=True)
@@ -179,16 +168,3 @@ def test_cycles_with_a_row_that_was_not_measured_are_left_out():
     cycles = repeated_cycles([kept])
     np.testing.assert_allclose(cycles.first, 250 / 3 * np.arange(5), atol=1e-9)
     np.testing.assert_allclose(cycles.stop - cycles.first, 250 / 3)
-
-
-def test_cycles_tile_the_rows_of_the_segments_with_edges_between_rows():
-    segments = [Segment(0.1, 2.0, 267, 2017, 7), Segment(0.1, 3.0, 2267 + 500 / 3, 2267 + 4000 / 3, 7)]
-    cycles = repeated_cycles(segments)
-    kept = [len(s.rows) for s in segments]
-    assert list(np.bincount(cycles.stratum)) == [7, 7]
-    assert (cycles.first[0], cycles.first[7]) == (0, kept[0])
-    assert cycles.stop[-1] <= sum(kept)
-    np.testing.assert_allclose(np.diff(cycles.first[1:7]), 250)
-    np.testing.assert_allclose(np.diff(cycles.first[8:]), 500 / 3)
-    assert len(rows_of(segments)) == 1750 + 1167
-    assert repeated_cycles([Segment(0.1, 2.0, 0, 1000, 4)]) is None

@@ -16,11 +16,7 @@ from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import Trial
 
 RATE = 500.0
-
-
 SEGMENTS = [Segment(0.1, 2.0, 250, 2750, 10), Segment(0.1, 4.0, 2750, 4000, 10)]
-
-
 TIME = np.arange(4500) / RATE
 
 

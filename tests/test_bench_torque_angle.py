@@ -15,7 +15,7 @@ from scipy.stats import t as student
 
 from osl_analysis.bench.plausibility import saturated
 from osl_analysis.bench.settings import TorqueAngleAnalysis
-from osl_analysis.bench.torque_angle import find_cycles, torque_angle_trial, turning_points
+from osl_analysis.bench.torque_angle import find_cycles, torque_angle_trial
 from osl_analysis.bench.torque_angle_tables import curve_table, cycle_table, torque_angle_table
 from osl_analysis.campaign import open_campaign
 from osl_analysis.config import read_config
@@ -289,11 +289,6 @@ def test_first_cycles_are_left_out_and_one_must_remain():
     assert find_cycles(theta, 2).used == find_cycles(theta).used[2:]
     with pytest.raises(InputError, match="the first 3 of 3 whole cycles are not analysed; record more, or lower"):
         find_cycles(theta, 3)
-
-
-def test_turning_points_are_those_that_swing_back_far_enough():
-    theta = np.array([0, 5, 4.6, 10, 2, 2.3, 0, 8, 8.0])
-    assert turning_points(theta, 1) == [3, 6]
 
 
 FULL = path(0, 10, 0, 10, 0)

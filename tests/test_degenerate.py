@@ -25,16 +25,15 @@ from osl_analysis.commands.fit import FITS, fit_request
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.gain_selection import Weight
-from osl_analysis.plateaus import longest_at_extreme
 from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.second_order import fit_impedance
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
-from osl_analysis.stats import covariance, regression, repeats, rounding, sinusoid
+from osl_analysis.stats import regression, repeats
 from osl_analysis.stats.covariance import Cycles, ResidualCorrelation
 from osl_analysis.stats.fit_row import whiteness
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.sinusoid import fit_sinusoid
-from osl_analysis.stats.slow_motion import fit_slow_motion, memory_samples
+from osl_analysis.stats.slow_motion import fit_slow_motion
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import Poses, body_motion, bridge_gaps, cluster_poses, filtered_poses, functional_hinge
 from osl_analysis.walking.checks import compare_encoder
@@ -44,9 +43,9 @@ from osl_analysis.walking.events import Stance, find_onset, find_stances
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.headline_doubts import group_facts, single_facts
 from osl_analysis.walking.platform import trigger_edge
-from osl_analysis.walking.platform_motion import directions, frame_noise, moving
+from osl_analysis.walking.platform_motion import directions
 from osl_analysis.walking.response import fit_response, isolate_response, response_lag
-from osl_analysis.walking.selection import selection_rows, timings
+from osl_analysis.walking.selection import selection_rows
 from osl_analysis.walking.tables import ensemble_rows
 
 STATED = {
@@ -136,12 +135,6 @@ def in_cycles(n: int, count: int) -> Cycles:
     return Cycles(edges[:-1], edges[1:], np.zeros(count, dtype=np.intp))
 
 
-def number(y: Array) -> sinusoid.ComplexEstimate:
-    """A complex number of the first two samples, with an error as large as the first."""
-    first, second = [*y[:2].tolist(), 0.0, 0.0][:2]
-    return sinusoid.ComplexEstimate(complex(first, second), np.diag([abs(first), abs(second)]), 5.0)
-
-
 def all_of(fit: regression.LinearFit) -> tuple[Any, ...]:
     """A fit with everything that is computed from it."""
     return fit, fit.se("a"), fit.interval("a"), fit.correlation("a", "offset")
@@ -159,45 +152,27 @@ FITS_OF_SIGNALS: dict[str, Callable[[Array, Array, Array], Any]] = {
     "linear_fit of two cycles": by_cycles(2),
     "linear_fit of one cycle": by_cycles(1),
     "with_shared_error": lambda t, x, y: regression.with_shared_error(linear_fit(y, {"a": x}), np.array([0.1])),
-    "variance_accounted_for": lambda t, x, y: regression.variance_accounted_for(y, x) if len(y) else None,
     "fit_slow_motion": lambda t, x, y: fit_slow_motion(y, columns(x), {"b": np.roll(x, 9)}, 3, 0.1),
-    "memory_samples": lambda t, x, y: memory_samples(y, 3),
     "fit_sinusoid": lambda t, x, y: fit_sinusoid(t, y, 2.0),
     "fit_sinusoid of two cycles": lambda t, x, y: fit_sinusoid(t[:100], y[:100], 2.0),
     "fit_sinusoid of one cycle": lambda t, x, y: fit_sinusoid(t[:50], y[:50], 2.0),
     "fit_impedance": lambda t, x, y: fit_impedance(Motion(x, np.roll(x, 3), np.roll(x, 11)), y),
-    "effective_samples": lambda t, x, y: repeats.effective_samples(y),
     "score_models": lambda t, x, y: repeats.score_models(
         y, [repeats.Candidate("M1", "a", 1, x, x), repeats.Candidate("M2", "b", 2, y, y)]
     ),
     "mean_over_trials": lambda t, x, y: repeats.mean_over_trials(y, shared=True),
-    "rank_words": lambda t, x, y: repeats.rank_words(np.column_stack([x, y])),
     "over_repeats": lambda t, x, y: repeats.over_repeats(y, [repeats.CommonError(0.0, np.inf)]),
     "over_repeats of two kinds": lambda t, x, y: repeats.over_repeats(y, kinds=np.arange(len(y)) % 2),
     "summary_row": lambda t, x, y: repeats.summary_row(pl.Series(y)),
-    "correlation_samples": lambda t, x, y: covariance.correlation_samples(y, 3),
-    "nearest_covariance": lambda t, x, y: covariance.nearest_covariance(np.diag(y[:2]) - 1e-3),
     "whiteness": lambda t, x, y: whiteness(y, RATE, LowPass(15)),
-    "visible_step": lambda t, x, y: rounding.visible_step(y),
-    "noise_before_rounding": lambda t, x, y: rounding.noise_before_rounding(np.abs(y)),
-    "scatter_between_cycles": lambda t, x, y: rounding.scatter_between_cycles(y, in_cycles(len(y), 4)),
-    "scatter between one cycle": lambda t, x, y: rounding.scatter_between_cycles(y, in_cycles(len(y), 1)),
-    "complex_quotient": lambda t, x, y: sinusoid.complex_quotient(number(y), number(x)),
-    "complex_mean": lambda t, x, y: sinusoid.complex_mean([number(y), number(x)]),
-    "polar_row": lambda t, x, y: sinusoid.polar_row(number(y)),
-    "with_known_error": lambda t, x, y: sinusoid.with_known_error(number(y), 1j),
     "LowPass": lambda t, x, y: LowPass(15)(y, RATE),
     "differentiate": lambda t, x, y: differentiate(t, y),
     "filtered_motion": lambda t, x, y: filtered_motion(t, x, y, LowPass(15)),
     "sampling_rate": lambda t, x, y: sampling_rate(t),
-    "longest_at_extreme": lambda t, x, y: longest_at_extreme(y),
     "find_stances": lambda t, x, y: find_stances(t, 1e3 * np.clip(y, -1e20, 1e20), 30, 15, 0.1),
     "find_onset": lambda t, x, y: find_onset(t, np.abs(y), 0.05),
     "compare_encoder": lambda t, x, y: compare_encoder(t, x, t, y, LowPass(15)),
-    "frame_noise": lambda t, x, y: frame_noise(np.column_stack([x, y])),
-    "moving": lambda t, x, y: moving(t, np.column_stack([x, y]), 1e-4, LowPass(10)),
     "directions": lambda t, x, y: directions([np.column_stack([x, y, x, y, x, y])], 1e-4, LowPass(10), RATE),
-    "timings": lambda t, x, y: timings(y, 0.05),
     "trigger_edge": lambda t, x, y: trigger_edge(Trial("made", pl.DataFrame({"time": t, "trigger": y}))),
     "cluster_poses": lambda t, x, y: seen_part(poses_along(y)),
     "bridge_gaps": lambda t, x, y: seen_part(bridge_gaps(t, poses_along(hidden_often(y)), 0.2)),

@@ -6,7 +6,7 @@ from any_motion import RATE, chirp, multisine, noise
 from bench_synthetic import unit_block
 
 from osl_analysis.protocol.likeness import likeness, moving_bins
-from osl_analysis.protocol.runs import SteppedSineProtocol, centre_of_motion, noise_of, upward_crossings
+from osl_analysis.protocol.runs import SteppedSineProtocol
 
 PROTOCOL = SteppedSineProtocol(tuple(np.deg2rad([2.0, 4.0, 6.0])), (1.0, 2.0, 3.0, 4.0, 5.0), 8)
 
@@ -76,24 +76,3 @@ def test_rests_do_not_count_as_moving_and_slow_turns_do():
     moving = moving_bins(time, theta + 2e-5 * np.random.default_rng(1).standard_normal(len(time)))
     assert moving[(time > 5.3) & (time < 14.7)].mean() > 0.95
     assert not moving[(time < 4.9) | (time > 15.3)].any()
-
-
-@pytest.mark.parametrize("sign", [1, -1])
-def test_crossings_are_those_of_a_walk_from_row_to_row(sign):
-    """The joint rests below and above its centre, and noise stays within the dead band; it begins low, or high."""
-    time, random = np.arange(6000) / 500, np.random.default_rng(3)
-    rests = (time > 3) & (time < 7)
-    theta = sign * np.where(rests, -0.01, np.cos(5 * time)) + 1e-3 * random.normal(size=6000)
-    x, noise = theta - centre_of_motion(time, theta), noise_of(theta)
-    dead = max(0.02 * np.abs(x).max(), 5 * noise)
-    side, last, walked = 0, 0, []
-    for row, value in enumerate(x):
-        if value <= 0:
-            last = row
-        if abs(value) > dead:
-            if side < 0 < value:
-                walked.append(time[last] - x[last] * 0.002 / (x[last + 1] - x[last]))
-            side = np.sign(value)
-    assert len(walked) > 5
-    assert noise == pytest.approx(1e-3, rel=0.2)
-    np.testing.assert_allclose(upward_crossings(time, theta), walked, atol=1e-12)

@@ -2,17 +2,14 @@
 
 import numpy as np
 import pytest
-from conftest import multisine
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import (
     LowPass,
-    differentiate,
     filtered_motion,
     longest_run,
     runs,
     sampling_rate,
-    seven_point_motion,
 )
 
 
@@ -23,27 +20,6 @@ def test_zero_phase_filter_has_the_squared_butterworth_gain_and_no_phase(f):
     out = LowPass(cutoff_hz=15, order=4)(np.cos(2 * np.pi * f * t), rate)
     gain = 1 / (1 + warped**8)
     assert out[8000:12000] == pytest.approx(gain * np.cos(2 * np.pi * f * t[8000:12000]), abs=1e-6)
-
-
-def test_derivatives_at_the_marker_rate_keep_a_20_hz_motion():
-    t = np.arange(300) / 300
-    exact = multisine(20.0, duration=1, rate=300)
-    found = differentiate(t, exact.theta)
-    inner = slice(20, -20)
-    assert found.omega[inner] == pytest.approx(exact.omega[inner], abs=1e-3 * np.max(exact.omega))
-    assert found.alpha[inner] == pytest.approx(exact.alpha[inner], abs=5e-3 * np.max(np.abs(exact.alpha)))
-
-
-def test_seven_samples_lose_of_a_sine_at_the_cut_off_what_theory_says():
-    """w^6/140 of the velocity and w^6/560 of the acceleration of a sine that turns by w per sample (Fornberg 1988)."""
-    rate, w = 1000.0, 2 * np.pi * 15 / 1000
-    turn = w * np.arange(4000)
-    motion = seven_point_motion(turn / w / rate, np.sin(turn), rate)
-    inner = slice(3, -3)
-    lost = motion.omega / (w * rate) - np.cos(turn), motion.alpha / (w * rate) ** 2 + np.sin(turn)
-    assert lost[0][inner] == pytest.approx(-(w**6) / 140 * np.cos(turn[inner]), abs=0.02 * w**6 / 140)
-    assert lost[1][inner] == pytest.approx(w**6 / 560 * np.sin(turn[inner]), abs=0.1 * w**6 / 560)
-    assert np.abs(lost).max() < 2e-4  # the spline's ends
 
 
 @pytest.mark.parametrize("rate", [100.0, 500.0, 890.0, 900.0, 1000.0, 4000.0])

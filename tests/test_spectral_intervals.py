@@ -92,20 +92,6 @@ def test_the_offset_is_the_torque_at_angle_zero_and_shares_the_error_of_the_stif
     assert fit.se("offset") > 0.1 * fit.se("K")
 
 
-@pytest.mark.parametrize(("count", "excited"), [(1, LINES), (2, LINES), (1, np.arange(2, 30, 3))])
-def test_the_error_of_the_offset_has_what_repeats_in_every_period(count, excited):
-    """Rounding, as an error of one size at all lines: a sine of E|X|^2 has a power of half, a mean of a quarter."""
-    fits, rng = [], np.random.default_rng(1)
-    for seed in range(160):
-        made = [lines(5 * seed + k, 1e-6, 2 + k, excited) for k in range(count)]
-        for one in made:
-            repeated = 0.02 * (rng.standard_normal(COUNT) + 1j * rng.standard_normal(COUNT)) / np.sqrt(2)
-            one.torque[:] += np.append(0.02 * rng.standard_normal() / 2, repeated[1:])
-        fits.append(fit_periodic(made, LOW_PASS))
-    ratio = np.sqrt(np.mean([f.se("offset") ** 2 for f in fits])) / np.std([f["offset"] for f in fits])
-    assert ratio == pytest.approx(1, abs=4 / np.sqrt(2 * len(fits)))
-
-
 def test_noise_is_taken_off_the_levels():
     # noise in the mean of four periods as large as the distortion
     made = [lines(seed, 0.1, distortion=0.05) for seed in range(48)]

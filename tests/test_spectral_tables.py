@@ -9,7 +9,7 @@ from test_spectral_period import LOW_PASS, RATE, B, I, K, multisine, record
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.commands.response import plotted_numbers, pool_responses
 from osl_analysis.figures.response import points, words_of
-from osl_analysis.spectral.realisations import LINES, periodic_motion, realisations_from
+from osl_analysis.spectral.realisations import LINES, periodic_motion
 from osl_analysis.spectral.tables import MODELS, RESPONSE, RecordedMotion, response_tables
 from osl_analysis.table import read_table, write_table
 
@@ -75,16 +75,6 @@ def test_a_record_too_short_for_a_response_has_a_row_with_the_reason():
     tables = response_tables(recorded("S", theta, torque), None)
     assert tables.response.is_empty()
     assert "record for longer" in tables.models["excluded"][0]
-
-
-def test_lines_of_a_trial_are_read_back_as_they_were(tmp_path):
-    motion = periodic("M", 1, 2)
-    write_table(response_tables(motion, None).lines, tmp_path / "M.csv")
-    back, there = realisations_from(read_table(tmp_path / "M.csv")), motion.realisations(motion.periodic)
-    for one, other in zip(back, there, strict=True):
-        assert (one.period, one.rate_hz, one.start) == (other.period, other.rate_hz, other.start)
-        assert np.array_equal(one.theta, other.theta)
-        assert np.array_equal(one.torque, other.torque)
 
 
 def test_trials_of_one_condition_are_pooled_where_their_motions_differ_in_phases_alone(tmp_path):

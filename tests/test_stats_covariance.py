@@ -22,28 +22,8 @@ from osl_analysis.stats.covariance import (
 from osl_analysis.stats.regression import linear_fit
 
 N, RATE = 3000, 1000.0
-
-
 LOW_PASS = LowPass(15)
-
-
 EVERY = LOW_PASS.independent_samples(RATE)
-
-
-def test_the_spread_of_cycles_is_what_a_bootstrap_that_draws_them_anew_gives():
-    rng = np.random.default_rng(3)
-    y, columns, cycles = repeated(rng)
-    X, rows = np.column_stack(list(columns.values())), np.arange(CYCLE * COUNT).reshape(COUNT, CYCLE)
-    drawn = []
-    for _ in range(3000):
-        halves = [rng.choice(np.flatnonzero(cycles.stratum == s), COUNT // 2) for s in (0, 1)]
-        chosen = rows[np.concatenate(halves)].ravel()
-        drawn.append(np.linalg.lstsq(X[chosen], y[chosen], rcond=None)[0])
-    m = COUNT // 2
-    expected = np.std(drawn, axis=0) * np.sqrt(m / (m - 1))
-    fit = linear_fit(y, columns, ResidualCorrelation(cycles))
-    assert [fit.se(name) for name in columns] == pytest.approx(expected, rel=0.06)
-    assert fit.interval_method == "cycles"
 
 
 def test_the_spread_of_cycles_covers_where_friction_fools_hac():

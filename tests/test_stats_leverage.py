@@ -71,32 +71,9 @@ def test_of_many_cycles_nothing_is_missing_and_the_rows_that_are_kept_do_not_mat
     assert known == pytest.approx(plain, rel=0.1)
 
 
-def test_rows_are_thinned_without_a_change_of_the_shortfall():
-    X, position = few_cycles(4)
-    all_rows = shortfall(X, position, MEMORY, 24)
-    thinned = shortfall(X[::2], position[::2], MEMORY, 12)
-    np.testing.assert_allclose(thinned[0], all_rows[0], rtol=0.05)
-    np.testing.assert_allclose(thinned[1], all_rows[1], rtol=0.1)
-
-
 def test_the_memory_of_a_filter_is_the_autocovariance_of_its_noise():
     noise = LOW_PASS(np.random.default_rng(1).standard_normal(200_000), RATE)
     seen = [np.mean(noise * noise), *(np.mean(noise[k:] * noise[:-k]) for k in range(1, 25))]
     np.testing.assert_allclose(MEMORY[:25], seen, atol=0.02 * MEMORY[0])
     assert MEMORY[0] == pytest.approx(2 * LOW_PASS.noise_bandwidth_hz / RATE, rel=0.01)
     assert np.abs(MEMORY[-5:]).max() < 1e-3 * MEMORY[0]
-
-
-def test_the_shortfall_is_that_of_the_matrices_written_out():
-    """With columns at the cut-off, where the noise is not white."""
-    rng = np.random.default_rng(2)
-    t = np.arange(40) / RATE
-    X = np.stack([np.sin(2 * np.pi * f * t) for f in (9.0, 13.0, 16.0)], axis=1) + 0.1 * rng.standard_normal((40, 3))
-    inverse = np.linalg.pinv(X)
-    left = np.eye(40) - X @ inverse
-    noise = np.array([[MEMORY[abs(i - j)] for j in range(40)] for i in range(40)])
-    weights = np.array([[max(1 - abs(i - j) / 5, 0) for j in range(40)] for i in range(40)])
-    residual = left @ noise @ left.T
-    true = np.diag(inverse @ noise @ inverse.T)
-    seen = np.array([np.sum(weights * np.outer(c, c) * residual) for c in inverse]) * 40 / (40 - 3 * 5)
-    np.testing.assert_allclose(shortfall(X, np.arange(40), MEMORY, 5)[0], true / seen, rtol=1e-9)

@@ -11,16 +11,12 @@ from scipy.stats import t as student
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.second_order import impedance_columns
-from osl_analysis.stats.covariance import ResidualCorrelation, correlation_samples, moving_sums
-from osl_analysis.stats.least_squares import GRAM_LIMIT, decomposed, refined
+from osl_analysis.stats.covariance import ResidualCorrelation
+from osl_analysis.stats.least_squares import GRAM_LIMIT, decomposed
 from osl_analysis.stats.regression import linear_fit, variance_accounted_for
 
 RNG_SEED = 20
-
-
 T = np.linspace(0, 10, 2000, endpoint=False)
-
-
 COLUMNS = {"a": np.sin(T), "b": np.cos(3 * T), "offset": np.ones_like(T)}
 
 
@@ -67,16 +63,6 @@ def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
     assert fit.covariance == pytest.approx(other.cov_params(), rel=1e-8)
 
 
-def test_score_covariance_is_the_bartlett_sum_over_lags():
-    scores = np.random.default_rng(RNG_SEED).normal(size=(50, 2))
-    window = 4
-    by_lags = scores.T @ scores
-    for lag in range(1, window):
-        gamma = scores[lag:].T @ scores[:-lag]
-        by_lags += (1 - lag / window) * (gamma + gamma.T)
-    assert moving_sums(scores, window)[0] == pytest.approx(by_lags * 50 / 48)
-
-
 def test_intervals_cover_the_truth_although_the_noise_is_correlated():
     """95 % over 400 seeded records of AR(1) noise: HAC may fall a little short, white errors would not reach 70 %."""
     rng = np.random.default_rng(RNG_SEED)
@@ -85,11 +71,6 @@ def test_intervals_cover_the_truth_although_the_noise_is_correlated():
         fit = linear_fit(COLUMNS["a"] + correlated_noise(rng, len(T), 0.8), COLUMNS)
         covered += abs(fit["a"] - 1) < 1.96 * fit.se("a")
     assert 0.89 < covered / 400 < 0.98
-
-
-def test_white_residuals_are_not_given_a_long_memory():
-    white = np.random.default_rng(RNG_SEED).normal(size=5000)
-    assert correlation_samples(white) < 6
 
 
 def test_names_the_two_columns_that_cannot_be_told_apart():
@@ -170,13 +151,3 @@ def test_normal_equations_of_many_rows_are_as_exact_as_a_decomposition_of_the_co
     assert fit.condition_number == pytest.approx(np.linalg.cond(scaled), rel=1e-15 * condition**2)
     few = linear_fit(y[:140], {name: column[:140] for name, column in columns.items()})
     assert few.estimates == pytest.approx(np.linalg.lstsq(X[:140], y[:140], rcond=None)[0], rel=1e-9)
-
-
-def test_a_step_of_refinement_takes_the_rounding_of_the_normal_equations_off():
-    """Of an exact y at condition 90: with it, only the rounding of y itself is left."""
-    _, columns = conditioned(90)
-    X = np.stack(list(columns.values()), axis=1)
-    true = np.array([3.0, 2e-3, 5e4])
-    inverse = np.linalg.inv(X.T @ X)
-    error = np.abs(refined(X, X @ true, inverse) / true - 1).max()
-    assert error < 0.1 * np.abs(inverse @ (X.T @ (X @ true)) / true - 1).max()

@@ -10,17 +10,9 @@ from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.slow_motion import fit_slow_motion, memory_samples
 
 N, RATE = 3000, 1000.0
-
-
 LOW_PASS = LowPass(15)
-
-
 EVERY = LOW_PASS.independent_samples(RATE)
-
-
 RAMP = {"slope": (1 - np.cos(np.pi * np.arange(N) / N)) / 2, "offset": np.ones(N)}
-
-
 BUMP = {"bump": np.gradient(RAMP["slope"])}
 
 
@@ -83,15 +75,6 @@ def test_a_known_drift_is_worth_more_degrees_of_freedom_than_the_noise_alone():
     ratio = (both.se("slope") / alone.se("slope")) ** 2
     assert ratio > 1.2
     assert both.degrees_of_freedom[0] == pytest.approx(alone.degrees_of_freedom[0] * ratio**2)
-
-
-def test_a_linear_ramp_whose_velocity_is_its_offset_is_no_trouble():
-    line = {"slope": np.linspace(0, 1, N), "offset": np.ones(N)}
-    y = line["slope"] + filtered_noise(np.random.default_rng(15))
-    same = fit_slow_motion(y, line, {}, EVERY)
-    assert fit_slow_motion(y, line, {"velocity": np.gradient(line["slope"])}, EVERY).covariance == pytest.approx(
-        same.covariance
-    )
 
 
 def test_filtered_noise_is_worth_as_many_samples_as_its_bandwidth_says():

@@ -13,18 +13,16 @@ from scipy.signal import butter, sosfiltfilt
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.timebase.counting import count_from_stamps
-from osl_analysis.timebase.device_clock import device_clock, lower_edge
 from osl_analysis.timebase.drift import (
     ClockDrift,
     SinePiece,
     check_drift,
-    chunked_slope,
     clock_drift,
     drift_columns,
     scatter_of_noise,
 )
 from osl_analysis.timebase.grid import GapLimits, UniformGrid, one_time_base
-from osl_analysis.timebase.samples import first_of_each, take
+from osl_analysis.timebase.samples import take
 from osl_analysis.timebase.stream import Stream
 
 JOINT = np.array([300.0, 5.0, 0.02])
@@ -171,16 +169,6 @@ def test_no_case_is_decided_wrongly_over_bits_jitter_and_lateness(motion):
     assert firm >= 8
 
 
-@pytest.mark.parametrize("even", [False, True])
-def test_18_bits_decide_10_microseconds(even):
-    t, random = clock(1000.0), np.random.default_rng(3)
-    stamps = t + 1e-5 * random.standard_normal(len(t))
-    (part,) = take([joint(stamps, t if even else stamps)])
-    assert part.decision.firm
-    assert part.decision.even is even
-    assert part.decision.evidence["theta"].g == pytest.approx(0.0 if even else 1.0, abs=0.1)
-
-
 def test_a_python_loop_with_absolute_targets_is_late_and_never_early_and_yet_its_stamps_are_true():
     random = np.random.default_rng(4)
     stamps = logger(random)
@@ -194,15 +182,6 @@ def test_a_python_loop_with_absolute_targets_is_late_and_never_early_and_yet_its
     assert_recovers_the_joint(grid)
 
 
-def test_sixth_differences_do_not_reach_across_missing_samples():
-    t, random = clock(100.0), np.random.default_rng(13)
-    kept = np.sort(random.choice(len(t), len(t) - 300, replace=False))
-    stamps = (t + 1e-4 * random.standard_normal(len(t)))[kept]
-    (part,) = take([joint(stamps, stamps)])
-    assert part.decision.evidence["theta"].g == pytest.approx(1.0, abs=0.1)
-    assert (part.decision.even, part.decision.firm) == (False, True)
-
-
 def test_a_loop_that_sleeps_from_its_last_step_wanders_by_many_steps_and_its_stamps_are_true():
     random = np.random.default_rng(11)
     stamps = np.cumsum(1e-3 + 2e-4 * random.random(60_000))
@@ -214,17 +193,6 @@ def test_a_loop_that_sleeps_from_its_last_step_wanders_by_many_steps_and_its_sta
     assert said.wander_s * said.rate_hz > 5
     assert (said.even, said.firm) == (False, True)
     assert said.g["theta"] == pytest.approx(1.0, abs=0.1)
-
-
-def test_channels_that_share_stamps_share_the_decision_of_the_one_that_knows():
-    t, random = clock(1000.0), np.random.default_rng(5)
-    stamps = t + 2e-5 * random.standard_normal(len(t))
-    (said,) = one_time_base(
-        [Stream("log", stamps, joint(stamps, stamps).signals | {"rest": noisy(0 * t, random)})]
-    ).report.streams
-    assert said.signals == ("theta", "rest")
-    assert not said.even
-    assert not 0.75 < said.g["rest"] or said.g_se["rest"] is None or said.g_se["rest"] > 0.1
 
 
 def test_a_channel_of_mere_noise_does_not_pass_for_an_even_one_beside_true_motion():
@@ -264,30 +232,6 @@ def test_a_slow_wander_is_believed_where_the_signal_cannot_tell():
     assert (said.even, said.firm) == (False, False)
 
 
-@pytest.mark.parametrize("truth", ["even", "exact"])
-def test_a_stated_choice_stands_against_the_evidence(truth):
-    t, random = clock(500.0), np.random.default_rng(9)
-    stamps = np.sort(t + 1e-4 * random.standard_normal(len(t)))
-    other = "exact" if truth == "even" else "even"
-    (said,) = one_time_base([log(stamps, t if truth == "even" else stamps, random, choice=other)]).report.streams
-    assert (said.even, said.firm, said.why, said.g) == (other == "even", True, f"stated: {other}", {})
-
-
-def test_the_other_hypothesis_is_the_grid_of_the_other_choice():
-    t, random = clock(500.0), np.random.default_rng(10)
-    stamps = np.sort(t + 1e-4 * random.standard_normal(len(t)))
-    recorded = log(stamps, stamps, random)
-    grid = one_time_base([recorded])
-    assert grid.other_hypothesis() is None
-    other = grid.other_hypothesis(firm_too=True)
-    stated = one_time_base([Stream("log", stamps, recorded.signals, choice="even")])
-    assert np.array_equal(other.signals["theta"], stated.signals["theta"])
-    assert other.report.streams[0].even
-    assert "other hypothesis to: true" in other.report.streams[0].why
-    resting = one_time_base([Stream("rest", stamps, {"x": 0 * t})])
-    assert resting.other_hypothesis().report.streams[0].even is False
-
-
 # ---- Recordings as recorders make them
 
 
@@ -318,25 +262,6 @@ def test_host_latency_on_one_node_is_taken_away_with_its_mean(wait):
     assert_recovers_the_joint(grid)
 
 
-def test_the_lower_edge_finds_the_device_clock_to_a_microsecond():
-    random = np.random.default_rng(23)
-    count = np.arange(60_000)
-    stamps = 0.5 + 1e-3 * count + random.exponential(2e-4, len(count))
-    found = device_clock(stamps, count).times()
-    assert np.max(np.abs(found - (0.5 + 1e-3 * count))) < 1e-6
-    assert np.mean(stamps - (0.5 + 1e-3 * count)) == pytest.approx(2e-4, rel=0.05)
-
-
-def test_the_lower_edge_lies_below_every_point_and_touches_two_around_the_middle():
-    random = np.random.default_rng(24)
-    x, y = np.arange(500.0), random.exponential(1.0, 500) + 1e-3 * np.arange(500)
-    start, slope = lower_edge(x, y)
-    above = y - start - slope * x
-    assert above.min() > -1e-12
-    touched = x[above < 1e-9]
-    assert touched[0] <= x.mean() <= touched[-1]
-
-
 @pytest.mark.parametrize(
     ("rates", "offset"), [((1000.0, 1000.0), 3e-4), ((333.0, 1000.0), 1.1e-3), ((1000.0, 333.0), 0.0)]
 )
@@ -346,14 +271,6 @@ def test_two_nodes_apart_in_time_and_rate_are_one_recording(rates, offset):
     grid = one_time_base([joint(a, a), cell(b, b, random)])
     assert grid.rate_hz == pytest.approx(1000.0)
     assert grid.report.farthest_s <= 0.5 / min(rates) + 1e-6
-    assert_recovers_the_joint(grid)
-
-
-def test_true_jitter_beside_an_even_device():
-    t, random = clock(1000.0), np.random.default_rng(26)
-    stamps = np.sort(t + 1e-4 * random.standard_normal(len(t)))
-    grid = one_time_base([joint(stamps, stamps), cell(t + 2e-4, t + 2e-4, random)])
-    assert [s.even for s in grid.report.streams] == [False, True]
     assert_recovers_the_joint(grid)
 
 
@@ -394,21 +311,6 @@ def test_bursts_of_missing_samples_are_counted_behind_a_late_host(burst):
     assert np.mean(count_from_stamps(stamps) != np.flatnonzero(kept)) < 1e-4
 
 
-def test_a_late_sample_is_not_a_missing_one():
-    stamps = clock(1000.0, 10.0)
-    stamps[3000] = stamps[3001]
-    assert np.array_equal(count_from_stamps(stamps), np.arange(10_000))
-    stamps[5000:5200] = stamps[5199]
-    stamps[9990:9995] = stamps[9994]
-    assert np.array_equal(count_from_stamps(stamps), np.arange(10_000))
-
-
-def test_late_samples_at_the_ends_of_a_record_are_not_missing_either():
-    random = np.random.default_rng(34)
-    for _ in range(30):
-        assert np.array_equal(count_from_stamps(waits(clock(1000.0, 0.3), 5e-4, random)), np.arange(300))
-
-
 def test_bursts_held_back_by_a_host_shift_nothing():
     t, random = clock(1000.0), np.random.default_rng(30)
     stamps = t.copy()
@@ -417,14 +319,6 @@ def test_bursts_held_back_by_a_host_shift_nothing():
     grid = one_time_base([joint(t, t), cell(stamps, t, random)])
     assert grid.report.streams[1].missing == 0
     assert_recovers_the_joint(grid)
-
-
-def test_one_late_message_does_not_make_printed_decimals_one_sided():
-    t = clock(1024.0)
-    stamps = np.round(t, 4)
-    stamps[3000:3030] = stamps[3029]
-    assert device_clock(stamps, np.arange(len(t))).skew > 3
-    assert device_clock(stamps, np.arange(len(t))).times() == pytest.approx(t, abs=1e-6)
 
 
 @pytest.mark.parametrize("jitter", [0.0, 2e-5])
@@ -439,36 +333,6 @@ def test_missing_samples_cost_nothing(jitter):
     assert (said.firm, said.even) == (True, jitter == 0)
     assert (said.marked, grid.report.masked) == (0, 0)
     assert_recovers_the_joint(grid)
-
-
-def test_a_counter_says_which_sample_is_which_behind_a_late_host():
-    t, random = clock(1000.0), np.random.default_rng(32)
-    kept = np.sort(random.choice(len(t), len(t) - 600, replace=False))
-    stamps = waits(t, 1e-3, random)[kept]
-    grid = one_time_base([joint(t, t), cell(stamps, t[kept], random, counter=kept + 77)])
-    assert grid.report.streams[1].missing == kept[-1] - kept[0] + 1 - len(kept)
-    assert_recovers_the_joint(grid)
-
-
-def test_rows_written_twice_go_and_change_nothing():
-    t, random = clock(1000.0), np.random.default_rng(33)
-    recorded = log(t, t, random)
-    twice = np.sort(np.concatenate([np.arange(len(t)), random.integers(0, len(t), 300)]))
-    again = Stream("log", t[twice], {name: values[twice] for name, values in recorded.signals.items()})
-    grid, plain = one_time_base([again]), one_time_base([recorded])
-    assert grid.report.streams[0].repeated == 300
-    assert np.array_equal(grid.signals["torque"], plain.signals["torque"])
-
-
-def test_equal_values_at_a_new_stamp_are_samples_and_stay():
-    t = clock(100.0, 5.0)
-    assert one_time_base([Stream("rest", t, {"x": 0 * t + 1})]).report.streams[0].repeated == 0
-
-
-def test_true_samples_closer_than_half_a_step_are_averaged_from_the_first_of_them():
-    stamps = np.array([0.0, 0.4, 0.6, 1.6, 2.0, 2.2, 2.4, 3.5])
-    assert first_of_each(stamps, 0.5).tolist() == [0, 2, 3, 5, 7]
-    assert first_of_each(np.array([0.0, 0.4, 0.8, 1.2, 1.6]), 0.5).tolist() == [0, 2, 4]
 
 
 # ---- Gaps
@@ -710,19 +574,6 @@ def test_the_report_is_plain_json_with_every_number_that_provenance_states():
     assert angle["residual_sd_s"] == pytest.approx(2e-5, rel=0.05)
     assert (torque["missing"], torque["marked"], torque["why"]) == (100, 1, "even: the stamps lie on their line")
     assert torque["interpolation"] == "cubic spline on the device's even clock"
-
-
-def test_the_scatter_of_a_slope_is_that_of_chunks_with_equal_shares_of_its_squares():
-    random = np.random.default_rng(72)
-    x = random.standard_normal(30_011) * np.linspace(0.1, 3.0, 30_011)
-    y = 0.7 * x + random.standard_normal(len(x))
-    slope, se = chunked_slope(x, y)
-    reached = np.cumsum(x**2)
-    share = reached[-1] / 20
-    chunk = np.minimum(reached / share, 19.5).astype(int)  # the last sample reaches the whole
-    left = np.bincount(chunk, x * (y - slope * x))
-    assert slope == pytest.approx(float(np.linalg.lstsq(x[:, None], y)[0][0]), rel=1e-12)
-    assert se == pytest.approx(float(np.sqrt(np.sum(np.square(left)) * 20 / 19) / reached[-1]), rel=1e-9)
 
 
 def test_a_counter_that_counts_by_twos_leaves_the_step_between_samples():

@@ -75,11 +75,6 @@ def assert_right(row):
     assert all(abs(error) < CLOSE[name] for name, error in errors(row).items()), errors(row)
 
 
-def test_two_nodes_with_stamps_of_their_own_are_one_trial():
-    late = times()[:-1] + 0.3e-3
-    assert_right(fitted(trial_of(motion(times())[0], torque(late), late)))
-
-
 def test_a_stated_delay_is_taken_out_of_the_stamps_of_its_channel():
     late = trial_of(motion(times())[0], torque(times() - 2e-3))
     assert errors(fitted(late))["B"] == pytest.approx(-12, abs=1)

@@ -62,10 +62,7 @@ def odd_multisine(
     Realisations of one seed have the same lines and other phases. `band_hz` [Hz] is the lowest and the highest
     frequency, `rms` [rad] the root mean square of the angle.
 
-    Raises
-    ------
-    InputError
-        Period or size is not positive, or too few odd lines lie within the band.
+    Raises InputError: Period or size is not positive, or too few odd lines lie within the band.
     """
     lines, detection = odd_lines(period_s, band_hz, seed)
     if not 0 < rms < np.inf:

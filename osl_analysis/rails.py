@@ -35,10 +35,7 @@ def stated_range(trial: Trial, column: str) -> tuple[float, float] | None:
 def check_ranges(trial: Trial) -> None:
     """Refuse values that no sensor of the range that the source file states can measure.
 
-    Raises
-    ------
-    InputError
-        The message names trial, channel, values, and range.
+    Raises InputError: The message names trial, channel, values, and range.
     """
     for column in trial.columns:
         if (ends := stated_range(trial, column)) is None or not (values := sampled(trial, column)[1]).size:

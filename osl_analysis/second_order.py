@@ -36,10 +36,7 @@ def fit_impedance(motion: Motion, torque: Array, residuals: ResidualCorrelation 
     Angle and torque must have passed the same filter. If only the angle is filtered at 15 Hz, B is estimated as 3.43
     instead of 3. `residuals` decides the covariance, as in `linear_fit`.
 
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `linear_fit`; from a single sine K and I cannot be told apart.
+    Raises InputError, IdentifiabilityError: As `linear_fit`; from a single sine K and I cannot be told apart.
     """
     fit = linear_fit(torque, impedance_columns(motion), residuals)
     return ImpedanceFit(fit["K"], fit["B"], fit["I"], fit["offset"], fit)

@@ -125,11 +125,8 @@ def longest_run(true: NDArray[np.bool_]) -> slice:
 def sampling_rate(time: Array) -> float:
     """Rate [Hz] of uniform stamps [s].
 
-    Raises
-    ------
-    InputError
-        A step deviates from the mean step by more than 20 %: resample, or cut the trial at the gap. Fewer than two
-        stamps, or stamps that are equal or not finite, have no rate.
+    Raises InputError: A step deviates from the mean step by more than 20 %: resample, or cut the trial at the gap.
+    Fewer than two stamps, or stamps that are equal or not finite, have no rate.
     """
     check_finite("time", time)
     step = np.diff(time)
@@ -150,10 +147,7 @@ def differentiate(time: Array, theta: Array) -> Motion:
 
     Central differences lose 3 % of a velocity at 20 Hz sampled at 300 Hz; the spline loses less than 0.1 %.
 
-    Raises
-    ------
-    InputError
-        Fewer than six samples, times that do not go forward, or a value that is not finite.
+    Raises InputError: Fewer than six samples, times that do not go forward, or a value that is not finite.
     """
     check_finite("time", time)
     check_finite("the angle", theta)

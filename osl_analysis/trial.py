@@ -81,10 +81,7 @@ class Trial:
     def check_columns(self, *columns: str) -> None:
         """Refuse a column that the trial does not have.
 
-        Raises
-        ------
-        InputError
-            The message suggests those that are like it.
+        Raises InputError: The message suggests those that are like it.
         """
         absent = [c for c in columns if c not in self.columns]
         if absent:
@@ -146,10 +143,7 @@ def read_provenance(path: Path) -> dict[str, Any]:
 def read_trial(path: Path) -> Trial:
     """Read what `write_trial` wrote.
 
-    Raises
-    ------
-    InputError
-        The file is missing, is not Parquet, or is Parquet that ingest did not write.
+    Raises InputError: The file is missing, is not Parquet, or is Parquet that ingest did not write.
     """
     name, provenance = read_metadata(path)
     return Trial(name, read_samples(pl.scan_parquet(path), path), provenance)

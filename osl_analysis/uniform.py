@@ -97,10 +97,7 @@ def uniform_signals(
     `computed` are columns without a sensor, such as a command. They are named where they have the stamps of one of the
     others, and say nothing about these.
 
-    Raises
-    ------
-    InputError
-        A column is missing, or its stamps cannot be brought on a grid; the message names the trial.
+    Raises InputError: A column is missing, or its stamps cannot be brought on a grid; the message names the trial.
     """
     rows = {column: sampled_rows(trial, column) for column in columns}
     stamped = set(rows.values())

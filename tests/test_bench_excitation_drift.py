@@ -98,11 +98,6 @@ def test_beside_friction_a_sweep_does_not_tell_and_says_so_but_noise_tells():
             assert "no parameter file" in reason
 
 
-def test_friction_without_a_change_is_no_change():
-    motion = noise(np.random.default_rng(3))
-    assert row_of(motion, more=friction(motion))["K_drift"] == 0
-
-
 def test_a_sweep_that_is_repeated_tells_the_change_beside_friction():
     once = chirp(np.random.default_rng(3), duration=DURATION / 4 - 2 * LEAD)
     parts = [np.tile(x, 4) for x in once[1]]

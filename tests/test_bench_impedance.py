@@ -65,23 +65,35 @@ def test_one_amplitude_has_no_range():
     assert table["K_amplitudes_low"].to_list() == table["K_amplitudes_high"].to_list() == [None, None]
 
 
-def test_fig4_says_whether_the_fit_of_the_amplitude_that_it_shows_is_doubtful(tmp_path):
-    record = stepped_sine(second_order)
-    samples = pl.DataFrame({"time": record.time, "theta": record.theta, "torque": record.torque})
-    write_trial(Trial("made", samples), tmp_path / "made.parquet")
-    degrees = [round(float(np.rad2deg(a)), 9) for a in PROTOCOL.amplitudes]
-    settings = DynamometerAnalysis(
-        cutoff_hz=15, order=4, amplitudes_deg=degrees, frequencies_hz=PROTOCOL.frequencies_hz, cycles=9, settle_cycles=2
+def written(folder, time, theta, torque):
+    """A trial of these signals in a folder, and its path."""
+    path = folder / "made.parquet"
+    write_trial(Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque})), path)
+    return path
+
+
+def settings_of(protocol):
+    degrees = [round(float(np.rad2deg(a)), 9) for a in protocol.amplitudes]
+    return DynamometerAnalysis(
+        cutoff_hz=15, order=4, amplitudes_deg=degrees, frequencies_hz=protocol.frequencies_hz, cycles=9, settle_cycles=2
     )
-    table = impedance_table(record, trial_phasors(record))
-    write_table(table.with_columns(VAF=pl.Series([99.0, 80.0, 80.0])), tmp_path / "fit.csv")
-    for amplitude, reason in zip(degrees, ("", "VAF 80 is below 90"), strict=True):
-        choice = ImpedanceExample("made", "ankle", None, amplitude, 1, "")
-        limits = Doubt(below={"VAF": 90})
-        plotted_numbers.fig4(
-            tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, limits, tmp_path / "fig4.csv"
-        )
-        assert set(read_table(tmp_path / "fig4.csv")["doubtful"]) == {reason}
+
+
+def fig4_of(path, table, settings, amplitude, seconds=1, limits=None):
+    """The plotted numbers of Fig. 4 of one amplitude [deg] of the trial at a path, beside the table of its fits."""
+    folder, choice = path.parent, ImpedanceExample("made", "ankle", None, amplitude, seconds, "")
+    write_table(table, folder / "fit.csv")
+    plotted_numbers.fig4(path, folder / "fit.csv", settings, choice, limits or Doubt(), folder / "fig4.csv")
+    return read_table(folder / "fig4.csv")
+
+
+def test_fig4_says_whether_the_fit_of_the_amplitude_that_it_shows_is_doubtful(tmp_path):
+    record, settings = stepped_sine(second_order), settings_of(PROTOCOL)
+    path = written(tmp_path, record.time, record.theta, record.torque)
+    table = impedance_table(record, trial_phasors(record)).with_columns(VAF=pl.Series([99.0, 80.0, 80.0]))
+    for amplitude, reason in zip(settings.amplitudes_deg, ("", "VAF 80 is below 90"), strict=True):
+        shown = fig4_of(path, table, settings, amplitude, limits=Doubt(below={"VAF": 90}))
+        assert set(shown["doubtful"]) == {reason}
 
 
 def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_beyond_them():
@@ -109,19 +121,10 @@ def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_be
 
 def test_fig4_shows_an_amplitude_that_the_protocol_has_twice(tmp_path):
     protocol = SteppedSineProtocol((0.05, 0.05), PROTOCOL.frequencies_hz, 9)
-    record, degrees = stepped_sine(second_order, protocol=protocol), float(np.rad2deg(0.05))
-    samples = pl.DataFrame({"time": record.time, "theta": record.theta, "torque": record.torque})
-    write_trial(Trial("made", samples), tmp_path / "made.parquet")
-    write_table(impedance_table(record, trial_phasors(record)), tmp_path / "fit.csv")
-    settings = DynamometerAnalysis(
-        cutoff_hz=15, order=4, amplitudes_deg=(degrees, degrees), frequencies_hz=PROTOCOL.frequencies_hz, cycles=9,
-        settle_cycles=2,
-    )  # fmt: skip
-    choice = ImpedanceExample("made", "ankle", None, degrees, 1, "")
-    plotted_numbers.fig4(
-        tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, Doubt(), tmp_path / "fig4.csv"
-    )
-    assert len(read_table(tmp_path / "fig4.csv")) == RATE
+    record, settings = stepped_sine(second_order, protocol=protocol), settings_of(protocol)
+    path = written(tmp_path, record.time, record.theta, record.torque)
+    table = impedance_table(record, trial_phasors(record))
+    assert len(fig4_of(path, table, settings, settings.amplitudes_deg[0])) == RATE
 
 
 def test_where_amplitudes_nest_inside_frequencies_fig4_and_the_comparison_use_one_amplitude_only(tmp_path):
@@ -131,29 +134,16 @@ def test_where_amplitudes_nest_inside_frequencies_fig4_and_the_comparison_use_on
     rest = np.zeros(round(2 * RATE))
     theta = np.concatenate([rest, *(x for sine in sines for x in (sine, rest))])
     large = np.concatenate([rest, *(np.full(len(s) + len(rest), np.max(s) > 0.08) for s in sines)]).astype(bool)
-    time = np.arange(len(theta)) / RATE
+    time, noise = np.arange(len(theta)) / RATE, 1e-3 * np.random.default_rng(1).standard_normal(len(theta))
     motion, _ = filtered_motion(time, theta, theta, LowPass(100))
-    torque = second_order(motion) * np.where(large, 1.0, 0.5) + 1e-3 * np.random.default_rng(1).standard_normal(
-        len(theta)
-    )
-    write_trial(
-        Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque})), tmp_path / "made.parquet"
-    )
-    degrees = [round(float(np.rad2deg(a)), 9) for a in PROTOCOL.amplitudes]
-    settings = DynamometerAnalysis(
-        cutoff_hz=15, order=4, amplitudes_deg=degrees, frequencies_hz=PROTOCOL.frequencies_hz, cycles=9, settle_cycles=2
-    )
-    record = stepped_sine_trial(read_trial(tmp_path / "made.parquet"), settings)
+    path = written(tmp_path, time, theta, second_order(motion) * np.where(large, 1.0, 0.5) + noise)
+    settings = settings_of(PROTOCOL)
+    record = stepped_sine_trial(read_trial(path), settings)
     table = impedance_table(record, trial_phasors(record))
     assert table["K"].to_list()[:2] == pytest.approx([100, 200], rel=1e-3)
-    write_table(table, tmp_path / "fit.csv")
-    for amplitude, size in zip(degrees, PROTOCOL.amplitudes, strict=True):
-        choice = ImpedanceExample("made", "ankle", None, amplitude, 10, "")
-        plotted_numbers.fig4(
-            tmp_path / "made.parquet", tmp_path / "fit.csv", settings, choice, Doubt(), tmp_path / "fig4.csv"
-        )
-        shown = read_table(tmp_path / "fig4.csv")
-        assert np.rad2deg(size) == pytest.approx(shown["theta_deg"].abs().max(), rel=0.02)
+    for amplitude in settings.amplitudes_deg:
+        shown = fig4_of(path, table, settings, amplitude, 10)
+        assert amplitude == pytest.approx(shown["theta_deg"].abs().max(), rel=0.02)
         assert 1 - (shown["torque"] - shown["torque_model"]).var() / shown["torque"].var() > 0.9995
         assert draw_fig4(shown).axes[1].lines[0].get_ydata().shape[0] > len(shown)  # broken between the frequencies
     small_rows, large_rows = thinned_amplitudes(record)
@@ -193,22 +183,6 @@ def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_inte
     assert mean["magnitude_low"] < mean["magnitude"] < mean["magnitude_high"]
     assert mean["phase_low_deg"] < mean["phase_deg"] < mean["phase_high_deg"]
     assert mean["doubtful"] == "at 5.7296 deg: amplitude_deg 5.73 is above 4".replace("5.7296", f"{np.rad2deg(0.1):g}")
-
-
-def test_rounding_that_every_cycle_repeats_is_in_the_interval_of_a_phasor():
-    """12 bits, no noise: the cycles agree exactly, and every zero of the encoder gives another amplitude."""
-    step, sound = 2 * np.pi / 2**12, stepped_sine(second_order)
-    true, off = [s.admittance.value for s in trial_phasors(sound)], []
-    for zero in np.random.default_rng(5).uniform(0, step, 25):
-        theta = np.rint((sound.theta + zero) / step) * step - zero
-        motion, torque = filtered_motion(sound.time, theta, sound.torque, sound.low_pass)
-        record = replace(sound, theta=theta, motion=motion, filtered_torque=torque, steps=(step, None))
-        found = [s.admittance for s in trial_phasors(record)]
-        off += [(abs(Y.value) - abs(Z)) / Y.magnitude_se for Y, Z in zip(found, true, strict=True)]
-        assert phasor_table("made", trial_phasors(record))["interval_method"].unique().to_list() == [
-            "cycles + rounding"
-        ]
-    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.3
 
 
 def test_an_error_of_the_bench_s_stiffness_is_in_the_admittance_and_is_not_averaged_away():

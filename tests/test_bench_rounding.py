@@ -209,16 +209,6 @@ def test_sums_between_rows_are_integrals_of_the_curve_and_whole_where_edges_are(
     np.testing.assert_allclose(sums_between(wave, np.array([3.0]), np.array([400.0]))[0], wave[3:].sum(axis=0))
 
 
-def test_the_smooth_signal_is_known_when_the_sensor_took_its_samples():
-    """A cubic through samples 2 ms apart knows sin(t) to 1e-12 (h^4/384). The sensor began before the grid does."""
-    time = 0.3 + np.arange(5000) / 500
-    sampled = np.arange(6000) / 500 + 7e-4
-    found = Rounded(1e-3, np.sin(time), np.sin(time), time, sampled).at_samples
-    inside = (sampled > time[0]) & (sampled < time[-1])
-    np.testing.assert_allclose(found[inside], np.sin(sampled[inside]), rtol=0, atol=1e-9)
-    assert (found[0], found[-1]) == (np.sin(time[0]), np.sin(time[-1]))
-
-
 def test_a_step_is_seen_in_floats_of_four_bytes_and_where_every_other_one_is_hardly_used():
     random = np.random.default_rng(5)
     turns = 0.003 * np.rint(200 * np.sin(np.linspace(0, 60, 40_000)) + random.standard_normal(40_000)) + 0.0007

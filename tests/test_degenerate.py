@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from conftest import ROOT
 from walking_crossings import Walk, walked
 from walking_synthetic import settings
 
-from osl_analysis.bench.belt import fit_belt_stiffness
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.commands.fit import FITS, fit_request
 from osl_analysis.errors import OslAnalysisError
@@ -35,7 +33,6 @@ from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.sinusoid import fit_sinusoid
 from osl_analysis.stats.slow_motion import fit_slow_motion
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.bodies import Poses, body_motion, bridge_gaps, cluster_poses, filtered_poses, functional_hinge
 from osl_analysis.walking.checks import compare_encoder
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import group_headline
@@ -43,7 +40,6 @@ from osl_analysis.walking.events import Stance, find_onset, find_stances
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.headline_doubts import group_facts, single_facts
 from osl_analysis.walking.platform import trigger_edge
-from osl_analysis.walking.platform_motion import directions
 from osl_analysis.walking.response import fit_response, isolate_response, response_lag
 from osl_analysis.walking.selection import selection_rows
 from osl_analysis.walking.tables import ensemble_rows
@@ -51,7 +47,6 @@ from osl_analysis.walking.tables import ensemble_rows
 STATED = {
     "degrees_of_freedom": math.isinf,  # where a variance is 0
     "stance_change": math.isnan,  # where gait is like the mean at no pace
-    "residual": math.isnan,  # of a pose that was not seen
     "sd": math.isnan, "se": math.isnan, "low": math.isnan, "high": math.isnan,  # of fewer than two trials
     "mean": math.isnan,  # of none
 }  # fmt: skip
@@ -172,41 +167,8 @@ FITS_OF_SIGNALS: dict[str, Callable[[Array, Array, Array], Any]] = {
     "find_stances": lambda t, x, y: find_stances(t, 1e3 * np.clip(y, -1e20, 1e20), 30, 15, 0.1),
     "find_onset": lambda t, x, y: find_onset(t, np.abs(y), 0.05),
     "compare_encoder": lambda t, x, y: compare_encoder(t, x, t, y, LowPass(15)),
-    "directions": lambda t, x, y: directions([np.column_stack([x, y, x, y, x, y])], 1e-4, LowPass(10), RATE),
     "trigger_edge": lambda t, x, y: trigger_edge(Trial("made", pl.DataFrame({"time": t, "trigger": y}))),
-    "cluster_poses": lambda t, x, y: seen_part(poses_along(y)),
-    "bridge_gaps": lambda t, x, y: seen_part(bridge_gaps(t, poses_along(hidden_often(y)), 0.2)),
-    "filtered_poses": lambda t, x, y: filtered_poses(poses_along(y), TETRAHEDRON, LowPass(10), RATE),
-    "body_motion": lambda t, x, y: body_motion(t, poses_along(y), np.zeros(3)),
-    "functional_hinge": lambda t, x, y: functional_hinge([(turned(x), turned(y))], STANDING),
 }  # fmt: skip
-TETRAHEDRON = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
-STANDING: Any = SimpleNamespace(ankle_axis=np.array([0.0, 1.0, 0.0]), ankle_centre=np.array([0.0, 0.0, 0.1]))
-
-
-def poses_along(x: Array) -> Poses:
-    """Poses of four markers that shift along x (n,) [m]."""
-    shift = np.zeros((len(x), 1, 3))
-    shift[:, 0, 0] = x
-    return cluster_poses(TETRAHEDRON, TETRAHEDRON + shift)
-
-
-def hidden_often(x: Array) -> Array:
-    return np.where(np.arange(len(x)) % 50 == 7, np.nan, x)
-
-
-def seen_part(poses: Poses) -> tuple[Array, Array]:
-    """Positions and rotations where they were seen; they are NaN elsewhere."""
-    return poses.position[poses.seen()], poses.rotation[poses.seen()]
-
-
-def turned(angle: Array) -> Poses:
-    """Poses that turn by an angle (n,) [rad] about y; not seen where it is not finite."""
-    finite = np.isfinite(angle)
-    c, s, o = np.cos(np.where(finite, angle, 0)), np.sin(np.where(finite, angle, 0)), np.zeros_like(angle)
-    rotation = np.moveaxis(np.array([[c, o, s], [o, o + 1, o], [-s, o, c]]), 2, 0)
-    rotation[~finite] = np.nan
-    return Poses(rotation, np.where(finite, 0.0, np.nan)[:, None] * np.ones(3), np.zeros(3), 0 * o, o > 0)
 
 
 @pytest.mark.parametrize("name", FITS_OF_SIGNALS)
@@ -272,11 +234,6 @@ def test_a_dead_load_cell_is_named(experiment, reason, monkeypatch):
     samples = {"time": np.arange(len(x)) / BENCH_RATE, "theta_m": 0 * x, "current": x, moved: x, torque: dead}
     with pytest.raises(OslAnalysisError, match=rf"made.*torque.* (stays at|is) {dead[0]:g}\b.*([Cc]heck|source file)"):
         FITS[experiment](Trial("made", pl.DataFrame(samples)), DEVICE, request_of(experiment))
-
-
-def test_a_belt_without_samples_is_refused():
-    with pytest.raises(OslAnalysisError, match="no samples"):
-        fit_belt_stiffness(np.empty(0), np.empty(0))
 
 
 CHOICES = settings(bootstrap_samples=100)

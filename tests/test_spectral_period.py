@@ -79,14 +79,6 @@ def test_a_period_is_found_beside_a_drift_of_the_angle():
     assert periodic_motion(drifting, torque, RATE, 10.0).period == pytest.approx(PERIOD, rel=1e-5)
 
 
-def test_a_gap_ends_a_realisation():
-    theta, torque = record(5, multisine(1, 9))
-    usable = np.ones(len(theta), dtype=bool)
-    usable[round(20.2 * RATE) : round(20.4 * RATE)] = False
-    found = periodic_motion(theta, torque, RATE, 10.0, usable)
-    assert [r.periods for r in found.realisations] == [4, 4]
-
-
 def test_lines_are_those_that_were_excited_and_the_others_odd_and_even():
     lines = lines_of(periodic_motion(*record(6, multisine(1)), RATE, 10.0).realisations)
     assert list(np.flatnonzero(lines.excited)) == list(LINES)

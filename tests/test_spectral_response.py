@@ -72,13 +72,6 @@ def test_the_odd_level_at_detection_lines_is_that_of_excited_lines_within_a_deci
     _, levels = periodic_response([realisation(seed, cubic, noise=0.01) for seed in range(16)])
     assert 20 * np.log10(levels.detection / levels.distortion) == pytest.approx(0, abs=1.0)
     assert min(levels.detection, levels.distortion) < levels.odd < max(levels.detection, levels.distortion)
-    # all third-order products of N lines: the torque's power without the part that is linear in the angle, by hand
-    theta, torque = (
-        np.concatenate([getattr(realisation(s, cubic), n)[:1] for s in range(16)]) for n in ("theta", "torque")
-    )
-    Z = np.sum(torque * theta.conj(), axis=0)[LINES] / np.sum(np.abs(theta[:, LINES]) ** 2, axis=0)
-    by_hand = np.sqrt(np.mean(np.abs(torque[:, LINES] - Z * theta[:, LINES]) ** 2) * 16 / 15)
-    assert levels.distortion == pytest.approx(by_hand, rel=0.02)
 
 
 def test_noise_of_the_response_is_what_white_noise_of_the_torque_makes_of_it():

@@ -77,17 +77,6 @@ def test_a_known_drift_is_worth_more_degrees_of_freedom_than_the_noise_alone():
     assert both.degrees_of_freedom[0] == pytest.approx(alone.degrees_of_freedom[0] * ratio**2)
 
 
-def test_filtered_noise_is_worth_as_many_samples_as_its_bandwidth_says():
-    """White noise behind |H|^2 = 1/(1 + (f/15)^8) is worth 2 integral |H|^4 df = 26.9 independent values a second.
-
-    The AR(1) takes the filter's memory for a tenth longer than it is: the interval is 5 % wide, never narrow.
-    """
-    f = np.linspace(0, 200, 200_001)
-    per_second = 2 * np.trapezoid((1 + (f / 15) ** 8) ** -2.0, f)
-    memory = memory_samples(filtered_noise(np.random.default_rng(16), n=400_000), EVERY)
-    assert 1.0 < memory / (RATE / per_second) < 1.15
-
-
 def test_an_unfiltered_ar1_is_worth_its_long_run_variance():
     noise = np.convolve(np.random.default_rng(17).standard_normal(200_000), 0.8 ** np.arange(100), "valid")
     assert memory_samples(noise, 1) == pytest.approx((1 + 0.8) / (1 - 0.8), rel=0.05)

@@ -6,7 +6,6 @@ from conftest import ROOT
 from test_timebase import assert_recovers_the_joint, cell, clock, joint, log, waits
 
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.counting import BLOCKS, device_step, missing_by_rhythm
 from osl_analysis.timebase.grid import one_time_base
 from osl_analysis.timebase.samples import take
 from osl_analysis.timebase.stream import Stream
@@ -72,24 +71,6 @@ def test_late_hosts_that_lose_nothing_are_right_at_any_rates(rates):
     grid = one_time_base(two_nodes(random, (5e-4, 1e-3), rates=rates))
     assert [stream.missing for stream in grid.report.streams] == [0, 0]
     assert_recovers_the_joint(grid)
-
-
-@pytest.mark.parametrize("wait", [2e-4, 1e-3, 2e-3])
-@pytest.mark.parametrize("share", [0.0, 1e-4, 0.01, 0.05])
-def test_the_rhythm_of_the_stamps_tells_the_device_s_step_whatever_is_lost(wait, share):
-    random = np.random.default_rng(int(1e5 * (wait + share)))
-    t = clock(RATE, DURATION)
-    kept = np.sort(random.choice(len(t), round((1 - share) * len(t)), replace=False))
-    stamps = late(t, wait, random)[kept]
-    missing = kept[-1] - kept[0] + 1 - len(kept)
-    assert device_step(stamps, BLOCKS[0]) == pytest.approx(1 / RATE, rel=1e-5)  # a quarter of a step in 24 s
-    assert missing_by_rhythm(stamps) == pytest.approx(missing, rel=0.02, abs=0.1)
-
-
-def test_stamps_without_rhythm_tell_nothing():
-    random = np.random.default_rng(5)
-    assert missing_by_rhythm(np.cumsum(random.exponential(1e-3, 40_000))) is None
-    assert missing_by_rhythm(clock(RATE, 0.5)) is None
 
 
 @pytest.mark.parametrize("wait", [3e-3, 8e-3])

@@ -57,10 +57,8 @@ class ActuatorTrial:
 def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> ActuatorTrial:
     """Filter and fit one canonical trial.
 
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `actuator_columns` and `fit_actuator`, or a signal is missing; the message names the trial.
+    Raises InputError, IdentifiabilityError: As `actuator_columns` and `fit_actuator`, or a signal is missing; the
+    message names the trial.
     """
     made = actuator_alone(trial, settings)
     assert made.uniform is not None
@@ -117,12 +115,8 @@ def fit_actuator(
     current both drives and brakes: as long as it has the direction of the motion, sign(omega_m) |I_q| equals I_q. The
     drift is that of the torque transducer. Left in the residual it would multiply the standard error of f_G by four.
 
-    Raises
-    ------
-    InputError
-        As `linear_fit`, or the actuator hardly moves.
-    IdentifiabilityError
-        The schedule cannot tell two parameters apart; the message names them.
+    Raises InputError: As `linear_fit`, or the actuator hardly moves. Raises IdentifiabilityError: The schedule cannot
+    tell two parameters apart; the message names them.
     """
     moving = moving_rows(columns["B_m"], rate_hz, low_pass, slowest, usable)
     if np.count_nonzero(moving) < FEWEST_MOVING_S * rate_hz:

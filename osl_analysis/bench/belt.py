@@ -186,10 +186,7 @@ class BeltTrial:
 def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> BeltTrial:
     """Filter and fit one canonical trial. Without parameters (None) the ratio n_T is not known: the shaft must rest.
 
-    Raises
-    ------
-    InputError
-        As `fit_belt_stiffness`, or a signal is missing or irregular; the message names the trial.
+    Raises InputError: As `fit_belt_stiffness`, or a signal is missing or irregular; the message names the trial.
     """
     signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
     other, bench = signals.other(), settings.bench_stiffness

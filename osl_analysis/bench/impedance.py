@@ -54,10 +54,7 @@ class DesiredImpedance:
     def gains(self, p: DrivetrainParameters | None, weight: Weight) -> Gains | None:
         """The gains of a device with these parameters, selected with W of Eq. 14; None where they are not known.
 
-        Raises
-        ------
-        UnreachableImpedanceError
-            As `select_gains`.
+        Raises UnreachableImpedanceError: As `select_gains`.
         """
         if p is None or self.controller is None or self.K_d is None or self.B_d is None or self.unknown_gains():
             return None

@@ -58,10 +58,7 @@ def rendered_trial(trial: Trial, settings: ImpedanceAnalysis, windows: str | Non
     damaged: it is refused, or fitted as one, and a refusal names the setting by which it is taken for another motion.
     `windows` [s] of the sample sheet state that it is one.
 
-    Raises
-    ------
-    InputError
-        As `stepped_sine_trial` and `moving_record`.
+    Raises InputError: As `stepped_sine_trial` and `moving_record`.
     """
     if settings.excitation == "any" or (windows and settings.excitation == "auto"):
         return moving_record(trial, settings, windows)
@@ -247,10 +244,7 @@ def judged_impedance(
     Without parameter file (`p`), controller of the draft, K_d and B_d they are not. The column `not_checked` says so,
     and where the motion does not show a change of K over time, or a drift between the clocks of two devices.
 
-    Raises
-    ------
-    InputError, UnreachableImpedanceError
-        As `plausible_impedance`, and as `DesiredImpedance.gains`.
+    Raises InputError, UnreachableImpedanceError: As `plausible_impedance`, and as `DesiredImpedance.gains`.
     """
     table = judged_by_gains(rendered, rails, p, asked, phasors)
     two_clocks = rendered.uniform is not None and not rendered.uniform.one_device("theta", "torque")

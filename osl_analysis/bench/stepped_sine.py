@@ -173,10 +173,8 @@ def stepped_sine_trial(trial: Trial, settings: SteppedSineAnalysis, known: Recor
 
     `known` is what `recorded` gives, where it was called already.
 
-    Raises
-    ------
-    InputError
-        A signal is missing, has no time base, or does not follow the protocol; the message names the trial.
+    Raises InputError: A signal is missing, has no time base, or does not follow the protocol; the message names the
+    trial.
     """
     known = known or recorded(trial, settings)
     made, bench = stepped_sine_alone(trial, settings, known), settings.bench_stiffness

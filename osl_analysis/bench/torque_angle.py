@@ -466,11 +466,8 @@ def along(x: Array, at: Array, y: Array) -> Array:
 def torque_angle_trial(trial: Trial, settings: TorqueAngleAnalysis) -> TorqueAngleTrial:
     """Filter one canonical trial, take torque's zero and the bench's yielding off, and find cycles and curves.
 
-    Raises
-    ------
-    InputError
-        The joint hardly moves, there is no whole cycle or no rest, cycles are too fast, torque does not follow the
-        angle or drives it, or the joint is stiffer than the bench; the message names the trial.
+    Raises InputError: The joint hardly moves, there is no whole cycle or no rest, cycles are too fast, torque does not
+    follow the angle or drives it, or the joint is stiffer than the bench; the message names the trial.
     """
     signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits)
     bench = settings.bench_stiffness

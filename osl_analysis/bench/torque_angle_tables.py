@@ -68,10 +68,7 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     Intervals are those of the mean over cycles (Student), with the error of the bench's stiffness where it is stated;
     null with one cycle.
 
-    Raises
-    ------
-    InputError
-        The settings have no such curve.
+    Raises InputError: The settings have no such curve.
     """
     cycles = cycle_table(trial)
     softer = with_softer_bench(trial)

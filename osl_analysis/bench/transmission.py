@@ -28,10 +28,7 @@ def fit_transmission(motion: Motion, torque: Array, residuals: ResidualCorrelati
 
     `residuals` decides the covariance, as in `linear_fit`.
 
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `linear_fit`.
+    Raises InputError, IdentifiabilityError: As `linear_fit`.
     """
     return linear_fit(torque, transmission_columns(motion), residuals)
 

@@ -117,10 +117,7 @@ def fit_periodic(realisations: Sequence[Realisation], low_pass: LowPass) -> Line
     `offset` is the mean torque at angle 0. VAF and R2 are those of all lines up to the highest excited one, behind the
     filter; `samples` are those in the periods, and `residual` the weighted equation error.
 
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `lines_of` and `linear_fit`.
+    Raises InputError, IdentifiabilityError: As `lines_of` and `linear_fit`.
     """
     single = distinct(realisations)
     lines = lines_of(single)

@@ -71,10 +71,7 @@ def periodic_motion(
 
     Lines go up to `highest_hz`. `usable` (n,) are the rows that are not near a gap. The signals are not filtered.
 
-    Raises
-    ------
-    InputError
-        A value cannot be measured.
+    Raises InputError: A value cannot be measured.
     """
     check_measured("the torque", torque)
     found = find_repetition(theta, rate_hz, usable)
@@ -239,10 +236,7 @@ class Lines:
 def lines_of(realisations: Sequence[Realisation]) -> Lines:
     """The kinds of the lines that the realisations share, from the size of the angle's lines.
 
-    Raises
-    ------
-    InputError
-        There is no realisation, periods differ, or no line stands out of the noise.
+    Raises InputError: There is no realisation, periods differ, or no line stands out of the noise.
     """
     check_alike(realisations)
     size = np.sqrt(np.mean([np.abs(r.theta.mean(axis=0)) ** 2 for r in realisations], axis=0))

@@ -106,10 +106,7 @@ def periodic_response(realisations: Sequence[Realisation]) -> tuple[FrequencyRes
 
     With one realisation the total is the level at detection lines, interpolated; without these it is not known.
 
-    Raises
-    ------
-    InputError
-        As `lines_of`.
+    Raises InputError: As `lines_of`.
     """
     found = equation_error(realisations)
     at, count = np.flatnonzero(found.lines.excited), len(found.error)

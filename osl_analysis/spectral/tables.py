@@ -129,10 +129,7 @@ def periodic_tables(
 ) -> ResponseTables:
     """The tables of the realisations of a periodic motion, in one trial or in several.
 
-    Raises
-    ------
-    InputError
-        As `lines_of`.
+    Raises InputError: As `lines_of`.
     """
     response, levels = periodic_response(realisations)
     found = fitted_structures(lines_of_periods(realisations, low_pass), p)

@@ -176,10 +176,7 @@ def correlation_samples(residual: Array, every: int = 1) -> int:
     of 30 ms into 2.5 s. The AR(1) is therefore fitted to every `every`-th sample. These samples are half a period of
     the cut-off apart; at this distance such noise is nearly white.
 
-    Raises
-    ------
-    InputError
-        A value is not finite or cannot be measured.
+    Raises InputError: A value is not finite or cannot be measured.
     """
     check_measured("the residual", residual)
     if every > 1:
@@ -232,10 +229,7 @@ def check_repeated(members: Array) -> None:
 def nearest_covariance(matrix: Array) -> Array:
     """The symmetric matrix (p, p) without its negative eigenvalues, which a difference of covariances may have.
 
-    Raises
-    ------
-    InputError
-        A value is not finite or beyond `LARGEST_VARIANCE`.
+    Raises InputError: A value is not finite or beyond `LARGEST_VARIANCE`.
     """
     check_finite("the covariance", matrix, LARGEST_VARIANCE)
     scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), np.finfo(float).tiny))
@@ -250,10 +244,7 @@ def welch_satterthwaite(variances: Sequence[ArrayLike] | Array, degrees_of_freed
     Satterthwaite, Biometrics Bulletin 2, 1946; Welch, Biometrika 34, 1947. Infinite where all variances are zero,
     or the uncertain ones vanish beside the others: where there would be more than `CERTAIN`.
 
-    Raises
-    ------
-    InputError
-        A variance is not finite or beyond `LARGEST_VARIANCE`.
+    Raises InputError: A variance is not finite or beyond `LARGEST_VARIANCE`.
     """
     summands = np.asarray(variances, dtype=float)
     check_finite("the variance", summands, LARGEST_VARIANCE)

@@ -87,13 +87,9 @@ def linear_fit(
 
     An exact fit has covariance 0, or that of rounding; degrees of freedom are infinite where a variance is 0.
 
-    Raises
-    ------
-    InputError
-        Lengths differ, a value cannot be measured (`check_measured`), there are not more samples than columns, or a
-        stratum has a single cycle.
-    IdentifiabilityError
-        The scaled condition number exceeds `condition_limit`; the message names the two columns that look alike.
+    Raises InputError: Lengths differ, a value cannot be measured (`check_measured`), there are not more samples than
+    columns, or a stratum has a single cycle. Raises IdentifiabilityError: The scaled condition number exceeds
+    `condition_limit`; the message names the two columns that look alike.
     """
     return regressors(columns, np.shape(y), condition_limit).fit(y, residuals)
 
@@ -186,10 +182,7 @@ def variance_accounted_for(y: Array, residual: Array) -> float:
     A y that does not vary beyond rounding is accounted for by 100 % if the residual does not vary either, else by 0.
     NaN without samples.
 
-    Raises
-    ------
-    InputError
-        A value is not finite or cannot be measured.
+    Raises InputError: A value is not finite or cannot be measured.
     """
     check_measured("y", y)
     check_finite("the residual", residual)

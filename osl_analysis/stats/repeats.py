@@ -41,10 +41,8 @@ def over_repeats(values: ArrayLike, common: Sequence[CommonError] = (), kinds: A
     Trials of different `kinds` (n,) count as one mean per kind: their mean is the result, so that what differs from
     kind to kind is no scatter. `sd` is then the scatter within kinds.
 
-    Raises
-    ------
-    InputError
-        Fewer than two trials of a kind: scatter and interval need repeats. Or a value cannot be measured.
+    Raises InputError: Fewer than two trials of a kind: scatter and interval need repeats. Or a value cannot be
+    measured.
     """
     values = np.asarray(values, dtype=float)
     check_measured("the estimate of a trial", values)
@@ -121,10 +119,7 @@ def score_models(y: Array, candidates: Sequence[Candidate]) -> list[Score]:
     with the fewest parameters then ranks first, and all samples count as independent: what rounding leaves depends on
     the processor.
 
-    Raises
-    ------
-    InputError
-        y or a residual has no samples, or a value that cannot be measured.
+    Raises InputError: y or a residual has no samples, or a value that cannot be measured.
     """
     for name, values in (("y", y), *((f"the residual of {c.model}", c.residual) for c in candidates)):
         check_measured(name, values)
@@ -196,10 +191,7 @@ def rank_words(loss: Array, shared: bool = False) -> list[str | None]:
     zero. The first of the tied models is preferred: a more complicated model must show that it is better. Without
     trials every word is None.
 
-    Raises
-    ------
-    InputError
-        A loss is not finite.
+    Raises InputError: A loss is not finite.
     """
     check_finite("the loss", loss)
     if not len(loss):

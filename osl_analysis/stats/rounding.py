@@ -83,10 +83,7 @@ def noise_before_rounding(scatter: Array) -> Array:
     a step. Of this, sum exp(-(2 pi k s)^2)/(2 pi^2 k^2) over k repeats; the rest is the scatter (Widrow and Kollar,
     Quantization Noise, 2008, ch. 5).
 
-    Raises
-    ------
-    InputError
-        A scatter is not finite or cannot be measured.
+    Raises InputError: A scatter is not finite or cannot be measured.
     """
     check_finite("the scatter", scatter)
     s, left = scatter_of_noise()
@@ -100,10 +97,7 @@ def scatter_between_cycles(error: Array, cycles: Cycles, every: int = 1) -> Arra
     (k, strata). Rounding that every cycle repeats has none; rounding and noise that differ from cycle to cycle have
     theirs. Of the rows of a cycle, one in `every` is seen.
 
-    Raises
-    ------
-    InputError
-        A value cannot be measured, or a stratum has a single cycle.
+    Raises InputError: A value cannot be measured, or a stratum has a single cycle.
     """
     check_measured("the error of rounding", error)
     members = np.bincount(cycles.stratum)

@@ -87,10 +87,7 @@ Estimate = TypeVar("Estimate", bound=ComplexEstimate)
 def complex_quotient(numerator: ComplexEstimate, denominator: ComplexEstimate) -> ComplexEstimate:
     """numerator/denominator. The covariance is of first order; the two errors must be independent.
 
-    Raises
-    ------
-    InputError
-        The denominator is 0, or smaller than anything measured.
+    Raises InputError: The denominator is 0, or smaller than anything measured.
     """
     if denominator.magnitude < SMALLEST:
         raise InputError(f"no quotient by {denominator.value:.3g}; check the signal from which it was estimated")

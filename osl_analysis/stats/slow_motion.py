@@ -25,10 +25,7 @@ def fit_slow_motion(
     A sensor's drift is linear in time with the standard deviation `drift` [unit of y per sample]. It looks like a slow
     column, and no residual shows it. It is added as a component of type B (JCGM 100:2008, 4.3) of known size.
 
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        As `linear_fit`.
+    Raises InputError, IdentifiabilityError: As `linear_fit`.
     """
     fit, samples = linear_fit(y, columns), np.arange(len(y), dtype=float)
     everything = np.column_stack([*columns.values(), *richer.values()])

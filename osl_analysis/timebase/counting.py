@@ -41,10 +41,7 @@ CLOCK_JUMP_S = 5e-3  # change of the level that a counter does not confirm, from
 def counted(stream: Stream) -> Counts:
     """Count of every sample, (n,), from 0, with what is missing left free; the device's counter where there is one.
 
-    Raises
-    ------
-    InputError
-        The counter does not rise, or the clock jumps where the counter says that no sample is missing.
+    Raises InputError: The counter does not rise, or the clock jumps where the counter says that no sample is missing.
     """
     if stream.counter is None:
         return count_from_stamps(stream.stamps)

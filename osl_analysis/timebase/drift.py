@@ -78,10 +78,8 @@ def clock_drift(pieces: Sequence[SinePiece], low_pass: LowPass) -> ClockDrift:
     time. The pieces are not compared with one another, because friction makes a damping that differs between amplitudes
     and frequencies: that would pass for a drift of 100 ppm. A constant offset between the clocks is not seen.
 
-    Raises
-    ------
-    IdentifiabilityError
-        The joint does not move, the torque does not follow it, or too few cycles leave no noise beside their harmonics.
+    Raises IdentifiabilityError: The joint does not move, the torque does not follow it, or too few cycles leave no
+    noise beside their harmonics.
     """
     highest = FILTERED_HARMONICS * low_pass.cutoff_hz
     rests = [drift_columns(piece, highest) for piece in pieces]
@@ -150,10 +148,7 @@ def drift_columns(piece: SinePiece, highest_hz: float) -> DriftColumns:
 def check_drift(drift: ClockDrift, largest_ppm: float) -> None:
     """Refuse a drift beyond what B and I bear.
 
-    Raises
-    ------
-    InputError
-        It is; the message states it.
+    Raises InputError: It is; the message states it.
     """
     if drift.beyond(largest_ppm):
         raise InputError(

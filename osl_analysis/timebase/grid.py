@@ -268,10 +268,7 @@ def one_time_base(streams: Sequence[Stream], limits: GapLimits | None = None) ->
     True stamps: cubic spline through the samples at their stamps. Even device: the same at the times of its own clock;
     where these are the grid, the samples themselves. Nothing is extrapolated.
 
-    Raises
-    ------
-    InputError
-        As `Stream` and `take`; the streams do not overlap; a gap is too long; no row is usable.
+    Raises InputError: As `Stream` and `take`; the streams do not overlap; a gap is too long; no row is usable.
     """
     return on_one_grid(take(streams), limits or GapLimits())
 

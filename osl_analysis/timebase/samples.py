@@ -99,11 +99,8 @@ class Samples:
 def take(streams: Sequence[Stream]) -> list[Taken]:
     """The decision for every stream; a stream of two minds becomes two.
 
-    Raises
-    ------
-    InputError
-        As `counted`; or one of several streams has a host's latency *and* missing samples and no counter, so that
-        nothing tells which of its samples is which.
+    Raises InputError: As `counted`; or one of several streams has a host's latency *and* missing samples and no
+    counter, so that nothing tells which of its samples is which.
     """
     taken = [part for stream in streams for part in take_stream(stream)]
     if len(streams) > 1 or len({part.decision.even for part in taken}) > 1:

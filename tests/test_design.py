@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from osl_analysis.design.advice import lag_errors, long_enough, reached, smallest, warnings
+from osl_analysis.design.advice import lag_errors, long_enough, reached, warnings
 from osl_analysis.design.plan import Continuous, PeriodicMultisine, SteppedSine
-from osl_analysis.design.precision import Density, Distortion, Joint, Sensors, arcsine_power, precision, weighted
+from osl_analysis.design.precision import Density, Distortion, Joint, Sensors, precision, weighted
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.multisine import odd_multisine
 from osl_analysis.signals import LowPass
-from osl_analysis.study.trials import regression_bound
 
 OPEN = LowPass(1e4)
 """A filter that weighs nothing."""
@@ -38,28 +37,6 @@ def test_two_sines_have_the_errors_that_one_computes_by_hand():
     found = precision(plan, JOINT, Sensors(rate, sigma), OPEN)
     np.testing.assert_allclose(found.se, sigma * np.sqrt(by_hand), rtol=1e-9)
     assert found.correlation == pytest.approx((w1**2 + w2**2) / np.sqrt(2 * (w1**4 + w2**4)))
-
-
-def test_the_amplitude_of_one_sine_has_the_variance_of_the_textbook():
-    """2 sigma^2/N per quadrature (Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974)."""
-    plan = SteppedSine((0.05,), (2.0,), (21.0,), 0)
-    only = Sensors(800.0, 0.3).variances(plan.sines, JOINT.impedance(plan.sines.w), 10.0)["torque noise"]
-    assert only.in_phase == only.quadrature == pytest.approx(2 * 0.3**2 / (800 * 10))
-
-
-def test_the_draft_s_protocol_reaches_the_bound_that_the_study_computes_in_time():
-    """Cramer and Rao over samples, from the study; a filter of 15 Hz changes it by less than a hundredth."""
-    time = np.arange(1000 * 17) / 1000
-    parts = [
-        (a * np.sin(2 * np.pi * f * t), a * 2 * np.pi * f * np.cos(2 * np.pi * f * t))
-        for a in DRAFT.amplitudes
-        for f, t in zip(DRAFT.frequencies_hz, (time[: 17000 // int(f)] for f in DRAFT.frequencies_hz), strict=True)
-    ]
-    w = np.repeat(np.tile(2 * np.pi * np.array(DRAFT.frequencies_hz), 3), [len(p[0]) for p in parts])
-    theta, omega = (np.concatenate(column) for column in zip(*parts, strict=True))
-    bound = regression_bound({"K": theta, "B": omega, "I": -(w**2) * theta, "offset": np.ones(len(w))}, 0.05)
-    found = precision(DRAFT, JOINT, Sensors(1000.0, 0.05), LowPass(15.0, 4))
-    np.testing.assert_allclose(found.se, [bound[name] for name in "KBI"], rtol=0.01)
     assert found.method == "cycles"
     np.testing.assert_allclose(found.half_width, student.ppf(0.975, found.degrees_of_freedom) * found.se)
     np.testing.assert_allclose(found.noise_half_width, found.half_width)  # no distortion is stated
@@ -118,17 +95,6 @@ def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equiva
     assert predicted.method == "realisations"
     assert np.all(predicted.noise_half_width == 0)
     np.testing.assert_allclose(predicted.half_width, 3.1824463 * predicted.se)  # Student, 3 degrees of freedom
-
-
-def test_the_level_of_friction_at_detection_lines_is_that_of_the_arcsine_law():
-    """Mean square of sign(omega) there over 300 realisations, whose mean over five lines has an error of 3 %."""
-    n, first, powers = 1000, MULTISINE.first, []
-    for r in range(300):
-        omega = MULTISINE.motion(r).angle(8.0 * np.arange(n) / n, 1)
-        powers.append(np.abs(np.fft.rfft(np.sign(omega))[first.detection] * 2 / n) ** 2 / 2)
-    by_law = np.interp(first.detection, first.lines, arcsine_power(MULTISINE.sines, 1 / 8))
-    assert np.mean(powers) == pytest.approx(np.mean(by_law), rel=0.1)
-    np.testing.assert_allclose(np.mean(powers, axis=0) / by_law, 1, atol=0.25)
 
 
 def test_the_fit_of_noise_scatters_by_friction_as_predicted():
@@ -306,17 +272,6 @@ def test_a_record_that_is_long_enough_is_the_shortest_one():
         found = long_enough(plan, enough)
         assert enough(found)
         assert not enough(shorter(found)) or getattr(found, "realisations", 5) == 4
-
-
-def test_the_smallest_number_is_found_at_either_end_and_between():
-    for least in (1, 4, 5, 37, 99, 100):
-        assert smallest(lambda n, least=least: n >= least, 4, 100) == max(least, 4)
-    assert smallest(lambda n: n > 100, 4, 100) is None
-
-
-def test_no_record_is_long_enough_where_rounding_stays():
-    coarse = Sensors(1000.0, 0.05, encoder_step=2 * np.pi / 2**10)
-    assert long_enough(DRAFT, lambda p: reached(precision(p, JOINT, coarse, OPEN), JOINT, {"K": 1e-5})) is None
 
 
 def test_a_lag_of_a_tenth_of_a_millisecond_costs_half_a_percent_of_b_and_2_5_of_i():

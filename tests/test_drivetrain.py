@@ -1,12 +1,15 @@
-"""Eqs. 1-4 and 8-11 against the paper's equations, solved independently; the drivetrain of Eq. 9 in time."""
+"""Eqs. 1-4 and 8-11 solved independently; both drivetrains in time, against linear and sampled-data theory."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import multisine
+from conftest import ROOT, multisine
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.interpolate import CubicHermiteSpline
 
-from osl_analysis.model import drivetrain_response
+from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import (
     Gains,
     compensated_gains,
@@ -17,18 +20,28 @@ from osl_analysis.model.compensator import (
 from osl_analysis.model.drivetrain import (
     actuator_torque,
     belt_deflection,
+    belt_torque,
     desired_admittance,
     joint_admittance,
     motor_friction,
     resisting_torque,
 )
 from osl_analysis.model.drivetrain_response import Friction, belt_response
-from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.simulator.drivetrain import IDEAL, ControlCommands, simulate_drivetrain
+from osl_analysis.parameters import read_parameters
+from osl_analysis.simulator.drivetrain import (
+    IDEAL,
+    ControlCommands,
+    DrivetrainEffects,
+    simulate_belt_torque,
+    simulate_drivetrain,
+)
+from osl_analysis.simulator.kernel import SHORT
 
 FREQUENCIES = np.array([0.0, 0.3, 1.0, 5.0, 40.0])
 RATE = 1000.0
 NONE, TRUE = Friction(0.0, 0.05), Friction(1.0, 0.05)
+P = read_parameters(ROOT / "config/parameters/default.yaml")
+CONTINUOUS = replace(IDEAL, substeps=100, control_updates=100)
 
 
 def test_actuator_torque_is_the_sum_of_equation_1(parameters):
@@ -99,13 +112,14 @@ def test_desired_admittance_is_a_spring_and_a_damper():
     assert desired_admittance(200, 0)(2j) == pytest.approx(1 / 200)
 
 
+def constant(n, K_1, B_1=0.0, theta_eq=0.0, cancels_friction=False):
+    one = np.ones(n)
+    return ControlCommands(K_1 * one, B_1 * one, theta_eq * one, cancels_friction)
+
+
 def sine(frequency_hz, cycles=20, amplitude=0.05):
     t = np.arange(round(cycles / frequency_hz * RATE)) / RATE
     return t, amplitude * np.sin(2 * np.pi * frequency_hz * t)
-
-
-def changed(p, **values):
-    return DrivetrainParameters(**{**p.__dict__, **values})
 
 
 @pytest.mark.parametrize("frequency_hz", [1.0, 5.0, 10.0])
@@ -128,17 +142,9 @@ def test_it_starts_at_rest_in_equilibrium(parameters):
     assert torque == pytest.approx(np.full(500, 0.1 * series), rel=1e-9)
 
 
-def test_friction_beyond_every_torque_locks_the_motor(parameters):
-    """One torque per step brings the velocity back to 0 at its end; within it the motor gives way by 3e-4."""
-    stuck = changed(parameters, f_C=1e4)
-    _, theta = sine(3.0)
-    torque = belt_response(theta, RATE, uncompensated_gains(300, 5, stuck), stuck, TRUE)
-    assert torque == pytest.approx(parameters.K_s * theta, abs=5e-4 * np.max(torque))
-
-
 def test_friction_holds_up_to_its_limit_and_no_further(parameters):
     """A joint that creeps away: the motor stays until the belt pulls with f_C n_T, then follows."""
-    gains, still = Gains(40.0, 1.0, cancels_friction=False), changed(parameters, f_G=0.0)
+    gains, still = Gains(40.0, 1.0, cancels_friction=False), replace(parameters, f_G=0.0)
     theta = np.linspace(0, 0.05, 20_000)
     torque = belt_response(theta, RATE, gains, still, TRUE)
     locked = parameters.K_s * theta
@@ -148,34 +154,17 @@ def test_friction_holds_up_to_its_limit_and_no_further(parameters):
     assert np.polyfit(theta[10_000:], torque[10_000:], 1)[0] == pytest.approx(series, rel=0.05)
 
 
-def test_friction_takes_energy_and_cancelling_gives_most_of_it_back(parameters):
-    _, theta = sine(2.0)
-    last = slice(-500, None)
-
-    def work(gains, friction):
-        torque = belt_response(theta, RATE, gains, parameters, friction)
-        return np.sum(torque[last] * np.gradient(theta)[last])
-
-    plain = compensated_gains(200, 5, parameters)
-    linear = work(Gains(plain.K_1, plain.B_1, False), NONE)
-    lost = work(Gains(plain.K_1, plain.B_1, False), TRUE) - linear
-    left = work(plain, TRUE) - linear
-    assert lost > 0.1
-    assert abs(left) < 0.25 * lost
-
-
 @pytest.mark.parametrize("K_s2", [0.0, 14913.0])
 @pytest.mark.parametrize("controller", [compensated_gains, uncompensated_gains])
 def test_two_integrators_that_share_nothing_agree(parameters, controller, K_s2):
     """The simulator's fine explicit steps against exact linear steps of a sample: 1 % of the torque."""
-    p = changed(parameters, K_s2=K_s2)
+    p = replace(parameters, K_s2=K_s2)
     gains = controller(300, 5, p)
     t = np.arange(6000) / RATE
     w = 2 * np.pi * 2.0
     theta, omega = 0.07 * (1 - np.cos(w * t)) / 2, 0.035 * w * np.sin(w * t)
-    one = np.ones_like(t)
-    commands = ControlCommands(gains.K_1 * one, gains.B_1 * one, 0 * one, gains.cancels_friction)
-    effects = IDEAL.__class__(**{**IDEAL.__dict__, "friction": True, "sign_width": 0.05, "control_updates": 20})
+    commands = constant(len(t), gains.K_1, gains.B_1, cancels_friction=gains.cancels_friction)
+    effects = replace(IDEAL, friction=True, sign_width=0.05, control_updates=20)
     expected = simulate_drivetrain(RATE, theta, omega, commands, effects, p).belt_torque
     found = belt_response(theta, RATE, gains, p, TRUE)
     assert np.std(found - expected) < 0.01 * np.std(expected)
@@ -188,10 +177,193 @@ def test_more_friction_means_more_torque_on_the_way_up(parameters):
     assert np.all(np.diff(ends) > 0.1)
 
 
-def test_without_a_compiler_plain_python_gives_the_same_numbers(parameters, monkeypatch):
-    _, theta = sine(2.0, cycles=1)
-    gains = compensated_gains(200, 5, parameters)
-    fast = belt_response(theta, RATE, gains, parameters, TRUE)
-    monkeypatch.setattr(drivetrain_response, "numba", None)
-    monkeypatch.setattr(drivetrain_response, "actuator_path", drivetrain_response.actuator_path.py_func)
-    assert (belt_response(theta, RATE, gains, parameters, TRUE) == fast).all()
+def joint_stiffness_at(frequency_hz, gains, effects, p=P):
+    """Complex torque over angle from whole settled cycles of a simulated sine, without J_j."""
+    w, t = 2 * np.pi * frequency_hz, np.arange(int(8 * RATE)) / RATE
+    theta, omega = 0.07 * np.sin(w * t), 0.07 * w * np.cos(w * t)
+    commands = constant(len(t), gains.K_1, gains.B_1, cancels_friction=gains.cancels_friction)
+    motion = simulate_drivetrain(RATE, theta, omega, commands, effects, p)
+    settled = slice(int(4 * RATE), None)
+    turn = np.exp(-1j * w * t[settled])
+    return ((motion.belt_torque + p.B_j * omega)[settled] @ turn) / (theta[settled] @ turn)
+
+
+@pytest.mark.parametrize("frequency_hz", [1, 3, 5])
+@pytest.mark.parametrize("gains", [compensated_gains(300, 5, P), uncompensated_gains(300, 5, P)])
+def test_without_imperfections_the_joint_is_the_admittance_of_eq_9(frequency_hz, gains):
+    Y = joint_admittance(gains.K_1, gains.B_1, P)(2j * np.pi * frequency_hz)
+    assert abs(joint_stiffness_at(frequency_hz, gains, CONTINUOUS) * Y - 1) < 3e-4
+
+
+def sampled_data_stiffness(frequency_hz, gains, delay, cutoff_hz, updates):
+    """Independent formula: held and delayed feedback of angle and filtered difference, at one frequency."""
+    s, T = 2j * np.pi * frequency_hz, 1 / (RATE * updates)
+    hold = (1 - np.exp(-s * T)) / (s * T) * np.exp(-s * T * delay)
+    a = 1 - np.exp(-2 * np.pi * cutoff_hz * T)
+    difference = (1 - np.exp(-s * T)) / T * a / (1 - (1 - a) * np.exp(-s * T))
+    control = hold * (gains.K_1 + gains.B_1 * difference)
+    M = P.J_m * s**2 + P.B_m * s + control
+    return P.B_j * s + P.K_s * M / (M + P.K_s / P.n_T**2)
+
+
+@pytest.mark.parametrize(("delay", "updates"), [(0, 1), (1, 1), (4, 1), (0, 5), (6, 5)])
+@pytest.mark.parametrize("frequency_hz", [1, 5])
+def test_hold_delay_and_velocity_filter_shift_the_phase_as_sampled_data_theory_says(delay, updates, frequency_hz):
+    gains = uncompensated_gains(300, 5, P)
+    effects = replace(IDEAL, control_delay=delay, velocity_cutoff_hz=40.0, control_updates=updates)
+    found = joint_stiffness_at(frequency_hz, gains, effects)
+    assert found == pytest.approx(sampled_data_stiffness(frequency_hz, gains, delay, 40.0, updates), rel=5e-4)
+
+
+def pushed_with(torque, n, effects, cancels_friction=False):
+    """An actuator without damping or belt under a constant control torque, from rest."""
+    p = replace(P, B_m=0.0, K_s=1e-9)
+    commands = constant(n, 1e-9, theta_eq=torque / 1e-9, cancels_friction=cancels_friction)
+    return simulate_drivetrain(RATE, np.zeros(n), np.zeros(n), commands, effects, p)
+
+
+@pytest.mark.parametrize(("torque", "sign"), [(2.0, 1), (-2.0, -1)])
+@pytest.mark.parametrize("scale", [1.0, 1.5])
+def test_friction_brakes_by_coulomb_and_gear_friction(torque, sign, scale):
+    motion = pushed_with(torque, 201, replace(IDEAL, friction=True, friction_scale=scale))
+    friction = scale * (P.f_C + P.f_G * 2.0 / (P.k_tau * P.n_m))
+    t = np.arange(201) / RATE
+    assert motion.omega_m == pytest.approx(sign * (2.0 - friction) / P.J_m * t, rel=1e-9, abs=1e-12)
+
+
+def test_the_actuator_sticks_below_the_breakaway_torque_and_moves_above_it():
+    friction = replace(IDEAL, friction=True)
+    breakaway = P.f_C / (1 - P.f_G / (P.k_tau * P.n_m))
+    assert not np.any(pushed_with(0.999 * breakaway, 500, friction).theta_m)
+    assert pushed_with(1.001 * breakaway, 500, friction).theta_m[-1] > 0
+
+
+def test_friction_never_reverses_a_motion_that_it_stops():
+    n = 4000
+    gains = constant(n, 2.0)
+    theta = np.full(n, 0.05)
+    motion = simulate_drivetrain(RATE, theta, np.zeros(n), gains, replace(IDEAL, friction=True), P)
+    assert np.any(motion.omega_m != 0)
+    assert np.all(motion.omega_m[-1000:] == 0)
+
+
+def test_a_controller_that_cancels_friction_accelerates_the_bare_inertia():
+    motion = pushed_with(3.0, 400, replace(IDEAL, friction=True, sign_width=0.01), cancels_friction=True)
+    gained = (motion.omega_m[-1] - motion.omega_m[100]) * RATE / 299
+    assert gained == pytest.approx(3.0 / P.J_m, rel=1e-7)
+
+
+def test_a_controller_overcomes_only_the_friction_that_it_believes_in():
+    effects = replace(IDEAL, friction=True, sign_width=0.01, friction_scale=1.2)
+    motion = pushed_with(3.0, 400, effects, cancels_friction=True)
+    missing = 0.2 * (P.f_C + P.f_G * float(motor_current(3.0, 1.0, P)))
+    gained = (motion.omega_m[-1] - motion.omega_m[200]) * RATE / 199
+    assert gained == pytest.approx((3.0 - missing) / P.J_m, rel=1e-6)
+
+
+def test_without_friction_the_controller_has_none_to_cancel():
+    gains = compensated_gains(300, 5, P)
+    cancelling = joint_stiffness_at(2, gains, IDEAL)
+    assert cancelling == joint_stiffness_at(2, replace(gains, cancels_friction=False), IDEAL)
+
+
+def test_stick_and_slip_do_not_depend_on_the_fine_step():
+    t = np.arange(6000) / RATE
+    theta, omega = 0.035 * np.sin(2 * np.pi * t), 0.035 * 2 * np.pi * np.cos(2 * np.pi * t)
+    gains = uncompensated_gains(200, 2.5, P)
+    coarse, fine = (
+        simulate_drivetrain(
+            RATE, theta, omega, constant(6000, gains.K_1, gains.B_1), replace(IDEAL, friction=True, substeps=n), P
+        )
+        for n in (20, 160)
+    )
+    assert np.mean(fine.omega_m == 0) > 0.02, "this motion sticks"
+    assert coarse.belt_torque == pytest.approx(fine.belt_torque, abs=0.02)
+
+
+def test_an_unloaded_belt_at_the_equilibrium_stays_at_rest():
+    motion = simulate_drivetrain(
+        RATE, np.full(300, 0.1), np.zeros(300), constant(300, 20.0, 0.1, 0.1 * P.n_T), IDEAL, P, 0.1 * P.n_T
+    )
+    assert motion.theta_m == pytest.approx(np.full(300, 0.1 * P.n_T), abs=1e-12)
+    assert motion.belt_torque == pytest.approx(np.zeros(300), abs=1e-9)
+
+
+def test_a_belt_without_hysteresis_is_the_models_belt():
+    p, theta_s = replace(P, K_s2=14913.0), np.linspace(-0.05, 0.08, 50)
+    assert simulate_belt_torque(theta_s, IDEAL, p) == pytest.approx(belt_torque(theta_s, p), rel=1e-14)
+
+
+def test_hysteresis_costs_the_area_of_its_loop_whatever_the_speed():
+    effects = replace(IDEAL, hysteresis_torque=2.0, hysteresis_width=0.002)
+    up = np.linspace(-0.05, 0.05, 20001)
+    for cycle in (np.concatenate([up, up[-2::-1]]), np.concatenate([up[::100], up[-2::-1]])):
+        path = np.concatenate([cycle, cycle[1:]])
+        torque = simulate_belt_torque(path, effects, P)[len(cycle) - 1 :]
+        area = np.trapezoid(torque, path[len(cycle) - 1 :])
+        assert area == pytest.approx(2.0 * (4 * 0.05 - 4 * 0.002), rel=2e-3)
+
+
+def plainly_integrated(theta, omega, gains, effects, p):
+    """Half drift, kick, half drift, step by step: theta_m, omega_m, current, belt torque at the samples."""
+    rate, times = RATE * effects.control_updates, np.arange(len(theta)) / RATE
+    h, cut = 1 / (RATE * effects.substeps), -np.expm1(-2 * np.pi * effects.velocity_cutoff_hz / rate)
+    middles = CubicHermiteSpline(times, theta, omega)((np.arange((len(theta) - 1) * effects.substeps) + 0.5) * h)
+    theta_m = omega_m = estimate = z = seen = current = 0.0
+    states, queue, theta_s = [], [0.0] * effects.control_delay, theta[0]
+
+    def turned_to(new):
+        side = np.sign(new - theta_s)
+        return new, side - (side - z) * np.exp(-abs(new - theta_s) / effects.hysteresis_width)
+
+    for k in range(len(middles) + 1):
+        if k % (effects.substeps // effects.control_updates) == 0:
+            last, seen = seen, np.round(theta_m / effects.encoder_resolution) * effects.encoder_resolution
+            estimate += cut * ((seen - last) * rate - estimate)
+            sign = np.tanh(estimate / effects.sign_width)
+            queue.append(motor_current(-gains.K_1 * seen - gains.B_1 * estimate, sign, p))
+            current = queue.pop(0)
+        if k % effects.substeps == 0:
+            theta_s, z = turned_to(theta[k // effects.substeps] - theta_m / p.n_T)
+            states.append((theta_m, omega_m, current, belt_torque(theta_s, p) + effects.hysteresis_torque * z))
+        if k < len(middles):
+            theta_m += h / 2 * omega_m
+            theta_s, z = turned_to(middles[k] - theta_m / p.n_T)
+            belt = belt_torque(theta_s, p) + effects.hysteresis_torque * z
+            push = p.k_tau * p.n_m * current - p.B_m * omega_m / 2 + belt / p.n_T
+            free = (omega_m + h * push / p.J_m) / (1 + h * p.B_m / 2 / p.J_m)
+            lost = h * effects.friction_scale * motor_friction(1.0, current, p) / (p.J_m + h * p.B_m / 2)
+            omega_m = np.sign(free) * max(abs(free) - lost, 0.0)
+            theta_m += h / 2 * omega_m
+    return np.transpose(states)
+
+
+def test_the_kernel_takes_the_steps_of_the_scheme():
+    """All imperfections, a joint that turns back four times, and steps of the deflection on both sides of `SHORT`."""
+    p, gains, t = replace(P, K_s2=14913.0), compensated_gains(300, 5, P), np.arange(200) / RATE
+    effects = DrivetrainEffects(
+        friction=True, control_delay=2, encoder_resolution=4.26e-5, velocity_cutoff_hz=100.0, sign_width=0.05,
+        hysteresis_torque=0.5, hysteresis_width=3e-4, friction_scale=1.1, control_updates=5,
+    )  # fmt: skip
+    theta, omega = 0.05 * np.sin(60 * t), 3.0 * np.cos(60 * t)
+    motion = simulate_drivetrain(
+        RATE, theta, omega, constant(1, gains.K_1, gains.B_1, cancels_friction=True), effects, p
+    )
+    rise = np.abs(np.diff(theta - motion.theta_m / p.n_T)) / effects.substeps / effects.hysteresis_width
+    assert rise.min() < SHORT / 4 < 2 * SHORT < rise.max()
+    plain = plainly_integrated(theta, omega, gains, effects, p)
+    for own, expected in zip((motion.theta_m, motion.omega_m, motion.current, motion.belt_torque), plain, strict=True):
+        assert own == pytest.approx(expected, rel=1e-9, abs=1e-10)  # rounding, where the largest are 0.2 to 40
+
+
+def test_a_command_holds_from_its_own_sample():
+    """With the equilibrium at k in sample k, an actuator that rests at 0 gets the current for a torque of K_1 k."""
+    commands = ControlCommands(np.full(6, 2.0), np.zeros(6), np.arange(6.0), cancels_friction=False)
+    heavy = replace(P, J_m=1e9)
+    motion = simulate_drivetrain(RATE, np.zeros(6), np.zeros(6), commands, IDEAL, heavy)
+    assert motion.current == pytest.approx(2.0 * np.arange(6.0) / (P.k_tau * P.n_m), rel=1e-9)
+
+
+def test_updates_that_do_not_fit_into_the_fine_steps_are_refused():
+    with pytest.raises(InputError, match="3 updates of the controller do not fit evenly into 20 fine steps"):
+        replace(IDEAL, control_updates=3)

@@ -1,7 +1,6 @@
-"""Eqs. 12-14: the norm by three independent formulas, its minimum, the limits of the possible, what the joint does."""
+"""Eqs. 12-14: the norm by its integral, its minimum, the limits of the possible, what the joint does."""
 
 import warnings
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,15 +9,12 @@ from conftest import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
-from scipy.linalg import solve_continuous_lyapunov
-from scipy.signal import butter, tf2ss
 
 from osl_analysis.commands.gains import gain_table
 from osl_analysis.errors import UnreachableImpedanceError
 from osl_analysis.model.compensator import (
     PAPER_WEIGHT,
     compensated_gains,
-    predicted_impedance,
     rendering,
     stiffness_gain,
     uncompensated_gains,
@@ -27,7 +23,6 @@ from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.model.gain_selection import Weight, admittance_error, optimal_damping, squared_norm
 from osl_analysis.parameters import read_parameters
 
-TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)
 PAIRS = [(300, 5), (100, 0), (400, 7.5), (20, 2.5), (31.4159265358979, 5.0), (340, 1e-7)]
 WEIGHTS = [PAPER_WEIGHT, Weight(0.1, 5), Weight(50, 1), Weight(7, 3), Weight(1, 1)]
 PROVED = {
@@ -91,30 +86,12 @@ def norm_by_quadrature(K_d, B_d, B_1, p, weight, J_j=0.0):
     return np.sqrt(sum(quad(density, a, b, limit=200, epsabs=0, epsrel=1e-8)[0] for a, b in pairwise(edges)) / np.pi)
 
 
-def norm_by_lyapunov(K_d, B_d, B_1, p, weight):
-    """C P C' with A P + P A' + B B' = 0 for a state-space realisation of W (Y - Y_d)."""
-    Y = joint_admittance(float(stiffness_gain(K_d, p)), B_1, p)
-    b, a = butter(weight.order, 2 * np.pi * weight.cutoff_hz, analog=True)
-    Q = [B_d, K_d]
-    difference = np.polysub(np.polymul(Y.numerator, Q), Y.denominator)
-    A, B, C, _ = tf2ss(np.polymul(b, difference), np.polymul(np.polymul(Y.denominator, Q), a))
-    gramian = solve_continuous_lyapunov(A, -B @ B.T)
-    return float(np.sqrt((C @ gramian @ C.T)[0, 0]))
-
-
 @pytest.mark.parametrize("weight", WEIGHTS, ids=str)
 @pytest.mark.parametrize(("K_d", "B_d"), PAIRS)
 def test_norm_is_the_integral_over_frequency(parameters, K_d, B_d, weight):
     J_j = parameters.J_j if B_d > 2 else 0.0
     by_quadrature = norm_by_quadrature(K_d, B_d, 0.4, parameters, weight, J_j)
     assert norm(K_d, B_d, 0.4, parameters, weight, J_j) == pytest.approx(by_quadrature, rel=1e-6)
-
-
-@pytest.mark.parametrize(("K_d", "B_d"), [(300, 5), (400, 7.5), (200, 2.5)])
-def test_norm_is_that_of_the_lyapunov_equation(parameters, K_d, B_d):
-    for B_1 in (0.1, 0.7, 3.0):
-        by_lyapunov = norm_by_lyapunov(K_d, B_d, B_1, parameters, PAPER_WEIGHT)
-        assert norm(K_d, B_d, B_1, parameters) == pytest.approx(by_lyapunov, rel=1e-6)
 
 
 @pytest.mark.parametrize("weight", WEIGHTS, ids=str)
@@ -126,13 +103,6 @@ def test_no_gain_of_a_dense_search_does_better(device, weight):
     K_d, B_d, x = (grid.ravel() for grid in np.broadcast_arrays(*pairs.T[:, :, None], np.geomspace(1e-7, 1e6, 800)))
     tried = squared(K_d, B_d, x, device, weight)[0].reshape(len(pairs), -1)
     assert (found.error[finite] <= np.sqrt(tried.min(axis=1))[finite] * (1 + 1e-9)).all()
-
-
-def test_the_slope_is_that_of_the_norm(parameters):
-    x, h = np.array([0.5, 0.05]), 1e-3
-    _, slope = squared([300, 100], [5, 0], x, parameters, PAPER_WEIGHT, parameters.J_j)
-    up, down = (squared([300, 100], [5, 0], x * (1 + d), parameters, PAPER_WEIGHT, parameters.J_j)[0] for d in (h, -h))
-    assert slope == pytest.approx((up - down) / (2 * h * x), rel=1e-4)
 
 
 def test_the_minima_are_those_that_were_proved_in_rational_arithmetic(device_name, device):
@@ -147,13 +117,6 @@ def test_the_minima_are_those_that_were_proved_in_rational_arithmetic(device_nam
             assert found.B_1[0] + p.B_m == pytest.approx(best + p.B_m, rel=1e-8)
 
 
-def test_the_squared_norm_levels_off_so_it_is_not_convex_where_a_minimum_is_inside(parameters):
-    (far, farther), _ = squared([300, 300], [5, 5], [1e6, 1e9], parameters, PAPER_WEIGHT)
-    assert farther == pytest.approx(far, rel=1e-4)
-    _, slope = squared([300] * 2, [5] * 2, [50.0, 60.0], parameters, PAPER_WEIGHT)
-    assert slope[1] < slope[0]
-
-
 def test_too_little_damping_asked_for_ends_at_the_edge_of_stability(parameters):
     found = optimal_damping([600.0], [0.0], parameters, PAPER_WEIGHT)
     assert found.at_lower_bound[0]
@@ -165,14 +128,6 @@ def test_a_locked_motor_is_refused_by_name(parameters):
     assert optimal_damping([600.0], [0.0], parameters, Weight(50, 3)).unbounded[0]
     with pytest.raises(UnreachableImpedanceError, match=r"no finite B_1 minimises .* the motor is locked"):
         compensated_gains(600.0, 0.0, parameters, Weight(50, 3))
-
-
-def test_many_pairs_at_once_are_the_pairs_one_by_one(parameters):
-    rng = np.random.default_rng(8)
-    K_d, B_d = rng.uniform(1, 678, 40), rng.uniform(0, 20, 40)
-    together = optimal_damping(K_d, B_d, parameters, PAPER_WEIGHT)
-    alone = [optimal_damping([k], [b], parameters, PAPER_WEIGHT).B_1[0] for k, b in zip(K_d, B_d, strict=True)]
-    assert together.B_1 == pytest.approx(alone, rel=1e-10)
 
 
 @pytest.mark.parametrize("B_d", [0.0, 1e-9, 1e-3, 1e6])
@@ -200,11 +155,13 @@ def stiffness_at(f, gains, p, J_j=0.0):
 
 @settings(max_examples=30, deadline=None)
 @given(K_d=st.floats(5, 650), B_d=st.just(0) | st.floats(1e-9, 20))
-def test_every_selected_impedance_is_passive(parameters, K_d, B_d):
+def test_every_selected_impedance_is_stable_and_passive(parameters, K_d, B_d):
     """Im Z >= w B_j at every frequency: the claim of `rendering`, by the admittance itself."""
-    w = np.geomspace(1e-3, 1e5, 400)
-    Z = stiffness_at(w / (2 * np.pi), compensated_gains(K_d, B_d, parameters), parameters, parameters.J_j)
+    w, gains = np.geomspace(1e-3, 1e5, 400), compensated_gains(K_d, B_d, parameters)
+    Z = stiffness_at(w / (2 * np.pi), gains, parameters, parameters.J_j)
     assert (Z.imag >= parameters.B_j * w * (1 - 1e-6)).all()
+    assert parameters.B_m + gains.B_1 > 0
+    assert (joint_admittance(gains.K_1, gains.B_1, parameters).poles().real < 0).all()
 
 
 def test_fidelity_ends_where_the_stiffness_is_ten_percent_off(parameters):
@@ -242,14 +199,6 @@ def test_stiffness_gain_in_series_with_the_belt_gives_the_desired_stiffness(para
     assert 1 / abs(joint_admittance(float(K_1), 0.1, parameters)(0)) == pytest.approx(K_d)
 
 
-@settings(max_examples=25, deadline=None)
-@given(K_d=st.floats(5, 650), B_d=st.just(0) | st.floats(1e-9, 20))
-def test_the_loop_is_stable_for_every_reachable_impedance(parameters, K_d, B_d):
-    gains = compensated_gains(K_d, B_d, parameters)
-    assert parameters.B_m + gains.B_1 > 0
-    assert (joint_admittance(gains.K_1, gains.B_1, parameters).poles().real < 0).all()
-
-
 @pytest.mark.parametrize(
     ("K_d", "B_d", "message"),
     [
@@ -275,25 +224,3 @@ def test_uncompensated_gains_are_reflected_through_the_belt(parameters):
     gains = uncompensated_gains(300, 5, parameters)
     n2 = parameters.n_T**2
     assert (gains.K_1 * n2, gains.B_1 * n2, gains.cancels_friction) == pytest.approx((300, 5, False))
-
-
-def test_prediction_reproduces_the_design_page_without_joint_inertia(parameters):
-    """design.md, section 3: the paper's model, J_j dropped."""
-    p = replace(parameters, J_j=0.0)
-    compensated = predicted_impedance(compensated_gains(300, 5, p), p, TESTED_HZ)
-    uncompensated = predicted_impedance(uncompensated_gains(300, 5, p), p, TESTED_HZ)
-    assert compensated == pytest.approx((299.1, 5.46, 0.000), abs=0.05)
-    assert uncompensated == pytest.approx((209.7, 3.61, 0.093), abs=0.05)
-
-
-def test_prediction_is_the_regression_of_the_linear_response_in_time(parameters):
-    """The same numbers from time series: equal cycles per frequency, one sample per millisecond."""
-    gains = compensated_gains(200, 7.5, parameters)
-    Z = 1 / joint_admittance(gains.K_1, gains.B_1, parameters, parameters.J_j)(2j * np.pi * np.array(TESTED_HZ))
-    rows, torque = [], []
-    for f, z in zip(TESTED_HZ, Z, strict=True):
-        t, w = np.arange(0, 20 / f, 1e-3), 2 * np.pi * f
-        rows.append(np.column_stack([np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)]))
-        torque.append(abs(z) * np.sin(w * t + np.angle(z)))
-    found, *_ = np.linalg.lstsq(np.vstack(rows), np.concatenate(torque), rcond=None)
-    assert predicted_impedance(gains, parameters, TESTED_HZ) == pytest.approx(found, rel=2e-4, abs=1e-5)

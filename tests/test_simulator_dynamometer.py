@@ -5,22 +5,47 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
+from conftest import ROOT
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
+from osl_analysis.bench.torque_angle import torque_angle_trial
+from osl_analysis.bench.torque_angle_tables import cycle_table, torque_angle_table
+from osl_analysis.commands.simulate import read_simulation, row_of_trial, simulate_campaign, simulate_trial
+from osl_analysis.config import read_config
 from osl_analysis.model.compensator import Gains, predicted_impedance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator.bench import simulate_dynamometer_trial
-from osl_analysis.simulator.joint_motion import JointMotion, position_loop, stepped_sine, there_and_back
-from osl_analysis.simulator.settings import BeltMotion, RecorderSettings, SimulationSettings, SteppedSineSchedule
+from osl_analysis.simulator.drivetrain import slipping_torque
+from osl_analysis.simulator.joint_motion import (
+    JointMotion,
+    excitation_motion,
+    position_loop,
+    slow_cycles,
+    stepped_sine,
+    there_and_back,
+)
+from osl_analysis.simulator.plan import plan_trials
+from osl_analysis.simulator.settings import (
+    BeltMotion,
+    Excitation,
+    PassiveFoot,
+    RecorderSettings,
+    SimulationSettings,
+    SlippingSpring,
+    SlowCycles,
+    SteppedSineSchedule,
+)
+from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import read_yaml
 
-ROOT = Path(__file__).parents[1]
 DEFAULT = ROOT / "config" / "simulation" / "default.yaml"
 TINY = ROOT / "tests" / "tiny_simulation.yaml"
 P = read_parameters(ROOT / "config" / "parameters" / "default.yaml")
+SETTINGS = read_yaml(ROOT / "config/simulation/torque_angle.yaml", SimulationSettings)
+CYCLES = {"lowest_deg": -10, "highest_deg": 10, "speed_deg_s": [4, 8], "turn_s": 0.2, "rest_s": 1}
 
 
 def settings_from(path, *, without=None, only=None):
@@ -43,8 +68,7 @@ def regress(y, *columns):
 
 
 def test_the_stepped_sine_makes_whole_cycles_of_each_frequency_at_each_amplitude():
-    protocol = SteppedSineSchedule(frequencies_hz=(1, 3), cycles=4, amplitudes_deg=(2, 5), rest_s=0.5, lead_s=1.0)
-    motion = stepped_sine(protocol, 1000.0)
+    motion = stepped_sine(schedule(amplitudes_deg=(2, 5)), 1000.0)
     block = 4 + 4 / 3 + 0.5
     assert len(motion.theta) == round((1 + 2 * block) * 1000)
     t = np.arange(len(motion.theta)) / 1000
@@ -60,15 +84,61 @@ def test_the_stepped_sine_makes_whole_cycles_of_each_frequency_at_each_amplitude
     assert np.max(np.abs(np.diff(motion.theta))) < 1.01 * np.deg2rad(5) * 2 * np.pi * 3 / 1000, "no jumps"
 
 
-def test_a_default_trial_lasts_about_140_seconds():
-    settings = read_yaml(DEFAULT, SimulationSettings)
-    assert len(stepped_sine(settings.protocol, 1000.0).theta) / 1000 == pytest.approx(141, abs=1e-3)
+def schedule(**changes):
+    plain = {"frequencies_hz": (1, 3), "cycles": 4, "amplitudes_deg": (2,), "rest_s": 0.5, "lead_s": 1.0}
+    return SteppedSineSchedule.model_validate(plain | changes)
+
+
+def effect(size, unit):
+    return {"enabled": True, "size": size, "unit": unit}
 
 
 def simpson_error(values, derivative, rate):
     """Largest mismatch between two-sample increments and Simpson's integral of the derivative."""
     integral = (derivative[:-2] + 4 * derivative[1:-1] + derivative[2:]) / (3 * rate)
     return np.max(np.abs(values[2:] - values[:-2] - integral))
+
+
+@pytest.mark.parametrize(
+    ("changes", "largest"),
+    [({"decay": effect(0.3, "1/s")}, 1e-9), ({"third_harmonic": effect(0.05, "1"), "ramp_s": 0.4}, 2e-3)],
+)
+def test_every_motion_comes_with_its_true_derivatives(changes, largest):
+    """Simpson's rule is exact to h^5/90 of the fourth derivative, and to 4 h of the kink that a ramp's end has."""
+    motion = stepped_sine(schedule(frequencies_hz=(1,), rest_s=0, lead_s=0, **changes), 1000.0)
+    theta, omega, alpha = (signal[2:-2] for signal in (motion.theta, motion.omega, motion.alpha))
+    assert simpson_error(theta, omega, 1000) < largest
+    assert simpson_error(omega, alpha, 1000) < largest
+
+
+@pytest.mark.parametrize(
+    ("changes", "duration"),
+    [
+        ({}, 1 + 4 + 4 / 3 + 0.5),
+        ({"rest_between_s": 1.0}, 1 + 4 + 4 / 3 + 2 + 0.5),
+        ({"ramp_s": 0.5}, 1 + 4 + 4 / 3 + 2 + 0.5),
+        ({"cycles": None, "seconds": 2.0}, 1 + 4 + 0.5),
+        ({"cycles": (2, 6)}, 1 + 2 + 2 + 0.5),
+        ({"clock_error": effect(5000, "ppm")}, (1 + 4 + 4 / 3 + 0.5) / 1.005),
+    ],
+)
+def test_a_schedule_lasts_as_long_as_it_says(changes, duration):
+    assert len(stepped_sine(schedule(**changes), 1000.0).theta) == pytest.approx(1000 * duration, abs=1)
+
+
+def test_frequencies_run_in_their_order_and_on_the_benchs_clock():
+    motion = stepped_sine(schedule(frequencies_hz=(3, 1), clock_error=effect(-5000, "ppm"), start="cosine"), 1000.0)
+    first = slice(1010, 2300)
+    t = np.arange(len(motion.theta))[first] / 1000 - 1 / 0.995
+    assert motion.theta[first] == pytest.approx(np.deg2rad(2) * np.cos(2 * np.pi * 3 * 0.995 * t), abs=1e-9)
+    assert np.sum(np.diff(np.sign(motion.theta[1010:])) != 0) == pytest.approx(2 * 8, abs=2)
+
+
+def test_cycles_and_seconds_are_not_both_stated():
+    with pytest.raises(ValueError, match="either cycles or seconds"):
+        schedule(seconds=2.0)
+    with pytest.raises(ValueError, match="3 numbers of cycles for 2 frequencies"):
+        schedule(cycles=(1, 2, 3))
 
 
 def test_the_belt_motion_goes_there_and_back_with_true_derivatives():
@@ -124,11 +194,15 @@ def fitted_impedance(log, protocol, rate=1000.0):
 
 
 @pytest.mark.parametrize(
-    ("controller", "expected"), [("compensated", (299.1, 5.46, 0.000)), ("uncompensated", (209.7, 3.61, 0.093))]
+    ("controller", "J_j", "expected"),
+    [
+        ("compensated", 0.0, (299.1, 5.46, 0.000)),
+        ("uncompensated", 0.0, (209.7, 3.61, 0.093)),
+        ("uncompensated", P.J_j, (209.7, 3.61, 0.093 + P.J_j)),
+    ],
 )
-def test_without_effects_the_fit_of_eq_15_finds_what_linear_theory_says(controller, expected):
-    settings = settings_from(DEFAULT, only=("dynamometer_bandwidth",))
-    p = replace(P, J_j=0.0)
+def test_without_effects_the_fit_of_eq_15_finds_what_linear_theory_and_the_design_page_say(controller, J_j, expected):
+    settings, p = settings_from(DEFAULT, only=("dynamometer_bandwidth",)), replace(P, J_j=J_j)
     log, truth = simulate(f"impedance_K300_B5.0_{controller}", settings, p)
     K, B, I = fitted_impedance(log, settings.protocol)
     predicted = predicted_impedance(Gains(**truth["gains"]), p, settings.protocol.frequencies_hz)
@@ -156,24 +230,6 @@ def test_with_every_effect_but_friction_the_stiffness_is_within_2_percent_of_lin
     log, truth = simulate(f"impedance_K{stiffness}_B5.0_compensated", settings)
     predicted = predicted_impedance(Gains(**truth["gains"]), P, protocol.frequencies_hz)
     assert fitted_impedance(log, protocol)[0] == pytest.approx(predicted[0], rel=0.02)
-
-
-def residual_share(log, settled=slice(2000, 11000)):
-    """Part of the torque's variance that one sine with offset leaves, in settled cycles of a 1 Hz sine."""
-    t, torque = log.time[settled] - log.time[0], log["load_cell_torque"][settled]
-    columns = np.column_stack([np.sin(2 * np.pi * t), np.cos(2 * np.pi * t), np.ones_like(t)])
-    residual = torque - columns @ regress(torque, *columns.T)
-    return np.var(residual) / np.var(torque)
-
-
-def test_cancelling_friction_makes_the_torque_more_sinusoidal():
-    settings = settings_from(DEFAULT)
-    protocol = SteppedSineSchedule(frequencies_hz=(1,), cycles=11, amplitudes_deg=(2,), rest_s=0, lead_s=0)
-    settings = settings.model_copy(update={"protocol": protocol})
-    shares = [
-        residual_share(simulate(f"impedance_K300_B5.0_{c}", settings)[0]) for c in ("compensated", "uncompensated")
-    ]
-    assert shares[0] < shares[1] / 4
 
 
 def test_the_stiffest_undamped_impedance_is_stable_with_every_effect():
@@ -224,12 +280,6 @@ def test_the_transmission_trial_shows_damping_and_inertia_only():
     assert not np.any(log["motor_current"])
 
 
-def test_the_load_cell_pulls_back_where_the_joint_is_pushed():
-    log, _ = simulate("belt_01", settings_from(TINY, only=()))
-    assert np.argmin(log["load_cell_torque"]) == pytest.approx(np.argmax(log["joint_angle"]), abs=50)
-    assert np.min(log["load_cell_torque"]) == pytest.approx(-685.6 * np.deg2rad(5), rel=0.01)
-
-
 def test_each_sensor_effect_adds_what_the_truth_says_and_leaves_the_other_draws_alone():
     names = ("load_cell_offset", "load_cell_drift", "load_cell_noise")
     clean = simulate("belt_01", settings_from(TINY, only=()))[0]["load_cell_torque"]
@@ -248,13 +298,9 @@ def test_each_sensor_effect_adds_what_the_truth_says_and_leaves_the_other_draws_
 
 def test_every_sensor_reads_in_its_counts():
     log, _ = simulate("impedance_K300_B5.0_compensated", settings_from(TINY))
-    for values, step in (
-        (log["joint_angle"], 2.397e-5),
-        (log["actuator_angle"], 4.26e-5),
-        (log["load_cell_torque"], 0.01),
-        (log["motor_current"], 1e-3),
-    ):
-        counts = values / step
+    steps = {"joint_angle": 2.397e-5, "actuator_angle": 4.26e-5, "load_cell_torque": 0.01, "motor_current": 1e-3}
+    for name, step in steps.items():
+        counts = log[name] / step
         assert counts == pytest.approx(np.rint(counts), abs=1e-6)
         assert len(np.unique(np.rint(counts))) > 50
 
@@ -302,3 +348,118 @@ def test_the_files_hold_the_log_and_the_truth(tmp_path, monkeypatch):
     stamps = np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages])
     assert stamps == pytest.approx(log.time, abs=1e-9)
     assert json.loads((tmp_path / "truth" / "belt_02.json").read_text()) == truth
+
+
+SMOOTH = ("multisine", "chirp", "noise", "hand")
+
+
+def made(kind, **fields):
+    settings = {"name": "x", "kind": kind, "rms_deg": 2.0, "duration_s": 20.0, "period_s": 4.0, "periods": 3} | fields
+    excitation = Excitation.model_validate(settings)
+    return excitation, excitation_motion(excitation, "trial_x_1", 3, 1000.0)
+
+
+@pytest.mark.parametrize("kind", SMOOTH)
+def test_velocity_and_acceleration_are_the_derivatives_of_the_angle(kind):
+    _, motion = made(kind)
+    for signal, derivative in ((motion.theta, motion.omega), (motion.omega, motion.alpha)):
+        error = np.gradient(signal) * 1000 - derivative
+        assert np.std(error[100:-100]) < 2e-3 * np.std(derivative)
+
+
+@pytest.mark.parametrize("kind", [*SMOOTH, "prbs", "ramps"])
+def test_a_motion_has_its_length_its_size_and_rests_at_both_ends(kind):
+    excitation, motion = made(kind)
+    assert len(motion.theta) == pytest.approx(excitation.total_s * 1000, abs=4)
+    rest = round(excitation.rest_s * 1000.0)
+    assert not motion.theta[:rest].any()
+    assert not motion.theta[-rest:].any()
+    full = slice(rest + 1500, -rest - 1500)
+    assert np.rad2deg(np.std(motion.theta[full])) == pytest.approx(2.0, rel=0.25)
+
+
+def test_a_multisine_repeats_itself_and_its_realisations_have_the_same_lines_and_other_phases():
+    _, motion = made("multisine", realisations=2)
+    start, period = 2500, 4000
+    one, again = motion.theta[start : start + period], motion.theta[start + period : start + 2 * period]
+    np.testing.assert_allclose(one, again, atol=1e-9)
+    second = start + 12000 + 2000 + 1500
+    other = motion.theta[second : second + period]
+    sizes = [np.abs(np.fft.rfft(x))[:40] / period for x in (one, other)]
+    np.testing.assert_allclose(*sizes, atol=1e-6)
+    assert np.abs(one - other).max() > 0.02
+    assert not (sizes[0][::2] > 1e-6).any()
+
+
+def test_noise_and_sweep_stay_within_their_band():
+    for kind in ("noise", "chirp"):
+        _, motion = made(kind, band_hz=(1.0, 4.0))
+        power = np.abs(np.fft.rfft(motion.theta)) ** 2
+        f = np.fft.rfftfreq(len(motion.theta), 1 / 1000.0)
+        assert power[(f > 0.8) & (f < 4.3)].sum() > 0.98 * power.sum()
+
+
+def test_trials_differ_and_one_is_the_same_each_time():
+    excitation, motion = made("noise")
+    np.testing.assert_array_equal(motion.theta, excitation_motion(excitation, "trial_x_1", 3, 1000.0).theta)
+    assert np.abs(motion.theta - excitation_motion(excitation, "trial_x_2", 3, 1000.0).theta).max() > 0.01
+
+
+def test_the_shipped_campaign_plans_its_motions_by_the_names_of_its_trials(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    config = read_config(Path("config/campaigns/excitations/config.yaml"))
+    settings = read_simulation(config.simulation, config.shared())
+    names = plan_trials(settings)["trial"].to_list()
+    assert len(names) == 2 * (4 + 5)
+    kinds = [settings.excitation_of(name).kind for name in names[:9]]
+    assert kinds == ["multisine"] * 4 + ["chirp", "noise", "prbs", "ramps", "hand"]
+    assert settings.excitation_of("impedance_K300_B5.0_compensated") is None
+
+
+def test_a_slipping_spring_is_that_of_its_increments():
+    theta = np.random.default_rng(1).standard_normal(300).cumsum() / 50
+    spring, torque = SlippingSpring(stiffness=300, limit=20), np.zeros(300)
+    for k in range(1, 300):
+        torque[k] = np.clip(torque[k - 1] + 300 * (theta[k] - theta[k - 1]), -20, 20)
+    np.testing.assert_allclose(slipping_torque(theta, spring), torque, atol=1e-9)
+    assert np.abs(torque).max() == 20
+
+
+def test_the_motion_goes_to_both_ends_at_each_speed_and_comes_back_to_rest():
+    cycles = SlowCycles.model_validate(CYCLES)
+    motion = slow_cycles(cycles, 500)
+    degrees, speed = np.rad2deg(motion.theta), np.rad2deg(np.abs(motion.omega))
+    assert motion.theta.size / 500 == pytest.approx(cycles.total_s) == pytest.approx(2 + 40 / 4 + 40 / 8)
+    assert (degrees.min(), degrees.max()) == pytest.approx((-10, 10), abs=0.25)  # a tenth of a second at 4 deg/s
+    assert degrees[-400:] == pytest.approx(0, abs=1e-9)
+    assert {4, 8} <= set(speed.round(9))
+    np.testing.assert_allclose(np.diff(motion.theta), (motion.omega[1:] + motion.omega[:-1]) / 1000, atol=1e-12)
+
+
+def test_a_spring_that_never_slips_is_refused():
+    with pytest.raises(ValueError, match="does not reach its limit of 90 N"):
+        PassiveFoot.model_validate({"K": 100, "slipping": [{"stiffness": 500, "limit": 90}], "cycles": CYCLES})
+
+
+def test_torque_angle_trials_without_a_foot_are_refused():
+    with pytest.raises(ValueError, match="3 torque-angle trials are planned but there is no 'foot'"):
+        SimulationSettings.model_validate(SETTINGS.model_dump() | {"foot": None})
+
+
+def test_the_analysis_finds_the_springs_of_the_foot_and_what_each_cycle_loses():
+    row = plan_trials(SETTINGS).to_dict("records")[0]
+    log, truth = simulate_dynamometer_trial(row, SETTINGS, read_parameters(SETTINGS.parameters))
+    columns = {"time": log.time - log.time[0], "theta": log["joint_angle"], "torque": -log["load_cell_torque"]}
+    campaign = read_config(ROOT / "config/campaigns/torque_angle/config.yaml")
+    found = torque_angle_trial(Trial("foot", pl.DataFrame(columns)), campaign.torque_angle)
+    cycles, foot = cycle_table(found), SETTINGS.foot
+    assert foot is not None
+    assert truth["foot"] == foot.model_dump()
+    assert cycles["speed_deg_s"].to_list() == pytest.approx([3, 4, 5], rel=0.03)  # the turns are slower
+    for cycle, lost in zip(found.cycles.used, cycles["energy_lost"], strict=True):
+        half = np.ptp(found.theta[cycle.rows]) / 2
+        assert lost == pytest.approx(sum(4 * s.limit * (half - s.limit / s.stiffness) for s in foot.slipping), rel=0.01)
+    table = torque_angle_table(found).to_dicts()[0]
+    assert table["K_lowest"] == pytest.approx(foot.K, rel=0.01)  # at rest, where both springs slip
+    assert table["rate_change"] == pytest.approx(0, abs=0.05)
+    assert abs(table["cycle_drift"]) < 0.005

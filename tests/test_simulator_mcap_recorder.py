@@ -10,9 +10,7 @@ from mcap_ros2.decoder import DecoderFactory
 from osl_analysis.errors import InputError
 from osl_analysis.simulator.mcap_writer import (
     DEPENDENCIES,
-    DYNAMOMETER,
     LATENCY_NS,
-    LEG,
     LIBRARY,
     LogTopic,
     joint_states,
@@ -47,70 +45,6 @@ def test_every_field_is_aligned_whatever_the_length_of_the_frame_id(tmp_path, fr
     assert [m.narrow for m in ros] == columns["narrow"].astype(np.float32).tolist()
     assert [m.flag for m in ros] == columns["flag"].tolist()
     assert [m.level for m in ros] == columns["level"].tolist()
-
-
-def test_a_dynamometer_log_of_many_chunks_comes_back_sample_by_sample(tmp_path):
-    n = 30000
-    rng = np.random.default_rng(3)
-    names = ("joint_angle", "load_cell_torque", "actuator_angle", "motor_current", "commanded_angle")
-    columns = {name: np.rint(rng.normal(0, 1000, n)) * 2.397e-5 for name in names}
-    write_mcap(
-        tmp_path / "d.mcap",
-        DYNAMOMETER,
-        100.0 + np.arange(n) / 1000,
-        columns,
-    )
-    records, ros = decoded(tmp_path / "d.mcap")
-    assert [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in ros] == [
-        100 * 10**9 + i * 10**6 for i in range(n)
-    ]
-    assert [r.sequence for r in records] == list(range(n))
-    for name in names:
-        read = np.array([getattr(m, name) for m in ros])
-        assert np.array_equal(np.rint(read / 2.397e-5), np.rint(columns[name] / 2.397e-5)), name
-
-
-def test_a_leg_log_is_read_with_its_sync_level(tmp_path):
-    columns = {
-        "joint_angle": [0.1, 0.2],
-        "actuator_angle": [0.5, 0.9],
-        "motor_current": [1.0, 2.0],
-        "stiffness_gain": [20.0, 21.0],
-        "damping_gain": [0.25, 0.5],
-        "sync": [False, True],
-    }
-    write_mcap(
-        tmp_path / "l.mcap",
-        LEG,
-        np.array([1.0, 1.002]),
-        columns,
-    )
-    _, ros = decoded(tmp_path / "l.mcap")
-    assert [m.sync for m in ros] == [False, True]
-    assert [m.damping_gain for m in ros] == [0.25, 0.5]
-
-
-def test_the_file_is_a_ros2_recording_with_metadata_before_data_and_crcs(tmp_path):
-    path = tmp_path / "a.mcap"
-    write_mcap(path, LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(5.0), mixed_columns(5))
-    with path.open("rb") as file:
-        reader = make_reader(file)
-        summary = reader.get_summary()
-        assert reader.get_header().profile == "ros2"
-        assert [m.name for m in reader.iter_metadata()] == ["recording"]
-    (chunk,) = summary.chunk_indexes
-    assert chunk.compression == "zstd"
-    assert summary.metadata_indexes[0].offset < chunk.chunk_start_offset
-    (schema,) = summary.schemas.values()
-    assert (schema.encoding, schema.data.decode()) == ("ros2msg", MIXED)
-    (channel,) = summary.channels.values()
-    assert (channel.topic, channel.message_encoding) == ("/t", "cdr")
-
-
-def test_a_sample_arrives_a_little_after_its_stamp(tmp_path):
-    write_mcap(tmp_path / "a.mcap", LogTopic("/t", "p/msg/M", MIXED, "f"), np.array([0.25]), mixed_columns(1))
-    (record,), _ = decoded(tmp_path / "a.mcap")
-    assert (record.publish_time, record.log_time) == (250_000_000, 250_000_000 + LATENCY_NS)
 
 
 def written_by_the_mcap_package(path, topics, metadata):

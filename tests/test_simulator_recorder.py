@@ -8,22 +8,19 @@ import yaml
 from conftest import ROOT
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from scipy.interpolate import CubicSpline
 
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.errors import InputError
+from osl_analysis.simulator.kernel import SETTLED, spline_at
 from osl_analysis.simulator.recorder import Bench
-from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
+from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
 
 TRIAL = "impedance_K300_B5.0_compensated"
 JOINT = {"K": 300, "B": 5, "I": 0.02}
 EXACT = {"recorder": {}, "joint": JOINT}
 """A joint that is exactly Eq. 15, and everything else off."""
-
-
-@pytest.fixture(autouse=True)
-def _repository(monkeypatch):
-    monkeypatch.chdir(ROOT)
 
 
 def effect(size, unit, **more):
@@ -39,6 +36,7 @@ def written(tmp_path, changes, trial=TRIAL, rate=1000):
     content["dynamometer"]["rate_hz"] = rate
     for section, values in (EXACT | changes).items():
         content[section] = content[section] | values if section in ("effects", "protocol", "experiments") else values
+    content["parameters"] = str(ROOT / content["parameters"])
     (tmp_path / "settings.yaml").write_text(yaml.safe_dump(content))
     simulate_trial(tmp_path / "settings.yaml", tmp_path, trial)
     path = next(tmp_path.rglob(f"{trial}.mcap"))
@@ -57,13 +55,14 @@ def columns_of(messages):
         return {"time": time, "torque": np.array([m.wrench.torque.z for m in messages])}
     if hasattr(messages[0], "position"):
         assert {tuple(m.name) for m in messages} == {("joint", "actuator", "command")}
-        return {
-            "time": time,
-            "theta": np.array([m.position[0] for m in messages]),
-            "effort": np.array([m.effort for m in messages]),
-        }
+        return {"time": time, "effort": np.array([m.effort for m in messages])}
     names = [name for name in messages[0].__slots__ if name != "header"]
     return {"time": time} | {name: np.array([getattr(m, name) for m in messages]) for name in names}
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    return written(tmp_path_factory.mktemp("clean"), {})[0]
 
 
 def node(**changes):
@@ -74,16 +73,8 @@ def torque_sensor(**changes):
     return {"recorder": {"sensors": {"load_cell_torque": changes}}}
 
 
-def line_residual(time):
-    """Stamps minus their least-squares line over the count [s]."""
-    count = np.arange(len(time))
-    return time - np.polynomial.Polynomial.fit(count, time, 1)(count)
-
-
 def at(log, clean, name="joint_angle"):
     """The clean log's channel, to 1e-9 of a sine by a cubic spline, at the other log's stamps."""
-    from scipy.interpolate import CubicSpline
-
     return CubicSpline(clean["time"], clean[name])(log["time"])
 
 
@@ -102,10 +93,10 @@ def test_an_exact_joint_answers_by_eq_15(tmp_path):
     assert truth["joint"]["K"] == 300
 
 
-def test_true_jitter_scatters_the_instants_and_leaves_the_samples_true(tmp_path):
-    clean, _ = written(tmp_path, {})
+def test_true_jitter_scatters_the_instants_and_leaves_the_samples_true(tmp_path, clean):
     log, _ = written(tmp_path, node(jitter=effect(20e-6, "s", distribution="normal")))
-    residual = line_residual(log["time"])
+    count = np.arange(len(log["time"]))
+    residual = log["time"] - np.polynomial.Polynomial.fit(count, log["time"], 1)(count)
     assert np.std(residual) == pytest.approx(20e-6, rel=4 / np.sqrt(2 * len(residual)))
     # single precision of the log: 6e-8 of 0.07 rad
     assert log["joint_angle"] == pytest.approx(at(log, clean), abs=1e-8)
@@ -123,8 +114,7 @@ def test_no_sample_is_taken_before_or_after_the_simulated_motion():
 
 
 @pytest.mark.parametrize(("distribution", "mean"), [("exponential", 2e-4), ("half_normal", 2e-4 * np.sqrt(2 / np.pi))])
-def test_host_latency_scatters_the_stamps_and_leaves_the_device_even(tmp_path, distribution, mean):
-    clean, _ = written(tmp_path, {})
+def test_host_latency_scatters_the_stamps_and_leaves_the_device_even(tmp_path, clean, distribution, mean):
     log, _ = written(tmp_path, node(latency=effect(2e-4, "s", distribution=distribution)))
     np.testing.assert_array_equal(log["joint_angle"], clean["joint_angle"])
     late = log["time"] - clean["time"]
@@ -143,8 +133,7 @@ def test_stamps_are_printed_with_so_many_decimals(tmp_path, decimals):
     np.testing.assert_array_equal(log["joint_angle"], clean["joint_angle"])
 
 
-def test_two_nodes_write_standard_messages_with_stamps_and_rates_of_their_own(tmp_path):
-    clean, _ = written(tmp_path, {})
+def test_two_nodes_write_standard_messages_with_stamps_and_rates_of_their_own(tmp_path, clean):
     later = {"phase": effect(3e-4, "s"), "rate": effect(333, "Hz")}
     log, _ = written(tmp_path, {"recorder": {"torque_node": later}})
     joint, wrench = log["/joint_states"], log["/wrench"]
@@ -164,8 +153,7 @@ def test_a_nodes_clock_has_an_offset_and_a_drift(tmp_path):
     assert own == pytest.approx(0.25 + (1 - 50e-6) * elapsed, abs=2e-9)
 
 
-def test_samples_are_dropped_singly_or_in_bursts_and_written_twice(tmp_path):
-    clean, _ = written(tmp_path, {})
+def test_samples_are_dropped_singly_or_in_bursts_and_written_twice(tmp_path, clean):
     n = len(clean["time"])
     single, _ = written(tmp_path, node(dropped=effect(1e-3, "1")))
     assert n - len(single["time"]) == round(1e-3 * n)
@@ -187,8 +175,7 @@ def test_encoders_and_converters_have_bits(tmp_path):
         assert np.diff(np.unique(np.rint(values / step))).min() == 1
 
 
-def test_the_encoders_zero_stands_anywhere_between_its_steps(tmp_path):
-    clean, _ = written(tmp_path, {})
+def test_the_encoders_zero_stands_anywhere_between_its_steps(tmp_path, clean):
     zero = {"effects": {"joint_encoder": effect(14, "bit"), "encoder_zero": effect(0.5, "step")}}
     log, truth = written(tmp_path, zero)
     step = 2 * np.pi / 2**14
@@ -197,8 +184,7 @@ def test_the_encoders_zero_stands_anywhere_between_its_steps(tmp_path):
     assert np.mean(np.abs(log["joint_angle"] - expected) < 1e-7) > 0.999
 
 
-def test_a_delayed_channel_shows_what_was(tmp_path):
-    clean, _ = written(tmp_path, {})
+def test_a_delayed_channel_shows_what_was(tmp_path, clean):
     log, _ = written(tmp_path, torque_sensor(delay=effect(2e-3, "s")))
     assert log["load_cell_torque"][2:] == pytest.approx(clean["load_cell_torque"][:-2], abs=1e-5)
     np.testing.assert_array_equal(log["joint_angle"], clean["joint_angle"])
@@ -218,23 +204,20 @@ def test_a_sensors_low_pass_weakens_and_delays_a_sine_as_butterworths_does(tmp_p
     assert ratio == pytest.approx(expected, abs=1e-5)
 
 
-def test_a_load_cell_clips_and_a_recorder_takes_a_wrong_unit(tmp_path):
-    clean, _ = written(tmp_path, {})
+def test_a_load_cell_clips_and_a_recorder_takes_a_wrong_unit(tmp_path, clean):
     clipped, _ = written(tmp_path, torque_sensor(clipping=effect(15, "N*m")))
     assert clipped["load_cell_torque"] == pytest.approx(np.clip(clean["load_cell_torque"], -15, 15), abs=1e-5)
     wrong, _ = written(tmp_path, torque_sensor(gain=effect(-4.45, "1")))
     assert wrong["load_cell_torque"] == pytest.approx(-4.45 * clean["load_cell_torque"], rel=1e-6, abs=1e-5)
 
 
-def test_the_frame_yields_to_the_torque(tmp_path):
-    clean, _ = written(tmp_path, {})
+def test_the_frame_yields_to_the_torque(tmp_path, clean):
     log, _ = written(tmp_path, {"effects": {"mount_stiffness": effect(3000, "N*m/rad")}})
     extra = log["joint_angle"] - clean["joint_angle"]
     assert extra == pytest.approx(-clean["load_cell_torque"] / 3000, abs=1e-7)
 
 
-def test_a_spring_stiffens_and_coulomb_friction_turns_with_the_velocity(tmp_path):
-    clean, _ = written(tmp_path, {})
+def test_a_spring_stiffens_and_coulomb_friction_turns_with_the_velocity(tmp_path, clean):
     theta = clean["joint_angle"]
     stiff, _ = written(tmp_path, {"joint": JOINT | {"stiffening": effect(18.2, "1/rad^2")}})
     extra = clean["load_cell_torque"] - stiff["load_cell_torque"]
@@ -263,8 +246,7 @@ def test_backlash_takes_the_gap_from_the_angle_at_which_the_joint_pushes_back(tm
     assert free.sum() > 100, "it passes the gap freely"
 
 
-def test_hum_and_1_over_f_noise_have_their_spectra(tmp_path):
-    clean, _ = written(tmp_path, {})
+def test_hum_and_1_over_f_noise_have_their_spectra(tmp_path, clean):
     hum, _ = written(tmp_path, {"effects": {"load_cell_hum": effect(0.3, "N*m", frequency_hz=50)}})
     extra = hum["load_cell_torque"] - clean["load_cell_torque"]
     whole = len(extra) // 20 * 20
@@ -293,59 +275,6 @@ def test_the_motion_has_harmonics_and_decays(tmp_path):
     assert log["joint_angle"] == pytest.approx(expected, abs=1e-8)
 
 
-def schedule(**changes):
-    plain = {"frequencies_hz": (1, 3), "cycles": 4, "amplitudes_deg": (2,), "rest_s": 0.5, "lead_s": 1.0}
-    return SteppedSineSchedule.model_validate(plain | changes)
-
-
-def largest_defect(motion, rate=1000):
-    """Largest mismatch of two-sample increments of the angle and the velocity to Simpson's rule."""
-    pairs = ((motion.theta, motion.omega), (motion.omega, motion.alpha))
-    return max(np.abs(v[2:] - v[:-2] - (d[:-2] + 4 * d[1:-1] + d[2:]) / (3 * rate)).max() for v, d in pairs)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [{}, {"decay": effect(0.3, "1/s")}, {"third_harmonic": effect(0.05, "1"), "ramp_s": 0.4}],
-)
-def test_every_motion_comes_with_its_true_derivatives(changes):
-    from osl_analysis.simulator.joint_motion import JointMotion, stepped_sine
-
-    motion = stepped_sine(schedule(frequencies_hz=(1,), rest_s=0, lead_s=0, **changes), 1000.0)
-    inside = slice(2, -2)
-    parts = JointMotion(motion.theta[inside], motion.omega[inside], motion.alpha[inside])
-    # Simpson's rule is exact to h^5/90 of the fourth derivative, and to 4 h of the kink that a ramp's end has
-    assert largest_defect(parts) < (1e-9 if "ramp_s" not in changes else 2e-3)
-
-
-@pytest.mark.parametrize(
-    ("changes", "duration"),
-    [
-        ({}, 1 + 4 + 4 / 3 + 0.5),
-        ({"rest_between_s": 1.0}, 1 + 4 + 4 / 3 + 2 + 0.5),
-        ({"ramp_s": 0.5}, 1 + 4 + 4 / 3 + 2 + 0.5),
-        ({"cycles": None, "seconds": 2.0}, 1 + 4 + 0.5),
-        ({"cycles": (2, 6)}, 1 + 2 + 2 + 0.5),
-        ({"clock_error": effect(5000, "ppm")}, (1 + 4 + 4 / 3 + 0.5) / 1.005),
-    ],
-)
-def test_a_schedule_lasts_as_long_as_it_says(changes, duration):
-    from osl_analysis.simulator.joint_motion import stepped_sine
-
-    assert len(stepped_sine(schedule(**changes), 1000.0).theta) == pytest.approx(1000 * duration, abs=1)
-
-
-def test_frequencies_run_in_their_order_and_on_the_benchs_clock(tmp_path):
-    from osl_analysis.simulator.joint_motion import stepped_sine
-
-    motion = stepped_sine(schedule(frequencies_hz=(3, 1), clock_error=effect(-5000, "ppm"), start="cosine"), 1000.0)
-    first = slice(1010, 2300)
-    t = np.arange(len(motion.theta))[first] / 1000 - 1 / 0.995
-    assert motion.theta[first] == pytest.approx(np.deg2rad(2) * np.cos(2 * np.pi * 3 * 0.995 * t), abs=1e-9)
-    crossings = np.sum(np.diff(np.sign(motion.theta[1010:])) != 0)
-    assert crossings == pytest.approx(2 * 8, abs=2)
-
-
 @pytest.mark.parametrize(
     ("section", "value", "match"),
     [
@@ -365,13 +294,6 @@ def test_a_wrong_imperfection_is_refused_with_its_place(tmp_path, section, value
         read_yaml(tmp_path / "settings.yaml", SimulationSettings)
 
 
-def test_cycles_and_seconds_are_not_both_stated():
-    with pytest.raises(ValueError, match="either cycles or seconds"):
-        schedule(seconds=2.0)
-    with pytest.raises(ValueError, match="3 numbers of cycles for 2 frequencies"):
-        schedule(cycles=(1, 2, 3))
-
-
 def test_samples_are_lost_at_nearly_regular_intervals(tmp_path):
     every = {"enabled": True, "size": 100, "unit": "sample", "scatter": 3}
     log, _ = written(tmp_path, node(lost_every=every, burst=effect(5, "sample")))
@@ -382,7 +304,31 @@ def test_samples_are_lost_at_nearly_regular_intervals(tmp_path):
 
 
 def test_failed_readings_are_nan_in_the_log(tmp_path):
-    log, _ = written(tmp_path, {"recorder": {"sensors": {"load_cell_torque": {"failed": effect(0.01, "1")}}}})
+    log, _ = written(tmp_path, torque_sensor(failed=effect(0.01, "1")))
     failed = np.isnan(log["load_cell_torque"])
     assert failed.mean() == pytest.approx(0.01, rel=0.5)
     assert not np.isnan(log["joint_angle"]).any()
+
+
+@pytest.mark.parametrize("n", [4, 5, SETTLED, SETTLED + 1, SETTLED + 2, 2000])
+def test_the_spline_through_even_samples_is_that_of_scipy(n):
+    rng = np.random.default_rng(n)
+    samples, rate = rng.normal(size=n), 250.0
+    instants = np.concatenate([rng.uniform(0, (n - 1) / rate, 500), np.arange(n) / rate, [(n - 0.5) / rate]])
+    expected = CubicSpline(np.arange(n) / rate, samples)(instants)
+    np.testing.assert_allclose(spline_at(samples, rate, instants), expected, rtol=0, atol=1e-10)
+
+
+def test_three_samples_are_refused():
+    with pytest.raises(InputError, match="3 samples at 1000 Hz is too short"):
+        spline_at(np.zeros(3), 1000.0, np.zeros(2))
+
+
+def test_without_a_compiler_nothing_is_simulated_and_one_line_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr("osl_analysis.compiled.numba", None)
+    with pytest.raises(
+        InputError, match=r"needs numba, which is not installed; pip install 'osl-analysis\[simulator\]'"
+    ):
+        simulate_trial(ROOT / "tests/tiny_simulation.yaml", tmp_path, "belt_01")
+    assert list(tmp_path.iterdir()) == []

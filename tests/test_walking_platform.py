@@ -7,8 +7,8 @@ import numpy as np
 import polars as pl
 import pytest
 from scipy.interpolate import make_interp_spline
-from walking_platform import Ramp, Rig, ankle_answer, campaign, plate_trials, standing, walked
-from walking_synthetic import PLATE_RATE, PLATFORM, settings
+from walking_platform import Ramp, Rig, ankle_answer, plate_trials, standing, walked
+from walking_synthetic import PLATE_RATE, PLATFORM, changed, hidden, settings
 
 from osl_analysis.commands.walking_files import read_platform, write_platform
 from osl_analysis.signals import LowPass
@@ -30,10 +30,7 @@ from osl_analysis.walking.platform import (
 )
 from osl_analysis.walking.platform_motion import (
     Screws,
-    directions,
-    frame_noise,
     gated_noise,
-    noise_gain,
     shared_directions,
 )
 
@@ -45,6 +42,12 @@ def ramps(count: int, seed: int, **changes: float) -> list[Ramp]:
     """Ramps of one kind, at scattered onsets."""
     starts = np.random.default_rng(seed).uniform(1.18, 1.2, count)
     return [replace(Ramp(**changes), onset=float(start)) for start in starts]
+
+
+def shared(turned: list[Ramp], seed: int) -> tuple[list[Trial], PlatformModel]:
+    """Crossings with these ramps, and what they share."""
+    trials = [walked(f"walk_{k:02d}", ramp, RIG, 1000 * seed + k) for k, ramp in enumerate(turned)]
+    return trials, identify_platform(trials, CALIBRATION, settings())
 
 
 @cache
@@ -77,31 +80,6 @@ def test_coordinates_of_poses_are_a_screw_and_come_back() -> None:
     np.testing.assert_allclose(screws.poses(found).points(PLATFORM), tracks, atol=1e-12)
 
 
-def test_noise_of_markers_is_the_same_in_every_coordinate() -> None:
-    random = np.random.default_rng(4)
-    noisy = PLATFORM + random.normal(0, 3e-4, (20000, *PLATFORM.shape))
-    found = Screws.of(PLATFORM).coordinates(cluster_poses(PLATFORM, noisy))
-    np.testing.assert_allclose(found.std(axis=0), 3e-4, rtol=0.03)  # 1/sqrt(2 n) is 0.5 %
-    assert frame_noise(found) == pytest.approx(3e-4, rel=0.03)
-
-
-def test_the_gain_of_noise_is_that_of_the_low_pass() -> None:
-    low_pass, random = LowPass(20.0), np.random.default_rng(1)
-    filtered = low_pass(random.standard_normal(200000), 300.0)
-    assert noise_gain(low_pass, 300.0) == pytest.approx(np.var(filtered), rel=0.03)
-    speed = np.gradient(filtered, 1 / 300)
-    assert noise_gain(low_pass, 300.0, 1) == pytest.approx(np.var(speed), rel=0.05)
-
-
-def test_noise_has_no_direction_and_a_small_heave_has_one() -> None:
-    random, low_pass = np.random.default_rng(2), LowPass(20.0)
-    turn = np.outer(np.linspace(0, 0.02, 300), [1.0, 0, 0, 0, 0, 0])
-    noise = low_pass(random.normal(0, 3e-4, (300, 6)), 300.0)
-    assert len(directions([turn + noise], 3e-4, low_pass, 300.0)) == 1
-    heave = np.outer(np.sin(np.linspace(0, 20, 300)), [0, 0, 0, 0, 0, 5e-4])
-    assert len(directions([turn + noise + heave], 3e-4, low_pass, 300.0)) == 2
-
-
 def test_the_mass_of_a_heavy_plate_is_inside_its_interval_although_markers_are_noisy() -> None:
     """25 kg, 0.3 mm, 2.5 deg: all six coordinates at 8 Hz read 22.9 +- 0.2 kg. Over 12 seeds -0.02 +- 0.06 (0.06)."""
     for heave in (0.0, HEAVE):
@@ -122,13 +100,10 @@ def test_a_large_turn_with_little_noise_does_not_make_the_plate_heavier() -> Non
 
 
 def test_hidden_markers_of_a_resting_platform_are_no_motion() -> None:
-    """Two markers are hidden for 80 ms. A cubic over the gap moved by 25 standard deviations of noise, in directions in
-    which the platform never moves; the plate was then 1 % too light."""
+    """A cubic over a gap of 80 ms moved by 25 standard deviations of noise, where the platform never moves; the plate
+    was then 1 % too light."""
     trials = plate_trials(replace(RIG, marker=1e-4), Ramp(angle=5, rise=0.08), 1, 2)
-    gone = pl.col("time").is_between(1.5, 1.58)
-    columns = [f"marker_PLAT{k}_{axis}" for k in (1, 4) for axis in "xyz"]
-    hidden = [pl.when(gone & pl.col(c).is_not_null()).then(float("nan")).otherwise(pl.col(c)).alias(c) for c in columns]
-    trials[0] = Trial(trials[0].name, trials[0].samples.with_columns(hidden), trials[0].provenance)
+    trials[0] = hidden(trials[0], ("PLAT1", "PLAT4"), 1.5, 1.58)
     tracks = [unloaded_recording(trial, CALIBRATION, settings()).track for trial in trials]
     inside = (tracks[0].time > 1.49) & (tracks[0].time < 1.59)
     held = tracks[0].filtered[(tracks[0].time > 1.4) & (tracks[0].time < 1.8)].mean(axis=0)
@@ -165,9 +140,7 @@ def test_the_noise_of_a_gated_acceleration_is_that_of_the_filters() -> None:
 def test_torque_and_onset_are_free_of_each_crossings_own_noise() -> None:
     """RMS over 8 crossings; each crossing's own motion in six coordinates leaves 1.6 N*m and 7 ms."""
     turned = ramps(8, 1)
-    trials, _ = campaign(RIG, turned, 1, 0)
-    model = identify_platform(trials, CALIBRATION, settings())
-    assert model.template is not None
+    trials, model = shared(turned, 1)
     assert (len(model.template.axes), model.template.scaled) == (1, False)
     assert torque_error(trials, turned, model) < 0.3
     late = [model.alignments[t.name].start - r.onset for t, r in zip(trials, turned, strict=True)]
@@ -175,24 +148,20 @@ def test_torque_and_onset_are_free_of_each_crossings_own_noise() -> None:
     assert abs(np.mean(late)) < 2.5 * model.template.start_se
     table = platform_table(model)
     assert table["follows"].to_list() == [1] * 8
-    assert table["template_onset_se_s"].max() < 4e-4  # type: ignore[operator]
+    assert table["template_onset_se_s"].max() < 4e-4
 
 
 def test_a_hexapod_that_heaves_has_two_directions_and_no_single_axis_is_forced_on_it() -> None:
     """A single axis reads 9.4 N*m."""
     turned = ramps(5, 2, heave=HEAVE)
-    trials, _ = campaign(RIG, turned, 2, 0)
-    model = identify_platform(trials, CALIBRATION, settings())
-    assert model.template is not None
+    trials, model = shared(turned, 2)
     assert len(model.template.axes) == 2
     assert torque_error(trials, turned, model, HEAVE) < 0.8
 
 
 def test_slower_ramps_are_the_same_shape_in_another_time() -> None:
     turned = [replace(r, rise=r.rise * (1.2 if k % 2 else 1.0)) for k, r in enumerate(ramps(8, 3))]
-    trials, _ = campaign(RIG, turned, 3, 0)
-    model = identify_platform(trials, CALIBRATION, settings())
-    assert model.template is not None
+    trials, model = shared(turned, 3)
     assert model.template.scaled
     found = np.array([model.alignments[t.name].duration for t in trials])
     assert found[1::2].mean() / found[::2].mean() == pytest.approx(1.2, abs=0.02)
@@ -204,9 +173,8 @@ def test_slower_ramps_are_the_same_shape_in_another_time() -> None:
 def test_a_crossing_that_shivers_keeps_its_own_motion_by_name() -> None:
     turned = ramps(6, 4)
     turned[2] = replace(turned[2], shiver=0.5)
-    trials, _ = campaign(RIG, turned, 4, 0)
     with pytest.warns(UserWarning, match="trial walk_02: the platform does not move as in the other crossings"):
-        model = identify_platform(trials, CALIBRATION, settings())
+        trials, model = shared(turned, 4)
     assert [a.follows for a in model.alignments.values()] == [True, True, False, True, True, True]
     assert model.followed("walk_02") is None
     assert torque_error(trials[2:3], turned[2:3], model) < 1.5
@@ -215,8 +183,7 @@ def test_a_crossing_that_shivers_keeps_its_own_motion_by_name() -> None:
 
 def test_the_other_direction_is_the_same_shape_with_a_negative_amplitude() -> None:
     turned = [replace(r, angle=r.angle * (-1 if k % 2 else 1)) for k, r in enumerate(ramps(6, 5))]
-    trials, _ = campaign(RIG, turned, 5, 0)
-    model = identify_platform(trials, CALIBRATION, settings())
+    trials, model = shared(turned, 5)
     signs = np.sign([model.alignments[t.name].amplitude for t in trials])
     assert (signs[::2] == -signs[1::2]).all()
     assert torque_error(trials, turned, model) < 0.4
@@ -232,15 +199,12 @@ def test_a_resting_platform_adds_nothing() -> None:
 
 @pytest.mark.parametrize("scatter", [0.0, 0.004])
 def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: float) -> None:
-    turned, random = ramps(6, 6), np.random.default_rng(8)
-    trials = []
-    for k, ramp in enumerate(turned):
+    random, trials = np.random.default_rng(8), []
+    for k, ramp in enumerate(ramps(6, 6)):
         trial = walked(f"walk_{k:02d}", ramp, RIG, 6000 + k)
         since = trial.samples["time"] - (ramp.onset - 0.012 - float(random.normal(0, scatter)))
-        level = ((since >= 0) & (since < 0.02)).cast(pl.Float64) * 5
-        trials.append(Trial(trial.name, trial.samples.with_columns(trigger=level), trial.provenance))
+        trials.append(changed(trial, trigger=((since >= 0) & (since < 0.02)).cast(pl.Float64) * 5))
     model = identify_platform(trials, CALIBRATION, settings())
-    assert model.latency is not None
     assert model.latency.used == (scatter == 0.0)
     if scatter == 0.0:
         assert model.latency.mean == pytest.approx(0.012, abs=1.2e-3)
@@ -249,8 +213,7 @@ def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: floa
 
 
 def test_the_shared_motion_survives_its_file(tmp_path) -> None:
-    trials, _ = campaign(RIG, ramps(3, 9), 9, 0)
-    model = identify_platform(trials, CALIBRATION, settings())
+    trials, model = shared(ramps(3, 9), 9)
     write_platform(model, tmp_path / "platform.json")
     again = read_platform(tmp_path / "platform.json")
     assert platform_table(again).equals(platform_table(model))

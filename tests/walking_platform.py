@@ -51,18 +51,12 @@ class Rig:
     I: float = 0.02
 
 
-def minimum_jerk(x: Array) -> tuple[Array, Array, Array]:
-    """A step from 0 to 1 over x in [0, 1], with its derivatives in x."""
-    y = np.clip(x, 0, 1)
-    inside = (x > 0) & (x < 1)
-    first, second = 30 * y**2 * (1 - y) ** 2, 60 * y * (1 - y) * (1 - 2 * y)
-    return y**3 * (10 - 15 * y + 6 * y**2), first * inside, second * inside
-
-
 def step(t: Array, start: float, duration: float) -> Array:
-    """A minimum-jerk step and its two derivatives (3, n) in time."""
-    a, b, c = minimum_jerk((t - start) / duration)
-    return np.array([a, b / duration, c / duration**2])
+    """A minimum-jerk step from 0 to 1, with its two derivatives (3, n) in time."""
+    x = (t - start) / duration
+    y, inside = np.clip(x, 0, 1), (x > 0) & (x < 1)
+    first, second = 30 * y**2 * (1 - y) ** 2 * inside, 60 * y * (1 - y) * (1 - 2 * y) * inside
+    return np.array([y**3 * (10 - 15 * y + 6 * y**2), first / duration, second / duration**2])
 
 
 def angle_and_heave(t: Array, ramp: Ramp | None) -> tuple[Array, Array]:
@@ -153,13 +147,6 @@ def reaction(t: Array, ramp: Ramp | None, rig: Rig) -> Array:
     moment = np.cross(ANKLE, force)
     moment[:, 1] -= ankle_answer(t, ramp, rig)
     return np.hstack([force, moment])
-
-
-def campaign(rig: Rig, ramps: list[Ramp], seed: int, unperturbed: int = 6) -> tuple[list[Trial], list[Trial]]:
-    """Perturbed and unperturbed crossings."""
-    turned = [walked(f"walk_{k:02d}", ramp, rig, 1000 * seed + k) for k, ramp in enumerate(ramps)]
-    flat = [walked(f"flat_{k:02d}", None, rig, 1000 * seed + 500 + k) for k in range(unperturbed)]
-    return turned, flat
 
 
 def plate_trials(rig: Rig, ramp: Ramp, seed: int, count: int = 4) -> list[Trial]:

@@ -1,5 +1,7 @@
 """Walking by formula: a foot, a shank and a moving plate whose every curve is written by hand."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -71,6 +73,19 @@ def recording(name: str, tracks: dict[str, Array], force: Array, moment: Array) 
 def labelled(prefix: str, tracks: Array) -> dict[str, Array]:
     """Tracks (n, m, 3) by label."""
     return {f"{prefix}{k + 1}": tracks[:, k] for k in range(tracks.shape[1])}
+
+
+def changed(trial: Trial, *columns: pl.Expr, **named: Any) -> Trial:
+    """The trial with other columns."""
+    return replace(trial, samples=trial.samples.with_columns(*columns, **named))
+
+
+def hidden(trial: Trial, markers: Sequence[str], start: float, end: float) -> Trial:
+    """The trial with markers hidden between two times [s]."""
+    gone = pl.col("time").is_between(start, end)
+    columns = [column for marker in markers for column in marker_columns(marker)]
+    unseen = (pl.when(gone & pl.col(c).is_not_null()).then(float("nan")).otherwise(pl.col(c)) for c in columns)
+    return changed(trial, *(seen.alias(column) for seen, column in zip(unseen, columns, strict=True)))
 
 
 def static_trial(ankle: Array) -> Trial:

@@ -13,7 +13,7 @@ from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
-from osl_analysis.trial import Array, Trial, read_trial, write_trial
+from osl_analysis.trial import Array, Trial, write_trial
 from osl_analysis.walking.checks import body_mass
 from osl_analysis.walking.overground import check_no_downward_force, compare_moments, over_plate
 from osl_analysis.walking.settings import OvergroundAnalysis
@@ -129,19 +129,16 @@ def test_agrees_with_plug_in_gait_as_the_published_reference_does(tmp_path: Path
     )
 
 
-def ingested(name: str, folder: Path) -> Path:
-    """A recording of others, every marker and plate of it."""
-    (folder / "any.yaml").write_text("format: c3d\nmarkers: all\nplates: all\n")
-    ingest_trial({"trial": "other", "mocap": name, "mocap_source": "any"}, REAL / "c3d", folder, folder / "t.parquet")
-    return folder / "t.parquet"
-
-
 @pytest.mark.skipif(not REAL.is_dir(), reason="the recordings of others are not here")
 def test_a_plate_that_was_never_zeroed_is_caught_by_its_number_and_reading(tmp_path: Path) -> None:
-    path = ingested("qtm_JH_01_300_1200_plate_offset.c3d", tmp_path)
+    (tmp_path / "any.yaml").write_text("format: c3d\nmarkers: all\nplates: all\n")
+    row = {"trial": "other", "mocap": "qtm_JH_01_300_1200_plate_offset.c3d", "mocap_source": "any"}
+    ingest_trial(row, REAL / "c3d", tmp_path, tmp_path / "t.parquet")
     with pytest.raises(InputError, match=r"force plate 1 reads -713 N in most of the recording"):
         compare_ankle_moment(
-            path, OvergroundAnalysis(load_on_n=50, body_mass_kg=70), {"ankle_moment": tmp_path / "out.csv"}
+            tmp_path / "t.parquet",
+            OvergroundAnalysis(load_on_n=50, body_mass_kg=70),
+            {"ankle_moment": tmp_path / "out.csv"},
         )
     assert not (tmp_path / "out.csv").exists()
 
@@ -151,25 +148,3 @@ def test_a_plate_is_only_refused_if_it_pulls_and_by_more_than_noise() -> None:
         check_no_downward_force(changed(gait_trial(), pl.col("plate1_force_z") + shift), 100)
     with pytest.raises(InputError, match=r"trial gait_1: force plate 1 reads -110 N"):
         check_no_downward_force(changed(gait_trial(), pl.col("plate1_force_z") - 110.0), 100)
-
-
-@pytest.mark.skipif(not REAL.is_dir(), reason="the recordings of others are not here")
-def test_rates_gaps_and_zeros_of_a_jogging_trial(tmp_path: Path) -> None:
-    """300 and 1500 Hz, four plates; points at exactly (0, 0, 0) count as not seen, and unloaded plates read zero."""
-    trial = read_trial(ingested("opensim_jogging_300_1500.c3d", tmp_path))
-    time, force = trial.signals("plate1_force_z")
-    frames = trial.sampled("marker_LTIO_x")["time"].to_numpy()
-    assert (1 / np.diff(time).mean(), 1 / np.diff(frames).mean()) == pytest.approx((1500, 300))
-    assert (len(time), len(frames)) == (2030, 406)
-    markers = [c.removesuffix("_x") for c in trial.samples.columns if c.startswith("marker_") and c.endswith("_x")]
-    seen = trial.samples.drop_nulls("marker_LTIO_x")
-    hidden = 0
-    for marker in markers:
-        points = seen.select(f"{marker}_{axis}" for axis in "xyz").to_numpy()
-        assert not (points == 0).all(axis=1).any(), marker
-        hidden += int(np.isnan(points).any(axis=1).sum())
-    assert hidden == pytest.approx(0.0231 * len(markers) * 406, rel=0.01)
-    assert np.median(force) == 0
-    assert force.max() == pytest.approx(977.1, abs=0.1)
-    assert not trial.sampled("plate4_force_z")["plate4_force_z"].to_numpy().any()
-    check_no_downward_force(trial, 100)

@@ -11,7 +11,6 @@ from osl_analysis.about import ABOUT_MACROS, About
 from osl_analysis.commands.quality import list_excluded
 from osl_analysis.commands.summarise import format_results_table, later_failures, read_summary, write_summary
 from osl_analysis.errors import InputError
-from osl_analysis.figures import fig9
 from osl_analysis.job_log import JobLog, write_log
 from osl_analysis.refusal import Refusal
 from osl_analysis.summary.headlines import (
@@ -77,47 +76,45 @@ def by_name(tables):
     return {h.name: h for h in headline_numbers(tables)}
 
 
-def test_means_over_repeats_come_with_their_intervals_and_the_values_of_the_draft():
-    found = by_name(all_tables())
-    assert (found["K_s"].value, found["K_s"].draft, found["K_s"].n) == (686.2, 685.6, 10)
-    assert (found["K_s"].low, found["K_s"].high) == (0.99 * 686.2, 1.01 * 686.2)
-    assert (found["B_j"].value, found["B_j"].draft) == (0.45, 0.452)
-    assert (found["J_j"].value, found["J_j"].draft) == (0.0051, 5.0e-3)
-    assert (found["walking_K"].value, found["walking_K"].draft) == (338.0, 340.0)
-    assert found["walking_B"].draft is None
-    assert "Student" in found["K_s"].interval
+def changed_tables():
+    """The same with a belt trial alone, the means of perturbations besides, and the example of Fig. 4 repeated."""
+    again = impedance().filter(pl.col("K") == 303.0).with_columns(K=pl.lit(297.0))
+    return all_tables() | {
+        "belt_summary": summary_rows(K_s=686.2).with_columns(low=None, high=None),
+        "walking_summary": pl.concat([walked(K=1.0, estimator=walking.MEAN), walked(K=338.0)]),
+        "impedance": pl.concat([impedance(), again]),
+    }
 
 
-def test_transmission_vaf_is_the_mean_over_trials_of_all_amplitudes_together():
-    vaf = by_name(all_tables())["transmission_VAF"]
-    assert (vaf.value, vaf.low, vaf.high, vaf.n, vaf.draft) == (pytest.approx(99.2), 99.0, 99.4, 2, 99.1)
+HEADLINES = [
+    # name, value, low, high, n, draft, how its interval begins
+    (all_tables, "K_s", 686.2, 0.99 * 686.2, 1.01 * 686.2, 10, 685.6, STUDENT),
+    (all_tables, "B_j", 0.45, 0.99 * 0.45, 1.01 * 0.45, 10, 0.452, STUDENT),
+    (all_tables, "J_j", 0.0051, 0.99 * 0.0051, 1.01 * 0.0051, 10, 5.0e-3, STUDENT),
+    (all_tables, "transmission_VAF", 99.2, 99.0, 99.4, 2, 99.1, RANGE),  # of all amplitudes together
+    (all_tables, "walking_K", 338.0, 0.99 * 338, 1.01 * 338, 10, 340.0, BOOTSTRAP),
+    (all_tables, "walking_B", 4.3, 0.99 * 4.3, 1.01 * 4.3, 10, None, BOOTSTRAP),
+    (all_tables, "walking_VAF", 97.0, 96.0, 98.0, 2, None, RANGE),  # without the fit that has none
+    (all_tables, "VAF_median_compensated", 98.0, 90.0, 99.0, 3, None, RANGE),  # over single amplitudes
+    (all_tables, "VAF_mean_compensated", 287 / 3, 90.0, 99.0, 3, None, RANGE),
+    (all_tables, "K_error_compensated", 2.0, 1.0, 3.0, 2, None, RANGE),  # over trials, all amplitudes each
+    (all_tables, "B_error_compensated", 0.3, 0.1, 0.5, 2, None, RANGE),
+    (all_tables, "K_error_uncompensated", 30.0, None, None, 1, None, None),
+    (all_tables, "K_example_compensated", 303.0, 299.0, 307.5, 1, None, FIT),
+    (all_tables, "B_example_uncompensated", 3.6, 3.5, 3.7, 1, None, FIT),
+    (changed_tables, "K_s", 686.2, None, None, 10, 685.6, None),
+    (changed_tables, "walking_K", 338.0, 0.99 * 338, 1.01 * 338, 10, 340.0, BOOTSTRAP),
+    (changed_tables, "K_example_compensated", 300.0, 297.0, 303.0, 2, None, RANGE),
+]
 
 
-def test_walking_vaf_leaves_out_a_fit_that_has_none():
-    vaf = by_name(all_tables())["walking_VAF"]
-    assert (vaf.value, vaf.n) == (97.0, 2)
-
-
-def test_second_order_vaf_is_over_single_amplitudes():
-    found = by_name(all_tables())
-    assert (found["VAF_median_compensated"].value, found["VAF_median_compensated"].n) == (98.0, 3)
-    assert found["VAF_mean_compensated"].value == pytest.approx(287 / 3)
+@pytest.mark.parametrize(("tables", "name", "value", "low", "high", "n", "draft", "interval"), HEADLINES)
+def test_a_headline_has_value_interval_number_and_the_draft_s_value(tables, name, value, low, high, n, draft, interval):
+    found = by_name(tables())
+    row = json.loads(to_json(MADE, list(found.values())))["numbers"][name]
+    assert [row[key] for key in ("value", "low", "high", "draft")] == pytest.approx([value, low, high, draft])
+    assert (row["n"], row["interval"], row["unit"]) == (n, interval, found[name].unit)
     assert "VAF_median_uncompensated" not in found
-
-
-def test_errors_of_stiffness_and_damping_are_over_trials_each_fitted_to_all_amplitudes():
-    found = by_name(all_tables())
-    K, B = found["K_error_compensated"], found["B_error_compensated"]
-    assert (K.value, K.low, K.high, K.n) == (pytest.approx(2.0), pytest.approx(1.0), pytest.approx(3.0), 2)
-    assert (B.value, B.low, B.high) == (pytest.approx(0.3), pytest.approx(0.1), pytest.approx(0.5))
-    assert found["K_error_uncompensated"].value == pytest.approx(30.0)
-    assert found["K_error_uncompensated"].interval is None
-
-
-def test_the_example_of_fig4_has_the_interval_of_its_fit():
-    K = by_name(all_tables())["K_example_compensated"]
-    assert (K.value, K.low, K.high) == (303.0, 299.0, 307.5)
-    assert by_name(all_tables())["B_example_uncompensated"].value == 3.6
 
 
 def test_the_example_says_how_far_the_single_amplitudes_spread_and_is_rounded_to_that():
@@ -151,18 +148,11 @@ def test_every_headline_number_has_its_label_in_the_list_that_the_data_dictionar
 
 
 def test_torque_against_angle_has_numbers_of_every_trial_with_an_interval_over_cycles_where_there_is_one():
-    ends = {
-        f"{q}_{end}": [None, 2.0]
-        for q in ("energy_stored", "energy_returned", "energy_lost")
-        for end in ("low", "high")
-    }
-    energies = {q: [3.0, 2.0] for q in ("energy_stored", "energy_returned", "energy_lost")}
-    table = pl.DataFrame(
-        {"trial": ["slow_1", "fast"], "cycles": [1, 4], "K": [90.0, 95.0]}
-        | {"K_low": [None, 94.0], "K_high": [None, 96.0]}
-        | energies | ends | {"doubtful": ["", "cycle_drift 0.1 is above 0.05"]}
-    )  # fmt: skip
-    found = by_name({"torque_angle": table})
+    rows = {"trial": ["slow_1", "fast"], "cycles": [1, 4], "K": [90.0, 95.0], "K_low": [None, 94.0]}
+    rows |= {"K_high": [None, 96.0], "doubtful": ["", "cycle_drift 0.1 is above 0.05"]}
+    for energy in ("energy_stored", "energy_returned", "energy_lost"):
+        rows |= {energy: [3.0, 2.0], f"{energy}_low": [None, 2.0], f"{energy}_high": [None, 2.0]}
+    found = by_name({"torque_angle": pl.DataFrame(rows)})
     slow, fast = found["torque_angle_K (slow_1)"], found["torque_angle_K (fast)"]
     assert (slow.value, slow.low, slow.interval, slow.n, slow.doubt) == (90, None, None, 1, None)
     assert (fast.value, fast.low, fast.high, fast.n) == (95, 94, 96, 4)
@@ -172,12 +162,6 @@ def test_torque_against_angle_has_numbers_of_every_trial_with_an_interval_over_c
     assert found["doubtful_torque_angle"].value == 1
 
 
-def test_a_repeated_example_becomes_the_mean_with_its_range():
-    again = impedance().filter(pl.col("K") == 303.0).with_columns(K=pl.lit(297.0))
-    K = by_name({"impedance": pl.concat([impedance(), again])})["K_example_compensated"]
-    assert (K.value, K.low, K.high, K.n) == (300.0, 297.0, 303.0, 2)
-
-
 def test_a_campaign_without_walking_has_fewer_headlines_and_one_without_tables_none():
     tables = all_tables()
     del tables["walking"], tables["walking_summary"]
@@ -185,18 +169,6 @@ def test_a_campaign_without_walking_has_fewer_headlines_and_one_without_tables_n
     assert not any("walking" in name for name in found)
     assert "K_s" in found
     assert headline_numbers({}) == []
-
-
-def test_walking_takes_the_ensemble_not_the_mean_of_perturbations():
-    both = pl.concat([walked(K=1.0, estimator=walking.MEAN), walked(K=338.0)])
-    found = by_name({"walking_summary": both})["walking_K"]
-    assert (found.value, found.low, found.high) == (338.0, 0.99 * 338.0, 1.01 * 338.0)
-    assert found.interval == BOOTSTRAP
-
-
-def test_the_walking_tables_figure_9_and_the_summary_mean_the_same_estimators():
-    assert walking.MEAN == fig9.PER_PERTURBATION
-    assert walking.ENSEMBLE == fig9.ENSEMBLE == ENSEMBLE
 
 
 def test_gains_of_rival_models_have_the_interval_of_their_paired_difference():
@@ -215,24 +187,9 @@ def test_gains_of_rival_models_have_the_interval_of_their_paired_difference():
     assert found["drivetrain_VAF_gain_uncompensated"].value == 3.7
 
 
-def test_a_single_trial_has_a_value_and_no_interval():
-    single = summary_rows(K_s=686.2).with_columns(low=pl.lit(None, pl.Float64), high=pl.lit(None, pl.Float64))
-    K_s = by_name({"belt_summary": single})["K_s"]
-    assert (K_s.value, K_s.low, K_s.high, K_s.interval) == (686.2, None, None, None)
-
-
 def test_a_mean_that_is_nan_is_refused_by_quantity():
     with pytest.raises(InputError, match="the mean of 'B_j' is nan"):
         headline_numbers({"transmission_summary": summary_rows(B_j=float("nan"))})
-
-
-def test_json_keeps_full_precision_and_null_where_there_is_nothing():
-    content = json.loads(to_json(MADE, headline_numbers(all_tables())))["numbers"]
-    assert content["K_s"]["value"] == 686.2
-    assert content["K_s"]["unit"] == "N*m/rad"
-    assert content["K_error_uncompensated"]["low"] is None
-    assert content["walking_B"]["draft"] is None
-    assert {"value", "unit", "low", "high", "interval", "n", "draft"} <= set(content["B_j"])
 
 
 def test_every_line_of_the_macros_is_a_comment_or_one_definition_that_latex_accepts():
@@ -243,40 +200,32 @@ def test_every_line_of_the_macros_is_a_comment_or_one_definition_that_latex_acce
     facts = [line for line in lines if re.match(rf"\\newcommand{{\\osl({'|'.join(ABOUT_MACROS.values())})}}", line)]
     assert len(facts) == len(ABOUT_MACROS)
     assert all(re.fullmatch(rf"%.*|{definition}", line) for line in lines if line not in facts)
-
-
-def test_macros_are_unique_and_have_low_and_high_only_where_there_is_an_interval():
-    names = re.findall(r"newcommand\{\\(\w+)\}", to_tex(MADE, headline_numbers(all_tables())))
+    names = re.findall(r"newcommand\{\\(\w+)\}", "".join(lines))
     assert len(set(names)) == len(names)
-    assert {"oslBeltStiffness", "oslBeltStiffnessLow", "oslBeltStiffnessHigh"} <= set(names)
-    assert "oslUncompensatedStiffnessError" in names
-    assert "oslUncompensatedStiffnessErrorLow" not in names
-
-
-def number(value, low, high, interval=STUDENT):
-    return Headline("x", "1", None, "X", "a number", value, low, high, interval, 1)
+    assert {"oslBeltStiffness", "oslBeltStiffnessLow", "oslBeltStiffnessHigh", "oslUncompensatedStiffnessError"} <= {
+        *names
+    }
+    assert "oslUncompensatedStiffnessErrorLow" not in names, "it has no interval"
 
 
 @pytest.mark.parametrize(
-    ("value", "low", "high", "text"),
+    ("value", "low", "high", "interval", "text"),
     [
-        (685.6432, 682.9, 688.4, "685.6"),
-        (685.6432, 655.0, 716.0, "686"),
-        (0.45213, 0.4480, 0.4562, "0.4521"),
-        (-0.01234, -0.0223, -0.0024, r"\ensuremath{-0.0123}"),
-        (-0.0004, -1.0, 1.0, "0.0"),
-        (99.12345, None, None, "99.1"),
-        (340.0, 340.0, 340.0, "340"),
-        (5.04e-5, 4.9e-5, 5.2e-5, r"\ensuremath{5.04\times 10^{-5}}"),
-        (0.0, None, None, "0"),
+        (685.6432, 682.9, 688.4, STUDENT, "685.6"),
+        (685.6432, 655.0, 716.0, STUDENT, "686"),
+        (0.45213, 0.4480, 0.4562, STUDENT, "0.4521"),
+        (-0.01234, -0.0223, -0.0024, STUDENT, r"\ensuremath{-0.0123}"),
+        (-0.0004, -1.0, 1.0, STUDENT, "0.0"),
+        (99.12345, None, None, STUDENT, "99.1"),
+        (340.0, 340.0, 340.0, STUDENT, "340"),
+        (5.04e-5, 4.9e-5, 5.2e-5, STUDENT, r"\ensuremath{5.04\times 10^{-5}}"),
+        (0.0, None, None, STUDENT, "0"),
+        (95.84, 74.0, 99.2, RANGE, "95.8"),  # a range over trials does not blunt the mean
     ],
 )
-def test_values_are_rounded_to_two_digits_of_half_the_interval_or_to_three_digits(value, low, high, text):
-    assert rf"\oslX}}{{{text}}}%" in to_tex(MADE, [number(value, low, high)])
-
-
-def test_a_range_over_trials_does_not_blunt_the_mean():
-    assert r"\oslX}{95.8}%" in to_tex(MADE, [number(95.84, 74.0, 99.2, RANGE)])
+def test_values_are_rounded_to_two_digits_of_half_the_interval_or_to_three_digits(value, low, high, interval, text):
+    headline = Headline("x", "1", None, "X", "a number", value, low, high, interval, 1)
+    assert rf"\oslX}}{{{text}}}%" in to_tex(MADE, [headline])
 
 
 def test_rounding_errors_of_equal_values_do_not_count_as_an_interval():
@@ -286,11 +235,9 @@ def test_rounding_errors_of_equal_values_do_not_count_as_an_interval():
 
 
 def test_files_are_written_from_the_tables_that_exist_and_read_back(tmp_path):
-    paths = {}
+    paths = {name: tmp_path / f"{name}.csv" for name in (*all_tables(), "gains")}
     for name, table in all_tables().items():
-        paths[name] = tmp_path / f"{name}.csv"
         write_table(table, paths[name])
-    paths["gains"] = tmp_path / "not_read.csv"
     files = {"summary_json": tmp_path / "summary.json", "numbers_tex": tmp_path / "numbers.tex"}
     write_summary(about=MADE, table_paths=paths, **files)
     summary = read_summary(tmp_path / "summary.json")
@@ -301,13 +248,9 @@ def test_files_are_written_from_the_tables_that_exist_and_read_back(tmp_path):
 
 def test_a_table_without_a_column_stops_the_summary_and_nothing_is_written(tmp_path):
     write_table(summary_rows(K_s=686.2).drop("low"), tmp_path / "belt.csv")
+    written = {"summary_json": tmp_path / "s.json", "numbers_tex": tmp_path / "n.tex"}
     with pytest.raises(InputError, match=r"belt\.csv: no column 'low'"):
-        write_summary(
-            about=MADE,
-            table_paths={"belt_summary": tmp_path / "belt.csv"},
-            summary_json=tmp_path / "s.json",
-            numbers_tex=tmp_path / "n.tex",
-        )
+        write_summary(about=MADE, table_paths={"belt_summary": tmp_path / "belt.csv"}, **written)
     assert [path.name for path in tmp_path.iterdir()] == ["belt.csv"]
 
 
@@ -413,9 +356,8 @@ def test_numbers_that_a_failed_run_left_behind_are_said_to_be_old(tmp_path):
     for log in ("figures/fig5.log", "belt/fine.log"):
         os.utime(logs / log, (made + 1, made + 1))
     assert later_failures(summary) == ""
-    write_log(
-        logs / "ingest/after.log", JobLog("ingest.ingest_trial", "refused", error="belt_01.mcap: no such file"), {}
-    )
+    late = JobLog("ingest.ingest_trial", "refused", error="belt_01.mcap: no such file")
+    write_log(logs / "ingest/after.log", late, {})
     os.utime(logs / "ingest/after.log", (made + 1, made + 1))
     assert "1 jobs were refused or failed, first after: belt_01.mcap: no such file" in later_failures(summary)
 

@@ -41,6 +41,9 @@ def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked: list[
         "trials": [files[0], files[2]],
         "table": "tables/plate_2.csv",
     }
+    alone = {"trial": "trials/plate_1.parquet", "motion": ["trials/plate_2.parquet"], "quality": checked}
+    assert without_excluded(alone, exclusions(JUDGE.verdicts(checked))) == {"trial": alone["trial"], "motion": []}
+    assert exclusion_report(JUDGE.verdicts(checked[:1]), {}) == ""
 
 
 def test_a_changed_threshold_judges_anew_what_was_measured(checked: list[Path]) -> None:
@@ -49,14 +52,6 @@ def test_a_changed_threshold_judges_anew_what_was_measured(checked: list[Path]) 
     excluding = [exclusions(Judge(rules, {}).verdicts(checked)) for rules in (RULES, wider)]
     assert [list(reasons) for reasons in excluding] == [["plate_2", "plate_3"], ["plate_3"]]
     assert not {"threshold", "verdict"} & set(read_table(checked[0]).columns)
-
-
-def test_a_list_may_become_empty_where_the_trial_itself_is_left(checked: list[Path]) -> None:
-    inputs = {"trial": "trials/plate_1.parquet", "motion": ["trials/plate_2.parquet"], "quality": checked}
-    assert without_excluded(inputs, exclusions(JUDGE.verdicts(checked))) == {
-        "trial": "trials/plate_1.parquet",
-        "motion": [],
-    }
 
 
 def test_who_was_left_out_is_listed_and_told_with_value_threshold_and_remedy(checked: list[Path]) -> None:
@@ -90,13 +85,6 @@ def test_a_trial_that_could_not_be_judged_is_in_both_lists_with_reason_and_remed
         listed = read_table(folder / "excluded.csv", ["trial", "check", "value", "unit", "threshold", "remark"])
         assert listed["remark"][0] == "p.c3d: truncated; export it again"
         assert listed["trial"].to_list() == ["plate_9", "plate_2"][: 1 + (n > 0)]
-
-
-def test_without_exclusions_nothing_is_told_and_the_list_is_empty(checked: list[Path]) -> None:
-    assert exclusion_report(JUDGE.verdicts(checked[:1]), {}) == ""
-    judge(checked[:1], RULES, {}, checked[0].parent / "quality.csv")
-    list_excluded(checked[0].parent / "quality.csv", {}, checked[0].parent / "excluded.csv")
-    assert read_table(checked[0].parent / "excluded.csv").is_empty()
 
 
 @pytest.mark.parametrize(("name", "files"), [("rows", ["fits/plate_2.csv"]), ("trial", "trials/plate_2.parquet")])

@@ -47,7 +47,6 @@ from osl_analysis.report.panels import (
 from osl_analysis.report.trial_page import (
     ReportedTrial,
     doubts_of,
-    estimates_of,
     left_out_trials,
     provenance_of,
     split,
@@ -91,20 +90,6 @@ def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes
 def test_a_short_table_is_written_as_numbers():
     found = unpack(packed_table(pl.DataFrame({"x": [1.0, None, 1e-9], "name": ["a", "b", "c"]}).drop("name")))
     assert_allclose(found["x"], [1, np.nan, 1e-9])
-
-
-def test_thinned_series_keep_every_outlier_of_the_residual_and_no_model_where_nothing_is_fitted():
-    n = 40_000
-    time, torque = 5 + np.arange(n) / 1000, np.zeros(n)
-    torque[12_345], torque[12_346] = 7.0, -9.0
-    fitted = np.arange(n) >= 10_000
-    table = Series(time, torque, np.zeros(n), np.full(n, np.pi), fitted).table()
-    assert len(table) == 10_000
-    assert_allclose(table["time"].to_numpy(), np.arange(10_000) * 0.004, atol=1e-9)
-    assert table["residual_high"].max() == 7.0
-    assert table["residual_low"].min() == -9.0
-    assert table["torque_model"].null_count() == table["residual_low"].null_count() == 2500
-    assert_allclose(table["theta_deg"].to_numpy(), 180, rtol=1e-6)
 
 
 def test_thinning_for_a_small_page_keeps_the_ends_of_ranges_and_enough_rows():
@@ -194,10 +179,9 @@ def test_a_packed_trial_reads_back_with_its_name(hostile_page):
     content = json.loads(zlib.decompress(base64.b64decode(packed["content"])))
     names = [a["data-name"] for tag, a in Page(hostile_page).attributes if a.get("class") == "packed"]
     assert names == [content["name"]] == [HOSTILE]
-    assert content["estimates"]["rows"] == [
-        ["4", "301.26 [300.90, 301.60]", "99"],
-        ["all", "299.51 [299.20, 299.80]", "98"],
-    ]
+    shown = content["estimates"]
+    assert shown["rows"] == [["4", "301.26 [300.90, 301.60]", "99"], ["all", "299.51 [299.20, 299.80]", "98"]]
+    assert [f"{one['name']} {one['unit']}" for one in shown["columns"]] == ["amplitude_deg deg", "K N·m/rad", "VAF %"]
 
 
 def test_no_script_runs_but_the_two_of_the_page_and_nothing_is_loaded(hostile_page):
@@ -251,41 +235,18 @@ def test_doubts_are_split_and_explained():
     assert "; ".join(split(cell)) == cell
     found = doubts_of({"impedance": fitted_rows(cell)}, {"impedance": IMPEDANCE})
     assert [one["where"] for one in found] == ["all amplitudes"] * 4
-    assert [one["meaning"] for one in found] == [
-        IMPEDANCE.columns[name].meaning for name in ("odd_harmonics", "coulomb_share", "VAF", "R2")
-    ]
-
-
-def test_estimates_have_units_and_intervals():
-    found = estimates_of(fitted_rows(), IMPEDANCE)
-    assert [(one["name"], one["unit"]) for one in found["columns"]] == [
-        ("amplitude_deg", "deg"),
-        ("K", "N·m/rad"),
-        ("VAF", "%"),
-    ]
+    names = ("odd_harmonics", "coulomb_share", "VAF", "R2")
+    assert [one["meaning"] for one in found] == [IMPEDANCE.columns[name].meaning for name in names]
 
 
 def test_provenance_says_file_hash_channel_and_conversion():
-    origin = {
-        "file": "log",
-        "topic": "/wrench",
-        "field": "torque.z",
-        "unit": "Nm",
-        "si_unit": "N*m",
-        "sign": -1,
-        "scale": 2.0,
-    }
-    markers = {
-        f"marker_A_{axis}": {"component": axis, "label": "A", "file": "mocap", "unit": "mm", "si_unit": "m"}
-        for axis in "xyz"
-    }
-    found = provenance_of(
-        {
-            "files": {"log": {"path": "a.mcap", "bytes": 12, "sha256": "ff", "source": "mine"}},
-            "columns": {"torque": origin, **markers},
-            "clock": {"offset": 0.5, "edges": 18, "nothing": None, "parts": [{"a": 1, "b": 2}, {"a": 3}]},
-        }
-    )
+    origin = {"file": "log", "topic": "/wrench", "field": "torque.z", "unit": "Nm", "si_unit": "N*m"}
+    marker = {"label": "A", "file": "mocap", "unit": "mm", "si_unit": "m"}
+    columns = {"torque": origin | {"sign": -1, "scale": 2.0}}
+    columns |= {f"marker_A_{axis}": marker | {"component": axis} for axis in "xyz"}
+    files = {"log": {"path": "a.mcap", "bytes": 12, "sha256": "ff", "source": "mine"}}
+    clock = {"offset": 0.5, "edges": 18, "nothing": None, "parts": [{"a": 1, "b": 2}, {"a": 3}]}
+    found = provenance_of({"files": files, "columns": columns, "clock": clock})
     assert found["files"] == [["log", "a.mcap", "12", "ff", "mine"]]
     assert found["signals"] == [
         ["torque", "log", "/wrench torque.z", "Nm → N*m, sign -1, scale 2"],
@@ -315,36 +276,29 @@ def test_a_caption_is_text_with_indices():
         caption_html(r"$K_d$ of \<img\> a\_1, $\hat{K}$ & $10^{-3}$")
         == "<i>K<sub>d</sub></i> of &lt;img&gt; a_1, <i>K\u0302</i> &amp; <i>10<sup>-3</sup></i>"
     )
-    assert captions_by_title("# Captions\n\nx\n\n## Fig. 3\n\nOne.\n\n## Fig. 4\n\nTwo.\n") == {
-        "Fig. 3": "One.",
-        "Fig. 4": "Two.",
-    }
+    page = "# Captions\n\nx\n\n## Fig. 3\n\nOne.\n\n## Fig. 4\n\nTwo.\n"
+    assert captions_by_title(page) == {"Fig. 3": "One.", "Fig. 4": "Two."}
 
 
-def test_a_velocity_is_drawn_as_one():
-    series = Series(
-        np.arange(3.0), np.ones(3), np.ones(3), np.ones(3), np.ones(3, dtype=bool), is_velocity=True
-    ).table()
+def test_a_velocity_is_drawn_as_one_and_a_large_figure_as_a_picture_with_its_name():
+    ones = np.ones(3)
+    series = Series(np.arange(3.0), ones, ones, ones, np.ones(3, dtype=bool), is_velocity=True).table()
     labels = [panel.y_label for panel in bench_pictures(series, "Motor motion").panels]
     assert labels == ["Torque (N·m)", "Torque (N·m)", "Motor motion (rad/s)", "Torque (N·m)"]
+    found = inline_png(b"png", HOSTILE)
+    assert found.startswith('<img src="data:image/png;base64,cG5n" alt="&lt;img src=x')
 
 
 def test_cells_are_sorted_by_the_unrounded_value_and_conditions_are_those_that_differ():
-    precise = ReportedTrial(
-        "t", {"experiment": "impedance"}, {"impedance": fitted_rows().with_columns(K=pl.lit(299.512345))}
-    )
+    row, table = {"experiment": "impedance", "joint": "knee"}, fitted_rows().with_columns(K=pl.lit(299.512345))
+    precise = ReportedTrial("t", row, {"impedance": table})
     assert overview.trial_row(precise, ())["numbers"][1]["sort"] == "299.512345"
-    rows = [
-        {"experiment": "impedance", "K_d": 1.0, "joint": "knee"},
-        {"experiment": "impedance", "K_d": 2.0, "joint": "knee"},
-    ]
-    assert overview.differing_conditions([ReportedTrial("a", rows[0]), ReportedTrial("b", rows[1])]) == {"K_d"}
+    two = [ReportedTrial("a", row | {"K_d": K_d}) for K_d in (1.0, 2.0)]
+    assert overview.differing_conditions(two) == {"K_d"}
 
 
 def test_doubts_say_whether_they_are_about_the_whole_trial():
-    table = fitted_rows("VAF 3 is below 90").with_columns(
-        doubtful=pl.Series(["R2 0.1 is below 0.9", "VAF 3 is below 90"])
-    )
+    table = fitted_rows().with_columns(doubtful=pl.Series(["R2 0.1 is below 0.9", "VAF 3 is below 90"]))
     cell = "x 2 is above 1; impedance.csv: R2 0.1 is below 0.9; VAF 3 is below 90"
     phasors = pl.DataFrame({"amplitude_deg": [2.0], "frequency_hz": [3.0], "doubtful": [cell]})
     found = doubts_of({"impedance": table, "phasors": phasors}, {"impedance": IMPEDANCE})
@@ -362,20 +316,10 @@ def test_a_trial_that_is_left_out_is_listed_with_its_verdict_and_each_reason():
 
 
 def test_headlines_stand_beside_the_drafts():
-    number = {
-        "value": 684.4321,
-        "unit": "N*m/rad",
-        "low": 679.5,
-        "high": 689.2,
-        "interval": "95 %",
-        "n": 10,
-        "draft": 685.6,
-    }
-    found = overview.headline_row({**number, "meaning": "belt"})
-    assert found | {"meaning": "", "n": ""} == {
-        "meaning": "", "value": "684.4", "unit": "N·m/rad", "interval": "679.5 to 689.2 (95 %)", "n": "",
-        "draft": "685.6",
-    }  # fmt: skip
+    number = {"value": 684.4321, "unit": "N*m/rad", "low": 679.5, "high": 689.2, "interval": "95 %", "n": 10}
+    found = overview.headline_row({**number, "draft": 685.6, "meaning": "belt"})
+    shown = {"value": "684.4", "unit": "N·m/rad", "interval": "679.5 to 689.2 (95 %)", "draft": "685.6"}
+    assert {key: found[key] for key in shown} == shown
 
 
 def vaf(series):
@@ -390,9 +334,8 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
     theta_s, torque = belt_cycle(K_s2=3000, coulomb=0.3)
     rng = np.random.default_rng(4)
     torque = torque + 30 * np.gradient(theta_s) + 0.02 * rng.normal(size=len(torque))
-    belt = BeltTrial(
-        "t", np.arange(len(theta_s)) / RATE, RATE, LOW_PASS, theta_s, torque, fit_belt_stiffness(theta_s, torque)
-    )
+    time, fit = np.arange(len(theta_s)) / RATE, fit_belt_stiffness(theta_s, torque)
+    belt = BeltTrial("t", time, RATE, LOW_PASS, theta_s, torque, fit)
     motion = moving_record(made_trial(rng, noise(rng, duration=20.0)), SETTINGS)
     for series, table in (
         (impedance_series(stepped), impedance_table(stepped, trial_phasors(stepped))),
@@ -405,68 +348,39 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
 
 
 def test_crossings_are_drawn_in_degrees_and_the_residual_is_measured_minus_model():
-    crossing = pl.DataFrame(
-        {"time": [5.0, 5.1], "theta": [0.0, np.pi], "platform": [np.pi / 2, 0.0], "torque": [1.0, 2.0]}
-    )
-    table = crossing_pictures(crossing).tables["crossing"]
-    assert_allclose(
-        table.select("time", "theta_deg", "platform_deg").to_numpy(), [[0, 0, 90], [0.1, 180, 0]], atol=1e-9
-    )
+    angles = {"theta": [0.0, np.pi], "platform": [np.pi / 2, 0.0]}
+    crossing = pl.DataFrame({"time": [5.0, 5.1], **angles, "torque": [1.0, 2.0]})
+    table = crossing_pictures(crossing).tables["crossing"].select("time", "theta_deg", "platform_deg")
+    assert_allclose(table.to_numpy(), [[0, 0, 90], [0.1, 180, 0]], atol=1e-9)
     response = pl.DataFrame({"time": [0.01], "theta_deg": [1.0], "torque": [5.0], "torque_model": [3.0]})
     isolated = isolated_pictures(response).tables["isolated"]
-    assert isolated.to_dicts() == [
-        {"time_ms": 10.0, "theta_deg": 1.0, "torque": 5.0, "torque_model": 3.0, "residual": 2.0}
-    ]
+    (row,) = isolated.to_dicts()
+    assert row == {"time_ms": 10.0, "theta_deg": 1.0, "torque": 5.0, "torque_model": 3.0, "residual": 2.0}
 
 
 def test_phasors_are_drawn_as_magnitude_above_phase():
-    columns = [
-        "Y_magnitude",
-        "Y_magnitude_low",
-        "Y_magnitude_high",
-        "Y_phase_deg",
-        "Y_phase_low_deg",
-        "Y_phase_high_deg",
-    ]
-    phasors = pl.DataFrame(
-        {"amplitude_deg": [2.0, 4.0], "frequency_hz": [1.0, 1.0]} | {name: [0.1, 0.2] for name in columns}
-    )
+    size, phase = ["Y_magnitude", "Y_magnitude_low", "Y_magnitude_high"], ["Y_phase_deg"]
+    drawn = {key: [0.1, 0.2] for key in (*size, *phase, "Y_phase_low_deg", "Y_phase_high_deg")}
+    phasors = pl.DataFrame({"amplitude_deg": [2.0, 4.0], "frequency_hz": [1.0, 1.0]} | drawn)
     fit = {"K": 200.0, "B": 4.0, "I": 0.05}
-    pictures = phasor_pictures(phasors, fit)
-    upper, lower = pictures.panels
-    assert [(one.table, one.y, one.low, one.high) for one in upper.drawn[:2]] == [
-        (f"{deg} deg", *columns[:3]) for deg in (2, 4)
-    ]
-    assert [one.y for one in lower.drawn] == ["Y_phase_deg"] * 3
+    upper, lower = phasor_pictures(phasors, fit).panels
+    assert [[one.table, one.y, one.low, one.high] for one in upper.drawn[:2]] == [["2 deg", *size], ["4 deg", *size]]
+    assert [one.y for one in lower.drawn] == phase * 3
     assert (upper.log_x, upper.log_y, lower.log_y) == (True, True, False)
-
-
-def test_the_line_beside_phasors_is_that_of_a_second_order_joint():
-    """At its natural frequency sqrt(K/I) the admittance is 1/(B w), 90 degrees late."""
-    w = np.sqrt(200 / 0.05)
-    line = second_order_admittance(pl.Series([w / 2 / np.pi, 100.0]), {"K": 200.0, "B": 4.0, "I": 0.05})
+    w = np.sqrt(200 / 0.05)  # the natural frequency, where the admittance is 1/(B w), 90 degrees late
+    line = second_order_admittance(pl.Series([w / 2 / np.pi, 100.0]), fit)
     assert line.row(0) == pytest.approx((w / 2 / np.pi, 1 / (4 * w), -90))
 
 
-def test_a_large_figure_is_a_picture_with_its_name():
-    found = inline_png(b"png", HOSTILE)
-    assert found.startswith('<img src="data:image/png;base64,cG5n" alt="&lt;img src=x')
-
-
 def test_a_trial_is_left_out_by_what_became_of_it():
-    rows = [
-        {"trial": "cut", "check": "refused", "value": None, "unit": None, "threshold": None, "remark": "no footer"},
-        {"trial": "late", "check": "gap", "value": 1.0, "unit": "s", "threshold": 0.5, "remark": "theta"},
-        {"trial": "late", "check": "gap", "value": 1.0, "unit": "s", "threshold": 0.5, "remark": "theta"},
-    ]
+    late = {"trial": "late", "check": "gap", "value": 1.0, "unit": "s", "threshold": 0.5, "remark": "theta"}
+    cut = dict.fromkeys(late) | {"trial": "cut", "check": "refused", "remark": "no footer"}
+    rows = [cut, late, late]
     crossings = pl.DataFrame({"trial": ["walk"], "reason": ["no step"]})
     found = left_out_trials(pl.DataFrame(rows, infer_schema_length=None), crossings, {"late": "again", "new": "why"})
-    assert {name: (one.refused, one.reasons) for name, one in found.items()} == {
-        "cut": (True, ["no footer"]),
-        "late": (False, ["gap 1 s, threshold 0.5: theta"]),
-        "new": (True, ["why"]),
-        "walk": (False, ["no step"]),
-    }
+    left_out = {name: (one.refused, one.reasons) for name, one in found.items()}
+    assert left_out.pop("late") == (False, ["gap 1 s, threshold 0.5: theta"])
+    assert left_out == {"cut": (True, ["no footer"]), "new": (True, ["why"]), "walk": (False, ["no step"])}
 
 
 def test_a_trial_without_a_result_names_those_for_want_of_which():
@@ -478,11 +392,14 @@ def test_a_trial_without_a_result_names_those_for_want_of_which():
 
 
 @pytest.mark.parametrize("most", [7, 10_000])
-def test_no_outlier_of_a_long_residual_is_lost(most):
+def test_no_outlier_of_a_long_residual_is_lost_and_no_model_drawn_where_nothing_is_fitted(most):
     random, n = np.random.default_rng(4), 40_000
     torque, modelled, fitted = random.standard_normal(n), random.standard_normal(n), random.random(n) < 0.7
-    table = Series(np.arange(n) / 1000, torque, modelled, np.zeros(n), fitted).table(most)
+    table = Series(5 + np.arange(n) / 1000, torque, modelled, np.full(n, np.pi), fitted).table(most)
     step = -(-n // most)
+    assert_allclose(table["time"].to_numpy(), np.arange(0, n, step) / 1000, atol=1e-9)
+    assert_allclose(table["theta_deg"].to_numpy(), 180, rtol=1e-6)
+    np.testing.assert_array_equal(table["torque_model"].is_null(), ~fitted[::step])
     own = [(torque - modelled)[k : k + step][fitted[k : k + step]] for k in range(0, n, step)]
     low, high = ([f(part) if part.size else None for part in own] for f in (np.min, np.max))
     for name, expected in (("residual_low", low), ("residual_high", high)):

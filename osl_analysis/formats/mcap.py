@@ -39,9 +39,7 @@ INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of the entries
 INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 STATISTICS = struct.Struct("<Q14xI16xI")  # messages, chunks, bytes of the map of messages by channel
 LONGEST_NAME = 32
-HIGHEST_RATIO = {b"zstd": 1 << 15, b"lz4": 255}
-"""More is impossible: zstd writes a block of 128 kB in 4 bytes, lz4 255 bytes in one. The header is then wrong."""
-FRAME_HEADER = 1 << 16  # bytes by which a frame that holds next to nothing may be larger than what its ratio allows
+COMPRESSIONS = (b"zstd", b"lz4")
 NUMBERED = range(Opcode.HEADER, Opcode.DATA_END + 1)
 """Opcodes that the format defines. Records of higher ones are private or of a later version, and are skipped."""
 LENGTHS = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
@@ -294,39 +292,27 @@ class McapFile(MessageFile):
     def is_disguised_index(self, start: int, end: int) -> bool:
         """Whether a record of another opcode is the message index of the last chunk: a flipped bit makes it a message.
 
-        A message may look like an index. It is one only if each of its entries leads to a message of that channel and
-        log time in the chunk.
+        Each of its entries then leads into the chunk: what stands there in a message is no such small number.
         """
         chunk = self.last_chunk()
         if chunk is None or not is_message_index(self.data, start, end, exact=True):
             return False
-        channel, entries = index_entries(self.data, start)
-        offsets = entries["offset"]
-        try:
-            content = unpacked(self.data, chunk.head) if chunk.head is not None else None
-        except DamagedChunkError:
-            content = None
-        if content is None:
-            return bool((offsets < np.uint64(1 << 32)).all())  # nothing can be compared; two times are no offsets
-        if offsets.size == 0 or int(offsets.max()) > len(content) - MESSAGE.itemsize:
-            return False
-        heads = Rows(content, offsets.astype(np.int64)).at(0, MESSAGE)
-        same = (heads["channel"] == channel) & (heads["log_time"] == entries["log_time"])
-        return bool((same & (heads["opcode"] == Opcode.MESSAGE)).all())
+        size = chunk.head.size if chunk.head is not None else 1 << 32
+        return bool((index_entries(self.data, start)[1]["offset"] < np.uint64(size)).all())
 
     def refuse_second_log(self) -> None:
         """Refuse a damaged file in which another log begins: `cat a.mcap b.mcap`, or a recorder that appends.
 
         The number of a channel means one topic in the first log and may mean another in the second.
         """
-        begin, self.searched = len(self.data) if self.searched else 1, True
-        while (place := self.data.find(MAGIC, begin)) >= 0:
+        place = len(self.data) if self.searched else 0
+        self.searched = True
+        while (place := self.data.find(MAGIC, place + 1)) >= 0:
             start = place + len(MAGIC) + RECORD.size
             if start <= len(self.data):
                 opcode, length = RECORD.unpack_from(self.data, start - RECORD.size)
                 if opcode == Opcode.HEADER and is_header(self.data, start, start + length):
                     raise RefusedFileError(f"holds two logs, the second from byte {place} on: {TWO_LOGS}")
-            begin = place + 1
 
     # --- the messages
 
@@ -334,8 +320,8 @@ class McapFile(MessageFile):
         """The messages of every intact chunk, and those outside of chunks, in the order of the file. Call it once."""
         self.report_scan()
         damage = self.damage
-        if damage.finished and not self.summary_damaged:  # a wrong schema would be wrong values
-            self.adopt(self.described, provisional=not self.summary_checked)
+        if damage.finished and self.summary_checked:  # a wrong schema would be wrong values
+            self.adopt(self.described)
         untrusted = self.data_crc == "wrong" and not any("lost" in section.kind for section in self.sections)
         for section in self.sections:
             walk = self.walk_of(section)
@@ -355,6 +341,8 @@ class McapFile(MessageFile):
             damage.verified += starts.size if covered or self.data_crc == "right" else 0
             self.adopt(found.others)
             yield self.of_declared_channels(block)
+        if damage.finished and not self.summary_damaged:
+            self.adopt(self.described, only_new=True)
         is_missed = (damage.declared_chunks or 0) > damage.chunks + damage.chunks_lost
         damage.uncounted |= damage.declared_messages is None and is_missed
 
@@ -374,9 +362,6 @@ class McapFile(MessageFile):
             content = unpacked(self.data, section.head)
             if checked and zlib.crc32(content) != section.head.crc:
                 raise DamagedChunkError("does not match its checksum")
-            walk = walk_by_index(content, offsets)
-            if walk is not None:
-                return content, walk, checked
             walk = walk_records(content, 0, len(content), in_chunk=True)
             if walk.end != len(content):
                 raise DamagedChunkError(f"holds no record at byte {walk.end} of its {len(content)} bytes")
@@ -402,7 +387,7 @@ class McapFile(MessageFile):
         chunks = int("chunk" in section.kind)
         self.damage.lose(remark, section.end - section.start, Counter() if section.harmless else messages, chunks)
 
-    def adopt(self, records: Sequence[tuple[int, bytes]], *, provisional: bool = False) -> None:
+    def adopt(self, records: Sequence[tuple[int, bytes]], *, only_new: bool = False) -> None:
         """Take in schemas and channels; the library raises many kinds of errors on damaged bytes."""
         for opcode, content in dict.fromkeys(records):
             kind = Schema if opcode == Opcode.SCHEMA else Channel
@@ -411,7 +396,8 @@ class McapFile(MessageFile):
             except Exception:
                 self.damage.remark("a schema or a channel cannot be read")
                 continue
-            self.declare(one, provisional=provisional)
+            if not only_new or one.id not in (self.schemas if kind is Schema else self.channels):
+                self.declare(one)
 
     def of_declared_channels(self, block: MessageBlock) -> MessageBlock:
         """The block without messages of undeclared channels, whose content is unknown."""
@@ -478,33 +464,6 @@ def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool) -> Walk
     return Walk(heads, starts, others, position, unknown)
 
 
-def walk_by_index(buffer: bytes, offsets: Indices) -> Walk | None:
-    """The same for a whole chunk, by the offsets of its messages that an index gives.
-
-    None if the index is wrong: messages and the records between them must fill the buffer without a gap.
-    """
-    size = len(buffer)
-    if offsets.size == 0 or offsets.min() < 0 or offsets.max() > size - MESSAGE.itemsize:
-        return None
-    starts = np.sort(offsets, kind="stable")  # fast, because the offsets of each channel rise
-    heads = Rows(buffer, starts).at(0, MESSAGE)
-    lengths = heads["length"].astype(np.int64)  # one that is too large for it becomes negative
-    if (heads["opcode"] != Opcode.MESSAGE).any() or lengths.min() < MESSAGE_HEAD or lengths.max() > size:
-        return None
-    free = np.concatenate([[0], starts + RECORD.size + lengths])
-    taken = np.concatenate([starts, [size]])
-    if (free > taken).any():
-        return None
-    others, unknown = [], 0
-    for i in np.flatnonzero(free < taken).tolist():
-        between = walk_records(buffer, int(free[i]), int(taken[i]), in_chunk=True)
-        if between.end != taken[i] or between.starts.size:
-            return None
-        others += between.others
-        unknown += between.unknown
-    return Walk(heads, starts, others, size, unknown)
-
-
 def counts_of(walk: Walk) -> Counter[int]:
     """Messages of each channel in a walk."""
     return Counter(walk.heads["channel"].tolist())
@@ -530,29 +489,26 @@ def is_disguised_chunk(data: bytes, start: int, end: int) -> bool:
     head = chunk_head(data, start, end)
     if head is None or head.end != end:
         return False
-    return head.name in HIGHEST_RATIO or (head.name == b"" and head.size == end - head.begin > 0)
+    return head.name in COMPRESSIONS or (head.name == b"" and head.size == end - head.begin > 0)
 
 
 def unpacked(data: bytes, head: ChunkHead) -> bytes:
-    """The content of a chunk, which must be of the declared size; never more is unpacked."""
-    name, size, body = head.name, head.size, memoryview(data)[head.begin : head.end]
-    if name and name not in HIGHEST_RATIO:
-        raise DamagedChunkError(f"says it is compressed with {name[:20].decode('latin1')!a}; zstd and lz4 are read")
-    if name and size > HIGHEST_RATIO[name] * len(body) + FRAME_HEADER:
-        raise DamagedChunkError(f"declares {size} bytes, which {len(body)} bytes of {name.decode()} cannot hold")
+    """The content of a chunk, which must be of the declared size."""
+    body = memoryview(data)[head.begin : head.end]
     try:
-        if name == b"zstd":
-            declared = zstandard.get_frame_parameters(body).content_size if body else size
-            if declared not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-                raise DamagedChunkError(f"holds {declared} of {size} bytes")
-            content = zstandard.ZstdDecompressor().decompress(body, max_output_size=size) if size else b""
+        if head.name == b"zstd":
+            content = zstandard.ZstdDecompressor().decompressobj().decompress(body)
+        elif head.name == b"lz4":
+            content = lz4.frame.LZ4FrameDecompressor().decompress(body)
+        elif head.name:
+            shown = head.name[:20].decode("latin1")
+            raise DamagedChunkError(f"says it is compressed with {shown!a}; zstd and lz4 are read")
         else:
-            lz4_frame = lz4.frame.LZ4FrameDecompressor()
-            content = lz4_frame.decompress(body, max_length=size + 1) if name else bytes(body)
-    except (zstandard.ZstdError, RuntimeError, EOFError, struct.error) as error:
+            content = bytes(body)
+    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
         raise DamagedChunkError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
-    if len(content) != size:
-        raise DamagedChunkError(f"holds {len(content)} of {size} bytes")
+    if len(content) != head.size:
+        raise DamagedChunkError(f"holds {len(content)} of {head.size} bytes")
     return content
 
 

@@ -210,8 +210,6 @@ class MessageFile:
     size: int  # its size [bytes]
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
-    provisional: set[tuple[type, int]] = field(default_factory=set)
-    """Channels and schemas that only a summary without a checksum has had so far."""
     damage: Damage = field(default_factory=Damage)
     kind: str = "bag"  # what it is, for messages
 
@@ -219,27 +217,16 @@ class MessageFile:
         """The messages in the order of the file. Call it once."""
         raise NotImplementedError
 
-    def declare(self, one: Channel | Schema, *, provisional: bool = False) -> None:
-        """Take in a channel or a schema. A number means one thing throughout a file.
-
-        A `provisional` one gives way to others of the same number.
-        """
+    def declare(self, one: Channel | Schema) -> None:
+        """Take in a channel or a schema. A number means one thing throughout a file."""
         what, known_ones = ("channel", self.channels) if isinstance(one, Channel) else ("schema", self.schemas)
-        key, known = (type(one), one.id), known_ones.get(one.id)
-        if known is not None and meaning_of(known) != meaning_of(one):
-            if provisional:
-                return
-            if key not in self.provisional:
-                names = meaning_of(known)[0], meaning_of(one)[0]
-                raise RefusedFileError(
-                    f"{what} {one.id} is {names[0]!a} in one part of the file and {names[1]!a} in another: two logs "
-                    "were joined, or the file is damaged; record again, or give each log a file of its own"
-                )
-        known_ones[one.id] = one  # type: ignore[assignment]
-        if not provisional:
-            self.provisional.discard(key)
-        elif known is None:
-            self.provisional.add(key)
+        known = known_ones.setdefault(one.id, one)  # type: ignore[arg-type]
+        if meaning_of(known) != meaning_of(one):
+            names = meaning_of(known)[0], meaning_of(one)[0]
+            raise RefusedFileError(
+                f"{what} {one.id} is {names[0]!a} in one part of the file and {names[1]!a} in another: two logs "
+                "were joined, or the file is damaged; record again, or give each log a file of its own"
+            )
 
     def channels_of(self, topic: str) -> list[int]:
         """Numbers of the channels of a topic."""

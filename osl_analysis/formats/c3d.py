@@ -56,7 +56,6 @@ def parse_parameters(data: bytes, position: int, end: int, processor: str) -> tu
 
 
 def section_records(data: bytes, position: int, end: int, processor: str) -> Iterator[ParameterRecord]:
-    """The records from `position` on; raises as `parse_parameters`."""
     while data[position] != 0:
         record = parameter_record(data, position, processor)
         yield record
@@ -115,7 +114,6 @@ def text_values(content: bytes, length: int) -> list[str]:
 
 
 def text_of(text: bytes) -> str:
-    """Text in UTF-8, or else in Latin-1."""
     try:
         return text.decode("utf-8")
     except UnicodeDecodeError:
@@ -174,7 +172,6 @@ class C3DHeader:
 
     @property
     def integers(self) -> bool:
-        """Whether samples are stored as 16-bit integers."""
         return self.scale > 0
 
     @property
@@ -198,7 +195,6 @@ class C3DHeader:
 
 
 def is_c3d(begin: bytes) -> bool:
-    """Whether a file that begins with these bytes is a C3D file."""
     return begin[1:2] == bytes([KEY]) and b"\0" in begin
 
 
@@ -359,14 +355,8 @@ class C3DRecording:
 
 
 def read_c3d(path: Path, counts: Counts = "refuse") -> C3DRecording:
-    """Decode a C3D file. `counts` says whose counts hold where header and parameters contradict each other.
-
-    Raises
-    ------
-    CountsError
-        They contradict each other, and `counts` does not say.
-    InputError
-        The file is not C3D, damaged or truncated.
+    """Decode a C3D file; CountsError if header and parameters contradict each other and `counts` does not say which
+    hold, InputError if it is no C3D, damaged or truncated.
     """
     data = path.read_bytes()
     header = parse_file(path, data, counts)

@@ -53,13 +53,7 @@ Definitions = dict[str, list[MessageField]]
 
 
 def parse_schema(name: str, text: str) -> Definitions:
-    """Definitions of the message `name` (`package/msg/Name`) and of all that it holds, by `package/Name`.
-
-    Raises
-    ------
-    InputError
-        A line is not a field, a field is defined twice, or a type is not defined.
-    """
+    """Definitions of the message `name` (`package/msg/Name`) and of all that it holds, by `package/Name`."""
     stamp = [MessageField("sec", "int32"), MessageField("nanosec", "uint32")]
     definitions: Definitions = {"builtin_interfaces/Time": stamp, "builtin_interfaces/Duration": stamp}
     own, *parts = SEPARATOR.split(text)
@@ -182,14 +176,12 @@ class MessageWalk:
         return count
 
     def string(self, path: str, *, in_array: bool) -> None:
-        """Walk over a string."""
         length = self.length()
         if in_array:
             self.texts[path] = range(self.position, self.position + length)
         self.position += length
 
     def numbers(self, item: MessageField, path: str) -> None:
-        """Note a number or an array of numbers."""
         kind = PRIMITIVES[item.type]
         size = np.dtype(kind).itemsize
         count = self.length() if item.array == "sequence" else 1 if item.array is None else item.array
@@ -201,20 +193,13 @@ class MessageWalk:
             raise self.too_short()
 
     def too_short(self) -> InputError:
-        """The error for a message that ends too early."""
         return InputError(
             f"a message of {len(self.payload)} bytes is too short for its schema; the schema is not its own"
         )
 
 
 def walk_of(kind: MessageType, payload: bytes | None) -> MessageWalk:
-    """The walk through one message; without one, through one of zeros, whose strings and sequences are empty.
-
-    Raises
-    ------
-    InputError
-        The encapsulation is not plain CDR, or the message is shorter or longer than its schema asks for.
-    """
+    """The walk through one message; without one, through one of zeros, whose strings and sequences are empty."""
     if payload is None:
         empty = MessageWalk(bytes((0, not kind.ros1, 0, 0)) + bytes(1 << 16), kind, position=0 if kind.ros1 else 4)
         empty.message(kind.name, "")

@@ -140,7 +140,6 @@ def number(text: str, place: int) -> float:
 
 
 def is_number_cell(cell: str) -> bool:
-    """Whether a cell holds a number."""
     try:
         number(cell, 0)
     except UnreadableCellError:
@@ -216,13 +215,7 @@ def places_of(name: str, names: Sequence[str]) -> list[int]:
 
 
 def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
-    """The rows of a log in CSV.
-
-    Raises
-    ------
-    InputError
-        The file has no rows or no header, or rows of another length than the header that the layout does not allow.
-    """
+    """The rows of a log in CSV; InputError if it has no header, or rows that the layout does not allow."""
     lines = read_lines(path)
     return plain_table(path, lines, layout) or table_of(path, lines, layout)
 
@@ -255,7 +248,6 @@ def plain_table(path: Path, lines: Lines, layout: CsvLayout) -> CsvTable | None:
 
 
 def table_of(path: Path, lines: Lines, layout: CsvLayout) -> CsvTable:
-    """The table of the lines of a log in CSV; raises as `read_csv_table`."""
     sign = layout.comment
     comments: Lines = [(n, t.strip()[len(sign) :].strip()) for n, t in lines if sign and t.lstrip().startswith(sign)]
     content = [(n, text) for n, text in lines if not (sign and text.lstrip().startswith(sign))]

@@ -119,7 +119,6 @@ def read_json_lines(path: Path) -> JsonLines:
 
 
 def is_whole(text: bytes) -> bool:
-    """Whether a line is JSON."""
     try:
         json.loads(text)
     except (ValueError, RecursionError):

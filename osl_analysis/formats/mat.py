@@ -71,7 +71,6 @@ class Value:
         return f"{'x'.join(map(str, self.shape))} {'complex ' if self.is_complex else ''}{self.kind}"
 
     def remedy(self) -> str:
-        """What to do in MATLAB where this stands in place of real numbers."""
         return "save `real(x)`" if self.is_complex else REMEDIES.get(self.kind, OBJECT)
 
 
@@ -90,7 +89,6 @@ def real_numbers(place: str, value: Value) -> Array:
 
 
 def is_mat(begin: bytes) -> bool:
-    """Whether a file that begins with these bytes is a MATLAB file of version 5 or 7.3."""
     return begin.startswith((MARK5, MARK73)) and b"\0" in begin[:128]
 
 
@@ -150,13 +148,7 @@ def damaged(path: Path, error: Exception) -> InputError:
 
 
 def open_mat(path: Path) -> MatFile:
-    """The MATLAB file at a path.
-
-    Raises
-    ------
-    InputError
-        It is of another version, or no MATLAB file.
-    """
+    """The MATLAB file at a path; InputError if it is of another version, or none."""
     with path.open("rb") as file:
         begin = file.read(128)
         data = begin if begin.startswith(MARK73) else begin + file.read()
@@ -265,7 +257,6 @@ def value5(raw: Any) -> Value:
 
 
 def in_order(array: NDArray[Any]) -> Iterator[Any]:
-    """The elements of an array in MATLAB's order, column by column."""
     return iter(array.ravel(order="F"))
 
 
@@ -452,7 +443,6 @@ def field_of(value: Value, name: str, place: str, address: Address) -> Value:
 
 
 def element(elements: Sequence[Any], number: int, place: str, address: Address) -> Any:
-    """One element, counted from 1."""
     if number > len(elements):
         raise InputError(f"{address.text}: {place} has {len(elements)} elements; choose one of 1 to {len(elements)}")
     return elements[number - 1]
@@ -473,14 +463,12 @@ def chosen(value: Value, step: Mapping[str, str], place: str, address: Address) 
 
 
 def label_of(value: Value) -> str:
-    """Text or single number, by which an element is chosen; empty for anything else."""
     if value.kind == "char":
         return value.text.strip()
     return f"{value.load().item():g}" if value.load is not None and value.size == 1 else ""
 
 
 def line_of(value: Value, step: Mapping[str, str], place: str, address: Address) -> Value:
-    """One column or row of a matrix."""
     numbers = real_numbers(f"{address.text}: {place}", value)
     axis, number = (1, int(step["column"])) if "column" in step else (0, int(step["row"]))
     if numbers.ndim != 2 or number > numbers.shape[axis]:

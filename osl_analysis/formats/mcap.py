@@ -173,7 +173,6 @@ class McapFile(MessageFile):
         return int(end)
 
     def take_record(self, opcode: int, start: int, end: int) -> None:
-        """Take in one sound record."""
         data, damage = self.data, self.damage
         if opcode == Opcode.CHUNK:
             if self.data_end:  # a chunk after the end of the data shows that this was not the end
@@ -286,7 +285,6 @@ class McapFile(MessageFile):
         return bool(end + RECORD.size + RECORD.unpack_from(self.data, end)[1] <= len(self.data))
 
     def last_chunk(self) -> Section | None:
-        """The last chunk so far, lost or not."""
         return next((section for section in reversed(self.sections) if "chunk" in section.kind), None)
 
     def is_disguised_index(self, start: int, end: int) -> bool:
@@ -413,13 +411,7 @@ class McapFile(MessageFile):
 
 
 def read_mcap(path: Path) -> McapFile:
-    """Scan a file; its messages are read by `blocks`.
-
-    Raises
-    ------
-    InputError
-        The file is empty, no MCAP file, or two logs.
-    """
+    """Scan a file; its messages are read by `blocks`. InputError if it is empty, no MCAP file, or two logs."""
     data = path.read_bytes()
     if not data:
         raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial")
@@ -438,10 +430,7 @@ def read_mcap(path: Path) -> McapFile:
 
 
 def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool) -> Walk:
-    """Walk from record to record, up to the first bytes that are no schema, channel or message.
-
-    In a chunk, records of opcodes that the format does not define are skipped; outside of one they end the walk.
-    """
+    """Walk from record to record, in a chunk past opcodes that the format does not define, to what is no record."""
     messages, unknown, position = array("q"), 0, begin
     others: list[tuple[int, bytes]] = []
     unpack, last = RECORD.unpack_from, end - RECORD.size
@@ -465,7 +454,6 @@ def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool) -> Walk
 
 
 def counts_of(walk: Walk) -> Counter[int]:
-    """Messages of each channel in a walk."""
     return Counter(walk.heads["channel"].tolist())
 
 
@@ -521,7 +509,6 @@ def is_message_index(data: bytes, start: int, end: int, *, exact: bool = False) 
 
 
 def index_entries(data: bytes, start: int) -> tuple[int, NDArray[Any]]:
-    """Channel, and log times and offsets of its messages, from a sound message index record."""
     channel, size = INDEX_HEAD.unpack_from(data, start)
     return channel, np.frombuffer(data, INDEX_ENTRY, size // INDEX_ENTRY.itemsize, start + INDEX_HEAD.size)
 

@@ -63,7 +63,6 @@ class MessageBlock:
         return Counter({number: int(counts[number]) for number in np.flatnonzero(counts).tolist()})
 
     def of_channel(self, number: int) -> "MessageBlock":
-        """The messages of one channel."""
         return self if len(self.counts) == 1 else self.of(np.flatnonzero(self.channel == number))
 
     def of(self, rows: NDArray[np.intp]) -> "MessageBlock":
@@ -229,7 +228,6 @@ class MessageFile:
             )
 
     def channels_of(self, topic: str) -> list[int]:
-        """Numbers of the channels of a topic."""
         return [channel.id for channel in self.channels.values() if channel.topic == topic]
 
 
@@ -287,7 +285,6 @@ class SplitLog(MessageFile):
         return Counter({self.number(part, one): n for one, n in (counts or {}).items() if one in part.channels})
 
     def count(self, part: MessageFile) -> None:
-        """Add the losses of a part that was read, and its topics without messages."""
         own, total = part.damage, self.damage
         for one in sorted(part.channels):
             self.number(part, one)
@@ -317,7 +314,6 @@ class ChannelReader:
     messages: int = 0
 
     def add(self, mine: MessageBlock) -> None:
-        """Read messages of a block, all of which are the channel's."""
         if not self.messages:
             self.first = mine.buffer[int(mine.starts[0]) : int(mine.starts[0] + mine.lengths[0])]
         try:
@@ -353,10 +349,7 @@ class ChannelReader:
         )
 
     def names_of_fields(self, path: str) -> str:
-        """The fields of the first message, for a message to the user about `path`.
-
-        Where the path chooses an element by name, these are the names that its array has, if it has any.
-        """
+        """The fields of the first message, or the names in the array in which `path` chooses an element by name."""
         try:
             fields = describe_message(self.channel, self.schema, self.first)
         except (ValueError, RecursionError):
@@ -369,7 +362,6 @@ class ChannelReader:
         return listing([one for several in words for one in several])
 
     def how(self) -> dict[str, Any]:
-        """How its messages were decoded, for the provenance."""
         return {
             "channel": self.channel.id,
             "encoding": self.channel.message_encoding,
@@ -423,7 +415,6 @@ def describe_message(channel: Channel, schema: Schema | None, payload: bytes | N
 
 
 def check_encoding(channel: Channel, schema: Schema | None) -> None:
-    """Refuse messages of an encoding that is not read."""
     encoding = (channel.message_encoding, schema.encoding if schema else "no schema")
     if NOT_DEFINED in channel.metadata:
         raise InputError(f"topic '{channel.topic}': {channel.metadata[NOT_DEFINED]}")
@@ -452,14 +443,9 @@ def decode_topics(
     optional: Collection[str] = (),
     either: Collection[str] = (),
 ) -> dict[str, Decoded]:
-    """The wanted fields of each topic, from all its channels, in one pass.
+    """The wanted fields of each topic, from all its channels; InputError if a topic or a field cannot be read.
 
-    Fields of `optional` may be absent; those of `either`, which are spellings of the same field, too.
-
-    Raises
-    ------
-    InputError
-        A topic or a field is missing, a topic has no messages, or none of them can be decoded.
+    Fields of `optional` may be absent.
     """
     readers: dict[int, ChannelReader] = {}
     for block in file.blocks():
@@ -485,7 +471,6 @@ def decode_topics(
 
 
 def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader], paths: Sequence[str]) -> Decoded:
-    """The messages of one topic, from the readers of its channels."""
     if not file.channels_of(topic):
         topics = sorted({channel.topic for channel in file.channels.values()})
         raise InputError(
@@ -549,10 +534,7 @@ def rank_of(log_time: Indices, sequence: NDArray[np.uint32]) -> Indices:
 
 
 def missing_numbers(sequence: NDArray[np.uint32]) -> int:
-    """How many sequence numbers are missing between the first and the last; 0 where they are no such numbers.
-
-    They count messages if each is its own and most rise by one.
-    """
+    """How many sequence numbers are missing, if they count messages: each is its own and most rise by one; else 0."""
     steps = np.diff(np.sort(sequence.astype(np.int64), kind="stable"))
     if (steps == 1).all() or (steps == 0).any() or np.median(steps) != 1:
         return 0
@@ -571,7 +553,6 @@ class ChannelSurvey:
 
 
 def survey_channels(file: MessageFile) -> list[ChannelSurvey]:
-    """All channels of a file, also those without messages."""
     first: dict[int, bytes] = {}
     stamps: dict[int, list[Indices]] = defaultdict(list)
     for block in file.blocks():

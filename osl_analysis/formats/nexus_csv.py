@@ -90,18 +90,11 @@ def is_nexus(begin: bytes) -> bool:
 
 
 def without_subject(name: str) -> str:
-    """A label without its subject."""
     return name.rpartition(":")[2]
 
 
 def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> dict[str, NexusSection]:
-    """Sections by title.
-
-    Raises
-    ------
-    InputError
-        The file is not an export of Nexus, a section has no samples, or a section stands twice.
-    """
+    """Sections by title; InputError if there is none, one has no samples, or stands twice."""
     lines = read_lines(path)
     header = [(n, text) for n, text in lines if text.lstrip('"').casefold().startswith("frame")]
     rows = split_rows(path, lines, delimiter_of(header[:1], delimiter))

@@ -92,7 +92,6 @@ class FieldDescription:
         return [f"{self.path}[{label}]" for label in self.labels] or [f"{self.path}[0]"]
 
     def in_words(self) -> str:
-        """The path with the range of its indices, for a message to the user."""
         return self.path if self.length is None else f"{self.path}[0..{self.length - 1}]"
 
 
@@ -160,7 +159,6 @@ class ObjectReader:
         yield from batches(places, messages)
 
     def note(self, misfit: str) -> None:
-        """Count a message that cannot be used."""
         self.misfits += 1
         self.misfit = self.misfit or misfit
 
@@ -242,7 +240,6 @@ def json_number(message: Any, path: str) -> float | bool | None:
 
 
 def no_number(value: Any, way: str, expected: str) -> NoNumberError:
-    """The error for a value that is not what is expected at the end of a way."""
     shown = json.dumps(value, ensure_ascii=False)
     shown = shown if len(shown) <= MOST_SHOWN else f"{shown[:MOST_SHOWN]}..."
     what = f"field '{way}'" if way else "the whole"
@@ -250,7 +247,6 @@ def no_number(value: Any, way: str, expected: str) -> NoNumberError:
 
 
 def describe_json(text: bytes) -> list[FieldDescription]:
-    """The fields of a JSON message; raises ValueError if the text is not JSON."""
     return list(described_value(json.loads(text), "", {}))
 
 
@@ -270,7 +266,6 @@ def described_value(value: Any, path: str, texts: Mapping[str, Sequence[str]]) -
 
 
 def is_array_of(value: Any, kind: Any) -> bool:
-    """Whether a JSON value is an array, not empty, of values of one kind."""
     return isinstance(value, list) and bool(value) and all(isinstance(one, kind) for one in value)
 
 
@@ -279,7 +274,6 @@ PROTOBUF_TYPES = ("", "int32", "int64", "uint32", "uint64", "float64", "float32"
 
 
 def protobuf_reader(schema: Schema, paths: Sequence[str], either: Collection[str] = ()) -> ObjectReader:
-    """The same for protobuf messages, whose schema is a FileDescriptorSet."""
     return ObjectReader(paths, protobuf_decoder(schema), protobuf_number, either=either)
 
 
@@ -327,7 +321,6 @@ def protobuf_number(message: Any, path: str) -> float | bool | None:
 
 
 def protobuf_field(message: Any, name: str) -> Any:
-    """One field of a message; None where it is absent."""
     descriptor = getattr(message, "DESCRIPTOR", None)
     item = descriptor.fields_by_name.get(name) if descriptor is not None else None
     if item is None or (item.has_presence and not message.HasField(name)):
@@ -336,7 +329,6 @@ def protobuf_field(message: Any, name: str) -> Any:
 
 
 def describe_protobuf(schema: Schema, payload: bytes | None) -> list[FieldDescription]:
-    """The fields of one message, or of an empty one; raises InputError as `protobuf_decoder` and its decoder do."""
     return list(described_message(protobuf_decoder(schema)(payload or b""), ""))
 
 

@@ -53,19 +53,11 @@ class OpenSimTable:
 
 
 def is_opensim(begin: bytes) -> bool:
-    """Whether a file that begins with these bytes is a table of OpenSim."""
     return is_text(begin) and END.search(decoded_text(begin)) is not None
 
 
 def read_opensim(path: Path) -> OpenSimTable:
-    """A table.
-
-    Raises
-    ------
-    InputError
-        The header has no end, the names are missing, the header's counts contradict the rows, or a row has another
-        number of cells than names.
-    """
+    """A table; InputError if its header has no end, or contradicts the rows."""
     lines = read_lines(path)
     end = next((place for place, (_, text) in enumerate(lines) if text.strip().casefold() == "endheader"), None)
     if end is None:

@@ -56,7 +56,6 @@ class Record:
 
     @property
     def op(self) -> int:
-        """Its kind; -1 without one."""
         return self.number(b"op", 1, -1)
 
     def number(self, name: bytes, size: int = 4, default: int = 0) -> int:
@@ -66,7 +65,6 @@ class Record:
 
 
 def named_fields(data: bytes, start: int, end: int) -> dict[bytes, bytes]:
-    """The fields between two bytes, by name, up to the first that does not fit."""
     fields = {}
     while start + LENGTH.size <= end:
         begin = start + LENGTH.size
@@ -114,7 +112,6 @@ class Bag1(MessageFile):
     numbers: dict[int, int] = field(default_factory=dict)  # channel by number of a connection
 
     def scan(self) -> None:
-        """Find the chunks, and what the index says of them."""
         data, damage = self.data, self.damage
         head = record_at(data, len(BAG1))
         if head is None or head.op != BAG:
@@ -200,11 +197,9 @@ class Bag1(MessageFile):
             yield block
 
     def by_channel(self, counts: Counter[int]) -> Counter[int]:
-        """Counts by channel, of counts by connection."""
         return Counter({self.numbers[one]: count for one, count in counts.items() if one in self.numbers})
 
     def unpacked(self, chunk: Record) -> bytes:
-        """The content of a chunk, which must be of the declared size."""
         size, packed = chunk.number(b"size"), self.data[chunk.start : chunk.end]
         compression = chunk.fields.get(b"compression", b"")
         if compression == b"none":
@@ -278,10 +273,7 @@ ONE_BAG = "keep the files of one recording in the folder, or name one bag as the
 
 
 def split_parts(folder: Path) -> list[Path]:
-    """The bags of one recording of ROS 1, in the order of recording.
-
-    Earlier ones may be absent: `rosbag record --max-splits` deletes them.
-    """
+    """The bags of one recording of ROS 1 in order; `rosbag record --max-splits` may have deleted earlier ones."""
     bags = bags_in(folder)
     named = {path: PART.fullmatch(path.name) for path in bags}
     strangers = [path.name for path, name in named.items() if name is None]
@@ -305,18 +297,11 @@ def split_parts(folder: Path) -> list[Path]:
 
 
 def bags_in(folder: Path) -> list[Path]:
-    """The bags of ROS 1 in a folder."""
     return sorted(path for path in folder.iterdir() if path.name.endswith((".bag", ".bag.active")))
 
 
 def read_rosbag1(path: Path) -> MessageFile:
-    """Open a bag, or the folder of a recording in several bags, which are read as one log.
-
-    Raises
-    ------
-    InputError
-        A bag cannot be opened, or the folder is refused by `split_parts`.
-    """
+    """Open a bag, or the folder of a recording in several bags; InputError if one cannot be opened or is missing."""
     if not path.is_dir():
         return read_bag1(path)
     bags = [read_bag1(file) for file in split_parts(path)]
@@ -408,13 +393,7 @@ def siblings(path: Path) -> tuple[Description | None, str]:
 
 
 def read_rosbag2(path: Path) -> MessageFile:
-    """Open a bag of ROS 2: a database of sqlite3, or the folder of a recording in sqlite3 or MCAP.
-
-    Raises
-    ------
-    InputError
-        A part is missing or cannot be opened, or the folder has no `metadata.yaml`.
-    """
+    """Open a database, or the folder of a recording in sqlite3 or MCAP; InputError if a part cannot be opened."""
     if not path.is_dir():
         return read_database(path)
     described = read_description(path)
@@ -439,8 +418,7 @@ def read_rosbag2(path: Path) -> MessageFile:
 class Database(MessageFile):
     """A bag in a database of sqlite3 (.db3), whose topics were read; `blocks` reads its messages.
 
-    It is opened read-only and as it stands, so that sqlite writes no file beside it. What is not in the database yet,
-    in a write-ahead log beside it, would be missed: such a bag is refused.
+    It is opened read-only and as it stands, so that sqlite writes no file beside it.
     """
 
     numbers: dict[int, int] = field(default_factory=dict)  # channel by number of a topic in the database
@@ -474,7 +452,6 @@ class Database(MessageFile):
         return self.numbers[topic], time, unpacked_message(data) if data[:4] == ZSTD else data
 
     def block(self, rows: list[tuple[int, int, bytes]]) -> MessageBlock:
-        """The messages of some rows."""
         channels, times, payloads = zip(*rows, strict=True)
         lengths = np.array([len(payload) for payload in payloads], np.int64)
         self.damage.read.update(Counter(channels))
@@ -494,10 +471,7 @@ def unpacked_message(data: bytes) -> bytes:
 
 
 def read_database(path: Path, described: Description | None = None) -> Database:
-    """Open a bag; its messages are read by `blocks`.
-
-    described: the description of the recording that it is a part of; without it, the one beside it is used.
-    """
+    """Open a bag. `described` is the description of its recording; without it, the one beside it is used."""
     with path.open("rb") as file:
         begin = file.read(len(SQLITE))
     if begin != SQLITE:
@@ -529,12 +503,10 @@ def read_database(path: Path, described: Description | None = None) -> Database:
 
 
 def opened(path: Path) -> sqlite3.Connection:
-    """The database, read-only."""
     return sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1", uri=True)
 
 
 def check_tables(path: Path, connection: sqlite3.Connection) -> None:
-    """Refuse a database that is no bag."""
     tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")}
     for name, columns in TABLES.items():
         if name not in tables:
@@ -546,7 +518,6 @@ def check_tables(path: Path, connection: sqlite3.Connection) -> None:
 
 
 def declare_topics(bag: Database, connection: sqlite3.Connection, distribution: str) -> None:
-    """Take in the topics, with the definitions of their messages."""
     own: dict[str, tuple[str, str]] = {}
     if connection.execute("SELECT 1 FROM sqlite_schema WHERE name = 'message_definitions'").fetchone():
         query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
@@ -565,7 +536,6 @@ def declare_topics(bag: Database, connection: sqlite3.Connection, distribution: 
 
 
 def unreadable(path: Path, error: Exception) -> InputError:
-    """The error for a database that sqlite cannot read."""
     return InputError(f"{path}: the database is damaged or cut off ({' '.join(str(error).split())[:120]}); {RECOVER}")
 
 
@@ -574,12 +544,9 @@ class NoDefinitionError(OslAnalysisError):
 
 
 def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: str) -> bytes:
-    """The definition of messages of type `kind` (`package/msg/Name`) in ros2msg.
+    """The definition of messages of type `kind` (`package/msg/Name`): in the bag, or of a standard type in `rosbags`.
 
-    A bag has the definitions since ROS 2 Iron. For an older one, the library `rosbags` has those of standard types.
-
-    own: encoding and text of the definitions in the bag, by type.
-    distribution: of ROS, which recorded the bag; empty if that is not known.
+    own: encoding and text of the definitions in the bag, which has them since ROS 2 Iron, by type.
     """
     encoding, text = own.get(kind, ("", ""))
     if encoding == "ros2msg" and text.strip():
@@ -627,10 +594,7 @@ def files_in(folder: Path) -> list[Path]:
 
 
 def recorded_files(path: Path) -> list[Path]:
-    """The files of a log: itself, or those of a recording that is a folder, also where some are missing.
-
-    A folder that is no recording stands for itself.
-    """
+    """The files of a log, also where some are missing; a folder that is no recording stands for itself."""
     if not path.is_dir():
         return [path]
     try:

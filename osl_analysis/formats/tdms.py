@@ -49,7 +49,6 @@ class TdmsChannel:
 
     @property
     def holds_numbers(self) -> bool:
-        """Whether it can be a signal."""
         return np.dtype(self.kind).kind in NUMBERS
 
     @property
@@ -135,13 +134,7 @@ def as_numbers(values: Any) -> NDArray[Any]:
 
 
 def read_tdms(path: Path) -> TdmsFile:
-    """The channels of a file with their timing.
-
-    Raises
-    ------
-    InputError
-        npTDMS is not installed, or the file is no TDMS or damaged.
-    """
+    """The channels of a file with their timing; InputError if npTDMS is not installed, or the file is damaged."""
     data = path.read_bytes()
     if data[:4] == INDEX:
         raise InputError(f"{path}: the index of a TDMS file; name the .tdms file beside it")

@@ -40,18 +40,11 @@ class TrcFile:
 
 
 def is_trc(begin: bytes) -> bool:
-    """Whether a file that begins with these bytes is TRC."""
     return is_text(begin) and decoded_text(begin[:200]).lstrip().casefold().startswith(BEGIN.casefold())
 
 
 def read_trc(path: Path) -> TrcFile:
-    """The markers of a file.
-
-    Raises
-    ------
-    InputError
-        The header is not that of TRC, or contradicts the rows; a cell is no number; frames are missing.
-    """
+    """The markers of a file; InputError if its header is not that of TRC, or contradicts the rows."""
     lines = read_lines(path)
     if not lines or not lines[0][1].lstrip().casefold().startswith(BEGIN.casefold()):
         raise InputError(f"{path}: no TRC file: its first line does not begin with {BEGIN}; check the source's format")
@@ -91,7 +84,6 @@ def whole(path: Path, said: dict[str, str], key: str, line: int) -> int:
 
 
 def hertz(path: Path, said: dict[str, str], line: int) -> float:
-    """The rate of the frames [Hz]."""
     text = said.get("datarate", "")
     rate = number(text, 0) if is_number_cell(text) else 0.0
     if rate <= 0:

@@ -132,8 +132,8 @@ class MessageWalk:
     position: int = 0
     leaves: dict[str, Leaf] = field(default_factory=dict)  # the numbers by path
     texts: dict[str, range] = field(default_factory=dict)  # extents of the strings in arrays of strings, by path
-    guards: list[int] = field(default_factory=list)
-    """Offsets of the bytes that another message must share to have the same shape."""
+    guards: list[range] = field(default_factory=list)
+    """Extents of the bytes that another message must share to have the same shape."""
 
     def align(self, size: int) -> None:
         """Go on to the next multiple of `size` bytes, counted from the encapsulation header's end."""
@@ -146,7 +146,7 @@ class MessageWalk:
         if self.position + 4 > len(self.payload):
             raise self.too_short()
         (value,) = struct.unpack_from(f"{self.order}I", self.payload, self.position)
-        self.guards += range(self.position, self.position + 4)
+        self.guards.append(range(self.position, self.position + 4))
         self.position += 4
         return int(value)
 
@@ -215,7 +215,7 @@ def walk_of(kind: MessageType, payload: bytes | None) -> MessageWalk:
         return walk
     if len(payload) < 4 or payload[0] != 0 or payload[1] > 1:
         raise InputError(f"encapsulation {payload[:4].hex()} is not plain CDR; record with the default encoding")
-    walk = MessageWalk(payload, kind, "<" if payload[1] else ">", 4, guards=[0, 1])
+    walk = MessageWalk(payload, kind, "<" if payload[1] else ">", 4, guards=[range(2)])
     walk.message(kind.name, "")
     if walk.position > len(payload):
         raise walk.too_short()
@@ -226,25 +226,14 @@ def walk_of(kind: MessageType, payload: bytes | None) -> MessageWalk:
             "own: record the log again with the definitions that its publisher was built with"
         )
     if len(left) > PADDING:
-        walk.guards += range(walk.position, len(payload))
+        walk.guards.append(range(walk.position, len(payload)))
     return walk
 
 
-class Rows:
-    """Messages in a buffer, whose numbers are taken out by their offset in the message."""
-
-    def __init__(self, buffer: bytes, starts: Indices) -> None:
-        self.buffer, self.starts = buffer, starts
-        step = int(starts[1] - starts[0]) if starts.size > 1 else 1
-        self.step = step if step > 0 and (np.diff(starts) == step).all() else None
-
-    def at(self, offset: int, kind: np.dtype[Any]) -> NDArray[Any]:
-        """The numbers at an offset, (messages,); a view where the messages follow each other by one step."""
-        if self.step is not None:
-            first = int(self.starts[0]) + offset
-            return np.ndarray((self.starts.size,), kind, self.buffer, first, (self.step,))
-        everywhere = np.ndarray((len(self.buffer) - kind.itemsize + 1,), kind, self.buffer, 0, (1,))
-        return everywhere[self.starts + offset]
+def numbers_at(buffer: bytes, places: Indices, kind: np.dtype[Any]) -> NDArray[Any]:
+    """The numbers of one type at places in a buffer [bytes], which need not be aligned, (places,)."""
+    everywhere = np.ndarray((len(buffer) - kind.itemsize + 1,), kind, buffer, 0, (1,))
+    return everywhere[places]
 
 
 @dataclass(frozen=True)
@@ -252,42 +241,30 @@ class Template:
     """How to read the wanted numbers of all messages of one shape."""
 
     leaves: dict[str, Leaf]  # the numbers, by path
-    words: list[tuple[int, np.dtype[Any], Any, Any]]
-    """Offset, type, mask and expected value of the guarded words, which a message of the shape must have."""
+    guards: dict[int, bytes]  # bytes by offset, which a message of the shape must have
 
-    def fits(self, rows: Rows) -> NDArray[np.bool_]:
-        """Which of the messages have this shape, (messages,)."""
-        same = np.ones(rows.starts.size, bool)
-        for offset, kind, mask, expected in self.words:
-            same &= (rows.at(offset, kind) & mask) == expected
+    def fits(self, buffer: bytes, starts: Indices) -> NDArray[np.bool_]:
+        """Which of the messages of this length have this shape, (messages,)."""
+        same = np.ones(starts.size, bool)
+        for offset, expected in self.guards.items():
+            kind = np.dtype(f"S{len(expected)}")
+            same &= numbers_at(buffer, starts + offset, kind) == np.frombuffer(expected, kind)
         return same
 
-    def read(self, rows: Rows) -> Values:
+    def read(self, buffer: bytes, starts: Indices) -> Values:
         """The numbers of messages of this shape by path."""
         values = {}
         for path, leaf in self.leaves.items():
             kind = np.dtype(leaf.dtype.replace("?", "u1"))
-            native = rows.at(leaf.offset, kind).astype(kind.newbyteorder("="))
+            native = numbers_at(buffer, starts + leaf.offset, kind).astype(kind.newbyteorder("="))
             values[path] = native != 0 if "?" in leaf.dtype else native
         return values
 
 
 def template_of(walk: MessageWalk, paths: Sequence[str]) -> Template:
-    """A template that reads the fields at `paths`, as far as the message has them.
-
-    Guards are compared in words of eight bytes (of one byte in a shorter message), to compare fewer.
-    """
+    """A template that reads the fields at `paths`, as far as the message has them."""
     leaves = {path: leaf for path in paths if (leaf := leaf_at(walk, path))}
-    payload, mask = np.frombuffer(walk.payload, np.uint8), np.zeros(len(walk.payload), np.uint8)
-    mask[walk.guards] = 0xFF
-    kind = np.dtype("<u8" if mask.size >= 8 else "u1")
-    words, guarded = [], np.flatnonzero(mask)
-    while guarded.size:
-        offset = min(int(guarded[0]), mask.size - kind.itemsize)
-        word = slice(offset, offset + kind.itemsize)
-        words.append((offset, kind, mask[word].view(kind)[0], (payload[word] & mask[word]).view(kind)[0]))
-        guarded = guarded[guarded >= word.stop]
-    return Template(leaves, words)
+    return Template(leaves, {one.start: walk.payload[one.start : one.stop] for one in walk.guards if one})
 
 
 def leaf_at(walk: MessageWalk, path: str) -> Leaf | None:
@@ -312,7 +289,7 @@ def index_of_name(walk: MessageWalk, path: str) -> str:
     names = f"{parent}{match['names']}["
     for text, extent in walk.texts.items():
         if text.startswith(names):
-            walk.guards += extent
+            walk.guards.append(extent)
             if walk.payload[extent.start : extent.stop].rstrip(b"\0") == match["name"].encode():
                 return f"{parent}{match['array']}[{text.removeprefix(names)}"
     return path
@@ -333,19 +310,13 @@ class ShapeReader:
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> Iterator[tuple[Indices, Values]]:
         """Batches of messages: their places among `starts`, and their numbers by path; misfits are only counted."""
-        one_length = bool((lengths == lengths[:1]).all())
-        for length in [int(lengths[0])] if one_length and lengths.size else np.unique(lengths).tolist():
-            mine = np.arange(starts.size) if one_length else np.flatnonzero(lengths == length)
+        for length in np.unique(lengths).tolist():
+            mine = np.flatnonzero(lengths == length)
             templates = self.templates[length]
             for template in templates:
-                rows = Rows(buffer, starts[mine])
-                same = template.fits(rows)
-                if same.all():
-                    yield mine, template.read(rows)
-                    mine = mine[:0]
-                    break
+                same = template.fits(buffer, starts[mine])
                 if same.any():
-                    yield mine[same], template.read(Rows(buffer, starts[mine[same]]))
+                    yield mine[same], template.read(buffer, starts[mine[same]])
                     mine = mine[~same]
             while mine.size:
                 first = int(starts[mine[0]])
@@ -355,10 +326,10 @@ class ShapeReader:
                 if learned is not None:
                     if len(templates) < MOST_SHAPES:
                         templates.append(learned)
-                        same = learned.fits(Rows(buffer, starts[mine]))
+                        same = learned.fits(buffer, starts[mine])
                     else:
                         self.read_alone += 1
-                    yield mine[same], learned.read(Rows(buffer, starts[mine[same]]))
+                    yield mine[same], learned.read(buffer, starts[mine[same]])
                 mine = mine[~same]
 
     def learned(self, payload: bytes) -> Template | None:

@@ -24,7 +24,7 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.cdr import Rows
+from osl_analysis.formats.cdr import numbers_at
 from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFileError
 from osl_analysis.formats.object_messages import Indices
 
@@ -110,6 +110,8 @@ class McapFile(MessageFile):
     summary_begin: int = 0  # where the summary begins: after the record that ends the data
     summary_checked: bool = False  # a checksum covers the summary and is right
     summary_damaged: bool = False
+    unsure: set[tuple[type, int]] = field(default_factory=set)
+    """Schemas and channels that only a summary without a checksum has had so far."""
     searched: bool = False  # a second log was searched for
     missing: int = 0
     """Bytes by which the summary stands before the place at which the recorder put it; negative if after."""
@@ -318,8 +320,10 @@ class McapFile(MessageFile):
         """The messages of every intact chunk, and those outside of chunks, in the order of the file. Call it once."""
         self.report_scan()
         damage = self.damage
-        if damage.finished and self.summary_checked:  # a wrong schema would be wrong values
+        if damage.finished and not self.summary_damaged:  # a wrong schema would be wrong values
             self.adopt(self.described)
+            declared = [*((Schema, one) for one in self.schemas), *((Channel, one) for one in self.channels)]
+            self.unsure = set() if self.summary_checked else {*declared}
         untrusted = self.data_crc == "wrong" and not any("lost" in section.kind for section in self.sections)
         for section in self.sections:
             walk = self.walk_of(section)
@@ -339,8 +343,6 @@ class McapFile(MessageFile):
             damage.verified += starts.size if covered or self.data_crc == "right" else 0
             self.adopt(found.others)
             yield self.of_declared_channels(block)
-        if damage.finished and not self.summary_damaged:
-            self.adopt(self.described, only_new=True)
         is_missed = (damage.declared_chunks or 0) > damage.chunks + damage.chunks_lost
         damage.uncounted |= damage.declared_messages is None and is_missed
 
@@ -385,7 +387,7 @@ class McapFile(MessageFile):
         chunks = int("chunk" in section.kind)
         self.damage.lose(remark, section.end - section.start, Counter() if section.harmless else messages, chunks)
 
-    def adopt(self, records: Sequence[tuple[int, bytes]], *, only_new: bool = False) -> None:
+    def adopt(self, records: Sequence[tuple[int, bytes]]) -> None:
         """Take in schemas and channels; the library raises many kinds of errors on damaged bytes."""
         for opcode, content in dict.fromkeys(records):
             kind = Schema if opcode == Opcode.SCHEMA else Channel
@@ -394,8 +396,10 @@ class McapFile(MessageFile):
             except Exception:
                 self.damage.remark("a schema or a channel cannot be read")
                 continue
-            if not only_new or one.id not in (self.schemas if kind is Schema else self.channels):
-                self.declare(one)
+            if (kind, one.id) in self.unsure:
+                self.unsure.remove((kind, one.id))
+                del (self.schemas if kind is Schema else self.channels)[one.id]
+            self.declare(one)
 
     def of_declared_channels(self, block: MessageBlock) -> MessageBlock:
         """The block without messages of undeclared channels, whose content is unknown."""
@@ -449,7 +453,7 @@ def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool) -> Walk
             break
         position = stop
     starts = np.array(messages, np.int64)
-    heads = Rows(buffer, starts).at(0, MESSAGE) if starts.size else np.empty(0, MESSAGE)
+    heads = numbers_at(buffer, starts, MESSAGE) if starts.size else np.empty(0, MESSAGE)
     return Walk(heads, starts, others, position, unknown)
 
 

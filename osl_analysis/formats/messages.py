@@ -26,7 +26,8 @@ from osl_analysis.formats.object_messages import (
     describe_json,
     describe_protobuf,
     json_reader,
-    protobuf_reader,
+    protobuf_decoder,
+    protobuf_number,
 )
 
 MOST_REMARKS = 20
@@ -385,16 +386,16 @@ def without_mixed(parts: Sequence[tuple[Indices, Values]]) -> tuple[list[tuple[I
     return kept, wrong
 
 
-def reader_of(file: MessageFile, number: int, paths: Sequence[str], either: Collection[str]) -> ChannelReader:
+def reader_of(file: MessageFile, number: int, paths: Sequence[str]) -> ChannelReader:
     """A reader for the messages of a channel; raises InputError if its encoding or its schema cannot be read."""
     channel = file.channels[number]
     schema = file.schemas.get(channel.schema_id)
     check_encoding(channel, schema)
     if channel.message_encoding == "json" or schema is None:
-        return ChannelReader(channel, schema, json_reader(paths, either))
+        return ChannelReader(channel, schema, json_reader(paths))
     try:
         if channel.message_encoding == "protobuf":
-            return ChannelReader(channel, schema, protobuf_reader(schema, paths, either))
+            return ChannelReader(channel, schema, ObjectReader(paths, protobuf_decoder(schema), protobuf_number))
         kind = message_type(schema, ros1=channel.message_encoding == "ros1")
         return ChannelReader(channel, schema, ShapeReader(kind, paths))
     except InputError as error:
@@ -441,7 +442,6 @@ def decode_topics(
     file: MessageFile,
     wanted: Mapping[str, Sequence[str]],
     optional: Collection[str] = (),
-    either: Collection[str] = (),
 ) -> dict[str, Decoded]:
     """The wanted fields of each topic, from all its channels; InputError if a topic or a field cannot be read.
 
@@ -453,7 +453,7 @@ def decode_topics(
             topic = file.channels[number].topic
             if topic in wanted:
                 if number not in readers:
-                    readers[number] = reader_of(file, number, wanted[topic], either)
+                    readers[number] = reader_of(file, number, wanted[topic])
                 readers[number].add(block.of_channel(number))
     by_topic: dict[str, list[ChannelReader]] = defaultdict(list)
     for reader in readers.values():
@@ -462,7 +462,7 @@ def decode_topics(
     decoded = {topic: decoded_topic(file, topic, by_topic[topic], paths) for topic, paths in wanted.items()}
     for topic, one in decoded.items():
         for path in wanted[topic]:
-            if path not in {*optional, *either} and not one.present[path].any():
+            if path not in optional and not one.present[path].any():
                 raise InputError(
                     f"topic '{topic}' has no field '{path}' (it has {by_topic[topic][0].names_of_fields(path)}); "
                     "correct `field` in the source file, or exclude the trial if its log is not the right one"

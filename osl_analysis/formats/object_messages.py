@@ -8,7 +8,7 @@ JSON writes a text: `functions["loadcell.mz"]`.
 import json
 import re
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -120,43 +120,28 @@ class ObjectReader:
     misfit: str = ""  # what is wrong with the first of these
     no_numbers: int = 0  # those of the misfits that have something else than a number
     before: int = 0  # messages before those that are read now
-    either: Collection[str] = ()
-    """Different spellings of the same field. After one was seen, the others are not searched."""
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> Iterator[tuple[Indices, Values]]:
         """Batches of messages: their places among `starts`, and their numbers by path; misfits are only counted."""
         for first in range(0, starts.size, AT_ONCE):
-            part = slice(first, first + AT_ONCE)
-            seen: set[str] = set()
-            for rows, values in self.read_part(buffer, starts[part].tolist(), lengths[part].tolist()):
-                seen.update(values)
-                yield first + rows, values
-            if not seen.isdisjoint(self.either):
-                self.paths = [path for path in self.paths if path in seen or path not in self.either]
-                self.either = ()
-
-    def read_part(
-        self, buffer: bytes, starts: Sequence[int], lengths: Sequence[int]
-    ) -> Iterator[tuple[Indices, Values]]:
-        """The same for as many messages as are held as objects at once."""
-        places, messages = [], []
-        for row, (start, length) in enumerate(zip(starts, lengths, strict=True)):
-            try:
-                message = self.decode(buffer[start : start + length])
-                found = {path: self.number_at(message, path) for path in self.paths}
-            except NoNumberError as error:
-                self.no_numbers += 1
-                self.note(f"{error} in message {self.before + row + 1}")
-            except (ValueError, RecursionError) as error:
-                if isinstance(error, WholeArrayError):
+            places, messages = [], []
+            for row in range(first, min(first + AT_ONCE, starts.size)):
+                try:
+                    message = self.decode(buffer[starts[row] : starts[row] + lengths[row]])
+                    found = {path: self.number_at(message, path) for path in self.paths}
+                except NoNumberError as error:
+                    self.no_numbers += 1
+                    self.note(f"{error} in message {self.before + row + 1}")
+                except WholeArrayError:
                     raise
-                self.note(str(error))
-            else:
-                places.append(row)
-                messages.append({path: value for path, value in found.items() if value is not None})
-        self.before += len(starts)
-        self.read_alone += len(messages)
-        yield from batches(places, messages)
+                except (ValueError, RecursionError) as error:
+                    self.note(str(error))
+                else:
+                    places.append(row)
+                    messages.append({path: value for path, value in found.items() if value is not None})
+            self.read_alone += len(messages)
+            yield from batches(places, messages)
+        self.before += starts.size
 
     def note(self, misfit: str) -> None:
         self.misfits += 1
@@ -184,8 +169,8 @@ def as_array(numbers: Sequence[float | bool]) -> NDArray[Any]:
     return values.astype(np.float64) if values.dtype == object else values
 
 
-def json_reader(paths: Sequence[str], either: Collection[str] = ()) -> ObjectReader:
-    """A reader of the fields at `paths` of JSON messages, of which `either` are spellings of the same field."""
+def json_reader(paths: Sequence[str]) -> ObjectReader:
+    """A reader of the fields at `paths` of JSON messages."""
     keys = {key for path in paths for key, _ in steps_of(path)}
     names = {name for key in keys if not isinstance(key, int) for name in (key if isinstance(key, tuple) else [key])}
 
@@ -210,7 +195,7 @@ def json_reader(paths: Sequence[str], either: Collection[str] = ()) -> ObjectRea
         except (ValueError, RecursionError) as error:
             raise InputError(f"a message of {len(text)} bytes is not JSON: {error}") from error
 
-    return ObjectReader(paths, decode, json_number, either=either)
+    return ObjectReader(paths, decode, json_number)
 
 
 def json_number(message: Any, path: str) -> float | bool | None:
@@ -271,10 +256,6 @@ def is_array_of(value: Any, kind: Any) -> bool:
 
 PROTOBUF_TYPES = ("", "int32", "int64", "uint32", "uint64", "float64", "float32", "bool", "int32")
 """Types of numbers by `FieldDescriptor.cpp_type`; the last one is an enumeration."""
-
-
-def protobuf_reader(schema: Schema, paths: Sequence[str], either: Collection[str] = ()) -> ObjectReader:
-    return ObjectReader(paths, protobuf_decoder(schema), protobuf_number, either=either)
 
 
 def protobuf_decoder(schema: Schema) -> Callable[[bytes], Any]:

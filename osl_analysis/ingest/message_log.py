@@ -176,7 +176,7 @@ def decode_wanted(
         for topic, channels in by_topic.items()
     }
     try:
-        decoded = decode_topics(file, wanted, either=stamps)
+        decoded = decode_topics(file, wanted, optional=stamps)
     except (RefusedFileError, WrongFieldError):
         raise
     except InputError as error:

@@ -1,9 +1,8 @@
-"""A recording goes through the C3D file unharmed, for two independent readers, and looks like Vicon Nexus's."""
+"""A recording goes through the C3D file unharmed, for an independent reader, and looks like Vicon Nexus's."""
 
 from dataclasses import replace
 from pathlib import Path
 
-import c3d
 import ezc3d
 import numpy as np
 import pytest
@@ -62,23 +61,6 @@ def test_the_force_plate_group_is_complete_and_in_millimetres(file: Path) -> Non
     np.testing.assert_allclose(plate["ORIGIN"]["value"][:, 0], ORIGIN * 1e3, rtol=FLOAT32)
 
 
-def test_the_pure_python_reader_agrees(recording: C3dRecording, file: Path) -> None:
-    with file.open("rb") as stream:
-        reader = c3d.Reader(stream)
-        frames = list(reader.read_frames())
-        rates = (reader.point_rate, reader.analog_rate)
-        labels = tuple(label.strip() for label in reader.point_labels)
-        corners = reader.get("FORCE_PLATFORM:CORNERS").float_array
-    assert (len(frames), rates, labels) == (40, (300, 1500), recording.labels)
-    points, analogs = np.stack([f[1] for f in frames]), np.hstack([f[2] for f in frames])
-    seen = np.isfinite(recording.points).all(axis=2)
-    np.testing.assert_allclose(points[..., :3][seen], recording.points[seen] * 1e3, rtol=FLOAT32)
-    assert (points[..., 3][~seen] == -1).all()
-    assert (points[..., 3][seen] == 0).all()
-    np.testing.assert_allclose(analogs.T, recording.analogs, rtol=FLOAT32)
-    np.testing.assert_allclose(np.squeeze(corners), CORNERS * 1e3, rtol=FLOAT32)
-
-
 def test_a_hidden_marker_is_stored_as_zeros_with_residual_minus_one(recording: C3dRecording, file: Path) -> None:
     raw = file.read_bytes()
     header = np.frombuffer(raw[:512], "<i2")
@@ -89,10 +71,6 @@ def test_a_hidden_marker_is_stored_as_zeros_with_residual_minus_one(recording: C
     assert np.frombuffer(raw[12:16], "<f4")[0] < 0, "a negative POINT:SCALE is what marks floats"
     assert (stored[10:14, 1] == [0, 0, 0, -1]).all()
     assert (stored[[9, 14], 1, 3] >= 0).all()
-
-
-def test_the_size_is_that_of_the_floats(file: Path) -> None:
-    assert 40 * (3 * 4 + 5 * 7) * 4 < file.stat().st_size < 40 * (3 * 4 + 5 * 7) * 4 + 8 * 512
 
 
 def test_a_recording_that_cannot_be_stored_leaves_the_old_file_and_no_other(

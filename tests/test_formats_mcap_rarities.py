@@ -86,30 +86,6 @@ def test_a_legal_file_is_complete_and_read_as_by_the_official_reader(tmp_path: P
     assert inspect_mcap(tmp_path / "log.mcap").facts["messages lost"] == "0"
 
 
-def test_a_message_that_looks_like_an_index_or_a_chunk_is_a_message(tmp_path: Path) -> None:
-    padded = schema(content=b"float64 a\nfloat64 b\nfloat64[3] c\nfloat32 d") + channel(1, b"/lab")
-    whole = struct.pack("<dd", 1.0, 2.0)
-    payload = b"\0\1\0\0" + struct.pack("<d", 7.0) + whole + bytes(4 + 16)
-    like_an_index = message(1, 5_000_000, payload, sequence=16 + len(payload), publish=0)
-    assert struct.unpack_from("<I", like_an_index, 11)[0] == len(like_an_index) - 9 - 6
-    others = [message(1, i * 1_000_000, payload) for i in (0, 1, 2)]
-    like_a_chunk = message(2, 6_000_000, b"\0\1\0\0" + bytes(14))
-    content = log(
-        padded,
-        channel(2, b"/other"),
-        chunk(b"".join(others)),
-        like_an_index,
-        like_a_chunk,
-        message(2, 0, bytes(18)),
-        message(2, 0, bytes(40)),
-        summary=statistics({1: 4, 2: 3}, 1),
-    )
-    recording = read(tmp_path, content)
-    assert recording.samples["theta"].to_list() == [7.0] * 4
-    assert recording.facts["damage"]["complete"]
-    assert recording.facts["damage"]["messages_lost"] == 0
-
-
 def test_without_a_checksum_a_message_that_turned_into_a_private_record_is_lost(tmp_path: Path) -> None:
     flipped = TEN[: AT[4]] + b"\x85" + TEN[AT[4] + 1 :]
     content = log(LAB, chunk(flipped, crc=False), index(1, ENTRIES), chunk(TWENTY))

@@ -9,10 +9,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from c3d_builder import REAL_DATA, write_c3d
-from click.testing import CliRunner
+from c3d_builder import write_c3d
 
-from osl_analysis.cli import main
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.formats.other_formats import OTHERS
@@ -126,11 +124,3 @@ def test_zeros_after_a_loss_of_power_are_named_by_line_and_the_advice_works(tmp_
     lines = (tmp_path / "a.csv").read_bytes().split(b"\n")
     (tmp_path / "a.csv").write_bytes(b"\n".join(lines[:4]))
     assert ingested(tmp_path, "a.csv", SOURCE)
-
-
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
-def test_real_files_of_other_formats_are_named_in_one_line() -> None:
-    result = CliRunner().invoke(main, ["inspect", str(REAL_DATA / "bag/rosbag2_test_metadata.yaml")])
-    assert result.exit_code == 1
-    assert len(result.output.splitlines()) == 1
-    assert ": the description of a ROS 2 bag" in result.output

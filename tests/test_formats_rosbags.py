@@ -1,8 +1,6 @@
 """Bags of ROS 1 and ROS 2 give what the library `rosbags` wrote, through ingest to canonical columns."""
 
-import sqlite3
 import sys
-from contextlib import closing
 from functools import partial
 from pathlib import Path
 from shutil import rmtree
@@ -24,7 +22,7 @@ from rosbags.typesys import Stores, get_typestore
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.cdr import message_type, template_of, walk_of
-from osl_analysis.formats.rosbag import opened, read_bag1, record_at
+from osl_analysis.formats.rosbag import read_bag1, record_at
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.ingest.recording import Recording
@@ -240,7 +238,6 @@ def test_a_database_that_is_no_bag_is_refused(tmp_path: Path) -> None:
     assert "its table 'topics' lacks serialization_format, type" in refused(tmp_path / "a.db3")
     with edited(tmp_path / "b.db3") as connection:
         connection.execute("CREATE TABLE topics (id INTEGER, name, type, serialization_format)")
-        connection.execute("CREATE VIEW messages AS SELECT 1 AS id, 1 AS topic_id, 1 AS timestamp, x'00' AS data")
     assert "table 'messages'" in refused(tmp_path / "b.db3")
 
 
@@ -426,8 +423,6 @@ def test_no_file_appears_beside_a_database_that_had_a_write_ahead_log(tmp_path: 
     check_rows(read(bag))
     assert kept_files(bag) == before
     assert (bag / "bag.db3").read_bytes() == content
-    with closing(opened(bag / "bag.db3")) as database, pytest.raises(sqlite3.OperationalError, match="readonly"):
-        database.execute("DELETE FROM messages")
 
 
 def test_a_last_part_without_its_end_leaves_the_losses_unknown(tmp_path: Path) -> None:

@@ -26,7 +26,6 @@ from osl_analysis.trial import Array
 MARK5, MARK73 = b"MATLAB 5.0 MAT", b"MATLAB 7."
 DAMAGED = "copy the file again, or save it again in MATLAB"
 LISTED = 12  # largest number of names in a message
-DEEPEST = 32  # structs and cells of version 7.3 inside one another: its references may lead in a circle
 LONGEST_TEXT = 1000  # characters of a text that are read, for a name by which an element is chosen
 HIDDEN = ("#refs#", "#subsystem#")
 """Groups of a file of version 7.3 that are no variables."""
@@ -129,7 +128,7 @@ class MatFile:
         try:
             if self.version == "7.3":
                 with opened73(self.path) as file:
-                    return {name: value73(self.path, file[name], 0) for name in known}
+                    return {name: value73(self.path, file[name]) for name in known}
             objects = {name: Value(self.classes[name]) for name in known if self.classes[name]}
             return objects | read_version5(self.data, [name for name in known if name not in objects])
         except READING_ERRORS as error:
@@ -274,22 +273,20 @@ def opened73(path: Path) -> Any:
     return h5py.File(path, "r")
 
 
-def value73(path: Path, item: Any, depth: int) -> Value:
+def value73(path: Path, item: Any) -> Value:
     """A dataset or a group of a file of version 7.3. Its numbers are read when they are asked for."""
-    if depth > DEEPEST:
-        raise InputError(f"holds structs more than {DEEPEST} deep; save the variables that you need on their own")
     kind = item.attrs.get("MATLAB_class", "")
     kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
     if "MATLAB_object_decode" in item.attrs:  # of what only MATLAB can read, such as tables
         return Value(kind or "object")
     if not hasattr(item, "dtype"):
-        return Value("sparse") if "MATLAB_sparse" in item.attrs else struct73(path, item, depth)
+        return Value("sparse") if "MATLAB_sparse" in item.attrs else struct73(path, item)
     shape = tuple(reversed(item.shape)) or (1, 1)
     if "MATLAB_empty" in item.attrs:
-        empty = tuple(int(size) for size in np.ravel(item[()])) if item.size <= DEEPEST else (0, 0)
+        empty = tuple(int(size) for size in np.ravel(item[()])) if item.size <= 32 else (0, 0)
         return Value(kind or "double", empty, load=lambda: np.zeros(empty) if 0 in empty else np.zeros((0, 0)))
     if holds_references(item):
-        cells = [value73(path, item.file[one], depth + 1) for one in np.ravel(item[()])]
+        cells = [value73(path, item.file[one]) for one in np.ravel(item[()])]
         return Value("cell", shape, cells=cells)
     if kind == "char":
         short = item.size <= LONGEST_TEXT and item.dtype.kind == "u" and 1 in shape
@@ -302,7 +299,7 @@ def value73(path: Path, item: Any, depth: int) -> Value:
     return Value(kind if kind in NUMBERS else "double", shape, load=lambda: numbers73(path, name))
 
 
-def struct73(path: Path, group: Any, depth: int) -> Value:
+def struct73(path: Path, group: Any) -> Value:
     """A group as a struct; members that are all datasets of references without a class make it an array."""
     fields = tuple(group)
     shapes = {
@@ -310,10 +307,10 @@ def struct73(path: Path, group: Any, depth: int) -> Value:
         for item in (group[name] for name in fields)
     }
     if len(shapes) != 1 or None in shapes:
-        elements = [{name: value73(path, group[name], depth + 1) for name in fields}]
+        elements = [{name: value73(path, group[name]) for name in fields}]
         return Value("struct", (1, 1), fields=fields, elements=elements)
     (shape,) = shapes
-    columns = [[value73(path, group.file[one], depth + 1) for one in np.ravel(group[name][()])] for name in fields]
+    columns = [[value73(path, group.file[one]) for one in np.ravel(group[name][()])] for name in fields]
     rows = [dict(zip(fields, row, strict=True)) for row in zip(*columns, strict=True)]
     return Value("struct", tuple(reversed(shape or ())), fields=fields, elements=rows)
 

@@ -166,12 +166,12 @@ def fit(
     impedance trial is judged as in a campaign: whether the torque is late, and whether K is plausible.
     """
     from osl_analysis.commands import fit as command
-    from osl_analysis.commands.fit_text import estimates_json, estimates_text
+    from osl_analysis.trial import read_trial
 
     desired = desired_impedance(model, stiffness, damping, controller)
     device = command.campaign_parameters(config_path) if parameters is None else parameters
     request = command.fit_request(model, config_path, desired)
-    fitted = command.fit_one_trial(model, trial, None if device == NO_FILE else device, request)
+    fitted = command.fit_trial(model, read_trial(trial), None if device == NO_FILE else device, request)
     if model == "impedance" and desired is None:
         click.echo(command.NOT_CHECKED, err=True)
     if unchecked := command.said_not_checked(fitted):
@@ -180,7 +180,7 @@ def fit(
         from osl_analysis.commands.figure import draw_table
 
         draw_table("torque", fitted.series, [plot])
-    say(estimates_json(fitted.estimates) if as_json else estimates_text(fitted.estimates))
+    say(command.estimates_json(fitted.estimates) if as_json else command.estimates_text(fitted.estimates))
 
 
 @main.command(epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md")

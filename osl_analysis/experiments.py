@@ -200,7 +200,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             SERIES,
         ),
         fit=Fit(
-            "torque_angle.fit_torque_angle_trial",
+            "bench.fit_torque_angle_trial",
             {"settings": ("torque_angle", "TorqueAngleAnalysis")},
             sheet=("desired",),
         ),

@@ -223,7 +223,7 @@ rule plot_numbers_torque_angle:
             lambda wildcards: job(
                 rules.plot_numbers_torque_angle,
                 wildcards,
-                "torque_angle.plotted_numbers",
+                "plotted_numbers.torque_angle",
                 input={
                     "curves": RESULTS / "tables/torque_angle_curves.csv",
                     "table": RESULTS / "tables/torque_angle.csv",

@@ -15,7 +15,7 @@ from osl_analysis.bench.actuator import PARAMETERS, ActuatorSignals, actuator_co
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.cli import main
 from osl_analysis.commands.bench import fit_actuator_trial, summarise_actuator
-from osl_analysis.commands.fit import FitRequest, fit_one_trial
+from osl_analysis.commands.fit import FitRequest, fit_trial
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.config import read_section
@@ -233,7 +233,9 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documen
     row = {"trial": "a", "experiment": "actuator", "log": "actuator/actuator_1.mcap", "log_source": "actuator"}
     ingest_trial(row, tmp_path, ROOT / "config/sources", tmp_path / "a.parquet")
     analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
-    expected = fit_one_trial("actuator", tmp_path / "a.parquet", DEVICE, FitRequest(analysis, DoubtfulFits())).estimates
+    expected = fit_trial(
+        "actuator", read_trial(tmp_path / "a.parquet"), DEVICE, FitRequest(analysis, DoubtfulFits())
+    ).estimates
     log, _ = simulate_actuator_trial("actuator_1", read_yaml(campaign, SimulationSettings), P)
 
     shutil.copytree(ROOT / "config", tmp_path / "laboratory/config")
@@ -247,7 +249,9 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documen
         said = CliRunner().invoke(main, command.split())
         assert said.exit_code == 0, said.output
     assert re.search(r"J_m +0\.009\d+ ± \S+ +kg·m²", said.output)
-    found = fit_one_trial("actuator", Path("bench.parquet"), DEVICE, FitRequest(analysis, DoubtfulFits())).estimates
+    found = fit_trial(
+        "actuator", read_trial(Path("bench.parquet")), DEVICE, FitRequest(analysis, DoubtfulFits())
+    ).estimates
     assert (found["motion"][0], expected["motion"][0]) == (motion, "theta_m")
     assert found.select(PARAMETERS).row(0) == pytest.approx(expected.select(PARAMETERS).row(0), rel=1e-3)
     assert found["J_m_se"][0] == pytest.approx(expected["J_m_se"][0], rel=0.02)
@@ -270,11 +274,13 @@ def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_r
     t, theta, omega, alpha, current = schedule()
     samples = {"time": t, "current": current, "torque_m": by_hand(theta, omega, alpha, current)}
     write_trial(Trial("a", pl.DataFrame({**samples, "theta_m": theta, "omega_m": 7 * omega})), tmp_path / "a.parquet")
-    both = fit_one_trial("actuator", tmp_path / "a.parquet", DEVICE, FitRequest(analysis, DoubtfulFits())).estimates
+    both = fit_trial(
+        "actuator", read_trial(tmp_path / "a.parquet"), DEVICE, FitRequest(analysis, DoubtfulFits())
+    ).estimates
     assert (both["motion"][0], both["J_m"][0]) == ("theta_m", pytest.approx(TRUE["J_m"], rel=0.02))
     write_trial(Trial("b", pl.DataFrame(samples)), tmp_path / "b.parquet")
     with pytest.raises(InputError, match="trial b: no column 'theta_m'"):
-        fit_one_trial("actuator", tmp_path / "b.parquet", DEVICE, FitRequest(analysis, DoubtfulFits()))
+        fit_trial("actuator", read_trial(tmp_path / "b.parquet"), DEVICE, FitRequest(analysis, DoubtfulFits()))
     with pytest.raises(InputError, match=r"^trial a: the actuator is faster than 99 rad/s in 0 of"):
         fit_actuator_trial(tmp_path / "a.parquet", DEVICE, analysis.model_copy(update={"slowest": 99}), {})
 

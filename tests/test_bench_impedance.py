@@ -30,7 +30,7 @@ from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.campaign import ImpedanceExample
 from osl_analysis.commands import plotted_numbers
 from osl_analysis.commands.bench import average_over_amplitudes
-from osl_analysis.commands.fit_text import estimates_text
+from osl_analysis.commands.fit import estimates_text
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import REMEDIES, Doubt, DoubtfulFits, marked
 from osl_analysis.errors import InputError

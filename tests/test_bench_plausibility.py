@@ -13,14 +13,14 @@ from osl_analysis.bench.plausibility import check_unit_of_time
 from osl_analysis.bench.rendered import AskedImpedance
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.commands.bench import fit_actuator_trial, fit_belt_trial, fit_impedance_trial, fit_transmission_trial
-from osl_analysis.commands.fit import FitRequest, fit_one_trial
+from osl_analysis.commands.fit import FitRequest, fit_trial
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, marked, wrong_scale
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.table import read_table
-from osl_analysis.trial import Trial, write_trial
+from osl_analysis.trial import Trial, read_trial, write_trial
 
 CONFIG, DEVICE = ROOT / "config/config.yaml", ROOT / "config/parameters/default.yaml"
 LIMITS = read_section(CONFIG, "doubtful", DoubtfulFits)
@@ -95,7 +95,7 @@ def on_the_command_line(tmp_path, experiment, recording, bench=BENCH, asked=None
     """The same by `osl-analysis fit`, which does not know K_d unless it is `asked`."""
     write_trial(Trial("made", pl.DataFrame(recording)), tmp_path / "made.parquet")
     settings = ACTUATOR if experiment == "actuator" else bench
-    fitted = fit_one_trial(experiment, tmp_path / "made.parquet", DEVICE, FitRequest(settings, LIMITS, asked))
+    fitted = fit_trial(experiment, read_trial(tmp_path / "made.parquet"), DEVICE, FitRequest(settings, LIMITS, asked))
     return fitted.estimates.to_dicts()[-1]
 
 

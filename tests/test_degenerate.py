@@ -19,7 +19,7 @@ from walking_crossings import Walk, walked
 from walking_synthetic import settings
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.commands.fit import FITS, fit_request
+from osl_analysis.commands.fit import FITS, fit_request, fit_trial
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.gain_selection import Weight
@@ -219,7 +219,7 @@ def test_a_degenerate_bench_trial_is_fitted_or_refused_in_one_sentence(experimen
         still = {"theta_m": 0 * t} if moved == "theta" else {}
         current = 4 * np.sin(0.34 * np.pi * np.arange(len(t)) / BENCH_RATE)
         samples = pl.DataFrame({"time": t, moved: angle, exerted: torque, "current": current} | still)
-        return FITS[experiment](Trial("made", samples), DEVICE, request_of(experiment))[0]
+        return fit_trial(experiment, Trial("made", samples), DEVICE, request_of(experiment)).estimates
 
     defined_or_refused(fit, {name: (lambda case=case: case) for name, case in cases.items()})
 
@@ -233,7 +233,7 @@ def test_a_dead_load_cell_is_named(experiment, reason, monkeypatch):
     dead = np.full_like(x, 0.0 if reason == "zero" else 3.0)
     samples = {"time": np.arange(len(x)) / BENCH_RATE, "theta_m": 0 * x, "current": x, moved: x, torque: dead}
     with pytest.raises(OslAnalysisError, match=rf"made.*torque.* (stays at|is) {dead[0]:g}\b.*([Cc]heck|source file)"):
-        FITS[experiment](Trial("made", pl.DataFrame(samples)), DEVICE, request_of(experiment))
+        fit_trial(experiment, Trial("made", pl.DataFrame(samples)), DEVICE, request_of(experiment))
 
 
 CHOICES = settings(bootstrap_samples=100)

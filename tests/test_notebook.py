@@ -24,6 +24,7 @@ from osl_analysis.commands.bench import (
     fit_actuator_trial,
     fit_belt_trial,
     fit_impedance_trial,
+    fit_torque_angle_trial,
     fit_transmission_trial,
 )
 from osl_analysis.commands.gains import Request, requested_gains
@@ -31,7 +32,6 @@ from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.plotted_numbers import fig7
 from osl_analysis.commands.quality import judge, measure_trial
 from osl_analysis.commands.tables import gather
-from osl_analysis.commands.torque_angle import fit_torque_angle_trial
 from osl_analysis.commands.watch import estimates_line
 from osl_analysis.config import FrequencyResponseFigure, read_config
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL

@@ -1,7 +1,8 @@
-"""Jobs of the benches: read trials and tables, call the experiment in `bench/`, write its tables."""
+"""The fits of bench trials, for all doors to them, and the jobs of the benches, which write tables."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import polars as pl
 
@@ -42,8 +43,17 @@ from osl_analysis.bench.rendered import (
     repeated_trials_table,
     sines_of,
 )
-from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis, ImpedanceAnalysis, SteppedSineAnalysis
+from osl_analysis.bench.series import Series
+from osl_analysis.bench.settings import (
+    ActuatorAnalysis,
+    BeltAnalysis,
+    ImpedanceAnalysis,
+    SteppedSineAnalysis,
+    TorqueAngleAnalysis,
+)
 from osl_analysis.bench.stepped_sine import stepped_sine_trial
+from osl_analysis.bench.torque_angle import torque_angle_trial
+from osl_analysis.bench.torque_angle_tables import curve_table, cycle_table, torque_angle_table, torque_angle_time_base
 from osl_analysis.bench.transmission import (
     transmission_series,
     transmission_summary,
@@ -52,35 +62,120 @@ from osl_analysis.bench.transmission import (
 )
 from osl_analysis.errors import InputError
 from osl_analysis.model.gain_selection import Weight
-from osl_analysis.parameters import FileOrNone, known_parameters, read_parameters
+from osl_analysis.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
 from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import read_trial
+from osl_analysis.trial import Trial, read_trial
+
+
+class Fitted(NamedTuple):
+    """What the fit of a trial gives."""
+
+    table: pl.DataFrame
+    """Its rows of the experiment's first table."""
+    series: Series
+    """Measured and modelled signals."""
+    further: Callable[[], dict[str, pl.DataFrame]]
+    """Computes its rows of the other tables, which a campaign has besides."""
+    curves: pl.DataFrame | None = None
+    """Torque over angle: its rows of the table of curves; None for an experiment without one."""
+
+    def write(self, tables: Mapping[str, Path]) -> None:
+        """Write its rows of each table; the first one is the experiment's own."""
+        first, *others = tables
+        write_table(self.table, tables[first])
+        frames = self.further() | {"series": self.series.table()}
+        for name in others:
+            write_table(frames[name], tables[name])
+
+
+def fit_belt(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> Fitted:
+    """The belt's row, and torque against deflection."""
+    check_recording(trial, settings)
+    rails = saturated(trial, "torque", "theta")
+    belt = belt_trial(trial, p, settings)
+    curve = belt_curve(belt)
+    return Fitted(
+        plausible_belt(belt_table(belt), rails, p),
+        belt_series(belt),
+        lambda: {"belt_curves": curve, "timebase": belt_time_base(belt)},
+        curve,
+    )
+
+
+def fit_transmission(trial: Trial, p: DrivetrainParameters | None, settings: SteppedSineAnalysis) -> Fitted:
+    """The transmission's rows, and the series of the fit to all amplitudes."""
+    check_recording(trial, settings)
+    rails = saturated(trial, "torque", "theta")
+    stepped = stepped_sine_trial(trial, settings)
+    table = plausible_transmission(transmission_table(stepped), rails, p)
+    return Fitted(table, transmission_series(stepped), lambda: {"timebase": transmission_time_base(stepped)})
+
+
+def fit_impedance(
+    trial: Trial,
+    p: DrivetrainParameters | None,
+    settings: ImpedanceAnalysis,
+    asked: AskedImpedance | None = None,
+    windows: str | None = None,
+) -> Fitted:
+    """The rows of Eq. 15, and the series of the fit to all amplitudes.
+
+    `asked` is what the leg was asked to render, as far as it is known. `windows` [s] are those of the sheet, which are
+    fitted where the motion is no stepped sine.
+    """
+    check_recording(trial, settings)
+    rails = saturated(trial, "torque", "theta")
+    rendered = rendered_trial(trial, settings, windows)
+    phasors = sines_of(rendered)
+    stated = asked.desired.columns() if asked else {}
+
+    def further() -> dict[str, pl.DataFrame]:
+        frames = {"phasors": rendered_phasors(rendered, phasors), **rendered_response(rendered, p).frames()}
+        of_condition = {name: frame.with_columns(**stated) for name, frame in frames.items()}
+        return of_condition | {"timebase": rendered_time_base(rendered)}
+
+    return Fitted(judged_impedance(rendered, rails, p, asked, phasors), rendered_series(rendered), further)
+
+
+def fit_actuator(trial: Trial, p: DrivetrainParameters | None, settings: ActuatorAnalysis) -> Fitted:
+    """The actuator's row."""
+    check_recording(trial, settings, "torque_m", angle=None)
+    rails = saturated(trial, "torque_m", "current")
+    actuator = actuator_trial(trial, settings)
+    table = plausible_actuator(actuator_table(actuator), rails, p)
+    return Fitted(table, actuator_series(actuator), lambda: {"timebase": actuator_time_base(actuator)})
+
+
+def fit_torque_angle(
+    trial: Trial, _: DrivetrainParameters | None, settings: TorqueAngleAnalysis, desired: str | None = None
+) -> Fitted:
+    """The row of torque against angle, and its curves; `desired` is the name of the curve that it should follow."""
+    check_recording(trial, settings)
+    rails = saturated(trial, "torque", "theta")
+    found = torque_angle_trial(trial, settings)
+    curves = curve_table(found, desired)
+    return Fitted(
+        rails.beside(torque_angle_table(found, desired)),
+        found.series(),
+        lambda: {
+            "torque_angle_curves": curves,
+            "torque_angle_cycles": cycle_table(found),
+            "timebase": torque_angle_time_base(found),
+        },
+        curves,
+    )
 
 
 def fit_belt_trial(trial: Path, parameters: FileOrNone, settings: BeltAnalysis, tables: Mapping[str, Path]) -> None:
-    """Fit one belt trial: its rows of the tables `belt` and `belt_curves` (torque against deflection)."""
-    read, p = read_trial(trial), known_parameters(parameters)
-    check_recording(read, settings)
-    rails = saturated(read, "torque", "theta")
-    belt = belt_trial(read, p, settings)
-    write_table(plausible_belt(belt_table(belt), rails, p), tables["belt"])
-    write_table(belt_curve(belt), tables["belt_curves"])
-    write_table(belt_time_base(belt), tables["timebase"])
-    write_table(belt_series(belt).table(), tables["series"])
+    """Fit one belt trial; `parameters` is the file of the device, None for one without, here as in all these jobs."""
+    fit_belt(read_trial(trial), known_parameters(parameters), settings).write(tables)
 
 
 def fit_transmission_trial(
     trial: Path, parameters: FileOrNone, settings: SteppedSineAnalysis, tables: Mapping[str, Path]
 ) -> None:
-    """Fit one transmission trial: its rows of the table `transmission`."""
-    read = read_trial(trial)
-    check_recording(read, settings)
-    rails = saturated(read, "torque", "theta")
-    stepped = stepped_sine_trial(read, settings)
-    table = plausible_transmission(transmission_table(stepped), rails, known_parameters(parameters))
-    write_table(table, tables["transmission"])
-    write_table(transmission_time_base(stepped), tables["timebase"])
-    write_table(transmission_series(stepped).table(), tables["series"])
+    """Fit one transmission trial."""
+    fit_transmission(read_trial(trial), known_parameters(parameters), settings).write(tables)
 
 
 def fit_impedance_trial(
@@ -92,38 +187,23 @@ def fit_impedance_trial(
     tables: Mapping[str, Path],
     windows: str | None = None,
 ) -> None:
-    """Fit one impedance trial: its rows of the tables `impedance`, `phasors`, `response` and its models.
-
-    `parameters` is the file of the device, None for one without, here as in all these jobs. `condition` is the desired
-    impedance of the trial, as far as it is known. `weight` is W of Eq. 14 with which its gains were selected.
-    `windows` [s] are those of the sheet, which are fitted where the motion is no stepped sine.
-    """
-    p, read = known_parameters(parameters), read_trial(trial)
-    check_recording(read, settings)
-    rails = saturated(read, "torque", "theta")
-    rendered = rendered_trial(read, settings, windows)
-    asked = AskedImpedance(condition, weight, settings.frequencies_hz)
-    phasors = sines_of(rendered)
-    write_table(judged_impedance(rendered, rails, p, asked, phasors), tables["impedance"])
-    write_table(rendered_phasors(rendered, phasors).with_columns(**condition.columns()), tables["phasors"])
-    for name, frame in rendered_response(rendered, p).frames().items():
-        write_table(frame.with_columns(**condition.columns()), tables[name])
-    write_table(rendered_time_base(rendered), tables["timebase"])
-    write_table(rendered_series(rendered).table(), tables["series"])
+    """Fit one impedance trial; `condition` is its desired impedance, and `weight` is W of Eq. 14."""
+    p, asked = known_parameters(parameters), AskedImpedance(condition, weight, settings.frequencies_hz)
+    fit_impedance(read_trial(trial), p, settings, asked, windows).write(tables)
 
 
 def fit_actuator_trial(
     trial: Path, parameters: FileOrNone, settings: ActuatorAnalysis, tables: Mapping[str, Path]
 ) -> None:
-    """Fit one trial of the actuator's bench: its row of the table `actuator`."""
-    read = read_trial(trial)
-    check_recording(read, settings, "torque_m", angle=None)
-    rails = saturated(read, "torque_m", "current")
-    actuator = actuator_trial(read, settings)
-    table = plausible_actuator(actuator_table(actuator), rails, known_parameters(parameters))
-    write_table(table, tables["actuator"])
-    write_table(actuator_time_base(actuator), tables["timebase"])
-    write_table(actuator_series(actuator).table(), tables["series"])
+    """Fit one trial of the actuator's bench."""
+    fit_actuator(read_trial(trial), known_parameters(parameters), settings).write(tables)
+
+
+def fit_torque_angle_trial(
+    trial: Path, settings: TorqueAngleAnalysis, condition: Mapping[str, Any], tables: Mapping[str, Path]
+) -> None:
+    """Fit one trial of torque against angle; `condition` has the name of the curve that it should follow, or None."""
+    fit_torque_angle(read_trial(trial), None, settings, condition["desired"]).write(tables)
 
 
 def by_place(table: pl.DataFrame, summary: Callable[[pl.DataFrame], pl.DataFrame]) -> pl.DataFrame:

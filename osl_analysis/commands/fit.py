@@ -1,54 +1,35 @@
-"""One trial fitted for the command line: the estimates, and the torque beside the fitted model's."""
+"""One trial fitted for the command line and notebooks: the estimates, and the torque beside the fitted model's."""
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.actuator import actuator_series, actuator_table, actuator_trial
-from osl_analysis.bench.belt import belt_curve, belt_series, belt_table, belt_trial
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.plausibility import (
-    check_recording,
-    plausible_actuator,
-    plausible_belt,
-    plausible_transmission,
-    saturated,
-)
-from osl_analysis.bench.rendered import AskedImpedance, judged_impedance, rendered_series, rendered_trial
+from osl_analysis.bench.rendered import AskedImpedance
 from osl_analysis.bench.series import Series
-from osl_analysis.bench.settings import (
-    ActuatorAnalysis,
-    BeltAnalysis,
-    DynamometerAnalysis,
-    ImpedanceAnalysis,
-    SteppedSineAnalysis,
-    TorqueAngleAnalysis,
-)
-from osl_analysis.bench.stepped_sine import stepped_sine_trial
-from osl_analysis.bench.torque_angle import torque_angle_trial
-from osl_analysis.bench.torque_angle_tables import curve_table, torque_angle_table
-from osl_analysis.bench.transmission import transmission_series, transmission_table
+from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, SteppedSineAnalysis, TorqueAngleAnalysis
+from osl_analysis.commands import bench
 from osl_analysis.config import read_campaign_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.files import default_config, shipped
 from osl_analysis.parameters import known_parameters
 from osl_analysis.shared_choices import WeightSettings
-from osl_analysis.trial import Trial, read_trial
-from osl_analysis.yaml_settings import Settings, read_mapping
+from osl_analysis.table import finite_or_null
+from osl_analysis.trial import Trial
+from osl_analysis.yaml_settings import read_mapping
 
-
-class Estimated(NamedTuple):
-    """What the fit of an experiment gives."""
-
-    table: pl.DataFrame
-    """A row per fit."""
-    series: Series
-    """Measured and modelled signals."""
-    curves: pl.DataFrame | None = None
-    """Torque over angle, as in the table of curves of the experiment; None for one without."""
+FITS: dict[str, Callable[..., bench.Fitted]] = {
+    "belt": bench.fit_belt,
+    "transmission": bench.fit_transmission,
+    "actuator": bench.fit_actuator,
+    "impedance": bench.fit_impedance,
+    "torque_angle": bench.fit_torque_angle,
+}
+"""By experiment: the fit of one trial."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +49,7 @@ class FitRequest:
     """What the fit of a trial uses besides the trial: settings and limits of a campaign, and what the leg was asked."""
 
     settings: Any
-    """The section of the configuration that the fit uses, of the model in `SECTIONS`."""
+    """The section of the configuration that the fit uses, of its whole model."""
     limits: DoubtfulFits
     """Limits beyond which a fit is doubtful."""
     asked: AskedImpedance | None = None
@@ -82,16 +63,13 @@ class FitRequest:
 def fit_request(experiment: str, config: Path, desired: DesiredImpedance | None = None) -> FitRequest:
     """What the fit of an experiment uses, from a configuration file that may override fields of the default only.
 
-    Raises
-    ------
-    InputError
-        The file is not a configuration.
+    `desired` is that of an impedance trial, as far as it is known. Raises InputError where the file is none.
     """
-    settings = read_campaign_section(config, *SECTIONS[experiment])
-    limits = read_campaign_section(config, "doubtful", DoubtfulFits)
-    if desired is None or not isinstance(settings, SteppedSineAnalysis):
-        return FitRequest(settings, limits)
-    return FitRequest(settings, limits, asked_impedance(desired, config, settings))
+    of_section = {"actuator": ActuatorAnalysis, "torque_angle": TorqueAngleAnalysis}
+    section = experiment if experiment in of_section else "dynamometer"
+    settings = read_campaign_section(config, section, of_section.get(experiment, DynamometerAnalysis))
+    asked = None if desired is None else asked_impedance(desired, config, settings)
+    return FitRequest(settings, read_campaign_section(config, "doubtful", DoubtfulFits), asked)
 
 
 def asked_impedance(desired: DesiredImpedance, config: Path, settings: SteppedSineAnalysis) -> AskedImpedance:
@@ -115,104 +93,81 @@ def said_not_checked(fitted: FittedTrial) -> str:
 
 
 def campaign_parameters(config: Path) -> Path | None:
-    """The parameter file that a configuration names, which may override fields of the default only; None: null.
-
-    Raises
-    ------
-    InputError
-        The file is not a configuration.
-    """
-    content = read_mapping(config)
-    if "parameters" not in content:
-        content = read_mapping(default_config())
-    named = content.get("parameters")
+    """The parameter file that a configuration names, which may override fields of the default only; None: null."""
+    named = (read_mapping(default_config()) | read_mapping(config))["parameters"]
     return None if named is None else shipped(str(named))
 
 
-def fit_one_trial(experiment: str, trial: Path, parameters: Path | None, request: FitRequest) -> FittedTrial:
-    """Fit an ingested trial of one of the `FITS`; `request` as `fit_request` gives it.
+def fit_trial(experiment: str, trial: Trial, parameters: Path | None, request: FitRequest) -> FittedTrial:
+    """Fit a trial of one of the `FITS`; `request` as `fit_request` gives it.
 
     Raises
     ------
     InputError, IdentifiabilityError
         The trial lacks a signal, does not follow the protocol, or cannot identify the model.
     """
-    return fit_trial(experiment, read_trial(trial), parameters, request)
-
-
-def fit_trial(experiment: str, trial: Trial, parameters: Path | None, request: FitRequest) -> FittedTrial:
-    """The same for a trial in memory."""
-    found = FITS[experiment](trial, parameters, request)
+    stated = {"impedance": (request.asked, request.windows), "torque_angle": (request.curve,)}.get(experiment, ())
+    found = FITS[experiment](trial, known_parameters(parameters), request.settings, *stated)
     estimates = marked(found.table, request.limits.of(experiment), experiment)
     return FittedTrial(estimates, torque_table(found.series), found.curves)
-
-
-def fit_belt(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
-    """The belt's row, and its series."""
-    settings: BeltAnalysis = request.settings
-    p = known_parameters(parameters)
-    check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
-    belt = belt_trial(trial, p, settings)
-    return Estimated(plausible_belt(belt_table(belt), rails, p), belt_series(belt), belt_curve(belt))
-
-
-def fit_transmission_losses(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
-    """The transmission's rows, and the series of the fit to all amplitudes."""
-    settings: SteppedSineAnalysis = request.settings
-    check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
-    stepped = stepped_sine_trial(trial, settings)
-    table = plausible_transmission(transmission_table(stepped), rails, known_parameters(parameters))
-    return Estimated(table, transmission_series(stepped))
-
-
-def fit_rendered_impedance(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
-    """The rows of Eq. 15, and the series of the fit to all amplitudes."""
-    settings: ImpedanceAnalysis = request.settings
-    check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
-    rendered = rendered_trial(trial, settings, request.windows)
-    table = judged_impedance(rendered, rails, known_parameters(parameters), request.asked)
-    return Estimated(table, rendered_series(rendered))
-
-
-def fit_actuator_bench(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
-    """The actuator's row, and its series."""
-    settings: ActuatorAnalysis = request.settings
-    check_recording(trial, settings, "torque_m", angle=None)
-    rails = saturated(trial, "torque_m", "current")
-    actuator = actuator_trial(trial, settings)
-    table = plausible_actuator(actuator_table(actuator), rails, known_parameters(parameters))
-    return Estimated(table, actuator_series(actuator))
-
-
-def fit_torque_angle(trial: Trial, parameters: Path | None, request: FitRequest) -> Estimated:
-    """The row of torque against angle, the torque beside its curve over angle, and the curves of both branches."""
-    settings: TorqueAngleAnalysis = request.settings
-    check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
-    found = torque_angle_trial(trial, settings)
-    table = rails.beside(torque_angle_table(found, request.curve))
-    return Estimated(table, found.series(), curve_table(found, request.curve))
-
-
-FITS: dict[str, Callable[[Trial, Path | None, FitRequest], Estimated]] = {
-    "belt": fit_belt,
-    "transmission": fit_transmission_losses,
-    "actuator": fit_actuator_bench,
-    "impedance": fit_rendered_impedance,
-    "torque_angle": fit_torque_angle,
-}
-"""By experiment: the fit of one trial, from the trial, the parameter file and the request."""
-SECTIONS: dict[str, tuple[str, type[Settings]]] = dict.fromkeys(FITS, ("dynamometer", DynamometerAnalysis)) | {
-    "actuator": ("actuator", ActuatorAnalysis),
-    "torque_angle": ("torque_angle", TorqueAngleAnalysis),
-}
-"""By experiment: the section of the configuration that its fit uses, and the model of that section."""
 
 
 def torque_table(series: Series) -> pl.DataFrame:
     """Time [s] from the start, measured and modelled torque [N*m] of every sample that the model has."""
     table = pl.DataFrame({"time": series.time, "torque": series.torque, "torque_model": series.torque_model})
     return table.filter(pl.col("torque_model").is_finite()).with_columns(pl.col("time") - pl.col("time").first())
+
+
+UNITS = {
+    "K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad", "J_j": "kg·m²",
+    "T_C": "N·m", "k_tau_n_m": "N·m/A", "f_C": "N·m", "f_G": "N·m/A", "B_m": "N·m·s/rad", "J_m": "kg·m²",
+    "offset": "N·m", "drift": "N·m/s", "K_secant": "N·m/rad", "K_unloading": "N·m/rad", "energy_stored": "J",
+    "energy_returned": "J", "energy_lost": "J",
+}  # fmt: skip
+
+
+def estimates_json(estimates: pl.DataFrame) -> str:
+    """The estimates as JSON in SI units: an object per fit, null for what is not finite."""
+    return json.dumps([finite_or_null(row) for row in estimates.to_dicts()], indent=2)
+
+
+def estimates_text(estimates: pl.DataFrame) -> str:
+    """The estimates as text: a line per fit and quantity, with 95 % interval and VAF."""
+    lines = []
+    for row in estimates.to_dicts():
+        amplitude = row.get("amplitude_deg")
+        which = motion_text(row) if amplitude is None else f"{amplitude:g} deg"
+        which = f"mean of cycles: {row['cycles']}" if "cycles" in row else which
+        quality = f"VAF {row['VAF']:.2f} %"
+        if "R2" in row:
+            quality += f", R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}"
+        lines.append(f"{row['trial']}, {which}: {quality}")
+        for name in estimated(row):
+            high = row[f"{name}_high"]
+            half = f"± {high - row[name]:<10.2g}" if high is not None else f"{'':<12}"
+            lines.append(f"  {name:<15}{row[name]:>12.5g} {half} {UNITS[name]}{amplitudes_text(row, name)}")
+        if row.get("doubtful"):
+            lines.append(f"  doubtful: {row['doubtful']}")
+    return "\n".join(
+        [*lines, "± is the half-width of the 95 % interval of noise, by the method that interval_method names"]
+    )
+
+
+def estimated(row: Mapping[str, Any]) -> list[str]:
+    """The quantities that a fit estimates. A belt that moves at a constant velocity has no B_j."""
+    return [name for name in UNITS if f"{name}_se" in row and row[name] is not None]
+
+
+def motion_text(row: Mapping[str, Any]) -> str:
+    """What a fit without an amplitude is a fit to."""
+    excitation = row.get("excitation")
+    if excitation in (None, "stepped sine"):
+        return "all amplitudes"
+    band = f"{row['band_low_hz']:.3g} to {row['band_high_hz']:.3g} Hz, {row['theta_rms_deg']:.2g} deg RMS"
+    return f"{row['fitted_s']:.1f} s of {'periodic' if excitation == 'periodic' else 'any'} motion, {band}"
+
+
+def amplitudes_text(row: Mapping[str, Any], name: str) -> str:
+    """The lowest and the highest estimate of a single amplitude, if the row has them."""
+    low, high = row.get(f"{name}_amplitudes_low"), row.get(f"{name}_amplitudes_high")
+    return "" if low is None or high is None else f", single amplitudes {low:.5g} to {high:.5g}"

@@ -1,4 +1,4 @@
-"""The numbers of Figs. 3, 4, 7 and 9, which need more than one result table."""
+"""The numbers of Figs. 3, 4, 7 and 9 and of torque against angle, which need more than one result table."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,6 +18,8 @@ from osl_analysis.figures.fig7 import CURVE_TYPES, DESIRED, LINEAR_MODEL, RESPON
 from osl_analysis.figures.fig9 import FIT_COLUMNS, SUMMARY_COLUMNS
 from osl_analysis.figures.fig9 import points as fig9_points
 from osl_analysis.figures.names import look_numbers, of_place
+from osl_analysis.figures.torque_angle import TABLE_COLUMNS
+from osl_analysis.figures.torque_angle import points as torque_angle_points
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import FileOrNone, joint_of, read_parameters
@@ -119,3 +121,9 @@ def responses_in_theory(measured: pl.DataFrame, parameters: Path | None, weight:
     place = {"joint": joint, "side": side}
     named = [pl.lit(value, pl.String).alias(column) for column, value in place.items()]
     return [curve.with_columns(named).select(list(CURVE_TYPES)) for curve in curves]
+
+
+def torque_angle(curves: Path, table: Path, output: Path) -> None:
+    """The numbers of the figure `torque_angle`, from `torque_angle_curves.csv` and `torque_angle.csv`."""
+    read = read_table(curves, required=TABLE_COLUMNS)
+    write_table(torque_angle_points(read, read_table(table, ["trial", "doubtful"])), output)

@@ -22,15 +22,17 @@ from osl_analysis.bench.rendered import (
     sines_of,
 )
 from osl_analysis.commands.fit import (
+    UNITS,
     FitRequest,
     FittedTrial,
     asked_impedance,
     campaign_parameters,
+    estimated,
+    estimates_text,
     fit_request,
     fit_trial,
     said_not_checked,
 )
-from osl_analysis.commands.fit_text import UNITS, estimated, estimates_text
 from osl_analysis.doubtful import IS_DOUBTFUL, DoubtfulFits, marked, with_doubts_of
 from osl_analysis.errors import InputError, nearest, printable, printable_lines
 from osl_analysis.files import config_here

@@ -12,15 +12,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 from osl_analysis.campaign import Campaign
-from osl_analysis.config import Config
 from osl_analysis.files import digest
 from osl_analysis.yaml_settings import read_mapping
 
-ABOUT_MACROS = {
-    "campaign": "Campaign", "data": "Data", "version": "Version", "configuration": "Configuration",
-    "recorded": "Recorded",
-}  # fmt: skip
-"""The LaTeX macros of the fields of `About`, without prefix."""
 ABOUT_MEANING = {
     "campaign": "name of the campaign",
     "data": "simulated or measured",
@@ -29,22 +23,19 @@ ABOUT_MEANING = {
     "recorded": "date of the data, or what is known in its place",
 }
 """What the fields of `About` are."""
+ABOUT_MACROS = {name: name.capitalize() for name in ABOUT_MEANING}
+"""Their LaTeX macros, without prefix."""
 
 
 @dataclass(frozen=True)
 class About:
-    """What results are made of."""
+    """What results are made of: the fields are those of `ABOUT_MEANING`."""
 
     campaign: str
-    """Name of the campaign."""
     data: str
-    """`simulated` or `measured`."""
     version: str
-    """Version of osl-analysis."""
     configuration: str
-    """First digits of the SHA-256 of the configuration, with the files that it names, without the places of files."""
     recorded: str
-    """Date of the data, or what is known in its place."""
 
     def of_figure(self) -> str:
         """The line below a figure but for its numbers: a configuration that it does not use does not draw it anew."""
@@ -67,21 +58,11 @@ DIGITS = 8
 def about(campaign: Campaign, simulation: list[Path]) -> About:
     """What the results of a campaign are made of; `simulation` are the files of its simulation's settings."""
     config = campaign.config
-    named = [path for path in (config.parameters, config.impedance_trajectory) if path is not None]
-    return About(
-        campaign=config.campaign,
-        data=campaign.data,
-        version=version("osl-analysis"),
-        configuration=configuration_hash(config, [*named, *simulation]),
-        recorded=date_of(campaign),
-    )
-
-
-def configuration_hash(config: Config, files: list[Path]) -> str:
-    """First digits of the SHA-256 of the settings, defaults included, and of the content of these files."""
-    settings = config.model_dump(mode="json", exclude=PLACES)
-    text = json.dumps([settings, sorted(str(digest(path)) for path in set(files))], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
+    files = {path for path in (config.parameters, config.impedance_trajectory, *simulation) if path is not None}
+    settings = config.model_dump(mode="json", exclude=PLACES)  # with the defaults
+    text = json.dumps([settings, sorted(str(digest(path)) for path in files)], sort_keys=True)
+    configuration = hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
+    return About(config.campaign, campaign.data, version("osl-analysis"), configuration, date_of(campaign))
 
 
 def date_of(campaign: Campaign) -> str:

@@ -1,9 +1,11 @@
 """A campaign: its sample sheet and the trials that are analysed."""
 
 import re
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -53,20 +55,27 @@ class Campaign:
 
     def conditions(self) -> dict[str, dict[str, Any]]:
         """Conditions of every walking trial in the sheet, by trial and column; None where empty."""
-        columns = (*STATED, PERTURBED)
-        return {trial: {column: self.row(trial)[column] for column in columns} for trial in self.trials("walking")}
+        return {
+            trial: {name: self.row(trial)[name] for name in (*STATED, PERTURBED)} for trial in self.trials("walking")
+        }
 
     def static(self, trial: str) -> str:
         """The static trial that calibrates a crossing or plate trial."""
         row = self.row(trial)
         stated = tuple(row.get(column) for column in (STATIC, *SHARED))
         if stated not in self.static_by_cells:
-            try:
-                found = static_of(trial, row, {name: self.row(name) for name in self.trials("static")})
-            except InputError as error:
-                raise InputError(f"{self.config.sheet}: {error}") from error
-            self.static_by_cells[stated] = found
+            with self.named():
+                others = {name: self.row(name) for name in self.trials("static")}
+                self.static_by_cells[stated] = static_of(trial, row, others)
         return self.static_by_cells[stated]
+
+    @contextmanager
+    def named(self) -> Iterator[None]:
+        """Within the block a refusal begins with the sheet's name."""
+        try:
+            yield
+        except InputError as error:
+            raise InputError(f"{self.config.sheet}: {error}") from error
 
     @cached_property
     def static_by_cells(self) -> dict[tuple[Any, ...], str]:
@@ -94,10 +103,8 @@ class Campaign:
         """
         settings = self.config.walking.part("CalibrationSettings")
         served = {trial: self.row(trial) for trial in self.statics.get(static, [])}
-        try:
+        with self.named():
             side = side_of(static, self.row(static), served, self.config.walking.side)
-        except InputError as error:
-            raise InputError(f"{self.config.sheet}: {error}") from error
         return settings | {"side": side} | ({} if served else {"hinge": "anatomical"})
 
     def pattern(self, experiment: str) -> str:
@@ -105,16 +112,11 @@ class Campaign:
 
         It has the shortest beginnings that tell them apart: Snakemake reads it for every file that it looks at.
         """
-        others = {
-            name[:end]
-            for name, row in self.rows.items()
-            if row["experiment"] != experiment
-            for end in range(1, len(name) + 1)
-        }
-        found: set[str] = set()
-        for name in self.trials(experiment):
-            own = next((name[:end] for end in range(1, len(name) + 1) if name[:end] not in others), None)
-            found.add(re.escape(name) if own is None else f"{re.escape(own)}[A-Za-z0-9_.-]*")
+        own, found = self.trials(experiment), set[str]()
+        others = {start for name in self.rows.keys() - own for start in accumulate(name)}
+        for name in own:
+            start = next((start for start in accumulate(name) if start not in others), None)
+            found.add(re.escape(name) if start is None else f"{re.escape(start)}[A-Za-z0-9_.-]*")
         return "|".join(sorted(found)) or "(?!)"
 
     def row(self, trial: str, experiment: str | None = None) -> Mapping[str, Any]:
@@ -149,9 +151,9 @@ class Campaign:
 
     def by_place(self, experiment: str) -> list[list[str]]:
         """The trials of an experiment, those of each joint and side together."""
-        places, groups = self.places, dict[tuple[str | None, str | None], list[str]]()
+        groups: dict[tuple[str | None, ...], list[str]] = {}
         for trial in self.trials(experiment):
-            groups.setdefault((places[trial]["joint"], places[trial]["side"]), []).append(trial)
+            groups.setdefault(tuple(self.places[trial].values()), []).append(trial)
         return list(groups.values())
 
     @property
@@ -223,9 +225,7 @@ def check_campaign(campaign: Campaign) -> None:
 
 
 def check_files(campaign: Campaign) -> None:
-    """Refuse a configuration that names a missing file, or a file for the results' folder. Raw files are checked
-    when they are ingested.
-    """
+    """Refuse a missing file, or a file for the results' folder. Raw files are checked when they are ingested."""
     config = campaign.config
     for folder in (config.results, *config.results.parents):
         if folder.exists() and not folder.is_dir():
@@ -276,10 +276,8 @@ def check_walking(campaign: Campaign) -> None:
         )
     for static in campaign.statics:
         campaign.calibration_settings(static)
-    try:
+    with campaign.named():
         split_keys(campaign.conditions(), campaign.config.walking)
-    except InputError as error:
-        raise InputError(f"{campaign.config.sheet}: {error}") from error
 
 
 FIRST = "the first impedance trial of the sheet"
@@ -288,21 +286,18 @@ NEITHER = "the example of the configuration is not in this campaign"
 
 @dataclass(frozen=True)
 class ImpedanceExample:
-    """The trial of Fig. 4.
-
-    trial: its name.
-    joint, side: its joint and side.
-    amplitude_deg: amplitude that is drawn [deg]; None: the largest.
-    duration_s: length of the part that is drawn [s].
-    chosen: why this trial, where the configuration does not name it; empty where it does.
-    """
+    """The trial of Fig. 4."""
 
     trial: str
+    """Its name."""
     joint: str
     side: str | None
     amplitude_deg: float | None
+    """Amplitude that is drawn [deg]; None: the largest."""
     duration_s: float
+    """Length of the part that is drawn [s]."""
     chosen: str
+    """Why this trial, where the configuration does not name it; empty where it does."""
 
 
 def time_series_example(campaign: Campaign) -> ImpedanceExample | None:
@@ -310,17 +305,18 @@ def time_series_example(campaign: Campaign) -> ImpedanceExample | None:
     stated, trials = campaign.config.figures.time_series, campaign.trials("impedance")
     if not trials:
         return None
-    places = campaign.places
-    first, duration = places[trials[0]], stated.duration_s if stated else 10.0
-    if stated is None:
-        return ImpedanceExample(trials[0], **first, amplitude_deg=None, duration_s=duration, chosen=FIRST)
-    asked = {"controller": stated.controller, "K_d": stated.K_d, "B_d": stated.B_d}
-    found = matching(campaign, asked)
-    if found:
-        place = places[found[0]]
-        return ImpedanceExample(found[0], **place, amplitude_deg=stated.amplitude_deg, duration_s=duration, chosen="")
-    check_default(campaign, "time_series", asked)
-    return ImpedanceExample(trials[0], **first, amplitude_deg=None, duration_s=duration, chosen=f"{FIRST}; {NEITHER}")
+    name, amplitude_deg, chosen = trials[0], None, FIRST
+    if stated is not None:
+        asked = {"controller": stated.controller, "K_d": stated.K_d, "B_d": stated.B_d}
+        if found := matching(campaign, asked):
+            name, amplitude_deg, chosen = found[0], stated.amplitude_deg, ""
+        else:
+            check_default(campaign, "time_series", asked)
+            chosen = f"{FIRST}; {NEITHER}"
+    duration_s = stated.duration_s if stated else 10.0
+    return ImpedanceExample(
+        name, **campaign.places[name], amplitude_deg=amplitude_deg, duration_s=duration_s, chosen=chosen
+    )
 
 
 def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:
@@ -329,10 +325,10 @@ def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:
     if stated is None or not campaign.trials("impedance"):
         return None
     asked = {"K_d": stated.K_d, "B_d": stated.B_d}
-    if matching(campaign, asked):
-        return stated
-    check_default(campaign, "frequency_response", asked)
-    return None
+    if not matching(campaign, asked):
+        check_default(campaign, "frequency_response", asked)
+        return None
+    return stated
 
 
 def matching(campaign: Campaign, asked: dict[str, Any]) -> list[str]:

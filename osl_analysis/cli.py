@@ -19,7 +19,6 @@ from osl_analysis.cli_options import (
     PARAMETERS,
     OneLineErrors,
     desired_impedance,
-    desired_options,
     say,
 )
 from osl_analysis.experiments import EXPERIMENTS
@@ -144,7 +143,14 @@ def inspect(file: Path, draft_path: Path | None) -> None:
     show_default=True,
     help="K, B, I of Eq. 15; B_j, J_j of Eq. 4; belt stiffness K_s; the actuator of Eqs. 1-2; torque-angle curve.",
 )
-@desired_options
+@click.option("--stiffness", type=float, help="Desired K_d [N·m/rad] of the trial, for --model impedance.")
+@click.option("--damping", type=float, help="Desired B_d [N·m·s/rad] of the trial, for --model impedance.")
+@click.option(
+    "--controller",
+    default="compensated",
+    show_default=True,
+    help="Controller of the trial, any name. The gains of compensated and uncompensated are known (Eqs. 13 and 14).",
+)
 @DEVICE
 @CONFIG
 @AS_JSON
@@ -193,10 +199,10 @@ def samples(folder: Path, output: Path | None, config_path: Path) -> None:
     Rates are in Hz, gaps in s; a file that is refused is listed with the reason.
     """
     from osl_analysis.commands.inspect import samples_table, write_samples
-    from osl_analysis.config import read_campaign_section
+    from osl_analysis.config import read_section
     from osl_analysis.quality.checks import QualityRules
 
-    rules = read_campaign_section(config_path, "quality", QualityRules)
+    rules = read_section(config_path, "quality", QualityRules)
     if output is None:
         say(samples_table(folder, rules))
     else:
@@ -344,15 +350,12 @@ def print_first_look(folder: Path) -> None:
         say(f"no first look: {error}")
 
 
-OF_STEPPED_SINE = {"frequencies", "amplitudes", "cycles"}
 OF_BAND = {"band", "rms", "peak"}
-OF_MULTISINE = OF_BAND | {"period", "periods", "realisations", "seed"}
-OF_CONTINUOUS = OF_BAND | {"duration"}
 OPTIONS = {
-    "stepped-sine": OF_STEPPED_SINE,
-    "multisine": OF_MULTISINE,
-    "chirp": OF_CONTINUOUS,
-    "noise": OF_CONTINUOUS,
+    "stepped-sine": {"frequencies", "amplitudes", "cycles"},
+    "multisine": OF_BAND | {"period", "periods", "realisations", "seed"},
+    "chirp": OF_BAND | {"duration"},
+    "noise": OF_BAND | {"duration"},
 }
 """Options that one kind of excitation has, by its name."""
 
@@ -363,7 +366,6 @@ class Percent(click.ParamType[float]):
     name = "percent"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """The share."""
         if isinstance(value, float):
             return value
         try:
@@ -378,9 +380,7 @@ class Percent(click.ParamType[float]):
 PERCENT, POSITIVE, NOT_NEGATIVE = Percent(), click.FloatRange(0, min_open=True), click.FloatRange(0)
 
 
-@main.command(
-    epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (or 100:400:50 and 0,5 for a grid)",
-)
+@main.command(epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (or 100:400:50 and 0,5 for a grid)")
 @click.option("--stiffness", type=NUMBERS, help="Desired joint stiffness K_d [N·m/rad]: 300, 100,200 or 100:400:50.")
 @click.option("--damping", type=NUMBERS, help="Desired joint damping B_d [N·m·s/rad]: 5, 0,2.5,5 or 0:7.5:2.5.")
 @click.option(

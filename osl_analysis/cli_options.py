@@ -21,8 +21,7 @@ from osl_analysis.memory import limited_memory
 if TYPE_CHECKING:
     from osl_analysis.bench.impedance import DesiredImpedance
 
-MOST_NUMBERS = 300
-"""Largest number of values in a range."""
+MOST_NUMBERS = 300  # values in a range
 
 
 class NumberList(click.ParamType[list[float]]):
@@ -39,11 +38,8 @@ class NumberList(click.ParamType[list[float]]):
             self.fail(f"'{text}' is neither a number nor a list like 100,200 or 100:400:50", param, ctx)
         if ":" not in text:
             return numbers
-        if (
-            len(numbers) != 3
-            or not all(map(math.isfinite, numbers))
-            or not (numbers[2] > 0 and numbers[1] >= numbers[0])
-        ):
+        is_range = len(numbers) == 3 and all(map(math.isfinite, numbers))
+        if not is_range or numbers[2] <= 0 or numbers[1] < numbers[0]:
             self.fail(f"'{text}' is not a range; write first:last:step, upwards, with a step above 0", param, ctx)
         first, last, step = numbers
         if (last - first) / step > MOST_NUMBERS:
@@ -52,14 +48,11 @@ class NumberList(click.ParamType[list[float]]):
 
 
 FILE = click.Path(path_type=Path)
-WRITTEN = {"output", "plot", "draft_path"}
-"""Parameters of commands that name a file to write."""
-READ = ("log", "mocap", "file", "trial")
-"""Parameters of commands that name a recording or a trial."""
+WRITTEN = {"output", "plot", "draft_path"}  # parameters of commands that name a file to write
+READ = ("log", "mocap", "file", "trial")  # parameters of commands that name a recording or a trial
 SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "design": ".csv"}
 """Suffix of what a command writes, where it writes one kind of file."""
-INTERRUPTED = 130
-"""Exit code after Ctrl-C or SIGTERM."""
+INTERRUPTED = 130  # exit code after Ctrl-C or SIGTERM
 NUMBERS = NumberList()
 PARAMETERS = click.option(
     "--parameters",
@@ -76,14 +69,6 @@ CONFIG = click.option(
     show_default=True,
     help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
 )
-K_D = click.option("--stiffness", type=float, help="Desired K_d [N·m/rad] of the trial, for --model impedance.")
-B_D = click.option("--damping", type=float, help="Desired B_d [N·m·s/rad] of the trial, for --model impedance.")
-CONTROLLER = click.option(
-    "--controller",
-    default="compensated",
-    show_default=True,
-    help="Controller of the trial, any name. The gains of compensated and uncompensated are known (Eqs. 13 and 14).",
-)
 DEVICE = click.option(
     "--parameters",
     type=FILE,
@@ -93,24 +78,17 @@ NO_FILE = Path("none")
 """Value of `DEVICE` for a device without a parameter file."""
 
 
-def desired_options(command: Any) -> Any:
-    """The options of a command for the desired impedance of a trial."""
-    return K_D(B_D(CONTROLLER(command)))
-
-
-def desired_impedance(
-    model: str, stiffness: float | None, damping: float | None, controller: str
-) -> "DesiredImpedance | None":
+def desired_impedance(model: str, K_d: float | None, B_d: float | None, controller: str) -> "DesiredImpedance | None":
     """The desired impedance of a trial, as far as it is given; None if nothing is. Values without a use are refused."""
     from osl_analysis.bench.impedance import DesiredImpedance
 
     given = click.get_current_context().get_parameter_source("controller") is ParameterSource.COMMANDLINE
-    if stiffness is None and damping is None and not given:
+    if K_d is None and B_d is None and not given:
         return None
     if model != "impedance":
         said = "--stiffness, --damping and --controller are those of an impedance trial: give --model impedance"
         raise click.UsageError(said)
-    return DesiredImpedance(controller, stiffness, damping)
+    return DesiredImpedance(controller, K_d, B_d)
 
 
 AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON in SI units instead of a table.")
@@ -134,7 +112,9 @@ class KeepsItsInput(click.Command):
             others = {other: value for other, value in ctx.params.items() if other != name}
             if any(same_file(used, path) for used in files_used(others)):
                 raise click.UsageError(f"{path} would be overwritten while it is used; name another file")
-            check_suffix(command, path)
+            suffix = SUFFIXES.get(command, path.suffix)
+            if path.suffix != suffix:  # it may be a source file, a log or a configuration
+                raise click.UsageError(f"{path}: `{command}` writes {suffix} files; choose this suffix")
             check_output(path)
         with limited_memory([ctx.params[name] for name in READ if isinstance(ctx.params.get(name), Path)]):
             return super().invoke(ctx)
@@ -154,13 +134,6 @@ def files_used(values: Mapping[str, Any]) -> Iterator[Path]:
         yield default_config()
     if "folder" in values:
         yield from (path for path in values["folder"].rglob("*") if path.suffix != SUFFIXES["samples"])
-
-
-def check_suffix(command: str, path: Path) -> None:
-    """Refuse a file that a command does not write by its suffix: it may be a source file, a log or a configuration."""
-    allowed = SUFFIXES.get(command)
-    if allowed is not None and path.suffix != allowed:
-        raise click.UsageError(f"{path}: `{command}` writes {allowed} files; choose this suffix")
 
 
 def same_file(one: Path, other: Path) -> bool:

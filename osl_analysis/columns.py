@@ -11,12 +11,9 @@ from dataclasses import dataclass
 class Column:
     """One canonical column."""
 
-    symbol: str
-    """Its symbol in the paper; empty where the paper has none."""
-    unit: str
-    """Its SI unit."""
-    meaning: str
-    """What it is, and what a positive value means."""
+    symbol: str  # of the paper; empty where it has none
+    unit: str  # SI
+    meaning: str  # what it is, and what a positive value means
 
 
 COLUMNS: dict[str, Column] = {
@@ -51,8 +48,7 @@ FAMILIES = {
 
 def marker_columns(label: str) -> tuple[str, str, str]:
     """Columns of one marker's position in the laboratory [m]; NaN where the marker was not seen."""
-    x, y, z = (f"marker_{label}_{axis}" for axis in AXES)
-    return x, y, z
+    return f"marker_{label}_x", f"marker_{label}_y", f"marker_{label}_z"
 
 
 def plate_columns(plate: int, quantity: str) -> tuple[str, str, str]:
@@ -61,8 +57,8 @@ def plate_columns(plate: int, quantity: str) -> tuple[str, str, str]:
     Both act on the foot, are expressed in the laboratory axes of the plate's resting pose, and the moment is
     about the centre of the plate's surface (the mean of its four corners).
     """
-    x, y, z = (f"plate{plate}_{quantity}_{axis}" for axis in AXES)
-    return x, y, z
+    name = f"plate{plate}_{quantity}"
+    return f"{name}_x", f"{name}_y", f"{name}_z"
 
 
 def counter_column(column: str) -> str:
@@ -72,7 +68,5 @@ def counter_column(column: str) -> str:
 
 def unit_of(column: str) -> str:
     """Canonical unit of a column."""
-    for pattern, unit in FAMILIES.items():
-        if pattern.fullmatch(column):
-            return unit
-    return COLUMNS[column].unit
+    of_family = (unit for pattern, unit in FAMILIES.items() if pattern.fullmatch(column))
+    return next(of_family, None) or COLUMNS[column].unit

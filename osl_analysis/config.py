@@ -10,7 +10,6 @@ from pydantic import Field
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison, TorqueAngleAnalysis
 from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import InputError
-from osl_analysis.experiments import EXPERIMENTS, Table
 from osl_analysis.files import default_config
 from osl_analysis.quality.checks import QualityRules
 from osl_analysis.shared_choices import FOLLOWED, FollowedProtocol, SharedChoices, WeightSettings
@@ -151,10 +150,6 @@ class Config(Settings):
     study: StudySettings
     """The Monte Carlo study."""
 
-    def tables(self, experiment: str) -> tuple[Table, ...]:
-        """The tables of an experiment, in the order in which its fit writes them."""
-        return EXPERIMENTS[experiment].tables
-
     def shared(self, experiment: str | None = None) -> SharedChoices:
         """What the simulator follows in the trials of one experiment, or in all (None)."""
         bench = self.dynamometer.model_dump(include=set(FollowedProtocol.model_fields))
@@ -175,7 +170,7 @@ def overriding(base: Any, override: Any) -> Any:
     return base | {name: overriding(base.get(name), value) for name, value in override.items()}
 
 
-def read_campaign_section(path: Path, section: str, model: type[Model]) -> Model:
+def read_section(path: Path, section: str, model: type[Model]) -> Model:
     """One section of a campaign's configuration, whose file overrides fields of the default configuration."""
     content = overriding(read_mapping(default_config()), read_mapping(path, by_snakemake=True))
     unknown = [name for name in content if name not in Config.model_fields]
@@ -187,14 +182,6 @@ def read_campaign_section(path: Path, section: str, model: type[Model]) -> Model
 def read_config(path: Path) -> Config:
     """A whole configuration from a file that may override fields of the default only."""
     return validated(overriding(read_mapping(default_config()), read_mapping(path, by_snakemake=True)), Config, path)
-
-
-def read_section(path: Path, section: str, model: type[Model]) -> Model:
-    """One section of a configuration file."""
-    content = read_mapping(path, by_snakemake=True)
-    if section not in content:
-        raise InputError(f"{path}: no section '{section}'; give a configuration like config/config.yaml")
-    return validated(content[section], model, path, (path,), (section,))
 
 
 def campaign_config(content: Any, files: Sequence[Path]) -> Config:

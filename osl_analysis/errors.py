@@ -4,8 +4,7 @@ from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
-LONGEST = 80
-"""Characters of a name in a message."""
+LONGEST = 80  # characters of a name in a message
 
 
 def printable(text: str) -> str:
@@ -14,8 +13,7 @@ def printable(text: str) -> str:
 
 
 def printable_lines(text: str) -> str:
-    """Text of several lines for a terminal: `printable` in each line."""
-    return "\n".join(printable(line) for line in text.split("\n"))
+    return "\n".join(map(printable, text.split("\n")))
 
 
 def listing(names: Sequence[str], most: int = 40) -> str:
@@ -25,10 +23,7 @@ def listing(names: Sequence[str], most: int = 40) -> str:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown name: a question with the most similar known name; empty without one.
-
-    Names that differ by capitals alone are similar.
-    """
+    """The end of a message about an unknown name: a question with the most similar known name; empty without one."""
     folded = {one[:80].casefold(): one for one in known}
     near = get_close_matches(name[:80].casefold(), folded, n=1, cutoff=0.6)
     return f"; did you mean '{folded[near[0]]}'?" if near else ""
@@ -47,10 +42,7 @@ class OslAnalysisError(ValueError):
 
 
 class PartialResultError(Exception):
-    """A job could not make some of its files, because of the error that this one is raised from; the others are whole.
-
-    missing: the files that it could not make.
-    """
+    """A job could not make the files `missing`, because of the error that this is raised from; the others are whole."""
 
     def __init__(self, missing: Sequence[Path]) -> None:
         super().__init__(f"without {', '.join(map(str, missing))}")

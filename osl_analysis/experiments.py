@@ -31,10 +31,8 @@ class Table:
     published: bool = True
 
 
-TIME_BASE = Table("timebase", judged=False)
-"""What the time base did to a trial: every bench experiment has rows in it."""
-SERIES = Table("series", judged=False, published=False)
-"""Measured and modelled signals of a trial, thinned out: the report draws them of every bench experiment."""
+OF_ALL = (Table("timebase", judged=False), Table("series", judged=False, published=False))
+"""Of every bench experiment: what the time base did to a trial; its measured and modelled signals, for the report."""
 
 
 @dataclass(frozen=True)
@@ -102,11 +100,6 @@ class Experiment:
         """The columns that every trial must have."""
         return tuple(column for column in (self.motion, self.torque, *self.signals) if column)
 
-    @property
-    def follows_markers(self) -> bool:
-        """Whether its analysis follows markers, as every one on the walkway does."""
-        return self.place == "walkway"
-
     def simulated_files(self, trial: str) -> dict[str, str]:
         """Files that the simulator records for a trial, by column of the sheet (`log`, `mocap`)."""
         files = {"log": f"{self.log}/{trial}.mcap", "mocap": f"{self.mocap}/{trial}.c3d"}
@@ -124,14 +117,9 @@ EXPERIMENTS: dict[str, Experiment] = {
         tables=(
             Table("belt", derived={"belt_summary": "bench.summarise_belt"}),
             Table("belt_curves", judged=False, published=False),
-            TIME_BASE,
-            SERIES,
+            *OF_ALL,
         ),
-        fit=Fit(
-            "bench.fit_belt_trial",
-            {"settings": ("dynamometer", "BeltAnalysis")},
-            parameters=True,
-        ),
+        fit=Fit("bench.fit_belt_trial", {"settings": ("dynamometer", "BeltAnalysis")}, parameters=True),
         impedance=("K_s", "", ""),
     ),
     "transmission": Experiment(
@@ -141,11 +129,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         torque="torque",
         stepped_sine=True,
         log="dynamometer",
-        tables=(
-            Table("transmission", derived={"transmission_summary": "bench.summarise_transmission"}),
-            TIME_BASE,
-            SERIES,
-        ),
+        tables=(Table("transmission", derived={"transmission_summary": "bench.summarise_transmission"}), *OF_ALL),
         fit=Fit("bench.fit_transmission_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")}, parameters=True),
         impedance=("", "B_j", "J_j"),
     ),
@@ -156,7 +140,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         torque="torque_m",
         signals=("current",),
         log="actuator",
-        tables=(Table("actuator", derived={"actuator_summary": "bench.summarise_actuator"}), TIME_BASE, SERIES),
+        tables=(Table("actuator", derived={"actuator_summary": "bench.summarise_actuator"}), *OF_ALL),
         fit=Fit("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}, parameters=True),
         impedance=("", "B_m", "J_m"),
     ),
@@ -174,8 +158,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             Table("response", doubts_of="impedance"),
             Table("response_models", doubts_of="impedance"),
             Table("response_lines", judged=False, published=False),
-            TIME_BASE,
-            SERIES,
+            *OF_ALL,
         ),
         further_tables=("response_pooled", "response_models_pooled"),
         fit=Fit(
@@ -196,13 +179,10 @@ EXPERIMENTS: dict[str, Experiment] = {
             Table("torque_angle"),
             Table("torque_angle_curves", judged=False),
             Table("torque_angle_cycles", judged=False),
-            TIME_BASE,
-            SERIES,
+            *OF_ALL,
         ),
         fit=Fit(
-            "bench.fit_torque_angle_trial",
-            {"settings": ("torque_angle", "TorqueAngleAnalysis")},
-            sheet=("desired",),
+            "bench.fit_torque_angle_trial", {"settings": ("torque_angle", "TorqueAngleAnalysis")}, sheet=("desired",)
         ),
     ),
     "static": Experiment(
@@ -244,9 +224,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         walker=True,
         tables=(Table("ankle_moment", judged=False),),
         fit=Fit(
-            "walking.compare_ankle_moment",
-            {"settings": ("overground", "OvergroundAnalysis")},
-            sheet=("body_mass_kg",),
+            "walking.compare_ankle_moment", {"settings": ("overground", "OvergroundAnalysis")}, sheet=("body_mass_kg",)
         ),
     ),
     "ingest_only": Experiment("any recording: ingested and checked, not analysed", place=None),

@@ -17,14 +17,8 @@ def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a path beside `path`, with the same suffix, that becomes `path` when the block succeeds.
 
     Parent folders are created. When the block raises, what it wrote is deleted and an older `path` stays as it
-    was. The block must have closed the file when it ends.
-
-    Raises
-    ------
-    InputError
-        The path is no UTF-8 or exists and is no regular file.
-    WriteError
-        Its folder cannot be made, or the disk is full or fails.
+    was. The block must have closed the file when it ends. Raises InputError where the path is no UTF-8 or is no regular
+    file, WriteError where its folder cannot be made, or the disk is full or fails.
     """
     check_target(path)
     try:
@@ -51,16 +45,6 @@ def check_working_folder() -> None:
         raise InputError(f"{Path.cwd()}: cannot be written to; copy the campaign to a folder that can")
 
 
-SPECIAL = {
-    stat.S_IFDIR: "a folder",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-    stat.S_IFIFO: "a named pipe",
-    stat.S_IFSOCK: "a socket",
-}
-"""What may stand in place of a file, by its kind."""
-
-
 def check_target(path: Path) -> None:
     """Refuse to replace anything but a regular file: a renamed file would delete a device for all of the machine."""
     try:
@@ -72,7 +56,9 @@ def check_target(path: Path) -> None:
     except OSError:
         return  # it does not exist, or making it will say why not
     if kind != stat.S_IFREG:
-        raise InputError(f"{path}: is {SPECIAL.get(kind, 'no regular file')}; name a file")
+        special = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}
+        special |= dict.fromkeys((stat.S_IFCHR, stat.S_IFBLK), "a device")
+        raise InputError(f"{path}: is {special.get(kind, 'no regular file')}; name a file")
 
 
 def check_output(path: Path) -> None:

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import yaml
 from pydantic import TypeAdapter
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
 from osl_analysis.files import atomic_path
 
@@ -20,33 +21,35 @@ Outcome = Literal["done", "refused", "failed", "died", "skipped"]
 REQUEST = ("input", "output", "settings")
 """The last entries of a log: the request."""
 UNLIMITED = 10**9
-MOST_WARNINGS = 10
-"""Largest number of warnings in the report at the end of a run."""
+MOST_WARNINGS = 10  # in the report at the end of a run
 
 
 @dataclass(frozen=True)
 class JobLog:
     """How one job ended.
 
-    job: the command, `module.function`.
-    outcome: `done`; `refused`, because of an input that the user can correct; `failed`, by an error of the program;
-        `died`, if its process was ended from outside; `skipped`, because a result that it needs was refused or failed.
-    seconds: wall time [s].
-    error: one line that says what was wrong; empty without an error.
-    warnings: one line each.
-    traceback: of an error of the program.
+    Refused: because of an input that the user can correct. Failed: by an error of the program. Died: its process was
+    ended from outside. Skipped: a result that it needs was refused or failed.
     """
 
-    job: str
+    job: str  # the command, `module.function`
     outcome: Outcome
-    seconds: float = 0.0
-    error: str = ""
-    warnings: tuple[str, ...] = ()
-    traceback: str = ""
+    seconds: float = 0.0  # wall time [s]
+    error: str = ""  # one line that says what was wrong
+    warnings: tuple[str, ...] = ()  # one line each
+    traceback: str = ""  # of an error of the program
 
 
 FROM_ENTRIES = TypeAdapter(JobLog)
 """Builds a log from its entries, with the types of its fields."""
+
+
+def log_yaml() -> YAML:
+    """Reads and writes logs: a line per entry, in the order in which they are given."""
+    yaml = YAML(typ="safe", pure=True, plug_ins=[])
+    yaml.default_flow_style, yaml.allow_unicode, yaml.width = False, True, UNLIMITED
+    yaml.sort_base_mapping_type_on_output = False
+    return yaml
 
 
 def write_log(path: Path, ended: JobLog, request: Mapping[str, Any]) -> None:
@@ -55,9 +58,8 @@ def write_log(path: Path, ended: JobLog, request: Mapping[str, Any]) -> None:
     entries |= {"error": ended.error, "warnings": list(ended.warnings), "traceback": ended.traceback}
     entries |= {name: plain(request.get(name)) for name in REQUEST}
     said = {name: value for name, value in entries.items() if value not in ("", [], {}, None)}
-    text = yaml.dump(said, Dumper=yaml.CSafeDumper, sort_keys=False, width=UNLIMITED, allow_unicode=True)
-    with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        log_yaml().dump(said, file)
 
 
 def read_log(path: Path) -> JobLog | None:
@@ -66,8 +68,8 @@ def read_log(path: Path) -> JobLog | None:
         head = path.read_text(encoding="utf-8")
         for name in REQUEST:
             head = head.split(f"\n{name}:", 1)[0]
-        return FROM_ENTRIES.validate_python(yaml.load(head, Loader=yaml.CSafeLoader))
-    except (OSError, ValueError, yaml.YAMLError):
+        return FROM_ENTRIES.validate_python(log_yaml().load(head))
+    except (OSError, ValueError, YAMLError):
         return None
 
 

@@ -1,6 +1,5 @@
 """The memory that one job may have: a file that needs more ends in one line, in place of the system's OOM killer."""
 
-import ctypes
 import os
 import sys
 from collections.abc import Iterator, Sequence
@@ -9,24 +8,20 @@ from pathlib import Path
 
 from osl_analysis.errors import InputError, MemoryLimitError, listing
 
-VARIABLE = "OSL_MEMORY_MB"
-"""Environment variable with the memory that one job, or one call of the command line, may have [MB]."""
+VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command line, may have [MB]
 SHARE = 0.8
 """Of the memory of the machine, or of its batch job, that is the limit where none is stated: the rest is others'."""
 MB = 1_000_000
+CONTROLLERS = {"": ("", "memory.max"), "memory": ("memory", "memory.limit_in_bytes")}
+"""Folder and file of the limit of a container, by what Linux lists as its controllers (version 2 and 1)."""
 
 
 @contextmanager
 def limited_memory(files: Sequence[Path | str], megabytes: float | None = None) -> Iterator[None]:
-    """Within the block this process gets no more memory than that; `files` are what it reads, for the message.
+    """Within the block this process gets no more memory than that, else MemoryLimitError; `files` are what it reads.
 
     The default is what `OSL_MEMORY_MB` says, else `SHARE` of the machine. A lower limit of before stays. Systems other
     than Linux have no such limit.
-
-    Raises
-    ------
-    MemoryLimitError
-        The block needed more.
     """
     if sys.platform != "linux":
         yield
@@ -52,8 +47,7 @@ def limited_memory(files: Sequence[Path | str], megabytes: float | None = None) 
 
 def stated_megabytes() -> float:
     """What the environment allows [MB]; 0 where it says nothing."""
-    text = os.environ.get(VARIABLE, "")
-    if not text:
+    if not (text := os.environ.get(VARIABLE, "")):
         return 0
     with suppress(ValueError):
         if 0 < float(text) < sys.maxsize / MB:
@@ -67,20 +61,8 @@ def machine_memory() -> int:
     with suppress(OSError, ValueError):
         for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines():
             _, controllers, place = line.split(":", 2)
-            root, name = {"": ("", "memory.max"), "memory": ("memory", "memory.limit_in_bytes")}.get(
-                controllers, ("", "")
-            )
+            root, name = CONTROLLERS.get(controllers, ("", ""))
             own = Path("/sys/fs/cgroup", root, place.lstrip("/"))
             texts = [(one / name).read_text(encoding="ascii") for one in (own, *own.parents) if (one / name).is_file()]
             found += [int(text) for text in texts if text.strip().isdigit()]
     return min(found)
-
-
-def return_memory() -> None:
-    """Give the system what was freed between arrays that are still there, where its library can do that (glibc).
-
-    After many small arrays, as those of the chunks of a log, a third of the memory of a long recording stays in such
-    gaps, which the large arrays that follow do not fit in.
-    """
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)

@@ -44,13 +44,10 @@ class DrivetrainParameters:
                 "would exceed the motor's torque; correct the parameter file"
             )
         for name, unit in UNITS.items():
-            value = getattr(self, name)
-            if not (SMALLEST <= value <= LARGEST or (value == 0 and name not in MUST_BE_POSITIVE)):
-                bound = "positive" if name in MUST_BE_POSITIVE else "zero or positive"
-                raise InputError(
-                    f"parameter {name} = {value} {unit} must be {bound}, {SMALLEST:g} to {LARGEST:g}; correct the "
-                    "parameter file"
-                )
+            value, may_be_0 = getattr(self, name), name not in MUST_BE_POSITIVE
+            if not (SMALLEST <= value <= LARGEST or (value == 0 and may_be_0)):
+                bound = f"{'zero or ' * may_be_0}positive, {SMALLEST:g} to {LARGEST:g}"
+                raise InputError(f"parameter {name} = {value} {unit} must be {bound}; correct the parameter file")
 
 
 class Quantity(Settings):
@@ -86,9 +83,8 @@ class ParameterFile(Settings):
             if name not in UNITS:
                 like = nearest(name, set(UNITS) - set(quantities)) or "; remove it"
                 raise wrong(f"unknown parameter {name}; the known ones are {', '.join(UNITS)}{like}", name)
-            if quantity.unit != UNITS[name]:
-                said = f"{name} has unit '{quantity.unit}', expected '{UNITS[name]}'; convert its value"
-                raise wrong(said, name, "unit")
+            if quantity.unit != (unit := UNITS[name]):
+                raise wrong(f"{name} has unit '{quantity.unit}', expected '{unit}'; convert its value", name, "unit")
         for name in UNITS:
             if name not in quantities and name != "K_s2":
                 raise ValueError(f"{name} [{UNITS[name]}] is missing; add it, with value, unit and source")
@@ -115,9 +111,7 @@ def known_parameters(path: Path | None) -> DrivetrainParameters | None:
 
 
 def read_parameters(path: Path) -> DrivetrainParameters:
-    """Parameters of one device, from a file like `config/parameters/default.yaml`.
-
-    Warns (`UserWarning`) if the file contains a warning.
+    """Parameters of one device, from a file like `config/parameters/default.yaml`, whose warning is given.
 
     Raises
     ------

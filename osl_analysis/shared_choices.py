@@ -34,7 +34,6 @@ class WeightSettings(Settings):
 
     @property
     def weight(self) -> Weight:
-        """The weight W of these settings."""
         return Weight(self.cutoff_hz, self.order)
 
 
@@ -57,12 +56,8 @@ class FollowedProtocol(Settings):
     def schedule(self) -> dict[str, Any]:
         """The fields of a simulated schedule that say the same."""
         seconds = self.seconds_per_frequency
-        return {
-            "amplitudes_deg": self.amplitudes_deg,
-            "frequencies_hz": self.frequencies_hz,
-            "cycles": self.cycles if seconds is None else None,
-            "seconds": seconds,
-        }
+        cycles = self.cycles if seconds is None else None
+        return self.model_dump(include={"amplitudes_deg", "frequencies_hz"}) | {"cycles": cycles, "seconds": seconds}
 
 
 class SharedChoices(Settings):
@@ -79,7 +74,6 @@ class SharedChoices(Settings):
 
 
 REQUIRED = ("phase", "K_d", "B_d")
-EQUILIBRIUM = "theta_eq_rad"
 SYNTHETIC = "synthetic"
 """Kind of a trajectory that was made for a simulated leg."""
 
@@ -111,9 +105,8 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     Lines that begin with `#` are comments. One of them, `# kind: synthetic`, may say what the trajectory is.
     """
     if not path.is_file():
-        raise InputError(
-            f"{path}: no such impedance trajectory; correct its path in the configuration or the walking settings"
-        )
+        remedy = "correct its path in the configuration or the walking settings"
+        raise InputError(f"{path}: no such impedance trajectory; {remedy}")
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -136,14 +129,11 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     except ValueError as error:
         raise InputError(f"{path}: not a table of numbers ({error}); write one number per column") from error
     for name, column in columns.items():
-        if not np.isfinite(column).all():
-            raise InputError(
-                f"{path}: column {name} holds {column[~np.isfinite(column)][0]}; write a number in every row"
-            )
+        if (wrong := column[~np.isfinite(column)]).size:
+            raise InputError(f"{path}: column {name} holds {wrong[0]}; write a number in every row")
     phase = columns["phase"]
     if phase[0] != 0 or phase[-1] != 1 or not (np.diff(phase) > 0).all():
         raise InputError(f"{path}: column phase runs from {phase[0]:g} to {phase[-1]:g}; it must rise from 0 to 1")
     kind = re.search(r"^#\s*kind:\s*(\S.*?)\s*$", text, re.MULTILINE)
-    return ImpedanceTrajectory(
-        phase, columns["K_d"], columns["B_d"], columns.get(EQUILIBRIUM), kind[1] if kind else None
-    )
+    theta_eq = columns.get("theta_eq_rad")
+    return ImpedanceTrajectory(phase, columns["K_d"], columns["B_d"], theta_eq, kind[1] if kind else None)

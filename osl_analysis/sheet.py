@@ -47,14 +47,13 @@ def read_lines(path: Path) -> tuple[list[str], list[SheetLine]]:
     for number, row in rows[1:]:
         cells = [outer_blanks_off(cell) for cell in row]
         if any(cells[len(columns) :]):
-            raise InputError(
-                f"{path}: line {number}: {len(row)} cells, the header has {len(columns)}; quote a cell that contains a "
-                "comma"
-            )
+            said = f"{len(row)} cells, the header has {len(columns)}; quote a cell that contains a comma"
+            raise InputError(f"{path}: line {number}: {said}")
         if any(cells):
             lines.append(SheetLine(number, dict(zip(columns, cells + [""] * len(columns), strict=False))))
     for line in lines:
-        check_characters(path, line)
+        for column, cell in line.cells.items():
+            check_characters(cell if column not in FREE_TEXT else "", f"{path}: line {line.number}: column '{column}'")
     return columns, lines
 
 
@@ -62,7 +61,9 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """The rows of a CSV file with the number of their line, without empty lines and comments."""
     try:
         content = path.read_bytes()
-        check_text(path, content)
+        refuse_others(path, content)
+        if b"\0" in content.partition(b"\n")[0]:
+            raise InputError(f"{path}: its header holds zero bytes, it is not UTF-8; save the sheet as 'CSV UTF-8'")
         text = content.decode("utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from error
@@ -82,28 +83,18 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise InputError(f"{path}: line {number}: not CSV ({error}); check the quotes") from error
 
 
-def check_text(path: Path, content: bytes) -> None:
-    """Refuse a sheet that is a file of another kind, such as a workbook of Excel, or has zero bytes in its header."""
-    refuse_others(path, content)
-    if b"\0" in content.partition(b"\n")[0]:
-        raise InputError(f"{path}: its header holds zero bytes, it is not UTF-8; save the sheet as 'CSV UTF-8'")
-
-
 def outer_blanks_off(cell: str) -> str:
     """A cell without blanks and invisible characters at its ends."""
     seen = [k for k, sign in enumerate(cell) if not (sign.isspace() or unicodedata.category(sign) in INVISIBLE)]
     return cell[seen[0] : seen[-1] + 1] if seen else ""
 
 
-def check_characters(path: Path, line: SheetLine) -> None:
+def check_characters(cell: str, place: str) -> None:
     """Refuse characters within a cell that look like a blank or like nothing: two equal names would differ."""
-    for column, cell in line.cells.items():
-        for sign in cell if column not in FREE_TEXT else "":
-            if (sign.isspace() and sign != " ") or unicodedata.category(sign) in INVISIBLE:
-                name = f"U+{ord(sign):04X} ({unicodedata.name(sign, 'a control character')})"
-                raise InputError(
-                    f"{path}: line {line.number}: column '{column}': {cell!r} contains {name}; type the cell again"
-                )
+    for sign in cell:
+        if (sign.isspace() and sign != " ") or unicodedata.category(sign) in INVISIBLE:
+            name = f"U+{ord(sign):04X} ({unicodedata.name(sign, 'a control character')})"
+            raise InputError(f"{place}: {cell!r} contains {name}; type the cell again")
 
 
 JOINT = "ankle"
@@ -177,15 +168,12 @@ def check_rows(lines: Sequence[SheetLine], path: Path) -> None:
     seen: dict[str, int] = {}
     for line in lines:
         row = dict.fromkeys(COLUMNS, "") | line.cells
-        problem = problem_in(row)
+        trial, problem = row["trial"], problem_in(row)
+        if not problem and trial in seen:
+            problem = f"trial '{trial}' stands twice, first in line {seen[trial]}; give each row its own name"
         if problem:
             raise InputError(f"{path}: line {line.number}: {problem}")
-        if row["trial"] in seen:
-            raise InputError(
-                f"{path}: line {line.number}: trial '{row['trial']}' stands twice, first in line {seen[row['trial']]}; "
-                "give each row its own name"
-            )
-        seen[row["trial"]] = line.number
+        seen[trial] = line.number
     check_spelling(lines, path)
 
 
@@ -210,27 +198,24 @@ def folded(name: str) -> str:
 
 def typed(rows: Sequence[Mapping[str, str]]) -> pd.DataFrame:
     """Valid rows with the types of their columns; NA where a cell is empty."""
-    sheet = pd.DataFrame([{**dict.fromkeys(COLUMNS, ""), **row} for row in rows], dtype="string")
-    sheet = sheet[list(COLUMNS)].mask(sheet[list(COLUMNS)] == "")
+    sheet = pd.DataFrame(rows, columns=list(COLUMNS), dtype="string").replace("", pd.NA)
     booleans = sheet["perturbed"].str.lower().map({"true": True, "false": False})
-    return (
-        sheet.assign(perturbed=booleans, joint=sheet["joint"].fillna(JOINT))
-        .astype(COLUMNS)
-        .set_index("trial", drop=False)
-    )
+    filled = sheet.assign(perturbed=booleans, joint=sheet["joint"].fillna(JOINT))
+    return filled.astype(COLUMNS).set_index("trial", drop=False)
 
 
 def problem_in(row: dict[str, str]) -> str:
     """What is wrong with one row of a sheet, with the remedy; empty if nothing is."""
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}", row["trial"]):
         return f"trial '{row['trial']}' must be up to 100 letters, digits, '_', '.' and '-': it becomes a file name"
+    if new := RENAMED.get(row["experiment"]):
+        return f"experiment '{row['experiment']}' is now called '{new}'; write '{new}'"
     if row["experiment"] not in EXPERIMENTS:
-        return unknown_experiment(row["experiment"])
+        like = nearest(row["experiment"], EXPERIMENTS)
+        return f"experiment '{row['experiment']}' is none of {', '.join(EXPERIMENTS)}{like}"
     for column in ("joint", "controller"):
-        if len(row[column]) > LONGEST_NAME:
-            return (
-                f"{column} '{row[column][:20]}...' has {len(row[column])} characters; up to {LONGEST_NAME} are allowed"
-            )
+        if (length := len(row[column])) > LONGEST_NAME:
+            return f"{column} '{row[column][:20]}...' has {length} characters; up to {LONGEST_NAME} are allowed"
     for column in ("K_d", "B_d", "body_mass_kg"):
         if row[column] and not is_number(row[column]):
             return f"{column} '{row[column]}' is not a number; give it in SI units, without the unit"
@@ -257,18 +242,10 @@ def problem_with_conditions(row: dict[str, str]) -> str:
     if row["direction"] and row["perturbed"].lower() != "true":
         return f"direction '{row['direction']}' of a trial that is not perturbed; leave the cell empty"
     for column in CONDITIONS:
-        if not re.fullmatch(r"[\w .%+/-]{0,40}", row[column]):
-            return (
-                f"{column} '{row[column]}' must be up to 40 letters, digits, blanks and . % + / - _: it names a group"
-            )
+        cell = row[column]
+        if not re.fullmatch(r"[\w .%+/-]{0,40}", cell):
+            return f"{column} '{cell}' must be up to 40 letters, digits, blanks and . % + / - _: it names a group"
     return ""
-
-
-def unknown_experiment(name: str) -> str:
-    """What is wrong with the name of an experiment; the new name where it is an old one."""
-    if name in RENAMED:
-        return f"experiment '{name}' is now called '{RENAMED[name]}'; write '{RENAMED[name]}'"
-    return f"experiment '{name}' is none of {', '.join(EXPERIMENTS)}{nearest(name, EXPERIMENTS)}"
 
 
 def problem_with_needs(row: dict[str, str]) -> str:
@@ -283,12 +260,11 @@ def problem_with_needs(row: dict[str, str]) -> str:
             return f"{column}_source is empty; name the file in config/sources that describes {row[column]}"
         if row[f"{column}_source"].endswith((".yaml", ".yml")):
             return f"{column}_source '{row[f'{column}_source']}' names a file; write its name without the ending"
-    if row["windows"] and row["experiment"] != "impedance":
-        return (
-            f"windows '{row['windows']}' of experiment '{row['experiment']}'; only 'impedance' fits windows, leave it"
-        )
-    if row["windows"] and not WINDOWS.fullmatch(row["windows"].strip()):
-        return f"windows '{row['windows']}' are not from-to in s; write them as 2-30 40-62"
+    windows, experiment = row["windows"], row["experiment"]
+    if windows and experiment != "impedance":
+        return f"windows '{windows}' of experiment '{experiment}'; only 'impedance' fits windows, leave it"
+    if windows and not WINDOWS.fullmatch(windows):
+        return f"windows '{windows}' are not from-to in s; write them as 2-30 40-62"
     if row["log_part"] and not row["log"]:
         return f"log_part '{row['log_part']}' without a log; fill in log, or clear log_part"
     return ""

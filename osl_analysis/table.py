@@ -26,12 +26,11 @@ TEXT_COLUMNS = (
 
 SIMULATED, MEASURED = "simulated", "measured"
 OF_DATA: ContextVar[str] = ContextVar("of_data", default="")
-"""What the data of the tables are, `SIMULATED` or `MEASURED`, as their last column `data` says; empty: not stated."""
 
 
 @contextmanager
 def tables_of(data: str) -> Iterator[None]:
-    """Within the block every table that is written says by its last column `data` what its data are."""
+    """Within the block every table has the last column `data`: `SIMULATED` or `MEASURED`; none where it is empty."""
     token = OF_DATA.set(data)
     try:
         yield
@@ -42,8 +41,7 @@ def tables_of(data: str) -> Iterator[None]:
 def write_table(frame: pl.DataFrame, path: Path) -> None:
     """Write a table as CSV that reads back to the same numbers; null becomes an empty field, NaN stays `NaN`.
 
-    Within `tables_of` it has the column `data`. A line above the header would say the same, and stop other readers.
-    The path may be that of a part of an archive (`archives`).
+    The path may be that of a part of an archive (`archive`).
     """
     if data := OF_DATA.get():
         frame = frame.select(pl.exclude("data"), pl.lit(data, pl.String).alias("data"))
@@ -59,20 +57,17 @@ Places = Mapping[str, Mapping[str, str | None]]
 
 
 def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.DataFrame:
-    """A table with a row or more per trial, or per group, with the columns `joint` and `side` behind its column `by`.
+    """A table with the columns `joint` and `side` behind its column `by`; one without that column stays as it is.
 
-    A trial that is not in `places` has none. A side that the table has already stays. A table without the column `by`
-    is left as it is.
+    A trial that is not in `places` has none. A side that the table has already stays.
     """
     if by not in table.columns:
         return table
     added = [name for name in ("joint", "side") if name not in table.columns]
     known = {name: [places.get(one, {}).get(name) for one in table[by]] for name in added}
     at = table.columns.index(by) + 1
-    columns = [*table.columns[:at], *added, *table.columns[at:]]
-    return table.with_columns(pl.Series(name, values, dtype=pl.String) for name, values in known.items()).select(
-        columns
-    )
+    places_of = [pl.Series(name, values, dtype=pl.String) for name, values in known.items()]
+    return table.select(*table.columns[:at], *places_of, *table.columns[at:])
 
 
 def read_table(path: Path, required: Sequence[str] = (), of: str = "") -> pl.DataFrame:

@@ -1,7 +1,7 @@
 """Validated YAML files (YAML 1.2): a wrong field becomes one line that names file, line, field, value and remedy."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import UnionType
@@ -33,14 +33,11 @@ ShippedPath = Annotated[Path, AfterValidator(shipped)]
 Place = Sequence[int | str]
 """Keys and numbers of list entries that lead to a field, from the outermost."""
 
-LONGEST = 60
-"""Largest number of characters of a value in a message."""
-AS_YAML = {"True": "true", "False": "false", "None": "null"}
-"""Values as YAML writes them."""
+LONGEST = 60  # characters of a value in a message
+AS_YAML = {"True": "true", "False": "false", "None": "null"}  # values as YAML writes them
 YAML_1_1 = re.compile(r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)|[-+]?0[0-7_]+")
 """What YAML 1.1, and so Snakemake, counts in sixties (1:30 is 90) or in eights (010 is 8)."""
 TRUTH = "write a number; YAML reads true, yes and on, false, no and off as truth values"
-LIST = "write a list, as [first, second]"
 ADVICE = {
     "string_type": "write text, in quotes if it looks like a number, a list or nothing",
     "float_type": "write a number, without a unit",
@@ -49,7 +46,7 @@ ADVICE = {
     "int_parsing_size": "write a smaller number",
     "string_too_short": "write at least one character",
     **dict.fromkeys(("bool_parsing", "bool_type"), "write true or false"),
-    **dict.fromkeys(("tuple_type", "list_type"), LIST),
+    **dict.fromkeys(("tuple_type", "list_type"), "write a list, as [first, second]"),
     "too_short": "name at least one",
     "path_type": "write a path",
     "finite_number": "write a finite number",
@@ -104,29 +101,22 @@ def counted_truth(value: Any, made: Any) -> tuple[int | str, ...] | None:
 Model = TypeVar("Model", bound=Settings)
 
 
-def read_yaml(path: Path, model: type[Model], first: Callable[[Path, dict[str, Any]], None] | None = None) -> Model:
-    """Read a YAML file into a validated model. `first` may refuse its content before that.
+def read_yaml(path: Path, model: type[Model]) -> Model:
+    """Read a YAML file into a validated model.
 
     Raises
     ------
     InputError
         The file is missing, is not YAML, or a field is unknown, absent or of a wrong value.
     """
-    content = read_mapping(path)
-    if first is not None:
-        first(path, content)
-    return validated(content, model, path)
+    return validated(read_mapping(path), model, path)
 
 
 def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
     """The top level of a YAML file, which must be a mapping. It is shared by all who read the file: do not change it.
 
     by_snakemake: Snakemake reads the file too, as YAML 1.1; then numbers that it counts otherwise are refused.
-
-    Raises
-    ------
-    InputError
-        The file is missing, is not YAML, or is not a mapping.
+    Raises InputError where the file is missing, is not YAML, or is not a mapping.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; check the path, which is relative to the working directory")
@@ -178,9 +168,8 @@ def check_keys(mapping: MappingNode) -> None:
     for key, _ in mapping.value:
         name, line = (key.tag, key.value) if isinstance(key, ScalarNode) else id(key), key.start_mark.line + 1
         if name in lines:
-            raise AmbiguousError(
-                f"line {line}: key '{key.value}' stands twice, first in line {lines[name]}; remove one"
-            )
+            said = f"line {line}: key '{key.value}' stands twice, first in line {lines[name]}; remove one"
+            raise AmbiguousError(said)
         lines[name] = line
 
 
@@ -191,11 +180,9 @@ def check_read_alike(node: Node | None) -> None:
             for one in value.value if isinstance(value, SequenceNode) else [value]:
                 found = YAML_1_1.fullmatch(one.value) if isinstance(one, ScalarNode) and not one.style else None
                 if found is not None:
-                    way = "sixties" if found["sixties"] else "eights"
-                    raise AmbiguousError(
-                        f"line {one.start_mark.line + 1}: {key.value}: YAML counts {one.value} in {way}; write a plain "
-                        "decimal number, or text in quotes"
-                    )
+                    said = f"YAML counts {one.value} in {'sixties' if found['sixties'] else 'eights'}"
+                    remedy = "write a plain decimal number, or text in quotes"
+                    raise AmbiguousError(f"line {one.start_mark.line + 1}: {key.value}: {said}; {remedy}")
 
 
 def not_yaml(error: Exception) -> str:
@@ -203,23 +190,17 @@ def not_yaml(error: Exception) -> str:
     text = " ".join(str(error).split())
     if isinstance(error, MarkedYAMLError):
         said = ((error.context, error.context_mark), (error.problem, error.problem_mark))
-        text = " ".join(
-            what + (f" in line {mark.line + 1}, column {mark.column + 1}" if mark else "")
-            for what, mark in said
-            if what
-        )
+        places = ((what, f" in line {at.line + 1}, column {at.column + 1}" if at else "") for what, at in said if what)
+        text = " ".join(what + place for what, place in places)
     if "cannot start any token" in text or "tab character" in text:
-        return (
-            f"{text}; indent with blanks, not with tabs, and put text that begins with a sign such as % or @ in quotes"
-        )
-    return f"{text}; compare with the shipped files, and put text with signs such as : # * in quotes"
+        remedy = "indent with blanks, not with tabs, and put text that begins with a sign such as % or @ in quotes"
+    else:
+        remedy = "compare with the shipped files, and put text with signs such as : # * in quotes"
+    return f"{text}; {remedy}"
 
 
 def line_of(path: Path, place: Place) -> int | None:
-    """Line, counted from 1, of a field or of the innermost field above it that stands in the file.
-
-    None if not even its outermost key stands there, or if the file cannot be read.
-    """
+    """Line, counted from 1, of a field or of the innermost field above it in the file; None where there is none."""
     try:
         node, _ = parsed(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError, YAMLError):
@@ -255,10 +236,7 @@ def dotted(place: Place) -> str:
 def validated(
     content: Any, model: type[Model], path: Path, files: Sequence[Path] | None = None, above: Place = ()
 ) -> Model:
-    """The content of a configuration file as a model.
-
-    For messages: `path`, the `files` whose lines are named (default: `path`), and the keys `above` the content.
-    """
+    """The content of a configuration file as a model; for messages `path`, `files` with lines, and keys `above` it."""
     try:
         return model.model_validate(content)
     except ValidationError as error:
@@ -270,9 +248,8 @@ def validated(
 def explain(error: ValidationError, model: type[BaseModel], content: Any, above: Place) -> tuple[str, Place]:
     """The first problem of a validation error as one sentence with field, value and remedy, and the field's place.
 
-    `content` is what was validated, and `above` are the keys that lead to it in its file. How many further fields are
-    wrong is said at the end. A field that is renamed or gone is reported before all other problems, and a name like
-    that of a field before the rest, because both also cause the problem that the right name is missing.
+    `above` are the keys that lead to `content` in its file. A field that is renamed or gone is reported before all
+    other problems, and a name like that of a field before the rest: both also cause that the right name is missing.
     """
     # by place; where a field may have several kinds of values, pydantic finds a problem for each
     found: dict[Place, list[dict[str, Any]]] = {}
@@ -369,13 +346,16 @@ def plain_reason(problem: Mapping[str, Any], place: Place, model: type[BaseModel
 
 
 def known_fields(model: type[BaseModel], place: Place) -> str:
-    """Names of the fields of the model at `place`, for a message."""
     inner = model_at(model, place)
     return "those of the shipped files in config/" if inner is None else ", ".join(inner.model_fields)
 
 
 def model_at(model: type[BaseModel], place: Place) -> type[BaseModel] | None:
     """The model of the mapping at `place`; None if it has no model, for example in a list."""
+
+    def is_model(annotation: Any) -> bool:
+        return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+
     here: Any = model
     for name in place:
         if is_model(here):
@@ -385,8 +365,3 @@ def model_at(model: type[BaseModel], place: Place) -> type[BaseModel] | None:
             here = get_args(here)[-1] if get_origin(here) in (dict, Mapping) else None
         here = next(filter(is_model, get_args(here)), here) if get_origin(here) in (Union, UnionType) else here
     return here if is_model(here) else None
-
-
-def is_model(annotation: Any) -> bool:
-    """Whether the annotation of a field is a model."""
-    return isinstance(annotation, type) and issubclass(annotation, BaseModel)

@@ -12,18 +12,18 @@ def device(trial: str):
 
 def fit_file(experiment: str, table: str, trial: str) -> Path:
     """The file with a trial's rows of a table: of its own for the experiment's first table, one archive for the others."""
-    first = CONFIG.tables(experiment)[0].name
+    first = EXPERIMENTS[experiment].tables[0].name
     return RESULTS / f"fits/{first}/{trial}{'.csv' if table == first else '.zip'}"
 
 
 def fit_files(experiment: str, trial: str) -> list[Path]:
     """The files that the fit of a trial writes."""
-    return list(dict.fromkeys(fit_file(experiment, table.name, trial) for table in CONFIG.tables(experiment)))
+    return list(dict.fromkeys(fit_file(experiment, table.name, trial) for table in EXPERIMENTS[experiment].tables))
 
 
 def fit_tables(experiment: str, trial: str) -> dict[str, Path]:
     """Where the fit of a trial writes each of its tables."""
-    files = {table.name: fit_file(experiment, table.name, trial) for table in CONFIG.tables(experiment)}
+    files = {table.name: fit_file(experiment, table.name, trial) for table in EXPERIMENTS[experiment].tables}
     return {name: file / f"{name}.csv" if file.suffix == ".zip" else file for name, file in files.items()}
 
 
@@ -72,7 +72,7 @@ for experiment, facts in EXPERIMENTS.items():
 
 def fitted(*experiments: str) -> list[Path]:
     """The lists of the trials that were fitted, of these experiments."""
-    return [RESULTS / f"fits/{name}.json" for name in experiments if CAMPAIGN.trials(name) and CONFIG.tables(name)]
+    return [RESULTS / f"fits/{name}.json" for name in experiments if CAMPAIGN.trials(name) and EXPERIMENTS[name].tables]
 
 
 rule list_fits:

@@ -1,6 +1,6 @@
 """Fits of single trials -> tidy tables over trials -> the headline numbers."""
 
-TABLES = [(name, table) for name in EXPERIMENTS for table in CONFIG.tables(name)]
+TABLES = [(name, table) for name in EXPERIMENTS for table in EXPERIMENTS[name].tables]
 FITTED = {(name, table.name) for name, table in TABLES}
 PER_TRIAL = {
     table.name: [trial for name, one in TABLES if one.name == table.name for trial in CAMPAIGN.rows_of(name, one)]
@@ -35,7 +35,7 @@ def rows(table: str, trials=None) -> list[Path]:
 
 def first_rows(experiment: str) -> list[Path]:
     """One file of the results of each trial of an experiment."""
-    table = CONFIG.tables(experiment)[0]
+    table = EXPERIMENTS[experiment].tables[0]
     return rows(table.name, CAMPAIGN.rows_of(experiment, table))
 
 

@@ -30,7 +30,7 @@ from osl_analysis.bench.rendered import (
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.bench import average_over_amplitudes, fit_impedance_trial
 from osl_analysis.commands.tables import gather
-from osl_analysis.config import read_campaign_section
+from osl_analysis.config import read_section
 from osl_analysis.doubtful import Doubt
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.experiments import EXPERIMENTS
@@ -42,7 +42,7 @@ from osl_analysis.shared_choices import PAPER
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
 
-SETTINGS = read_campaign_section(Path(ROOT / "config/config.yaml"), "dynamometer", DynamometerAnalysis)
+SETTINGS = read_section(Path(ROOT / "config/config.yaml"), "dynamometer", DynamometerAnalysis)
 MOTIONS = {"multisine": multisine, "noise": noise, "chirp": chirp}
 
 

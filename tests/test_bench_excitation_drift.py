@@ -15,11 +15,11 @@ from osl_analysis.bench.moving_record import moving_record
 from osl_analysis.bench.plausibility import saturated
 from osl_analysis.bench.rendered import judged_impedance
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.config import read_campaign_section
+from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 
-SETTINGS = read_campaign_section(Path(ROOT / "config/config.yaml"), "dynamometer", DynamometerAnalysis)
-LIMITS = read_campaign_section(Path(ROOT / "config/config.yaml"), "doubtful", DoubtfulFits).of("impedance")
+SETTINGS = read_section(Path(ROOT / "config/config.yaml"), "dynamometer", DynamometerAnalysis)
+LIMITS = read_section(Path(ROOT / "config/config.yaml"), "doubtful", DoubtfulFits).of("impedance")
 DURATION = 30.0
 MOTIONS = {"chirp": chirp, "noise": noise, "multisine": multisine}
 

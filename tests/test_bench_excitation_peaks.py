@@ -11,13 +11,13 @@ from conftest import ROOT
 from osl_analysis.bench.any_excitation import ratio_at_peaks, record_table
 from osl_analysis.bench.moving_record import moving_record
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.config import read_campaign_section
+from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, doubts
 from osl_analysis.rails import samples_at_rail
 
 CONFIG = Path(ROOT / "config/config.yaml")
-SETTINGS = read_campaign_section(CONFIG, "dynamometer", DynamometerAnalysis)
-LIMIT = read_campaign_section(CONFIG, "doubtful", DoubtfulFits).of("impedance").below["torque_at_peaks"]
+SETTINGS = read_section(CONFIG, "dynamometer", DynamometerAnalysis)
+LIMIT = read_section(CONFIG, "doubtful", DoubtfulFits).of("impedance").below["torque_at_peaks"]
 MOTIONS = {"multisine": multisine, "noise": noise, "chirp": chirp}
 
 

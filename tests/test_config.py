@@ -10,7 +10,7 @@ from pydantic import Field
 
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign import check_files, open_campaign
-from osl_analysis.config import campaign_config, read_campaign_section
+from osl_analysis.config import campaign_config, read_section
 from osl_analysis.errors import InputError
 from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml, validated
 
@@ -235,7 +235,7 @@ def test_a_section_that_is_wrong_is_named_with_its_key_and_line(tmp_path, monkey
     with pytest.raises(
         InputError, match=r"line 3 of own\.yaml: dynamometer\.cutoff_hz: nan is not allowed: write a fin"
     ):
-        read_campaign_section(path, "dynamometer", DynamometerAnalysis)
+        read_section(path, "dynamometer", DynamometerAnalysis)
     path.write_text("dynamometer:\n  cutof_hz: 3\n")
     with pytest.raises(InputError, match=r"unknown field 'dynamometer\.cutof_hz'.*did you mean 'cutoff_hz'"):
-        read_campaign_section(path, "dynamometer", DynamometerAnalysis)
+        read_section(path, "dynamometer", DynamometerAnalysis)

@@ -13,7 +13,7 @@ from osl_analysis.bench.rendered import AskedImpedance
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, SteppedSineAnalysis, TorqueAngleAnalysis
 from osl_analysis.commands import bench
-from osl_analysis.config import read_campaign_section
+from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.files import default_config, shipped
 from osl_analysis.parameters import known_parameters
@@ -67,14 +67,14 @@ def fit_request(experiment: str, config: Path, desired: DesiredImpedance | None 
     """
     of_section = {"actuator": ActuatorAnalysis, "torque_angle": TorqueAngleAnalysis}
     section = experiment if experiment in of_section else "dynamometer"
-    settings = read_campaign_section(config, section, of_section.get(experiment, DynamometerAnalysis))
+    settings = read_section(config, section, of_section.get(experiment, DynamometerAnalysis))
     asked = None if desired is None else asked_impedance(desired, config, settings)
-    return FitRequest(settings, read_campaign_section(config, "doubtful", DoubtfulFits), asked)
+    return FitRequest(settings, read_section(config, "doubtful", DoubtfulFits), asked)
 
 
 def asked_impedance(desired: DesiredImpedance, config: Path, settings: SteppedSineAnalysis) -> AskedImpedance:
     """What the leg was asked to render, with W of Eq. 14 in a configuration file; raises as `fit_request`."""
-    weight = read_campaign_section(config, "gain_weight", WeightSettings).weight
+    weight = read_section(config, "gain_weight", WeightSettings).weight
     return AskedImpedance(desired, weight, settings.frequencies_hz)
 
 

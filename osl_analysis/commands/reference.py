@@ -39,19 +39,17 @@ Intervals cover 95 %.
 
 
 def write_page(output: Path, command: str) -> None:
-    """Write the page; `command` is what the reader calls to make it again."""
     with atomic_path(output) as temporary:
         temporary.write_text(page(command), encoding="utf-8")
 
 
 def page(command: str) -> str:
-    """The page as Markdown."""
+    """The page as Markdown; `command` is what the reader calls to make it again."""
     parts = [INTRODUCTION.format(command=command), *map(table_section, described_tables())]
     return "\n".join([*parts, checks_section(), summary_section()])
 
 
 def table_section(table: DescribedTable) -> str:
-    """One table."""
     named = (path.replace("*/*", "EXPERIMENT/*").replace("*", "TRIAL") for path in (table.place, table.also))
     place, also = (f"{path}.csv" for path in named)
     gathered = f" `{also}` holds the rows of one trial." if table.also else ""
@@ -60,13 +58,11 @@ def table_section(table: DescribedTable) -> str:
 
 
 def checks_section() -> str:
-    """The checks of quality control."""
     rows = ((f"`{c.name}`", c.unit, f"{c.meaning}. Fails {c.fails} its threshold") for c in CHECKS.values())
     return f"## Checks of quality control\n\n{markdown(('check', 'unit', 'meaning of its value'), rows)}"
 
 
 def summary_section() -> str:
-    """The entries of the summary."""
     fields = markdown(("field", "meaning"), SUMMARY_FIELDS.items())
     rows = ((f"`{label.name}`", label.unit, label.meaning) for label in all_labels())
     entries = markdown(("entry", "unit", "meaning"), rows)
@@ -96,7 +92,6 @@ SUMMARY_FIELDS = {
 
 
 def markdown(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A Markdown table."""
     lines = [list(head), *map(list, rows)]
     lines.insert(1, ["---"] * len(lines[0]))
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
@@ -114,17 +109,14 @@ FILES: Mapping[str, type[BaseModel]] = {
 
 def schemas() -> dict[str, dict[str, Any]]:
     """The schema of each kind of file, by the name of its file without `.schema.json`."""
-    return {name: schema_of(model) for name, model in FILES.items()} | {"source": schema_of_sources()}
-
-
-def schema_of(model: type[BaseModel]) -> dict[str, Any]:
-    """The schema of a kind of file. A campaign's configuration overrides fields of the default, and needs none."""
-    top, definitions = described({model.__name__: model})
-    schema = {"$schema": DRAFT, "$ref": top[model.__name__], "$defs": definitions}
-    if model is Config:
-        for one in definitions.values():
-            one.pop("required", None)
-    return schema
+    found = {}
+    for name, model in FILES.items():
+        top, definitions = described({name: model})
+        if model is Config:  # a campaign's overrides fields of the default, and needs none
+            for one in definitions.values():
+                one.pop("required", None)
+        found[name] = {"$schema": DRAFT, "$ref": top[name], "$defs": definitions}
+    return found | {"source": schema_of_sources()}
 
 
 def schema_of_sources() -> dict[str, Any]:
@@ -146,25 +138,18 @@ def described(models: Mapping[str, type[BaseModel]]) -> tuple[dict[str, str], di
     """Where the definition of each model stands, and all definitions, whose fields have their docstrings as text."""
     unique = list(dict.fromkeys(models.values()))
     places, content = models_json_schema([(model, "validation") for model in unique], ref_template="#/$defs/{model}")
-    definitions = content["$defs"]
-    for model in all_models(unique):
-        for name, text in docstrings(model).items():
-            field = definitions.get(model.__name__, {}).get("properties", {}).get(name)
-            if field is not None:
-                field["description"] = text
-    return {name: places[model, "validation"]["$ref"] for name, model in models.items()}, definitions
-
-
-def all_models(models: list[type[BaseModel]]) -> list[type[BaseModel]]:
-    """Models and those of their fields, each once."""
-    found: dict[type[BaseModel], None] = {}
-    waiting = list(models)
+    definitions, waiting, seen = content["$defs"], list(unique), set[type[BaseModel]]()
     while waiting:
         model = waiting.pop()
-        if model not in found:
-            found[model] = None
-            waiting += [inner for field in model.model_fields.values() for inner in models_in(field.annotation)]
-    return list(found)
+        if model in seen:
+            continue
+        seen.add(model)
+        waiting += [inner for field in model.model_fields.values() for inner in models_in(field.annotation)]
+        fields = definitions.get(model.__name__, {}).get("properties", {})
+        for name, text in docstrings(model).items():
+            if name in fields:
+                fields[name]["description"] = text
+    return {name: places[model, "validation"]["$ref"] for name, model in models.items()}, definitions
 
 
 def models_in(annotation: Any) -> list[type[BaseModel]]:
@@ -181,8 +166,7 @@ def docstrings(model: type[BaseModel]) -> dict[str, str]:
         if not issubclass(one, BaseModel) or one is BaseModel:
             continue
         (body,) = ast.parse(textwrap.dedent(inspect.getsource(one))).body
-        statements = getattr(body, "body", [])
-        for field, text in pairwise(statements):
+        for field, text in pairwise(getattr(body, "body", [])):
             if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(text, ast.Expr):
                 texts[field.target.id] = " ".join(str(ast.literal_eval(text.value)).split())
     return texts
@@ -190,9 +174,8 @@ def docstrings(model: type[BaseModel]) -> dict[str, str]:
 
 def write_schemas(folder: Path) -> list[Path]:
     """Write every schema into a folder, and name the files."""
-    written = []
-    for name, schema in schemas().items():
-        with atomic_path(folder / f"{name}.schema.json") as path:
+    texts = {folder / f"{name}.schema.json": schema for name, schema in schemas().items()}
+    for file, schema in texts.items():
+        with atomic_path(file) as path:
             path.write_text(json.dumps(schema, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-        written.append(folder / f"{name}.schema.json")
-    return written
+    return list(texts)

@@ -11,24 +11,18 @@ from osl_analysis.errors import InputError
 from osl_analysis.files import CAMPAIGN, check_working_folder, shipped
 from osl_analysis.yaml_settings import read_mapping
 
-STATES_ITS_OWN = ("--configfile", "--configfiles")
-"""Options of Snakemake that name a configuration."""
-PROFILE = "--workflow-profile"
-"""Option of Snakemake that names a folder with options: one here, or a shipped one as `profiles/slurm`."""
+STATES_ITS_OWN = ("--configfile", "--configfiles")  # options of Snakemake that name a configuration
+PROFILE = "--workflow-profile"  # that names a folder with options: one here, or a shipped one as `profiles/slurm`
 
 
 def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
     """The arguments of Snakemake for the campaign in the working folder: those of the user first, because options of
-    Snakemake that take lists also take what stands behind them.
-
-    Raises
-    ------
-    InputError
-        There is no campaign in the working folder, this cannot be written to, or a configuration is missing or no YAML.
+    Snakemake that take lists also take what stands behind them. Raises InputError where there is no campaign, the
+    folder cannot be written to, or a configuration or profile is missing.
     """
     said = any(argument.split("=")[0] in STATES_ITS_OWN for argument in arguments)
     is_clone = Path("Snakefile").is_file() and Path("config/config.yaml").is_file()
-    if not said and not CAMPAIGN.is_file() and not is_clone:
+    if not (said or CAMPAIGN.is_file() or is_clone):
         raise InputError(
             f"{Path.cwd()}: no campaign here, which has a {CAMPAIGN}; change to the folder of a campaign, or make one: "
             "`osl-analysis init FOLDER`"
@@ -41,13 +35,7 @@ def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
 
 
 def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
-    """The arguments, with the folder of a shipped profile where it is named and none here has its name.
-
-    Raises
-    ------
-    InputError
-        There is neither; Snakemake would go on without a profile.
-    """
+    """The arguments, with the folder of a shipped profile where it is named and none here has its name."""
     for before, argument in pairwise(("", *arguments)):
         option, is_stated, value = argument.partition("=")
         if before == PROFILE:
@@ -57,7 +45,10 @@ def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
 
 
 def profile(named: str) -> str:
-    """The folder of a profile, here or shipped; `none` is Snakemake's word for no profile."""
+    """The folder of a profile, here or shipped; `none` is Snakemake's word for no profile.
+
+    Another name that is neither is refused: Snakemake would go on without a profile.
+    """
     folder = shipped(named)
     if named != "none" and not folder.is_dir():
         known = sorted(f"profiles/{one.name}" for one in shipped("profiles").iterdir())
@@ -81,13 +72,7 @@ def configurations(arguments: Sequence[str]) -> Iterator[Path]:
 
 
 def run_workflow(arguments: Sequence[str]) -> None:
-    """Run Snakemake in this process, which ends with its exit code.
-
-    Raises
-    ------
-    InputError
-        There is no campaign in the working folder.
-    """
+    """Run Snakemake in this process, which ends with its exit code; raises as `snakemake_arguments`."""
     with asking_no_cluster():
         from snakemake.cli import main
 

@@ -7,7 +7,6 @@ from typing import Any
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.quality import measure_trial
 from osl_analysis.errors import PartialResultError
-from osl_analysis.memory import return_memory
 from osl_analysis.quality.checks import Commanded
 
 
@@ -22,17 +21,10 @@ def ingest_and_check(
 ) -> None:
     """Write the trial of one row of the sheet to `trial`, and what every check measures on it to `quality`.
 
-    The arguments are those of `ingest.ingest_trial` and `quality.measure_trial`.
-
-    Raises
-    ------
-    InputError
-        As `ingest_trial`; nothing is written then.
-    PartialResultError
-        The trial is written, and nothing measured, for the error that this one is raised from.
+    The arguments are those of `ingest.ingest_trial` and `quality.measure_trial`. Raises PartialResultError where the
+    trial is written and nothing measured, for the error that this one is raised from.
     """
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
-    return_memory()
     try:
         measure_trial(record, str(row["experiment"]), commanded, quality)
     except Exception as error:

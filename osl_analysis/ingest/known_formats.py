@@ -45,7 +45,7 @@ from osl_analysis.ingest.text_captures import (
     read_nexus_capture,
     read_trc_capture,
 )
-from osl_analysis.yaml_settings import Settings, read_yaml
+from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml
 
 Source = LogSource | CaptureSource
 
@@ -117,7 +117,9 @@ def read_source(path: Path) -> Source:
     InputError
         The file is missing, a draft that was not edited, or a field is unknown, absent or of a wrong value.
     """
-    source = read_yaml(path, FORMATS[read_yaml(path, NamedFormat).format].source, first=refuse_draft)
+    named = read_yaml(path, NamedFormat).format
+    refuse_draft(path, read_mapping(path))
+    source = read_yaml(path, FORMATS[named].source)
     source.written_in(path)
     return source
 

@@ -6,7 +6,7 @@ import polars as pl
 
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.ingest import checked_trial
-from osl_analysis.config import read_campaign_section
+from osl_analysis.config import read_section
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.files import shipped
@@ -95,9 +95,9 @@ def check(trial: Trial | File, experiment: str = "impedance", config: File | Non
         known = ", ".join(EXPERIMENTS)
         raise InputError(f"no experiment '{experiment}'; it is one of {known}{nearest(experiment, EXPERIMENTS)}")
     read, path = trial_of(trial), config_of(config)
-    rules = read_campaign_section(path, "quality", QualityRules)
+    rules = read_section(path, "quality", QualityRules)
     validate_rules(rules)
-    bench = read_campaign_section(path, "dynamometer", DynamometerAnalysis)
+    bench = read_section(path, "dynamometer", DynamometerAnalysis)
     commanded = Commanded(**{name: getattr(bench, name) for name in PROTOCOL})
     return quality_table(read.name, examine(read, experiment, commanded), rules, ())
 

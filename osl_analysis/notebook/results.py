@@ -8,7 +8,7 @@ import polars as pl
 from osl_analysis.commands.figure import figure_module
 from osl_analysis.commands.gains import Request, requested_gains
 from osl_analysis.commands.summarise import read_summary as read_summary_file
-from osl_analysis.config import read_campaign_section
+from osl_analysis.config import read_section
 from osl_analysis.errors import InputError, listing
 from osl_analysis.figures.style import NotebookFigure, on_screen
 from osl_analysis.notebook.fits import OF_CONFIG, File, Fit, Response, config_of, device_of, path_of
@@ -33,7 +33,7 @@ def gains(K_d: Numbers, B_d: Numbers, parameters: File | None = OF_CONFIG, confi
         No gains render one of the pairs, as K_d from K_s up.
     """
     path = config_of(config)
-    device, weight = device_of(parameters, path), read_campaign_section(path, "gain_weight", WeightSettings).weight
+    device, weight = device_of(parameters, path), read_section(path, "gain_weight", WeightSettings).weight
     if device is None:
         raise InputError("gains need a parameter file; name the one of your device as `parameters`")
     return requested_gains(

@@ -48,7 +48,7 @@ def log_yaml() -> YAML:
     """Reads and writes logs: a line per entry, in the order in which they are given."""
     yaml = YAML(typ="safe", pure=True, plug_ins=[])
     yaml.default_flow_style, yaml.allow_unicode, yaml.width = False, True, UNLIMITED
-    yaml.sort_base_mapping_type_on_output = False
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     return yaml
 
 

@@ -71,7 +71,6 @@ def test_columns_that_are_read_as_text_are_described_as_text():
 
 
 def test_a_table_of_a_single_trial_is_described_by_the_table_that_gathers_it():
-    (table,) = [t for t in described_tables() if t.describes("fits/walking/walking_01.csv")]
-    assert table.place == "tables/walking"
+    assert [t.place for t in described_tables() if t.describes("fits/walking/walking_01.csv")] == ["tables/walking"]
     assert not any(t.describes("fits/unknown/walking_01.csv") for t in described_tables())
     assert pl.Series([t.place for t in described_tables()]).is_unique().all()

@@ -1,7 +1,6 @@
 """Any controller, joint and side: told apart in figures, means, headlines and macros, and written as they are."""
 
 import warnings
-from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,11 +20,11 @@ from osl_analysis.config import read_config
 from osl_analysis.doubtful import unchecked_report
 from osl_analysis.errors import InputError
 from osl_analysis.figures import fig5, fig6, fig8
-from osl_analysis.figures.names import look_numbers, looks_in, place_name
+from osl_analysis.figures.names import look_numbers, looks_in
 from osl_analysis.figures.style import LOOKS
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.shared_choices import read_impedance_trajectory
-from osl_analysis.summary.headlines import ENDINGS, Example, Headline, headline_numbers, letters, with_own_names
+from osl_analysis.summary.headlines import ENDINGS, Example, headline_numbers
 from osl_analysis.table import read_table, tables_of, with_places, write_table
 
 COMMON = ("magnitude", "magnitude_low", "magnitude_high", "phase_deg")
@@ -47,7 +46,7 @@ def test_other_controllers_have_looks_of_their_own_which_are_the_same_in_a_figur
     assert list(looks) == ["uncompensated", *"abcdef"]
     assert looks["uncompensated"] == LOOKS["uncompensated"]
     assert len({(look.colour, look.marker) for look in looks.values()}) == 7
-    some = looks_in(everyone.filter(pl.col("controller").is_in(["b", "e"])))
+    some = looks_in(everyone.filter(pl.col("controller").is_in(["b", "e"])).reverse())
     assert some == {name: looks[name] for name in "be"}
 
 
@@ -129,11 +128,6 @@ def test_names_and_macros_of_any_controllers_are_letters_and_no_two_are_alike():
     assert len({h.name for h in found}) == len(found)
     assert {"PDOneVAFMedian", "PDOneVAFMedianB", "AlphaVAFMedian"} <= {h.macro for h in found}
     assert {h.meaning for h in found if not h.meaning.endswith(", knee") and h.unit != "fits"} == set()
-
-
-def test_letters_of_a_group_stay_what_they_were():
-    assert letters("K_d 200, timing 41 %") == "KdTwoZeroZeroTimingFourOne"
-    assert letters("%%") == "Unnamed"
 
 
 def campaign(tmp_path: Path, rows: str, **settings):
@@ -218,26 +212,6 @@ def test_what_was_not_checked_is_said_with_the_number_of_trials(tmp_path):
     table = pl.DataFrame({"trial": ["a", "a", "b", "c"], "not_checked": ["K: no file"] * 3 + [None]})
     write_table(table, tmp_path / "impedance.csv")
     assert unchecked_report([tmp_path / "impedance.csv"]) == "not checked: K: no file (trials: 2)"
-
-
-def test_a_place_is_written_with_its_side_where_it_has_one():
-    assert place_name("knee", "left") == "Knee, left"
-    assert place_name("ankle", None) == "Ankle"
-    assert place_name(None, None) == ""
-
-
-def test_a_controller_keeps_its_look_whatever_the_order_of_the_table():
-    names = pl.Series(["pd", "compensated", None, "adaptive"], dtype=pl.String)
-    assert look_numbers(names).to_list() == [1, None, None, 0]
-    assert look_numbers(names.reverse()).to_list() == [0, None, None, 1]
-
-
-def test_the_macro_of_a_number_is_not_that_of_another_one_s_bound():
-    label = Headline("a", "1", None, "Stiff", "stiffness", 1.0, 0.9, 1.1, "range", 2)
-    found = with_own_names([label, replace(label, name="b", macro="StiffLow"), label])
-    assert [(h.name, h.macro) for h in found] == [("a", "Stiff"), ("b", "StiffLowB"), ("a (2)", "StiffB")]
-    turned = with_own_names([replace(label, macro="StiffLow"), replace(label, name="b")])
-    assert [h.macro for h in turned] == ["StiffLow", "StiffB"]
 
 
 @pytest.mark.parametrize(("joint", "predicted"), [("ankle", True), ("knee", False)])

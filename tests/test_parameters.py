@@ -24,25 +24,14 @@ def edited(tmp_path: Path, **changes: object) -> Path:
     return path
 
 
-def test_default_has_the_pulleys_of_the_hardware_and_the_stiffness_of_the_text():
-    p = read_parameters(SHIPPED / "default.yaml")
-    assert (p.n_T, p.n_m * p.n_T, p.K_s) == pytest.approx((83 / 18, 41.5, 685.6))
-
-
-def test_reflected_inertia_is_the_one_that_the_design_states():
-    p = read_parameters(SHIPPED / "default.yaml")
-    assert p.n_T**2 * p.J_m == pytest.approx(0.196, abs=5e-4)
-
-
-def test_the_printed_table_warns_whenever_it_is_used():
+def test_the_shipped_files_have_the_numbers_of_hardware_text_table_and_later_publication():
+    default, later = (read_parameters(SHIPPED / f"{name}.yaml") for name in ("default", "osl-v2-published"))
+    assert (default.n_T, default.n_m * default.n_T, default.K_s) == pytest.approx((83 / 18, 41.5, 685.6))
+    assert default.n_T**2 * default.J_m == pytest.approx(0.196, abs=5e-4)  # reflected, as the design states
     with pytest.warns(UserWarning, match="83/11 contradicts the hardware"):
-        p = read_parameters(SHIPPED / "table1-as-printed.yaml")
-    assert p.n_T**2 * p.J_m == pytest.approx(0.52, abs=5e-3)
-
-
-def test_the_later_publication_has_a_quadratic_belt():
-    p = read_parameters(SHIPPED / "osl-v2-published.yaml")
-    assert (p.K_s, p.K_s2, p.B_m) == (876, 14913, 6.06e-2)
+        printed = read_parameters(SHIPPED / "table1-as-printed.yaml")
+    assert printed.n_T**2 * printed.J_m == pytest.approx(0.52, abs=5e-3)
+    assert (later.K_s, later.K_s2, later.B_m) == (876, 14913, 6.06e-2)
 
 
 @pytest.mark.parametrize(

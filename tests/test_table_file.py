@@ -21,23 +21,12 @@ def test_every_number_null_and_nan_reads_back_to_the_last_bit(tmp_path_factory, 
     assert_frame_equal(read_table(path), table, check_exact=True)
 
 
-def test_a_trial_named_01_keeps_its_name(tmp_path):
-    write_table(pl.DataFrame({"trial": ["01", "2"], "K": [1.0, 2.0]}), tmp_path / "t.csv")
-    assert read_table(tmp_path / "t.csv")["trial"].to_list() == ["01", "2"]
-
-
-def test_a_column_without_entries_can_be_calculated_with(tmp_path):
-    write_table(pl.DataFrame({"trial": ["a"], "amplitude_deg": [None], "K": [1.0]}), tmp_path / "t.csv")
-    assert read_table(tmp_path / "t.csv")["amplitude_deg"].dtype == pl.Float64
-
-
-def test_a_number_far_down_the_table_may_have_decimals(tmp_path):
-    (tmp_path / "t.csv").write_text("K\n" + "1\n" * 5000 + "1.5\n")
-    assert read_table(tmp_path / "t.csv")["K"][-1] == 1.5
-
-
-def test_parent_folders_are_created_and_nothing_lies_beside_the_table(tmp_path):
-    write_table(pl.DataFrame({"K": [1.0]}), tmp_path / "a" / "b" / "t.csv")
+def test_names_of_digits_are_text_decimals_may_come_late_and_an_empty_column_holds_numbers(tmp_path):
+    table = pl.DataFrame({"trial": ["01"] * 5000, "amplitude_deg": [None] * 5000, "K": ["1"] * 4999 + ["1.5"]})
+    write_table(table, tmp_path / "a" / "b" / "t.csv")
+    read = read_table(tmp_path / "a" / "b" / "t.csv")
+    assert read.row(-1) == ("01", None, 1.5)
+    assert read["amplitude_deg"].dtype == pl.Float64
     assert [p.name for p in (tmp_path / "a" / "b").iterdir()] == ["t.csv"]
 
 
@@ -53,20 +42,6 @@ def test_a_failure_while_writing_leaves_the_old_file_and_nothing_else(tmp_path):
         fail_halfway(temporary)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_table_that_cannot_be_written_leaves_nothing(tmp_path):
-    with pytest.raises(pl.exceptions.PolarsError):
-        write_table(pl.DataFrame({"nested": [[1, 2]]}), tmp_path / "t.csv")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_the_temporary_file_has_the_suffix_of_the_final_one(tmp_path):
-    with atomic_path(tmp_path / "fig.pdf") as temporary:
-        assert temporary.suffix == ".pdf"
-        assert temporary.parent == tmp_path
-        temporary.write_text("x")
-    assert (tmp_path / "fig.pdf").read_text() == "x"
 
 
 @pytest.mark.parametrize(

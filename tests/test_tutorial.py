@@ -55,15 +55,11 @@ def test_the_commands_of_the_tutorial_print_what_it_shows(followed):
             assert shown == printed, command
 
 
-def test_the_tutorial_ends_with_its_figure_and_without_a_flag(followed):
+def test_the_tutorial_ends_with_its_figure_without_a_flag_and_with_the_schema_that_its_files_name(followed):
     folder, _ = followed
     assert (folder / FIGURE).stat().st_size > 10_000
     assert (DOCS / "tutorial.png").exists()
     assert "flag" not in (folder / "my_campaign/results/tables/quality.csv").read_text()
-
-
-def test_the_schema_named_in_the_files_of_the_tutorial_is_there(followed):
-    folder, _ = followed
     source = folder / "my_campaign/sources/csv.yaml"
     assert yaml.safe_load(source.read_text())["channels"]["torque"]["sign"] == -1
     schema = source.read_text().splitlines()[0].split("=")[1]

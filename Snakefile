@@ -2,8 +2,9 @@
 
 `snakemake reproduce-all` runs the campaign of config/config.yaml; `--configfile FILE` overrides fields of it, as does the
 `config` of a workflow that has this one as a module.
-The input of a rule is what `job` gives: the files that it waits for, and a small file that tells its job what to do, with
-the settings and the fingerprint of the program (`osl_analysis/jobs/request.py`). What changes there is made again.
+A rule is a `step`: a function that says what its jobs read and with which settings. The input of a job is the files that
+it waits for, and a small file that tells it what to do, with the settings and the fingerprint of the program
+(`osl_analysis/jobs/request.py`). What changes there is made again.
 """
 
 import gc
@@ -59,13 +60,50 @@ ABOUT = about(CAMPAIGN, SIMULATION_FILES)
 RESULTS, RAW, PLACES = CONFIG.results, CONFIG.raw_data, CAMPAIGN.places
 JUDGE = Judge(CONFIG.quality, {trial: CAMPAIGN.accepted(trial) for trial in CAMPAIGN.trials()})
 REQUESTS = Requests(RESULTS / "requests", RESULTS / "logs", CAMPAIGN.data, JUDGE, workflow)
-JOB = '"$OSL_PYTHON" -I -S "$OSL_CLIENT" {input.request}'
-"""The command of every rule."""
 
 
-def job(rule, wildcards, command: str, modules=(), **parts) -> dict[str, object]:
-    """The inputs of a rule's job (`Requests.job`); the code of its command counts, or that of these `modules`."""
-    return REQUESTS.job(rule, wildcards, command, code(*modules) if modules else code_of(command), **parts)
+def tabled(name: str) -> Path:
+    """The file of a table of results."""
+    return RESULTS / f"tables/{name}.csv"
+
+
+def step(command: str, output, log: str, name: str = "", **constraints):
+    """Make a rule of the function below, which gives the parts of each job (`Requests.job`) for the rule's wildcards.
+
+    The rule has the function's name, or `name`. `output` is a file, a list of files, or files by the names of the
+    arguments with which `command` takes them; `log` is below the logs, without suffix. The code of the command counts
+    for the job, or that of the `modules` among its parts, which may also name another `command`.
+    """
+
+    def made(parts):
+        rule_name = name or parts.__name__
+        named = output if isinstance(output, dict) else {}
+        files = output if isinstance(output, list) else [output]
+
+        def job(wildcards) -> dict[str, object]:
+            given = {"command": command, **parts(wildcards)}
+            modules = given.pop("modules", ())
+            given["code"] = code(*modules) if modules else code_of(given["command"])
+            return REQUESTS.job(getattr(rules, rule_name), wildcards, **given)
+
+        rule:
+            name:
+                rule_name
+            input:
+                unpack(job),
+            output:
+                *([] if named else files),
+                **named,
+            log:
+                RESULTS / f"logs/{log}.log",
+            wildcard_constraints:
+                **constraints,
+            shell:
+                '"$OSL_PYTHON" -I -S "$OSL_CLIENT" {input.request}'
+
+        return parts
+
+    return made
 
 
 wildcard_constraints:
@@ -91,8 +129,8 @@ rule:
     input:
         simulated_logs(),
         result_tables(),
-        RESULTS / "tables/quality.csv",
-        RESULTS / "tables/excluded.csv",
+        tabled("quality"),
+        tabled("excluded"),
         drawn_files(),
         RESULTS / "summary.json",
         RESULTS / "numbers.tex",

@@ -32,42 +32,26 @@ def condition(trial: str, columns) -> dict[str, object]:
     return {"condition": {column: CAMPAIGN.row(trial)[column] for column in columns}} if columns else {}
 
 
-def fit_of(experiment: str):
-    """The input of the rule that fits the trials of an experiment."""
-    fit = EXPERIMENTS[experiment].fit
-
-    def of_trial(wildcards) -> dict[str, object]:
-        trial = wildcards.trial
-        settings = {name: getattr(CONFIG, section).part(model) for name, (section, model) in fit.settings.items()}
-        settings |= condition(trial, fit.sheet)
-        return job(
-            getattr(rules, f"fit_{experiment}_trial"),
-            wildcards,
-            fit.job,
-            input={"trial": trial_file(trial)},
-            files={"parameters": device(trial)} if fit.parameters else {},
-            settings=settings | ({"windows": CAMPAIGN.row(trial)["windows"]} if fit.windows else {}),
-            output={"tables": fit_tables(experiment, trial)},
-        )
-
-    return of_trial
-
-
 for experiment, facts in EXPERIMENTS.items():
     if not facts.fit:
         continue
 
-    rule:
-        name:
-            f"fit_{experiment}_trial"
-        input:
-            unpack(fit_of(experiment)),
-        output:
-            fit_files(experiment, "{trial}"),
-        log:
-            RESULTS / f"logs/{experiment}/{{trial}}.log",
-        shell:
-            JOB
+    @step(
+        facts.fit.job,
+        fit_files(experiment, "{trial}"),
+        f"{experiment}/{{trial}}",
+        name=f"fit_{experiment}_trial",
+    )
+    def fit_trial(wildcards, experiment=experiment, fit=facts.fit):
+        trial = wildcards.trial
+        settings = {name: getattr(CONFIG, section).part(model) for name, (section, model) in fit.settings.items()}
+        settings |= condition(trial, fit.sheet)
+        return {
+            "input": {"trial": trial_file(trial)},
+            "files": {"parameters": device(trial)} if fit.parameters else {},
+            "settings": settings | ({"windows": CAMPAIGN.row(trial)["windows"]} if fit.windows else {}),
+            "output": {"tables": fit_tables(experiment, trial)},
+        }
 
 
 def fitted(*experiments: str) -> list[Path]:
@@ -75,21 +59,11 @@ def fitted(*experiments: str) -> list[Path]:
     return [RESULTS / f"fits/{name}.json" for name in experiments if CAMPAIGN.trials(name) and EXPERIMENTS[name].tables]
 
 
-rule list_fits:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.list_fits,
-                wildcards,
-                "tables.list_fits",
-                input={"fits": first_rows(wildcards.experiment)},
-            )
-        ),
-    output:
-        RESULTS / "fits/{experiment}.json",
-    log:
-        RESULTS / "logs/fits/{experiment}.log",
-    wildcard_constraints:
-        experiment="|".join(name for name, facts in EXPERIMENTS.items() if facts.tables),
-    shell:
-        JOB
+@step(
+    "tables.list_fits",
+    RESULTS / "fits/{experiment}.json",
+    "fits/{experiment}",
+    experiment="|".join(name for name, facts in EXPERIMENTS.items() if facts.tables),
+)
+def list_fits(wildcards):
+    return {"input": {"fits": first_rows(wildcards.experiment)}}

@@ -17,78 +17,46 @@ def compared(name: str) -> dict[str, list[Path]]:
     return {"trials": [trial_file(trial) for trial in REPEATS[name]], "quality": checked(REPEATS[name])}
 
 
-rule compare_belt_models:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.compare_belt_models,
-                wildcards,
-                "bench.compare_belt_models",
-                input={"fitted": rows("belt", REPEATS[wildcards.belts])},
-                read=compared(wildcards.belts),
-                files={"parameters": device(REPEATS[wildcards.belts][0])},
-                settings={"settings": CONFIG.dynamometer.part("BeltAnalysis")},
-            )
-        ),
-    output:
-        RESULTS / "fits/model_comparison/{belts}.csv",
-    log:
-        RESULTS / "logs/model_comparison/{belts}.log",
-    wildcard_constraints:
-        belts="belt_trials(_[0-9]+)?",
-    shell:
-        JOB
+def comparison(command: str, pattern: str, **constraints):
+    """The step that writes a comparison of models."""
+    return step(command, RESULTS / f"fits/model_comparison/{pattern}.csv", f"model_comparison/{pattern}", **constraints)
 
 
-rule compare_transmission_models:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.compare_transmission_models,
-                wildcards,
-                "bench.compare_transmission_models",
-                input={"fitted": rows("transmission", REPEATS[wildcards.transmissions])},
-                read=compared(wildcards.transmissions),
-                settings={
-                    "settings": CONFIG.dynamometer.part("SteppedSineAnalysis"),
-                    "sign_width": CONFIG.model_comparison.sign_width,
-                },
-            )
-        ),
-    output:
-        RESULTS / "fits/model_comparison/{transmissions}.csv",
-    log:
-        RESULTS / "logs/model_comparison/{transmissions}.log",
-    wildcard_constraints:
-        transmissions="transmission_trials(_[0-9]+)?",
-    shell:
-        JOB
+@comparison("bench.compare_belt_models", "{belts}", belts="belt_trials(_[0-9]+)?")
+def compare_belt_models(wildcards):
+    trials = REPEATS[wildcards.belts]
+    return {
+        "input": {"fitted": rows("belt", trials)},
+        "read": compared(wildcards.belts),
+        "files": {"parameters": device(trials[0])},
+        "settings": {"settings": CONFIG.dynamometer.part("BeltAnalysis")},
+    }
 
 
-rule compare_impedance_models:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.compare_impedance_models,
-                wildcards,
-                "bench.compare_impedance_models",
-                input={"fitted": rows("impedance", [wildcards.trial])},
-                read={"trial": trial_file(wildcards.trial)},
-                files={"parameters": device(wildcards.trial)},
-                settings={
-                    "settings": CONFIG.dynamometer.part("ImpedanceAnalysis"),
-                    "weight": CONFIG.gain_weight.model_dump(mode="json"),
-                    "sign_width": CONFIG.model_comparison.sign_width,
-                    "windows": CAMPAIGN.row(wildcards.trial)["windows"],
-                    **condition(wildcards.trial, ("controller", "K_d", "B_d")),
-                },
-            )
-        ),
-    output:
-        RESULTS / "fits/model_comparison/{trial}.csv",
-    log:
-        RESULTS / "logs/model_comparison/{trial}.log",
-    wildcard_constraints:
-        trial="(?!(belt|transmission)_trials).*",
-    shell:
-        JOB
+@comparison("bench.compare_transmission_models", "{transmissions}", transmissions="transmission_trials(_[0-9]+)?")
+def compare_transmission_models(wildcards):
+    return {
+        "input": {"fitted": rows("transmission", REPEATS[wildcards.transmissions])},
+        "read": compared(wildcards.transmissions),
+        "settings": {
+            "settings": CONFIG.dynamometer.part("SteppedSineAnalysis"),
+            "sign_width": CONFIG.model_comparison.sign_width,
+        },
+    }
+
+
+@comparison("bench.compare_impedance_models", "{trial}", trial="(?!(belt|transmission)_trials).*")
+def compare_impedance_models(wildcards):
+    trial = wildcards.trial
+    return {
+        "input": {"fitted": rows("impedance", [trial])},
+        "read": {"trial": trial_file(trial)},
+        "files": {"parameters": device(trial)},
+        "settings": {
+            "settings": CONFIG.dynamometer.part("ImpedanceAnalysis"),
+            "weight": CONFIG.gain_weight.model_dump(mode="json"),
+            "sign_width": CONFIG.model_comparison.sign_width,
+            "windows": CAMPAIGN.row(trial)["windows"],
+            **condition(trial, ("controller", "K_d", "B_d")),
+        },
+    }

@@ -3,7 +3,7 @@
 
 def report_tables() -> list[Path]:
     """The tables on the page."""
-    return [*result_tables(), *([RESULTS / "tables/walking_responses.csv"] if CAMPAIGN.trials("walking") else [])]
+    return [*result_tables(), *([tabled("walking_responses")] if CAMPAIGN.trials("walking") else [])]
 
 
 def drawn_svg() -> list[Path]:
@@ -11,39 +11,28 @@ def drawn_svg() -> list[Path]:
     return [RESULTS / f"figures/{name}.svg" for name in drawn_names()]
 
 
-rule report:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.report,
-                wildcards,
-                "report.write_report",
-                made_of=sorted(TEMPLATES.iterdir()),
-                input={
-                    **({"captions": RESULTS / "figures/captions.md"} if drawn_names() else {}),
-                    "tables": report_tables(),
-                    "figures": drawn_svg(),
-                    "verdicts": RESULTS / "tables/quality.csv",
-                    "excluded": RESULTS / "tables/excluded.csv",
-                    "summary": RESULTS / "summary.json",
-                },
-                read={
-                    "trials": by_stem(ingested()),
-                    "series": by_stem(rows("series") if "series" in PER_TRIAL else []),
-                    "crossings": by_stem(crossings(CAMPAIGN.trials("walking"))),
-                    "tables": by_stem(report_tables()),
-                    "figures": by_stem(drawn_svg()),
-                },
-                settings={
-                    "about": asdict(ABOUT),
-                    "sheet": CAMPAIGN.every_row(),
-                    "largest_mb": CONFIG.report.largest_mb,
-                },
-            )
-        ),
-    output:
-        RESULTS / "report.html",
-    log:
-        RESULTS / "logs/report.log",
-    shell:
-        JOB
+@step("report.write_report", RESULTS / "report.html", "report")
+def report(_):
+    return {
+        "made_of": sorted(TEMPLATES.iterdir()),
+        "input": {
+            **({"captions": RESULTS / "figures/captions.md"} if drawn_names() else {}),
+            "tables": report_tables(),
+            "figures": drawn_svg(),
+            "verdicts": tabled("quality"),
+            "excluded": tabled("excluded"),
+            "summary": RESULTS / "summary.json",
+        },
+        "read": {
+            "trials": by_stem(ingested()),
+            "series": by_stem(rows("series") if "series" in PER_TRIAL else []),
+            "crossings": by_stem(crossings(CAMPAIGN.trials("walking"))),
+            "tables": by_stem(report_tables()),
+            "figures": by_stem(drawn_svg()),
+        },
+        "settings": {
+            "about": asdict(ABOUT),
+            "sheet": CAMPAIGN.every_row(),
+            "largest_mb": CONFIG.report.largest_mb,
+        },
+    }

@@ -7,58 +7,32 @@ def simulated_logs() -> list[Path]:
     return [CONFIG.sheet, *logs] if CONFIG.simulation else []
 
 
-def simulation_of(experiment: str):
-    """The input of the rule that simulates the trials of an experiment."""
-    return lambda wildcards: job(
-        getattr(rules, f"simulate_{experiment}"),
-        wildcards,
-        "simulate.simulate_trial",
-        ("commands.simulate",),
-        made_of=SIMULATION_FILES,
-        settings={
-            "settings_path": str(CONFIG.simulation),
-            "campaign_folder": str(RAW),
-            "trial": wildcards.trial,
-            "followed": CONFIG.shared(experiment).model_dump(mode="json"),
-        },
-        output={},
-    )
-
-
 if CONFIG.simulation:
 
-    rule trial_sheet:
-        input:
-            unpack(
-                lambda wildcards: job(
-                    rules.trial_sheet,
-                    wildcards,
-                    "simulate.write_sheet",
-                    ("simulator.plan",),
-                    files={"settings_path": CONFIG.simulation},
-                )
-            ),
-        output:
-            sheet=CONFIG.sheet,
-        log:
-            RESULTS / "logs/simulate/sheet.log",
-        shell:
-            JOB
+    @step("simulate.write_sheet", {"sheet": CONFIG.sheet}, "simulate/sheet")
+    def trial_sheet(_):
+        return {"modules": ("simulator.plan",), "files": {"settings_path": CONFIG.simulation}}
 
     for experiment, facts in EXPERIMENTS.items():
         if not CAMPAIGN.trials(experiment):
             continue
 
-        rule:
-            name:
-                f"simulate_{experiment}"
-            input:
-                unpack(simulation_of(experiment)),
-            output:
-                [RAW / path for path in facts.simulated_files("{trial}").values()],
-            log:
-                RESULTS / "logs/simulate/{trial}.log",
-            wildcard_constraints:
-                trial=CAMPAIGN.pattern(experiment),
-            shell:
-                JOB
+        @step(
+            "simulate.simulate_trial",
+            [RAW / path for path in facts.simulated_files("{trial}").values()],
+            "simulate/{trial}",
+            name=f"simulate_{experiment}",
+            trial=CAMPAIGN.pattern(experiment),
+        )
+        def simulate_trial(wildcards, experiment=experiment):
+            return {
+                "modules": ("commands.simulate",),
+                "made_of": SIMULATION_FILES,
+                "settings": {
+                    "settings_path": str(CONFIG.simulation),
+                    "campaign_folder": str(RAW),
+                    "trial": wildcards.trial,
+                    "followed": CONFIG.shared(experiment).model_dump(mode="json"),
+                },
+                "output": {},
+            }

@@ -38,93 +38,49 @@ def expected_time(planned_jobs) -> str:
     return planned({f"{one.experiment}_{one.first}_{one.number}": study_seconds(one) for one in studied})
 
 
-rule study_batch:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.study_batch,
-                wildcards,
-                "study.run_batch",
-                ("commands.study",),
-                made_of=study_files(),
-                settings={
-                    "study": STUDY.model_dump(mode="json", exclude={"trials", "campaigns", "recorded"}),
-                    "dynamometer": CONFIG.dynamometer.model_dump(mode="json"),
-                    "actuator_analysis": CONFIG.actuator.model_dump(mode="json"),
-                    "walking": CONFIG.walking.model_dump(mode="json"),
-                    "sources": str(CONFIG.sources),
-                    "experiment": STUDIED_BY_FILE[wildcards.experiment],
-                    "first": wildcards.first,
-                    "number": wildcards.number,
-                },
-            )
-        ),
-    output:
-        RESULTS / "study/batches/{experiment}_{first}_{number}.csv",
-    log:
-        RESULTS / "logs/study/{experiment}_{first}_{number}.log",
-    wildcard_constraints:
-        experiment="|".join(STUDIED_BY_FILE),
-        first="[0-9]+",
-        number="[0-9]+",
-    shell:
-        JOB
+@step(
+    "study.run_batch",
+    RESULTS / "study/batches/{experiment}_{first}_{number}.csv",
+    "study/{experiment}_{first}_{number}",
+    experiment="|".join(STUDIED_BY_FILE),
+    first="[0-9]+",
+    number="[0-9]+",
+)
+def study_batch(wildcards):
+    return {
+        "modules": ("commands.study",),
+        "made_of": study_files(),
+        "settings": {
+            "study": STUDY.model_dump(mode="json", exclude={"trials", "campaigns", "recorded"}),
+            "dynamometer": CONFIG.dynamometer.model_dump(mode="json"),
+            "actuator_analysis": CONFIG.actuator.model_dump(mode="json"),
+            "walking": CONFIG.walking.model_dump(mode="json"),
+            "sources": str(CONFIG.sources),
+            "experiment": STUDIED_BY_FILE[wildcards.experiment],
+            "first": wildcards.first,
+            "number": wildcards.number,
+        },
+    }
 
 
-rule study_table:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.study_table,
-                wildcards,
-                "study.summarise",
-                input={"batches": [RESULTS / f"study/batches/{name}.csv" for name in STUDY_JOBS]},
-            )
-        ),
-    output:
-        RESULTS / "study/study.csv",
-    log:
-        RESULTS / "logs/study/table.log",
-    shell:
-        JOB
+@step("study.summarise", RESULTS / "study/study.csv", "study/table")
+def study_table(_):
+    return {"input": {"batches": [RESULTS / f"study/batches/{name}.csv" for name in STUDY_JOBS]}}
 
 
-rule study_page:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.study_page, wildcards, "study.write_page", input={"table": RESULTS / "study/study.csv"}
-            )
-        ),
-    output:
-        RESULTS / "study/study.md",
-    log:
-        RESULTS / "logs/study/page.log",
-    shell:
-        JOB
+@step("study.write_page", RESULTS / "study/study.md", "study/page")
+def study_page(_):
+    return {"input": {"table": RESULTS / "study/study.csv"}}
 
 
-rule study_figure:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.study_figure,
-                wildcards,
-                "figure.draw_figure",
-                ("commands.figure", "figures.others"),
-                input={"table_csv": RESULTS / "study/study.csv"},
-                settings={
-                    "name": "study",
-                    "footer": f"Simulated data: Monte Carlo study with seed {STUDY.seed}, osl-analysis {ABOUT.version}",
-                },
-            )
-        ),
-    output:
-        multiext(str(RESULTS / "study/study"), *(f".{suffix}" for suffix in SUFFIXES)),
-    log:
-        RESULTS / "logs/study/figure.log",
-    shell:
-        JOB
+@step("figure.draw_figure", [RESULTS / f"study/study.{suffix}" for suffix in SUFFIXES], "study/figure")
+def study_figure(_):
+    footer = f"Simulated data: Monte Carlo study with seed {STUDY.seed}, osl-analysis {ABOUT.version}"
+    return {
+        "modules": ("commands.figure", "figures.others"),
+        "input": {"table_csv": RESULTS / "study/study.csv"},
+        "settings": {"name": "study", "footer": footer},
+    }
 
 
 rule study:

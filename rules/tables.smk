@@ -63,12 +63,12 @@ def result_tables() -> list[Path]:
     tables += [table for table, (source, _) in DERIVED.items() if source in tables]
     tables += [table for name in EXPERIMENTS if CAMPAIGN.trials(name) for table in EXPERIMENTS[name].further_tables]
     tables += ["gains"] * bool(CONFIG.impedance_trajectory)
-    return [RESULTS / f"tables/{table}.csv" for table in tables]
+    return [tabled(table) for table in tables]
 
 
 def written_tables() -> list[str]:
     """Every table that this run writes for the reader, below the results' folder."""
-    published = [*result_tables(), RESULTS / "tables/quality.csv", RESULTS / "tables/excluded.csv", *drawn_files()]
+    published = [*result_tables(), tabled("quality"), tabled("excluded"), *drawn_files()]
     return [str(path.relative_to(RESULTS)) for path in published if path.suffix == ".csv"]
 
 
@@ -94,7 +94,7 @@ def every_end() -> list[Path]:
     """What was made when the results of single trials of every kind were."""
     tables = [table for table in ("model_comparison", "hinge") if PER_TRIAL[table]]
     tables += ["walking_crossings"] * bool(CAMPAIGN.trials("walking"))
-    return [*fitted(*EXPERIMENTS), *(RESULTS / f"tables/{table}.csv" for table in tables)]
+    return [*fitted(*EXPERIMENTS), *map(tabled, tables)]
 
 
 def rows_behind(table: str) -> list[Path]:
@@ -105,140 +105,65 @@ def rows_behind(table: str) -> list[Path]:
     return rows(source) if source in PER_TRIAL else []
 
 
-rule table:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.table,
-                wildcards,
-                "tables.gather",
-                after=behind(wildcards.table),
-                read={
-                    "rows": rows(wildcards.table),
-                    "quality": verdicts_on(wildcards.table),
-                    **({"fits": rows(DOUBTS_OF[wildcards.table])} if wildcards.table in DOUBTS_OF else {}),
-                },
-                settings={
-                    "limits": limits_of(wildcards.table),
-                    "limits_of_fits": limits_of(DOUBTS_OF.get(wildcards.table, "")),
-                    "places": PLACES,
-                },
-            )
-        ),
-    output:
-        RESULTS / "tables/{table}.csv",
-    log:
-        RESULTS / "logs/tables/{table}.log",
-    wildcard_constraints:
-        table="|".join(PER_TRIAL.keys() - {"quality"}),
-    shell:
-        JOB
+@step("tables.gather", tabled("{table}"), "tables/{table}", table="|".join(PER_TRIAL.keys() - {"quality"}))
+def table(wildcards):
+    of, judged = wildcards.table, DOUBTS_OF.get(wildcards.table, "")
+    fits = {"fits": rows(judged)} if judged else {}
+    return {
+        "after": behind(of),
+        "read": {"rows": rows(of), "quality": verdicts_on(of), **fits},
+        "settings": {"limits": limits_of(of), "limits_of_fits": limits_of(judged), "places": PLACES},
+    }
 
 
-rule derived_table:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.derived_table,
-                wildcards,
-                DERIVED[wildcards.derived][1],
-                input={"table": RESULTS / f"tables/{DERIVED[wildcards.derived][0]}.csv"},
-            )
-        ),
-    output:
-        RESULTS / "tables/{derived}.csv",
-    log:
-        RESULTS / "logs/tables/{derived}.log",
-    wildcard_constraints:
-        derived="|".join(DERIVED),
-    shell:
-        JOB
+@step("", tabled("{derived}"), "tables/{derived}", derived="|".join(DERIVED))
+def derived_table(wildcards):
+    source, command = DERIVED[wildcards.derived]
+    return {"command": command, "input": {"table": tabled(source)}}
 
 
-rule pool_responses:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.pool_responses,
-                wildcards,
-                "response.pool_responses",
-                files={"parameters": CONFIG.parameters or []},
-                after=behind("response_lines") if "response_lines" in PER_TRIAL else [],
-                read={"lines": rows("response_lines"), "quality": verdicts_on("response_lines")},
-                settings={
-                    "conditions": {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL["response_lines"]},
-                    "settings": CONFIG.dynamometer.part("FilterSettings"),
-                },
-            )
-        ),
-    output:
-        response_pooled=RESULTS / "tables/response_pooled.csv",
-        response_models_pooled=RESULTS / "tables/response_models_pooled.csv",
-    log:
-        RESULTS / "logs/tables/response_pooled.log",
-    shell:
-        JOB
+POOLED = ("response_pooled", "response_models_pooled")
 
 
-rule gains_table:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.gains_table,
-                wildcards,
-                "gains.select_trajectory",
-                files={"trajectory": CONFIG.impedance_trajectory or [], "parameters": CONFIG.parameters or []},
-                settings={"weight": CONFIG.gain_weight.model_dump(mode="json")},
-            )
-        ),
-    output:
-        RESULTS / "tables/gains.csv",
-    log:
-        RESULTS / "logs/tables/gains.log",
-    shell:
-        JOB
+@step("response.pool_responses", {name: tabled(name) for name in POOLED}, "tables/response_pooled")
+def pool_responses(_):
+    return {
+        "files": {"parameters": CONFIG.parameters or []},
+        "after": behind("response_lines") if "response_lines" in PER_TRIAL else [],
+        "read": {"lines": rows("response_lines"), "quality": verdicts_on("response_lines")},
+        "settings": {
+            "conditions": {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL["response_lines"]},
+            "settings": CONFIG.dynamometer.part("FilterSettings"),
+        },
+    }
 
 
-rule headline_numbers:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.headline_numbers,
-                wildcards,
-                "summarise.write_summary",
-                ("commands.summarise",),
-                input={"excluded": RESULTS / "tables/excluded.csv"},
-                after=result_tables(),
-                read={"table_paths": by_stem(result_tables())},
-                settings={
-                    "about": asdict(ABOUT),
-                    "example": example(),
-                    "trials": {name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)},
-                },
-            )
-        ),
-    output:
-        summary_json=RESULTS / "summary.json",
-        numbers_tex=RESULTS / "numbers.tex",
-    log:
-        RESULTS / "logs/summary.log",
-    shell:
-        JOB
+@step("gains.select_trajectory", tabled("gains"), "tables/gains")
+def gains_table(_):
+    return {
+        "files": {"trajectory": CONFIG.impedance_trajectory or [], "parameters": CONFIG.parameters or []},
+        "settings": {"weight": CONFIG.gain_weight.model_dump(mode="json")},
+    }
 
 
-rule describe_tables:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.describe_tables,
-                wildcards,
-                "summarise.write_table_metadata",
-                settings={"about": asdict(ABOUT), "tables": written_tables()},
-            )
-        ),
-    output:
-        RESULTS / "csv-metadata.json",
-    log:
-        RESULTS / "logs/csv_metadata.log",
-    shell:
-        JOB
+SUMMARY = {"summary_json": RESULTS / "summary.json", "numbers_tex": RESULTS / "numbers.tex"}
+
+
+@step("summarise.write_summary", SUMMARY, "summary")
+def headline_numbers(_):
+    return {
+        "modules": ("commands.summarise",),
+        "input": {"excluded": tabled("excluded")},
+        "after": result_tables(),
+        "read": {"table_paths": by_stem(result_tables())},
+        "settings": {
+            "about": asdict(ABOUT),
+            "example": example(),
+            "trials": {name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)},
+        },
+    }
+
+
+@step("summarise.write_table_metadata", RESULTS / "csv-metadata.json", "csv_metadata")
+def describe_tables(_):
+    return {"settings": {"about": asdict(ABOUT), "tables": written_tables()}}

@@ -16,77 +16,42 @@ def checked(trials) -> list[Path]:
     return [RESULTS / f"quality/{trial}.csv" for trial in trials]
 
 
-def ingest_of(wildcards) -> dict[str, object]:
+@step(
+    "trials.ingest_and_check",
+    {"trial": RESULTS / "trials/{trial}.parquet", "quality": RESULTS / "quality/{trial}.csv"},
+    "ingest/{trial}",
+)
+def ingest(wildcards):
     """A trial's simulated logs are needed, which other jobs write. Real recordings are no inputs: see `recordings`."""
     trial, simulated = wildcards.trial, CONFIG.simulation is not None
-    return job(
-        rules.ingest,
-        wildcards,
-        "trials.ingest_and_check",
-        needs=CAMPAIGN.logs(trial) if simulated else [],
-        recordings=[] if simulated else CAMPAIGN.logs(trial),
-        made_of=CAMPAIGN.sources(trial),
-        settings={
+    return {
+        "needs": CAMPAIGN.logs(trial) if simulated else [],
+        "recordings": [] if simulated else CAMPAIGN.logs(trial),
+        "made_of": CAMPAIGN.sources(trial),
+        "settings": {
             "row": CAMPAIGN.recording(trial),
             "needed_columns": EXPERIMENTS[CAMPAIGN.row(trial)["experiment"]].needed_columns,
             "raw_folder": str(RAW),
             "sources_folder": str(CONFIG.sources),
             "commanded": CONFIG.dynamometer.model_dump(mode="json", include=set(PROTOCOL)),
         },
-    )
+    }
 
 
-rule ingest:
-    input:
-        unpack(ingest_of),
-    output:
-        trial=RESULTS / "trials/{trial}.parquet",
-        quality=RESULTS / "quality/{trial}.csv",
-    log:
-        RESULTS / "logs/ingest/{trial}.log",
-    shell:
-        JOB
+@step("quality.judge", tabled("quality"), "tables/quality")
+def judge(_):
+    rules_of_quality = CONFIG.quality.model_dump(mode="json")
+    return {
+        "input": {"rows": checked(CAMPAIGN.trials())},
+        "settings": {"rules": rules_of_quality, "accept": JUDGE.accept, "places": PLACES},
+    }
 
 
-rule judge:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.judge,
-                wildcards,
-                "quality.judge",
-                input={"rows": checked(CAMPAIGN.trials())},
-                settings={
-                    "rules": CONFIG.quality.model_dump(mode="json"),
-                    "accept": JUDGE.accept,
-                    "places": PLACES,
-                },
-            )
-        ),
-    output:
-        RESULTS / "tables/quality.csv",
-    log:
-        RESULTS / "logs/tables/quality.log",
-    shell:
-        JOB
-
-
-rule excluded_trials:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.excluded_trials,
-                wildcards,
-                "quality.list_excluded",
-                input={"verdicts": RESULTS / "tables/quality.csv"},
-                after=every_end(),
-                read={"fitted": all_rows()},
-                settings={"by_sheet": dict(CAMPAIGN.excluded), "places": PLACES},
-            )
-        ),
-    output:
-        RESULTS / "tables/excluded.csv",
-    log:
-        RESULTS / "logs/tables/excluded.log",
-    shell:
-        JOB
+@step("quality.list_excluded", tabled("excluded"), "tables/excluded")
+def excluded_trials(_):
+    return {
+        "input": {"verdicts": tabled("quality")},
+        "after": every_end(),
+        "read": {"fitted": all_rows()},
+        "settings": {"by_sheet": dict(CAMPAIGN.excluded), "places": PLACES},
+    }

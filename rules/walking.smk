@@ -3,6 +3,10 @@
 CALIBRATED = CAMPAIGN.statics if CAMPAIGN.trials("walking") else {}
 """The crossings that each static trial calibrates."""
 
+PLATE, PLATFORM, UNPERTURBED = (
+    RESULTS / f"fits/{name}" for name in ("plate.json", "platform.json", "unperturbed.parquet")
+)
+SELECTION = tabled("walking_crossings")
 WALKED = {trial: PLACES[trial] for trial in CAMPAIGN.trials("walking")}
 """Joint and side of every crossing."""
 
@@ -38,238 +42,122 @@ def crossed(perturbed: bool) -> dict[str, list[Path]]:
     return {"crossings": crossings(trials), "quality": checked(trials)}
 
 
-rule calibrate_markers:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.calibrate_markers,
-                wildcards,
-                "crossing.calibrate",
-                input={
-                    "trial": trial_file(wildcards.static),
-                    "motion": [trial_file(trial) for trial in motion_of(wildcards.static)],
-                },
-                read={"quality": checked([wildcards.static, *motion_of(wildcards.static)])},
-                settings={"settings": CAMPAIGN.calibration_settings(wildcards.static)},
-            )
-        ),
-    output:
-        output=RESULTS / "fits/calibration/{static}.json",
-        comparison=RESULTS / "fits/hinge/{static}.csv",
-    log:
-        RESULTS / "logs/calibration/{static}.log",
-    wildcard_constraints:
-        static=CAMPAIGN.pattern("static"),
-    shell:
-        JOB
+@step(
+    "crossing.calibrate",
+    {"output": calibration("{static}"), "comparison": RESULTS / "fits/hinge/{static}.csv"},
+    "calibration/{static}",
+    static=CAMPAIGN.pattern("static"),
+)
+def calibrate_markers(wildcards):
+    static = wildcards.static
+    return {
+        "input": {"trial": trial_file(static), "motion": [trial_file(trial) for trial in motion_of(static)]},
+        "read": {"quality": checked([static, *motion_of(static)])},
+        "settings": {"settings": CAMPAIGN.calibration_settings(static)},
+    }
 
 
-rule identify_plate:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.identify_plate,
-                wildcards,
-                "crossing.identify_plate",
-                input={
-                    "trials": [trial_file(trial) for trial in CAMPAIGN.plate_trials()],
-                    "calibrations": calibrations(CAMPAIGN.plate_trials()),
-                },
-                read={"quality": checked(CAMPAIGN.plate_trials())},
-                settings={
-                    "settings": CONFIG.walking.part("PlateModelSettings"),
-                    "statics": statics(CAMPAIGN.plate_trials()),
-                },
-            )
-        ),
-    output:
-        output=RESULTS / "fits/plate.json",
-        comparison=RESULTS / "tables/plate.csv",
-    log:
-        RESULTS / "logs/walking/plate.log",
-    shell:
-        JOB
+def of_crossings(trials) -> dict[str, dict[str, list[Path]]]:
+    """The ingested crossings and their calibrations, and the verdicts on them, as parts of a job."""
+    return {
+        "input": {"trials": [trial_file(trial) for trial in trials], "calibrations": calibrations(trials)},
+        "read": {"quality": checked(trials)},
+    }
 
 
-rule measure_platform:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.measure_platform,
-                wildcards,
-                "crossing.measure_platform",
-                input={
-                    "trials": [trial_file(trial) for trial in CAMPAIGN.crossings(perturbed=True)],
-                    "calibrations": calibrations(CAMPAIGN.crossings(perturbed=True)),
-                },
-                read={"quality": checked(CAMPAIGN.crossings(perturbed=True))},
-                settings={
-                    "settings": CONFIG.walking.part("PlatformMotionSettings"),
-                    "places": WALKED,
-                    "statics": statics(CAMPAIGN.crossings(perturbed=True)),
-                },
-            )
-        ),
-    output:
-        output=RESULTS / "fits/platform.json",
-        comparison=RESULTS / "tables/platform.csv",
-    log:
-        RESULTS / "logs/walking/platform.log",
-    shell:
-        JOB
+@step("crossing.identify_plate", {"output": PLATE, "comparison": tabled("plate")}, "walking/plate")
+def identify_plate(_):
+    trials = CAMPAIGN.plate_trials()
+    settings = {"settings": CONFIG.walking.part("PlateModelSettings"), "statics": statics(trials)}
+    return of_crossings(trials) | {"settings": settings}
 
 
-rule analyse_crossing:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.analyse_crossing,
-                wildcards,
-                "crossing.analyse",
-                input={
-                    "trial": RESULTS / f"trials/{wildcards.trial}.parquet",
-                    "calibration": calibration(CAMPAIGN.static(wildcards.trial)),
-                    "plate": RESULTS / "fits/plate.json",
-                    "platform": RESULTS / "fits/platform.json",
-                },
-                settings={
-                    "settings": CONFIG.walking.part("CrossingSettings"),
-                    "perturbed": CAMPAIGN.row(wildcards.trial)["perturbed"],
-                    "direction": CAMPAIGN.row(wildcards.trial)["direction"],
-                    "body_mass_kg": CAMPAIGN.row(wildcards.trial)["body_mass_kg"],
-                },
-            )
-        ),
-    output:
-        RESULTS / "crossings/{trial}.parquet",
-    log:
-        RESULTS / "logs/crossings/{trial}.log",
-    shell:
-        JOB
+@step("crossing.measure_platform", {"output": PLATFORM, "comparison": tabled("platform")}, "walking/platform")
+def measure_platform(_):
+    trials = CAMPAIGN.crossings(perturbed=True)
+    settings = {"settings": CONFIG.walking.part("PlatformMotionSettings"), "places": WALKED, "statics": statics(trials)}
+    return of_crossings(trials) | {"settings": settings}
 
 
-rule select_crossings:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.select_crossings,
-                wildcards,
-                "walking.select_crossings",
-                input={"crossings": crossings(CAMPAIGN.trials("walking"))},
-                read={"quality": checked(CAMPAIGN.trials("walking"))},
-                settings={
-                    "settings": CONFIG.walking.part("SelectionSettings"),
-                    "sheet": CAMPAIGN.conditions(),
-                    "places": WALKED,
-                },
-            )
-        ),
-    output:
-        RESULTS / "tables/walking_crossings.csv",
-    log:
-        RESULTS / "logs/walking/selection.log",
-    shell:
-        JOB
+@step("crossing.analyse", RESULTS / "crossings/{trial}.parquet", "crossings/{trial}")
+def analyse_crossing(wildcards):
+    trial, row = wildcards.trial, CAMPAIGN.row(wildcards.trial)
+    return {
+        "input": {
+            "trial": trial_file(trial),
+            "calibration": calibration(CAMPAIGN.static(trial)),
+            "plate": PLATE,
+            "platform": PLATFORM,
+        },
+        "settings": {
+            "settings": CONFIG.walking.part("CrossingSettings"),
+            **{column: row[column] for column in ("perturbed", "direction", "body_mass_kg")},
+        },
+    }
 
 
-rule average_unperturbed:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.average_unperturbed,
-                wildcards,
-                "walking.average_unperturbed",
-                input={"selection": RESULTS / "tables/walking_crossings.csv"},
-                read=crossed(perturbed=False),
-                settings={"settings": CONFIG.walking.part("UnperturbedSettings")},
-            )
-        ),
-    output:
-        RESULTS / "fits/unperturbed.parquet",
-    log:
-        RESULTS / "logs/walking/unperturbed.log",
-    shell:
-        JOB
+@step("walking.select_crossings", SELECTION, "walking/selection")
+def select_crossings(_):
+    trials = CAMPAIGN.trials("walking")
+    return {
+        "input": {"crossings": crossings(trials)},
+        "read": {"quality": checked(trials)},
+        "settings": {
+            "settings": CONFIG.walking.part("SelectionSettings"),
+            "sheet": CAMPAIGN.conditions(),
+            "places": WALKED,
+        },
+    }
 
 
-rule fit_perturbation:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.fit_perturbation,
-                wildcards,
-                "walking.fit_perturbation",
-                input={
-                    "crossing": RESULTS / f"crossings/{wildcards.trial}.parquet",
-                    "unperturbed": RESULTS / "fits/unperturbed.parquet",
-                },
-                read={"selection": RESULTS / "tables/walking_crossings.csv"},
-                settings={"settings": CONFIG.walking.part("ResponseSettings")},
-            )
-        ),
-    output:
-        RESULTS / "fits/walking/{trial}.csv",
-    log:
-        RESULTS / "logs/walking/{trial}.log",
-    shell:
-        JOB
+@step("walking.average_unperturbed", UNPERTURBED, "walking/unperturbed")
+def average_unperturbed(_):
+    return {
+        "input": {"selection": SELECTION},
+        "read": crossed(perturbed=False),
+        "settings": {"settings": CONFIG.walking.part("UnperturbedSettings")},
+    }
 
 
-rule summarise_walking:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.summarise_walking,
-                wildcards,
-                "walking.summarise_perturbations",
-                input={
-                    "table": RESULTS / "tables/walking.csv",
-                    "selection": RESULTS / "tables/walking_crossings.csv",
-                    "unperturbed": RESULTS / "fits/unperturbed.parquet",
-                },
-                read=crossed(perturbed=True),
-                settings={
-                    "settings": CONFIG.walking.part("EnsembleSettings"),
-                    "sheet": CAMPAIGN.conditions(),
-                    "places": WALKED,
-                    "limits": CONFIG.doubtful.of("walking_groups").model_dump(mode="json"),
-                },
-            )
-        ),
-    output:
-        output=RESULTS / "tables/walking_summary.csv",
-        responses=RESULTS / "tables/walking_responses.csv",
-        excluded=RESULTS / "tables/walking_excluded.csv",
-        groups=RESULTS / "tables/walking_groups.csv",
-    log:
-        RESULTS / "logs/walking/summary.log",
-    shell:
-        JOB
+@step("walking.fit_perturbation", RESULTS / "fits/walking/{trial}.csv", "walking/{trial}")
+def fit_perturbation(wildcards):
+    (crossing,) = crossings([wildcards.trial])
+    return {
+        "input": {"crossing": crossing, "unperturbed": UNPERTURBED},
+        "read": {"selection": SELECTION},
+        "settings": {"settings": CONFIG.walking.part("ResponseSettings")},
+    }
 
 
-def trajectory() -> list[Path]:
-    """The file of the commanded impedance over stance, if there is one."""
-    return [CONFIG.impedance_trajectory] if CONFIG.impedance_trajectory else []
+SUMMARIES = {"output": "summary", "responses": "responses", "excluded": "excluded", "groups": "groups"}
 
 
-rule impedance_over_stance:
-    input:
-        unpack(
-            lambda wildcards: job(
-                rules.impedance_over_stance,
-                wildcards,
-                "walking.tabulate_over_stance",
-                input={
-                    "summary": RESULTS / "tables/walking_summary.csv",
-                    "groups": RESULTS / "tables/walking_groups.csv",
-                },
-                files={"trajectory": trajectory()},
-                settings={"stance_share": CONFIG.figures.stance_share, "data": CAMPAIGN.data},
-            )
-        ),
-    output:
-        RESULTS / "tables/impedance_over_stance.csv",
-    log:
-        RESULTS / "logs/walking/over_stance.log",
-    shell:
-        JOB
+@step(
+    "walking.summarise_perturbations",
+    {name: tabled(f"walking_{table}") for name, table in SUMMARIES.items()},
+    "walking/summary",
+)
+def summarise_walking(_):
+    return {
+        "input": {"table": tabled("walking"), "selection": SELECTION, "unperturbed": UNPERTURBED},
+        "read": crossed(perturbed=True),
+        "settings": {
+            "settings": CONFIG.walking.part("EnsembleSettings"),
+            "sheet": CAMPAIGN.conditions(),
+            "places": WALKED,
+            "limits": CONFIG.doubtful.of("walking_groups").model_dump(mode="json"),
+        },
+    }
+
+
+def over_stance() -> dict[str, dict[str, object]]:
+    """File and settings of what shows the commanded impedance over stance, if there is one."""
+    return {
+        "files": {"trajectory": [CONFIG.impedance_trajectory] if CONFIG.impedance_trajectory else []},
+        "settings": {"stance_share": CONFIG.figures.stance_share, "data": CAMPAIGN.data},
+    }
+
+
+@step("walking.tabulate_over_stance", tabled("impedance_over_stance"), "walking/over_stance")
+def impedance_over_stance(_):
+    return {"input": {"summary": tabled("walking_summary"), "groups": tabled("walking_groups")}, **over_stance()}

@@ -27,7 +27,9 @@ def archives() -> Iterator[None]:
     try:
         yield
         for path, parts in (OPEN.get() or {}).items():
-            write_archive(path, parts)
+            with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:  # without compression
+                for name, content in parts.items():
+                    archive.writestr(zipfile.ZipInfo(name, SAME_DATE), content)
     finally:
         OPEN.reset(token)
 
@@ -38,34 +40,15 @@ def is_part(path: Path) -> bool:
 
 
 def add_part(path: Path, content: bytes) -> None:
-    """Keep a table for its archive, which is written at the end of the block (`archives`).
-
-    Raises
-    ------
-    LookupError
-        There is no such block.
-    """
+    """Keep a table for its archive, which is written at the end of the block (`archives`)."""
     opened = OPEN.get()
     if opened is None:
         raise LookupError(f"{path}: written outside of the block `archives`")
     opened.setdefault(path.parent, {})[path.name] = content
 
 
-def write_archive(path: Path, parts: dict[str, bytes]) -> None:
-    """Write an archive of these parts, by name, without compression."""
-    with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        for name, content in parts.items():
-            archive.writestr(zipfile.ZipInfo(name, SAME_DATE), content)
-
-
 def read_part(path: Path) -> bytes:
-    """The content of a table in an archive.
-
-    Raises
-    ------
-    InputError
-        The archive is missing or damaged, or has no such table.
-    """
+    """The content of a table in an archive."""
     try:
         with zipfile.ZipFile(path.parent) as archive:
             return archive.read(path.name)

@@ -62,12 +62,6 @@ def fused(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def require_compiler() -> None:
-    """Refuse to simulate without numba, which takes a hundredth of the time of plain Python.
-
-    Raises
-    ------
-    InputError
-        It is not installed.
-    """
+    """Refuse to simulate without numba, which takes a hundredth of the time of plain Python."""
     if numba is None:
         raise InputError("the simulator needs numba, which is not installed; pip install 'osl-analysis[simulator]'")

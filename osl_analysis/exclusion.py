@@ -7,7 +7,7 @@ import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn, Self
+from typing import Any, Self
 
 import polars as pl
 
@@ -114,27 +114,17 @@ def without_excluded(inputs: Mapping[str, Any], reasons: Mapping[str, str]) -> d
     """The named inputs of a job without the files of excluded trials (`exclusions`).
 
     Of the trials in the input `quality`, files with the name of an excluded one are removed from every list. The inputs
-    `JUDGES` are not passed on.
-
-    Raises
-    ------
-    InputError
-        The input `trial` is excluded, or all trials of the lists are excluded.
+    `JUDGES` are not passed on. An excluded input `trial` is refused, and so are lists of excluded trials alone.
     """
     judged = {Path(path).stem for path in inputs.get("quality", ())}
     lists = {name: files for name, files in inputs.items() if isinstance(files, list) and name not in JUDGES}
     needed = {Path(file).stem for files in lists.values() for file in files} & judged
     single = {Path(str(inputs.get("trial"))).stem} & judged
     if single & set(reasons) or (needed | single and needed | single <= set(reasons)):
-        refuse({trial: reasons[trial] for trial in sorted(single or needed)})
+        why = "; ".join(f"{trial} ({reasons[trial]})" for trial in sorted(single or needed)[:3])
+        raise InputError(f"quality control excludes every trial that is needed here: {why}; {REMEDY}")
     kept = {name: [file for file in files if Path(file).stem not in reasons] for name, files in lists.items()}
     return {name: kept.get(name, value) for name, value in inputs.items() if name not in JUDGES}
-
-
-def refuse(reasons: Mapping[str, str]) -> NoReturn:
-    """Raise an error: all trials that a job needs are excluded. The message has the first reasons."""
-    why = "; ".join(f"{trial} ({reason})" for trial, reason in list(reasons.items())[:3])
-    raise InputError(f"quality control excludes every trial that is needed here: {why}; {REMEDY}")
 
 
 def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:

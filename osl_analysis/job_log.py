@@ -4,8 +4,8 @@ The reports at the end of a run are read from the logs. They are therefore compl
 a separate process.
 """
 
-from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -90,28 +90,17 @@ def plain(value: Any) -> Any:
     return value if value is None or type(value) in (bool, int, float, str) else str(value)
 
 
-def run_report(logs: Iterable[JobLog]) -> str:
-    """The report at the end of a run: warnings, and times per stage. Failures are in `refusal_report`."""
-    jobs = list(logs)
-    return "\n".join(filter(None, [warning_report(jobs), time_table(jobs)]))
-
-
-def warning_report(logs: Iterable[JobLog]) -> str:
-    """Each warning once, with the number of jobs that gave it; empty without warnings."""
-    counts: dict[str, int] = defaultdict(int)
-    for log in logs:
-        for warning in log.warnings:
-            counts[warning] += 1
+def run_report(logs: Sequence[JobLog]) -> str:
+    """The report at the end of a run: each warning once, with the number of jobs that gave it, and the wall time of
+    the jobs of each stage, summed over the cores. Failures are in `refusal_report`.
+    """
+    counts = Counter(warning for log in logs for warning in log.warnings)
     lines = [f"warning: {text}" + (f" ({count} jobs)" if count > 1 else "") for text, count in counts.items()]
     more = [f"{len(lines) - MOST_WARNINGS} more warnings stand in the logs"] if len(lines) > MOST_WARNINGS else []
-    return "\n".join([*lines[:MOST_WARNINGS], *more])
-
-
-def time_table(logs: Iterable[JobLog]) -> str:
-    """Wall time of the jobs of each stage, summed over the cores; empty if there were no jobs."""
     spent: dict[str, list[float]] = defaultdict(list)
     for log in logs:
         spent[log.job.partition(".")[0]].append(log.seconds)
     rows = sorted(spent.items(), key=lambda stage: -sum(stage[1]))
-    lines = [f"{stage:<16}{len(seconds):>6} jobs{sum(seconds):>9.1f} s" for stage, seconds in rows]
-    return "\n".join(["where the time went (summed over cores):", *lines]) if lines else ""
+    times = [f"{stage:<16}{len(seconds):>6} jobs{sum(seconds):>9.1f} s" for stage, seconds in rows]
+    title = ["where the time went (summed over cores):"] if times else []
+    return "\n".join([*lines[:MOST_WARNINGS], *more, *title, *times])

@@ -7,11 +7,11 @@ import re
 import shutil
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from logging import INFO, WARNING, LogRecord
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
@@ -132,6 +132,11 @@ class Progress:
 class LogHandler(LogHandlerBase):
     """Snakemake's records as the lines of `Progress`; with `--verbose`, or in a dry run, Snakemake writes its own."""
 
+    writes_to_file = False  # Snakemake's log file stays as it is
+    has_filter = True  # it chooses by itself
+    has_formatter = False  # errors look as those of Snakemake
+    needs_rulegraph = False
+
     def __post_init__(self) -> None:
         self.progress = Progress(sys.stderr, sys.stderr.isatty())
         self.is_quiet = not (self.common_settings.verbose or self.common_settings.dryrun)
@@ -150,7 +155,7 @@ class LogHandler(LogHandlerBase):
         if event == LogEvent.RUN_INFO:
             self.progress.plan(known["stats"])
         elif event == LogEvent.JOB_INFO:
-            self.progress.begin(known["jobid"], known["rule_name"], texts(known["log"]))
+            self.progress.begin(known["jobid"], known["rule_name"], known["log"] or ())
         elif event == LogEvent.JOB_FINISHED:
             self.progress.finish(known["job_id"])
         elif record.levelno >= WARNING or (event is None and record.levelno >= INFO):
@@ -162,28 +167,3 @@ class LogHandler(LogHandlerBase):
     def writes_to_stream(self) -> bool:
         """It takes the place of Snakemake's own lines."""
         return self.is_quiet
-
-    @property
-    def writes_to_file(self) -> bool:
-        """Snakemake's log file stays as it is."""
-        return False
-
-    @property
-    def has_filter(self) -> bool:
-        """It chooses by itself."""
-        return True
-
-    @property
-    def has_formatter(self) -> bool:
-        """Errors look as those of Snakemake."""
-        return False
-
-    @property
-    def needs_rulegraph(self) -> bool:
-        """It draws none."""
-        return False
-
-
-def texts(files: Any) -> Sequence[str]:
-    """The names of files, which Snakemake lists or leaves out."""
-    return [str(file) for file in files or ()]

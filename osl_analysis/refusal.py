@@ -6,7 +6,7 @@ it leave the same record. The run ends with a list of them (`osl_analysis/refusa
 
 import csv
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
@@ -70,13 +70,7 @@ def read_refusals(path: Path | str) -> tuple[Refusal, ...]:
 
 
 def check_not_refused(path: Path) -> None:
-    """Raise the reason if a file is a refusal record.
-
-    Raises
-    ------
-    InputError
-        The file is a record.
-    """
+    """Raise the reason, as an `InputError`, if a file is a refusal record."""
     for refusal in read_refusals(path):
         who = f"trial {refusal.trial}: " if refusal.trial else ""
         raise InputError(f"{path}: there is no result: {who}{refusal.reason}; {refusal.remedy}")
@@ -97,18 +91,3 @@ def refused_trials(refusals: Iterable[Refusal]) -> dict[str, Refusal]:
         if refusal.trial:
             found.setdefault(refusal.trial, refusal)
     return found
-
-
-def failures(folders: Iterable[Path]) -> Iterator[Path]:
-    """The records below these folders that stand for a failed or killed job, which the next run tries again."""
-    for folder in folders:
-        for parent, _, names in os.walk(folder):
-            for path in (Path(parent, name) for name in names):
-                if any(refusal.outcome in TRIED_AGAIN for refusal in read_refusals(path)):
-                    yield path
-
-
-def forget_failures(folders: Iterable[Path]) -> None:
-    """Delete the records below these folders that stand for a failed or killed job, so that it is tried again."""
-    for path in failures(folders):
-        path.unlink(missing_ok=True)

@@ -11,8 +11,8 @@ def drawn_svg() -> list[Path]:
     return [RESULTS / f"figures/{name}.svg" for name in drawn_names()]
 
 
-@step("report.write_report", RESULTS / "report.html", "report")
-def report(_):
+@step("report.write_report", RESULTS / "report.html", "report", name="report")
+def report_page(_):
     return {
         "made_of": sorted(TEMPLATES.iterdir()),
         "input": {

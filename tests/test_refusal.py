@@ -27,13 +27,12 @@ from osl_analysis.files import file_state, temporary_path
 from osl_analysis.job_log import JobLog, read_log, read_logs, run_report, write_log
 from osl_analysis.jobs import client
 from osl_analysis.jobs import run as jobs_run
-from osl_analysis.jobs.job import died, perform, refusal
+from osl_analysis.jobs.job import died, perform, reason_and_remedy, refusal
 from osl_analysis.jobs.request import Job, write_request
 from osl_analysis.jobs.server import PRELOADED
 from osl_analysis.quality.checks import QualityRules
 from osl_analysis.refusal import Refusal, is_refused, read_refusals, write_refusals
 from osl_analysis.refusal_report import refusal_report, refusals_in
-from osl_analysis.remedy import reason_and_remedy
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 

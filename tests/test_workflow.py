@@ -19,6 +19,7 @@ from conftest import ROOT
 from snakemake_runs import run_snakemake
 
 from osl_analysis.commands.reference import SUMMARY_FIELDS
+from osl_analysis.config import overriding
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
 from osl_analysis.fingerprint import code_of, imported_names, job_sources, sources
@@ -365,59 +366,107 @@ def test_a_changed_setting_reruns_the_jobs_that_use_it_and_no_others(workspace, 
 
 WHOLE = {"summary", "csv_metadata", "report", "figures/captions"}
 """The jobs whose results name the hash of the whole configuration."""
-NOT_HERE = {"campaign", "sheet", "simulation", "raw_data", "results", "parameters", "sources", "impedance_trajectory"}
-NOT_HERE |= {"study", "torque_angle", "doubtful", "figures", "overground", "fewest_unperturbed"}
-"""Files and folders, and settings of jobs that this campaign does not have or that a test of its own changes."""
+NOT_CHANGED = {
+    "study",
+    "markers",
+    "time_series",
+    "frequency_response",
+    "on_failure",
+    "fewest_unperturbed",
+    "plate_inertia",
+}
+"""Settings of another target, and such as name markers, a trial, or what a test of its own changes."""
+OTHER_WORD = {"auto": "any", "end": "start", "right": "left", "anatomical": "functional", "matched": "own"}
+OTHER_WORD["mean"] = "predicted"
 
 
 def another(value, number):
-    """Another number near this one, of its kind; of each `number` a different one."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    return value + 1 if isinstance(value, int) and value < 1000 else value * (1 + 1e-5 * number)
+    """Another value of its kind: near a number, also of a text "0.06 s"; of each `number` a different size."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, list):
+        return [another(one, number) for one in value]
+    if isinstance(value, str):
+        size, _, unit = value.partition(" ")
+        return f"{another(float(size), number)} {unit}" if unit else OTHER_WORD[value]
+    return value + 1 if isinstance(value, int) else value * (1 + 1e-5 * number) + 1e-7 * number
 
 
-def changed_everywhere(settings, given, number=1):
-    """A mapping of settings in which every number is another one, with the places of these."""
-    out, places = {}, {}
-    for name, value in settings.items():
-        if isinstance(value, dict):
-            inner, found = changed_everywhere(value, given.get(name, {}), number + len(places))
-            out |= {name: inner} if inner else {}
-            places |= {(name, *place): new for place, new in found.items()}
-        elif name not in given and name not in NOT_HERE and (new := another(value, number + len(places))) is not None:
-            out[name] = places[name,] = new
-    return out, places
+def changed_everywhere(settings):
+    """The places of all settings in a mapping, each with another value. Limits of doubts are no whole numbers."""
+    found = {place: value for place, value in leaves(settings, lists=False).items() if value not in (None, {}, [])}
+    found = {place: value for place, value in found.items() if not NOT_CHANGED & set(place)}
+    found |= {at: float(value) for at, value in found.items() if at[0] in ("doubtful", "figures")}
+    return {place: another(value, number) for number, (place, value) in enumerate(found.items(), start=1)}
 
 
-def leaves(value, place=()):
+def nested(places):
+    """The mapping of mappings that has these values at these places."""
+    out = {}
+    for place, value in places.items():
+        inner = out
+        for name in place[:-1]:
+            inner = inner.setdefault(name, {})
+        inner[place[-1]] = value
+    return out
+
+
+def leaves(value, place=(), lists=True):
     """Every value in nested mappings and lists, by its place."""
-    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else None
+    inner = (
+        value.items() if isinstance(value, dict) else enumerate(value) if lists and isinstance(value, list) else None
+    )
     if inner is None:
         return {place: value}
-    return {at: one for name, part in inner for at, one in leaves(part, (*place, name)).items()}
+    return {at: one for name, part in inner for at, one in leaves(part, (*place, name), lists).items()}
 
 
-def test_every_number_of_the_configuration_is_in_requests_of_jobs_and_changes_nothing_else_in_them(workspace, tmp_path):
+SHEET = """trial,experiment,controller,K_d,B_d,perturbed,log,log_source,mocap,mocap_source,joint,direction
+belt_1,belt,,,,,a.mcap,dynamometer,,,ankle,
+belt_2,belt,,,,,b.mcap,dynamometer,,,ankle,
+transmission_1,transmission,,,,,c.mcap,dynamometer,,,ankle,
+transmission_2,transmission,,,,,d.mcap,dynamometer,,,ankle,
+actuator_1,actuator,,,,,e.mcap,dynamometer,,,ankle,
+impedance_1,impedance,compensated,300,5,,f.mcap,dynamometer,,,ankle,
+torque_angle_1,torque_angle,,,,,g.mcap,dynamometer,,,ankle,
+overground_1,overground,,,,,,,h.c3d,vicon,ankle,
+static_1,static,,,,,,,i.c3d,vicon,ankle,
+plate_1,plate,,,,,,,j.c3d,vicon,ankle,
+walking_1,walking,,,,true,k.mcap,leg,k.c3d,vicon,ankle,
+walking_2,walking,,,,false,l.mcap,leg,l.c3d,vicon,ankle,
+walking_3,walking,,,,false,m.mcap,leg,m.c3d,vicon,ankle,
+walking_4,walking,,,,false,n.mcap,leg,n.c3d,vicon,ankle,
+walking_5,walking,,,,true,o.mcap,leg,o.c3d,vicon,ankle,
+"""
+"""A campaign with every experiment. Its recordings are not there: it is only planned."""
+MEASURED = {"simulation": None, "sheet": "trials.csv", "raw_data": "raw"}
+MEASURED["figures"] = {"time_series": {"K_d": 300, "B_d": 5}, "frequency_response": {"K_d": 300, "B_d": 5}}
+
+
+def test_every_setting_is_in_the_requests_of_jobs_and_changes_nothing_else_in_them(tmp_path):
     """All are changed at once, in a dry run: each difference of a request is one of them at a place of its name."""
-    copy, default = workspace.copied(tmp_path), yaml.safe_load((ROOT / "config/config.yaml").read_text())
-    sections = {name: default[name] for name in default.keys() - NOT_HERE if isinstance(default[name], dict)}
-    changes, places = changed_everywhere(sections, OVERRIDES)
-    assert len(places) > 40
-    before = requests_in(copy.folder)
-    copy.configure({name: OVERRIDES.get(name, {}) | inner for name, inner in changes.items()})
-    result = copy.run("-n")
-    assert result.returncode == 0, result.stdout
+    space, default = Workspace(tmp_path), yaml.safe_load((ROOT / "config/config.yaml").read_text())
+    (tmp_path / "trials.csv").write_text(SHEET)
+    places = changed_everywhere({name: value for name, value in default.items() if isinstance(value, dict)})
+    assert len(places) > 150
+    requests = []
+    for changes in ({}, nested(places)):
+        (tmp_path / "config/small.yaml").write_text(yaml.safe_dump(overriding(MEASURED, changes)))
+        result = space.run("-n")
+        assert result.returncode == 0, result.stdout
+        requests.append({name: leaves(said) for name, said in requests_in(tmp_path).items()})
     found, other = set(), {}
-    for request, now in requests_in(copy.folder).items():
-        was = leaves(before[request])
-        differing = {at: value for at, value in leaves(now).items() if was.get(at) != value}
-        for at, value in differing.items():
-            names = {place for place, new in places.items() if new == value and place[-1] in at}
+    for request, now in requests[1].items():
+        before = requests[0].get(request, {})
+        for at, value in ((at, value) for at, value in now.items() if before.get(at) != value):
+            of_value = {place for place, new in places.items() if value in (new, *leaves(new).values())}
+            names = {place for place in of_value if type(places[place]) is float or place[-1] in at}
             found |= names
             if not names:
-                other.setdefault(Path(request).parent.relative_to("results/requests").as_posix(), []).append(at)
-    assert {name: at for name, at in other.items() if name not in WHOLE and not name.startswith("simulate/")} == {}
+                other.setdefault(Path(request).parent.relative_to("results/requests").as_posix(), []).append(
+                    (at, value)
+                )
+    assert {name: at for name, at in other.items() if name not in WHOLE} == {}
     assert set(places) - found == set()
 
 

@@ -23,15 +23,9 @@ def gather(
 ) -> None:
     """One table from the tables of single trials, in the order given; with `limits`, doubtful fits are marked.
 
-    `rows` are their files, or the archives with a table of the same name as `output`.
-
-    `fits` are the trials' fits of the table whose doubts the rows share, if any, with the limits of that table.
-    `places` has joint and side of each trial, which become columns.
-
-    Raises
-    ------
-    InputError
-        There is no trial, or there is a limit on a column that the table does not have.
+    `rows` are their files, or the archives with a table of the same name as `output`. `fits` are the trials' fits of
+    the table whose doubts the rows share, if any, with the limits of that table. `places` has joint and side of each
+    trial, which become columns.
     """
     if not rows:
         raise InputError(f"{output}: no trials fill this table; add some to the sample sheet")

@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+import re
 import signal
 import sys
 import time
@@ -22,8 +23,27 @@ from osl_analysis.job_log import JobLog, write_log
 from osl_analysis.jobs.request import Job, read_request, say_excluded
 from osl_analysis.memory import limited_memory
 from osl_analysis.refusal import Refusal, write_refusals
-from osl_analysis.remedy import NO_ACCESS, OF_SEVERAL, REMEDIES, reason_and_remedy
 from osl_analysis.table import tables_of
+
+REMEDIES = {
+    "refused": "correct or replace the file, or its source file, or give a reason under `exclude` in the sample sheet",
+    "failed": "a fault of this program: report it with the traceback in {log}; the next run tries it again",
+    "died": "run again; if memory was short, with fewer jobs at once (`--cores 1`)",
+}
+"""What to do after each outcome of a job, where its message does not say; `log` is the path of its log."""
+NO_ACCESS = "make the file or its folder accessible, or room on the disk; the next run tries it again"
+"""After an error of the system."""
+OF_SEVERAL = "correct or exclude the trials behind it, or change the settings of this analysis in the configuration"
+"""Where a result over several trials is refused with a message that says nothing of what to do."""
+TO_DO = frozenset({
+    "add", "ask", "calibrate", "check", "choose", "clear", "convert", "copy", "correct", "cut", "delete", "drive",
+    "enable", "exclude", "excite", "export", "fill", "find", "fit", "give", "ingest", "keep", "label", "leave",
+    "list", "look", "lower", "make", "map", "mark", "mend", "move", "name", "put", "quote", "raise", "rebuild",
+    "record", "remove", "rename", "repair", "repeat", "replace", "resample", "rewrite", "run", "sample", "save",
+    "see", "select", "set", "shorten", "start", "state", "switch", "synchronise", "synchronize", "take", "turn",
+    "type", "use", "wait", "write", "zero",
+})  # fmt: skip
+"""Verbs with which a remedy begins."""
 
 
 class MissingInputError(Exception):
@@ -82,10 +102,7 @@ def ended_by(command: str, fault: BaseException) -> JobLog:
 def call(job: Job) -> None:
     """Call the command with the named values of its rule, each converted to the type that the command declares.
 
-    Raises
-    ------
-    MissingInputError
-        The command needs something that was refused, and has no argument `refused`.
+    What was refused is told to a command that has an argument `refused`; another one that needs it cannot run.
     """
     module, _, name = job.command.partition(".")
     function = getattr(importlib.import_module(f"osl_analysis.commands.{module}"), name)
@@ -127,6 +144,26 @@ def refusal(job: Job, ended: JobLog) -> Refusal:
         reason, said = reason_and_remedy(ended.error)
         remedy = said or (remedy if trial_of(job) else OF_SEVERAL)
     return Refusal(trial_of(job), file_of(job, reason), job.command, ended.outcome, reason, remedy)
+
+
+def reason_and_remedy(message: str) -> tuple[str, str]:
+    """What a message says is wrong, and what to do; the latter is empty where it cannot be told from the former.
+
+    It begins at the first semicolon outside brackets after which a verb of `TO_DO` stands.
+    """
+    for found in re.finditer("; ", message):
+        reason, rest = message[: found.start()], message[found.end() :]
+        outside = all(reason.count(left) == reason.count(right) for left, right in ("()", "[]"))
+        if outside and is_to_do(rest):
+            return reason, rest
+    return message, ""
+
+
+def is_to_do(text: str) -> bool:
+    """Whether a text begins with what to do: a verb of `TO_DO`, also after "if ...," or "for ...,"."""
+    condition = re.match(r"(?:if|for|to) [^;,]*, ", text)
+    first = re.match(r"[A-Za-z]+", text[condition.end() :] if condition else text)
+    return first is not None and first[0].lower() in TO_DO
 
 
 def trial_of(job: Job) -> str:

@@ -14,7 +14,6 @@ from osl_analysis.model.compensator import (
     Gains,
     compensated_gains,
     motor_current,
-    smooth_sign,
     uncompensated_gains,
 )
 from osl_analysis.model.drivetrain import (
@@ -67,10 +66,6 @@ def test_friction_cancelled_leaves_equation_6(parameters):
     current = motor_current(u, np.sign(omega_m), parameters)
     linear = u - parameters.B_m * omega_m - parameters.J_m * alpha_m
     assert actuator_torque(current, omega_m, alpha_m, parameters) == pytest.approx(linear)
-
-
-def test_smooth_sign_saturates_and_is_odd():
-    assert smooth_sign([-10.0, 0.0, 10.0], 0.1) == pytest.approx([-1, 0, 1])
 
 
 @pytest.mark.parametrize("J_j", [0.0, 5e-3])

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from conftest import ROOT
 
-from osl_analysis.commands.simulate import read_laboratory, read_simulation, settings_files, simulate_trial
+from osl_analysis.commands.simulate import laboratory_of, read_simulation, settings_files, simulate_trial
 from osl_analysis.config import read_config
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
@@ -57,7 +57,7 @@ def test_the_simulated_protocol_and_walk_are_those_of_the_configuration(tmp_path
     stepped = settings.protocol
     assert (stepped.amplitudes_deg, stepped.frequencies_hz, stepped.cycles) == ((3, 1), (4, 2.5), None)
     assert (stepped.seconds, stepped.lead_s) == (2, 1)
-    walking = read_laboratory(settings, settings.walking, followed)
+    walking = laboratory_of(settings, followed)
     assert walking.impedance == other
     assert walking.gain_weight.weight == Weight(3, 1)
     assert other in settings_files(Path("config/simulation/default.yaml"), followed)

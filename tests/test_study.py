@@ -21,7 +21,7 @@ from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.regression import linear_fit
-from osl_analysis.study import BENCH, MOST_JOBS, REPEATED, WALKING, Batch, batches, planned, time_limit
+from osl_analysis.study import BENCH, MOST_JOBS, REPEATED, WALKING, Batch, batches, planned
 from osl_analysis.study import walking as study_of_walking
 from osl_analysis.study.bench import actuator, studied
 from osl_analysis.study.page import page
@@ -348,4 +348,3 @@ def test_a_dry_run_says_how_long_each_job_is_expected_to_take():
         "  belt_0_500: 20 s",
     ]
     assert planned({}) == ""
-    assert time_limit(550.0) == 29

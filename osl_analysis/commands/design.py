@@ -60,26 +60,17 @@ class Design:
 
 
 def designed(request: DesignRequest, config: Config) -> Design:
-    """The intervals of a plan, how long to record, and what stands in the way.
-
-    Raises
-    ------
-    IdentifiabilityError, InputError
-        As `precision`, `check_band` and `check_analysed`.
-    """
-    low_pass = request.low_pass
+    """The intervals of a plan, how long to record, and what stands in the way."""
     check_band(request)
-    found, fit = request.judged(request.plan), weighted(request.plan, low_pass)
+    found, fit = request.judged(request.plan), weighted(request.plan, request.low_pass)
     check_analysed(request, fit, float(found.se[0]), config.dynamometer.largest_inertia_error)
-    best = None
-    if request.within:
-        best = long_enough(request.plan, request.suffices)
-    said = (*warnings(request.plan, found, request.joint, request.sensors, low_pass, request.distortion),)
-    lag = lag_errors(fit, request.joint, request.lag_s)
-    said += (*range_warnings(request, config),)
+    best = long_enough(request.plan, request.suffices) if request.within else None
+    said = [*warnings(request.plan, found, request.joint, request.sensors, request.low_pass, request.distortion)]
+    said += range_warnings(request, config)
     if request.within and best is None:
-        said += (out_of_reach(request),)
-    return Design(request, found, best, None if best is None else request.judged(best), lag, said)
+        said.append(out_of_reach(request))
+    lag = lag_errors(fit, request.joint, request.lag_s)
+    return Design(request, found, best, None if best is None else request.judged(best), lag, tuple(said))
 
 
 def check_band(request: DesignRequest) -> None:
@@ -174,13 +165,7 @@ def command_of(plan: PeriodicMultisine, rate_hz: float) -> tuple[Array, Array]:
 
 
 def write_command(plan: Plan, rate_hz: float, output: Path) -> None:
-    """Write the angle that a multisine commands: `time` [s], `theta_command` [rad].
-
-    Raises
-    ------
-    InputError
-        The plan is no multisine, or too long.
-    """
+    """Write the angle that a multisine commands: `time` [s], `theta_command` [rad]."""
     if not isinstance(plan, PeriodicMultisine):
         raise InputError(f"{output}: only a multisine is written; give --excitation multisine")
     samples = plan.record_s * rate_hz
@@ -197,13 +182,7 @@ BAND_HZ, RMS_DEG = (0.5, 6.0), 2.0
 
 
 def design_request(chosen: Mapping[str, Any], config: Config) -> DesignRequest:
-    """The plan and all that its intervals depend on, in SI units, from the options by name.
-
-    Raises
-    ------
-    InputError
-        A protocol, a table or a number cannot be used.
-    """
+    """The plan and all that its intervals depend on, in SI units, from the options by name."""
     check_numbers(chosen)
     low_pass, study = config.dynamometer.low_pass, config.study
     expected = {"stiffness": study.K_d, "damping": study.B_d, "inertia": study.I}

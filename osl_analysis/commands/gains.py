@@ -44,11 +44,6 @@ def gain_table(
     They are the gains at the actuator's output and at the joint (times n_T^2), the norm of Eq. 14, the flags of
     `OptimalDamping`, the fit of Eq. 15 that linear theory predicts at `frequencies_hz`, and the stability, passivity
     and fidelity of the impedance (`Rendering`).
-
-    Raises
-    ------
-    UnreachableImpedanceError
-        No gains render one of the pairs.
     """
     check_request(K_d, B_d, p)
     K_d, B_d = (np.asarray(v, dtype=float) for v in (K_d, B_d))
@@ -89,12 +84,9 @@ def behaviour(
 class Request:
     """The desired impedances: every combination of stiffness and damping, or a trajectory; and W of Eq. 14."""
 
-    stiffness: Sequence[float]
-    """Desired stiffnesses K_d [N*m/rad]."""
-    damping: Sequence[float]
-    """Desired dampings B_d [N*m*s/rad]."""
-    trajectory: Path | None
-    """File with K_d and B_d over the gait cycle; None: every combination of `stiffness` and `damping`."""
+    stiffness: Sequence[float]  # K_d [N*m/rad]
+    damping: Sequence[float]  # B_d [N*m*s/rad]
+    trajectory: Path | None  # file with K_d and B_d over the gait cycle; None: the combinations
     weight_hz: float = PAPER_WEIGHT.cutoff_hz
     weight_order: int = PAPER_WEIGHT.order
 
@@ -110,15 +102,7 @@ class Request:
 
 
 def requested_gains(request: Request, parameters: Path) -> pl.DataFrame:
-    """The table of gains for a request.
-
-    Raises
-    ------
-    InputError
-        The parameter or trajectory file is missing or not valid.
-    UnreachableImpedanceError
-        No gains render a pair, or W is not allowed.
-    """
+    """The table of gains for a request."""
     p = read_parameters(parameters)
     if request.trajectory is not None:
         return trajectory_table(request.trajectory, p, request.weight)
@@ -183,19 +167,16 @@ def pair_text(row: dict[str, float]) -> str:
     if row["at_lower_bound"]:
         lines.append("warning: the joint alone damps more than desired; B_1 is the smallest stable gain")
     if row["unbounded"]:
-        return "\n".join(
-            [*lines, "warning: no finite B_1 minimises Eq. 14, a locked motor would be best; lower --weight-hz"]
-        )
-    return "\n".join(
-        [
-            *lines,
+        lines.append("warning: no finite B_1 minimises Eq. 14, a locked motor would be best; lower --weight-hz")
+    else:
+        lines += [
             f"predicted fit over 1 to 5 Hz: K {row['K_predicted']:.4g} N·m/rad, B {row['B_predicted']:.4g} N·m·s/rad, "
             f"I {row['I_predicted']:.3g} kg·m² (friction cancelled)",
             f"within 10 % of the desired impedance up to {row['faithful_to_hz']:.3g} Hz; passive",
             f"the slowest mode decays with {row['decay_rate']:.3g} 1/s; with the joint held, "
             f"{1e3 * row['delay_margin']:.3g} ms of delay in the loop make it unstable",
         ]
-    )
+    return "\n".join(lines)
 
 
 def plot_gains(request: Request, table: pl.DataFrame, parameters: Path, output: Path) -> None:

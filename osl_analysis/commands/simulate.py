@@ -23,13 +23,7 @@ NOTHING = SharedChoices()
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse to simulate into a folder of real recordings, which has no folder `truth`.
-
-    Raises
-    ------
-    InputError
-        The folder holds a sheet or logs, and no `truth`.
-    """
+    """Refuse to simulate into a folder of real recordings, which has no folder `truth`."""
     if (folder / TRUTH).is_dir():
         return
     held = (p for p in folder.rglob("*") if p.suffix.lower() in (".mcap", ".c3d") or p.name == "trials.csv")
@@ -47,11 +41,6 @@ def planned_sheet(settings_path: Path, sheet: Path) -> pd.DataFrame | None:
 
     A sheet that is newer than the settings is kept, so that trials can be excluded or added by hand. Settings that
     changed since then make a new one.
-
-    Raises
-    ------
-    InputError
-        The settings are not valid, or the sheet's folder holds recordings that the simulator did not make.
     """
     check_folder(sheet.parent)
     settings = read_yaml(settings_path, SimulationSettings)
@@ -70,13 +59,7 @@ def write_sheet(settings_path: Path, sheet: Path) -> None:
 
 
 def settings_files(settings_path: Path, followed: SharedChoices = NOTHING) -> list[Path]:
-    """The files that decide what is simulated: the settings and those that they, or the `followed` choices, name.
-
-    Raises
-    ------
-    InputError
-        One of them is missing or not valid.
-    """
+    """The files that decide what is simulated: the settings and those that they, or the `followed` choices, name."""
     settings = read_simulation(settings_path, followed)
     return files_of(settings, laboratory_of(settings, followed), settings_path)
 
@@ -90,13 +73,7 @@ def files_of(settings: SimulationSettings, laboratory: WalkingSettings | None, s
 
 
 def read_simulation(settings_path: Path, followed: SharedChoices) -> SimulationSettings:
-    """The settings of a simulated campaign, with what its configuration decides in place of their own.
-
-    Raises
-    ------
-    InputError
-        They are not valid, or not with what the configuration decides.
-    """
+    """The settings of a simulated campaign, with what its configuration decides in place of their own."""
     settings = read_yaml(settings_path, SimulationSettings)
     chosen: dict[str, Any] = {}
     if followed.parameters is not None:
@@ -112,27 +89,19 @@ def read_simulation(settings_path: Path, followed: SharedChoices) -> SimulationS
 
 
 def laboratory_of(settings: SimulationSettings, followed: SharedChoices) -> WalkingSettings | None:
-    """The gait laboratory of a simulated campaign, if it has one."""
-    return None if settings.walking is None else read_laboratory(settings, settings.walking, followed)
-
-
-def read_laboratory(settings: SimulationSettings, walking: Path, followed: SharedChoices) -> WalkingSettings:
-    """The gait laboratory of a simulated campaign, whose gains are selected as on the bench."""
+    """The gait laboratory of a simulated campaign, if it has one. Its gains are selected as on the bench."""
+    if settings.walking is None:
+        return None
     chosen: dict[str, Any] = {"gain_weight": settings.gain_weight}
     if followed.impedance_trajectory is not None:
         chosen["impedance"] = followed.impedance_trajectory
-    return read_yaml(walking, WalkingSettings).model_copy(update=chosen)
+    return read_yaml(settings.walking, WalkingSettings).model_copy(update=chosen)
 
 
 def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str, followed: SharedChoices = NOTHING) -> None:
     """Simulate one trial of the plan: its logs where the sheet says, and `truth/<trial>.json`.
 
     What the campaign's configuration decides (`followed`) replaces what the settings have.
-
-    Raises
-    ------
-    InputError
-        The settings are not valid, or plan no such trial.
     """
     check_folder(campaign_folder)
     settings = read_simulation(settings_path, followed)

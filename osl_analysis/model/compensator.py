@@ -35,16 +35,11 @@ class Gains:
 
 def motor_current(u: ArrayLike, direction: ArrayLike, p: DrivetrainParameters) -> Array:
     """Current I_q [A] that makes the actuator's torque u [N*m]: Eq. 5, which has I_q on both sides, solved for I_q.
-    `direction` is the smoothed sign of the *measured* actuator velocity, between -1 and 1 (`smooth_sign`). With r = u +
+    `direction` is the smoothed sign of the *measured* actuator velocity, between -1 and 1. With r = u +
     s f_C: I_q = r/(k_tau n_m - s f_G) if r >= 0, else r/(k_tau n_m + s f_G)."""
     s = np.asarray(direction)
     r = np.asarray(u) + s * p.f_C
     return np.asarray(r / (p.k_tau * p.n_m - np.where(r >= 0, s, -s) * p.f_G))
-
-
-def smooth_sign(omega_m: ArrayLike, width: float) -> Array:
-    """tanh(omega_m/width): the sign of a velocity [rad/s], smoothed over `width` [rad/s] so that it cannot chatter."""
-    return np.tanh(np.asarray(omega_m) / width)
 
 
 def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> None:

@@ -95,11 +95,6 @@ def simulate_drivetrain(
 
     theta [rad] and omega [rad/s], shape (n,), are sampled at `rate_hz` [Hz]. omega must be the exact derivative of
     theta, because the motion is interpolated by cubic Hermite polynomials.
-
-    Raises
-    ------
-    InputError
-        The loop is unstable: the actuator turns by more than `LARGEST_ANGLE`.
     """
     columns = np.empty((4, len(theta)))
     gains = np.vstack([commands.K_1, commands.B_1, commands.theta_eq]).astype(float)

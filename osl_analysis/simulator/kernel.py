@@ -250,11 +250,6 @@ def spline_at(samples: Array, rate_hz: float, instants: Array) -> Array:
     """The cubic spline through samples (n,) that begin at 0 and have a rate [Hz], at instants (m,) [s].
 
     It is the not-a-knot spline of `scipy.interpolate.CubicSpline`, to rounding, also beyond the last sample.
-
-    Raises
-    ------
-    InputError
-        There are fewer than four samples.
     """
     if len(samples) < FEWEST:
         raise InputError(

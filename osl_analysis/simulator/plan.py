@@ -61,7 +61,9 @@ def condition_of(row: Mapping[str, object], settings: SimulationSettings) -> Con
     """The condition of a row of the sample sheet: by its name, and by what it states of direction, K_d and B_d."""
     trial, lists = str(row["trial"]), settings.experiments.conditions
     drawn = drawn_condition(trial, settings.seed, lists)
-    trials, people = max(block_length(row, settings), 1), lists.subjects or (None,)
+    # subjects and sessions share the trials of the row's experiment
+    trials = max(int(getattr(settings.experiments, str(row["experiment"]))), 1)
+    people = lists.subjects or (None,)
     block = (number_of(trial) - 1) % trials * len(people) * lists.sessions // trials
     direction: Direction = "down" if str(row.get("direction")) == "down" else "up"
     return replace(
@@ -105,11 +107,6 @@ def stated_columns(row: Mapping[str, object], settings: SimulationSettings) -> d
     return {name: facts[name] for name in lists.stated if name in facts}
 
 
-def block_length(row: Mapping[str, object], settings: SimulationSettings) -> int:
-    """Number of trials of a row's experiment, which subjects and sessions share."""
-    return int(getattr(settings.experiments, str(row["experiment"])))
-
-
 def number_of(trial: str) -> int:
     """The number at the end of a trial's name; 1 without one."""
     found = re.search(r"\d+$", trial)
@@ -132,13 +129,7 @@ def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
 
 
 def planned_rows(settings: SimulationSettings) -> list[PlannedRow]:
-    """The rows of the plan, each with what it states.
-
-    Raises
-    ------
-    InputError
-        Two trials have the same name.
-    """
+    """The rows of the plan, each with what it states."""
     rows = [*bench_plan(settings), *laboratory_plan(settings)]
     names = [str(row["trial"]) for row in rows]
     twice = next((name for name, count in Counter(names).items() if count > 1), None)
@@ -153,10 +144,8 @@ def planned_rows(settings: SimulationSettings) -> list[PlannedRow]:
 def bench_plan(settings: SimulationSettings) -> list[PlannedRow]:
     """The trials on the benches; the source file is another one where two nodes record."""
     wanted = settings.experiments
-    rows = [planned_row(name, "belt") for name in numbered("belt", wanted.belt, 2)]
-    rows += [planned_row(name, "transmission") for name in numbered("transmission", wanted.transmission, 1)]
-    rows += [planned_row(name, "actuator") for name in numbered("actuator", wanted.actuator, 1)]
-    rows += [planned_row(name, "torque_angle") for name in numbered("torque_angle", wanted.torque_angle, 1)]
+    rows = numbered("belt", wanted.belt, 2) + numbered("transmission", wanted.transmission, 1)
+    rows += numbered("actuator", wanted.actuator, 1) + numbered("torque_angle", wanted.torque_angle, 1)
     for controller, K_d, B_d in itertools.product(wanted.controllers, wanted.K_d, wanted.B_d):
         name = f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}"
         moved = [f"{name}_{end}" for excitation in settings.excitations for end in excitation.trial_endings] or [name]
@@ -171,11 +160,10 @@ def laboratory_plan(settings: SimulationSettings) -> list[PlannedRow]:
     """The trials in the gait laboratory, with what the sheet states of their condition. Crossings also have the leg's
     log."""
     wanted = settings.experiments
-    rows = [planned_row(name, "static") for name in numbered("static", wanted.static, 1)]
-    rows += [planned_row(name, "plate") for name in numbered("plate", wanted.plate, 2)]
-    for name in numbered("walking", wanted.walking, 2):
-        perturbed = stream(settings.seed, name, "perturbed").random() < wanted.perturbed_share
-        rows.append(planned_row(name, "walking") | {"perturbed": bool(perturbed)})
+    rows = numbered("static", wanted.static, 1) + numbered("plate", wanted.plate, 2)
+    for row in numbered("walking", wanted.walking, 2):
+        perturbed = stream(settings.seed, str(row["trial"]), "perturbed").random() < wanted.perturbed_share
+        rows.append(row | {"perturbed": bool(perturbed)})
     return [row | stated_columns(row, settings) for row in rows]
 
 
@@ -187,6 +175,6 @@ def planned_row(trial: str, experiment: str) -> PlannedRow:
     return {"trial": trial, "experiment": experiment, "joint": JOINT, **files, **sources}
 
 
-def numbered(stem: str, count: int, digits: int) -> list[str]:
-    """Names from 1 on, with at least `digits` digits."""
-    return [f"{stem}_{i:0{digits}d}" for i in range(1, count + 1)]
+def numbered(experiment: str, count: int, digits: int) -> list[PlannedRow]:
+    """Rows of an experiment, whose names count from 1 on with at least `digits` digits."""
+    return [planned_row(f"{experiment}_{i:0{digits}d}", experiment) for i in range(1, count + 1)]

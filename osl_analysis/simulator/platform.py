@@ -41,20 +41,18 @@ def turned_about(pivot: Array, angle: Array) -> Pose:
 
 
 def displaced(angle: Array, shift: Array, walking: WalkingSettings) -> Pose:
-    """The platform turned by an angle [rad] about its axis, which is shifted [m]."""
-    turned = turned_about(axis_point(walking), angle)
+    """The platform turned by an angle [rad] about its axis, which is shifted [m]. The axis goes through the nominal
+    ankle, or below it in the depth that the settings give."""
+    axis, depth = nominal_ankle(walking), walking.perturbation.axis_depth_m
+    if depth is not None:
+        axis = np.array([*axis[:2], walking.plate.centre_m[2] - depth])
+    turned = turned_about(axis, angle)
     return Pose(turned.rotation, turned.origin + shift)
 
 
 def nominal_ankle(walking: WalkingSettings) -> Array:
     """Position [m] of the ankle of a nominally placed flat foot."""
     return np.add(walking.plate.centre_m, [*walking.plate.nominal_ankle_m, ANKLE_HEIGHT])
-
-
-def axis_point(walking: WalkingSettings) -> Array:
-    """A point [m] of the platform's axis: at the nominal ankle, or below it in the depth that the settings give."""
-    point, depth = nominal_ankle(walking), walking.perturbation.axis_depth_m
-    return point if depth is None else np.array([*point[:2], walking.plate.centre_m[2] - depth])
 
 
 def perturbed_platform(time: Array, step: Step, walking: WalkingSettings) -> PlatformMotion:
@@ -100,15 +98,10 @@ def unloaded_platform(
     angle, shift = ramp_motion(held, condition or Condition(), walking)
     angle, shift = size * angle + servo.shivering(time, onset, rise), size * shift
     pose = displaced(angle, shift, walking)
-    if moves_fully(trial, walking):
+    number, every = re.search(r"\d+$", trial), walking.plate.full_motion_every
+    if number and every and int(number.group()) % every == 0:
         pose = shifted_and_tilted(time, back + ramp.return_s, ramp).after(pose)
     return PlatformMotion(angle, shift, pose, UNLOADED_COMMAND_S, onset)
-
-
-def moves_fully(trial: str, walking: WalkingSettings) -> bool:
-    """Whether a trial without a foot on the plate moves it about every axis."""
-    number, every = re.search(r"\d+$", trial), walking.plate.full_motion_every
-    return bool(number and every and int(number.group()) % every == 0)
 
 
 def shifted_and_tilted(time: Array, start: float, ramp: Perturbation) -> Pose:

@@ -109,13 +109,6 @@ def simulate_walking_trial(
 
     Writes the truth first, so that every log has a truth. Then writes `vicon/<trial>.c3d` and, for a walking trial,
     `leg/<trial>.mcap`.
-
-    Raises
-    ------
-    InputError
-        The experiment is another one, or the impedance trajectory cannot be read.
-    UnreachableImpedanceError
-        The drivetrain cannot render the impedance trajectory.
     """
     trial, laboratory = str(row["trial"]), GaitLaboratory(settings, walking, folder)
     if row["experiment"] == "walking":

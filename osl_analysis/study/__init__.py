@@ -73,8 +73,6 @@ SECONDS = {
 config/config.yaml [s], as a job's log states for its number of them."""
 USUAL_SECONDS = 0.3
 """Of an experiment that `SECONDS` does not have: a joint of second order in one of its recordings [s]."""
-LIMIT_OVER_EXPECTED, STARTING_S = 3.0, 60.0
-"""Time limit of a job over the expected time, and what it has beside it [s]."""
 
 
 @dataclass(frozen=True)
@@ -104,20 +102,14 @@ def batches(numbers: Mapping[str, tuple[int, int]]) -> list[Batch]:
     return found
 
 
-def time_limit(seconds: float) -> int:
-    """The time limit of a job with this expected time [min]."""
-    return math.ceil((STARTING_S + LIMIT_OVER_EXPECTED * seconds) / 60)
-
-
 def planned(expected: Mapping[str, float]) -> str:
     """What a dry run says of the jobs that it would run, from the expected time of each by its name [s]. Empty without
     any."""
     if not expected:
         return ""
     hours = sum(expected.values()) / 3600
-    lines = [f"  {name}: {clock(seconds)}" for name, seconds in expected.items()]
     head = f"expected time of one core for {len(expected)} jobs of the study, {hours:.1f} h in all:"
-    return "\n".join([head, *lines])
+    return "\n".join([head, *(f"  {name}: {clock(seconds)}" for name, seconds in expected.items())])
 
 
 def clock(seconds: float) -> str:

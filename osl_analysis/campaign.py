@@ -33,12 +33,9 @@ RECORDING_COLUMNS = ("trial", "experiment", "log", "log_source", "log_part", "mo
 class Campaign:
     """The trials of a configuration."""
 
-    config: Config
-    """The configuration."""
-    sheet: pd.DataFrame
-    """Rows of the sample sheet that are not excluded, indexed by trial."""
-    unused: pd.DataFrame
-    """Rows of the sample sheet that are excluded, with the reasons in the column `exclude`."""
+    config: Config  # the configuration
+    sheet: pd.DataFrame  # rows of the sample sheet that are not excluded, indexed by trial
+    unused: pd.DataFrame  # rows of the sample sheet that are excluded, with the reasons in the column `exclude`
 
     @property
     def excluded(self) -> dict[str, str]:
@@ -288,16 +285,12 @@ NEITHER = "the example of the configuration is not in this campaign"
 class ImpedanceExample:
     """The trial of Fig. 4."""
 
-    trial: str
-    """Its name."""
+    trial: str  # its name
     joint: str
     side: str | None
-    amplitude_deg: float | None
-    """Amplitude that is drawn [deg]; None: the largest."""
-    duration_s: float
-    """Length of the part that is drawn [s]."""
-    chosen: str
-    """Why this trial, where the configuration does not name it; empty where it does."""
+    amplitude_deg: float | None  # amplitude that is drawn [deg]; None: the largest
+    duration_s: float  # length of the part that is drawn [s]
+    chosen: str  # why this trial, where the configuration does not name it; empty where it does
 
 
 def time_series_example(campaign: Campaign) -> ImpedanceExample | None:

@@ -6,6 +6,7 @@ A new experiment is an entry here, its fit (`bench/` or `walking/`), its job (`c
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Literal
 
 PROTOCOL = ("amplitudes_deg", "frequencies_hz", "cycles", "seconds_per_frequency", "excitation")
@@ -106,14 +107,12 @@ class Experiment:
         return {role: file for role, file in files.items() if getattr(self, role) is not None}
 
 
+on_dynamometer = partial(Experiment, place="bench", motion="theta", torque="torque", log="dynamometer")
+
 EXPERIMENTS: dict[str, Experiment] = {
-    "belt": Experiment(
+    "belt": on_dynamometer(
         "input shaft locked, joint moved and back: belt stiffness",
-        place="bench",
-        motion="theta",
-        torque="torque",
         signals=("theta_m",),
-        log="dynamometer",
         tables=(
             Table("belt", derived={"belt_summary": "bench.summarise_belt"}),
             Table("belt_curves", judged=False, published=False),
@@ -122,13 +121,9 @@ EXPERIMENTS: dict[str, Experiment] = {
         fit=Fit("bench.fit_belt_trial", {"settings": ("dynamometer", "BeltAnalysis")}, parameters=True),
         impedance=("K_s", "", ""),
     ),
-    "transmission": Experiment(
+    "transmission": on_dynamometer(
         "motor detached, stepped sine: B_j and J_j",
-        place="bench",
-        motion="theta",
-        torque="torque",
         stepped_sine=True,
-        log="dynamometer",
         tables=(Table("transmission", derived={"transmission_summary": "bench.summarise_transmission"}), *OF_ALL),
         fit=Fit("bench.fit_transmission_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")}, parameters=True),
         impedance=("", "B_j", "J_j"),
@@ -144,14 +139,10 @@ EXPERIMENTS: dict[str, Experiment] = {
         fit=Fit("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}, parameters=True),
         impedance=("", "B_m", "J_m"),
     ),
-    "impedance": Experiment(
+    "impedance": on_dynamometer(
         "stepped sine or any other motion against the controller: K, B, I and the frequency response",
-        place="bench",
-        motion="theta",
-        torque="torque",
         stepped_sine=True,
         any_motion=True,
-        log="dynamometer",
         tables=(
             Table("impedance", derived={"impedance_repeats": "bench.average_over_trials"}),
             Table("phasors", doubts_of="impedance", derived={"frequency_response": "bench.average_over_amplitudes"}),
@@ -169,12 +160,8 @@ EXPERIMENTS: dict[str, Experiment] = {
             sheet=("controller", "K_d", "B_d"),
         ),
     ),
-    "torque_angle": Experiment(
+    "torque_angle": on_dynamometer(
         "slow cycles of a passive foot, spring or elastic element: stiffness over angle, energy, hysteresis",
-        place="bench",
-        motion="theta",
-        torque="torque",
-        log="dynamometer",
         tables=(
             Table("torque_angle"),
             Table("torque_angle_curves", judged=False),

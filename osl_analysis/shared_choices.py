@@ -82,16 +82,11 @@ SYNTHETIC = "synthetic"
 class ImpedanceTrajectory:
     """Desired impedance at the joint over the gait cycle."""
 
-    phase: Array
-    """Phase of the gait cycle, from 0 to 1, shape (n,)."""
-    K_d: Array
-    """Desired stiffness [N*m/rad], shape (n,)."""
-    B_d: Array
-    """Desired damping [N*m*s/rad], shape (n,)."""
-    theta_eq: Array | None
-    """Equilibrium angle [rad], shape (n,); None: it is computed from the nominal ankle moment."""
-    kind: str | None = None
-    """What the file says of itself in a comment `# kind: synthetic`; None: it says nothing."""
+    phase: Array  # phase of the gait cycle, from 0 to 1, shape (n,)
+    K_d: Array  # desired stiffness [N*m/rad], shape (n,)
+    B_d: Array  # desired damping [N*m*s/rad], shape (n,)
+    theta_eq: Array | None  # equilibrium angle [rad], shape (n,); None: it is computed from the nominal ankle moment
+    kind: str | None = None  # what the file says of itself in a comment `# kind: synthetic`; None: it says nothing
 
     def at(self, values: Array, c: Array) -> Array:
         """One of the columns at cycle phases c of any cycle, by linear interpolation."""

@@ -70,14 +70,10 @@ from osl_analysis.trial import Trial, read_trial
 class Fitted(NamedTuple):
     """What the fit of a trial gives."""
 
-    table: pl.DataFrame
-    """Its rows of the experiment's first table."""
-    series: Series
-    """Measured and modelled signals."""
-    further: Callable[[], dict[str, pl.DataFrame]]
-    """Computes its rows of the other tables, which a campaign has besides."""
-    curves: pl.DataFrame | None = None
-    """Torque over angle: its rows of the table of curves; None for an experiment without one."""
+    table: pl.DataFrame  # its rows of the experiment's first table
+    series: Series  # measured and modelled signals
+    further: Callable[[], dict[str, pl.DataFrame]]  # computes its rows of the other tables, which a campaign has
+    curves: pl.DataFrame | None = None  # torque over angle, as in the table of curves; None for one without
 
     def write(self, tables: Mapping[str, Path]) -> None:
         """Write its rows of each table; the first one is the experiment's own."""

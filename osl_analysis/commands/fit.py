@@ -11,7 +11,7 @@ import polars as pl
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.rendered import AskedImpedance
 from osl_analysis.bench.series import Series
-from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, SteppedSineAnalysis, TorqueAngleAnalysis
+from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, TorqueAngleAnalysis
 from osl_analysis.commands import bench
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, marked
@@ -36,28 +36,20 @@ FITS: dict[str, Callable[..., bench.Fitted]] = {
 class FittedTrial:
     """A fitted trial for the command line and for notebooks."""
 
-    estimates: pl.DataFrame
-    """A row per fit, as in the result tables."""
-    series: pl.DataFrame
-    """Time [s] from the start, measured and modelled torque [N*m] of the fit to all data."""
-    curves: pl.DataFrame | None = None
-    """Torque over angle, as in the table of curves of the experiment; None for one without."""
+    estimates: pl.DataFrame  # a row per fit, as in the result tables
+    series: pl.DataFrame  # time [s] from the start, measured and modelled torque [N*m] of the fit to all data
+    curves: pl.DataFrame | None = None  # torque over angle, as in the table of curves; None for one without
 
 
 @dataclass(frozen=True)
 class FitRequest:
     """What the fit of a trial uses besides the trial: settings and limits of a campaign, and what the leg was asked."""
 
-    settings: Any
-    """The section of the configuration that the fit uses, of its whole model."""
-    limits: DoubtfulFits
-    """Limits beyond which a fit is doubtful."""
-    asked: AskedImpedance | None = None
-    """What the leg was asked to render; None if it is not known."""
-    windows: str | None = None
-    """What of an impedance trial is fitted [s], as in the sample sheet; None: all that moves."""
-    curve: str | None = None
-    """Name of the curve of torque over angle that the device was designed for; None: none."""
+    settings: Any  # the section of the configuration that the fit uses, of its whole model
+    limits: DoubtfulFits  # limits beyond which a fit is doubtful
+    asked: AskedImpedance | None = None  # what the leg was asked to render; None if it is not known
+    windows: str | None = None  # what of an impedance trial is fitted [s], as in the sample sheet; None: all that moves
+    curve: str | None = None  # name of the curve of torque over angle that the device was designed for; None: none
 
 
 def fit_request(experiment: str, config: Path, desired: DesiredImpedance | None = None) -> FitRequest:
@@ -68,14 +60,11 @@ def fit_request(experiment: str, config: Path, desired: DesiredImpedance | None 
     of_section = {"actuator": ActuatorAnalysis, "torque_angle": TorqueAngleAnalysis}
     section = experiment if experiment in of_section else "dynamometer"
     settings = read_section(config, section, of_section.get(experiment, DynamometerAnalysis))
-    asked = None if desired is None else asked_impedance(desired, config, settings)
+    asked = None
+    if desired is not None:
+        weight = read_section(config, "gain_weight", WeightSettings).weight
+        asked = AskedImpedance(desired, weight, settings.frequencies_hz)
     return FitRequest(settings, read_section(config, "doubtful", DoubtfulFits), asked)
-
-
-def asked_impedance(desired: DesiredImpedance, config: Path, settings: SteppedSineAnalysis) -> AskedImpedance:
-    """What the leg was asked to render, with W of Eq. 14 in a configuration file; raises as `fit_request`."""
-    weight = read_section(config, "gain_weight", WeightSettings).weight
-    return AskedImpedance(desired, weight, settings.frequencies_hz)
 
 
 NOT_CHECKED = (

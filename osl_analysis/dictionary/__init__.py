@@ -32,8 +32,7 @@ class DescribedColumn:
     """One column of a table."""
 
     name: str
-    unit: str
-    """SI unit; 1 for a number without one, count, text, or what else the values are."""
+    unit: str  # SI unit; 1 for a number without one, count, text, or what else the values are
     meaning: str
 
 
@@ -41,12 +40,9 @@ class DescribedColumn:
 class DescribedTable:
     """One kind of table."""
 
-    place: str
-    """Path below `results/` without the suffix .csv; * stands for a trial, and before it for an experiment."""
-    also: str
-    """Path of the tables of single trials that it gathers, with the same columns; empty if there are none."""
-    rows: str
-    """What a row is."""
+    place: str  # path below `results/` without the suffix .csv; * stands for a trial, and before it for an experiment
+    also: str  # path of the tables of single trials that it gathers, with the same columns; empty if there are none
+    rows: str  # what a row is
     columns: Mapping[str, DescribedColumn]
 
     def describes(self, path: str) -> bool:

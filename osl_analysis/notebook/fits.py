@@ -9,23 +9,12 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.phasors import frequency_response_table
-from osl_analysis.bench.plausibility import Saturated, check_recording, saturated
-from osl_analysis.bench.rendered import (
-    AskedImpedance,
-    RenderedTrial,
-    judged_impedance,
-    rendered_phasors,
-    rendered_response,
-    rendered_trial,
-    sines_of,
-)
+from osl_analysis.commands import bench
 from osl_analysis.commands.fit import (
     UNITS,
     FitRequest,
     FittedTrial,
-    asked_impedance,
     campaign_parameters,
     estimated,
     estimates_text,
@@ -33,10 +22,12 @@ from osl_analysis.commands.fit import (
     fit_trial,
     said_not_checked,
 )
-from osl_analysis.doubtful import IS_DOUBTFUL, DoubtfulFits, marked, with_doubts_of
+from osl_analysis.config import read_section
+from osl_analysis.doubtful import IS_DOUBTFUL, marked, with_doubts_of
 from osl_analysis.errors import InputError, nearest, printable, printable_lines
 from osl_analysis.files import config_here
 from osl_analysis.parameters import joint_of, known_parameters
+from osl_analysis.shared_choices import WeightSettings
 from osl_analysis.trial import Trial
 from osl_analysis.trial import read_trial as read_trial_file
 
@@ -309,35 +300,17 @@ def frequency_response(
 
     path, read = config_of(config), trial_of(trial)
     device = device_of(parameters, path)
-    request = fit_request("impedance", path)
-    asked = asked_impedance(desired_of(desired), path, request.settings)
-    check_recording(read, request.settings)
-    rails = saturated(read, "torque", "theta")
-    rendered = rendered_trial(read, request.settings, windows)
-    found = responses(rendered, rails, device, asked, request.limits)
-    if isinstance(rendered, MovingRecord):
+    request = fit_request("impedance", path, desired_of(desired))
+    fit = bench.fit_impedance(read, known_parameters(device), request.settings, request.asked, windows)
+    tables, found, limits = fit.further(), {}, request.limits
+    for name in ("phasors", "response", "response_models"):
+        own = marked(tables[name], limits.of(name), name)
+        found[name] = with_doubts_of(own, fit.table, limits.of("impedance"), "impedance")
+    if found["phasors"].is_empty():  # the motion is no stepped sine
         plotted = any_motion_points(found["response"], pl.DataFrame(schema=pooled_schema()))
         return Response(read.name, "response", found["response"], found["response_models"], plotted)
     table = frequency_response_table(found["phasors"])
     joint = pl.lit(joint_of(device) if device else None, pl.String)
-    plotted = beside_theory(of_place(table.with_columns(joint=joint)), device, asked.weight)
+    weight = read_section(path, "gain_weight", WeightSettings).weight
+    plotted = beside_theory(of_place(table.with_columns(joint=joint)), device, weight)
     return Response(read.name, "fig7", table, found["response_models"], plotted)
-
-
-def responses(
-    rendered: RenderedTrial, rails: Saturated, device: Path | None, asked: AskedImpedance, limits: DoubtfulFits
-) -> dict[str, pl.DataFrame]:
-    """The rows of each table of one trial, with their doubts and those of its fit."""
-    p, phasors = known_parameters(device), sines_of(rendered)
-    fits = judged_impedance(rendered, rails, p, asked, phasors)
-    of_motion = rendered_response(rendered, p)
-    tables = {
-        "phasors": rendered_phasors(rendered, phasors),
-        "response": of_motion.response,
-        "response_models": of_motion.models,
-    }
-    judged = {}
-    for name, table in tables.items():
-        own = marked(table.with_columns(**asked.desired.columns()), limits.of(name), name)
-        judged[name] = with_doubts_of(own, fits, limits.of("impedance"), "impedance")
-    return judged

@@ -7,7 +7,6 @@ from walking_synthetic import CLUSTERS, FOOT, RATE, SHANK, about_y, hidden, pose
 
 from osl_analysis.errors import InputError
 from osl_analysis.walking.bodies import (
-    FootInertia,
     ankle_angle,
     body_motion,
     bridge_gaps,
@@ -196,11 +195,11 @@ def test_a_hanging_foot_needs_its_weight_and_its_inertia() -> None:
     """A foot that swings freely about a still ankle: tau = I_ankle alpha + m g x_com, toes-down positive."""
     time = np.arange(300) / 300
     phi, alpha = 0.3 * np.sin(6 * time), -10.8 * np.sin(6 * time)
-    com, body = np.array([0.05, 0.0, -0.04]), FootInertia(1.2, np.array([0.05, 0.0, -0.04]), 0.007)
+    com = np.array([0.05, 0.0, -0.04])
     R = about_y(phi)
     motion = body_motion(time, pose(R, np.zeros((300, 3))), com)
     n = np.ones((300, 1))
-    torque = foot_torque(motion, 0 * motion.point, n * LEFT, body)
+    torque = foot_torque(motion, 0 * motion.point, n * LEFT, 1.2, 0.007)
     about_ankle = 0.007 + 1.2 * (com @ com)
     x = np.cos(phi) * com[0] + np.sin(phi) * com[2]
     expected = about_ankle * alpha - 1.2 * 9.80665 * x

@@ -37,9 +37,8 @@ from osl_analysis.walking.settings import (
 def calibrate(
     trial: Path, motion: Sequence[Path], settings: CalibrationSettings, output: Path, comparison: Path
 ) -> None:
-    """Marker clusters, ankle centre and axis of the static trial, to a JSON file. `motion` are trials in which the
-    ankle moves. Their functional hinge is compared with the anatomical axis in the table `comparison`, and replaces it
-    if the settings say so."""
+    """Marker clusters, ankle centre and axis of the static trial, to a JSON file. The functional hinge of the trials
+    `motion` is compared with the anatomical axis in the table `comparison`, and replaces it if the settings say so."""
     standing = read_trial(trial)
     static = static_calibration(standing, settings)
     row: dict[str, object]
@@ -58,8 +57,7 @@ def calibrate(
 
 
 def calibrations_of(calibrations: Sequence[Path], statics: Mapping[str, str]) -> dict[str, StaticCalibration]:
-    """The calibration of each trial that has one. `statics` has the static trial of each, which names the file. A trial
-    whose static trial was refused has none, and is not used."""
+    """The calibration of each trial that has one. `statics` has the static trial of each, which names the file."""
     read = {path.stem: read_calibration(path) for path in calibrations}
     return {trial: read[static] for trial, static in statics.items() if static in read}
 
@@ -72,10 +70,9 @@ def identify_plate(
     output: Path,
     comparison: Path,
 ) -> None:
-    """The plate's inertia and lag from trials of the unloaded plate, to a JSON file. `calibrations` are the files of
-    the static trials, `statics` the static trial of each trial. The table `comparison` shows the unloaded plate's
-    wrench before and after both are removed. Where the settings say that nothing is to be removed, trials are not used
-    and a warning says so."""
+    """The plate's inertia and lag from trials of the unloaded plate, to a JSON file. `statics` has the static trial of
+    each trial, whose files `calibrations` are. The table `comparison` shows the unloaded plate's wrench before and
+    after both are removed. A warning says so where the settings remove nothing."""
     if settings.plate_inertia == "none":
         warnings.warn(f"the plate's own inertia and lag stay in the torque: {NOT_REMOVED}", stacklevel=2)
         model = NO_CORRECTION
@@ -97,9 +94,9 @@ def measure_platform(
     comparison: Path,
     places: Places | None = None,
 ) -> None:
-    """The motion that the platform's perturbations share, from the perturbed crossings, to a JSON file. `calibrations`
-    and `statics` as for `identify_plate`. The table `comparison` shows when each crossing's perturbation starts, and
-    whether it follows the shared motion; `places` has joint and side of each."""
+    """The motion that the platform's perturbations share, from the perturbed crossings, to a JSON file. The table
+    `comparison` shows when each crossing's perturbation starts, and whether it follows the shared motion; `places` has
+    joint and side of each."""
     calibrated = calibrations_of(calibrations, statics)
     read = [read_trial(path) for path in trials if path.stem in calibrated]
     model = identify_platform(read, calibrated, settings)
@@ -119,12 +116,8 @@ def analyse(
     platform: Path | None = None,
 ) -> None:
     """Angle and torque of one crossing, with its events, to a Parquet file. `perturbed`, `direction` and `body_mass_kg`
-    are entries of the sheet. Without the file `platform` of `measure_platform`, the crossing has its own motion and
-    onset of the platform.
-
-    A crossing that cannot be analysed does not stop the others: its file has the reason instead of samples, and a
-    warning states it.
-    """
+    are entries of the sheet. Without the file `platform`, the crossing has its own motion and onset of the platform.
+    The file of a crossing that cannot be analysed has the reason instead of samples, and a warning states it."""
     static, model, walked = read_calibration(calibration), read_plate(plate), read_trial(trial)
     shared = ALONE if platform is None else read_platform(platform)
     try:

@@ -12,9 +12,8 @@ import polars as pl
 from osl_analysis.commands.walking_files import (
     on_the_walkway,
     read_crossing,
-    read_crossing_files,
+    read_crossing_file,
     read_unperturbed_gaits,
-    shared_side,
     write_unperturbed_gaits,
 )
 from osl_analysis.doubtful import DOUBTFUL, EXCLUDED, Doubt, doubtful_row, marked
@@ -23,7 +22,7 @@ from osl_analysis.shared_choices import SYNTHETIC, read_impedance_trajectory
 from osl_analysis.table import MEASURED, Places, read_table, write_table
 from osl_analysis.trial import Array, read_trial
 from osl_analysis.walking.conditions import ALL, statements
-from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.gait import UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.headline_doubts import group_facts
@@ -46,7 +45,6 @@ from osl_analysis.walking.tables import (
     headline_rows,
     impedance_over_stance,
     perturbation_row,
-    reason_rows,
     response_table,
     with_trajectory,
 )
@@ -74,8 +72,7 @@ def group_result(
     gait: UnperturbedGait | None,
     settings: EnsembleSettings,
 ) -> GroupResult:
-    """The result of a group; without one, rows with the reason, and a warning. `own` are the rows of its crossings in
-    `walking.csv`, `files` are the crossings by trial."""
+    """The result of a group; without one, rows with the reason, and a warning. `own` are its rows of `walking.csv`."""
     known = {"group": group.name}
     fact: dict[str, Any] = group_row(group, gait, settings.window_s) | {"fitted_phase": None, "reason": None}
     try:
@@ -89,7 +86,8 @@ def group_result(
         headline = group_headline([read_crossing(files[trial]) for trial in own["trial"]], gait, settings)
     except OslAnalysisError as error:
         warnings.warn(f"no result of {group.name}: {error}", stacklevel=2)
-        rows = [known | row for row in reason_rows(str(error), len(own))]
+        none = {"estimator": ENSEMBLE, "n": len(own), "mean": None, "reason": str(error)}
+        rows = [known | {"quantity": quantity} | none for quantity in SUMMARISED]
         return GroupResult(rows, fact | {"reason": str(error)}, None)
     time = fitted_time(headline.ensemble, settings.timing)
     fact["fitted_phase"] = float(fact["onset_phase"] + time / fact["stance_s"])
@@ -116,9 +114,14 @@ def select_crossings(
     places: Places | None = None,
 ) -> None:
     """One row per crossing, in the order of the files: its quality, its group and, if it is excluded, the reason.
-    `sheet` has the conditions of every crossing of the campaign; None: there are none. `places` has joint and side of
-    each. A warning says by which conditions results are split although the configuration does not ask for it."""
-    rows = selection_rows(*read_crossing_files(crossings), settings, sheet)
+    `sheet` has the conditions of every crossing of the campaign, `places` joint and side of each. A warning says by
+    which conditions results are split although the configuration does not ask for it."""
+    read = [read_crossing_file(path) for path in crossings]
+    analysed, refused = (
+        [c for c in read if isinstance(c, Crossing)],
+        [c for c in read if isinstance(c, RefusedCrossing)],
+    )
+    rows = selection_rows(analysed, refused, settings, sheet)
     table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
     said = statements(sheet or {}, settings)
     timed = [name for name in table["group"].drop_nulls().unique(maintain_order=True) if "timing " in name]
@@ -135,9 +138,8 @@ def select_crossings(
 def average_unperturbed(
     crossings: Sequence[Path], selection: Path, settings: UnperturbedSettings, output: Path
 ) -> None:
-    """The unperturbed ones of the crossings on a common grid of stance phase, by gait, to a Parquet file. Crossings
-    that the table `selection`, `walking_crossings.csv`, excludes are not used. A gait with too few of them is left out
-    with a warning."""
+    """The unperturbed crossings that the table `selection` does not exclude, on a common grid of stance phase, by gait,
+    to a Parquet file. A gait with too few of them is left out with a warning."""
     unperturbed = [crossing for crossing in selected_crossings(crossings, selection) if crossing.onset is None]
     names_of = {path.stem for path in crossings}
     table = read_table(selection, ["trial", "gait", "reason"]).filter(pl.col("trial").is_in(names_of))
@@ -195,9 +197,8 @@ def summarise_perturbations(
 ) -> None:
     """Per group the mean over perturbations and the ensemble fit to `output`, its conditions to `groups`, every
     response in its window to `responses`, and the crossings that are not used, with the reason, to `excluded`. `table`
-    is `walking.csv`, `crossings` are the perturbed ones, `selection` is `walking_crossings.csv`. A group without a
-    result has rows with the reason. A group beyond one of the `limits` is doubtful, and so is its ensemble. `places`
-    has joint and side of each crossing."""
+    is `walking.csv`, `crossings` are the perturbed ones. A group without a result has rows with the reason. A group
+    beyond one of the `limits` is doubtful, and so is its ensemble. `places` has joint and side of each crossing."""
     fits, chosen = read_table(table, ["trial"]), read_table(selection, ["trial", "reason", "gait", "group"])
     reasons = fits.select("trial", pl.col(EXCLUDED).alias("reason"))
     write_table(on_the_walkway(excluded_crossings(chosen, reasons), places), excluded)
@@ -210,7 +211,8 @@ def summarise_perturbations(
     gaits, files = read_unperturbed_gaits(unperturbed), {path.stem: path for path in crossings}
     sides, results = {}, []
     for group in groups_of(chosen, sheet):
-        sides[group.name] = {"side": shared_side(group.trials, places)}
+        of = {(places or {}).get(trial, {}).get("side") for trial in group.trials}
+        sides[group.name] = {"side": of.pop() if len(of) == 1 else None}
         own = fitted.filter(pl.col("trial").is_in(group.trials))
         results.append(group_result(group, own, files, gaits.get(group.gait), settings))
     facts, curves = [one.fact for one in results], [one.curve for one in results if one.curve is not None]
@@ -248,8 +250,8 @@ def compare_ankle_moment(
     tables: Mapping[str, Path],
     condition: Mapping[str, float | None] | None = None,
 ) -> None:
-    """One row per stance and plate of a trial: our ankle moment and the laboratory's. `condition` has the body mass
-    [kg] of the trial's row of the sheet under `body_mass_kg`, if it states one."""
+    """One row per stance and plate of a trial: our ankle moment and the laboratory's. `condition` has the sheet's body
+    mass [kg] under `body_mass_kg`, if it states one."""
     mass = (condition or {}).get("body_mass_kg")
     write_table(pl.DataFrame(overground_rows(read_trial(trial), settings, mass)), tables["ankle_moment"])
 
@@ -257,9 +259,9 @@ def compare_ankle_moment(
 def tabulate_over_stance(
     summary: Path, groups: Path, output: Path, stance_share: float, trajectory: Sequence[Path] = (), data: str = ""
 ) -> None:
-    """K, B and I of every group at the phase of stance that its fit reads, with interval and commanded value. `summary`
-    is `walking_summary.csv`, `groups` `walking_groups.csv`. `trajectory` has the file of the commanded impedance over
-    the gait cycle, if there is one (`commanded`); stance is the first `stance_share` of the cycle."""
+    """K, B and I of every group at the phase of stance that its fit reads, with interval and commanded value.
+    `trajectory` has the file of the commanded impedance over the gait cycle, if there is one; stance is the first
+    `stance_share` of it."""
     table = impedance_over_stance(read_table(summary, HEADLINES), read_table(groups, FACTS))
     for path in commanded(trajectory, data):
         table = with_trajectory(table, *over_stance(path, stance_share))

@@ -5,7 +5,7 @@ reason why it was refused.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
@@ -145,13 +145,6 @@ def read_crossing(path: Path) -> Crossing:
     return crossing
 
 
-def read_crossing_files(paths: Sequence[Path]) -> tuple[list[Crossing], list[RefusedCrossing]]:
-    """Analysed and refused crossings among files, in their order."""
-    crossings = [read_crossing_file(path) for path in paths]
-    analysed = [c for c in crossings if isinstance(c, Crossing)]
-    return analysed, [c for c in crossings if isinstance(c, RefusedCrossing)]
-
-
 def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     """Read what `write_crossing` or `write_refusal` wrote."""
     if path.is_file():
@@ -194,12 +187,6 @@ def on_the_walkway(table: pl.DataFrame, places: Places | None, by: str = "trial"
     """A table of crossings or groups with the columns `joint`, which the walkway decides, and `side`."""
     known = {name: {"joint": JOINT, "side": (places or {}).get(name, {}).get("side")} for name in table[by].unique()}
     return with_places(table, known, by)
-
-
-def shared_side(trials: Sequence[str], places: Places | None) -> str | None:
-    """The side that all crossings have; None if they differ, or none is known."""
-    sides = {(places or {}).get(trial, {}).get("side") for trial in trials}
-    return sides.pop() if len(sides) == 1 else None
 
 
 def write_platform(model: PlatformModel, path: Path) -> None:

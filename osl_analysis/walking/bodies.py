@@ -119,10 +119,9 @@ def fit_rows(poses: Poses, rows: NDArray[np.intp], reference: Array, observed: A
 
 
 def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
-    """Interpolate gaps of up to `longest` [s] between frames that were seen, at stamps time (n,) [s], and flag them. By
-    the cubic of least squares through the frames of `BESIDE_S` on either side. A spline through all frames has the
-    slope of two noisy ones, and leaves a motion of stance by 1 to 10 deg over gaps of 60 to 190 ms; this cubic by 0.1
-    to 3 deg. The ends of the recording and longer gaps stay NaN."""
+    """Interpolate gaps of up to `longest` [s] between frames that were seen, and flag them: by the cubic of least
+    squares through the frames of `BESIDE_S` on either side. A spline through all frames has the slope of two noisy
+    ones, and leaves a motion of stance by 1 to 10 deg over gaps of 60 to 190 ms; this cubic by 0.1 to 3 deg."""
     if len(time) < 2:
         return poses
     steps = np.diff(time)
@@ -143,18 +142,13 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
         gap, beside = np.arange(seen[k] + 1, seen[k + 1]), seen[max(k + 1 - count, 0) : k + 1 + count]
         origin = Rotation.from_matrix(poses.rotation[seen[k]])
         turned = (Rotation.from_matrix(poses.rotation[beside]) * origin.inv()).as_rotvec()
-        found = cubic(time[beside], np.hstack([turned, poses.position[beside]]), time[gap])
+        span = np.ptp(time[beside]) / 2
+        design, wanted = (np.vander((t - time[beside].mean()) / span, 4) for t in (time[beside], time[gap]))
+        found = wanted @ np.linalg.lstsq(design, np.hstack([turned, poses.position[beside]]))[0]
         rotation[gap] = (Rotation.from_rotvec(found[:, :3]) * origin).as_matrix()
         position[gap] = found[:, 3:]
         bridged[gap] = True
     return replace(poses, rotation=rotation, position=position, bridged=bridged)
-
-
-def cubic(time: Array, values: Array, at: Array) -> Array:
-    """Values (k, m) at other times (k,) [s] of the cubic of least squares through values (n, m) at times (n,) [s]."""
-    span = np.ptp(time) / 2
-    design, wanted = (np.vander((t - time.mean()) / span, 4) for t in (time, at))
-    return np.asarray(wanted @ np.linalg.lstsq(design, values)[0])
 
 
 def gap_duration(time: Array, gap: slice) -> float:
@@ -238,16 +232,6 @@ def calibration_of(calibrations: Calibrations, trial: str) -> StaticCalibration:
     return calibrations if isinstance(calibrations, StaticCalibration) else calibrations[trial]
 
 
-@dataclass(frozen=True)
-class FootInertia:
-    """Inertia of all that moves with the foot: mass [kg], centre of mass (3,) [m] from the ankle centre in the static
-    pose, and inertia [kg*m^2] about the axis through it that is parallel to the ankle's."""
-
-    mass: float
-    centre_of_mass: Array
-    inertia: float
-
-
 def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCalibration:
     """Calibration from the static trial, with the markers that the settings name."""
 
@@ -297,8 +281,7 @@ def mean_position(name: str, track: Array) -> Array:
 
 def ankle_angle(foot: Poses, shank: Poses, axis: Array) -> Array:
     """Joint angle theta (n,) [rad]: dorsiflexion positive, zero in the static pose. Minus the twist of the foot
-    relative to the shank about the axis (3,), which points to the left: a positive rotation about it turns the toes
-    down."""
+    relative to the shank about the axis (3,), which points to the left."""
     relative = np.einsum("nji,njk->nik", shank.rotation, foot.rotation)
     trace = np.trace(relative, axis1=1, axis2=2)
     # Quaternion of `relative`, up to a common factor: w ~ 1 + trace, vector part v ~ the axial vector.
@@ -313,13 +296,12 @@ def ankle_in_lab(foot: Poses, shank: Poses, calibration: StaticCalibration) -> t
     return (centres[0] + centres[1]) / 2, across / np.linalg.norm(across, axis=1, keepdims=True)
 
 
-def foot_torque(foot: BodyMotion, ankle: Array, axis: Array, inertia: FootInertia) -> Array:
-    """Torque (n,) [N*m] of the foot's weight and inertia, to be added to `ankle_torque`. `foot` is the foot's motion
-    with its centre of mass c as the point. The balance of moments about the ankle a gives axis . ((c - a) x m
-    (acceleration - g)) + I alpha . axis."""
-    load = inertia.mass * (foot.acceleration - GRAVITY)
-    lever = np.cross(foot.point - ankle, load)
-    return np.asarray(np.sum(axis * (lever + inertia.inertia * foot.alpha), axis=1))
+def foot_torque(foot: BodyMotion, ankle: Array, axis: Array, mass: float, inertia: float) -> Array:
+    """Torque (n,) [N*m] of the weight and inertia of all that moves with the foot, to be added to `ankle_torque`.
+    `foot` is its motion with its centre of mass c as the point, `inertia` [kg*m^2] about the axis through c that is
+    parallel to the ankle's: axis . ((c - a) x m (acceleration - g)) + I alpha . axis, with the ankle a."""
+    lever = np.cross(foot.point - ankle, mass * (foot.acceleration - GRAVITY))
+    return np.asarray(np.sum(axis * (lever + inertia * foot.alpha), axis=1))
 
 
 LEAST_EXCURSION = np.deg2rad(5.0)
@@ -360,9 +342,9 @@ def hinge_of_trials(trials: Sequence[Trial], static: StaticCalibration, settings
 
 def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: StaticCalibration) -> Hinge:
     """The hinge from poses of foot and shank in recordings of a joint that moved; poses may be NaN. The axis is the
-    principal direction of the relative rotation vectors, so that the smallest rotation remains across it. The centre is
-    the point that has the same path in both segments (Ehrig et al., J. Biomech. 40, 2007); in directions in which the
-    motion does not determine it, for example along the axis, the anatomical one."""
+    principal direction of the relative rotation vectors. The centre is the point that has the same path in both
+    segments (Ehrig et al., J. Biomech. 40, 2007); in directions in which the motion does not determine it, the
+    anatomical one."""
     feet, shanks = [], []
     for foot_poses, shank_poses in recordings:
         seen = foot_poses.seen() & shank_poses.seen()

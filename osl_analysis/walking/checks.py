@@ -54,9 +54,8 @@ def check_vertical(force: Array) -> None:
 
 
 def check_heading(phase: Array, shank_from_ankle: Array, axis: Array) -> None:
-    """Refuse a shank that leans backwards over stance, seen along the ankle's axis: the axis points to the right.
-    `phase` (n,) is of stance, `shank_from_ankle` (n, 3) [m] a point of the shank minus the ankle, `axis` (n, 3) to the
-    left."""
+    """Refuse a shank, `shank_from_ankle` (n, 3) [m], that leans backwards over the phases (n,) of stance, seen along
+    the ankle's axis (n, 3), which should point to the left."""
     forward = np.cross(axis, [0.0, 0.0, 1.0])
     first, last = (int(np.argmin(np.abs(phase - edge))) for edge in (FIRST, LAST))
     ahead = np.sum(shank_from_ankle * forward, axis=1)
@@ -86,9 +85,9 @@ Positions = dict[str, Array]  # Positions by label: (n, 3) [m] in n frames, or (
 def exchanged_labels(
     trial: Trial, calibration: StaticCalibration, settings: MarkerSettings, segments: Sequence[str] = SEGMENTS
 ) -> str:
-    """Which labels are exchanged, for a message; empty if clusters are rigid as labelled, or no exchange makes them so.
-    Two labels of any clusters are exchanged in turn, and those of whole foot and shank in the order of the settings.
-    The exchange must bring the median residual of every cluster below `largest_residual_mm`."""
+    """Which labels are exchanged, for a message; empty if clusters are rigid as labelled, or no exchange brings the
+    median residual of every cluster below `largest_residual_mm`. Tried are two labels of any clusters, and those of
+    foot and shank."""
     names = {segment: getattr(settings.markers, segment) for segment in segments}
     try:
         tracks = {label: marker_tracks(trial, [label])[1][:, 0] for labels in names.values() for label in labels}
@@ -156,9 +155,9 @@ def compare_encoder(
     low_pass: LowPass,
     usable: NDArray[np.bool_] | None = None,
 ) -> EncoderCheck | None:
-    """Compare the angle (n,) [rad] at `time` [s] with the encoder's (k,), which passes the angle's low-pass here. The
-    encoder's stamps are uniform; only rows at which it is `usable` (k,) are compared. Least squares of theta_encoder(t
-    + delay) = theta(t) + offset by Gauss and Newton; None if they overlap in fewer than 30 samples."""
+    """Compare the angle (n,) [rad] at `time` [s] with the encoder's (k,) at uniform stamps, where it is `usable` (k,),
+    through the angle's low-pass. Least squares of theta_encoder(t + delay) = theta(t) + offset by Gauss and Newton;
+    None if they overlap in fewer than 30 samples."""
     check_measured("the angle from markers", theta)
     check_measured("the encoder's angle", encoder)
     spare = LARGEST_DELAY_S + 1 / sampling_rate(time)
@@ -196,10 +195,9 @@ UP, DOWN = "up", "down"  # Names of the directions in sheet and tables: toes up 
 
 
 def platform_turn(time: Array, platform: Poses, axis: Array, window: tuple[float, float]) -> float:
-    """Largest turn [rad] of the platform about the ankle's axis within a `window` [s]; toes up is positive. `platform`
-    has n poses at `time` (n,) [s], `axis` (n, 3) is the ankle's, to the person's left: a positive rotation about it
-    turns the toes down. The turn is from the last pose before the window, in the laboratory, so that it does not matter
-    how the platform stood in the static trial or which way the person walks."""
+    """Largest turn [rad] of the platform about the ankle's axis (n, 3), toes up positive, within a `window` [s], from
+    the last of its n poses before the window: how the platform stood in the static trial, or which way the person
+    walks, does not matter."""
     start = max(int(np.searchsorted(time, window[0])) - 1, 0)
     rows = slice(start, int(np.searchsorted(time, window[1], side="right")))
     since = platform.rotation[rows] @ platform.rotation[start].T
@@ -223,9 +221,8 @@ BEFORE_S = 0.1  # Length [s] of the interval before heel strike in which the pla
 
 def check_translation(time: Array, platform: Poses, stance: Stance, largest: float) -> None:
     """Refuse a platform that does not turn, but shifts by more than `largest` [m] in stance, from its mean place just
-    before heel strike, or, hidden there, from its place at the start of stance. It is no unperturbed crossing. It is
-    not analysed as a perturbed one either: onset, direction and shape of a perturbation are those of the platform's
-    turn, and the ankle turns by what the leg does, late and little."""
+    before heel strike, or, hidden there, from its place at the start of stance. It is no unperturbed crossing, and not
+    a perturbed one either: the ankle turns by what the leg does, late and little."""
     seen, centre = platform.seen(), platform.position
     inside = seen & (time >= stance.heel_strike) & (time <= stance.toe_off)
     if not inside.any():

@@ -42,9 +42,9 @@ Sheet = Mapping[str, Cells]  # Cells of crossings, by trial
 
 
 def split_keys(sheet: Sheet, settings: GroupSettings) -> list[str]:
-    """Columns of the sheet by which a campaign is split, in the order of `STATED`. A column that `group_by` names
-    splits; one that `pool` names does not. Any other one splits if crossings differ. Refused if a column that splits is
-    empty in a crossing, or everywhere."""
+    """Columns of the sheet by which a campaign is split, in the order of `STATED`: those that `group_by` names, and any
+    other in which crossings differ and that `pool` does not name. Refused if such a column is empty in a crossing, or
+    everywhere."""
     keys = []
     for key in STATED:
         concerned = [name for name, cells in sheet.items() if key in OF_EVERY_CROSSING or cells[PERTURBED]]
@@ -86,7 +86,7 @@ def label(parts: Mapping[str, object]) -> str:
 
 
 def gaits_served(cells: Cells, gaits: Mapping[str, Cells], keys: Sequence[str]) -> list[str]:
-    """Names of the `gaits` (name to cells) to whose mean an unperturbed crossing belongs; an empty cell matches every
+    """Names of the `gaits` (name to cells) to which an unperturbed crossing belongs; an empty cell matches every
     value."""
     return [
         name
@@ -125,9 +125,8 @@ STATIC = "static"  # Column of the sheet that names the static trial of a trial
 
 def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
     """Name of the static trial of a trial whose row is `cells`; `statics` are the rows of the static trials by name.
-    The row's column `static` decides. Without it, the static trials that contradict no stated subject, session or side
-    are candidates, and of these the one that agrees in the most. The only candidate of a sheet is taken even if nothing
-    is stated. Refused if the named trial is no static trial that is used, or the candidates are none or several."""
+    The row's column `static` decides; without it, of the static trials that contradict no stated subject, session or
+    side the one that agrees in the most. The only candidate of a sheet is taken even if nothing is stated."""
     named = cells.get(STATIC)
     if named is not None:
         if named not in statics:
@@ -160,7 +159,7 @@ def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
 
 def side_of(static: str, cells: Cells, served: Mapping[str, Cells], otherwise: str) -> str:
     """Side of the leg that a static trial calibrates: of its own row, else of the trials that it serves, else
-    `otherwise`. Refused if it serves trials of both sides, or of another side than its own."""
+    `otherwise`."""
     sides = {row["side"]: name for name, row in served.items() if row.get("side") is not None}
     own = cells.get("side")
     wrong = [(side, name) for side, name in sides.items() if own is not None and side != own]

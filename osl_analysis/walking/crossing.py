@@ -14,7 +14,6 @@ from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import (
     SEGMENTS,
     BodyMotion,
-    FootInertia,
     Poses,
     StaticCalibration,
     ankle_angle,
@@ -88,7 +87,7 @@ def rows_of_stance(time: Array, poses: Mapping[str, Poses], stance: Stance) -> s
 
 def check_gaps(name: str, time: Array, poses: Poses, window: tuple[float, float], longest: float) -> None:
     """Refuse a cluster that is interpolated for more than `longest` [s] within the fitted `window` [s]: Eq. 15 would be
-    fitted to the interpolation. The rest of stance is slow enough."""
+    fitted to the interpolation."""
     inside = (time >= window[0]) & (time <= window[1])
     gap = longest_run(poses.bridged & inside)
     if gap_duration(time, gap) > longest:
@@ -160,9 +159,8 @@ class RefusedCrossing:
 
 @dataclass(frozen=True)
 class FilteredCrossing:
-    """A crossing through the low-pass, in n rows of its marker frames: the rows of stance. What the plate's model and
-    the platform's motion do not change is computed once: a crossing asks for its torque with each of some fifteen
-    models, whose scatter is the torque's error."""
+    """A crossing through the low-pass, in the n frames of stance. A crossing asks for its torque with each of some
+    fifteen models, whose scatter is the torque's error: what these do not change is computed once."""
 
     rows: slice
     poses: Mapping[str, Poses]  # filtered poses by segment, in these rows
@@ -192,9 +190,8 @@ class FilteredCrossing:
         foot = self.settings.foot
         if foot is None:
             return 0.0
-        inertia = FootInertia(foot.mass_kg, np.array(foot.centre_of_mass_m), foot.inertia_kg_m2)
-        place = self.calibration.ankle_centre + inertia.centre_of_mass
-        return foot_torque(body_motion(self.time, self.poses["foot"], place), *self.ankle, inertia)
+        motion = body_motion(self.time, self.poses["foot"], self.calibration.ankle_centre + foot.centre_of_mass_m)
+        return foot_torque(motion, *self.ankle, foot.mass_kg, foot.inertia_kg_m2)
 
     def motion(self, template: PlatformTemplate | None, follows: Alignment | None) -> BodyMotion:
         """Motion (n,) of the plate's centre: by the shape that crossings share, if this one `follows` it."""
@@ -208,8 +205,8 @@ class FilteredCrossing:
         return self.plate.late_by(delay).filtered(self.settings.low_pass, rate)[self.rows]
 
     def reaction(self, wrench: PlateWrench, inertia: PlateInertia, motion: BodyMotion) -> tuple[PlateWrench, Array]:
-        """Ground reaction on the foot, and the plate's centre (n, 3) [m], about which its moment acts. `wrench` is as
-        from `wrench`, `motion` the plate's, for its own `inertia`."""
+        """Ground reaction on the foot, and the plate's centre (n, 3) [m], about which its moment acts. `motion` is the
+        plate's, for its own `inertia`."""
         return in_laboratory(wrench - inertia.wrench(motion), self.poses["platform"], self.centre)
 
     def torque(self, wrench: PlateWrench, inertia: PlateInertia, motion: BodyMotion) -> Array:
@@ -232,17 +229,9 @@ def analyse_crossing(
     settings: CrossingSettings,
     platform: PlatformModel = ALONE,
 ) -> Crossing:
-    """Angle and torque of a crossing. `perturbed` comes from the sheet and is checked against the platform's motion.
-
-    `platform` is what the platform's motions share; without it each crossing has its own motion and onset. Markers and
-    wrench first pass the same low-pass at the same rate. Angle and torque are not filtered again.
-
-    Raises
-    ------
-    InputError
-        No or several stances, a perturbation that disagrees with the sheet or leaves the stance, a plate out of range,
-        or a cluster that is hidden in stance. Names the trial.
-    """
+    """Angle and torque of a crossing, from markers and wrench through the same low-pass at the same rate. `perturbed`
+    comes from the sheet and is checked against the platform's motion. `platform` is what the platform's motions share;
+    without it each crossing has its own motion and onset. Refused with the trial's name."""
     try:
         recorded = RecordedCrossing.of(trial, calibration, plate.delay, settings)
         onset = recorded.onset(perturbed, platform)
@@ -356,8 +345,8 @@ class RecordedCrossing:
         return FilteredCrossing(rows, poses, self.plate, track, centre, self.calibration, settings)
 
     def foot_on_plate(self, phase: Array, foot: Poses) -> tuple[tuple[float, float], float]:
-        """Position [m] of the ankle, forward and to the left of the plate's centre, while the foot is flat, and the
-        largest distance [m] by which a foot marker then lies outside the plate; at phases of stance (n,)."""
+        """Position [m] of the ankle, forward and left of the plate's centre, while the foot is flat, and the largest
+        distance [m] by which a foot marker then lies outside the plate; at phases of stance (n,)."""
         flat = foot[(phase >= FOOT_FLAT[0]) & (phase <= FOOT_FLAT[1])]
         corners = recorded_corners(self.trial, self.settings.plate)
         ankle = flat.point(self.calibration.ankle_centre).mean(axis=0) - corners.mean(axis=0)

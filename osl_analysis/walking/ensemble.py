@@ -46,9 +46,9 @@ CROSSINGS_PER_PREDICTOR, CROSSINGS_BESIDE = 3, 4
 
 @dataclass(frozen=True)
 class Prediction:
-    """The predictors that were chosen, names in `BEHAVIOUR`; none: the mean is at least as good. The share is that of
-    the unperturbed crossings' deviations in the window, as a mean square of the torque that they add to the residual of
-    Eq. 15, that is predicted for crossings without which the regression was computed."""
+    """The predictors that were chosen, names in `BEHAVIOUR`; none: the mean is at least as good. The share, as a mean
+    square of the torque that it adds to the residual of Eq. 15, of the deviations of crossings that is predicted
+    without them."""
 
     predictors: Predictors = ()
     share: float = 0.0
@@ -88,11 +88,9 @@ class Stacked:
 
 
 def predicting_weights(behaviour: Array, weights: Array) -> Array:
-    """Weights (c,) of c unperturbed crossings in what a perturbed one would have done. `behaviour` (q, c) is what the
-    perturbed one did before the onset minus what each unperturbed one did, `weights` (c,) are those of the unperturbed
-    crossings in the regression, not negative. It is the weighted regression of the crossings' curves on `behaviour`,
-    with an intercept, at a difference of 0: the weights nearest to `weights` whose sum is 1 and whose mean difference
-    is 0. `weights` where too few are not 0."""
+    """Weights (c,) of c unperturbed crossings in what a perturbed one would have done: of the regression of their
+    curves, with `weights` (c,), on `behaviour` (q, c), the perturbed one's minus theirs before the onset, with an
+    intercept, at a difference of 0. `weights` where too few are not 0."""
     used = weights > 0
     if not len(behaviour) or used.sum() < len(behaviour) + 2:
         return weights
@@ -224,11 +222,9 @@ def check_alike(responses: Sequence[PerturbationResponse]) -> None:
 
 
 def bootstrap(responses: Sequence[PerturbationResponse], samples: int, predictors: Predictors = ()) -> Bootstrap:
-    """Refit the ensemble with perturbations, unperturbed crossings and plate trials resampled with replacement. The
-    mean unperturbed gait is subtracted from every response, and the plate's model is part of every torque: their errors
-    are common to all responses and do not show in the scatter between perturbations. The plate's model is resampled to
-    first order, by the influence of each trial on the torque. Perturbations are drawn within their direction. With
-    predictors, the regression is computed anew in each sample."""
+    """Refit the ensemble with perturbations, within their direction, unperturbed crossings and plate trials resampled
+    with replacement: the errors of the mean unperturbed gait and of the plate's model are common to all responses and
+    do not show in the scatter between perturbations. The plate's model is resampled to first order."""
     check_alike(responses)
     signs = signs_of(responses)
     draws = Draws.of(responses, samples)
@@ -283,9 +279,8 @@ def fits_of_samples(motion: Motion, torques: Array) -> tuple[Array, Array, Array
 
 
 def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[CommonError]]:
-    """Errors of K, B and I that all perturbations share: those of the mean unperturbed gait and of the plate's model.
-    The first is the error of a mean of n crossings; `gait_errors` gives the part of each crossing. The second is the
-    jackknife's over the plate trials. Variances are in the squared units of `ImpedanceFit`."""
+    """Errors of K, B and I that all perturbations share, as variances: of a mean of n unperturbed crossings, and of the
+    plate's model, the jackknife's over the plate trials."""
     check_alike(responses)
     shares = np.abs(joining_weights(signs_of(responses)))
     fits = [fit_without_offset(r.fitted_motion, r.fitted_torque) for r in responses]
@@ -299,9 +294,9 @@ def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[C
 
 
 def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
-    """Weights (samples, n) of n items in the mean of n - 1 items drawn with replacement. The mean of n draws has a
-    variance that is too small by the factor (n - 1)/n, that of n - 1 draws the correct one (Hesterberg, The American
-    Statistician 69, 2015). A single item always has the weight 1."""
+    """Weights (samples, n) of n items in the mean of n - 1 items drawn with replacement: the mean of n draws has a
+    variance that is too small by (n - 1)/n (Hesterberg, The American Statistician 69, 2015). A single item has the
+    weight 1."""
     if n < 2:
         return np.ones((samples, n))
     return random.multinomial(n - 1, np.full(n, 1 / n), size=samples) / (n - 1)
@@ -325,7 +320,7 @@ Result = tuple[EnsembleResponse, Bootstrap]
 
 @dataclass(frozen=True)
 class Headline:
-    """Result of one group."""
+    """Result of one group; `ensemble` and `resampled` with the baseline that the settings name."""
 
     responses: Sequence[PerturbationResponse]
     common: Mapping[str, Sequence[CommonError]]  # errors that all single fits share, by quantity
@@ -337,17 +332,11 @@ class Headline:
 
     @property
     def ensemble(self) -> EnsembleResponse:
-        """The fit to the mean response, or to half the difference of two directions, with the baseline asked for."""
-        return self.asked[0]
+        return (self.predicted_gait if self.baseline == "predicted" else self.mean_gait)[0]
 
     @property
     def resampled(self) -> Bootstrap:
-        return self.asked[1]
-
-    @property
-    def asked(self) -> Result:
-        """The result with the baseline that the settings name."""
-        return self.predicted_gait if self.baseline == "predicted" else self.mean_gait
+        return (self.predicted_gait if self.baseline == "predicted" else self.mean_gait)[1]
 
 
 def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, settings: EnsembleSettings) -> Headline:
@@ -371,8 +360,7 @@ def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, setting
 
 def compare_directions(responses: Sequence[PerturbationResponse], samples: int) -> Symmetry | None:
     """Fits to the mean responses up and down, and their difference; None if the platform always turned one way. Both
-    are resampled together: the mean unperturbed gait errs the same way in both, and its error does not cancel in the
-    difference."""
+    are resampled together: the error of the mean unperturbed gait does not cancel in the difference."""
     signs = signs_of(responses)
     if len(np.unique(signs)) < 2:
         return None

@@ -31,9 +31,8 @@ class Stance:
 
 
 def find_stances(time: Array, force: Array, on: float, off: float, shortest: float) -> list[Stance]:
-    """Complete stances of at least `shortest` [s] in a vertical force (n,) [N]. A stance begins where the force rises
-    through `on` [N] and ends where it falls through `off` [N], off <= on, both interpolated between samples. Where the
-    force is NaN, the last known state (loaded or unloaded) is kept."""
+    """Complete stances of at least `shortest` [s] in a vertical force (n,) [N], from where it rises through `on` [N] to
+    where it falls through `off` <= `on`, between samples. A NaN keeps the last known state."""
     level = np.where(force > on, 1, np.where(force < off, -1, 0))
     known = np.maximum.accumulate(np.where(level != 0, np.arange(len(level)), -1))
     loaded = (known >= 0) & (level[known] == 1)
@@ -69,10 +68,9 @@ def only_stance(stances: list[Stance]) -> Stance:
 
 def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
     """Time [s] at which a platform starts to rotate; None if it never rotates by `threshold` [rad]. `rotation` (n,)
-    [rad] is positive in the direction of the perturbation. It must not have passed the low-pass of the analysis, which
-    spreads the start to earlier times. The first part of the rotation is fitted as c (t - onset)^p, p from 1 (a
-    straight ramp) to 4. A straight line extrapolated back to the rest position gives an onset that is too late by a
-    fifth of the ramp if the start is smooth."""
+    [rad] is positive in the direction of the perturbation, and has not passed the low-pass, which spreads the start to
+    earlier times. The first part is fitted as c (t - onset)^p: a straight line through a smooth start is too late by a
+    fifth of the ramp."""
     seen = np.isfinite(rotation)
     time, rotation = time[seen], rotation[seen]
     above = np.flatnonzero(rotation > threshold)

@@ -44,8 +44,7 @@ class UnperturbedGait:
 def unperturbed_gait(
     crossings: Sequence[Crossing], fewest: int, lost: Mapping[str, str] | None = None
 ) -> UnperturbedGait:
-    """Crossings on the common grid of stance phase; refused if fewer than `fewest`. `lost` has the reasons of those
-    that are not used, by trial."""
+    """Crossings on the common grid of stance phase. `lost` has the reasons of those that are not used, by trial."""
     if len(crossings) < fewest:
         if lost:
             raise InputError(
@@ -66,8 +65,8 @@ def unperturbed_gait(
 
 
 def most_frequent(reasons: Mapping[str, str]) -> str:
-    """The most frequent reason by trial, with one trial's words, and how often; for a message. Reasons that differ in
-    numbers and in the trial's name alone are one."""
+    """The most frequent reason by trial, with one trial's words, and how often. Reasons that differ in numbers and in
+    the trial's name alone are one."""
     said = {trial: why.removeprefix(f"trial {trial}: ") for trial, why in reasons.items()}
     kinds = {trial: re.sub(r"[-+]?\d+(\.\d+)?", "#", why) for trial, why in said.items()}
     kind, count = Counter(kinds.values()).most_common(1)[0]
@@ -103,9 +102,9 @@ STEPS, LONGEST_STEP, LAST_STEP = 15, 0.05, 1e-6
 
 
 def steadiest_scales(phase: Array, curve: Array, curves: Array) -> tuple[float, Array]:
-    """Scales of one curve (k,), and of the unperturbed `curves` (n, m), which are sampled at m uniform phases 0 to 1.
-    `phase` (k,) are the first of these phases. The drift has the order at which the scales of the n curves scatter
-    least, among those at which every curve has a scale. All are NaN if there is no such order."""
+    """Scales of one curve at the first phases (k,), and of the unperturbed `curves` (n, m) at uniform phases 0 to 1.
+    The drift has the order at which the scales of the n curves scatter least, among those at which every curve has a
+    scale. All are NaN if there is no such order."""
     both = np.vstack([curve, curves[:, : len(phase)]])[:, ::STRIDE]
     found = matched_scales(phase[::STRIDE], both, curves.mean(axis=0), ORDERS)
     scatters = np.where(np.isfinite(found).all(axis=1), np.std(found[:, 1:], axis=1), np.inf)
@@ -116,46 +115,31 @@ def steadiest_scales(phase: Array, curve: Array, curves: Array) -> tuple[float, 
 
 
 def matched_scales(phase: Array, curves: Array, mean: Array, orders: Sequence[int] = ORDERS) -> Array:
-    """The scales r (orders, m) at which curves (m, k) at phases p (k,), as functions of r p, are most like the mean
-    curve (n,), which is at uniform phases from 0 to 1; NaN without one. A curve is like the mean if it is a multiple of
-    it plus a polynomial, of one of the `orders`. The scale solves this nonlinear least-squares problem by the method of
-    Gauss and Newton, from 1 on. There is none if the search ends at a bound or does not end, or if the mean is itself a
-    polynomial, apart from rounding."""
+    """The scales r (orders, m) at which curves (m, k) at phases p (k,), as functions of r p, are most like a multiple
+    of the mean curve (n,), which is at uniform phases 0 to 1, plus a polynomial of one of the `orders`. By Gauss and
+    Newton, from 1 on; NaN if the search ends at a bound or not at all, or if the mean is itself a polynomial."""
     spline = make_interp_spline(np.linspace(0.0, 1.0, len(mean)), mean, k=3)
-    slope, drift = spline.derivative(), Drift.of(phase, orders)
+    slope = spline.derivative()
+    drift = np.linalg.qr(np.vander(phase / phase[-1], max(orders) + 1, increasing=True))[0]  # orthonormal polynomials
+    used = (np.arange(drift.shape[1]) <= np.array(orders)[:, None])[:, None].astype(float)
+
+    def beside(curves: Array) -> Array:
+        """What the drift of each order leaves of curves (orders, m, k)."""
+        return np.asarray(curves - ((curves @ drift) * used) @ drift.T)
+
     nothing = len(phase) * rounding_of(mean)
     scales = np.ones((len(orders), len(curves)))
     step = np.full_like(scales, np.inf)
     for _ in range(STEPS):
         there = np.clip(scales[..., None] * phase, 0.0, 1.0)
         expected = spline(there)
-        size, change, left = (drift.beside(v) for v in (expected, phase * slope(there), curves - expected))
+        size, change, left = (beside(v) for v in (expected, phase * slope(there), curves - expected))
         step = np.clip(second_coefficient(size, change, left, nothing), -LONGEST_STEP, LONGEST_STEP)
         scales = np.clip(scales + step, SMALLEST, LARGEST)
         if np.all(np.abs(step) < LAST_STEP):
             break
     settled = (np.abs(step) < LAST_STEP) & (scales > SMALLEST) & (scales < LARGEST)
     return np.where(settled, scales, np.nan)
-
-
-@dataclass(frozen=True)
-class Drift:
-    """Polynomials of several orders over k phases: orthonormal columns (k, p), of order 0, 1, ..., and 1 for those that
-    are used up to each order (orders, 1, p), else 0."""
-
-    columns: Array
-    used: Array
-
-    @classmethod
-    def of(cls, phase: Array, orders: Sequence[int]) -> "Drift":
-        """Drifts of some orders at phases (k,)."""
-        powers = np.vander(phase / phase[-1], max(orders) + 1, increasing=True)
-        columns = np.linalg.qr(powers)[0]
-        return cls(columns, (np.arange(columns.shape[1]) <= np.array(orders)[:, None])[:, None].astype(float))
-
-    def beside(self, curves: Array) -> Array:
-        """What the drift of each order leaves of curves (orders, m, k)."""
-        return np.asarray(curves - ((curves @ self.columns) * self.used) @ self.columns.T)
 
 
 def second_coefficient(first: Array, second: Array, values: Array, smallest: float) -> Array:

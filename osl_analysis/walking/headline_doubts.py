@@ -72,12 +72,8 @@ def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | No
     """RMS residual of Eq. 15 over the RMS residual of what ordinary gait leaves (crossings, k). Null if the residual is
     below 3 % of the torque, or gait leaves none."""
     columns = np.column_stack([motion.theta, motion.omega, motion.alpha])
-    own, gait = rms(unexplained(columns, torque[None])), rms(unexplained(columns, left))
+    own, gait = (rms(y - (columns @ np.linalg.lstsq(columns, y.T, rcond=None)[0]).T) for y in (torque[None], left))
     return own / gait if own > SMALL_RESIDUAL * rms(torque) and gait > 0 else None
-
-
-def unexplained(columns: Array, torques: Array) -> Array:
-    return np.asarray(torques - (columns @ np.linalg.lstsq(columns, torques.T, rcond=None)[0]).T)
 
 
 def rms(values: Array) -> float:
@@ -102,9 +98,8 @@ def estimator_difference(
 
 
 def heterogeneity(singles: Sequence[ImpedanceFit]) -> float | None:
-    """Scatter of single stiffnesses over that of their standard errors: Cochran's Q over its degrees of freedom.
-    Standard errors count as at least 3 % of the mean stiffness: smaller differences are of no interest. None of fewer
-    than two stiffnesses, or where all are 0."""
+    """Scatter of single stiffnesses over that of their standard errors, at least 3 % of the mean each: Cochran's Q over
+    its degrees of freedom. None of fewer than two stiffnesses, or where all are 0."""
     K, se = np.array([fit.K for fit in singles]), np.array([fit.fit.se("K") for fit in singles])
     variance = se**2 + (SMALL_DIFFERENCE * K.mean()) ** 2
     if len(K) < 2 or not np.isfinite(se).all() or not (variance > 0).all():

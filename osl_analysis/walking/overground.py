@@ -81,8 +81,8 @@ def overground_rows(
 
 
 def compare_moments(trial: Trial, body_mass: float, load: float) -> list[MomentComparison]:
-    """Every stance of the trial in which exactly one foot is over a plate, in order of side and plate. This package's
-    moment is divided by `body_mass` [kg]. Frames count while the plate carries more than `load` [N]."""
+    """Every stance of the trial in which exactly one foot is over a plate, in order of side and plate, in N*m/kg.
+    Frames count while the plate carries more than `load` [N]."""
     plates = [int(plate["plate"]) for plate in trial.provenance.get("plates", [])]
     sides = [side for side in SIDES if reference_column(side) in trial.samples.columns]
     if not sides or not plates:
@@ -101,7 +101,7 @@ def compare_moments(trial: Trial, body_mass: float, load: float) -> list[MomentC
 
 def check_no_downward_force(trial: Trial, largest_zero: float) -> None:
     """Refuse a plate whose vertical force is below minus `largest_zero` [N] in most of the recording: a foot cannot
-    pull. An offset of the other sign is not detected: it looks like a standing person."""
+    pull. An offset of the other sign looks like a standing person."""
     for plate in trial.provenance.get("plates", []):
         number = int(plate["plate"])
         reading = float(np.median(recorded_wrench(trial, number).wrench.force[:, 2]))

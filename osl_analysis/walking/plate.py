@@ -55,9 +55,8 @@ class RecordedWrench:
     wrench: PlateWrench
 
     def at_frames(self, marker_time: Array) -> "WrenchAtFrames":
-        """The wrench for the marker frames (n,) [s], to be read with any delay of the plate. A zero-phase low-pass at a
-        third of the marker rate prevents aliasing. It attenuates a fifteenth of that rate (20 Hz at 300 Hz) by less
-        than 1e-5, which is negligible beside the filter of the analysis."""
+        """The wrench for the marker frames (n,) [s]. A zero-phase low-pass at a third of the marker rate prevents
+        aliasing, and attenuates a fifteenth of that rate (20 Hz at 300 Hz) by less than 1e-5."""
         anti_alias = LowPass(sampling_rate(marker_time) * ANTI_ALIAS)
         smooth = anti_alias(self.wrench.components(), sampling_rate(self.time))
         ends = float(self.time[0]), float(self.time[-1])
@@ -98,9 +97,8 @@ def zeroed_wrench(trial: Trial, settings: CrossingSettings) -> tuple[RecordedWre
 
 
 def unloaded_zero(recorded: RecordedWrench, duration: float, largest: float) -> PlateWrench:
-    """Mean wrench (one sample) of a plate before it is stepped on. Over the interval of `duration` [s], before the
-    largest vertical force, in which that force varies least: the load during gait is never as constant. After the step
-    the platform may be tilted, and the plate's weight appears in the wrench."""
+    """Mean wrench (one sample) of a plate over the `duration` [s], before the largest vertical force, in which that
+    force varies least: gait is never as constant, and after the step the platform may be tilted."""
     length, vertical = round(duration * sampling_rate(recorded.time)), recorded.wrench.force[:, 2]
     before = vertical[: int(np.argmax(vertical)) + 1]
     if len(before) < length:
@@ -122,7 +120,7 @@ def unloaded_zero(recorded: RecordedWrench, duration: float, largest: float) -> 
 
 def check_range(time: Array, force: Array, axes: Array, load: float) -> None:
     """Refuse a force (n, 3) [N] that stays at its extreme, above `load`, in one of the plate's `axes` (3, 3), columns.
-    It is for recordings without raw channels, as CSV files of Nexus: `check_plate` sees those of a C3D file."""
+    For recordings without raw channels, as CSV files of Nexus: `check_plate` sees those of a C3D file."""
     rate = sampling_rate(time)
     longest = max(round(CLIPPED_S * rate), 3)
     for name, component in zip("xyz", (force @ axes).T, strict=True):
@@ -157,23 +155,17 @@ def recorded_corners(trial: Trial, plate: int) -> Array:
     return found
 
 
-def plate_centre(trial: Trial, plate: int) -> Array:
-    """Centre (3,) [m] of a plate's surface at rest, the mean of its corners."""
-    return np.asarray(recorded_corners(trial, plate).mean(axis=0))
-
-
 def in_laboratory(wrench: PlateWrench, platform: Poses, centre: Array) -> tuple[PlateWrench, Array]:
-    """The wrench in laboratory axes, and the plate's centre (n, 3) [m], about which its moment acts. `wrench` is in the
-    plate's own axes, which are the laboratory's in the resting pose, to which the platform's poses refer. `centre` (3,)
-    [m] is that of the surface at rest."""
+    """The wrench in laboratory axes, from the plate's own, which are the laboratory's at rest, and the plate's centre
+    (n, 3) [m], about which its moment acts; `centre` (3,) [m] is that of the surface at rest."""
     force = np.einsum("nij,nj->ni", platform.rotation, wrench.force)
     moment = np.einsum("nij,nj->ni", platform.rotation, wrench.moment)
     return PlateWrench(force, moment), platform.point(centre)
 
 
 def rotation_from_rest(platform: Poses) -> Array:
-    """Angle (n,) [rad] by which the platform is turned from its pose in the static trial; NaN where not seen. About the
-    axis of the largest rotation, which counts as positive. It is signed, so that marker noise has zero mean."""
+    """Angle (n,) [rad] by which the platform is turned from its pose in the static trial, about the axis of the largest
+    rotation, which counts as positive; NaN where not seen. It is signed, so that marker noise has zero mean."""
     seen = np.flatnonzero(platform.seen())
     angle = np.full(len(platform.position), np.nan)
     if not len(seen):
@@ -188,8 +180,7 @@ def rotation_from_rest(platform: Poses) -> Array:
 def ankle_torque(reaction: PlateWrench, plate_centre: Array, ankle: Array, axis: Array) -> Array:
     """Internal plantarflexion moment tau (n,) [N*m] from the ground reaction on the foot. tau = -(M + (c - a) x F) .
     axis, with the force F and the moment M about the plate's centre c (n, 3) or (3,) [m], the ankle a (n, 3) [m], and
-    the axis (n, 3) to the left, in laboratory axes. The centre of pressure is not used: it is undefined when the plate
-    is unloaded."""
+    the axis (n, 3) to the left. The centre of pressure is not used: an unloaded plate has none."""
     about_ankle = reaction.moment + np.cross(plate_centre - ankle, reaction.force)
     return np.asarray(-np.sum(about_ankle * axis, axis=1))
 
@@ -235,8 +226,7 @@ def shared_time(facts: Mapping[str, Any], run: str, stance: Stance) -> float:
 
 
 def check_type_on_platform(trial: Trial, plate: int) -> None:
-    """Refuse a plate of type 1 on a platform that moves: it records the centre of pressure instead of the moment, and
-    the plate's own inertia cannot be taken from it."""
+    """Refuse a plate of type 1 on a platform that moves: it records the centre of pressure instead of the moment."""
     if recorded_plate(trial, plate).get("type") == 1:
         raise InputError(
             f"trial {trial.name}: force plate {plate} is of type 1 (centre of pressure) on a moving platform: "
@@ -264,8 +254,8 @@ class Load:
 
 
 def load_on_foot(reaction: PlateWrench, centre: Array, ankle: Array, axis: Array) -> Load:
-    """Load from the reaction about the plate's centre (n, 3) [m], the ankle (n, 3) [m] and its axis (n, 3), which
-    points to the left, all in laboratory axes."""
+    """Load from the reaction about the plate's centre (n, 3) [m], the ankle (n, 3) [m] and its axis (n, 3) to the
+    left."""
     vertical = reaction.force[:, 2]
     up = np.array([0.0, 0.0, 1.0])
     pressed = vertical > PRESSED

@@ -41,7 +41,7 @@ from osl_analysis.walking.plate import (
     RecordedWrench,
     WrenchAtFrames,
     check_type_on_platform,
-    plate_centre,
+    recorded_corners,
     recorded_wrench,
     rotation_from_rest,
 )
@@ -112,18 +112,14 @@ def identify_plate_inertia(
     """Parameters from unloaded recordings: motion of the plate's centre, and wrench in the plate's axes.
 
     `smooth` is the low-pass that the wrench passed and the motion did not. It is applied to the columns, which are
-    products of motions, because the low-pass of a product is not the product of low-passes: with filtered motions, a
-    filter of 8 Hz would make the plate's lag 0.05 ms too small. The mean of each recording is removed, because each has
-    its own zero. Inertias about axes that are not excited are 0. If the remaining parameters cannot be told apart, or
-    some are seen with more noise than motion, only the four planar ones are identified. `names` are those that may be
-    identified, all if None or empty (as an exact fit, without errors, names); the others are as in `known` (10,), 0 if
-    None.
-
-    `noise` (10, 10) is the sum of squares that marker noise alone causes in the columns. It is subtracted from theirs,
-    because least squares with noise in its columns makes every estimate too small.
+    products of motions: with filtered motions, a filter of 8 Hz would make the plate's lag 0.05 ms too small. The mean
+    of each recording is removed, because each has its own zero. Inertias about axes that are not excited are 0. If the
+    others cannot be told apart, or some are seen with more noise than motion, only the four planar ones are identified.
+    `names` are those that may be identified, all if None or empty (as an exact fit, without errors, names); the others
+    are as in `known` (10,), 0 if None. `noise` (10, 10) is the sum of squares that marker noise alone causes in the
+    columns. It is subtracted from theirs, because noise in the columns makes every estimate too small.
     """
-    if not recordings:
-        raise InputError("no recordings of the unloaded plate; add trials of experiment 'plate' to the sheet")
+
     columns = np.concatenate([centred(smooth(regressors(motion))) for motion, _ in recordings])
     wrench = np.concatenate([centred(w.components()) for _, w in recordings])
     excited = excited_parameters([motion for motion, _ in recordings])
@@ -137,8 +133,8 @@ def fit_parameters(
     columns: Array, wrench: Array, names: tuple[str, ...], noise: Array | None, held: Array
 ) -> tuple[Array, Array]:
     """Parameters and standard errors (10,) from wrenches (n, 6) and the named ones of the columns (n, 6, 10). The
-    others are `held` (10,), with errors of 0. If the named ones look alike, or are noise, only the planar ones
-    count."""
+    others are `held` (10,), with errors of 0. If the named ones look alike, or are noise, only the planar ones count.
+    """
     chosen = [PARAMETERS.index(name) for name in names]
     parameters, errors = held.copy(), np.zeros(len(PARAMETERS))
     parameters[chosen] = 0.0
@@ -156,9 +152,9 @@ def fit_parameters(
 
 
 def noise_squares(motion: BodyMotion, resting: Sequence[slice]) -> Array:
-    """Mean weighted square (10, 10), per frame, that marker noise causes in the columns before `smooth`. `motion` is
-    that of a platform as measured, which shows nothing but noise in the runs of frames in which it is `resting`. After
-    `smooth`, which is far slower, the columns of such frames would hold the motions beside them too."""
+    """Mean weighted square (10, 10), per frame, that marker noise causes in the columns before `smooth`: in the runs of
+    frames in which the platform is `resting`. After `smooth`, which is slower, they would hold the motions beside them
+    too."""
     columns = regressors(motion)
     still = [stacked_columns(centred(columns[run]), PARAMETERS) for run in resting]
     count = sum(run.stop - run.start for run in resting)
@@ -211,9 +207,9 @@ LIGHT = 0.1
 
 
 def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], PlateWrench], smooth: Callable[[Array], Array]) -> float:
-    """Lag [s] of the plate behind the markers in one unloaded recording, positive if the plate is late; NaN if it is
-    too light. `wrench_at` returns the wrench read a lag [s] later, filtered with `smooth`. The motion has not passed
-    this filter. The estimated lag minimises the misfit of `identify_plate_inertia`."""
+    """Lag [s] of the plate behind the markers in one unloaded recording, positive if the plate is late, that minimises
+    the misfit of `identify_plate_inertia`; NaN if it is too light. `wrench_at` returns the wrench read a lag [s] later,
+    filtered with `smooth`. The motion has not passed this filter."""
     lags = np.arange(-LARGEST_PLATE_LAG_S, LARGEST_PLATE_LAG_S + PLATE_LAG_STEP_S / 2, PLATE_LAG_STEP_S)
     readings = [wrench_at(float(lag)) for lag in lags]
     columns = centred(smooth(regressors(motion)))
@@ -316,7 +312,7 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
     if cut and rests:
         rows = slice(rows.start + whole.start, rows.start + whole.stop)
         track = PlatformTrack.of(trial.name, time[rows], poses[rows], reference, settings.low_pass)
-    centre = plate_centre(trial, settings.plate)
+    centre = recorded_corners(trial, settings.plate).mean(axis=0)
     motion, weights = track.own_motion(np.eye(6), centre)
     motion = motion.weighted(weights)
     if cut and (not rests or np.ptp(rotation_from_rest(poses[rows])) < np.deg2rad(settings.perturbation_deg)):
@@ -331,8 +327,8 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
 
 def whole_motions(track: PlatformTrack) -> slice:
     """The frames (n,) of a track without a motion that begins before or ends after it; empty if it never rests. Half a
-    motion has accelerations that the low-pass gets wrong at the end of the recording: the lag is then off by
-    milliseconds, and the plate's mass by a tenth."""
+    motion has accelerations that the low-pass gets wrong: the lag is then off by milliseconds, the plate's mass by a
+    tenth."""
     count, n = max(round(EDGE_S * track.rate), 5), len(track.time)
     moves = track.moving.copy()
     ends = slice(0, count), slice(n - count, n)
@@ -346,8 +342,8 @@ def whole_motions(track: PlatformTrack) -> slice:
 
 
 def turned_while_hidden(name: str, time: Array, poses: Poses, settings: PlateModelSettings) -> bool:
-    """Whether the platform turned while its markers were hidden; refused if they were always seen and it did not turn.
-    An interpolated turn is not measured. 11 interpolated frames at 300 Hz change the lag of that trial by 2 ms."""
+    """Whether the platform turned while its markers were hidden: 11 interpolated frames at 300 Hz change the lag by 2
+    ms. Refused if they were always seen and it did not turn."""
     turned = float(np.rad2deg(np.max(rotation_from_rest(poses[longest_run(poses.seen())]))))
     if turned >= settings.perturbation_deg:
         rotation = rotation_from_rest(poses)
@@ -396,13 +392,19 @@ NO_CORRECTION = PlateModel(
 def identify_plate_model(
     trials: Sequence[Trial], calibrations: Calibrations, settings: PlateModelSettings
 ) -> PlateModel:
-    """Lag and inertia from unloaded trials: first the lag of each trial, then one inertia from all at the mean lag.
-    Refused without trials, with a foot on the plate, or if the platform did not move or was hidden while it moved."""
+    """Lag and inertia from unloaded trials: first the lag of each trial, then one inertia from all at the mean lag."""
     if not trials:
         raise InputError("no trials of the unloaded plate; add trials of experiment 'plate' to the sheet")
     for trial in trials:
         check_type_on_platform(trial, settings.plate)
-    seen = usable([unloaded_recording(t, calibration_of(calibrations, t.name), settings) for t in trials])
+    every = [unloaded_recording(t, calibration_of(calibrations, t.name), settings) for t in trials]
+    seen = [r for r in every if not r.unusable]
+    if not seen:
+        why = every[0].unusable
+        raise InputError(f"no unloaded trial shows the plate's inertia; trial {trials[0].name}, as others: {why}")
+    for r in every:
+        if r.unusable:
+            warnings.warn(f"trial {r.name}: excluded from the plate's model: {r.unusable}", stacklevel=2)
     recordings, lags = UnloadedRecording.shared(seen), [float("nan")] * len(seen)
     for i, r in enumerate(recordings if settings.correct_plate_lag else ()):
         try:
@@ -427,8 +429,7 @@ def plate_model(
     recordings: Sequence[UnloadedRecording], lags: Sequence[float], whole: PlateInertia | None = None
 ) -> PlateModel:
     """The mean of the recordings' lags [s], NaN where one shows none, and one inertia from all recordings at that lag.
-    `whole` is the inertia from more recordings: only what they identified is identified, and the rest stays as it is
-    there."""
+    Only what `whole`, from more recordings, identified is identified, and the rest stays as it is there."""
     known = np.array([lag for lag in lags if np.isfinite(lag)])
     lag = float(np.mean(known)) if len(known) else None
     pairs = [(r.motion, r.wrench_at(lag or 0.0)) for r in recordings]
@@ -437,18 +438,6 @@ def plate_model(
     inertia = identify_plate_inertia(pairs, recordings[0].smooth, *limits)
     error = float(np.std(known, ddof=1) / np.sqrt(len(known))) if len(known) > 1 else None
     return PlateModel(inertia, lag, error, known)
-
-
-def usable(recordings: Sequence[UnloadedRecording]) -> list[UnloadedRecording]:
-    """The recordings that show a whole motion of the platform. A warning names each of the others."""
-    bad = [r for r in recordings if r.unusable]
-    if len(bad) == len(recordings):
-        raise InputError(
-            f"no unloaded trial shows the plate's inertia; trial {bad[0].name}, as others: {bad[0].unusable}"
-        )
-    for r in bad:
-        warnings.warn(f"trial {r.name}: excluded from the plate's model: {r.unusable}", stacklevel=2)
-    return [r for r in recordings if not r.unusable]
 
 
 def plate_table(model: PlateModel) -> pl.DataFrame:

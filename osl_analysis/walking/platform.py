@@ -188,9 +188,9 @@ class RiseStart:
 
 
 def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
-    """The start of a mean motion (n, r) [m] from rest, along its largest displacement. A smooth step is fitted to
-    `FITTED` of the rise: that of minimum jerk, unless another one is far more likely. `noise` [m] is the standard
-    deviation of each sample, as if it were independent of the others."""
+    """The start of a mean motion (n, r) [m] from rest, along its largest displacement: of the smooth step, of minimum
+    jerk unless another one is far more likely, fitted to `FITTED` of the rise. `noise` [m] is the standard deviation of
+    each sample, as if it were independent of the others."""
     size = np.linalg.norm(coordinates, axis=1)
     largest = int(np.argmax(size))
     turned = coordinates @ coordinates[largest] / size[largest]
@@ -228,9 +228,9 @@ FEWEST = 2  # Fewest crossings whose mean is a shape
 
 
 def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[PlatformTemplate, list[Alignment]]:
-    """The shape of the motions in two or more crossings, and how each follows it. The shape ends 50 ms after a `window`
-    [s] that begins in the middle of its rise. Its zero of time is its own start (`start_of_rise`). A crossing that does
-    not follow it has no part in it."""
+    """The shape of the motions in two or more crossings, and how each follows it; one that does not follow it has no
+    part in it. The shape ends 50 ms after a `window` [s] that begins in the middle of its rise; its zero of time is its
+    own start."""
     if len(tracks) < FEWEST:
         raise InputError(f"{len(tracks)} motions of the platform, expected {FEWEST} or more to find what they share")
     ends = -LEAD_S, window + 0.05
@@ -306,9 +306,9 @@ def without_groups(
 
 
 def jackknife_rows(plate: Sequence[Array], platform: Sequence[Array]) -> Array:
-    """Rows (m, n) [N*m] whose jackknife has the sum of the variances of two independent sources. `plate` are the
-    changes without each plate trial, `platform` those without each group of crossings in the shape. The jackknife's
-    variance of k rows is (k - 1)/k times their sum of squares about the mean."""
+    """Rows (m, n) [N*m] whose jackknife has the sum of the variances of two independent sources: the changes without
+    each plate trial, and without each group of crossings in the shape. The jackknife's variance of k rows is (k - 1)/k
+    times their sum of squares about the mean."""
     if not len(platform):
         return np.array(plate)
     sources = [np.array(rows) for rows in (plate, platform) if len(rows) > 1]
@@ -325,15 +325,6 @@ FEWEST_TRIGGERS = 3  # Fewest crossings with a trigger from which a latency is j
 
 
 @dataclass(frozen=True)
-class TriggerEdge:
-    """The first rise of a trial's trigger: its time [s], halfway between the last low and the first high sample, and
-    the step [s] between them."""
-
-    time: float
-    step: float
-
-
-@dataclass(frozen=True)
 class TriggerLatency:
     """Mean and scatter [s] over crossings of the platform's motion behind its trigger."""
 
@@ -345,9 +336,9 @@ class TriggerLatency:
     used: bool  # whether the latency is constant, so that the trigger tells the onset
 
 
-def trigger_edge(trial: Trial) -> TriggerEdge | None:
-    """The first rise of the trigger through the middle of its levels; None without a finite trigger that has an
-    edge."""
+def trigger_edge(trial: Trial) -> tuple[float, float] | None:
+    """Time [s] of the first rise of the trigger through the middle of its levels, halfway between two samples, and the
+    step [s] between them; None without a finite trigger that has an edge."""
     if COLUMN not in trial.samples.columns:
         return None
     rows = trial.sampled(COLUMN)
@@ -358,8 +349,8 @@ def trigger_edge(trial: Trial) -> TriggerEdge | None:
     rises = np.flatnonzero(~high[:-1] & high[1:])
     if not len(rises):
         return None
-    row = int(rises[0])
-    return TriggerEdge(float(time[row] + time[row + 1]) / 2, float(time[row + 1] - time[row]))
+    before, after = time[rises[0] : rises[0] + 2]
+    return float(before + after) / 2, float(after - before)
 
 
 def trigger_latency(
@@ -405,9 +396,9 @@ class PlatformModel:
     leave_out: tuple[PlatformTemplate, ...] = ()  # the shape without each of up to ten groups of crossings
 
     def onset(self, trial: str, own: float) -> float:
-        """Onset [s] of a trial's perturbation. `own` [s] is the one that the trial shows alone. From the trigger, where
-        its latency is constant and the trigger is sampled more finely than the shape tells the start, or where the
-        trial does not follow the shape; else from the shape."""
+        """Onset [s] of a trial's perturbation, `own` [s] if it shows it alone. From the trigger, where its latency is
+        constant and it is sampled more finely than the shape tells the start, or the trial does not follow the shape;
+        else from the shape."""
         a = self.alignments.get(trial)
         follows = a is not None and a.follows
         late = self.latency
@@ -428,7 +419,7 @@ ALONE = PlatformModel(None, "each crossing is analysed alone", {}, {}, None)  # 
 def identify_platform(
     trials: Sequence[Trial], calibrations: Calibrations, settings: PlatformMotionSettings
 ) -> PlatformModel:
-    """The shape that the platform's motions share in perturbed crossings. Without one, each keeps its own motion. A
+    """The shape that the platform's motions share in perturbed crossings; without one, each keeps its own motion. A
     crossing whose platform is hidden, or does not turn by `perturbation_deg`, has no part; its analysis says so."""
     if moved := differing_clusters([calibration_of(calibrations, trial.name) for trial in trials], settings):
         warnings.warn(f"each crossing keeps its own motion of the platform: {moved}", stacklevel=2)
@@ -450,9 +441,11 @@ def identify_platform(
                 "that of marker noise): its own motion is used, which has more noise",
                 stacklevel=2,
             )
-    edges = {t.name: trigger_edge(t) for t in trials}
-    triggers = {name: edge.time for name, edge in edges.items() if edge is not None}
-    step = max((edge.step for edge in edges.values() if edge is not None), default=0.0)
+    edges = {t.name: edge for t in trials if (edge := trigger_edge(t)) is not None}
+    triggers, step = (
+        {name: edge[0] for name, edge in edges.items()},
+        max((edge[1] for edge in edges.values()), default=0),
+    )
     latency = trigger_latency([a for a in alignments if a.follows], triggers, step)
     left = without_groups(tracks, alignments, template)
     return PlatformModel(template, None, {a.name: a for a in alignments}, triggers, latency, left)
@@ -497,9 +490,8 @@ def track_about(
 def inertial_motion(
     track: PlatformTrack, centre: Array, template: PlatformTemplate | None = None, follows: Alignment | None = None
 ) -> BodyMotion:
-    """Motion (n,) of the plate's centre, at rest at `centre` (3,) [m], without accelerations where the platform rests.
-    Until the shape ends, a crossing that `follows` it moves by the shape. Otherwise it moves as measured, along its own
-    directions."""
+    """Motion (n,) of the plate's centre, at rest at `centre` (3,) [m], without accelerations where the platform rests:
+    by the shape that a crossing `follows`, until it ends; otherwise as measured, along its own directions."""
     if template is None or follows is None:
         own = shared_directions([track])[0]
         motion, weights = track.own_motion(own, centre)

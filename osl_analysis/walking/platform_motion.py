@@ -12,8 +12,6 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from osl_analysis.errors import InputError
-from osl_analysis.measured import check_finite
 from osl_analysis.signals import LowPass, runs, sampling_rate
 from osl_analysis.trial import Array
 from osl_analysis.walking.bodies import BodyMotion, Mask, Poses, body_motion, cross_matrix, filtered_poses
@@ -79,8 +77,8 @@ def left_jacobian(turn: Array) -> Array:
 
 
 def frame_noise(coordinates: Array) -> float:
-    """Standard deviation [m] of the noise in each frame of coordinates (n, k): from second differences, whose variance
-    is six times that of white noise. The median is blind to the few frames in which the platform accelerates."""
+    """Standard deviation [m] of the noise in each frame of coordinates (n, k), from second differences. The median is
+    blind to the few frames in which the platform accelerates."""
     second = np.diff(coordinates[np.isfinite(coordinates).all(axis=1)], n=2, axis=0)
     if not second.size:
         return LEAST_NOISE_M
@@ -97,9 +95,9 @@ def noise_gain(low_pass: LowPass, rate: float, derivative: int = 0) -> float:
 
 def gated_noise(weights: Array, rate: float, low_pass: LowPass, further: LowPass) -> float:
     """Sum of squares of noise in an acceleration, over its mean square before it is weighted and filtered again. White
-    noise of markers passes `low_pass`, is differentiated twice, is multiplied by the weights (n,) and passes the
-    `further` filter. With the autocorrelations r of the acceleration (1 at lag 0), q of the further filter's response
-    and A of the weights, it is the sum of A r q over all lags. The edges of the filters are left out."""
+    noise of markers passes `low_pass`, is differentiated twice, multiplied by the weights (n,) and passes the `further`
+    filter. With the autocorrelations r of the acceleration (1 at lag 0), q of the further filter's response and A of
+    the weights, it is the sum of A r q over all lags."""
     n = 2 * len(weights)
     f = np.fft.rfftfreq(n, 1 / rate)
     passed = [1 / (1 + (f / one.cutoff_hz) ** (2 * one.order)) ** 2 for one in (low_pass, further)]
@@ -108,27 +106,15 @@ def gated_noise(weights: Array, rate: float, low_pass: LowPass, further: LowPass
     return float(np.sum(lags * acceleration / acceleration[0] * np.fft.irfft(passed[1], n)))
 
 
-def moving(time: Array, coordinates: Array, noise: float, low_pass: LowPass) -> Mask:
-    """Frames (n,) in which a platform moves: filtered coordinates (n, k) [m] whose speed stands out of the `noise` [m]
-    that one frame had before the low-pass."""
-    check_finite("the platform's position", coordinates)
-    check_finite("time", time)
-    if len(time) < 2 or not (np.diff(time) > 0).all():
-        raise InputError(f"{len(time)} frames, expected 2 or more, each later than the one before; exclude the trial")
-    rate = 1 / (time[1] - time[0])
-    return np.asarray(speed(time, coordinates) > STILL * noise * np.sqrt(noise_gain(low_pass, rate, 1)))
-
-
 def speed(time: Array, coordinates: Array) -> Array:
     """Speed (n,) [m/s] of filtered coordinates (n, k) [m]."""
     return np.asarray(np.linalg.norm(np.gradient(coordinates, time, axis=0), axis=1))
 
 
 def gate(time: Array, moves: Mask, spread: float) -> Array:
-    """Weights (n,) of inertial forces: 1 where the platform moves, 0 where it rests, half a cosine between. They are 1
-    up to `PLAIN` times `spread` [s] before and after each motion, and 0 one `spread` later: a slow ramp accelerates
-    most while its speed is still below that of noise. Weights that fall after one `spread` make the mass of a plate 0.1
-    % too large at 5 deg, and its moment 1 % too small at 2.5."""
+    """Weights (n,) of inertial forces: 1 where the platform moves and up to `PLAIN` times `spread` [s] beside it, 0 one
+    `spread` later, half a cosine between: a slow ramp accelerates most while its speed is below that of noise. Weights
+    that fall after one `spread` make a plate's mass 0.1 % too large at 5 deg, and its moment 1 % too small at 2.5."""
     if not moves.any():
         return np.zeros(len(time))
     motion = time[moves]
@@ -140,13 +126,11 @@ def gate(time: Array, moves: Mask, spread: float) -> Array:
 
 
 def directions(coordinates: Sequence[Array], noise: float, low_pass: LowPass, rate: float) -> Array:
-    """Orthonormal directions (r, 6) of motions (n, 6) [m] from rest, each of one trial, filtered: as many as stand out.
-    A direction counts if its mean square is above the largest that filtered noise alone would show in so many frames.
-    At least one counts. `noise` [m] is that of one frame before the low-pass."""
+    """Orthonormal directions (r, 6) of motions (n, 6) [m] from rest, each of one trial, filtered: one, and all whose
+    mean square is above the largest that filtered noise alone would show. `noise` [m] is that of one frame before the
+    low-pass."""
     stacked = np.concatenate(list(coordinates))
-    check_finite("the platform's motion", stacked)
-    if not len(stacked):
-        raise InputError("no frames in which the platform is seen; fill the gaps of its markers")
+
     _, size, axes = np.linalg.svd(stacked, full_matrices=False)
     gain = noise_gain(low_pass, rate)
     independent = max(len(stacked) * gain, 1.0)
@@ -193,10 +177,11 @@ class PlatformTrack:
         return SPREAD_S * SPREAD_CUTOFF_HZ / self.low_pass.cutoff_hz
 
     def moves(self, axes: Array) -> Mask:
-        """Frames (n,) in which the platform moves along some of the directions (r, 6). The ends of a recording do not
-        count: a low-pass passes more noise there."""
+        """Frames (n,) in which the platform's speed along some of the directions (r, 6) stands out of the noise. The
+        ends of a recording do not count: a low-pass passes more noise there."""
         inside = (self.time > self.time[0] + self.spread) & (self.time < self.time[-1] - self.spread)
-        return np.asarray(inside & moving(self.time, self.filtered @ axes.T, self.noise, self.low_pass))
+        noise = self.noise * np.sqrt(noise_gain(self.low_pass, self.rate, 1))
+        return np.asarray(inside & (speed(self.time, self.filtered @ axes.T) > STILL * noise))
 
     @cached_property
     def moving(self) -> Mask:
@@ -249,7 +234,7 @@ def straight_over_gaps(coordinates: Array, bridged: Mask, rate: float) -> Array:
 
 def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
     """Directions (r, 6) of the motion in each trial: those of all trials together, where these are no more than each
-    trial has alone. A platform that only turns in one trial and shifts in another has others in each."""
+    trial has alone. A platform that turns in one trial and shifts in another has others in each."""
     low_pass, rate = tracks[0].low_pass, tracks[0].rate
     moved, none = [track.displaced() for track in tracks], np.zeros((0, 6))
     noise = float(np.sqrt(np.mean([track.noise**2 for track in tracks])))

@@ -64,11 +64,10 @@ def isolate_response(
 ) -> PerturbationResponse:
     """The crossing's response to its perturbation.
 
-    Phase is the time since heel strike divided by a duration of stance. With `own` this is the crossing's own duration,
-    with `unperturbed` the mean of the unperturbed crossings. With `matched` it is the duration at which the crossing's
-    angle before the onset is most like the mean unperturbed angle; the unperturbed crossings are matched in the same
-    way. The baseline ends before the onset, because the filter spreads the response to earlier times. A response zeroed
-    at the onset itself gives K = 321 N*m/rad for a true 340.
+    Phase is the time since heel strike over a duration of stance (docs/stance_phase.md): with `own` the crossing's,
+    with `unperturbed` the mean of the unperturbed ones, with `matched` the one at which its angle before the onset is
+    most like the mean unperturbed angle. The baseline ends before the onset, because the filter spreads the response to
+    earlier times: a response zeroed at the onset itself gives K = 321 N*m/rad for a true 340.
     """
     if crossing.onset is None:
         raise InputError(
@@ -126,11 +125,9 @@ LARGEST_LAG_S, LAG_STEP_S = 0.01, 0.001
 def fit_response(response: PerturbationResponse) -> ImpedanceFit:
     """Fit Eq. 15 without an offset in the window after the onset. The zero is the mean over the baseline.
 
-    An offset would absorb the part of the response that is not of second order. On the exact response of the simulated
-    drivetrain, a fit with an offset gives K = 321 N*m/rad instead of 334, and 308 if the onset is 20 ms late. The
-    covariance comes from the variation of gait (`gait_errors`) and from the plate trials (`plate_errors`). The residual
-    of the fit, a few correlated samples, shows neither. K and I cannot be told apart if the ramp is longer than the
-    window.
+    An offset would absorb the part of the response that is not of second order: on the exact response of the simulated
+    drivetrain it gives K = 321 N*m/rad instead of 334. The covariance comes from the variation of gait (`gait_errors`)
+    and from the plate trials; the residual, a few correlated samples, shows neither.
     """
     try:
         impedance = fit_without_offset(response.fitted_motion, response.fitted_torque)
@@ -158,9 +155,8 @@ def fit_without_offset(motion: Motion, torque: Array) -> ImpedanceFit:
 
 
 def gait_errors(response: PerturbationResponse, impedance: ImpedanceFit) -> Array:
-    """Errors (crossings, 3) of K, B, I if each unperturbed crossing's deviation from their mean were in the response.
-    The perturbed crossing deviates as the unperturbed ones do; the mean of n crossings has 1/n of their variance. To
-    first order, the error of an estimate is the regression of `gait_torque` on the response's motion."""
+    """Errors (crossings, 3) of K, B, I, to first order, if each unperturbed crossing's deviation from their mean were
+    in the response. The perturbed crossing deviates as they do; the mean of n has 1/n of their variance."""
     return estimate_changes(gait_torque(response, impedance), response)
 
 
@@ -193,8 +189,8 @@ def jackknife_covariance(changes: Array) -> Array:
 
 def offset_comparison(motion: Motion, torque: Array, K: float) -> dict[str, float | None]:
     """A fit to a motion and torque (n,) with an offset [N*m]: a large difference shows that the response is not of
-    second order. `offset_share` is the relative decrease of K [N*m/rad] in the fit with an offset, null where K is 0.
-    All are null if that fit is impossible."""
+    second order. `offset_share` is the relative decrease of K [N*m/rad] with it. All are null if that fit is
+    impossible."""
     try:
         free = fit_impedance(motion, torque)
     except IdentifiabilityError:
@@ -202,19 +198,11 @@ def offset_comparison(motion: Motion, torque: Array, K: float) -> dict[str, floa
     return {"offset": free.offset, "K_with_offset": free.K, "offset_share": 1 - free.K / K if K else None}
 
 
-@dataclass(frozen=True)
-class ResponseLag:
-    """Lag [s] of the torque behind the angle, positive if the torque is late, with its standard error."""
-
-    lag: float
-    se: float
-
-
-def response_lag(response: PerturbationResponse) -> ResponseLag | None:
-    """The lag at which the residual of Eq. 15 is smallest; None if it is smallest at 10 ms or beyond. A lag changes the
-    damping by -K times the lag. Otherwise it shows only in the residual, whose correlation in time is in the standard
-    error. A response that is not of second order also shifts this lag: use it to compare crossings and sessions, and do
-    not correct the torque with it."""
+def response_lag(response: PerturbationResponse) -> tuple[float, float] | None:
+    """Lag [s] at which the residual of Eq. 15 is smallest, positive if the torque is late, and its standard error; None
+    if it is 10 ms or more. A lag changes the damping by -K times the lag, and otherwise shows only in the residual. A
+    response that is not of second order also shifts it: use it to compare crossings and sessions, and do not correct
+    the torque with it."""
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + LAG_STEP_S / 2, LAG_STEP_S)
     motion, misfit = response.fitted_motion, np.empty(len(lags))
     try:
@@ -231,7 +219,7 @@ def response_lag(response: PerturbationResponse) -> ResponseLag | None:
     lag = float(lags[best] + 0.5 * LAG_STEP_S * (before - after) / (before - 2 * least + after))
     fit = fit_without_offset(motion, later_torque(response, lag)).fit
     freedom = max(fit.samples / fit.correlation_samples - 4, 1.0)
-    return ResponseLag(lag, float(np.sqrt(2 * least / freedom / curvature)))
+    return lag, float(np.sqrt(2 * least / freedom / curvature))
 
 
 def later_torque(response: PerturbationResponse, lag: float) -> Array:

@@ -31,8 +31,8 @@ MIDDLE = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]  
 
 @dataclass(frozen=True)
 class Feature:
-    """One feature of n crossings: its name and unit for messages, its values (n,), for each crossing the median (n,) of
-    those with which it is compared, and the scatter about the medians."""
+    """One feature of n crossings with its unit: values (n,), for each crossing the median (n,) of those with which it
+    is compared, and the scatter about the medians."""
 
     name: str
     unit: str
@@ -47,10 +47,9 @@ class Feature:
 
 
 def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule) -> list[Feature]:
-    """Features by which crossings are compared, `early_features` and `later_features`. A crossing beyond the limit does
-    not count in medians and scatters, which are computed anew until no further one is beyond it: four bad crossings of
-    twelve widen the scatter so that none of them stands out. Crossings that are unlike the others before the onset do
-    not count in the later features either."""
+    """Features by which crossings are compared, `early_features` and `later_features`, in which those that are unlike
+    the others before do not count. Nor does a crossing beyond the limit in medians and scatters, until no further one
+    is beyond it: four bad crossings of twelve widen the scatter so that none of them stands out."""
     every = np.ones(len(crossings), dtype=bool)
     early, sound = without_beyond(lambda mask: early_features(crossings, timing, rule, mask), every, rule.limit)
     later, within = without_beyond(lambda mask: later_features(crossings, rule, mask), sound, rule.limit)
@@ -61,10 +60,9 @@ def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: Outli
 
 
 def likelier_camp(crossings: Sequence[Crossing], sound: Mask, within: Mask) -> Mask | None:
-    """The sound crossings (n,) without those unperturbed ones that were `within` the limit, if the perturbed ones agree
-    with the others; None if the majority stands. A majority decides nothing where two camps are nearly as large: with a
-    second foot on the plate in four of seven unperturbed crossings, the sound three would be excluded. The perturbed
-    ones load the plate as these do."""
+    """The sound crossings (n,) without those unperturbed ones that were `within` the limit, if the perturbed ones load
+    the plate as the others do; None if the majority stands. With a second foot on the plate in four of seven
+    unperturbed crossings, the sound three would be excluded."""
     flat = np.array([c.onset is None for c in crossings])
     kept, other, turned = flat & within, flat & sound & ~within, ~flat & within
     if other.sum() < max(CAMP * (flat & sound).sum(), FEWEST_OF_CAMP) or turned.sum() < FEWEST_OF_CAMP:
@@ -91,8 +89,7 @@ def without_beyond(features: Callable[[Mask], list[Feature]], sound: Mask, limit
 
 
 def early_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule, sound: Mask) -> list[Feature]:
-    """What no perturbation can change, among the `sound` (n,): the place of the foot, and curves before the first
-    onset."""
+    """What no perturbation can change, among the `sound` (n,): the foot's place, and curves before the first onset."""
     place = np.array([c.quality.placement for c in crossings])
     begun = [(c, c.onset) for c in crossings if c.onset is not None]
     ends = [(onset - timing.guard - c.stance.heel_strike) / c.stance.duration for c, onset in begun]
@@ -113,8 +110,8 @@ def early_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierR
 
 
 def later_features(crossings: Sequence[Crossing], rule: OutlierRule, sound: Mask) -> list[Feature]:
-    """What a perturbation changes, compared among the `sound` (n,) unperturbed crossings, and those of each direction:
-    duration of stance, load and pressure in single support."""
+    """What a perturbation changes, compared among the `sound` (n,) unperturbed crossings, and those of each
+    direction."""
     stance = np.array([c.stance.duration for c in crossings])
     kinds = Compared(np.array([0 if c.onset is None else c.sign for c in crossings]), sound)
     features = [feature_of("stance", "s", stance, rule.stance_s, kinds)]
@@ -239,8 +236,8 @@ def onset_phases(crossings: Sequence[Crossing], stance: float | None) -> Array:
 
 def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
     """The timing (n,) of each onset phase (n,), counted from 0 in the order of phase. Phases are cut at their largest
-    gap, then each part again, while `clear_gap` finds one. A part whose SD is still above `scatter` is cut into as few
-    equal bins as `WIDEST_BIN` allows; bins without a phase are not counted."""
+    gap, then each part again, while `clear_gap` finds one. A part whose SD is still above `scatter` is cut into equal
+    bins."""
     check_finite("the phase of an onset", phases)
     numbers, count = np.empty(len(phases), dtype=np.intp), 0
     for rows in parted(phases, np.argsort(phases, kind="stable"), scatter):
@@ -264,9 +261,8 @@ def parted(phases: Array, order: NDArray[np.intp], scatter: float) -> list[NDArr
 
 
 def clear_gap(ordered: Array, scatter: float) -> int | None:
-    """Where the largest gap above `CLEAR_GAP` of ordered phases (n,) ends; None without one. If their SD is that of
-    one timing, a gap counts only with `FEWEST_BESIDE_GAP` phases or more on either side: one crossing alone is no
-    timing."""
+    """Where the largest gap above `CLEAR_GAP` of ordered phases (n,) ends; None without one. If their SD is that of one
+    timing, it needs `FEWEST_BESIDE_GAP` phases on either side: one crossing alone is no timing."""
     least = 1 if wide(ordered, scatter) else FEWEST_BESIDE_GAP
     gaps = np.diff(ordered)[least - 1 : max(len(ordered) - least, 0)]
     if not len(gaps) or gaps.max() <= CLEAR_GAP:
@@ -298,8 +294,8 @@ def selection_rows(
     sheet: Sheet | None = None,
 ) -> dict[str, dict[str, object]]:
     """Rows of `walking_crossings.csv` by crossing: its quality, its group and, if it is excluded, the reason. `sheet`
-    has the conditions of all crossings; None: there are none. Crossings are compared with those that share all
-    conditions by which the campaign is split."""
+    has the conditions of all crossings; None: there are none. Those that share all splitting conditions are compared.
+    """
     if sheet is None:
         kinds = [(c.name, c.onset is not None) for c in crossings] + [(r.name, r.perturbed) for r in refused]
         sheet = {name: {PERTURBED: perturbed} for name, perturbed in kinds}

@@ -98,9 +98,9 @@ def group_row(group: Group, gait: UnperturbedGait | None, window: float) -> dict
 
 
 def fitted_time(ensemble: EnsembleResponse, timing: Timing) -> float:
-    """Time [s] after the onset at which the fit reads a stiffness that changes linearly within the window. The fit's K
-    is a sum of the torques with weights w, and w . theta = 1. With K(t) = K_0 + K_1 t it is K(t) at t = sum of w theta
-    t. As the angle grows in the window, this is later than its middle."""
+    """Time [s] after the onset at which the fit reads a stiffness that changes linearly within the window: K is a sum
+    of the torques with weights w, w . theta = 1, so that it is K(t) at t = sum of w theta t, later than the window's
+    middle."""
     rows, motion = window_samples(ensemble.time, timing), ensemble.motion
     columns = np.column_stack([motion.theta, motion.omega, motion.alpha])[rows]
     return float(np.linalg.pinv(columns)[0] @ (motion.theta[rows] * ensemble.time[rows]))
@@ -121,7 +121,7 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
     response = isolate_response(crossing, gait, settings.timing, settings.perturbed_stance)
     impedance, delay = fit_response(response), response_lag(response)
     fit, onset = impedance.fit, crossing.onset or 0.0
-    lag, lag_se = (None, None) if delay is None else (delay.lag, delay.se)
+    lag, lag_se = delay or (None, None)
     return {
         "trial": crossing.name,
         "onset_s": onset,
@@ -181,11 +181,6 @@ def symmetry_rows(symmetry: Symmetry) -> list[dict[str, object]]:
     return rows
 
 
-def reason_rows(reason: str, n: int) -> list[dict[str, object]]:
-    """Rows of `walking_summary.csv` of a group without a result: its number of perturbations and the reason."""
-    return [{"quantity": q, "estimator": ENSEMBLE, "n": n, "mean": None, "reason": reason} for q in QUANTITIES]
-
-
 def ensemble_rows(
     ensemble: EnsembleResponse, resampled: Bootstrap, estimator: str = ENSEMBLE
 ) -> list[dict[str, object]]:
@@ -232,21 +227,17 @@ def response_table(group: str, responses: Sequence[PerturbationResponse], ensemb
 def walking_page_points(
     perturbed: Sequence[Crossing], gaits: Mapping[str, UnperturbedGait], responses: pl.DataFrame, timing: Timing
 ) -> pl.DataFrame:
-    """Points of the walking page: both gaits over stance [%], angle in deg, torque in N*m; responses over time [ms].
-    `perturbed` are the crossings whose fitted window and baseline, of this `timing`, are shown, `gaits` the mean gaits
+    """Points of the walking page: both gaits over stance [%], angle in deg, torque in N*m, mean and SD over crossings;
+    responses over time [ms]. `perturbed` are the crossings whose window and baseline are shown, `gaits` the mean gaits
     by curve, `responses` is `walking_responses.csv` with the column `doubtful` of `walking.csv`."""
-    frames = [frame for curve, gait in gaits.items() for frame in gait_points(curve, gait)]
+    frames, x = [], 100 * PHASES[::PHASE_STEP]
+    for curve, gait in gaits.items():
+        for panel, every in (("angle", np.rad2deg(gait.theta)), ("torque", gait.torque)):
+            some = every[:, ::PHASE_STEP]
+            points = pl.DataFrame({"x": x, "mean": some.mean(axis=0), "sd": some.std(axis=0, ddof=1)})
+            labels = {"panel": pl.lit(panel), "curve": pl.lit(curve), "n": pl.lit(len(gait.names))}
+            frames.append(points.with_columns(**labels))
     return pl.concat([*frames, interval_points(perturbed, timing), response_points(responses)], how="diagonal")
-
-
-def gait_points(curve: str, gait: UnperturbedGait) -> list[pl.DataFrame]:
-    """Mean and SD over crossings, of angle and torque, at every fourth phase."""
-    labels, x, frames = {"curve": pl.lit(curve), "n": pl.lit(len(gait.names))}, 100 * PHASES[::PHASE_STEP], []
-    for panel, every in (("angle", np.rad2deg(gait.theta)), ("torque", gait.torque)):
-        some = every[:, ::PHASE_STEP]
-        points = pl.DataFrame({"x": x, "mean": some.mean(axis=0), "sd": some.std(axis=0, ddof=1)})
-        frames.append(points.with_columns(panel=pl.lit(panel), **labels))
-    return frames
 
 
 def interval_points(crossings: Sequence[Crossing], timing: Timing) -> pl.DataFrame:

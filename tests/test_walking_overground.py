@@ -132,15 +132,12 @@ def test_agrees_with_plug_in_gait_as_the_published_reference_does(tmp_path: Path
 @pytest.mark.skipif(not REAL.is_dir(), reason="the recordings of others are not here")
 def test_a_plate_that_was_never_zeroed_is_caught_by_its_number_and_reading(tmp_path: Path) -> None:
     (tmp_path / "any.yaml").write_text("format: c3d\nmarkers: all\nplates: all\n")
+    output = {"ankle_moment": tmp_path / "out.csv"}
     row = {"trial": "other", "mocap": "qtm_JH_01_300_1200_plate_offset.c3d", "mocap_source": "any"}
     ingest_trial(row, REAL / "c3d", tmp_path, tmp_path / "t.parquet")
     with pytest.raises(InputError, match=r"force plate 1 reads -713 N in most of the recording"):
-        compare_ankle_moment(
-            tmp_path / "t.parquet",
-            OvergroundAnalysis(load_on_n=50, body_mass_kg=70),
-            {"ankle_moment": tmp_path / "out.csv"},
-        )
-    assert not (tmp_path / "out.csv").exists()
+        compare_ankle_moment(tmp_path / "t.parquet", OvergroundAnalysis(load_on_n=50, body_mass_kg=70), output)
+    assert not output["ankle_moment"].exists()
 
 
 def test_a_plate_is_only_refused_if_it_pulls_and_by_more_than_noise() -> None:

@@ -28,24 +28,15 @@ LEAD, RISE, TURN = 0.045, 0.018, 0.087
 
 @dataclass(frozen=True)
 class Walk:
-    """A way to make a crossing.
+    """A way to make a crossing."""
 
-    phase: onset of the perturbation as a share of stance; None: unperturbed.
-    sign: 1 toes up, -1 toes down.
-    impedance: K, B, I of the ankle.
-    gait: factor of angle and torque of the gait.
-    stance: duration [s].
-    common: torque [N*m] that follows a turn in either direction.
-    noise: size [N*m] of the slow deviations of the torque.
-    """
-
-    phase: float | None = None
-    sign: int = 1
+    phase: float | None = None  # onset of the perturbation as a share of stance; None: unperturbed
+    sign: int = 1  # 1 toes up, -1 toes down
     impedance: tuple[float, float, float] = (340.0, 5.0, 0.03)
-    gait: float = 1.0
-    stance: float = 0.72
-    common: float = 0.0
-    noise: float = 0.4
+    gait: float = 1.0  # factor of angle and torque of the gait
+    stance: float = 0.72  # duration [s]
+    common: float = 0.0  # torque [N*m] that follows a turn in either direction
+    noise: float = 0.4  # size [N*m] of the slow deviations of the torque
 
 
 def walked(name: str, walk: Walk) -> Crossing:
@@ -106,16 +97,9 @@ def campaign(
         fit_perturbation(files[name], selection, gait, chosen, row)
     gather(rows, folder / "walking.csv")
     outputs = {name: folder / f"{name}.csv" for name in ("responses", "excluded", "groups")}
-    summarise_perturbations(
-        table=folder / "walking.csv",
-        crossings=[files[n] for n in perturbed],
-        selection=selection,
-        unperturbed=gait,
-        settings=chosen,
-        output=folder / "summary.csv",
-        sheet=sheet,
-        **outputs,
-    )
+    paths = outputs | {"table": folder / "walking.csv", "output": folder / "summary.csv", "selection": selection}
+    turned = [files[n] for n in perturbed]
+    summarise_perturbations(crossings=turned, unperturbed=gait, settings=chosen, sheet=sheet, **paths)
     return Tables(folder)
 
 

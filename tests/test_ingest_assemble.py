@@ -12,17 +12,18 @@ import polars as pl
 import pytest
 import yaml
 from c3d_builder import REAL_DATA, write_c3d
-from mcap_builder import SAMPLE, SAMPLE_NAME, stamped, write_log, write_topics
+from mcap_builder import SAMPLE, stamped, write_log
 from scipy.interpolate import make_interp_spline
 
-from osl_analysis.columns import marker_columns
+from osl_analysis.columns import COLUMNS, FAMILIES, marker_columns
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
+from osl_analysis.formats.csv_table import MOST_CELLS
 from osl_analysis.ingest.clock import ClockFit, marker_angle
 from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.ingest.raw_files import merged
-from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.recording import LARGEST, Recording
 from osl_analysis.trial import Trial, read_trial, write_trial
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
@@ -252,40 +253,33 @@ def test_one_recording_alone_is_a_trial(laboratory: Path) -> None:
 
 BOTH = {**CAPTURE, "analogs": {"sync": {"channel": "A1"}, "theta": {"channel": "A1", "unit": "deg"}}}
 PERIODIC = [stamped(i * 2_000_000, angle=0.0, torque=0.0, sync=(i // 29) % 2 > 0) for i in range(2500)]
+
+
+def stating(name: str, content: dict[str, Any]) -> Callable[[Path], object]:
+    return lambda folder: (folder / name).write_text(yaml.safe_dump(content))
+
+
 MISTAKES: dict[str, tuple[Callable[[Path], object] | None, dict[str, object], str]] = {
     "one column of both": (
-        lambda folder: (folder / "vicon.yaml").write_text(yaml.safe_dump(BOTH)),
-        {},
+        stating("vicon.yaml", BOTH), {},
         "trial walk_1 (leg.mcap, vicon.c3d): column 'theta' is mapped in log and motion capture",
     ),
     "no sync channel": (
-        lambda folder: (folder / "vicon.yaml").write_text(yaml.safe_dump({"format": "c3d"})),
-        {},
-        "no column 'sync' from motion capture: the clocks cannot be aligned",
+        stating("vicon.yaml", {"format": "c3d"}), {}, "no column 'sync' from motion capture: the clocks can"
     ),
-    "a clock of its own": (
-        lambda folder: (folder / "leg.yaml").write_text(yaml.safe_dump({**LEG, "clock": "master"})),
-        {},
-        "write clock: sync",
-    ),
+    "a clock of its own": (stating("leg.yaml", {**LEG, "clock": "master"}), {}, "write clock: sync"),
     "of different trials": (
-        lambda folder: write_log(folder / "leg.mcap", PERIODIC),
-        {},
-        "trial walk_1 (leg.mcap, vicon.c3d): ",
+        lambda folder: write_log(folder / "leg.mcap", PERIODIC), {}, "trial walk_1 (leg.mcap, vicon.c3d): "
     ),
     "no such log": (None, {"log": "elsewhere/none.bin"}, "elsewhere/none.bin: no such file; correct the sample sheet"),
     "no such mocap": (None, {"mocap": "elsewhere/none.bin"}, "/none.bin: no such file; correct the sample sheet"),
     "empty": (lambda folder: (folder / "leg.mcap").write_bytes(b""), {}, "leg.mcap: the file is empty"),
     "c3d as log": (None, {"log": "vicon.c3d", "mocap": ""}, "is c3d, its source file says mcap; write `format: c3d`"),
-    "mcap as mocap": (
-        None,
-        {"log": "", "mocap": "leg.mcap"},
-        "is mcap, its source file says c3d; write `format: mcap`",
-    ),
+    "mcap as mocap": (None, {"log": "", "mocap": "leg.mcap"}, "its source file says c3d; write `format: mcap`"),
     "no such source file": (None, {"log_source": "none"}, "none.yaml: no such file"),
     "no source file": (None, {"log_source": None}, "log_source is empty"),
     "no file": (None, {"log": None, "mocap": float("nan")}, "trial walk_1: the sheet names no file"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
@@ -348,32 +342,13 @@ def test_a_real_plug_in_gait_trial_is_ingested_with_its_reference_moments(tmp_pa
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="real data are not here")
 def test_a_real_ros_2_recording_of_joint_states_is_ingested(tmp_path: Path) -> None:
     log = "mcap/rerun_rosbag2_all_sensor_msgs_ros2_cdr.mcap"
-    ingest_trial(
-        {"trial": "r", "log": log, "log_source": "ros2_joint_state"}, REAL_DATA, SOURCES, tmp_path / "r.parquet"
-    )
+    row = {"trial": "r", "log": log, "log_source": "ros2_joint_state"}
+    ingest_trial(row, REAL_DATA, SOURCES, tmp_path / "r.parquet")
     trial = read_trial(tmp_path / "r.parquet")
     assert trial.samples["theta"][:2].to_list() == [1.3, 1.2966313233808127]
     assert trial.samples["torque"][0] == -4.5
     assert trial.samples["time"].len() == 15
     assert "no checksum covers" in trial.provenance["warnings"][0]
-
-
-def test_topics_on_two_rates_are_one_trial(tmp_path: Path) -> None:
-    fast = [stamped(i * 1_000_000, angle=float(i), torque=0.0, sync=False) for i in range(10)]
-    slow = [stamped(i * 4_000_000, angle=0.0, torque=float(i), sync=False) for i in range(3)]
-    write_topics(tmp_path / "a.mcap", {"/fast": (SAMPLE_NAME, SAMPLE, fast), "/slow": (SAMPLE_NAME, SAMPLE, slow)})
-    channels = {
-        "theta": {"topic": "/fast", "field": "angle", "unit": "rad"},
-        "torque": {"topic": "/slow", "field": "torque", "unit": "Nm"},
-    }
-    content = {"format": "mcap", "time": {"source": "header"}, "channels": channels}
-    (tmp_path / "two.yaml").write_text(yaml.safe_dump(content))
-    ingest_trial({"trial": "t", "log": "a.mcap", "log_source": "two"}, tmp_path, tmp_path, tmp_path / "t.parquet")
-    trial = read_trial(tmp_path / "t.parquet")
-    time, torque = trial.signals("torque")
-    np.testing.assert_allclose(time, [0, 0.004, 0.008])
-    np.testing.assert_array_equal(torque, [0, 1, 2])
-    assert trial.signals("theta")[0].size == 10
 
 
 def test_a_column_that_is_not_there_is_answered_with_the_nearest_names_not_with_all():
@@ -396,3 +371,131 @@ def test_a_trial_without_a_column_that_its_experiment_needs_is_refused_by_name(l
     with pytest.raises(InputError, match=r"trial walk_1: no column torque, theta_m, .* experiment 'belt' needs; map"):
         ingest_trial(row(experiment="belt"), laboratory, laboratory, output, needed)
     assert not output.exists()
+
+
+CSV_LOG = "format: csv\ntime: {column: t, unit: s}\nchannels:\n  theta: {column: a, unit: UNIT}\n"
+CSV_LOG += "  torque: {column: m, unit: N*m}\n"
+
+
+def log_of(folder: Path, angle: float, torque: float, unit: str = "rad") -> Trial:
+    """A log of four rows whose third has these values, trial_of."""
+    rows = [f"{k / 100},{angle if k == 2 else 0.1},{torque if k == 2 else k}" for k in range(4)]
+    (folder / "log.csv").write_text("\n".join(["t,a,m", *rows]) + "\n")
+    (folder / "s.yaml").write_text(CSV_LOG.replace("UNIT", unit))
+    return trial_of(folder, log="log.csv", log_source="s")
+
+
+def capture_of(folder: Path, points: np.ndarray, experiment: str = "ingest_only", **parameters: object) -> Trial:
+    """A capture without plates, trial_of."""
+    write_c3d(folder / "a.c3d", points, **parameters)  # type: ignore[arg-type]
+    (folder / "s.yaml").write_text("format: c3d\nmarkers: all\nplates: none\n")
+    return trial_of(folder, experiment, mocap="a.c3d", mocap_source="s")
+
+
+def trial_of(folder: Path, experiment: str = "ingest_only", **files: str) -> Trial:
+    ingest_trial({"trial": "a", "experiment": experiment, **files}, folder, folder, folder / "a.parquet")
+    return read_trial(folder / "a.parquet")
+
+
+def seen(frames: int = 6) -> np.ndarray:
+    """Two points that are seen, in mm."""
+    return np.concatenate([np.arange(1.0, 1 + frames * 6).reshape(frames, 2, 3), np.zeros((frames, 2, 1))], axis=2)
+
+
+def test_every_unit_of_a_column_has_a_largest_value() -> None:
+    units = {column.unit for name, column in COLUMNS.items() if name != "time"} | set(FAMILIES.values())
+    assert units == set(LARGEST)
+
+
+@pytest.mark.parametrize(
+    ("angle", "torque", "unit", "told"),
+    [
+        (1e300, 0.0, "rad", r"theta is 1e\+300 rad at 0\.020 s, and beyond ±1e\+06 in 1 of 4 samples"),
+        (-1.1e6, 0.0, "rad", r"theta is -1\.1e\+06 rad at 0\.020 s"),
+        (0.0, 1e200, "rad", r"torque is 1e\+200 N\*m at 0\.020 s"),
+        (1.7e308, 0.0, "rev", r"theta is inf rad at 0\.020 s"),  # overflows in the conversion
+    ],
+)
+def test_values_that_nothing_can_reach_are_refused_by_file_column_value_and_remedy(
+    tmp_path: Path, angle: float, torque: float, unit: str, told: str
+) -> None:
+    with pytest.raises(InputError, match=rf"log\.csv: {told}.*; correct its unit or scale in the source file, or"):
+        log_of(tmp_path, angle, torque, unit)
+    assert not (tmp_path / "a.parquet").exists()
+
+
+def test_values_below_the_largest_are_left_to_fits_and_checks(tmp_path: Path) -> None:
+    assert log_of(tmp_path, 0.9e6, -0.9e7).samples["theta"][2] == 0.9e6
+    far = seen()
+    far[:, :, 0] = 0.99e6
+    assert capture_of(tmp_path, far).samples["marker_M1_x"][0] == pytest.approx(990.0)
+
+
+def test_a_marker_at_the_end_of_single_precision_is_refused(tmp_path: Path) -> None:
+    far = seen()
+    far[3, 1, 2] = 1e38
+    with pytest.raises(InputError, match=r"a\.c3d: marker_M2_z is 1e\+35 m at 0\.030 s, and beyond ±1000 in 1 of 6"):
+        capture_of(tmp_path, far)
+
+
+def test_points_without_names_are_refused_where_all_are_to_be_read(tmp_path: Path) -> None:
+    told = "none of its 2 points has a name; label them"
+    with pytest.raises(InputError, match=rf"a\.c3d: POINT:LABELS is empty: {told}"):
+        capture_of(tmp_path, seen(), POINT__LABELS=["", ""])
+    assert "marker_A_x" in capture_of(tmp_path, seen(), POINT__LABELS=["A", ""]).samples.columns
+    path = tmp_path / "a.c3d"
+    path.write_bytes(path.read_bytes().replace(b"LABELS", b"NOTHER", 1))  # the first is that of POINT
+    with pytest.raises(InputError, match=rf"a\.c3d: POINT:LABELS is missing: {told}"):
+        trial_of(tmp_path, mocap="a.c3d", mocap_source="s")
+
+
+def test_a_capture_without_anything_to_read_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a\.c3d: the source file names nothing that the file has: .*; name"):
+        capture_of(tmp_path, seen(), POINT__LABELS=["*1", "*2"])
+
+
+def test_markers_that_were_never_seen_are_refused_where_they_are_needed_and_told_elsewhere(tmp_path: Path) -> None:
+    hidden = seen()
+    hidden[:, :, 3] = -1.0
+    for experiment in (name for name, facts in EXPERIMENTS.items() if facts.place == "walkway"):
+        with pytest.raises(InputError, match=rf"none of its 2 markers .* experiment '{experiment}' needs them; "):
+            capture_of(tmp_path, hidden, experiment)
+    told = capture_of(tmp_path, hidden).provenance["warnings"]
+    assert told == ["none of the 2 markers was seen in any of the 6 frames"]
+    hidden[4, 0, 3] = 0.0
+    assert capture_of(tmp_path, hidden, "walking").provenance["warnings"] == []
+
+
+def test_a_walkway_trial_without_markers_is_refused(tmp_path: Path) -> None:
+    log_of(tmp_path, 0.1, 1.0)
+    with pytest.raises(InputError, match=r"trial a: no markers, and a trial of experiment 'static' needs them; label"):
+        trial_of(tmp_path, "static", log="log.csv", log_source="s")
+
+
+def test_what_is_no_file_is_named_as_what_it_is(tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text(CSV_LOG.replace("UNIT", "rad"))
+    (tmp_path / "folder").mkdir()
+    for name, told in (("/dev/zero", "a device or a pipe"), ("folder", "a folder"), ("x", "no such file")):
+        with pytest.raises(InputError, match=rf"{name}: {told}.*; \w+"):
+            trial_of(tmp_path, log=name, log_source="s")
+
+
+def test_a_delay_longer_than_the_log_is_refused_with_the_file(tmp_path: Path) -> None:
+    log_of(tmp_path, 0.1, 1.0)
+    source = CSV_LOG.replace("UNIT", "rad").replace("N*m}", "N*m, delay: 2 s}")
+    (tmp_path / "s.yaml").write_text(source)
+    with pytest.raises(InputError, match=rf"^{tmp_path}/log\.csv: torque: a delay of 2 s is .*; correct `delay`"):
+        trial_of(tmp_path, log="log.csv", log_source="s")
+
+
+def test_a_long_name_does_not_fill_the_message_and_blank_lines_count_in_it(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(f"t,{'a' * 5000}\n\n0,1\n \t\n1,2\n")
+    (tmp_path / "s.yaml").write_text(CSV_LOG.replace("UNIT", "rad"))
+    with pytest.raises(InputError, match=rf"the file has t, {'a' * 80}\.\.\.; correct the name"):
+        trial_of(tmp_path, log="log.csv", log_source="s")
+    (tmp_path / "log.csv").write_text("1," * (MOST_CELLS + 1))
+    with pytest.raises(InputError, match=r"log\.csv: line 1 has 16386 cells, at most 16384 are read; write a row per"):
+        trial_of(tmp_path, log="log.csv", log_source="s")
+    (tmp_path / "log.csv").write_text("t,a,m\n\n0,1,2\n \t\n1,2,x\n")
+    with pytest.raises(InputError, match="line 5, column 'm': 'x' is not a number"):
+        trial_of(tmp_path, log="log.csv", log_source="s")

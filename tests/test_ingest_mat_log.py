@@ -7,6 +7,7 @@ import pytest
 import yaml
 from c3d_builder import REAL_DATA
 from mat_builder import opaque, write_mat, write_mat73, write_parts
+from recognised_files import refusal_by
 from test_formats_mat import RUNS, struct_array
 
 from osl_analysis.commands.inspect import inspect_file, overview_text
@@ -37,12 +38,22 @@ def source(**fields: object) -> MatSource:
 
 
 def refused(path: Path, mat_source: MatSource | None = None) -> str:
-    with pytest.raises(InputError) as caught:
-        read_mat_log(path, mat_source or source())
-    message = str(caught.value)
-    assert message.startswith(str(path))
-    assert message.isprintable()
-    return message
+    return refusal_by(read_mat_log, path, mat_source or source())
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"channels": {"theta": {"variable": "a b", "unit": "deg"}}}, "no address in a MATLAB file"),
+        ({"channels": {"theta": {"variable": "a"}}}, "unit"),
+        ({"time": {"rate": 100, "unit": "s"}}, "needs its unit"),
+        ({"time": {}}, "state either"),
+        ({"log_part": "(2)"}, "no address"),
+    ],
+)
+def test_a_wrong_field_of_a_source_file_is_refused(fields, message):
+    with pytest.raises(ValueError, match=message):
+        source(**fields)
 
 
 @WRITERS
@@ -102,25 +113,8 @@ def test_what_cannot_be_a_log_is_refused_by_its_variable(write, changes, message
 
 def test_one_variable_cannot_be_angle_and_torque(tmp_path):
     channels = {"theta": {"variable": "torque", "unit": "deg"}, "torque": {"variable": "torque", "unit": "Nm"}}
-    assert "torque is theta and torque in the source file" in refused(
-        write_mat(tmp_path / "a.mat", **TEST), source(channels=channels)
-    )
-
-
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"channels": {"theta": {"variable": "a b", "unit": "deg"}}}, "no address in a MATLAB file"),
-        ({"channels": {"theta": {"variable": "a"}}}, "unit"),
-        ({"time": {"variable": "t"}}, "needs its unit"),
-        ({"time": {"rate": 100, "unit": "s"}}, "needs its unit"),
-        ({"time": {}}, "state either"),
-        ({"log_part": "(2)"}, "no address"),
-    ],
-)
-def test_a_wrong_field_of_a_source_file_is_refused(fields, message):
-    with pytest.raises(ValueError, match=message):
-        source(**fields)
+    path = write_mat(tmp_path / "a.mat", **TEST)
+    assert "torque is theta and torque in the source file" in refused(path, source(channels=channels))
 
 
 def test_samples_of_one_stamp_are_kept_or_dropped_as_the_source_file_says(tmp_path):
@@ -162,27 +156,11 @@ def test_a_draft_becomes_a_source_file_by_naming_two_signals_and_their_units(wri
     np.testing.assert_allclose(read.samples["time"], TIME, atol=1e-12)
 
 
-def test_the_unit_of_a_clock_without_one_is_guessed_from_its_rate_in_the_draft(tmp_path):
-    path = write_mat(tmp_path / "a.mat", run={"time": TIME, "q": ANGLE})
-    assert 'time: {"variable": "time", "unit": "s"}\n# time: its unit is guessed' in draft_source(
-        inspect_file(path), "a"
-    )
-
-
 def test_a_single_part_is_named_in_the_draft_and_unreadable_variables_in_remarks(tmp_path):
     path = write_mat(tmp_path / "a.mat", runs=struct_array([{**RUNS[0], "time": TIME[:12]}]))
     assert yaml.safe_load(draft_source(inspect_file(path), "a.mat"))["log_part"] == "runs"
     path = write_parts(tmp_path / "b.mat", opaque("results", "timetable"))
     assert "! results is a 1x1 timetable, which is not read; save it as a struct" in overview_text(inspect_file(path))
-
-
-def test_a_row_of_the_sheet_names_the_part(tmp_path):
-    path = write_mat(tmp_path / "a.mat", Slow=TEST)
-    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(source().model_dump(mode="json", exclude_none=True)))
-    row = {"trial": "slow", "log": path.name, "log_source": "mine", "log_part": "Slow"}
-    trial = trial_from_files(row, tmp_path, tmp_path)
-    assert trial.provenance["log"]["log_part"] == "Slow"
-    np.testing.assert_allclose(trial.samples["theta"], ANGLE)
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no real data here")

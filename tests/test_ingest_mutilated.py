@@ -4,11 +4,16 @@ import random
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import test_ingest_json_log as json_lines
+import test_ingest_mcap_log as mcap
+import test_ingest_nexus_capture as nexus
 import test_ingest_opensim as opensim
 import test_ingest_tdms_log as tdms
 from bag_builder import write_bag1, write_bag2
+from c3d_builder import write_c3d
+from mcap_builder import write_log
 from test_formats_rosbags import CHANNELS
 
 from osl_analysis.errors import InputError
@@ -16,6 +21,13 @@ from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.known_formats import FORMATS
 
 SEEDS = range(12)
+
+
+def nexus_export(path: Path) -> Path:
+    path.write_text(nexus.DEVICES + nexus.TRAJECTORIES + nexus.MODEL)
+    return path
+
+
 BAG = {"time": {"source": "header"}, "channels": CHANNELS}
 WRITERS: dict[str, tuple[Any, dict[str, Any]]] = {
     "bag of ROS 1": (lambda path: write_bag1(path, range(60), "LZ4", 800), {"format": "rosbag1", **BAG}),
@@ -24,6 +36,9 @@ WRITERS: dict[str, tuple[Any, dict[str, Any]]] = {
     "TDMS": (lambda path: tdms.bench(path, 3), tdms.SOURCE),
     "TRC": (lambda path: opensim.write_trc(path, opensim.walk()), {"format": "trc"}),
     "table of OpenSim": (opensim.write_mot, opensim.MOT),
+    "C3D": (lambda path: write_c3d(path, np.ones((6, 3, 4)), np.ones((24, 2))), {"format": "c3d"}),
+    "Nexus": (nexus_export, {"format": "nexus_csv"}),
+    "MCAP": (lambda path: write_log(path, mcap.samples(), chunk_size=800), mcap.source().model_dump(exclude_none=True)),
 }
 
 

@@ -6,11 +6,9 @@ import numpy as np
 import polars as pl
 import pytest
 from c3d_builder import REAL_DATA
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from recognised_files import refusal_by
 
 from osl_analysis.commands.ingest import ingest_trial
-from osl_analysis.errors import InputError
 from osl_analysis.ingest.known_formats import read_source
 from osl_analysis.ingest.text_captures import NexusSource, read_nexus_capture
 from osl_analysis.trial import read_trial
@@ -99,11 +97,6 @@ def test_a_plates_moment_is_about_its_centre_wherever_the_file_takes_it(tmp_path
     np.testing.assert_allclose(at_origin.select(pl.col("^plate1_moment_.$")).to_numpy(), expected, rtol=1e-12)
 
 
-def test_a_laboratory_with_y_up_is_turned(tmp_path: Path) -> None:
-    samples = read(tmp_path, TRAJECTORIES, axes=["z", "x", "y"], analogs={}, outputs={}, plates={})
-    assert samples.select(pl.col("^marker_TOE_.$")).row(0) == pytest.approx((0.003, 0.001, 0.002))
-
-
 @pytest.mark.parametrize(
     ("text", "fields", "problem"),
     [
@@ -127,10 +120,9 @@ def test_a_laboratory_with_y_up_is_turned(tmp_path: Path) -> None:
 def test_what_does_not_fit_is_refused_with_the_reason(
     tmp_path: Path, text: str, fields: dict[str, object], problem: str
 ) -> None:
-    with pytest.raises(InputError) as caught:
-        read(tmp_path, text, **fields)
-    assert problem in str(caught.value)
-    assert str(caught.value).startswith(str(tmp_path / "trial.csv"))
+    path = tmp_path / "trial.csv"
+    path.write_text(text)
+    assert problem in refusal_by(read_nexus_capture, path, source(**fields))
 
 
 @pytest.mark.parametrize("path", SAMPLES, ids=lambda path: path.stem)
@@ -172,14 +164,3 @@ def test_a_csv_log_and_a_nexus_export_become_one_trial(tmp_path: Path) -> None:
 def test_a_trajectory_of_a_subject_without_a_name_is_as_unlabelled_as_a_starred_one(tmp_path: Path) -> None:
     samples = read(tmp_path, DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Anna:") + MODEL)
     assert {c for c in samples.columns if c.startswith("marker")} == {f"marker_TOE_{axis}" for axis in "xyz"}
-
-
-@given(st.integers(0, 600), st.text(alphabet="0123456789,;.-\nFraméX\"'*: ", max_size=4), st.integers(0, 3))
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_damaged_export_is_samples_or_a_sentence(tmp_path: Path, place: int, text: str, cut: int) -> None:
-    whole = DEVICES + TRAJECTORIES + MODEL
-    try:
-        message = str(read(tmp_path, whole[:place] + text + whole[place + cut :]).shape)
-    except InputError as error:
-        message = str(error)
-    assert message.isprintable()

@@ -5,24 +5,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
 import yaml
 from c3d_builder import REAL_DATA, write_c3d
 from click.testing import CliRunner
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 from mcap_builder import stamped, write_log
+from test_ingest_tdms_log import write
 
 from osl_analysis.cli import main
+from osl_analysis.columns import COLUMNS
 from osl_analysis.commands.inspect import inspect_file, overview_text
+from osl_analysis.commands.new_campaign import draft_campaign, left_to_decide, new_campaign
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.csv_log import CsvSource, read_csv_log
-from osl_analysis.ingest.draft import draft_source
+from osl_analysis.ingest.draft import channel_lines, draft_source, likely_column
 from osl_analysis.ingest.known_formats import read_source
 from osl_analysis.ingest.message_log import McapSource, read_mcap_log
+from osl_analysis.ingest.overview import RecordedChannel, likely_clock, open_places
 
 NASTY = 'a\x1b[2J": {x\n# y\u202eb'
 LATIN = NASTY.replace("\u202e", "\x9b")
@@ -56,6 +59,15 @@ def test_an_mcap_file_lists_fields_rates_and_gaps(tmp_path: Path) -> None:
     assert "json           /text a.b" in text
     assert "/text c[0]" in text
     assert "messages: 100" in text
+
+
+def write_one(path: Path, encoding: str, message: bytes, schema: str = "") -> None:
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        number = writer.register_schema("lab_msgs/msg/Leg", "ros2msg", schema.encode()) if schema else 0
+        writer.add_message(writer.register_channel("/leg", encoding, number), 0, message, 0)
+        writer.finish()
 
 
 JOINTS = """\
@@ -116,13 +128,7 @@ def test_lengths_and_elements_are_those_of_the_first_message_and_labels_need_one
 
 
 def test_of_a_topic_whose_first_message_is_damaged_the_schema_tells_the_fields(tmp_path: Path) -> None:
-    with (tmp_path / "a.mcap").open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        schema = writer.register_schema("lab_msgs/msg/Leg", "ros2msg", PARTS.encode())
-        channel = writer.register_channel("/leg", "cdr", schema)
-        writer.add_message(channel, 0, b"\0\1\0\0\xff\xff\xff\xff", 0)
-        writer.finish()
+    write_one(tmp_path / "a.mcap", "cdr", b"\0\1\0\0\xff\xff\xff\xff", PARTS)
     channels = inspect_file(tmp_path / "a.mcap").channels
     assert [(channel.address["field"], channel.type) for channel in channels] == [("load[0]", "float64[0]")]
 
@@ -131,17 +137,10 @@ def test_fields_of_protobuf_are_listed_with_their_types_as_are_those_that_are_no
     file = FileDescriptorProto(name="a.proto", package="lab", syntax="proto3")
     kinds = FieldDescriptorProto
     leg = file.message_type.add(name="Leg")
-    repeated = kinds.LABEL_REPEATED
-    for number, (name, kind, label) in enumerate(
-        [
-            ("angle", kinds.TYPE_DOUBLE, kinds.LABEL_OPTIONAL),
-            ("count", kinds.TYPE_SINT32, kinds.LABEL_OPTIONAL),
-            ("joint", kinds.TYPE_STRING, repeated),
-            ("torque", kinds.TYPE_FLOAT, repeated),
-            ("ticks", kinds.TYPE_UINT64, repeated),
-        ],
-        start=1,
-    ):
+    single = {"angle": kinds.TYPE_DOUBLE, "count": kinds.TYPE_SINT32}
+    several = {"joint": kinds.TYPE_STRING, "torque": kinds.TYPE_FLOAT, "ticks": kinds.TYPE_UINT64}
+    for number, (name, kind) in enumerate({**single, **several}.items(), start=1):
+        label = kinds.LABEL_OPTIONAL if name in single else kinds.LABEL_REPEATED
         leg.field.add(name=name, number=number, type=kind, label=label)
     made = GetMessageClass(DescriptorPool().AddSerializedFile(file.SerializeToString()).message_types_by_name["Leg"])
     message = made(angle=1.5, joint=["knee", "ankle"], torque=[1.0, 2.0], ticks=[5, 300, 7])
@@ -168,13 +167,8 @@ def test_fields_of_protobuf_are_listed_with_their_types_as_are_those_that_are_no
 
 
 def test_elements_of_a_json_array_are_listed_by_the_names_beside_it(tmp_path: Path) -> None:
-    with (tmp_path / "a.mcap").open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        channel = writer.register_channel("/leg", "json", 0)
-        content = {"state": {"name": ["knee", "ankle"], "position": [1.5, 2.5]}, "parts": [{"on": True}, {"on": False}]}
-        writer.add_message(channel, 0, json.dumps(content).encode(), 0)
-        writer.finish()
+    content = {"state": {"name": ["knee", "ankle"], "position": [1.5, 2.5]}, "parts": [{"on": True}, {"on": False}]}
+    write_one(tmp_path / "a.mcap", "json", json.dumps(content).encode())
     channels = inspect_file(tmp_path / "a.mcap").channels
     assert [(channel.address["field"], channel.type) for channel in channels] == [
         ("state.position[name=knee]", "float64[2]"),
@@ -183,12 +177,16 @@ def test_elements_of_a_json_array_are_listed_by_the_names_beside_it(tmp_path: Pa
     ]
 
 
-def test_lost_messages_and_missing_checksums_are_counted(tmp_path: Path) -> None:
-    path = write_mcap(tmp_path / "a.mcap")
-    whole = bytearray(path.read_bytes())
+def test_damage_of_an_mcap_file_is_listed_and_the_rest_too(tmp_path: Path) -> None:
+    path = write_mcap(tmp_path / "a.mcap", finish=False)
+    assert "! no footer: the recorder did not finish" in overview_text(inspect_file(path))
+    whole = bytearray(write_mcap(path).read_bytes())
     whole[700] ^= 0xFF
     path.write_bytes(whole)
     overview = inspect_file(path)
+    text = overview_text(overview)
+    assert "is damaged" in text
+    assert "/leg angle" in text
     lost = int(overview.facts["messages lost"])
     assert 0 < lost == 100 - int(overview.facts["messages"])
     assert overview.facts["checksums"] == "checked"
@@ -196,33 +194,6 @@ def test_lost_messages_and_missing_checksums_are_counted(tmp_path: Path) -> None
     overview = inspect_file(path)
     assert overview.facts["checksums"] == "absent"
     assert "not verifiable: no checksum covers 9 of 9 messages" in overview.remarks
-
-
-def test_damage_of_an_mcap_file_is_listed_and_the_rest_too(tmp_path: Path) -> None:
-    path = write_mcap(tmp_path / "a.mcap", finish=False)
-    assert "! no footer: the recorder did not finish" in overview_text(inspect_file(path))
-    whole = bytearray(write_mcap(path).read_bytes())
-    whole[700] ^= 0xFF
-    path.write_bytes(whole)
-    text = overview_text(inspect_file(path))
-    assert "is damaged" in text
-    assert "/leg angle" in text
-
-
-def test_a_drafted_mcap_source_is_complete_once_its_channels_are_named(tmp_path: Path) -> None:
-    content = draft_source(inspect_file(write_mcap(tmp_path / "a.mcap")), "a.mcap")
-    path = tmp_path / "source.yaml"
-    path.write_text(content)
-    with pytest.raises(
-        InputError,
-        match=r"a draft of `osl-analysis inspect` in which 3 places are to be edited: `channels.NAME_1` in line 8",
-    ):
-        read_source(path)
-    kept = [line for line in content.splitlines() if "NAME_" not in line or "NAME_1:" in line]
-    path.write_text("\n".join(kept).replace("NAME_1", "theta").replace("UNKNOWN,", "").replace("UNKNOWN", "deg"))
-    source = read_source(path)
-    assert source.format == "mcap"
-    assert (source.time.source, source.channels["theta"].field) == ("header", "angle")
 
 
 BENCH = "# rig: B\ntime [ms],angle [deg],state\n0,1.5,ok\n10,2.5,ok\n20,3.5,ERROR\n90,4\n"
@@ -251,13 +222,8 @@ def test_a_drafted_c3d_source_is_complete(tmp_path: Path) -> None:
     assert source.format == "c3d"
     assert source.plates == ()
     assert source.markers == "all"
-    (tmp_path / "some.yaml").write_text(
-        (tmp_path / "a.yaml")
-        .read_text()
-        .replace("# or some: markers", "")
-        .replace("markers: all", "", 1)
-        .replace("\n: [", "\nmarkers: [")
-    )
+    text = (tmp_path / "a.yaml").read_text().replace("markers: all", "", 1)
+    (tmp_path / "some.yaml").write_text(text.replace("# or some: markers", "markers"))
     some = read_source(tmp_path / "some.yaml")
     assert some.markers[0] == "TOE"
     assert some.markers[1].startswith('a\x1b[2J": {x\n# y')
@@ -387,15 +353,156 @@ def test_every_real_file_is_listed_or_refused_in_a_sentence(path: Path) -> None:
     assert isinstance(yaml.safe_load(draft_source(overview, path.name)), dict)
 
 
-@given(st.integers(0, 2000), st.integers(0, 255))
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_damaged_mcap_file_is_listed_as_far_as_it_goes(tmp_path: Path, place: int, value: int) -> None:
-    path = tmp_path / "a.mcap"
-    content = bytearray(write_mcap(path, count=20).read_bytes())
-    content[place % len(content)] = value
-    path.write_bytes(content)
-    try:
-        text = overview_text(inspect_file(path))
-    except InputError as error:
-        text = str(error)
-    assert all(line.isprintable() for line in text.split("\n"))
+def channel(name: str, unit: str = "") -> RecordedChannel:
+    return RecordedChannel("column", {"column": name}, unit)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "column"),
+    [
+        ("angleJIM", "", "theta"),
+        ("variables.ankle_angle", "deg", "theta"),
+        ("JointPosition", "rad", "theta"),
+        ("position[name=ankle]", "rad", "theta"),
+        ("ankle_angle_r", "deg", "theta"),
+        ("desired_angle", "deg", "theta_command"),
+        ("motor_position", "rad", "theta_m"),
+        ("theta_m", "rad", "theta_m"),
+        ("actuator velocity", "rad/s", "omega_m"),
+        ("LoadCellTorque", "Nm", "torque"),
+        ("effort[name=ankle]", "N*m", "torque"),
+        ("motor_torque", "N*m", "torque_m"),
+        ("I_q", "A", "current"),
+        ("motor_current", "mA", "current"),
+        ("sync_out", "V", "sync"),
+        ("Trig", "", "trigger"),
+        ("torque", "deg", ""),
+        ("angle", "V", ""),
+        ("commanded_torque", "N*m", ""),
+        ("R_ground_torque_y", "N*m", ""),
+        ("velocity[name=ankle]", "rad/s", ""),
+        ("case_temperature", "", ""),
+        ("load", "Nm", "torque"),
+        ("ch3", "deg", "theta"),
+        ("roll", "deg", ""),
+        ("battery", "A", ""),
+        ("desired_current", "A", ""),
+    ],
+)
+def test_a_name_and_its_unit_tell_the_column(name: str, unit: str, column: str) -> None:
+    assert likely_column(channel(name, unit)) == column
+    assert column in ("", *COLUMNS)
+
+
+def test_of_many_channels_those_that_are_like_no_column_are_comments() -> None:
+    names = ["ankle_angle", "torque_Nm", *(f"spare_{k}" for k in range(12))]
+    lines = list(channel_lines([channel(name) for name in names]))
+    assert [line.partition("  # ")[2] for line in lines[:2]] == ["theta?", "torque?"]
+    assert [line[:10] for line in lines[:2]] == ["  NAME_1: ", "  NAME_2: "]
+    assert all(line.startswith("#   NAME_") for line in lines[2:])
+    few = list(channel_lines([channel(name) for name in names[:5]]))
+    assert not any(line.startswith("#") for line in few)
+
+
+TIME = np.arange(50) * 0.004
+SIGNALS = {"ankle_angle_deg": np.sin(TIME), "torque_Nm": np.cos(TIME)}
+STEPS = 0.004 - 1e-5 * np.cos(np.arange(50))
+
+
+def as_csv(path, columns):
+    rows = zip(*columns.values(), strict=True)
+    path.write_text("\n".join([",".join(columns), *(",".join(map(repr, map(float, row))) for row in rows)]))
+
+
+def as_json(path, columns):
+    path.write_text(
+        "\n".join(json.dumps(dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True))
+    )
+
+
+def as_mat(path, columns):
+    scipy.io.savemat(path, columns)
+
+
+def as_opensim(path, columns):
+    head = f"joint\nversion=1\nnRows={len(TIME)}\nnColumns={len(columns)}\ninDegrees=yes\nendheader\n"
+    rows = zip(*columns.values(), strict=True)
+    path.write_text(
+        head + "\n".join(["\t".join(columns), *("\t".join(map(repr, map(float, row))) for row in rows)]) + "\n"
+    )
+
+
+WRITERS = {"a.csv": as_csv, "a.jsonl": as_json, "a.mat": as_mat, "a.sto": as_opensim}
+
+
+def drafted(folder, name, **clocks):
+    """The overview of a file with these clocks, and the `time` of the draft."""
+    WRITERS[name](folder / name, {**clocks, **SIGNALS})
+    overview = inspect_file(folder / name)
+    return overview, yaml.safe_load(draft_source(overview, name))["time"]
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_of_two_clocks_that_agree_the_first_is_taken_and_the_user_is_asked(tmp_path, name):
+    overview, time = drafted(tmp_path, name, loop_time=TIME, sys_time=1e3 * TIME + 5.0)
+    assert "loop_time" in time.values()
+    (asked,) = overview.open
+    assert "2 " in asked
+    assert "may be the clock, to be checked: loop_time, sys_time; loop_time is taken" in asked
+    assert f"! {asked}" in overview_text(overview)
+    assert f"# {asked}\n" in draft_source(overview, name)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_of_two_clocks_that_contradict_each_other_none_is_taken(tmp_path, name):
+    """Taken by a clock that is 10 % slow, B would be 10 % and I 21 % off, at a VAF of 100 %."""
+    overview, time = drafted(tmp_path, name, loop_time=1.1 * TIME, sys_time=TIME)
+    assert list(open_places({"time": time}))
+    (asked,) = overview.open
+    assert "contradict each other: loop_time spans 0.2156, sys_time spans 0.196; name the one" in asked
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_the_duration_of_each_loop_is_no_clock_beside_one(tmp_path, name):
+    overview, time = drafted(tmp_path, name, loop_time=STEPS, sys_time=TIME)
+    assert "sys_time" in time.values()
+    assert not overview.open
+
+
+def test_a_clock_of_tdms_is_taken_by_the_same_rule(tmp_path):
+    for wrong, found in ((1.0, "Bench/loop_time"), (1.1, "NAME_OF_TIME")):
+        columns = {"loop_time": wrong * TIME, "sys_time": TIME, **SIGNALS}
+        overview = inspect_file(
+            write(tmp_path / f"{wrong}.tdms", [(name, values, {}) for name, values in columns.items()])
+        )
+        assert overview.settings["time"]["channel"] == found
+        assert len(overview.open) == 1
+
+
+@pytest.mark.parametrize(
+    ("factor", "taken"), [(1.004, "a"), (0.996, "a"), (1.006, None), (1e9 * 0.997, "a"), (60.0, None)]
+)
+def test_clocks_agree_within_half_a_percent_in_any_unit_of_seconds(factor, taken):
+    assert likely_clock({"a": TIME, "b": factor * TIME})[0] == taken
+    assert likely_clock({"a": TIME, "b": factor * TIME, "c": TIME})[0] == taken
+
+
+def test_readings_that_are_missing_do_not_count():
+    holes = np.where(np.arange(50) % 7 == 0, np.nan, TIME)
+    assert likely_clock({"a": TIME, "b": 1e3 * holes})[0] == "a"
+    assert likely_clock({"a": np.full(50, np.nan), "b": TIME}) == ("b", [])
+    assert likely_clock({"a": np.empty(0), "b": np.zeros(3)})[0] == "a"
+    assert likely_clock({}) == (None, [])
+
+
+def test_only_a_file_with_several_trials_is_said_to_hold_them(tmp_path):
+    one = {"time": TIME, **SIGNALS}
+    as_mat(tmp_path / "single.mat", one)
+    as_mat(tmp_path / "several.mat", {"run1": one, "run2": one})
+    new_campaign(tmp_path / "mine", recordings=tmp_path)
+    lines = left_to_decide(tmp_path / "mine", draft_campaign(tmp_path))
+    said = [line for line in lines if "log_part" in line]
+    assert said == [
+        "2 parts hold the same variables: name one per trial in the column `log_part` of the sheet: run1, run2 "
+        "(several.mat)"
+    ]

@@ -44,15 +44,8 @@ def rows(folder: Path) -> dict[str, list[str]]:
 
 
 def test_every_recording_has_a_row_and_nothing_else(folder: Path) -> None:
-    assert list(rows(folder)) == [
-        "bench.mcap",
-        "broken.C3D",
-        "broken.mcap",
-        "lab.tdms",
-        "lab.xlsx",
-        "table.csv",
-        "walk.c3d",
-    ]
+    first = ["bench.mcap", "broken.C3D", "broken.mcap", "lab.tdms", "lab.xlsx"]
+    assert list(rows(folder)) == [*first, "table.csv", "walk.c3d"]
 
 
 def test_what_is_read_is_told_with_rates_counts_and_gaps(folder: Path) -> None:
@@ -69,11 +62,7 @@ def test_what_is_refused_is_told_with_the_reason_and_without_the_folder(folder: 
     assert found["broken.C3D"][2].startswith("refused: not a C3D file")
     assert found["broken.mcap"][2].startswith("refused: not an MCAP file")
     assert found["lab.tdms"][2].startswith("refused: the TDMS file ")
-    assert found["lab.xlsx"] == [
-        "",
-        "",
-        "refused: an Excel workbook, which is not read; save its sheet as 'CSV UTF-8'",
-    ]
+    assert found["lab.xlsx"][2] == "refused: an Excel workbook, which is not read; save its sheet as 'CSV UTF-8'"
     assert str(folder) not in samples_table(folder, RULES)
 
 

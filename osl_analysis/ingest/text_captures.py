@@ -173,7 +173,10 @@ def inspect_nexus(path: Path) -> Overview:
             section.counts()
         except InputError as error:
             remarks.append(f"{title}: {error}")
-    channels = [channel for section in sections.values() for channel in section_channels(section)]
+    try:
+        channels = [channel for section in sections.values() for channel in section_channels(section)]
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
     return Overview("nexus_csv", facts, channels, remarks)
 
 

@@ -42,31 +42,10 @@ def test_recovers_offset_and_drift_within_what_sampling_allows(duration: float) 
     error = fit.to_master(time) - (OFFSET + (1 + DRIFT) * time)
     assert abs(error).max() < 4 * 2 * sampling / np.sqrt(fit.edges)  # at its ends a line is twice as uncertain
     assert abs(fit.drift - DRIFT) < 4 * fit.drift_error
+    assert (fit.drift_error > 50e-6) == (duration == 3.0)  # a short recording cannot tell the drift
+    assert duration < 300 or fit.drift_error < 1e-6
     assert fit.residual == pytest.approx(sampling, rel=0.4)
     assert fit.excluded_edges == 0
-
-
-def test_missing_and_spurious_edges_do_not_move_the_fit() -> None:
-    changes = irregular(60.0)
-    slave, master = slave_edges(changes, 60.0), master_edges(changes, 60.0)
-    clean = fit_clock(slave, master)
-    kept = np.random.default_rng(2).random(slave.time.size) > 0.15
-    time = np.append(slave.time[kept], [10.0, 20.0, 30.0])
-    rising = np.append(slave.rising[kept], [True, False, True])
-    fit = fit_clock(Edges(time, rising, slave.step), master)
-    assert fit.to_master(np.array([30.0])) == pytest.approx(clean.to_master(np.array([30.0])), abs=2e-4)
-    assert fit.drift == pytest.approx(clean.drift, abs=5e-6)
-
-
-def test_an_edge_far_from_the_line_is_left_out_and_counted() -> None:
-    changes = irregular(60.0)
-    slave, master = slave_edges(changes, 60.0), master_edges(changes, 60.0)
-    late = slave.time.copy()
-    late[[40, 41]] += 0.012
-    clean, fit = fit_clock(slave, master), fit_clock(Edges(late, slave.rising, slave.step), master)
-    assert fit.excluded_edges == 2
-    assert fit.edges == clean.edges - 2
-    assert fit.to_master(np.array([30.0])) == pytest.approx(clean.to_master(np.array([30.0])), abs=5e-5)
 
 
 @pytest.mark.parametrize("offset", [-812.3456, -3.2, 0.0, 0.00071, 59.9876, 4321.0])
@@ -91,16 +70,6 @@ def spoilt(edges: Edges, rng: np.random.Generator) -> Edges:
     rising = np.concatenate([edges.rising[draw > 0.02], rng.random(extra.size) > 0.5])
     order = np.argsort(time)
     return Edges(time[order], rising[order], edges.step)
-
-
-def test_a_short_recording_says_that_it_cannot_tell_the_drift() -> None:
-    changes = irregular(3.0)
-    short = fit_clock(slave_edges(changes, 3.0), master_edges(changes, 3.0))
-    changes = irregular(300.0)
-    long = fit_clock(slave_edges(changes, 300.0), master_edges(changes, 300.0))
-    assert short.drift_error > 50e-6
-    assert long.drift_error < 1e-6
-    assert long.drift == pytest.approx(DRIFT, abs=1e-6)
 
 
 def test_edges_that_are_late_by_little_more_than_a_sample_do_not_pull_the_fit() -> None:

@@ -112,17 +112,15 @@ def test_a_header_that_contradicts_the_rows_is_refused(tmp_path: Path, header: d
 def test_rows_of_trc_that_cannot_be_right_are_refused(tmp_path: Path) -> None:
     path = write_trc(tmp_path / "walk.trc", walk())
     lines = path.read_text().splitlines()
+    cells = lines[26].split("\t")
     faults = {
-        "frame 22 does not follow the line before": (lines[26].replace("21\t", "22\t", 1), 26),
-        "'abc' is not a number": (lines[26].replace("50.", "abc\t50.", 1).replace("abc\t50.", "abc", 1), 26),
-        "ends within a marker, after 6 cells": ("\t".join(lines[26].split("\t")[:6]), 26),
-        "time: '' is not a number": (lines[26].replace("0.200", ""), 26),
+        "frame 22 does not follow the line before": lines[26].replace("21\t", "22\t", 1),
+        "'abc' is not a number": "\t".join([*cells[:4], "abc", *cells[5:]]),
+        "ends within a marker, after 6 cells": "\t".join(cells[:6]),
+        "time: '' is not a number": lines[26].replace("0.200", ""),
     }
-    for reason, (line, place) in faults.items():
-        if reason.startswith("'abc'"):
-            cells = lines[26].split("\t")
-            line = "\t".join([*cells[:4], "abc", *cells[5:]])
-        path.write_text("\n".join([*lines[:place], line, *lines[place + 1 :]]))
+    for reason, line in faults.items():
+        path.write_text("\n".join([*lines[:26], line, *lines[27:]]))
         assert reason in refused(path)
     path.write_text("\n".join(lines[:5]))
     assert "holds no frames" in refused(path)
@@ -171,9 +169,7 @@ def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> Non
     faults = {
         "line 57 has 3 cells under 4 names: the file is cut off": text.rstrip().rpartition("\t")[0],
         "line 11 has 5 cells under 4 names; export": text.replace("\t3\t", "\t3\t3\t"),
-        "line 11, column 'ankle_angle_r': '1,2,3' is not a number; export it as scalars": text.replace(
-            "\t3\t", "\t1,2,3\t"
-        ),
+        "column 'ankle_angle_r': '1,2,3' is not a number; export it as scalars": text.replace("\t3\t", "\t1,2,3\t"),
         "inf": text.replace("\t3\t", "\tinf\t"),
         "time goes from": text.replace("0.53000000", "0.51000000"),
         "NaN in 1 of 50 samples": text.replace("\t3\t", "\tnan\t"),
@@ -231,13 +227,8 @@ def test_a_plate_gives_the_moment_about_its_centre_in_our_axes(tmp_path: Path) -
     force, point, moment = (table[:, at : at + 3] for at in (0, 3, 6))
     ours = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # forward x, left -z, up y
     arm = point - np.array([0.3, 0.0, -0.1])
-    by_hand = moment + np.column_stack(  # r x F, component by component
-        [
-            arm[:, 1] * force[:, 2] - arm[:, 2] * force[:, 1],
-            arm[:, 2] * force[:, 0] - arm[:, 0] * force[:, 2],
-            arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0],
-        ]
-    )
+    (rx, ry, rz), (fx, fy, fz) = arm.T, force.T
+    by_hand = moment + np.column_stack([ry * fz - rz * fy, rz * fx - rx * fz, rx * fy - ry * fx])  # r x F
     for values, quantity in ((force, "force"), (by_hand, "moment")):
         expected = values @ np.array(ours).T
         found = recording.samples.select(f"plate1_{quantity}_{axis}" for axis in "xyz").to_numpy()

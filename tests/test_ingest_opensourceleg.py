@@ -63,16 +63,15 @@ def record(tmp_path: Path) -> Iterator[Callable[..., Path]]:
                 raise OSError("no answer")
             return float(actuator.motor_current)
 
-        names = ["time", "joint_position", "output_position", "motor_current", "case_temperature", "sync"]
-        functions = [
-            lambda: bench.k * 1e-3,
-            lambda: np.cos(bench.k / 50),
-            lambda: actuator.output_position,
-            current,
-            lambda: actuator.case_temperature,
-            lambda: bench.k % 100 < 50,
-        ]
-        logger.track_function(functions, names)
+        functions = {
+            "time": lambda: bench.k * 1e-3,
+            "joint_position": lambda: np.cos(bench.k / 50),
+            "output_position": lambda: actuator.output_position,
+            "motor_current": current,
+            "case_temperature": lambda: actuator.case_temperature,
+            "sync": lambda: bench.k % 100 < 50,
+        }
+        logger.track_function(list(functions.values()), list(functions))
         for bench.k in range(rows):
             logger.update()
         logger.close()

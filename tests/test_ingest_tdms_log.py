@@ -39,23 +39,15 @@ def write(path: Path, channels: list[tuple[str, Any, dict[str, Any]]], segments:
     with TdmsWriter(path) as writer:
         for part in range(segments):
             cut = [np.array_split(np.asarray(values), segments)[part] for _, values, _ in channels]
-            objects = [
-                ChannelObject("Bench", name, values, about)
-                for (name, _, about), values in zip(channels, cut, strict=True)
-            ]
+            named = zip(channels, cut, strict=True)
+            objects = [ChannelObject("Bench", name, values, about) for (name, _, about), values in named]
             writer.write_segment([RootObject({"author": "lab"}), *objects])
     return path
 
 
 def bench(path: Path, segments: int = 1, **options: Any) -> Path:
-    return write(
-        path,
-        [
-            ("Angle", ANGLE, timing(unit_string="Degrees", **options)),
-            ("Torque", np.float32(TORQUE), timing(unit_string="Volts")),
-        ],
-        segments,
-    )
+    angle = ("Angle", ANGLE, timing(unit_string="Degrees", **options))
+    return write(path, [angle, ("Torque", np.float32(TORQUE), timing(unit_string="Volts"))], segments)
 
 
 read = partial(read_recognised, **SOURCE)
@@ -83,10 +75,8 @@ def test_an_index_beside_the_file_is_not_looked_at(tmp_path: Path) -> None:
 
 
 def test_channels_of_other_rates_have_rows_of_their_own(tmp_path: Path) -> None:
-    path = write(
-        tmp_path / "a.tdms",
-        [("Angle", ANGLE, timing(unit_string="deg")), ("Torque", TORQUE[:20], timing(5e-3, 0.0025))],
-    )
+    channels = [("Angle", ANGLE, timing(unit_string="deg")), ("Torque", TORQUE[:20], timing(5e-3, 0.0025))]
+    path = write(tmp_path / "a.tdms", channels)
     recording = read(path)
     samples = recording.samples
     np.testing.assert_allclose(samples.drop_nulls("theta")["time"], np.arange(ROWS) * 1e-3, atol=1e-12)
@@ -116,25 +106,20 @@ def test_without_timing_the_file_is_refused_until_the_source_file_tells_it(tmp_p
     assert "has no timing" in refused(zero)
 
 
+DEG = timing(unit_string="deg")
+GOOD_ANGLE, GOOD_TORQUE = ("Angle", ANGLE, DEG), ("Torque", TORQUE, timing())
+
+
 @pytest.mark.parametrize(
     ("channels", "reason"),
     [
-        ([("Angle", ANGLE, timing(unit_string="deg")), ("Torque", np.empty(0), timing())], "'Bench/Torque' is empty"),
-        (
-            [("Angle", ANGLE, timing(unit_string="deg")), ("Torque", ["a"] * ROWS, timing())],
-            "'Bench/Torque' holds text and no numbers",
-        ),
-        ([("Angle", ANGLE, timing(unit_string="deg")), ("Torqe", TORQUE, timing())], "did you mean 'Torqe'?"),
-        ([("Angle", ANGLE, timing(unit_string="furlongs")), ("Torque", TORQUE, timing())], "measures [m]"),
-        ([("Angle", ANGLE, timing()), ("Torque", TORQUE, timing())], "'Bench/Angle': the unit is empty"),
-        (
-            [("Angle", np.where(ANGLE > 9, np.nan, ANGLE), timing(unit_string="deg")), ("Torque", TORQUE, timing())],
-            "NaN in 5 of 100 samples",
-        ),
-        (
-            [("Angle", np.where(ANGLE > 9, np.inf, ANGLE), timing(unit_string="deg")), ("Torque", TORQUE, timing())],
-            "inf in sample 96 of 100",
-        ),
+        ([GOOD_ANGLE, ("Torque", np.empty(0), timing())], "'Bench/Torque' is empty"),
+        ([GOOD_ANGLE, ("Torque", ["a"] * ROWS, timing())], "'Bench/Torque' holds text and no numbers"),
+        ([GOOD_ANGLE, ("Torqe", TORQUE, timing())], "did you mean 'Torqe'?"),
+        ([("Angle", ANGLE, timing(unit_string="furlongs")), GOOD_TORQUE], "measures [m]"),
+        ([("Angle", ANGLE, timing()), GOOD_TORQUE], "'Bench/Angle': the unit is empty"),
+        ([("Angle", np.where(ANGLE > 9, np.nan, ANGLE), DEG), GOOD_TORQUE], "NaN in 5 of 100 samples"),
+        ([("Angle", np.where(ANGLE > 9, np.inf, ANGLE), DEG), GOOD_TORQUE], "inf in sample 96 of 100"),
     ],
 )
 def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path, channels: Any, reason: str) -> None:
@@ -144,9 +129,7 @@ def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path, channels: 
 def test_a_signalling_nan_is_a_failed_reading(tmp_path: Path) -> None:
     torque = np.float32(TORQUE)
     torque.view(np.uint32)[7] = 0x7F800001
-    recording = read(
-        write(tmp_path / "a.tdms", [("Angle", ANGLE, timing(unit_string="deg")), ("Torque", torque, timing())])
-    )
+    recording = read(write(tmp_path / "a.tdms", [GOOD_ANGLE, ("Torque", torque, timing())]))
     assert recording.facts["missing"] == {"theta": 0, "torque": 1}
 
 

@@ -17,11 +17,9 @@ CONTROLLERS = {"": ("", "memory.max"), "memory": ("memory", "memory.limit_in_byt
 
 
 @contextmanager
-def limited_memory(files: Sequence[Path | str], megabytes: float | None = None) -> Iterator[None]:
-    """Within the block this process gets no more memory than that, else MemoryLimitError; `files` are what it reads.
-
-    The default is what `OSL_MEMORY_MB` says, else `SHARE` of the machine. A lower limit of before stays. Systems other
-    than Linux have no such limit.
+def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
+    """Within the block this process gets no more memory than `OSL_MEMORY_MB` says, else `SHARE` of the machine, or
+    ends with MemoryLimitError; `files` are what it reads. A lower limit of before stays. Only Linux has such a limit.
     """
     if sys.platform != "linux":
         yield
@@ -30,7 +28,7 @@ def limited_memory(files: Sequence[Path | str], megabytes: float | None = None) 
 
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
     limits = [one for one in (soft, hard) if one != resource.RLIM_INFINITY]
-    limit = min(int(MB * (megabytes or stated_megabytes())) or int(SHARE * machine_memory()), *limits, sys.maxsize)
+    limit = min(int(MB * stated_megabytes()) or int(SHARE * machine_memory()), *limits, sys.maxsize)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
     try:
         yield

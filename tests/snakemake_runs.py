@@ -1,4 +1,4 @@
-"""Runs of Snakemake for the tests, in processes that are forked from one that has imported what every run imports.
+"""A small campaign for the tests, and runs of Snakemake, in processes forked from one with the imports of every run.
 
 A run that starts Python anew takes 3 s more, and the tests run Snakemake some forty times. Their jobs have one server,
 for all runs. The first run of the campaign, and those that need another start, are started
@@ -7,12 +7,26 @@ as a user starts them.
 
 import atexit
 import json
+import shutil
 import subprocess
 import sys
 from functools import cache
 from pathlib import Path
 
+import yaml
 from conftest import ROOT
+
+PROTOCOL = {"frequencies_hz": [2, 5], "cycles": 5, "amplitudes_deg": [2, 4]}
+OVERRIDES = {
+    "campaign": "small",
+    "raw_data": "raw_data/small",
+    "sheet": "raw_data/small/trials.csv",
+    "simulation": "config/simulation/small.yaml",
+    "dynamometer": PROTOCOL,
+    "walking": {"bootstrap_samples": 100, "perturbed_stance": "own"},
+    "figures": {"time_series": {"amplitude_deg": 4, "duration_s": 2}, "frequency_response": {"K_d": 300, "B_d": 5}},
+}
+"""Its configuration. No perturbation changes the stance, and the pace of a few crossings is too little to match to."""
 
 FORKING = """
 import gc, json, os, sys, tempfile, time
@@ -48,6 +62,16 @@ for line in sys.stdin:
         os._exit(0)
     print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
 """
+
+
+def write_small(folder: Path, counts: dict[str, int]) -> None:
+    """Write the shipped configuration to a folder, and the settings of a simulation with these numbers of trials."""
+    shutil.copytree(ROOT / "config", folder / "config")
+    settings = yaml.safe_load((ROOT / "config/simulation/default.yaml").read_text())
+    settings["experiments"] |= counts | {"K_d": [200, 300], "B_d": [5.0]}
+    settings["actuator"] |= {"duration_s": 10}
+    settings["protocol"] |= PROTOCOL | {"rest_s": 0.5, "lead_s": 0.5}
+    (folder / OVERRIDES["simulation"]).write_text(yaml.safe_dump(settings))
 
 
 @cache

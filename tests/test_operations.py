@@ -240,23 +240,13 @@ def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing_half(tmp_path, monkeyp
     assert signal.getsignal(number) == before
 
 
-def test_a_lack_of_memory_is_one_line(monkeypatch):
-    def without_memory(*_):
-        raise MemoryError
-
-    monkeypatch.setattr(gains_command, "requested_gains", without_memory)
-    assert "not enough memory" in one_line(call(*GAINS))
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")
 def test_what_needs_more_memory_than_a_job_may_have_is_refused_with_file_limit_and_remedy(monkeypatch):
-    """Eight times the limit is asked for at once, by the environment's limit or that of the call."""
+    """Eight times the limit is asked for at once."""
     before = resource.getrlimit(resource.RLIMIT_DATA)
     said = (
         "long.mcap: not enough memory, a job may have 1000 MB here; cut the recording, .* allow more by OSL_MEMORY_MB"
     )
-    with pytest.raises(MemoryLimitError, match=said), limited_memory([Path("long.mcap")], 1000):
-        np.ones(10**9)
     monkeypatch.setenv("OSL_MEMORY_MB", "1000")
     with pytest.raises(MemoryLimitError, match=said), limited_memory(["long.mcap"]):
         np.ones(10**9)

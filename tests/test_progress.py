@@ -63,16 +63,12 @@ def test_a_refusal_is_said_when_its_job_ends(tmp_path):
     assert "\x1b" not in said
 
 
-@pytest.mark.parametrize("rule", ["table", "headline_numbers", "report", "judge", "excluded_trials"])
-def test_a_rule_of_no_other_stage_makes_tables(rule):
-    assert stage_of(rule) == "tables and page"
-
-
 @pytest.mark.parametrize("prefix", ["", "osl_"])
 @pytest.mark.parametrize(
     ("rule", "stage"),
     [("simulate_belt", "simulate"), ("ingest", "read and check recordings"), ("fit_belt_trial", "fit"),
-     ("plot_numbers_fig4", "figures"), ("summarise_walking", "fit")],
+     ("plot_numbers_fig4", "figures"), ("summarise_walking", "fit"),
+     *((rule, "tables and page") for rule in ("table", "headline_numbers", "report", "judge", "excluded_trials"))],
 )  # fmt: skip
 def test_a_rule_has_its_stage_in_a_module_too(prefix, rule, stage):
     assert stage_of(prefix + rule) == stage

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import zipfile
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -16,52 +15,21 @@ import polars as pl
 import pytest
 import yaml
 from conftest import ROOT
-from snakemake_runs import run_snakemake
+from snakemake_runs import OVERRIDES, run_snakemake, write_small
 
 from osl_analysis.commands.reference import SUMMARY_FIELDS
 from osl_analysis.config import overriding
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
-from osl_analysis.fingerprint import code_of, imported_names, job_sources, sources
+from osl_analysis.fingerprint import imported_names, sources
 from osl_analysis.job_log import read_log
-from osl_analysis.jobs import client, run
-from osl_analysis.jobs.server import PRELOADED
+from osl_analysis.jobs import client
 from osl_analysis.refusal import is_refused
 from osl_analysis.summary.headlines import all_labels
 
 TRIAL = "impedance_K300_B5.0_compensated"
-PROTOCOL = {"frequencies_hz": [2, 5], "cycles": 5, "amplitudes_deg": [2, 4]}
-DYNAMOMETER = PROTOCOL
-WALKING = {"bootstrap_samples": 100, "perturbed_stance": "own"}
-"""No perturbation changes the stance here, and the pace of three unperturbed crossings is too few to match to."""
-OVERRIDES = {
-    "campaign": "small",
-    "raw_data": "raw_data/small",
-    "sheet": "raw_data/small/trials.csv",
-    "simulation": "config/simulation/small.yaml",
-    "dynamometer": DYNAMOMETER,
-    "walking": WALKING,
-    "figures": {
-        "time_series": {"amplitude_deg": 4, "duration_s": 2},
-        "frequency_response": {"K_d": 300, "B_d": 5},
-    },
-}
-
-
-def small_simulation():
-    settings = yaml.safe_load((ROOT / "config/simulation/default.yaml").read_text())
-    settings["experiments"] |= {
-        "belt": 2,
-        "transmission": 2,
-        "actuator": 2,
-        "K_d": [200, 300],
-        "B_d": [5.0],
-        "plate": 3,
-        "walking": 8,
-    }
-    settings["actuator"] |= {"duration_s": 10}
-    settings["protocol"] |= PROTOCOL | {"rest_s": 0.5, "lead_s": 0.5}
-    return settings
+WALKING, DYNAMOMETER = OVERRIDES["walking"], OVERRIDES["dynamometer"]
+COUNTS = {"belt": 2, "transmission": 2, "actuator": 2, "plate": 3, "walking": 8}
 
 
 FILES = ["--snakefile", str(ROOT / "Snakefile"), "--configfile", "config/small.yaml"]
@@ -72,8 +40,7 @@ class Workspace:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        shutil.copytree(ROOT / "config", folder / "config")
-        (folder / "config/simulation/small.yaml").write_text(yaml.safe_dump(small_simulation()))
+        write_small(folder, COUNTS)
         self.configure({})
 
     def configure(self, changes):
@@ -780,39 +747,3 @@ def test_a_folder_that_cannot_be_written_to_is_refused_by_snakemake_in_one_line(
     assert ran.returncode == 1
     assert ran.stdout.endswith(f"error: {CLOSED}: cannot be written to; copy the campaign to a folder that can\n")
     assert "Traceback" not in ran.stdout
-
-
-@pytest.mark.parametrize("module", PRELOADED)
-def test_the_modules_that_jobs_fork_with_exist(module):
-    """The fork server passes over one that does not, and every job would import it anew."""
-    assert find_spec(module) is not None
-
-
-SIMULATOR, DRAWINGS = {"commands.simulate", "simulator."}, {"matplotlib", "figures.names", "fontTools"}
-
-
-@pytest.mark.parametrize(
-    ("config", "argv", "left_out"),
-    [
-        ({}, ["snakemake"], set()),
-        ({"simulation": "mine.yaml"}, [], set()),
-        ({"simulation": None}, [], SIMULATOR),
-        ({"simulation": None}, ["snakemake", "study"], set()),
-        ({}, ["snakemake", "results/tables/impedance.csv"], DRAWINGS),
-        ({"simulation": None}, ["snakemake", "results/tables/impedance.csv"], SIMULATOR | DRAWINGS),
-        ({}, ["snakemake", "--config", "sheet=trials.csv"], set()),
-    ],
-)
-def test_jobs_do_not_wait_for_what_none_of_them_uses(config, argv, left_out):
-    """Neither for the simulator to be compiled, where all is recorded, nor for what draws, for a table."""
-    missing = run.rarely_used(config, argv)
-    assert all(any(part in name for part in left_out) for name in missing)
-    assert all(any(part in name for name in missing) for part in left_out)
-
-
-def test_fingerprint_follows_imports_downwards_only():
-    fit = {path.name for path in job_sources("osl_analysis.commands.bench", "fit_transmission_trial")}
-    assert {"transmission.py", "regression.py", "signals.py"} <= fit
-    others = {"belt.py", "c3d_file.py", "drivetrain_kernel.py", "impedance.py", "second_order.py"}
-    assert not others & fit
-    assert code_of("bench.fit_transmission_trial") != code_of("bench.fit_belt_trial")

@@ -14,11 +14,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from thirty_trials import CONFIG, measured, write
+import yaml
+from conftest import ROOT
+from snakemake_runs import OVERRIDES, write_small
 
 from osl_analysis.refusal import is_refused
 
-ROOT = Path(__file__).parents[2]
+CONFIG = "config/small.yaml"
+COUNTS = {"belt": 4, "transmission": 3, "actuator": 2, "plate": 3, "walking": 13}
+"""With one static trial and four of impedance these are 30."""
 SLURM = ["--workflow-profile", str(ROOT / "profiles/slurm")]
 SNAKEMAKE = [sys.executable, "-m", "snakemake"]
 CAMPAIGN = ["--snakefile", str(ROOT / "Snakefile"), "--configfile", CONFIG]
@@ -53,6 +57,11 @@ def slurm(*command: str) -> str:
     return done.stdout.strip()
 
 
+def measured(folder: Path) -> None:
+    """Let the recordings of a folder count as measured."""
+    (folder / CONFIG).write_text(yaml.safe_dump(OVERRIDES | {"simulation": None}))
+
+
 def copied(local: Path, folder: Path) -> Path:
     """The same recordings and configuration, as measured ones, without results."""
     shutil.copytree(local, folder, ignore=shutil.ignore_patterns("results", ".snakemake"), dirs_exist_ok=True)
@@ -72,7 +81,8 @@ def local(tmp_path_factory) -> Path:
     """The campaign after a local run of its recordings, with its time [s] in the file `seconds`."""
     assert shutil.which("sbatch"), "SLURM is started by `make test-slurm`"
     folder = tmp_path_factory.mktemp("local")
-    write(folder)
+    write_small(folder, COUNTS)
+    (folder / CONFIG).write_text(yaml.safe_dump(OVERRIDES))
     assert run(folder, "raw_data/small/trials.csv", "results/tables/quality.csv").endswith("exit code 0")
     measured(folder)
     shutil.rmtree(folder / "results")

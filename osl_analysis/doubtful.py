@@ -227,19 +227,16 @@ def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
     above, below = (
         {column: limit for column, limit in side.items() if limit is not None} for side in (limits.above, limits.below)
     )
-    for column in [*above, *below] * (len(fits) > 0):
-        check_limited(table, column, f"doubtful.{name}")
+    numeric = {column for column, dtype in table.schema.items() if dtype.is_numeric() or dtype == pl.Null}
+    for column in [*above, *below] if len(fits) else ():
+        if column not in numeric:
+            known = ", ".join(other for other in table.columns if table[other].dtype.is_numeric())
+            raise InputError(
+                f"configuration, doubtful.{name}: the table has no column '{column}' of numbers; put the limit on one "
+                f"of {known}, or write null for no limit"
+            )
     reasons = pl.Series([doubts(row, above, below) for row in table.iter_rows(named=True)], dtype=pl.String)
     return table.with_columns(reasons.alias(DOUBTFUL)).with_columns(pl.when(fitted).then(DOUBTFUL).alias(DOUBTFUL))
-
-
-def check_limited(table: pl.DataFrame, column: str, place: str) -> None:
-    if column not in table.columns or not (table[column].dtype.is_numeric() or table[column].dtype == pl.Null):
-        known = ", ".join(name for name in table.columns if table[name].dtype.is_numeric())
-        raise InputError(
-            f"configuration, {place}: the table has no column '{column}' of numbers; put the limit on one of {known}, "
-            "or write null for no limit"
-        )
 
 
 def doubts(row: Mapping[str, object], largest: Mapping[str, float], smallest: Mapping[str, float]) -> str:

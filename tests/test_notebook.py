@@ -13,10 +13,11 @@ import numpy as np
 import polars as pl
 import pytest
 from any_motion import made_trial, multisine
-from bench_synthetic import unit_block
+from bench_synthetic import PROTOCOL as SINES
 from conftest import ROOT
 from matplotlib.figure import Figure
 from polars.testing import assert_frame_equal
+from test_bench_plausibility import RATE, RECORDINGS
 
 import osl_analysis as osl
 from osl_analysis.commands.bench import (
@@ -35,15 +36,14 @@ from osl_analysis.commands.tables import gather
 from osl_analysis.commands.watch import estimates_line
 from osl_analysis.config import FrequencyResponseFigure, read_config
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.quality.checks import Commanded
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import write_trial
 
 DEVICE = ROOT / "config/parameters/default.yaml"
 DESIRED = osl.DesiredImpedance("compensated", 300.0, 5.0)
-RATE = 500.0
-SHORT = "dynamometer: {amplitudes_deg: [2, 4], frequencies_hz: [2, 5], cycles: 6}\n"
+AMPLITUDES = [float(np.rad2deg(amplitude)) for amplitude in SINES.amplitudes]
+SHORT = f"dynamometer: {{amplitudes_deg: {AMPLITUDES}, frequencies_hz: [1, 3, 5], cycles: 9}}\n"
 CURVE = "torque_angle: {zero: none, desired: {line: {angle_deg: [-10, 10], torque: [-35, 35]}}}\n"
 
 
@@ -66,30 +66,12 @@ def bench_trial(experiment):
     if experiment in ("any motion", "friction"):
         motion = multisine(rng)
         return made_trial(rng, motion, more=10 * np.tanh(50 * motion[1][1]) * (experiment == "friction"))
+    if experiment in RECORDINGS:
+        return osl.Trial("made", pl.DataFrame(RECORDINGS[experiment]))
     time = np.arange(round(40 * RATE)) / RATE
-    if experiment in ("impedance", "transmission"):
-        rest = np.zeros(round(RATE))
-        sizes = np.deg2rad([2, 4])
-        protocol = SteppedSineProtocol(tuple(sizes), (2.0, 5.0), 6)
-        theta = np.concatenate([rest, *(part for size in sizes for part in (size * unit_block(protocol, RATE), rest))])
-        time = np.arange(len(theta)) / RATE
-        omega = np.gradient(theta, time)
-        K, B, I = (300.0, 5.0, 0.02) if experiment == "impedance" else (0.0, 0.452, 0.005)
-        signals = {"theta": theta, "torque": K * theta + B * omega + I * np.gradient(omega, time)}
-    elif experiment == "belt":
-        theta = np.deg2rad(5) * (np.clip((time - 1.5) / 3.5, 0, 1) - np.clip((time - 5) / 3.5, 0, 1))
-        signals = {"theta": theta, "theta_m": 0 * time, "torque": 685.6 * theta}
-    elif experiment == "actuator":
-        omega, current = 8 * np.sin(0.6 * np.pi * time), 4 * np.sin(0.34 * np.pi * time)
-        friction = np.sign(omega) * (0.377 + 0.0896 * np.abs(current))
-        signals = {"theta_m": np.cumsum(omega) / RATE, "current": current}
-        signals["torque_m"] = 1.02 * current - friction - 5.6e-3 * omega - 9.2e-3 * np.gradient(omega, time)
-    else:
-        theta = np.deg2rad(10) * np.sin(2 * np.pi * time / 10)
-        signals = {"theta": theta, "torque": 200 * theta + 3 * np.cos(2 * np.pi * time / 10)}
-    torque = "torque_m" if experiment == "actuator" else "torque"
-    signals[torque] = signals[torque] + 0.05 * rng.standard_normal(len(time))
-    return osl.Trial("made", pl.DataFrame({"time": time, **signals}))
+    theta = np.deg2rad(10) * np.sin(2 * np.pi * time / 10)
+    torque = 200 * theta + 3 * np.cos(2 * np.pi * time / 10) + 0.05 * rng.standard_normal(len(time))
+    return osl.Trial("made", pl.DataFrame({"time": time, "theta": theta, "torque": torque}))
 
 
 def of_campaign(experiment, folder, config_path, desired=DESIRED):
@@ -274,7 +256,12 @@ def test_a_result_cannot_be_changed(short):
 
 
 def test_a_belt_that_moves_at_a_constant_velocity_has_no_damping_and_is_written_without_it(short):
-    fit = osl.fit_belt(bench_trial("belt"), short)
+    trial = bench_trial("belt")
+    time = trial.samples["time"].to_numpy()
+    theta = np.deg2rad(5) * (np.clip((time - 1.5) / 3.5, 0, 1) - np.clip((time - 5) / 3.5, 0, 1))
+    noise = 0.05 * np.random.default_rng(3).standard_normal(len(time))
+    moved = trial.samples.with_columns(theta=theta, theta_m=0.0 * time, torque=685.6 * theta + noise)
+    fit = osl.fit_belt(replace(trial, samples=moved), short)
     assert fit.B_j is None
     for text in (repr(fit), fit._repr_html_(), estimates_line(fit.table)):
         assert "K_s" in text

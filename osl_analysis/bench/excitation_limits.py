@@ -9,7 +9,7 @@ from scipy.signal import sosfreqz
 from osl_analysis.bench.moving_record import TERMS, MovingRecord, noise_beyond
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import usual_size
-from osl_analysis.signals import LowPass, butterworth
+from osl_analysis.signals import butterworth
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.trial import Array
 
@@ -32,11 +32,6 @@ class Tellable:
     stiffness: float  # change of K [N*m/rad]
     inertia: float  # change of I [kg*m^2]
     amplified: float  # change of K over that of torque over angle: 1 where angle and acceleration are not alike
-
-
-def tellable(record: MovingRecord) -> Tellable:
-    theta, omega, alpha = moments(record).T
-    return told_by(theta, omega, alpha, float(np.std(record.part(record.filtered_torque))))
 
 
 def moments(record: MovingRecord) -> Array:
@@ -76,7 +71,9 @@ def rms(values: Array) -> float:
 
 def check_band(record: MovingRecord, fit: LinearFit, largest_inertia_error: float | None) -> None:
     """Refuse a motion whose band cannot tell K from I; the message names the band that is missing."""
-    check_told(f"trial {record.name}", record.band_hz, tellable(record), (fit["K"], fit.se("K")), largest_inertia_error)
+    theta, omega, alpha = moments(record).T
+    change = told_by(theta, omega, alpha, float(np.std(record.part(record.filtered_torque))))
+    check_told(f"trial {record.name}", record.band_hz, change, (fit["K"], fit.se("K")), largest_inertia_error)
 
 
 def check_told(
@@ -112,7 +109,8 @@ def angle_noise_moments(record: MovingRecord) -> tuple[float, float, float]:
     """
     theta, low_pass, rate = record.motion.theta, record.low_pass, record.rate_hz
     off = record.part(noise_beyond(record.theta, theta, theta, low_pass, rate))
-    f, passed = filter_gain(low_pass, rate)
+    f, response = sosfreqz(butterworth(low_pass.order, low_pass.cutoff_hz, rate), worN=4096, fs=rate)
+    passed = np.abs(response) ** 2  # of the zero-phase filter
     density = float(np.var(off)) / float(np.trapezoid((1 - passed) ** (2 * TERMS + 2), f))
     w = 2 * np.pi * f
     still, moving, turning = (density * float(np.trapezoid(w**k * passed**2, f)) for k in (0, 2, 4))
@@ -137,13 +135,6 @@ def angle_noise_bias(record: MovingRecord, fit: LinearFit) -> float:
     S = np.array([[still, 0, -moving], [0, moving, 0], [-moving, 0, turning]])
     X = moments(record)
     return float(-np.linalg.solve(X.T @ X / len(X), S @ [fit["K"], fit["B"], fit["I"]])[2])
-
-
-def filter_gain(low_pass: LowPass, rate_hz: float) -> tuple[Array, Array]:
-    """Frequencies [Hz] up to half the rate, and the zero-phase filter's gain there."""
-    sections = butterworth(low_pass.order, low_pass.cutoff_hz, rate_hz)
-    f, response = sosfreqz(sections, worN=4096, fs=rate_hz)
-    return np.asarray(f), np.asarray(np.abs(response) ** 2)
 
 
 def jumps(record: MovingRecord) -> tuple[NDArray[np.intp], Array]:
@@ -182,12 +173,8 @@ def check_alias(record: MovingRecord, fit: LinearFit) -> float:
     error = np.zeros(len(torque))
     np.add.at(error, rows, 0.5 * inertia * sizes)
     late = record.part(record.low_pass(error, record.rate_hz))
-    columns, change = ("K", "B", "I"), np.linalg.lstsq(motion_in(record), late, rcond=None)[0]
-    beyond = {
-        name: abs(change[k] / fit[name]) if abs(change[k]) > fit.se(name) else 0.0
-        for k, name in enumerate(columns)
-        if name != "K"
-    }
+    _, *change = np.abs(np.linalg.lstsq(motion_in(record), late, rcond=None)[0])
+    beyond = {x: abs(by / fit[x]) if by > fit.se(x) else 0.0 for x, by in zip("BI", change, strict=True)}
     worst = max(beyond, key=lambda name: beyond[name])
     if beyond[worst] > LARGEST_ALIAS:
         raise InputError(

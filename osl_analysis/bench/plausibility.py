@@ -105,12 +105,8 @@ def against_file(
 ) -> pl.DataFrame:
     """The table with `saturated_samples` and the ratio of each named estimate to the parameter file's, null without one
     or where that is 0, and `not_checked`, which says so."""
-    ratios = [
-        (pl.col(name) / reference if (reference := (known or {}).get(name)) else pl.lit(None, pl.Float64)).alias(
-            f"{name}_ratio"
-        )
-        for name in names
-    ]
+    references = {name: (known or {}).get(name) or None for name in names}
+    ratios = [(pl.col(name) / pl.lit(own, pl.Float64)).alias(f"{name}_ratio") for name, own in references.items()]
     return rails.beside(table).with_columns(*ratios, not_checked(NO_PARAMETERS if known is None else ""))
 
 

@@ -32,9 +32,8 @@ CHOSEN = "the desired impedance with the most trials"
 def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path) -> None:
     """The numbers of Fig. 3, from the trials' curves, `belt.csv` and `belt_summary.csv`."""
     drawn = pl.concat([read_table(path, of="belt_curves") for path in curves])
-    write_table(
-        belt_figure_points(drawn, read_table(table, ["trial", *PLACE, "doubtful"]), read_table(summary)), output
-    )
+    judged = read_table(table, ["trial", *PLACE, "doubtful"])
+    write_table(belt_figure_points(drawn, judged, read_table(summary)), output)
 
 
 def fig4(
@@ -118,8 +117,7 @@ def responses_in_theory(measured: pl.DataFrame, parameters: Path | None, weight:
         if p and gains:
             Y = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
             curves.append(response_curve(LINEAR_MODEL, name, f, Y(s)))
-    place = {"joint": joint, "side": side}
-    named = [pl.lit(value, pl.String).alias(column) for column, value in place.items()]
+    named = [pl.lit(value, pl.String).alias(column) for column, value in (("joint", joint), ("side", side))]
     return [curve.with_columns(named).select(list(CURVE_TYPES)) for curve in curves]
 
 

@@ -58,20 +58,13 @@ def write_report(
     described = {Path(table.place).name: table for table in described_tables() if table.place.startswith("tables/")}
     by_role = {"trial": trials, "series": series, "crossing": crossings}
     judged = read_table(verdicts).filter(pl.col("verdict") != "refused").partition_by("trial", as_dict=True)
-    reported = [
-        reported_trial(
-            name,
-            row,
-            rows_of_trial(name, row["experiment"], written),
-            {role: files[name] for role, files in by_role.items() if name in files},
-            judged.get((name,)),
-            left_out,
-        )
-        for name, row in sheet.items()
-    ]
+    reported = []
+    for name, row in sheet.items():
+        files = {role: paths[name] for role, paths in by_role.items() if name in paths}
+        own = rows_of_trial(name, row["experiment"], written)
+        reported.append(reported_trial(name, row, own, files, judged.get((name,)), left_out))
     checks = {name: check.meaning for name, check in CHECKS.items()}
     pages = [PageTrial(one.name, trial_content(one, described, checks), one.pictures.tables) for one in reported]
-    titles = {name: figure_title(name) for name in figures}
     said = captions_by_title(captions.read_text(encoding="utf-8")) if captions and not is_refused(captions) else {}
     content = {
         "about": about,
@@ -79,13 +72,9 @@ def write_report(
         "choices": overview.choices(reported),
         "headlines": [] if is_refused(summary) else overview.headline_rows(read_summary(summary)),
         "figures": [
-            {
-                "name": name,
-                "title": titles[name],
-                "caption": said.get(titles[name], ""),
-                "drawing": drawing(path, name, titles[name]),
-            }
+            {"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawing(path, name, title)}
             for name, path in figures.items()
+            for title in [figure_title(name)]
         ],
         "quantities": overview.QUANTITIES,
         "trials": overview.trial_rows(reported),
@@ -117,16 +106,10 @@ def reported_trial(
     why = left_out.get(name)
     if why is None and lacks_result(row["experiment"], tables, files):
         why = without_result(list(left_out))
-    return ReportedTrial(
-        name,
-        row,
-        tables,
-        verdicts,
-        read_provenance(files["trial"]) if "trial" in files else {},
-        why.reasons if why else (),
-        why is not None and why.refused,
-        pictures(row["experiment"], tables, files),
-    )
+    origin = read_provenance(files["trial"]) if "trial" in files else {}
+    reasons, refused = (why.reasons, why.refused) if why else ((), False)
+    drawn = pictures(row["experiment"], tables, files)
+    return ReportedTrial(name, row, tables, verdicts, origin, reasons, refused, drawn)
 
 
 def lacks_result(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]) -> bool:
@@ -147,11 +130,8 @@ def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping
     """What is drawn of a trial: the fit, the crossing with its isolated response, or else the recording."""
     found = []
     if "series" in files:
-        found.append(
-            panels.bench_pictures(
-                read_table(files["series"], of="series"), MOTIONS.get(experiment, JOINT), experiment == "belt"
-            )
-        )
+        series = read_table(files["series"], of="series")
+        found.append(panels.bench_pictures(series, MOTIONS.get(experiment, JOINT), experiment == "belt"))
     elif "crossing" in files and len(crossing := pl.read_parquet(files["crossing"])):
         found.append(panels.crossing_pictures(crossing))
     elif "trial" in files:

@@ -162,14 +162,11 @@ def later_failures(summary_json: Path) -> str:
     """
     made = summary_json.stat().st_mtime
     logs = (path for path in (summary_json.parent / "logs").rglob("*.log") if path.stat().st_mtime > made)
-    ended = {
-        path.stem: log
-        for path in sorted(logs)
-        if (log := read_log(path)) is not None and log.outcome != "done" and log.job.split(".")[0] not in SHOW
-    }
+    read = ((path.stem, read_log(path)) for path in sorted(logs))
+    ended = [(name, log) for name, log in read if log and log.outcome != "done" and log.job.split(".")[0] not in SHOW]
     if not ended:
         return ""
-    name, first = next(iter(ended.items()))
+    name, first = ended[0]
     return (
         f"OLDER THAN A FAILED RUN: after these numbers were written, {len(ended)} jobs were refused or failed, first "
         f"{name}: {first.error}; correct it and run again"

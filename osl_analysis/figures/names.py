@@ -7,6 +7,7 @@ import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import polars as pl
 from matplotlib.figure import Figure
@@ -200,16 +201,14 @@ def write_footer(figure: Figure, text: str) -> Bbox:
     """
     width, height = figure.get_size_inches()
     lines = textwrap.wrap(text, int(width * LETTERS_PER_INCH))
-    words = figure.text(
-        0.5,
-        -EDGE / height,
-        with_glyphs("\n".join(lines)),
-        fontsize=SMALL,
-        color=GREY,
-        ha="center",
-        va="top",
-        linespacing=1.1,
-        parse_math=False,
-    )
+    look: dict[str, Any] = {
+        "fontsize": SMALL,
+        "color": GREY,
+        "ha": "center",
+        "va": "top",
+        "linespacing": 1.1,
+        "parse_math": False,
+    }
+    words = figure.text(0.5, -EDGE / height, with_glyphs("\n".join(lines)), **look)
     words.set_in_layout(False)
     return Bbox.from_extents(0.0, -(LINE * len(lines) + 2 * EDGE), width, height)

@@ -47,12 +47,7 @@ PAPER: dict[Any, Any] = {
     # Times-like, and for the letters that it lacks another: both are shipped with matplotlib, the same on every machine
     "font.family": ["STIXGeneral", "DejaVu Sans"],
     "mathtext.fontset": "stix",
-    "font.size": 8,
-    "axes.labelsize": 8,
-    "axes.titlesize": 8,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "legend.fontsize": 8,
+    **dict.fromkeys(("font.size", "axes.labelsize", "axes.titlesize", "legend.fontsize"), SIZE_OF_TEXT),
     "text.hinting": "no_hinting",  # letters of a PNG keep the spacing that they have in the PDF
     "axes.linewidth": 0.6,
     "axes.labelpad": 2.5,
@@ -60,14 +55,9 @@ PAPER: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.axisbelow": True,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.minor.width": 0.4,
-    "ytick.minor.width": 0.4,
-    "xtick.major.size": 2.5,
-    "ytick.major.size": 2.5,
-    "xtick.minor.size": 1.5,
-    "ytick.minor.size": 1.5,
+    **{f"{axis}tick.labelsize": SIZE_OF_TEXT for axis in "xy"},
+    **{f"{axis}tick.{kind}.width": width for axis in "xy" for kind, width in (("major", 0.6), ("minor", 0.4))},
+    **{f"{axis}tick.{kind}.size": size for axis in "xy" for kind, size in (("major", 2.5), ("minor", 1.5))},
     "hatch.linewidth": 0.5,
     "lines.linewidth": 1.0,
     "lines.markersize": 4,
@@ -216,11 +206,9 @@ def longest_bar(ax: Axes, low: pl.Series, high: pl.Series) -> float:
     """Length [pt] on paper of the longest vertical bar between bounds (n,) in the axis' unit; 0 without any."""
     figure = ax.figure.figure
     figure.draw_without_rendering()
-    ends = [
-        ax.transData.transform(np.column_stack([np.zeros(len(y)), y]))[:, 1]
-        for y in (low.drop_nulls(), high.drop_nulls())
-    ]
-    return float(np.max(np.abs(ends[1] - ends[0]), initial=0)) * 72 / figure.dpi
+    values = (low.drop_nulls(), high.drop_nulls())
+    bottom, top = (ax.transData.transform(np.column_stack([np.zeros(len(y)), y]))[:, 1] for y in values)
+    return float(np.max(np.abs(top - bottom), initial=0)) * 72 / figure.dpi
 
 
 STEPS = ((1,), (1, 2, 5), (1, 2, 3, 5), (1, 2, 3, 4, 5, 6, 8), (1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9))
@@ -238,15 +226,8 @@ def log_ticks(low: float, high: float, most: int) -> list[float]:
     """
     decades = 10.0 ** np.arange(np.floor(np.log10(low)) - 1, np.ceil(np.log10(high)) + 1)
     slack = 1e-9
-    found = [
-        [
-            decade * step
-            for decade in decades
-            for step in steps
-            if low * (1 - slack) <= decade * step <= high * (1 + slack)
-        ]
-        for steps in STEPS
-    ]
+    candidates = ([decade * step for decade in decades for step in steps] for steps in STEPS)
+    found = [[tick for tick in ticks if low * (1 - slack) <= tick <= high * (1 + slack)] for ticks in candidates]
     wide = [float(decade) for decade in decades if low <= decade <= high]
     fitting = [ticks for ticks in found if FEWEST <= len(ticks) <= most]
     if fitting:

@@ -131,11 +131,8 @@ class Fit:
         return sorted({*super().__dir__(), *self.row, *(f"{name}_interval" for name in estimated(self.row))})
 
     def __repr__(self) -> str:
-        lines = [
-            f"{self.experiment}, {estimates_text(self._fitted.estimates.tail(1))}",
-            self.not_checked,
-        ]
-        return printable_lines("\n".join(filter(None, lines)))
+        estimates = f"{self.experiment}, {estimates_text(self._fitted.estimates.tail(1))}"
+        return printable_lines("\n".join(filter(None, [estimates, self.not_checked])))
 
     def _repr_html_(self) -> str:
         """The fit to all data as an HTML table, for a notebook. Text of the recording is escaped."""

@@ -33,24 +33,20 @@ def measure_stuck(examined: Examined) -> CheckResult:
     raw = raw_channels(examined.trial)
     channels = own_channels(examined, raw)
     plates = {name: x for name, x in channels.items() if name.startswith("plate")}
-    angle = moving_joint(examined)
+    column = next((c for c in (moving_angle(examined.experiment), "theta") if c in examined.samples.columns), None)
+    angle = channel(examined.samples, column) if column else (np.empty(0), np.empty(0))
     times = {name: held_while_moving(*x, angle) for name, x in channels.items()}
-    times |= {"current": held_measured(*channels["current"])} if "current" in channels else {}
-    times |= {
-        name: duration(time) if dead(name, plates) else held_loaded(time, x) for name, (time, x) in plates.items()
-    }
+    if "current" in channels:
+        times["current"] = 0.0 if is_command(channels["current"][1]) else held(*channels["current"])
+    for name, (time, x) in plates.items():  # Nexus writes 0 without load
+        loaded = length_of_longest((np.diff(x) == 0) & (x[1:] != 0)) * median_step(time)
+        times[name] = duration(time) if dead(name, plates) else loaded
     times |= {name: (facts["stands_to_s"] or 0.0) - (facts["stands_from_s"] or 0.0) for name, facts in raw.items()}
     return worst(times | standing_angles(examined), NO_ANALOG)
 
 
 def held(time: Array, values: Array) -> float:
     return length_of_longest(np.diff(values) == 0) * median_step(time)
-
-
-def moving_joint(examined: Examined) -> tuple[Array, Array]:
-    """Time [s] and values of the angle that moves in the experiment; empty without one."""
-    angle = next((c for c in (moving_angle(examined.experiment), "theta") if c in examined.samples.columns), None)
-    return channel(examined.samples, angle) if angle else (np.empty(0), np.empty(0))
 
 
 def held_while_moving(time: Array, values: Array, angle: tuple[Array, Array]) -> float:
@@ -68,16 +64,6 @@ def held_while_moving(time: Array, values: Array, angle: tuple[Array, Array]) ->
     turned = (np.maximum.reduceat(padded, ends) - np.minimum.reduceat(padded, ends))[::2] if len(ends) else np.empty(0)
     moving = (repeated[:, 1] - repeated[:, 0])[turned > moved]
     return int(moving.max(initial=0)) * median_step(time)
-
-
-def held_measured(time: Array, values: Array) -> float:
-    """As `held`; 0 for a commanded current."""
-    return 0.0 if is_command(values) else held(time, values)
-
-
-def held_loaded(time: Array, values: Array) -> float:
-    """Longest time [s] that a plate's channel repeats a value other than 0, (n,) each: Nexus writes 0 without load."""
-    return length_of_longest((np.diff(values) == 0) & (values[1:] != 0)) * median_step(time)
 
 
 def dead(name: str, plates: dict[str, tuple[Array, Array]]) -> bool:
@@ -177,18 +163,12 @@ def measure_unzeroed_load_cell(examined: Examined) -> CheckResult:
 
 
 def measure_unzeroed_plate(examined: Examined) -> CheckResult:
-    """Largest size of the level [N] of a bare plate.
-
-    A negative level is always an error. A positive one counts if it is below what a resting plate
-    may scatter, or in experiments in which every plate is bare at some time.
-    """
+    """Largest size of the level [N] of a bare plate. A negative level is always an error, a positive one where it is
+    below what a resting plate may scatter, or every plate is bare at some time."""
     columns = [c for c in examined.samples.columns if c.startswith("plate") and c.endswith("_force_z")]
     levels = {c.removesuffix("_force_z"): bare_level(*channel(examined.samples, c)) for c in columns}
-    counted = {
-        plate: level
-        for plate, level in levels.items()
-        if level is not None and (level < QUIET or examined.experiment.bare_plate)
-    }
+    known = {plate: level for plate, level in levels.items() if level is not None}
+    counted = {plate: level for plate, level in known.items() if level < QUIET or examined.experiment.bare_plate}
     if not counted:
         return not_applicable(NEVER_BARE if columns else NO_PLATE)
     remarks = [plate_level(plate, level, examined.experiment.walker) for plate, level in counted.items()]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.errors import InputError
-from osl_analysis.protocol.likeness import Likeness, likeness
+from osl_analysis.protocol.likeness import likeness
 from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, SteppedSineProtocol, find_runs
 from osl_analysis.quality.checks import Check, CheckResult, Examined, not_applicable, worst
 from osl_analysis.timebase.grid import GapLimits
@@ -126,11 +126,8 @@ Pair = tuple[float, float]  # commanded amplitude [rad] and frequency [Hz]
 
 
 def measure_protocol(examined: Examined) -> CheckResult:
-    """Number of segments in which recording and command differ.
-
-    A segment is one amplitude at one frequency for the commanded number of cycles. It counts if it is missing, if it
-    has fewer or more cycles, and if it was recorded and not commanded. The fits use what was recorded. An impedance
-    trial may have another motion in place of the stepped sine, which is said and does not count.
+    """Number of segments, of one amplitude and frequency, that are missing, have other numbers of cycles than
+    commanded, or were not commanded. Another motion in place of the stepped sine is said and does not count.
     """
     if "theta" not in examined.samples.columns:
         return not_applicable(NO_STEPPED_SINE)
@@ -141,31 +138,18 @@ def measure_protocol(examined: Examined) -> CheckResult:
     except InputError as error:
         return not_applicable(f"no time base, {error}")
     time, theta = angle.time, angle["theta"]
-    del angle  # with the stamps and clocks behind it, as large again as the motion
-    alike = likeness(time, theta, commanded) if is_judged(examined) else None
-    other = other_motion(examined, alike)
-    if other:
-        return CheckResult(0.0, other)
+    excitation = examined.commanded.excitation if examined.experiment.any_motion else "stepped sine"
+    if excitation == "any":
+        return CheckResult(0.0, "not compared: the configuration says that any motion moves the joint")
+    alike = likeness(time, theta, commanded) if excitation == "auto" else None
+    if alike is not None and alike.kind == "other":
+        return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")
     found = find_runs(time, theta, fewest) if alike is None else alike.runs
     remarks = [*differences(found, commanded), *(f"besides {run}" for run in found if not pair_of(run, commanded))]
     pairs = len(commanded.amplitudes) * len(commanded.frequencies_hz)
     more = [f"and {len(remarks) - MOST_REMARKS} differences more"] * (len(remarks) > MOST_REMARKS)
     words = [*remarks[:MOST_REMARKS], *more] or [f"{pairs} commanded pairs of amplitude and frequency found"]
     return CheckResult(float(len(remarks)), "; ".join([*words, *clock_remark(found, commanded)]))
-
-
-def is_judged(examined: Examined) -> bool:
-    """Whether the motion itself tells if it is a stepped sine."""
-    return examined.experiment.any_motion and examined.commanded.excitation == "auto"
-
-
-def other_motion(examined: Examined, alike: Likeness | None) -> str:
-    """Why the motion of an impedance trial is not compared with the command; empty if it is."""
-    if alike is not None:
-        return "no stepped sine but another motion, which is fitted as such" if alike.kind == "other" else ""
-    if examined.experiment.any_motion and examined.commanded.excitation == "any":
-        return "not compared: the configuration says that any motion moves the joint"
-    return ""
 
 
 def differences(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[str]:

@@ -53,8 +53,8 @@ def left_out_trials(
 
 def without_result(causes: list[str]) -> LeftOut:
     named = ", ".join(causes[:MOST_NAMED]) + (f" and {len(causes) - MOST_NAMED} more" if causes[MOST_NAMED:] else "")
-    because = f"{named} was refused or excluded" if len(causes) == 1 else f"{named} were refused or excluded"
-    return LeftOut(True, [f"it has no result, because {because}" if causes else "it has no result"])
+    because = f", because {named} {'was' if len(causes) == 1 else 'were'} refused or excluded" if causes else ""
+    return LeftOut(True, [f"it has no result{because}"])
 
 
 QUALITY_OF_FIT = ("VAF", "R2")  # numbers of a fit without an interval that stand beside its estimates
@@ -99,11 +99,8 @@ def estimates_of(table: pl.DataFrame, described: DescribedTable | None) -> dict[
 def every_column(table: pl.DataFrame, described: DescribedTable | None) -> list[list[str]]:
     """Every filled column of the last row of a trial, which is the fit to all of it: name, value, unit, meaning."""
     row = table.row(-1, named=True) if len(table) else {}
-    return [
-        [name, shown(value), *said_of(name, described).values()]
-        for name, value in row.items()
-        if value not in (None, "")
-    ]
+    filled = {name: value for name, value in row.items() if value not in (None, "")}
+    return [[name, shown(value), *said_of(name, described).values()] for name, value in filled.items()]
 
 
 def said_of(column: str, described: DescribedTable | None) -> dict[str, str]:

@@ -236,6 +236,10 @@ def over_fits(label: Label, values: pl.Series, middle: Callable[[Array], np.floa
     return [headline(label, float(middle(finite)), len(finite), Interval(low, high, RANGE))]
 
 
+def over_trials(label: Label, fits: pl.DataFrame, middle: Callable[[Array], np.floating] = np.mean) -> list[Headline]:
+    return said_of(over_fits(label, fits["VAF"], middle), fits)
+
+
 def headline(label: Label, value: float, n: int, interval: Interval) -> Headline:
     """A number, without an interval where a bound is missing (a single trial has no scatter)."""
     if interval.low is None or interval.high is None or not np.isfinite([interval.low, interval.high]).all():
@@ -260,10 +264,6 @@ def summary_means(table: pl.DataFrame, labels: Mapping[str, Label], interval: st
         doubt = rows[quantity].get("doubt") or None
         numbers.append(replace(found, n_doubtful=doubtful, n_left_out=left_out, doubt=doubt))
     return numbers
-
-
-def label_of(number: Headline) -> Label:
-    return Label(**{field.name: getattr(number, field.name) for field in fields(Label)})
 
 
 def with_own_names(numbers: Sequence[Headline]) -> list[Headline]:
@@ -353,14 +353,10 @@ def by_place(
     for part in parts:
         joint, side = part.select(PLACE).row(0)
         for number in of_table(part, example):
-            label = of_place(label_of(number), joint, side, several=len(parts) > 1)
+            own = Label(**{field.name: getattr(number, field.name) for field in fields(Label)})
+            label = of_place(own, joint, side, several=len(parts) > 1)
             numbers.append(replace(number, **asdict(label)))
     return numbers
-
-
-def transmission_headlines(table: pl.DataFrame) -> list[Headline]:
-    trials = over_all_amplitudes(table)
-    return said_of(over_fits(TRANSMISSION_VAF, trials["VAF"], np.mean), trials)
 
 
 def walking_summary_headlines(table: pl.DataFrame) -> list[Headline]:
@@ -392,8 +388,8 @@ def controller_headlines(controller: str | None, impedance: pl.DataFrame, exampl
         *over_fits(labels["B_error"], (used["B"] - used["B_d"]).abs().drop_nulls(), np.mean),
     )
     return [
-        *said_of(over_fits(labels["VAF_median"], single["VAF"], np.median), single),
-        *said_of(over_fits(labels["VAF_mean"], single["VAF"], np.mean), single),
+        *over_trials(labels["VAF_median"], single, np.median),
+        *over_trials(labels["VAF_mean"], single),
         *said_of(errors, trials, used),
         *example_headlines("K", labels["K_example"], trials, example),
         *example_headlines("B", labels["B_example"], trials, example),
@@ -441,7 +437,7 @@ def doubtful_fits(name: str, table: pl.DataFrame) -> Headline:
 BENCH: tuple[tuple[str, Callable[[pl.DataFrame, Example], list[Headline]]], ...] = (
     ("belt_summary", lambda table, _: summary_means(table, BELT_LABELS)),
     ("transmission_summary", lambda table, _: summary_means(table, TRANSMISSION_LABELS)),
-    ("transmission", lambda table, _: transmission_headlines(table)),
+    ("transmission", lambda table, _: over_trials(TRANSMISSION_VAF, over_all_amplitudes(table))),
     ("actuator_summary", lambda table, _: summary_means(table, ACTUATOR_LABELS)),
     ("impedance", impedance_headlines),
     ("torque_angle", lambda table, _: torque_angle_headlines(table)),

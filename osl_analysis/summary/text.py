@@ -23,19 +23,13 @@ def trials_content(trials: Mapping[str, Sequence[str]], excluded: pl.DataFrame) 
     """
     reasons: dict[str, str] = {}
     for row in excluded.filter(pl.col("check") != SHEET).iter_rows(named=True):
-        reasons.setdefault(row["trial"], reason_of(row))
+        limit = f"{row['value']:.4g} {row['unit']}, threshold {row['threshold']}" if row["value"] is not None else ""
+        reasons.setdefault(row["trial"], f"{row['check']} {limit}" if limit else f"{row['check']}: {row['remark']}")
     missing = {of: {name: reasons[name] for name in names if name in reasons} for of, names in trials.items()}
     return {
         experiment: {"used": len(names) - len(missing[experiment]), "of": len(names), "missing": missing[experiment]}
         for experiment, names in trials.items()
     }
-
-
-def reason_of(row: Mapping[str, Any]) -> str:
-    """Why a row of `excluded.csv` is there: the value of the check beside its threshold, or the remark."""
-    if row["value"] is None:
-        return f"{row['check']}: {row['remark']}"
-    return f"{row['check']} {row['value']:.4g} {row['unit']}, threshold {row['threshold']}"
 
 
 def missing_results(refused: Iterable[Refusal]) -> dict[str, str]:
@@ -91,15 +85,15 @@ def to_tex(about: About, headlines: Sequence[Headline], remarks: Sequence[str] =
     """
     lines = [f"% {about.sentence()}", "% Headline numbers by osl-analysis; \\input this file and use the macros."]
     lines += [f"% {remark}" for remark in remarks]
-    lines += [
-        f"\\newcommand{{\\{MACRO_PREFIX}{ABOUT_MACROS[name]}}}{{{tex_text(value)}}}% {ABOUT_MEANING[name]}"
-        for name, value in asdict(about).items()
-    ]
+    for name, value in asdict(about).items():
+        text = "".join(SPECIAL.get(sign, sign) for sign in value)
+        lines.append(f"\\newcommand{{\\{MACRO_PREFIX}{ABOUT_MACROS[name]}}}{{{text}}}% {ABOUT_MEANING[name]}")
     for h in headlines:
         digits = decimals(h.value, *rounded_by(asdict(h)))
         finer = told_apart(h.low, h.high, digits)
+        remark = f", n = {trials_text(asdict(h))}" if h.n_doubtful or h.doubt else ""
         ends = {
-            "": (h.value, digits, f"{h.unit}, {h.meaning}{tex_remark(h)}"),
+            "": (h.value, digits, f"{h.unit}, {h.meaning}{remark}"),
             "Low": (h.low, finer, f"low end: {h.interval}"),
             "High": (h.high, finer, f"high end: {h.interval}"),
             "AmplitudesLow": (h.amplitudes_low, digits, "lowest of the fits to single amplitudes"),
@@ -107,14 +101,9 @@ def to_tex(about: About, headlines: Sequence[Headline], remarks: Sequence[str] =
         }
         for suffix, (number, places, comment) in ends.items():
             if number is not None:
-                lines.append(
-                    f"\\newcommand{{\\{MACRO_PREFIX}{h.macro}{suffix}}}{{{tex_number(number, places)}}}% {comment}"
-                )
+                macro = f"{MACRO_PREFIX}{h.macro}{suffix}"
+                lines.append(f"\\newcommand{{\\{macro}}}{{{tex_number(number, places)}}}% {comment}")
     return "\n".join(lines) + "\n"
-
-
-def tex_text(text: str) -> str:
-    return "".join(SPECIAL.get(sign, sign) for sign in text)
 
 
 def to_markdown(numbers: Mapping[str, Mapping[str, Any]]) -> str:
@@ -155,10 +144,6 @@ def trials_text(number: Mapping[str, Any]) -> str:
     if left_out:
         return f"{n} of {n + left_out}, {left_out} doubtful left out"
     return f"{n}, {doubtful} of them doubtful" if doubtful else str(n)
-
-
-def tex_remark(h: Headline) -> str:
-    return f", n = {trials_text(asdict(h))}" if h.n_doubtful or h.doubt else ""
 
 
 def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None]:

@@ -277,10 +277,7 @@ def with_doubts_of(table: pl.DataFrame, fits: pl.DataFrame, limits: Doubt, name:
 
 
 def counted(table: pl.DataFrame) -> pl.DataFrame:
-    """The rows, one per trial, that count in a mean: the sound ones if these are a share of `FEWEST_SOUND`, else all.
-
-    A table without the column `DOUBTFUL` is not judged: all its rows count.
-    """
+    """The rows, one per trial, that count in a mean: the sound ones if they are a share of `FEWEST_SOUND`, else all."""
     if DOUBTFUL not in table.columns:
         return table
     doubtful, n = doubtful_count(table)

@@ -89,10 +89,7 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
 
 def fig9(table: Path, fits: Path, over_stance: Path, output: Path, commanded_K: float | None = None) -> None:
     """The numbers of Fig. 9: groups from `walking_summary.csv`, single perturbations from `walking.csv`, and what was
-    commanded, also from `impedance_over_stance.csv`. `commanded_K` [N*m/rad] as in `fig9.points`.
-
-    Raises InputError: as `fig9.points`.
-    """
+    commanded, also from `impedance_over_stance.csv`. `commanded_K` [N*m/rad] and what is raised as in `fig9.points`."""
     summary, single = read_table(table, SUMMARY_COLUMNS), read_table(fits, FIT_COLUMNS)
     trajectory = read_table(over_stance, ("group", "quantity", "commanded"))
     write_table(fig9_points(summary, single, trajectory, commanded_K), output)

@@ -26,10 +26,7 @@ def judge(
     refused: Sequence[Refusal] = (),
     places: Places | None = None,
 ) -> None:
-    """The verdict on every trial from what was measured, with a row for each that could not be measured, and why.
-
-    A failure of the checks that `accept` has for a trial counts as passed.
-    """
+    """The verdict on every trial from what was measured, with a row for each that could not be measured, and why."""
     table = Judge(rules, accept).verdicts(rows)
     table = pl.concat([table, refused_rows(refused, verdict="refused")], how="diagonal_relaxed")
     write_table(with_places(table, places or {}), output)

@@ -46,10 +46,8 @@ def write_summary(
 ) -> None:
     """Write headline numbers of a campaign from the tables that it has, by their names.
 
-    `about` says what they are made of, `example` which desired impedance Fig. 4 shows.
-
-    Tables without headline numbers and without doubtful fits are ignored. `trials` are those of each experiment,
-    `excluded` is the table of those that are not used, `refused` are the causes of tables that are missing.
+    `about` says what they are made of, `example` which desired impedance Fig. 4 shows, `trials` has those of each
+    experiment, `excluded` is the table of those that are not used, `refused` are the causes of missing tables.
 
     Raises InputError: a table is missing, lacks a column, or has no finite mean where it lists one; neither file is
     written then.
@@ -156,10 +154,7 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
 
 
 def later_failures(summary_json: Path) -> str:
-    """Whether jobs of a later run than that of a summary were refused, failed or killed; a line, empty if none were.
-
-    A summary that the later run could not make anew is older than these.
-    """
+    """Whether jobs of a later run than that of a summary were refused, failed or killed; a line, empty if none were."""
     made = summary_json.stat().st_mtime
     logs = (path for path in (summary_json.parent / "logs").rglob("*.log") if path.stat().st_mtime > made)
     read = ((path.stem, read_log(path)) for path in sorted(logs))

@@ -66,11 +66,9 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
 def draw(table: pl.DataFrame) -> Figure:
     """(a) stiffness, (b) damping: a marker per trial's fit to all amplitudes, a black line at the desired value.
 
-    Each desired impedance has a place of its own on the axis, which is no scale: `B_d` in the first row, `K_d` in the
-    second. Both panels have the same places. Trials of one desired impedance stand side by side, in the order of their
-    controllers. A filled marker is a sound fit, an open one a doubtful fit. A thin bar is the range of the fits to
-    single amplitudes, a thick bar the 95 % interval of noise. A dash of the same colour is the prediction of linear
-    theory for the trial's gains. Every joint and side has two panels.
+    Each desired impedance has a place of its own on the axis, which is no scale, the same in both panels; its trials
+    stand side by side there, open where doubtful. Thin bars: range of the fits to single amplitudes; thick bars: 95 %
+    interval of noise; a dash of the same colour: linear theory. Every joint and side has two panels.
     """
     parts, looks = placed_rows(table), looks_in(table)
     names = [name for name, _ in parts for _ in range(2)]

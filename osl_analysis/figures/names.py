@@ -173,10 +173,7 @@ def counted(n: int, one: str, several: str = "") -> str:
 
 
 def doubtful_fits(table: pl.DataFrame, look: str, fit: str = "fit") -> str:
-    """Which of the drawn fits are doubtful and how they `look`, as `Doubtful, drawn open: 2 of 32 fits (a, b).`
-
-    `table` has a row per fit, with `trial` and `doubtful`; the reasons stand there.
-    """
+    """Which of the drawn fits are doubtful and how they `look`, as `Doubtful, drawn open: 2 of 32 fits (a, b).`"""
     found = table.filter(IS_DOUBTFUL)
     if found.is_empty():
         return f"No {fit} is doubtful."

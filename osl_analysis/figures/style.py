@@ -170,10 +170,7 @@ def place_in_report(trial: str) -> str:
 
 
 def draw_spread(ax: Axes, rows: pl.DataFrame, x: str, quantity: str, colour: str) -> None:
-    """Thin bars for the range over single amplitudes, thick bars for the interval of noise, where the table has them.
-
-    Columns `<quantity>_amplitudes_low` and `_high`, `<quantity>_low` and `_high`.
-    """
+    """Thin bars for the range over single amplitudes, thick ones for the interval of noise, where there are any."""
     for low, high, width in (
         (f"{quantity}_amplitudes_low", f"{quantity}_amplitudes_high", THIN),
         (f"{quantity}_low", f"{quantity}_high", THICK),

@@ -183,14 +183,9 @@ def fit_impedance(
         the parameter file of the device; default: the one that the configuration names; None: a device without one,
         whose stiffness is not compared with a belt.
 
-    Raises
-    ------
-    InputError
-        The trial lacks a signal, does not move, or follows a damaged stepped sine; or a file is not valid.
-    IdentifiabilityError
-        The motion cannot tell K, B and I apart.
-    UnreachableImpedanceError
-        The device has no gains for the desired impedance.
+    Raises InputError: the trial lacks a signal, does not move, or follows a damaged stepped sine; or a file is not
+    valid. Raises IdentifiabilityError: the motion cannot tell K, B and I apart. Raises UnreachableImpedanceError:
+    The device has no gains for the desired impedance.
     """
     path = config_of(config)
     request = replace(fit_request("impedance", path, desired_of(desired)), windows=windows)

@@ -25,10 +25,7 @@ def read_trial(path: File) -> Trial:
     `trial.samples` is a polars data frame in SI units with a row per time stamp, `trial.provenance` says where each
     column comes from.
 
-    Raises
-    ------
-    InputError
-        The file is missing, is not Parquet, or is Parquet that ingest did not write.
+    Raises InputError: the file is missing, is not Parquet, or is Parquet that ingest did not write.
     """
     return trial_of(path_of(path, "path"))
 
@@ -50,10 +47,8 @@ def read_recording(path: File, source: File, part: str | None = None, name: str 
     name
         name of the trial; default: that of the file.
 
-    Raises
-    ------
-    InputError
-        The recording or the source file is missing, or the recording is not what the source file says.
+    Raises InputError: the recording or the source file is missing, or the recording is not what the source file
+    says.
     """
     file, described = path_of(path, "path"), source_file(source)
     role = "mocap" if FORMATS[read_source(described).format].is_capture else "log"
@@ -86,10 +81,7 @@ def check(trial: Trial | File, experiment: str = "impedance", config: File | Non
     `check`, `value` in its `unit`, `threshold`, `verdict` (pass, flag, or exclude) and `remark`. What `experiment`
     needs is checked as well. `config` is a configuration file, whose section `quality` has the thresholds.
 
-    Raises
-    ------
-    InputError
-        As `read_trial`; there is no such experiment; or the configuration is not valid.
+    Raises InputError: as `read_trial`; there is no such experiment; or the configuration is not valid.
     """
     if experiment not in EXPERIMENTS:
         known = ", ".join(EXPERIMENTS)
@@ -109,11 +101,8 @@ def simulate_trial(folder: File, trial: str, settings: File = "config/simulation
     experiments, protocol [Hz, deg], imperfections with their units, seed. `read_recording(*simulate_trial(...))` is the
     trial. What is true of it is in `truth/TRIAL.json`.
 
-    Raises
-    ------
-    InputError
-        The settings plan no such trial, it is not of a bench, or the folder has recordings that the simulator did not
-        make.
+    Raises InputError: the settings plan no such trial, it is not of a bench, or the folder has recordings that the
+    simulator did not make.
     """
     from osl_analysis.commands import simulate  # half a second, which only this needs
 

@@ -25,12 +25,8 @@ def gains(K_d: Numbers, B_d: Numbers, parameters: File | None = OF_CONFIG, confi
     the joint, and what theory predicts for them: `K_predicted`, `faithful_to_hz`, `delay_margin` and more
     (`describe-tables`). `parameters` and `config` as in `fit_impedance`; the configuration has W of Eq. 14.
 
-    Raises
-    ------
-    InputError
-        There is no parameter file, or a file is not valid.
-    UnreachableImpedanceError
-        No gains render one of the pairs, as K_d from K_s up.
+    Raises InputError: there is no parameter file, or a file is not valid. Raises UnreachableImpedanceError: no
+    gains render one of the pairs, as K_d from K_s up.
     """
     path = config_of(config)
     device, weight = device_of(parameters, path), read_section(path, "gain_weight", WeightSettings).weight
@@ -57,10 +53,7 @@ def read_summary(folder: File = "results") -> pl.DataFrame:
     `quantity`, `value`, `unit`, the 95 % interval `low` to `high` and what else `summary.json` says of it. Walking
     needs all crossings of a campaign, plate and static trials: there is no `fit_walking` of a single crossing.
 
-    Raises
-    ------
-    InputError
-        There is no summary, or it is damaged.
+    Raises InputError: there is no summary, or it is damaged.
     """
     numbers = read_summary_file(path_of(folder, "folder") / "summary.json")["numbers"]
     return pl.DataFrame([{"quantity": name, **entry} for name, entry in numbers.items()], infer_schema_length=None)
@@ -69,10 +62,7 @@ def read_summary(folder: File = "results") -> pl.DataFrame:
 def read_table(path: File) -> pl.DataFrame:
     """A result table of a campaign, such as `results/tables/impedance.csv`; `osl-analysis describe-tables` explains it.
 
-    Raises
-    ------
-    InputError
-        The table is missing, is no CSV, or was refused; the message says why.
+    Raises InputError: the table is missing, is no CSV, or was refused; the message says why.
     """
     return read_table_file(path_of(path, "path"))
 
@@ -80,14 +70,9 @@ def read_table(path: File) -> pl.DataFrame:
 def plot_torque(fit: Fit) -> NotebookFigure:
     """Measured and modelled torque [N*m] of a fit over time [s], and below the residual.
 
-    Returns
-    -------
-    A matplotlib `Figure`, which a notebook shows and `figure.savefig("torque.pdf")` saves as a campaign does.
+    Returns a matplotlib `Figure`, which a notebook shows and `figure.savefig("torque.pdf")` saves as a campaign does.
 
-    Raises
-    ------
-    InputError
-        It is given another thing than a fit.
+    Raises InputError: it is given another thing than a fit.
     """
     return drawn("torque", checked(fit).series)
 
@@ -96,10 +81,7 @@ def plot_frequency_response(response: Response) -> NotebookFigure:
     """Magnitude and phase over frequency [Hz] with 95 % intervals: Fig. 7, or the figure `response`, with noise and
     distortion, of any other motion than a stepped sine. Returns as `plot_torque`.
 
-    Raises
-    ------
-    InputError
-        It is given another thing than what `frequency_response` returns, or it has no rows.
+    Raises InputError: it is given another thing than what `frequency_response` returns, or it has no rows.
     """
     if not isinstance(response, Response):
         raise InputError(f"give what `frequency_response` returned, not {type(response).__name__}")
@@ -113,10 +95,7 @@ def plot_torque_angle(*fits: Fit) -> NotebookFigure:
     """Torque [N*m] over angle [deg], loading and unloading, and stiffness [N*m/rad] over angle, of one trial or
     several. Returns as `plot_torque`.
 
-    Raises
-    ------
-    InputError
-        A fit is of another experiment than torque_angle, there is none, or two trials have one name.
+    Raises InputError: a fit is of another experiment than torque_angle, there is none, or two trials have one name.
     """
     curves = [fit.curves for fit in fits if checked(fit).experiment == "torque_angle"]
     if len(curves) < len(fits) or not fits:

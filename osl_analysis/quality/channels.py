@@ -67,10 +67,7 @@ def held_while_moving(time: Array, values: Array, angle: tuple[Array, Array]) ->
 
 
 def dead(name: str, plates: dict[str, tuple[Array, Array]]) -> bool:
-    """Whether a plate's channel is exactly 0 throughout while another of the same plate is not.
-
-    A plate all of whose channels are 0 is unused.
-    """
+    """Whether a plate's channel is exactly 0 throughout and another of its plate is not: all are if it is unused."""
     plate = name.partition("_")[0]
     silent = {other for other, (_, values) in plates.items() if not values.any()}
     return name in silent and any(other.partition("_")[0] == plate for other in plates.keys() - silent)

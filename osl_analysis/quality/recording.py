@@ -84,10 +84,7 @@ def measure_damage(examined: Examined) -> CheckResult:
 
 
 def measure_truncation(examined: Examined) -> CheckResult:
-    """1 if the end of the log is missing, as after a crash, else 0.
-
-    The share that was lost does not count what a crash kept from being written.
-    """
+    """1 if the end of the log is missing, as after a crash, which the share that was lost does not count; else 0."""
     damage = damage_report(examined.trial)
     if not damage:
         return not_applicable(NO_REPORT)

@@ -30,11 +30,7 @@ ACCEPTED = "accepted in the sheet"
 
 
 def validate_rules(rules: QualityRules) -> None:
-    """Refuse rules that do not match the table of checks.
-
-    Raises InputError: a check has no rule, a rule no check, or a threshold is not a number from 0 in the unit of its
-    check.
-    """
+    """Raises InputError: a check has no rule, a rule no check, or a threshold is no size in the unit of its check."""
     for name in rules.by_check:
         if name not in CHECKS:
             raise InputError(f"configuration, quality: {unknown_check(name)}")
@@ -81,10 +77,7 @@ def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFra
 
 
 def judged_table(measured: pl.DataFrame, rules: QualityRules, accept: Mapping[str, Collection[str]]) -> pl.DataFrame:
-    """`measured_table` of one trial or several with each check's threshold and verdict (pass, flag, exclude).
-
-    `accept` has by trial the checks whose failure the sample sheet accepts.
-    """
+    """`measured_table` of trials with thresholds and verdicts; `accept`: checks that the sheet accepts, by trial."""
     judged = []
     for row in measured.iter_rows(named=True):
         name, rule = row["check"], rules.rule(row["check"])

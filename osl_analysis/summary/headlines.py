@@ -121,10 +121,7 @@ def model_gain_label(experiment: str, controller: str | None, model: str) -> Lab
 
 
 def of_place(label: Label, joint: str | None, side: str | None, several: bool) -> Label:
-    """The label of one joint and side. The draft's values are those of an ankle.
-
-    Where a campaign has `several`, its names and macros tell them apart.
-    """
+    """The label of one joint and side, told apart where there are `several`; the draft's is an ankle."""
     where = ", ".join(filter(None, [joint or DRAFT_JOINT, side]))
     draft = label.draft if (joint or DRAFT_JOINT) == DRAFT_JOINT else None
     if not several:
@@ -135,10 +132,7 @@ def of_place(label: Label, joint: str | None, side: str | None, several: bool) -
 
 
 def of_group(label: Label, group: str) -> Label:
-    """The label of one group of crossings; unchanged for a campaign of one group.
-
-    The draft's value is of one group. The macro has the group's name in letters, digits as words.
-    """
+    """The label of one group of crossings; that of a campaign of one group, as the draft's, is unchanged."""
     if group == ONE_GROUP:
         return label
     named = f"{label.meaning}, {group}"
@@ -321,10 +315,7 @@ TABLES = {
 
 
 def needed_columns(table: str) -> tuple[str, ...] | None:
-    """Columns of a result table that the summary needs; None for a table that it does not read.
-
-    The summary counts the doubtful fits of every table that can have them.
-    """
+    """Columns of a result table that the summary needs, the doubts among them; None for one that it does not read."""
     judged = (DOUBTFUL,) if table in judged_tables() else ()
     return (*TABLES.get(table, ()), *judged) or None
 

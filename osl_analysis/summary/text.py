@@ -17,10 +17,7 @@ SHEET = "sample sheet"
 
 
 def trials_content(trials: Mapping[str, Sequence[str]], excluded: pl.DataFrame) -> dict[str, dict[str, Any]]:
-    """By experiment how many `of` its trials are `used`, and why the `missing` ones are refused or excluded.
-
-    The sheet's own exclusions in `excluded.csv` are no missing trials.
-    """
+    """By experiment how many `of` its trials are `used`, why others are `missing`, but for what the sheet excludes."""
     reasons: dict[str, str] = {}
     for row in excluded.filter(pl.col("check") != SHEET).iter_rows(named=True):
         limit = f"{row['value']:.4g} {row['unit']}, threshold {row['threshold']}" if row["value"] is not None else ""
@@ -38,10 +35,7 @@ def missing_results(refused: Iterable[Refusal]) -> dict[str, str]:
 
 
 def missing_lines(content: Mapping[str, Any], reasons: bool) -> list[str]:
-    """A line per experiment with missing trials and per missing result, from the summary as it is written.
-
-    `reasons`: with the reason of each trial.
-    """
+    """A line per experiment with missing trials, with their `reasons` or without, and per missing result."""
     lines = []
     for experiment, counts in content.get("trials", {}).items():
         if counts["missing"]:
@@ -63,9 +57,7 @@ SMALLEST_PLAIN = 1e-4  # numbers smaller than this are written with a power of t
 
 
 def to_json(about: About, headlines: Sequence[Headline], missing: Mapping[str, Any] | None = None) -> str:
-    """What the numbers are made of, and under `numbers` an object per headline number, in full precision.
-
-    `missing` are further entries: which trials and results are missing.
+    """What the numbers are made of, which trials and results are `missing`, and an object per number in full precision.
 
     Null where there is no interval or the draft has no value; only numbers with a range over single amplitudes have it.
     """
@@ -157,11 +149,9 @@ def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, s
 
 
 def decimals(value: float, low: float | None, high: float | None, interval: str | None) -> int:
-    """Decimal places with which a number is written.
+    """Decimal places with which a number is written: half its interval keeps two digits, without one it has three.
 
-    Half the interval keeps two digits. A number without an interval has three digits. A number with a range also has
-    three, or more until the ends of the range differ, because a range does not show the precision. A count has no
-    decimals.
+    With a range, which does not show the precision, it has three, or more until the ends differ; a count has none.
     """
     if interval == COUNT:
         return 0

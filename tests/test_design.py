@@ -57,36 +57,20 @@ def test_a_narrow_filter_costs_what_weighted_least_squares_cost():
     np.testing.assert_allclose(found.se, np.sqrt(np.diag(by_hand)), rtol=1e-9)
 
 
-@pytest.mark.parametrize("noise_band", [None, 50.0])
-def test_simulated_trials_of_a_multisine_scatter_as_predicted(noise_band):
-    """400 trials: the standard error of a ratio is 3.5 %, three times of it. Noise in a quarter of the band has a
-    quarter of the variance where its density is the same."""
-    rate, plan = 100.0, replace(MULTISINE, periods=2, realisations=1)
-    motion, time = plan.motion(0), np.arange(1600) / 100.0
-    theta, omega, alpha = (motion.angle(time, k) for k in range(3))
-    rng = np.random.default_rng(11)
-    exact = 300 * theta + 5 * omega + 0.02 * alpha
-    found = estimates((theta, omega, alpha), exact[:, None] + 0.2 * rng.standard_normal((1600, 400)))
-    size = 0.2 if noise_band is None else 0.2 * np.sqrt(noise_band / (rate / 2))
-    predicted = precision(plan, JOINT, Sensors(rate, size, noise_band), OPEN)
-    np.testing.assert_allclose(found.std(axis=1, ddof=1) / predicted.se, 1, atol=0.105)
-    np.testing.assert_allclose(found.mean(axis=1), [300, 5, 0.02], rtol=5e-3)
-
-
-def friction_trials(number):
-    """K, B, I that Coulomb friction of 1 N*m adds in realisations of the multisine, (number, 3), by numpy alone."""
-    time = 8.0 * np.arange(1000) / 1000
-    found = []
-    for r in range(number):
-        motion = odd_multisine(8.0, (0.5, 6.0), MULTISINE.rms, 1, 1000 + r)
-        theta, omega, alpha = (motion.angle(time, k) for k in range(3))
-        found.append(estimates((theta, omega, alpha), np.sign(omega)))
-    return np.array(found)
+def test_noise_in_a_quarter_of_the_band_has_a_quarter_of_the_variance_where_its_density_is_the_same():
+    white, limited = (precision(MULTISINE, JOINT, Sensors(100.0, *noise), OPEN) for noise in ((0.2,), (0.1, 12.5)))
+    np.testing.assert_allclose(limited.se, white.se, rtol=1e-12)
 
 
 def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equivalent_damping():
     """200 realisations and 400 draws: 6 % in a ratio of standard deviations; B within 4 of its standard errors."""
-    found, friction = friction_trials(200), Distortion(coulomb=1.0)
+    time, found, friction = 8.0 * np.arange(1000) / 1000, [], Distortion(coulomb=1.0)
+    for r in range(200):
+        theta, omega, alpha = (
+            odd_multisine(8.0, (0.5, 6.0), MULTISINE.rms, 1, 1000 + r).angle(time, k) for k in range(3)
+        )
+        found.append(estimates((theta, omega, alpha), np.sign(omega)))
+    found = np.array(found)
     predicted = precision(MULTISINE, JOINT, Sensors(1000.0, 0.0), OPEN, friction)
     np.testing.assert_allclose(found.std(axis=0, ddof=1) / 2 / predicted.se, 1, atol=0.2)
     error = found[:, 1].std(ddof=1) / np.sqrt(200)

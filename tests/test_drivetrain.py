@@ -18,7 +18,6 @@ from osl_analysis.model.compensator import (
 )
 from osl_analysis.model.drivetrain import (
     actuator_torque,
-    belt_deflection,
     belt_torque,
     desired_admittance,
     joint_admittance,
@@ -61,13 +60,6 @@ def test_closed_form_of_equation_5_solves_the_implicit_equation(parameters, u, s
     assert current * p.k_tau * p.n_m == pytest.approx(u + float(motor_friction(s, current, p)), abs=1e-12)
 
 
-def test_friction_cancelled_leaves_equation_6(parameters):
-    omega_m, alpha_m, u = 0.7, 12.0, -3.0
-    current = motor_current(u, np.sign(omega_m), parameters)
-    linear = u - parameters.B_m * omega_m - parameters.J_m * alpha_m
-    assert actuator_torque(current, omega_m, alpha_m, parameters) == pytest.approx(linear)
-
-
 @pytest.mark.parametrize("J_j", [0.0, 5e-3])
 @pytest.mark.parametrize(("K_1", "B_1"), [(25.0, 0.66), (5.5, -0.003), (45.0, 1.8)])
 def test_admittance_solves_the_equations_of_motion(parameters, K_1, B_1, J_j):
@@ -80,20 +72,6 @@ def test_admittance_solves_the_equations_of_motion(parameters, K_1, B_1, J_j):
         _, theta_s = np.linalg.solve(equations, [1.0, 0.0])
         torque = p.K_s * theta_s + p.B_j * s + J_j * s**2
         assert joint_admittance(K_1, B_1, p, J_j)(s) == pytest.approx(1 / torque, rel=1e-10)
-
-
-def test_admittance_without_joint_inertia_is_equation_10_term_by_term(parameters):
-    p, K_1, B_1 = parameters, 25.0, 0.66
-    B, K = p.B_m + B_1, K_1 + p.K_s / p.n_T**2
-    d = [p.J_m * p.B_j, B * p.B_j + p.K_s * p.J_m, p.K_s * B + K * p.B_j, K_1 * p.K_s]
-    assert joint_admittance(K_1, B_1, p).denominator == pytest.approx(d)
-
-
-def test_resisting_torque_at_rest_is_two_springs_in_series(parameters):
-    p, K_1, theta = parameters, 25.0, 0.1
-    theta_m = theta * p.n_T * p.K_s / (p.K_s + p.n_T**2 * K_1)
-    torque = resisting_torque(belt_deflection(theta, theta_m, p), 0.0, 0.0, p)
-    assert torque / theta == pytest.approx(1 / (1 / p.K_s + 1 / (p.n_T**2 * K_1)))
 
 
 def test_resisting_torque_adds_damping_and_inertia_of_the_joint(parameters):
@@ -246,14 +224,6 @@ def test_a_controller_that_cancels_friction_accelerates_the_bare_inertia():
     motion = pushed_with(3.0, 400, replace(IDEAL, friction=True, sign_width=0.01), cancels_friction=True)
     gained = (motion.omega_m[-1] - motion.omega_m[100]) * RATE / 299
     assert gained == pytest.approx(3.0 / P.J_m, rel=1e-7)
-
-
-def test_a_controller_overcomes_only_the_friction_that_it_believes_in():
-    effects = replace(IDEAL, friction=True, sign_width=0.01, friction_scale=1.2)
-    motion = pushed_with(3.0, 400, effects, cancels_friction=True)
-    missing = 0.2 * (P.f_C + P.f_G * float(motor_current(3.0, 1.0, P)))
-    gained = (motion.omega_m[-1] - motion.omega_m[200]) * RATE / 199
-    assert gained == pytest.approx((3.0 - missing) / P.J_m, rel=1e-6)
 
 
 def test_without_friction_the_controller_has_none_to_cancel():

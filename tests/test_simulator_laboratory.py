@@ -478,12 +478,6 @@ def test_the_platform_starts_at_another_time_after_each_trigger(setup):
     assert np.mean(starts) == pytest.approx(0.004, abs=0.0015)
 
 
-def test_a_resting_unloaded_plate_reads_zero(shipped):
-    still, nothing = turned_about(np.zeros(3), np.zeros(300)), np.zeros((300, 3))
-    reading = sensor_reading(TrueWrench(nothing, nothing, nothing), still, shipped.walking.plate, 12.0, 3000)
-    np.testing.assert_allclose(np.hstack([reading.force, reading.moment]), 0, atol=1e-7)
-
-
 def test_a_moving_plate_reads_its_own_mass_times_acceleration_less_gravity(shipped):
     """Force m (a - g) of the centre of mass, turned into the plate's axes (y, x, -z) by hand, less the resting one."""
     rate, plate, mass = 3000.0, shipped.walking.plate, 12.0
@@ -680,12 +674,9 @@ def test_a_given_equilibrium_is_used(shipped, tmp_path):
     np.testing.assert_allclose(own.crossing(False).commands.theta_eq, 0.05 * shipped.p.n_T)
 
 
-def test_settings_with_a_wrong_unit_or_rate_are_refused(tmp_path):
+def test_settings_with_a_wrong_duration_or_rate_are_refused(tmp_path):
     text = (ROOT / "config/simulation/walking.yaml").read_text()
     path = tmp_path / "walking.yaml"
-    path.write_text(text.replace("size: 0.15, unit: mm", "size: 0.15, unit: m"))
-    with pytest.raises(InputError, match=r"effects.marker_noise.*unit must be 'mm'"):
-        read_yaml(path, WalkingSettings)
     path.write_text(text.replace("recording_s: 3.0", "recording_s: 1.5"))
     with pytest.raises(InputError, match=r"gait.*recording_s must be longer than heel_strike_s \+ stance_s"):
         read_yaml(path, WalkingSettings)
@@ -741,12 +732,6 @@ def test_the_ground_gives_the_foot_what_torque_weight_and_inertia_leave(walked, 
     ground = np.einsum("ni,ni->n", walked.reaction.moment_about(foot.origin), axis)
     np.testing.assert_allclose((needed - ground)[inside], walked.torque[inside], atol=0.02)
     np.testing.assert_allclose(walked.torque[inside], walked.drivetrain_torque[inside], atol=1e-9)
-
-
-def test_leaning_forward_over_the_foot_is_dorsiflexion(calm):
-    lean = calm.motion.shank.rotation[:, 0, 2] - calm.motion.foot.rotation[:, 0, 2]
-    flat = (calm.step.stance_phase(calm.time) > 0.3) & (calm.step.stance_phase(calm.time) < 0.58)
-    np.testing.assert_allclose(lean[flat], np.sin(calm.motion.theta[flat]), atol=1e-3)
 
 
 def test_the_flat_foot_is_rigid_on_the_platform(walked):
@@ -870,16 +855,6 @@ def test_with_imperfections_it_renders_340_within_a_few_percent(walked, calm):
     rendered = rendered_impedance(walked, calm)
     assert rendered["K_rendered"] == pytest.approx(340, rel=0.04)
     assert rendered["B_rendered"] == pytest.approx(5, rel=0.1)
-
-
-def test_the_desired_stiffness_peaks_at_340_and_is_level_in_the_window(shipped):
-    desired = read_impedance_trajectory(shipped.walking.impedance)
-    assert desired.K_d.max() == 340
-    assert desired.K_d[0] == desired.K_d[-1]
-    window = gait.STANCE_FRACTION * np.linspace(0.36, 0.56, 50)
-    assert np.ptp(desired.at(desired.K_d, window)) < 0.005 * 340
-    assert np.abs(np.diff(desired.K_d)).max() < 0.05 * 340
-    np.testing.assert_allclose(desired.at(desired.K_d, window - 1), desired.at(desired.K_d, window))
 
 
 def test_an_uncompensated_leg_gets_the_naive_gains_and_renders_less(shipped, walked):

@@ -8,8 +8,12 @@ from mcap_ros2.decoder import DecoderFactory
 from osl_analysis.errors import InputError
 from osl_analysis.simulator.mcap_writer import (
     DEPENDENCIES,
+    LATENCY_NS,
     LogTopic,
+    joint_states,
+    wrenches,
     write_mcap,
+    write_topics,
 )
 
 MIXED = "std_msgs/Header header\nbool flag\nfloat64 wide\nuint8 level\nfloat32 narrow # unit\n" + DEPENDENCIES
@@ -52,3 +56,16 @@ def test_a_recording_that_breaks_off_leaves_the_older_file(tmp_path, monkeypatch
         write_mcap(path, LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(9.0), mixed_columns(9))
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_messages_of_two_topics_stand_in_the_order_of_their_stamps_and_arrive_a_little_later(tmp_path):
+    joints = joint_states("/joint", "bench", np.array([0.3, 0.1]), {"a": np.zeros(2)}, {})
+    write_topics(tmp_path / "a.mcap", [joints, wrenches("/cell", "f", np.array([0.2, 0.4]), np.zeros(2))])
+    with (tmp_path / "a.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        found = [(channel.topic, m) for _, channel, m in reader.iter_messages(log_time_order=False)]
+        assert reader.get_header().profile == "ros2"
+    assert [topic for topic, _ in found] == ["/joint", "/cell", "/joint", "/cell"]
+    assert [m.sequence for _, m in found] == [1, 0, 0, 1]
+    assert [m.publish_time for _, m in found] == [100_000_000, 200_000_000, 300_000_000, 400_000_000]
+    assert {m.log_time - m.publish_time for _, m in found} == {LATENCY_NS}

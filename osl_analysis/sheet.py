@@ -128,8 +128,7 @@ def read_sheet(path: Path) -> pd.DataFrame:
     perturbed: true or false, for a crossing.
     log, mocap: files, relative to the campaign's raw data.
     log_source, mocap_source: names of the files in `config/sources` that describe them.
-    log_part: the part of the log that is this trial, where the log holds several: for a MATLAB file the address of a
-        struct or cell, such as `Test.run(2)`.
+    log_part: the part of the log that is this trial, where it holds several, such as `Test.run(2)` of a MATLAB file.
     desired: name of the curve under `torque_angle.desired` that a trial of torque against angle should follow.
     windows: stretches [s] of an impedance trial that are fitted, from the start of the recording, such as `2-30 40-62`;
         its motion is then taken for another one than the stepped sine. Empty: all of the motion.
@@ -140,10 +139,7 @@ def read_sheet(path: Path) -> pd.DataFrame:
     static: the static trial that calibrates a crossing or plate trial; empty: that of its subject, session and side.
     direction: turn of the platform, up (toes up, dorsiflexion) or down. It is checked against the markers.
 
-    Raises
-    ------
-    InputError
-        The sheet is missing or empty, a column is unknown, or a value is not allowed. The message names row and column.
+    Raises InputError where the sheet is missing or empty, a column is unknown, or a value is not allowed.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`")

@@ -76,10 +76,7 @@ def read_table(path: Path, required: Sequence[str] = (), of: str = "") -> pl.Dat
     Columns that are `required` must be there and, unless they are among `TEXT_COLUMNS`, hold numbers. `of`: name of the
     table where `path` is an archive of several; a path to one table has it already.
 
-    Raises
-    ------
-    InputError
-        The file is missing, empty or not a CSV table, or a required column is missing or not numeric.
+    Raises InputError where the file is missing, empty or no CSV table, or a required column is missing or not numeric.
     """
     check_not_refused(path)
     if not path.is_file():

@@ -104,10 +104,7 @@ Model = TypeVar("Model", bound=Settings)
 def read_yaml(path: Path, model: type[Model]) -> Model:
     """Read a YAML file into a validated model.
 
-    Raises
-    ------
-    InputError
-        The file is missing, is not YAML, or a field is unknown, absent or of a wrong value.
+    Raises InputError where it is missing, is not YAML, or a field is unknown, absent or of a wrong value.
     """
     return validated(read_mapping(path), model, path)
 

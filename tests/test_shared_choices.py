@@ -82,9 +82,5 @@ def test_a_protocol_that_the_simulated_log_cannot_hold_is_refused(tmp_path):
     followed = configured(tmp_path, dynamometer={"frequencies_hz": [1, 200], "cycles": 20}).shared()
     with pytest.raises(InputError, match=r"tiny_simulation.yaml: .*dynamometer.rate_hz = 1000 Hz takes 5 samples"):
         read_simulation(TINY, followed)
-
-
-def test_without_a_configuration_the_settings_alone_decide():
-    alone = read_simulation(TINY, SharedChoices())
-    assert alone.protocol.frequencies_hz == (2, 5)
-    assert alone.gain_weight.weight == Weight(1, 3)
+    alone = read_simulation(TINY, SharedChoices())  # without a configuration the settings decide
+    assert (alone.protocol.frequencies_hz, alone.gain_weight.weight) == ((2, 5), Weight(1, 3))

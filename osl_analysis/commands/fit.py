@@ -90,10 +90,8 @@ def campaign_parameters(config: Path) -> Path | None:
 def fit_trial(experiment: str, trial: Trial, parameters: Path | None, request: FitRequest) -> FittedTrial:
     """Fit a trial of one of the `FITS`; `request` as `fit_request` gives it.
 
-    Raises
-    ------
-    InputError, IdentifiabilityError
-        The trial lacks a signal, does not follow the protocol, or cannot identify the model.
+    Raises InputError or IdentifiabilityError where the trial lacks a signal, does not follow the protocol, or cannot
+    identify the model.
     """
     stated = {"impedance": (request.asked, request.windows), "torque_angle": (request.curve,)}.get(experiment, ())
     found = FITS[experiment](trial, known_parameters(parameters), request.settings, *stated)

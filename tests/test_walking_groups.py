@@ -264,31 +264,23 @@ def test_timings_are_parted_by_clear_gaps_and_one_protocol_s_scatter_is_not():
     assert len(timings(np.array([]), 0.05)) == 0
 
 
-@pytest.fixture(scope="module")
-def three_timings(tmp_path_factory):
+def test_each_timing_has_its_own_result_over_stance_beside_the_commanded_impedance(tmp_path):
     """K 120, 300, 450 at 20, 40, 60 % of stance."""
     walks = several("u", 8, Walk())
     for phase, K in ((0.2, 120.0), (0.4, 300.0), (0.6, 450.0)):
         walks |= several(f"p{K:.0f}_", 6, Walk(phase, impedance=(K, 5.0, 0.03)))
-    with pytest.warns(
-        UserWarning, match=r"begin at 3 different phases of stance \(timing 20 %; timing 40 %; timing 60"
-    ):
-        return campaign(tmp_path_factory.mktemp("timings"), walks, bootstrap_samples=200)
-
-
-def test_each_timing_has_its_own_result(three_timings):
+    said = r"begin at 3 different phases of stance \(timing 20 %; timing 40 %; timing 60"
+    with pytest.warns(UserWarning, match=said):
+        three = campaign(tmp_path / "timings", walks, bootstrap_samples=200)
     for timing, K in ((20, 120.0), (40, 300.0), (60, 450.0)):
-        row = three_timings.estimate(f"timing {timing} %")
+        row = three.estimate(f"timing {timing} %")
         assert row["mean"] == pytest.approx(K, abs=10)
         assert row["low"] < K < row["high"]
-    phases = dict(three_timings["selection"].drop_nulls("onset_phase").select("trial", "onset_phase").iter_rows())
+    phases = dict(three["selection"].drop_nulls("onset_phase").select("trial", "onset_phase").iter_rows())
     assert phases["p450_1"] == pytest.approx(0.6, abs=0.02)
-
-
-def test_impedance_over_stance_lists_the_timings_in_order_beside_the_commanded_impedance(three_timings, tmp_path):
     (tmp_path / "trajectory.csv").write_text("phase,K_d,B_d\n0,0,1\n0.62,620,1\n1,0,1\n")
     table, points = tmp_path / "table.csv", tmp_path / "points.csv"
-    summary, groups = three_timings.folder / "summary.csv", three_timings.folder / "groups.csv"
+    summary, groups = three.folder / "summary.csv", three.folder / "groups.csv"
     tabulate_over_stance(summary, groups, table, 0.62, [tmp_path / "trajectory.csv"])
     rows = read_table(table)
     assert rows["quantity"].to_list() == ["K"] * 3 + ["B"] * 3 + ["I"] * 3

@@ -190,19 +190,6 @@ def several(n: int, noise: float, u: int = 6) -> list[PerturbationResponse]:
     return [respond(c, gait) for c in walked]
 
 
-def test_the_bootstrap_spreads_as_the_ensemble_does_when_everything_is_drawn_again() -> None:
-    """The scatter between perturbations, and the error of the mean unperturbed gait, which all of them share."""
-    responses = several(12, noise=2.0)
-    drawn = bootstrap(responses, 400)
-    ensemble = ensemble_response(responses).fit
-    assert np.mean(drawn.K) == pytest.approx(ensemble.K, abs=3 * np.std(drawn.K))
-    assert abs(ensemble.K - K) < 4 * np.std(drawn.K)
-    only_perturbed = [
-        replace(r, torques=np.tile(r.torque, (6, 1)), thetas=np.tile(r.motion.theta, (6, 1))) for r in responses
-    ]
-    assert np.std(bootstrap(only_perturbed, 400).K) < np.std(drawn.K)
-
-
 def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_gives() -> None:
     """The bootstrap of the unperturbed crossings alone, of equal responses: the ensemble is then their mean. Six
     crossings leave a bootstrap of 2000 a Monte Carlo error of 3 %, and first order 10 % of what is not."""
@@ -210,13 +197,6 @@ def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_give
     gait, plate = common_errors(responses)["K"]
     assert gait.variance == pytest.approx(np.var(bootstrap(responses, 2000).K), rel=0.15)
     assert (gait.degrees_of_freedom, plate.variance) == (5, 0)
-
-
-def with_plate(response: PerturbationResponse, trials: int = 4) -> PerturbationResponse:
-    """The response with smooth errors [N*m] that leaving out each trial of the plate would make."""
-    random = np.random.default_rng(21)
-    pitch, phase = random.uniform(2, 8, (trials, 1)), random.uniform(0, 6, (trials, 1))
-    return replace(response, plate_errors=np.sin(2 * np.pi * pitch * response.time + phase))
 
 
 def test_an_error_of_the_plate_enters_the_response_as_it_enters_the_crossings() -> None:
@@ -233,10 +213,12 @@ def test_an_error_of_the_plate_enters_the_response_as_it_enters_the_crossings() 
 
 
 def test_the_plate_s_share_is_the_same_in_every_interval() -> None:
-    """One perturbation, one mean and the bootstrap's spread, of responses without any scatter of gait."""
-    still = with_plate(respond(crossing("p", 0.6), mean_gait(6)))
-    single, _ = fit_response(still).fit, common_errors([still, still])["K"][0]
-    plate = common_errors([still, still])["K"][1]
+    """One perturbation, one mean and the bootstrap's spread, of responses without any scatter of gait. The errors [N*m]
+    that leaving out each trial of the plate would make are smooth."""
+    random, still = np.random.default_rng(21), respond(crossing("p", 0.6), mean_gait(6))
+    pitch, phase = random.uniform(2, 8, (4, 1)), random.uniform(0, 6, (4, 1))
+    still = replace(still, plate_errors=np.sin(2 * np.pi * pitch * still.time + phase))
+    single, plate = fit_response(still).fit, common_errors([still, still])["K"][1]
     assert plate.degrees_of_freedom == 3
     assert single.se("K") == pytest.approx(np.sqrt(plate.variance), rel=0.01)
     assert single.interval_method == "unperturbed crossings + plate trials"

@@ -15,7 +15,7 @@ from osl_analysis.table import read_table, write_table
 
 CONDITION = ("joint", "side", "subject", "session", "group", "controller", "K_d", "B_d")
 """Columns of the sample sheet in which trials that are pooled agree."""
-NUMBERS = ("K_d", "B_d")
+PLACE: dict[str, type[pl.DataType]] = {c: pl.Float64 if c in ("K_d", "B_d") else pl.String for c in CONDITION}
 
 
 def pool_responses(
@@ -36,9 +36,7 @@ def pool_responses(
     for group in groups_of(lines, conditions):
         names = list(group)
         every = [one for realisations in group.values() for one in realisations]
-        place = [
-            pl.lit(conditions[names[0]].get(column), dtype).alias(column) for column, dtype in place_schema().items()
-        ]
+        place = [pl.lit(conditions[names[0]].get(column), dtype).alias(column) for column, dtype in PLACE.items()]
         device = p if conditions[names[0]].get("joint") == of_joint else None
         frames = periodic_tables(", ".join(names), every, settings.low_pass, device).frames()
         for name, pools in made.items():
@@ -47,22 +45,12 @@ def pool_responses(
         ("response", RESPONSE, response_pooled),
         ("response_models", MODELS, response_models_pooled),
     ):
-        write_table(pl.concat([pl.DataFrame(schema={**place_schema(), **renamed_schema(schema)}), *made[name]]), path)
+        write_table(pl.concat([pl.DataFrame(schema=pooled_schema(schema)), *made[name]]), path)
 
 
-def place_schema() -> dict[str, type[pl.DataType]]:
-    """The columns of the condition."""
-    return {column: pl.Float64 if column in NUMBERS else pl.String for column in CONDITION}
-
-
-def pooled_schema() -> dict[str, type[pl.DataType]]:
-    """The columns of `response_pooled.csv`."""
-    return {**place_schema(), **renamed_schema(RESPONSE)}
-
-
-def renamed_schema(schema: Mapping[str, type[pl.DataType]]) -> dict[str, type[pl.DataType]]:
-    """The columns of a pooled table: `trials` in place of `trial`."""
-    return {"trials" if name == "trial" else name: dtype for name, dtype in schema.items()}
+def pooled_schema(schema: Mapping[str, type[pl.DataType]] = RESPONSE) -> dict[str, type[pl.DataType]]:
+    """The columns of a pooled table: the condition, and `trials` in place of `trial`."""
+    return {**PLACE, **{"trials" if name == "trial" else name: dtype for name, dtype in schema.items()}}
 
 
 def groups_of(lines: Sequence[Path], conditions: Mapping[str, Mapping[str, Any]]) -> list[dict[str, list[Realisation]]]:

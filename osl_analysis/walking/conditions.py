@@ -95,12 +95,6 @@ def gaits_served(cells: Cells, gaits: Mapping[str, Cells], keys: Sequence[str]) 
     ]
 
 
-def gaits_of(sheet: Sheet, keys: Sequence[str]) -> dict[str, Cells]:
-    """The conditions of each gait, by its name: one for each combination among perturbed crossings."""
-    found = [{key: cells[key] for key in keys} for cells in sheet.values() if cells[PERTURBED]]
-    return {label(cells): cells for cells in found}
-
-
 def statements(sheet: Sheet, settings: GroupSettings) -> list[str]:
     """One sentence per condition that splits results although the configuration does not ask for it."""
     return [

@@ -151,16 +151,6 @@ def fit_parameters(
     return parameters, errors
 
 
-def noise_squares(motion: BodyMotion, resting: Sequence[slice]) -> Array:
-    """Mean weighted square (10, 10), per frame, that marker noise causes in the columns before `smooth`: in the runs of
-    frames in which the platform is `resting`. After `smooth`, which is slower, they would hold the motions beside them
-    too."""
-    columns = regressors(motion)
-    still = [stacked_columns(centred(columns[run]), PARAMETERS) for run in resting]
-    count = sum(run.stop - run.start for run in resting)
-    return np.asarray(sum((one.T @ one for one in still), np.zeros((10, 10))) / max(count, 1))
-
-
 def noise_correction(columns: Array, noise: Array, names: Sequence[str]) -> Array:
     """The matrix (p, p) that turns least-squares estimates into those without the bias from noise in the columns. With
     the columns' squares G, of which N are noise, it is (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4)."""
@@ -269,12 +259,16 @@ class UnloadedRecording:
         return self.plate_low_pass(values, sampling_rate(self.time))
 
     def along(self, axes: Array) -> "UnloadedRecording":
-        """The same with the motion along the directions (r, 6), and with the noise in the columns of its regression."""
+        """The same with the motion along the directions (r, 6), and with the noise in the columns of its regression: of
+        frames at rest before `smooth`, after which they would hold the motions beside them too."""
         motion, weights = self.track.own_motion(axes, self.centre)
         resting = [run for run in runs(weights == 0) if run.stop - run.start >= FEWEST_FRAMES]
+        columns = regressors(motion)
+        still = [stacked_columns(centred(columns[run]), PARAMETERS) for run in resting]
+        squares = sum((one.T @ one for one in still), np.zeros((10, 10)))
+        count = sum(run.stop - run.start for run in resting)
         passed = gated_noise(weights, self.track.rate, self.low_pass, self.plate_low_pass)
-        noise = noise_squares(motion, resting) * passed
-        return replace(self, motion=motion.weighted(weights), noise=noise)
+        return replace(self, motion=motion.weighted(weights), noise=squares / max(count, 1) * passed)
 
     @cached_property
     def at_frames(self) -> WrenchAtFrames:

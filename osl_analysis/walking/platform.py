@@ -427,7 +427,12 @@ def identify_platform(
     tracks = []
     for trial in trials:
         try:
-            tracks.append(turning_track(trial, calibration_of(calibrations, trial.name), settings))
+            own = calibration_of(calibrations, trial.name)
+            time, poses = segment_poses(trial, settings.markers.platform, own.platform, settings)
+            turned = np.nan_to_num(rotation_from_rest(poses))
+            if not len(turned) or turned.max() < np.deg2rad(settings.perturbation_deg):
+                raise InputError(f"the platform does not turn by {settings.perturbation_deg:g} deg")
+            tracks.append(track_about(trial.name, time, poses, own, settings, float(time[np.argmax(turned)])))
         except InputError as error:
             warnings.warn(f"trial {trial.name}: has no part in the platform's shared motion: {error}", stacklevel=2)
     try:
@@ -464,15 +469,6 @@ def differing_clusters(calibrations: Sequence[StaticCalibration], settings: Plat
         f"the platform markers {', '.join(labels)} stand {max(apart):.0f} mm (RMS) otherwise in one static trial than "
         f"in another, expected {limit:g} mm or less; leave them in place between sessions, or analyse sessions apart"
     )
-
-
-def turning_track(trial: Trial, calibration: StaticCalibration, settings: PlatformMotionSettings) -> PlatformTrack:
-    """The platform's coordinates in the run of frames in which it turns; refused if it does not turn, or is hidden."""
-    time, poses = segment_poses(trial, settings.markers.platform, calibration.platform, settings)
-    turned = np.nan_to_num(rotation_from_rest(poses))
-    if not len(turned) or turned.max() < np.deg2rad(settings.perturbation_deg):
-        raise InputError(f"the platform does not turn by {settings.perturbation_deg:g} deg")
-    return track_about(trial.name, time, poses, calibration, settings, float(time[np.argmax(turned)]))
 
 
 def track_about(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from osl_analysis.measured import check_finite
 from osl_analysis.trial import Array
 from osl_analysis.walking.checks import DOWN, UP
-from osl_analysis.walking.conditions import PERTURBED, GroupSettings, Sheet, gaits_of, gaits_served, label, split_keys
+from osl_analysis.walking.conditions import PERTURBED, Cells, GroupSettings, Sheet, gaits_served, label, split_keys
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.gait import PHASES, signal_at, stance_times
 from osl_analysis.walking.plate import SINGLE_SUPPORT, load_of_weight
@@ -201,7 +201,8 @@ class Place:
 def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings) -> dict[str, Place]:
     """Gait and group of every row of the sheet, by name; groups are those of the `crossings`, which are used."""
     keys = split_keys(sheet, settings)
-    gaits = gaits_of(sheet, keys)
+    every = [{key: cells[key] for key in keys} for cells in sheet.values() if cells[PERTURBED]]
+    gaits: dict[str, Cells] = {label(cells): cells for cells in every}
     found = {name: Place(tuple(gaits_served(cells, gaits, keys))) for name, cells in sheet.items()}
     perturbed = {gait: [c for c in crossings if c.onset is not None and gait in found[c.name].gaits] for gait in gaits}
     flat = [(c.stance.duration, found[c.name].gaits) for c in crossings if c.onset is None]

@@ -4,8 +4,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mcap.writer import CompressionType, Writer
 from mcap_ros2._dynamic import serialize_dynamic
+
+from osl_analysis.formats.mcap import read_mcap
+from osl_analysis.formats.messages import decode_topics
 
 HEADER = """\
 ================================================================================
@@ -25,6 +29,30 @@ def stamped(nanoseconds: int, **fields: Any) -> tuple[int, dict[str, Any]]:
     """A message with a header stamp, logged 1 ms after it."""
     stamp = {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9}
     return nanoseconds + 1_000_000, {"header": {"stamp": stamp, "frame_id": "lab"}, **fields}
+
+
+def write_payloads(path: Path, payloads: Iterable[bytes], encoding: str, *schema: Any, **options: Any) -> Path:
+    """The topic `/lab` of encoded messages, one per millisecond; `schema` is its name, encoding and bytes, if any."""
+    with path.open("wb") as file:
+        writer = Writer(file, **options)
+        writer.start()
+        channel = writer.register_channel("/lab", encoding, writer.register_schema(*schema) if schema else 0)
+        for i, payload in enumerate(payloads):
+            writer.add_message(channel, i * 1_000_000, payload, i * 1_000_000, i)
+        writer.finish()
+    return path
+
+
+def assert_decoded(path: Path, topic: str, expected: list[dict[str, float]]) -> list[int]:
+    """Every number of every message of a topic is read exactly, and no other; gives the log times [ns]."""
+    paths = sorted({name for values in expected for name in values})
+    found = decode_topics(read_mcap(path), {topic: paths})[topic]
+    for name in paths:
+        assert found.present[name].tolist() == [name in values for values in expected]
+        for row, values in enumerate(expected):
+            if name in values:
+                np.testing.assert_array_equal(found.values[name][row], values[name], err_msg=f"{topic} {name}")
+    return [int(one) for one in found.log_time]
 
 
 def write_log(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.writer import Writer
+from mcap_builder import write_payloads
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.json_lines import addresses_in_line
@@ -18,18 +18,9 @@ from osl_analysis.formats.messages import Decoded, decode_topics
 from osl_analysis.formats.object_messages import json_number, last_name, path_to, steps_of
 from osl_analysis.ingest.message_log import McapSource, read_mcap_log
 
-MILLISECOND = 1_000_000
-
 
 def write(path: Path, texts: list[str], chunk_size: int = 1 << 20) -> Path:
-    with path.open("wb") as file:
-        writer = Writer(file, chunk_size=chunk_size)
-        writer.start()
-        channel = writer.register_channel("/lab", "json", 0)
-        for i, text in enumerate(texts):
-            writer.add_message(channel, i * MILLISECOND, text.encode(), i * MILLISECOND, i)
-        writer.finish()
-    return path
+    return write_payloads(path, [text.encode() for text in texts], "json", chunk_size=chunk_size)
 
 
 def read(path: Path, *fields: str) -> Decoded:
@@ -132,12 +123,8 @@ def test_a_field_that_nobody_wants_may_be_written_twice(tmp_path: Path) -> None:
 
 
 def test_stamps_in_json_are_exact_and_what_is_no_json_is_left_out(tmp_path: Path) -> None:
-    texts = [
-        json.dumps(
-            {"timestamp": {"sec": 1_700_000_000, "nsec": 999_999_990 + i}, "angle": i, "j": [{"q": i}, {"q": 9}]}
-        )
-        for i in range(9)
-    ]
+    stamps = [{"sec": 1_700_000_000, "nsec": 999_999_990 + i} for i in range(9)]
+    texts = [json.dumps({"timestamp": one, "angle": i, "j": [{}, {"q": 9}]}) for i, one in enumerate(stamps)]
     path = write(tmp_path / "log.mcap", [*texts, "no json"])
     channels = {
         "theta": {"topic": "/lab", "field": "angle", "unit": "rad"},

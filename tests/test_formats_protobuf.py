@@ -12,7 +12,8 @@ from google.protobuf.message import Message
 from google.protobuf.message_factory import GetMessageClass
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
+from mcap_builder import assert_decoded, write_payloads
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import read_mcap
@@ -99,26 +100,13 @@ def numbers(message: Message, prefix: str = "") -> dict[str, float]:
 
 
 def write(path: Path, payloads: list[bytes], **options: Any) -> Path:
-    with path.open("wb") as file:
-        writer = Writer(file, **options)
-        writer.start()
-        schema = writer.register_schema("lab.Sample", "protobuf", descriptors().SerializeToString())
-        channel = writer.register_channel("/lab", "protobuf", schema)
-        for i, payload in enumerate(payloads):
-            writer.add_message(channel, i * MILLISECOND, payload, i * MILLISECOND, i)
-        writer.finish()
-    return path
+    schema = "lab.Sample", "protobuf", descriptors().SerializeToString()
+    return write_payloads(path, payloads, "protobuf", *schema, **options)
 
 
 def assert_equal_to_google(path: Path, topic: str, messages: list[Message]) -> int:
     expected = [numbers(message) for message in messages]
-    paths = sorted({name for values in expected for name in values})
-    found = decode_topics(read_mcap(path), {topic: paths})[topic]
-    for name in paths:
-        assert found.present[name].tolist() == [name in values for values in expected]
-        for row, values in enumerate(expected):
-            if name in values:
-                np.testing.assert_array_equal(found.values[name][row], values[name], err_msg=name)
+    assert_decoded(path, topic, expected)
     return sum(len(values) for values in expected)
 
 

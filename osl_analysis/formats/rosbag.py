@@ -208,8 +208,9 @@ class Bag1(MessageFile):
             raise DamagedError(
                 f"says it is compressed with {compression[:20].decode('latin1')!a}; bz2 and lz4 are read"
             )
+        unpacker = bz2.BZ2Decompressor() if compression == b"bz2" else lz4.frame.LZ4FrameDecompressor()
         try:
-            content: bytes = (bz2 if compression == b"bz2" else lz4.frame).decompress(packed)
+            content: bytes = unpacker.decompress(packed)
         except (OSError, RuntimeError, EOFError, ValueError) as error:
             raise DamagedError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
         if len(content) != size:

@@ -1,7 +1,7 @@
 """Read many damaged logs: the reader must not crash, hang, use unbounded memory or return a value that was not written.
 
 Run from the repository: `python benchmarks/fuzz_mcap.py [minutes] [seed]`, 1 minute and seed 0 unless told. The suite
-runs 150 such files in `tests/test_formats_mcap_damage.py`; run this after every change to the reader, for an hour
+runs 150 such files in `tests/test_formats_mcap.py`; run this after every change to the reader, for an hour
 before a release. Each file is a valid log (CDR, protobuf or JSON; zstd, lz4 or no compression; with and without
 chunks, index and checksums) that is then damaged in up to eight places: flipped, overwritten, cut out, inserted,
 repeated, swapped, truncated, with absurd lengths where lengths stand.

@@ -148,14 +148,6 @@ def test_what_cannot_be_read_is_refused_by_line_or_column(
     assert problem in refused(tmp_path, text, source(**fields))
 
 
-def test_failed_reads_become_nan_and_are_counted(tmp_path: Path) -> None:
-    text = LOG.replace("90", "ERROR")
-    recording = read(tmp_path, text, source(missing=["ERROR"], most_missing=0.4))
-    assert recording.samples["theta"].is_nan().to_list() == [False, True, False]
-    assert recording.facts["missing"] == {"theta": 1, "torque": 0}
-    assert recording.warnings == ["log.csv: theta is missing in 1 of 3 rows"]
-
-
 DROPPED = "t,angle,load\n0,1,5\n1,ERROR,6\n2,ERROR,7\n3,8\n4,9\n"
 
 

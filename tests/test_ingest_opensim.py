@@ -290,16 +290,3 @@ def test_plates_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
         read(path)
     with pytest.raises(ValueError, match="needs the column of time in s"):
         read(path, plates={1: PLATE}, clock="common", time={"column": None, "unit": None, "rate": 100})
-
-
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
-def test_the_plates_of_a_real_run_have_the_forces_of_its_file() -> None:
-    path = REAL_DATA / "opensim" / "grf_run.mot"
-    plates = {
-        number: {"force": f"{s}_ground_force_v", "point": f"{s}_ground_force_p", "moment": f"{s}_ground_torque_"}
-        | {"corners": CORNERS}
-        for number, s in ((1, "R"), (2, "L"))
-    }
-    samples = read(path, plates=plates).samples
-    for number, largest in ((1, 1751.2), (2, 1623.05)):
-        assert samples[f"plate{number}_force_z"].max() == pytest.approx(largest, rel=1e-4)

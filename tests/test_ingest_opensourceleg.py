@@ -112,6 +112,7 @@ def test_a_reading_that_fails_once_is_missing(record: Callable[..., Path]) -> No
     recording = read_csv_log(record(lambda k: k in (70, 130)), shipped())
     assert np.flatnonzero(recording.samples["current"].is_nan()).tolist() == [70, 130]
     assert recording.samples["current"][131] == pytest.approx(13.1)
+    assert recording.facts["missing"] == {name: 2 * (name == "current") for name in recording.facts["missing"]}
     assert any("current is missing in 2 of 400 rows" in text for text in recording.warnings)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from c3d_builder import REAL_DATA
-from nptdms import ChannelObject, RootObject, TdmsFile, TdmsWriter
+from nptdms import ChannelObject, RootObject, TdmsWriter
 from recognised_files import read_recognised, refusal_of
 
 from osl_analysis.commands.inspect import inspect_file, overview_text
@@ -187,18 +187,6 @@ def test_the_draft_has_units_and_the_clock_where_channels_have_no_timing(tmp_pat
     assert list(draft["channels"].values()) == [{"channel": "Bench/torque_Nm", "unit": "Nm"}]
 
 
-def test_interleaved_values_are_told_apart(tmp_path: Path) -> None:
-    """The library writes no such file: bit 5 of the segment's mask says that the values take turns."""
-    path = write(tmp_path / "a.tdms", [("Angle", ANGLE, timing(unit_string="deg")), ("Torque", TORQUE, timing())])
-    content = bytearray(path.read_bytes())
-    content[4] |= 1 << 5
-    content[-16 * ROWS :] = np.column_stack([ANGLE, TORQUE]).tobytes()
-    path.write_bytes(content)
-    recording = read(path)
-    np.testing.assert_allclose(recording.samples["theta"], np.radians(ANGLE))
-    assert recording.samples["torque"][3] == pytest.approx(-TORQUE[3] * 4.4482216152605 * 0.0254)
-
-
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
 def test_a_real_file_of_daqmx_is_scaled_as_its_properties_say() -> None:
     """Rows of seven 16-bit integers stand before its last segment; they are decoded here by hand."""
@@ -208,17 +196,3 @@ def test_a_real_file_of_daqmx_is_scaled_as_its_properties_say() -> None:
     end = content.rindex(b"TDSm")
     counts = np.frombuffer(content[end - 2000 * 7 * 2 : end], "<i2").reshape(2000, 7)[:, 2]
     np.testing.assert_allclose(recording.samples["sync"], counts * 0.0003051850947599719, rtol=1e-12)
-
-
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
-@pytest.mark.parametrize(
-    ("name", "channel", "unit", "rate"),
-    [("raw1", "Third Chan", "V", 50_000.0), ("big_endian", "Phase sweep", "V", 1000.0)],
-)
-def test_real_files_are_read_as_the_library_reads_them(name: str, channel: str, unit: str, rate: float) -> None:
-    path = REAL_DATA / "tdms" / f"{name}.tdms"
-    recording = read(path, channels={"sync": {"channel": channel, "unit": unit}})
-    with TdmsFile.read(path) as file:
-        (expected,) = [one[:] for group in file.groups() for one in group.channels() if one.name == channel]
-    np.testing.assert_array_equal(recording.samples["sync"], expected)
-    assert recording.samples["time"][1] == pytest.approx(1 / rate)

@@ -414,25 +414,11 @@ def as_csv(path, columns):
     path.write_text("\n".join([",".join(columns), *(",".join(map(repr, map(float, row))) for row in rows)]))
 
 
-def as_json(path, columns):
-    path.write_text(
-        "\n".join(json.dumps(dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True))
-    )
-
-
 def as_mat(path, columns):
     scipy.io.savemat(path, columns)
 
 
-def as_opensim(path, columns):
-    head = f"joint\nversion=1\nnRows={len(TIME)}\nnColumns={len(columns)}\ninDegrees=yes\nendheader\n"
-    rows = zip(*columns.values(), strict=True)
-    path.write_text(
-        head + "\n".join(["\t".join(columns), *("\t".join(map(repr, map(float, row))) for row in rows)]) + "\n"
-    )
-
-
-WRITERS = {"a.csv": as_csv, "a.jsonl": as_json, "a.mat": as_mat, "a.sto": as_opensim}
+WRITERS = {"a.csv": as_csv, "a.mat": as_mat}
 
 
 def drafted(folder, name, **clocks):

@@ -44,13 +44,7 @@ class Look:
 
 
 def first_look(folder: Path) -> Iterator[Look]:
-    """The first trial of each experiment and source file of the campaign in a folder, fitted. Nothing is left behind.
-
-    Raises
-    ------
-    InputError
-        Configuration or sample sheet are not valid.
-    """
+    """The first trial of each experiment and source file of a folder's campaign, fitted. Nothing is left behind."""
     with chdir(folder):
         config = read_config(CAMPAIGN)
         campaign = open_campaign(config, None)

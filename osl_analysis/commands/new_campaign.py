@@ -50,9 +50,8 @@ def new_campaign(
     """
     check_new(folder)
     draft = Draft() if recordings is None else draft_campaign(recordings)
-    raw_data = (
-        Path("recordings") if recordings is None else Path(os.path.relpath(recordings.resolve(), folder.resolve()))
-    )
+    where = "recordings" if recordings is None else os.path.relpath(recordings.resolve(), folder.resolve())
+    raw_data = Path(where)
     names = sorted({"dynamometer", "dynamometer_nodes"}) if example else [known_recorder(name) for name in recorders]
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -125,8 +124,7 @@ def draft_campaign(folder: Path) -> Draft:
             draft.refused.append(str(error))
             continue
         source = layouts.setdefault(layout(overview), new_name(overview.format, layouts.values()))
-        larger = source not in overviews or len(overview.channels) > len(overviews[source][0].channels)
-        if larger:
+        if source not in overviews or len(overview.channels) > len(overviews[source][0].channels):
             overviews[source] = (overview, path.name)
         is_capture = FORMATS[overview.format].is_capture
         draft.open += [(path.relative_to(folder), text) for text in overview.open]
@@ -174,10 +172,9 @@ def left_to_decide(folder: Path, draft: Draft) -> list[str]:
     lines = []
     for name in draft.sources:
         path = folder / f"sources/{name}.yaml"
-        places = list(open_places(read_mapping(path)))
-        lines += [
-            f"{path}: {len(places)} places are to be edited: {', '.join(place[-1] for place in places[:6])}"
-        ] * bool(places)
+        if places := list(open_places(read_mapping(path))):
+            named = ", ".join(place[-1] for place in places[:6])
+            lines.append(f"{path}: {len(places)} places are to be edited: {named}")
     alike: dict[str, list[str]] = {}
     for trial in draft.trials:
         for text in trial.open:
@@ -192,9 +189,8 @@ def drafted_text(draft: Draft) -> str:
     lines = []
     for name, text in draft.sources.items():
         files = [str(one.path) for one in draft.recordings if one.source == name]
-        lines.append(
-            f"sources/{name}.yaml: {len(files)} recordings, {', '.join(files[:4])}{', ...' * (len(files) > 4)}"
-        )
+        named = ", ".join(files[:4]) + ", ..." * (len(files) > 4)
+        lines.append(f"sources/{name}.yaml: {len(files)} recordings, {named}")
         lines += [f"    {line}" for line in guessed_lines(text)]
     lines.append("trials.csv, from the names of the files:")
     lines += [f"    {row_text(trial.cells)}" for trial in draft.trials[:MOST_SHOWN]]

@@ -153,7 +153,6 @@ def described(models: Mapping[str, type[BaseModel]]) -> tuple[dict[str, str], di
 
 
 def models_in(annotation: Any) -> list[type[BaseModel]]:
-    """The models in a type."""
     if inspect.isclass(annotation) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for inner in getattr(annotation, "__args__", ()) for model in models_in(inner)]

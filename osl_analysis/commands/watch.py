@@ -264,9 +264,8 @@ def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collec
     failed = table.filter(pl.col("verdict").is_in(["flag", "exclude"]))
     if failed.is_empty():
         return "quality ok"
-    return "QUALITY " + listing(
-        [f"{row['verdict']} {row['check']}: {row['remark']}" for row in failed.to_dicts()], MOST_NAMED
-    )
+    named = [f"{row['verdict']} {row['check']}: {row['remark']}" for row in failed.to_dicts()]
+    return f"QUALITY {listing(named, MOST_NAMED)}"
 
 
 def estimates_line(estimates: pl.DataFrame) -> str:

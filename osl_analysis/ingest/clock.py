@@ -82,12 +82,6 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
 
     The error of an edge is that of sampling, uniform within one interval. A prior of standard deviation `TYPICAL_DRIFT`
     keeps the drift plausible in a short recording. In a long recording the edges outweigh it.
-
-    Raises
-    ------
-    InputError
-        There are fewer than six common edges, the pattern fits in more than one place (as equal pulses do), or the
-        residual exceeds the sampling interval of the slower recorder.
     """
     for edges, who in ((slave, "the log"), (master, "motion capture")):
         if edges.time.size < MINIMUM_EDGES:

@@ -110,13 +110,7 @@ class NamedFormat(Settings):
 
 
 def read_source(path: Path) -> Source:
-    """A source file, checked: columns are canonical, every unit converts to its column's.
-
-    Raises
-    ------
-    InputError
-        The file is missing, a draft that was not edited, or a field is unknown, absent or of a wrong value.
-    """
+    """A source file, checked: columns are canonical, every unit converts to its column's."""
     named = read_yaml(path, NamedFormat).format
     refuse_draft(path, read_mapping(path))
     source = read_yaml(path, FORMATS[named].source)
@@ -125,13 +119,7 @@ def read_source(path: Path) -> Source:
 
 
 def recognise(path: Path) -> str:
-    """Name of a file's format, by what it begins with, or else by its ending.
-
-    Raises
-    ------
-    InputError
-        The file is of no format that is read.
-    """
+    """Name of a file's format, by what it begins with, or else by its ending."""
     if path.is_dir():
         return folder_format(path)
     begin = beginning(path)

@@ -26,13 +26,7 @@ STAMP = "header."  # what every message of ROS has, and no signal is in
 
 
 def inspect_mcap(path: Path) -> Overview:
-    """Topics with schema, encoding, rate and gaps by log time, every field of each, and what is damaged.
-
-    Raises
-    ------
-    InputError
-        The file is empty, no MCAP file or two logs.
-    """
+    """Topics with schema, encoding, rate and gaps by log time, every field of each, and what is damaged."""
     return inspect_messages(read_mcap(path), "mcap")
 
 

@@ -141,13 +141,7 @@ class Conversion(Sensor):
         return unit_of_file if self.unit is None else self.unit
 
     def to_si(self, raw: Array, si_unit: str, unit_of_file: str = "") -> Array:
-        """Recorded numbers, of any shape, in the SI unit.
-
-        Raises
-        ------
-        InputError
-            The unit is unknown or of another dimension.
-        """
+        """Recorded numbers, of any shape, in the SI unit."""
         factor = si_factor(self.stated_unit(unit_of_file), si_unit)
         with np.errstate(over="ignore"):  # what overflows is refused with what is too large
             found = np.asarray(raw + self.offset)

@@ -75,12 +75,6 @@ def si_factor(unit: str, expected: str) -> float:
 
     A middle dot, a full stop or a blank is read as the multiplication sign, both micro signs as `u`. An angle is a
     dimension: N*m/rad is not N*m.
-
-    Raises
-    ------
-    InputError
-        The unit is empty, unknown, ambiguous, of another dimension or of an implausible size; the
-        message says what to write.
     """
     advice = ", ".join(EXAMPLES[expected])
     spelling = normalised(unit)

@@ -8,8 +8,6 @@ from osl_analysis.trial import Array
 NEAR_ZERO = 0.05  # share of a channel's range: an extreme this close to zero is an unloaded sensor and not clipped
 AWAY = 0.25
 """Share of a channel's range: an extreme this close to the median is where the channel mostly is, and not clipped."""
-
-
 EDGE = 5  # samples before and after a plateau from which the slopes at its ends are read
 CUT_OFF = 3.0  # steps of the converter by which a signal would have gone beyond a plateau, had it not been clipped
 

@@ -21,7 +21,6 @@ class ImpedanceFit:
     fit: LinearFit  # the regression that gave these estimates
 
     def torque(self, motion: Motion) -> Array:
-        """Torque [N*m] of the fitted system for a motion (n,), Eq. 15 with the offset."""
         return impedance_torque(self.K, self.B, self.I, motion) + self.offset
 
 

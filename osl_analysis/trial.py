@@ -49,7 +49,6 @@ class Trial:
 
     @property
     def columns(self) -> Sequence[str]:
-        """Names of the columns, `time` among them."""
         return self.samples.columns
 
     def present(self, column: str) -> NDArray[np.bool_]:
@@ -172,6 +171,5 @@ def read_samples(wanted: pl.LazyFrame, path: Path) -> pl.DataFrame:
 
 
 def not_parquet(path: Path, error: Exception) -> InputError:
-    """A file that is damaged or of another format."""
     reason = str(error).splitlines()[0]
     return InputError(f"{path}: not a Parquet file ({reason}); ingest the trial again")

@@ -40,12 +40,10 @@ class UniformSignals:
 
     @property
     def time(self) -> Array:
-        """Uniform times (m,) [s]."""
         return self.grid.time
 
     @property
     def rate_hz(self) -> float:
-        """Samples per second."""
         return self.grid.rate_hz
 
     @property

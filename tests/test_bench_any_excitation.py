@@ -5,11 +5,13 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from any_motion import TRUE, chirp, made_trial, multisine, noise
+from any_motion import LEAD, RATE, TRUE, chirp, made_trial, multisine, noise, sines
 from conftest import ROOT
 from scipy.linalg import expm
+from scipy.signal import lfilter
 
-from osl_analysis.bench.any_excitation import record_table
+from osl_analysis.bench.any_excitation import ratio_at_peaks, record_table
+from osl_analysis.bench.changes import record_drift
 from osl_analysis.bench.excitation_limits import angle_noise_bias
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.lag import jerk_of, lag_beside, linear_torque, record_lag
@@ -31,18 +33,20 @@ from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.bench import average_over_amplitudes, fit_impedance_trial
 from osl_analysis.commands.tables import gather
 from osl_analysis.config import read_section
-from osl_analysis.doubtful import Doubt
+from osl_analysis.doubtful import Doubt, DoubtfulFits, doubts, marked
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.quality.checks import Commanded, Examined
 from osl_analysis.quality.recording import measure_protocol
+from osl_analysis.rails import samples_at_rail
 from osl_analysis.shared_choices import PAPER
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
 
-SETTINGS = read_section(Path(ROOT / "config/config.yaml"), "dynamometer", DynamometerAnalysis)
+CONFIG = Path(ROOT / "config/config.yaml")
+SETTINGS = read_section(CONFIG, "dynamometer", DynamometerAnalysis)
 MOTIONS = {"multisine": multisine, "noise": noise, "chirp": chirp}
 
 
@@ -412,3 +416,165 @@ def test_an_angle_beyond_a_joint_beside_a_torque_of_an_angle_s_size_is_said_to_b
     swapped = Trial("made", trial.samples.rename({"theta": "torque", "torque": "theta"}))
     with pytest.raises(InputError, match=r"theta turns by \+-\d+.*torque has \+-0\.\d+ N\*m only, are the two swapped"):
         check_recording(swapped, SETTINGS)
+
+
+LIMITS = read_section(CONFIG, "doubtful", DoubtfulFits).of("impedance")
+DURATION = 30.0
+
+
+def drifting_row(motion, more):
+    trial = made_trial(np.random.default_rng(1), motion, torque_noise=0.02, more=more)
+    return record_table(moving_record(trial, SETTINGS)).to_dicts()[0]
+
+
+def changing(motion, share):
+    """Torque of a stiffness that changes by a share of K from the begin of the motion to its end."""
+    time, (theta, *_) = motion
+    return TRUE["K"] * share * (time - LEAD) / DURATION * theta
+
+
+def friction(motion, torque=0.5):
+    return torque * np.tanh(motion[1][1] / 0.02)
+
+
+def doubts_of(row):
+    limits = LIMITS.model_copy(update={"above": {k: v for k, v in LIMITS.above.items() if k in row}, "below": {}})
+    return marked(pl.DataFrame([row]), limits, "impedance")["doubtful"][0]
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+@pytest.mark.parametrize("share", [-0.04, 0.02])
+def test_a_change_of_the_stiffness_has_its_size_in_any_motion_and_is_doubtful(name, share):
+    """The fitted rows are shorter than the motion by 0.13 s at both ends; the bound of noise is 0.25 % of K."""
+    motion = MOTIONS[name](np.random.default_rng(3))
+    row = drifting_row(motion, more=changing(motion, share))
+    fitted = (DURATION - 2 * 0.13) / DURATION
+    K = TRUE["K"] * (1 + share / 2)
+    assert row["K_drift"] == pytest.approx(share * fitted * TRUE["K"] / K, abs=0.004)
+    assert abs(row["K_drift"]) < abs(share)
+    assert "K_drift" in doubts_of(row)
+
+
+@pytest.mark.parametrize("share", [-0.05, 0.004])
+def test_what_a_change_of_the_stiffness_makes_of_the_inertia_in_a_sweep_is_said(share):
+    motion = chirp(np.random.default_rng(3))
+    row = drifting_row(motion, more=changing(motion, share))
+    wrong = abs(row["I"] - TRUE["I"]) / np.hypot(row["I"], 0.005)
+    assert wrong > 0.02
+    assert row["drift_inertia_share"] == pytest.approx(wrong, abs=0.015)
+    assert "drift_inertia_share" in doubts_of(row)
+
+
+def test_sound_joints_show_no_change():
+    """The bound is passed by one in 500: 36 trials of three motions, late and noisy ones among them."""
+    for name, made in MOTIONS.items():
+        for seed in range(6):
+            motion = (
+                made(np.random.default_rng(seed), duration=12.0)
+                if name != "multisine"
+                else made(np.random.default_rng(seed), periods=2)
+            )
+            for joint in ({}, {"late": 1e-3}):
+                drift = record_drift(moving_record(made_trial(np.random.default_rng(seed), motion, **joint), SETTINGS))
+                assert drift is None or drift.change == 0
+
+
+def test_beside_friction_a_sweep_does_not_tell_and_says_so_but_noise_tells():
+    for made, told in ((chirp, False), (noise, True)):
+        rng = np.random.default_rng(3)
+        motion = made(rng)
+        trial = made_trial(rng, motion, more=friction(motion) + changing(motion, -0.04))
+        table = judged_impedance(moving_record(trial, SETTINGS), saturated(trial), None, None)
+        drift, reason = table["K_drift"][0], table["not_checked"][0]
+        if told:
+            assert drift == pytest.approx(-0.04, abs=0.015)
+            assert "whether K changes" not in reason
+        else:
+            assert drift is None
+            assert table["drift_inertia_share"][0] is None
+            assert "whether K changes while it is recorded" in reason
+            assert "no parameter file" in reason
+
+
+def test_a_sweep_that_is_repeated_tells_the_change_beside_friction():
+    once = chirp(np.random.default_rng(3), duration=DURATION / 4 - 2 * LEAD)
+    parts = [np.tile(x, 4) for x in once[1]]
+    motion = np.arange(len(parts[0])) / RATE, parts
+    assert drifting_row(motion, more=friction(motion) + changing(motion, -0.05))["K_drift"] == pytest.approx(
+        -0.045, abs=0.02
+    )
+    assert drifting_row(motion, more=friction(motion))["K_drift"] in (0, None)
+
+
+def test_a_spring_that_stiffens_in_a_motion_that_grows_is_no_change():
+    """K follows the size of the motion, which follows time."""
+    rng = np.random.default_rng(5)
+    time, (x, v, a) = sines(rng, rng.uniform(0.5, 6, 60), duration=DURATION)
+    size, rate = 0.3 + (time - LEAD) / DURATION, 1 / DURATION
+    motion = time, (size * x, rate * x + size * v, 2 * rate * v + size * a)
+    stiffens = 1e4 * motion[1][0] ** 3
+    drift = record_drift(moving_record(made_trial(rng, motion, more=stiffens), SETTINGS))
+    assert drift is None or drift.change == 0
+
+
+def test_a_stiffness_that_grows_with_the_frequency_is_no_change_in_a_sweep():
+    """A spring behind a damper: beside it the sweep cannot tell, rather than see K rise."""
+    rng = np.random.default_rng(5)
+    motion = chirp(rng)
+    slow = np.exp(-2 * np.pi * 2.0 / RATE)
+    follows = motion[1][0] - lfilter([1 - slow], [1, -slow], motion[1][0])
+    assert record_drift(moving_record(made_trial(rng, motion, more=60 * follows), SETTINGS)) is None
+
+
+def test_a_stiffness_that_warms_up_in_a_sweep_is_named_though_it_is_not_linear_in_time():
+    """What it leaves beside a line is four times the noise."""
+    time, motion = chirp(np.random.default_rng(1), duration=56.0)
+    warm = 15 * np.exp(-(time - LEAD) / 10) * motion[0]
+    row = drifting_row((time, motion), more=warm)
+    assert -0.12 < row["K_drift"] < -0.04
+    assert row["drift_inertia_share"] > 0.3
+
+
+def test_rounding_to_few_bits_in_a_slow_sweep_is_no_change():
+    """Rounding follows the angle, so that standard errors are too small: it passes three of them."""
+    motion = chirp(np.random.default_rng(1), band=(1.0, 4.0), duration=40.0)
+    assert record_drift(moving_record(made_trial(np.random.default_rng(1), motion, bits=12), SETTINGS)) is None
+
+
+LIMIT = LIMITS.below["torque_at_peaks"]
+
+
+def ratio_of(trial):
+    return record_table(moving_record(trial, SETTINGS)).to_dicts()[0]["torque_at_peaks"]
+
+
+@pytest.mark.parametrize(
+    ("name", "clip", "sides"),
+    [("multisine", 20.0, "both"), ("noise", 20.0, "both"), ("noise", 20.0, "lower"), ("chirp", 11.0, "both")],
+)
+def test_a_torque_that_an_amplifier_clips_before_the_noise_is_doubtful_as_clipped(name, clip, sides):
+    """It takes 4 to 15 % off K. A clip at one side only is told too."""
+    rng = np.random.default_rng(2)
+    trial = made_trial(rng, MOTIONS[name](rng), torque_noise=0.0)
+    clipped = trial.samples["torque"].clip(-clip, clip if sides == "both" else None)
+    noisy = clipped + pl.Series(0.05 * rng.standard_normal(len(clipped)))
+    trial = type(trial)("made", trial.samples.with_columns(torque=noisy))
+    assert samples_at_rail(trial, "torque") < 5
+    said = doubts({"torque_at_peaks": ratio_of(trial)}, {}, {"torque_at_peaks": LIMIT})
+    assert "it is clipped, by the range of its sensor or amplifier" in said
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_a_torque_with_friction_is_not_clipped(name):
+    rng = np.random.default_rng(3)
+    motion = MOTIONS[name](rng)
+    assert ratio_of(made_trial(rng, motion, more=0.5 * np.tanh(motion[1][1] / 0.01))) > LIMIT + 0.15
+
+
+def test_noise_raises_the_ratio_and_the_flat_top_of_a_sine_is_not_compared_alone():
+    rng, sine = np.random.default_rng(4), np.sin(np.linspace(0, 60, 6000))
+    assert ratio_at_peaks(sine, sine) == pytest.approx(1)
+    assert ratio_at_peaks(sine + rng.standard_normal(6000), sine) > 1
+    assert ratio_at_peaks(0.7 + np.minimum(sine, 0.7), sine) < 0.1
+    assert ratio_at_peaks(np.maximum(sine, -0.7), sine) < 0.1
+    assert ratio_at_peaks(np.sign(sine), np.sign(sine)) is None

@@ -5,7 +5,7 @@ import pytest
 from any_motion import RATE, chirp, multisine, noise
 from bench_synthetic import unit_block
 
-from osl_analysis.protocol.likeness import likeness, moving_bins
+from osl_analysis.protocol.likeness import Likeness, moving_bins
 from osl_analysis.protocol.runs import SteppedSineProtocol
 
 PROTOCOL = SteppedSineProtocol(tuple(np.deg2rad([2.0, 4.0, 6.0])), (1.0, 2.0, 3.0, 4.0, 5.0), 8)
@@ -18,7 +18,7 @@ def stepped(protocol=PROTOCOL):
 
 def kind_of(theta, rng):
     theta = theta + 1e-5 * rng.standard_normal(len(theta))
-    return likeness(np.arange(len(theta)) / RATE, theta, PROTOCOL).kind
+    return Likeness(np.arange(len(theta)) / RATE, theta, PROTOCOL).kind
 
 
 DAMAGE = {
@@ -67,7 +67,7 @@ def test_a_slow_sweep_has_no_steady_sine_although_each_cycle_is_like_the_one_bef
     rng = np.random.default_rng(1)
     _, (theta, *_) = chirp(rng, (0.8, 5.0), duration=300.0)
     time = np.arange(len(theta)) / RATE
-    assert likeness(time, theta, PROTOCOL).sines < 0.05
+    assert Likeness(time, theta, PROTOCOL).sines < 0.05
 
 
 def test_rests_do_not_count_as_moving_and_slow_turns_do():

@@ -4,19 +4,39 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import butter, freqs
+from scipy.signal import butter, freqs, lsim, lti
 from scipy.special import ndtri
 from test_spectral_period import LOW_PASS, RATE, multisine, record
-from test_spectral_response import LINES, PERIOD
 
 from osl_analysis.bench.moving_record import MovingRecord
 from osl_analysis.bench.rendered import rendered_response
+from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.equation_error import DETECTION, EXCITED, PERIODS, REALISATIONS, fit_periodic
-from osl_analysis.spectral.models import NOISE, SecondOrder, fit_structure, lines_of_periods, lines_of_record
+from osl_analysis.spectral.models import (
+    NOISE,
+    POWER,
+    Drivetrain,
+    SecondOrder,
+    fit_structure,
+    lines_of_periods,
+    lines_of_record,
+)
 from osl_analysis.spectral.realisations import Realisation
-from osl_analysis.spectral.response import RecordSpectrum, periodic_response
+from osl_analysis.spectral.response import (
+    FAST,
+    ROBUST,
+    RecordSpectrum,
+    local_fit,
+    local_response,
+    periodic_response,
+    record_spectrum,
+)
 
+PERIOD, LINE_RATE, LINE_LOW_PASS = 4.0, 256.0, LowPass(15)
+LINES = np.setdiff1d(np.arange(1, 40, 2), [3, 11, 19, 25, 33])
+LINE_S = 2j * np.pi * LINES / PERIOD
+SAMPLES = round(PERIOD * LINE_RATE)
 COUNT = 60
 S = 2j * np.pi * np.arange(COUNT) / PERIOD
 Z = 200 + 4 * S + 0.05 * S**2
@@ -169,3 +189,211 @@ def test_a_stiffness_that_changes_from_period_to_period_widens_the_interval_by_w
     low, high = fit.interval("K")
     assert low < 200 < high
     assert fit_periodic([one], LOW_PASS).interval_method == DETECTION
+
+
+def realisation(seed: int, torque_of, periods: int = 4, noise: float = 0.0, size: float = 0.01) -> Realisation:
+    """Lines of a multisine of equal amplitudes `size` and random phases, and of a torque that is a function of it."""
+    rng = np.random.default_rng(seed)
+    X = np.zeros(SAMPLES // 2 + 1, dtype=complex)
+    X[LINES] = size * np.exp(2j * np.pi * rng.uniform(size=len(LINES)))
+    theta = np.tile(np.fft.irfft(X * SAMPLES / 2), (periods, 1))
+    torque = torque_of(theta, X) + noise * rng.standard_normal(theta.shape)
+    spectra = [np.fft.rfft(x, axis=1)[:, :60] * 2 / SAMPLES for x in (theta, torque)]
+    return Realisation(PERIOD, LINE_RATE, *spectra, 0.0)
+
+
+def second_order(theta, X):
+    """Torque of K = 200, B = 4, I = 0.05."""
+    s = 2j * np.pi * np.arange(len(X)) / PERIOD
+    return np.tile(np.fft.irfft((200 + 4 * s + 0.05 * s**2) * X * SAMPLES / 2), (len(theta), 1))
+
+
+def cubic(theta, X):
+    return 1e5 * theta**3
+
+
+def test_the_best_linear_approximation_of_a_cube_is_three_variances():
+    # of N equal lines 3 sigma^2 (1 - 1/(2 N)), 3 sigma^2 for a Gaussian motion; the scatter falls with the realisations
+    response, _ = periodic_response([realisation(seed, cubic) for seed in range(40)])
+    variance = len(LINES) * 0.01**2 / 2
+    expected = 3e5 * variance * (1 - 1 / (2 * len(LINES)))
+    assert response.method == ROBUST
+    assert np.mean(response.impedance) == pytest.approx(expected, rel=0.01)
+    assert np.abs(response.impedance - expected) == pytest.approx(0, abs=4 * response.total_sd.max())
+    assert np.mean(np.abs(response.impedance - expected) ** 2 / response.total_sd**2) == pytest.approx(1, abs=0.5)
+
+
+def test_levels_of_a_cube_are_odd_and_those_of_a_square_are_even():
+    for power, seen, absent in ((3, "odd", "even"), (2, "even", "odd")):
+        _, levels = periodic_response(
+            [realisation(seed, lambda theta, X, n=power: second_order(theta, X) + 1e4 * theta**n) for seed in range(8)]
+        )
+        assert getattr(levels, absent) < 1e-6 * getattr(levels, seen)
+    assert levels.distortion < 1e-6 * levels.even  # even distortion does not reach odd lines
+
+
+def test_the_odd_level_at_detection_lines_is_that_of_excited_lines_within_a_decibel():
+    _, levels = periodic_response([realisation(seed, cubic, noise=0.01) for seed in range(16)])
+    assert 20 * np.log10(levels.detection / levels.distortion) == pytest.approx(0, abs=1.0)
+    assert min(levels.detection, levels.distortion) < levels.odd < max(levels.detection, levels.distortion)
+
+
+def test_noise_of_the_response_is_what_white_noise_of_the_torque_makes_of_it():
+    # a line of white noise has E|X|^2 = 4 sigma^2/n, the mean of P periods of R realisations 1/(P R) of it
+    response, levels = periodic_response([realisation(seed, second_order, 5, 0.2) for seed in range(3)])
+    line = 2 * 0.2 / np.sqrt(SAMPLES)
+    assert levels.noise == pytest.approx(line / np.sqrt(5), rel=0.06)
+    assert response.noise_sd == pytest.approx(line / np.sqrt(15) / 0.01, rel=0.25)
+    error = response.impedance - (200 + 4 * LINE_S + 0.05 * LINE_S**2)
+    assert np.sqrt(np.mean(np.abs(error) ** 2)) == pytest.approx(line / np.sqrt(15) / 0.01, rel=0.4)
+
+
+def test_noise_and_the_angle_that_yields_to_the_torque_count_in_the_impedance():
+    # an angle that moves with the noise of the torque: its error is noise (1 + Z c), by first-order propagation
+    made = [realisation(seed, second_order, 6, 0.2) for seed in range(4)]
+    c = 2e-3
+    yielding = [replace(r, theta=r.theta + c * r.torque) for r in made]
+    response, _ = periodic_response(yielding)
+    Z = (200 + 4 * LINE_S + 0.05 * LINE_S**2) / (1 + c * (200 + 4 * LINE_S + 0.05 * LINE_S**2))
+    plain, _ = periodic_response(made)
+    expected = (
+        plain.noise_sd * np.abs(1 - Z * c) * 0.01 / np.abs(0.01 * (1 + c * (200 + 4 * LINE_S + 0.05 * LINE_S**2)))
+    )
+    assert response.impedance == pytest.approx(Z, rel=0.02)
+    assert response.noise_sd == pytest.approx(expected, rel=0.1)
+
+
+def test_one_realisation_tells_the_distortion_by_its_detection_lines():
+    def soft(theta, X):
+        return second_order(theta, X) + cubic(theta, X)
+
+    several = [periodic_response([realisation(seed, soft)])[1].odd for seed in range(12)]
+    _, levels = periodic_response([realisation(seed, soft) for seed in range(12)])
+    assert np.sqrt(np.mean(np.square(several))) == pytest.approx(levels.detection, rel=1e-2)
+    response, one = periodic_response([realisation(3, soft)])
+    assert response.method == FAST
+    assert np.isnan(one.distortion)
+    assert response.total_sd.mean() * 0.01 == pytest.approx(one.odd, rel=0.4)
+
+
+def test_the_test_of_the_misfit_has_its_level_and_sees_a_third_order():
+    def third_order(theta, X):
+        s = 2j * np.pi * np.arange(len(X)) / PERIOD
+        return second_order(theta, X) + np.fft.irfft(1e-3 * s**3 * X * SAMPLES / 2)
+
+    def probabilities(torque_of, periods):
+        return np.array(
+            [
+                fit_structure(
+                    SecondOrder(), lines_of_periods([realisation(s, torque_of, periods, 0.1)], LINE_LOW_PASS), (200, 4)
+                ).p
+                for s in range(60)
+            ]
+        )
+
+    for periods in (2, 4):
+        p = probabilities(second_order, periods)
+        assert np.mean(p < 0.05) < 0.15  # binomial: 3 of 60 expected, 9 once in 300
+        assert np.mean(p < 0.5) == pytest.approx(0.5, abs=0.2)
+    assert np.mean(probabilities(third_order, 4) < 0.05) > 0.95
+
+
+@pytest.mark.parametrize("noise_steps", [0.0, 1.0])
+def test_rounding_counts_where_every_period_repeats_it_and_nowhere_twice(noise_steps):
+    # noise of a step makes the rounding differ from period to period: it is in the scatter then
+    step, ratios = 4e-4, []
+    for seed in range(40):
+        made, rng = realisation(seed, second_order, 4, 0.0), np.random.default_rng(seed)
+        theta = np.fft.irfft(np.pad(made.theta, ((0, 0), (0, SAMPLES // 2 - 59))) * SAMPLES / 2, axis=1)
+        read = np.round((theta / step + noise_steps * rng.standard_normal(theta.shape)) + rng.uniform()) * step
+        torque = np.fft.irfft(np.pad(made.torque, ((0, 0), (0, SAMPLES // 2 - 59))) * SAMPLES / 2, axis=1)
+        torque += 0.01 * rng.standard_normal(theta.shape)
+        spectra = [np.fft.rfft(x, axis=1)[:, :60] * 2 / SAMPLES for x in (read, torque)]
+        coarse = replace(made, theta=spectra[0], torque=spectra[1], steps=(step, None))
+        ratios.append(fit_structure(SecondOrder(), lines_of_periods([coarse], LINE_LOW_PASS), (200, 4)).ratio)
+    assert np.mean(ratios) == pytest.approx(1, abs=0.2)
+
+
+def test_a_fit_that_passes_is_weighted_by_noise_and_one_that_fails_by_power():
+    right, wrong = (
+        fit_structure(SecondOrder(), lines_of_periods([realisation(1, torque_of, 4, 0.02)], LINE_LOW_PASS), (200, 4))
+        for torque_of in (second_order, lambda theta, X: second_order(theta, X) + 1e5 * theta**3)
+    )
+    assert (right.weights, wrong.weights) == (NOISE, POWER)
+    assert right.misfit < 0.2 < 2 < wrong.misfit
+    assert wrong.fit.estimates == pytest.approx(
+        fit_periodic(
+            [realisation(1, lambda theta, X: second_order(theta, X) + 1e5 * theta**3, 4, 0.02)], LINE_LOW_PASS
+        ).estimates[:3]
+    )
+    for value, name in ((200, "K"), (4, "B"), (0.05, "I")):
+        assert abs(right.fit[name] - value) < 4 * right.fit.se(name) < 0.01 * value
+
+
+def test_the_gains_that_made_the_torque_are_recovered_from_eq_9(parameters):
+    p, K_1, B_1 = parameters, 24.0, 0.6
+    n, d = [p.J_m, p.B_m + B_1, K_1 + p.K_s / p.n_T**2], [p.J_j, p.B_j, p.K_s]
+
+    def torque_of(theta, X):
+        s = 2j * np.pi * np.arange(len(X)) / PERIOD
+        Z = np.polyval(d, s) - (p.K_s / p.n_T) ** 2 / np.polyval(n, s)
+        return np.fft.irfft(Z * X * SAMPLES / 2)
+
+    lines = lines_of_periods([realisation(2, torque_of, 4, 1e-3)], LINE_LOW_PASS)
+    found = fit_structure(Drivetrain(p), lines, (280.0, 5.0))
+    assert found.fit["K_1"] == pytest.approx(K_1, rel=1e-3)
+    assert found.fit["B_1"] == pytest.approx(B_1, rel=2e-3)
+    assert found.p > 0.01
+    assert found.impedance(np.array([0.0])).real == pytest.approx([K_1 * p.K_s / (K_1 + p.K_s / p.n_T**2)], rel=1e-3)
+    with pytest.raises(InputError, match=r"Eq\. 9 of this parameter file cannot render"):
+        fit_structure(Drivetrain(p), lines, (p.K_s, 5.0))
+
+
+def moving(seed: int, noise: float):
+    """Angle and torque of 30 s of noise below 8 Hz, the angle by a second library's simulation of a damped system.
+
+    It takes the torque for linear between its samples, four to one of the record: at 8 Hz that is 2e-4 of it.
+    """
+    rng, finer = np.random.default_rng(seed), 4
+    t = np.arange(round(32 * LINE_RATE) * finer) / (LINE_RATE * finer)
+    drive = 0.3 * np.convolve(rng.standard_normal(len(t)), np.hanning(200), "same")
+    _, theta, _ = lsim(lti([1.0], [0.05, 4.0, 200.0]), drive, t, interp=True)  # angle = torque/(I s^2 + B s + K)
+    keep = slice(round(LINE_RATE) * finer, round(31 * LINE_RATE) * finer, finer)
+    torque = drive[keep]
+    return theta[keep], torque + noise * rng.standard_normal(len(torque))
+
+
+def test_the_local_polynomial_method_finds_the_response_of_a_simulated_system_within_its_noise():
+    squares, noise = [], []
+    for seed in (1, 2, 3, 4):
+        spectrum = record_spectrum(*moving(seed, 0.02), LINE_RATE, 15.0)
+        response = local_response(spectrum)
+        s = 2j * np.pi * response.frequency_hz
+        squares.extend(np.abs(response.impedance - (200 + 4 * s + 0.05 * s**2)) ** 2 / response.noise_sd**2)
+        noise.append(local_fit(spectrum).noise)
+    assert len(squares) > 120
+    assert np.mean(squares) == pytest.approx(1, abs=0.3)  # 0.1 by theory
+    assert np.mean(noise) == pytest.approx(4 * 0.02**2 / (30 * LINE_RATE), rel=0.06)
+
+
+def test_a_drift_of_the_torque_does_not_reach_the_response_of_a_record():
+    theta, torque = moving(2, 0.02)
+    still, moved = (
+        local_response(record_spectrum(theta, y, LINE_RATE, 15.0))
+        for y in (torque, torque + 0.05 * np.arange(len(torque)) / LINE_RATE)
+    )
+    assert np.abs(moved.impedance - still.impedance).max() < 0.05 * still.noise_sd.max()
+
+
+def test_eq_15_is_fitted_to_the_lines_of_a_record_with_its_ends():
+    lines = lines_of_record(record_spectrum(*moving(3, 0.02), LINE_RATE, 15.0), LINE_LOW_PASS)
+    found = fit_structure(SecondOrder(), lines, (200.0, 4.0))
+    assert found.p > 0.01
+    for value, name in ((200, "K"), (4, "B"), (0.05, "I")):
+        assert abs(found.fit[name] - value) < 4 * found.fit.se(name) < 0.02 * value
+
+
+def test_a_record_too_short_for_lines_is_refused():
+    theta, torque = moving(4, 0.0)
+    with pytest.raises(InputError, match="record for longer"):
+        record_spectrum(theta[:200], torque[:200], LINE_RATE, 15.0)

@@ -12,14 +12,16 @@ from osl_analysis.second_order import fit_impedance, impedance_torque
 from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.stats.covariance import (
     FILTER_SPAN,
+    MOST_ROWS,
     Cycles,
+    KnownMemory,
     ResidualCorrelation,
     between_cycles,
     correlation_samples,
     moving_sums,
     welch_satterthwaite,
 )
-from osl_analysis.stats.regression import linear_fit
+from osl_analysis.stats.regression import linear_fit, regressors
 
 N, RATE = 3000, 1000.0
 LOW_PASS = LowPass(15)
@@ -148,3 +150,62 @@ def test_cycles_that_a_filter_correlates_have_the_spread_of_the_noise_before_it(
     ratio = {name: np.sqrt(np.mean(each)) / np.std(errors) for name, each in variances.items()}
     assert ratio["before"] == pytest.approx(1, abs=0.05)
     assert ratio["behind"] < 0.96
+
+
+SLOW_RATE = 100.0
+HALF_PERIOD, MEMORY = LOW_PASS.independent_samples(SLOW_RATE), LOW_PASS.memory(SLOW_RATE)
+
+
+def few_cycles(cycles, frequencies_hz=(1.0, 3.0, 7.0)):
+    """Angle, velocity and acceleration of sines one after the other, with a second between, and their samples."""
+    parts, position, begin = [], [], 200
+    for f in frequencies_hz:
+        w, samples = 2 * np.pi * f, round(cycles / f * SLOW_RATE)
+        t = np.arange(samples) / SLOW_RATE
+        parts.append(np.stack([np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)], axis=1))
+        position.append(begin + np.arange(samples))
+        begin += samples + round(SLOW_RATE)
+    return np.concatenate(parts), np.concatenate(position)
+
+
+def simulated(X, position, residuals, draws=300):
+    """Estimates (draws, p) of zero, their variances and degrees of freedom, under white noise behind the filter."""
+    noise = LOW_PASS(np.random.default_rng(3).standard_normal((position[-1] + 200, draws)), SLOW_RATE)[position]
+    found = regressors(dict(zip("KBI", X.T, strict=True)), (len(X),))
+    fits = [found.fit(y, residuals) for y in noise.T]
+    variances = np.array([np.diag(fit.covariance) for fit in fits])
+    return np.array([fit.estimates for fit in fits]), variances, fits[0].degrees_of_freedom
+
+
+def known_memory(position):
+    return KnownMemory(every=HALF_PERIOD, memory=MEMORY, position=position)
+
+
+@pytest.mark.parametrize("cycles", [2, 4])
+def test_standard_errors_of_few_cycles_are_the_scatter_of_the_estimates_and_are_never_lowered(cycles):
+    X, position = few_cycles(cycles)
+    estimates, plain, freedom = simulated(X, position, ResidualCorrelation(every=HALF_PERIOD))
+    _, first, known = simulated(X, position, known_memory(position), draws=1)
+    raised = first[0] / simulated(X, position, ResidualCorrelation(every=HALF_PERIOD), draws=1)[1][0]
+    assert (raised >= 1 - 1e-12).all()
+    ratio = np.sqrt(raised * plain.mean(axis=0)) / estimates.std(axis=0)
+    assert ratio[2] == pytest.approx(1, abs=0.12)
+    assert (ratio > 0.88).all()
+    assert (known <= freedom).all()
+    assert known[2] < freedom[2]
+
+
+def test_of_many_cycles_nothing_is_missing_and_the_rows_that_are_kept_do_not_matter():
+    X, position = few_cycles(60)
+    assert len(X) > MOST_ROWS * HALF_PERIOD // 2
+    _, known, _ = simulated(X, position, known_memory(position), draws=1)
+    _, plain, _ = simulated(X, position, ResidualCorrelation(every=HALF_PERIOD), draws=1)
+    assert known == pytest.approx(plain, rel=0.1)
+
+
+def test_the_memory_of_a_filter_is_the_autocovariance_of_its_noise():
+    noise = LOW_PASS(np.random.default_rng(1).standard_normal(200_000), SLOW_RATE)
+    seen = [np.mean(noise * noise), *(np.mean(noise[k:] * noise[:-k]) for k in range(1, 25))]
+    np.testing.assert_allclose(MEMORY[:25], seen, atol=0.02 * MEMORY[0])
+    assert MEMORY[0] == pytest.approx(2 * LOW_PASS.noise_bandwidth_hz / SLOW_RATE, rel=0.01)
+    assert np.abs(MEMORY[-5:]).max() < 1e-3 * MEMORY[0]

@@ -177,10 +177,8 @@ def actuator_table(trial: ActuatorTrial) -> pl.DataFrame:
 
 
 def actuator_time_base(trial: ActuatorTrial) -> pl.DataFrame:
-    """The trial's rows of `timebase.csv`."""
     return timebase_table(trial.uniform, time_base_words(trial.fit, trial.other, PARAMETERS))
 
 
 def actuator_summary(table: pl.DataFrame) -> pl.DataFrame:
-    """Mean, scatter and interval over the trials of `actuator.csv`."""
     return summary_of_trials(table, (*PARAMETERS, "VAF"))

@@ -206,7 +206,6 @@ def lowest_vaf_of_parts(record: MovingRecord) -> float:
 
 
 def record_time_base(record: MovingRecord) -> pl.DataFrame:
-    """The trial's rows of `timebase.csv`."""
     words = (
         None if record.other is None else time_base_words(record.estimate, record.other.of_noise_and_lines, IMPEDANCE)
     )

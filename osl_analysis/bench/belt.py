@@ -30,11 +30,8 @@ from osl_analysis.uniform import UniformSignals, uniform_signals
 
 ONSET_FRACTION = 0.05
 """Deflection at which loading begins, as a share of the peak; below it the hysteresis of the belt reverses."""
-
 LARGEST_FALL = 0.2  # largest fall of the deflection while loading, as a share of the peak
-
 SMALLEST_DEFLECTION = np.deg2rad(0.5)
-
 CONSTANT_VELOCITY = 0.05
 """Scatter of the velocity on one branch, as a share of its mean, up to which it counts as constant."""
 
@@ -102,19 +99,14 @@ def loaded_rows(deflection: Array) -> tuple[int, int, int]:
     release = len(loaded) - int(np.argmax(loaded[::-1]))
     if release - peak < 10 or release == len(loaded):
         raise InputError("the trial ends while the belt is still loaded; record the way back too")
-    check_one_loading(deflection[onset : peak + 1])
-    return onset, peak, release
-
-
-def check_one_loading(deflection: Array) -> None:
-    """Refuse a deflection that falls on its way to the peak: the motion is not one turn there and back."""
-    way = deflection * np.sign(deflection[-1])
+    way = deflection[onset : peak + 1] * np.sign(deflection[peak])
     fall = float(np.max(np.maximum.accumulate(way) - way))
     if fall > LARGEST_FALL * abs(float(way[-1])):
         raise InputError(
             f"the belt falls back by {np.rad2deg(fall):.2f} deg before its peak of {np.rad2deg(abs(way[-1])):.2f} deg: "
             "this is no single loading; check that the trial is of experiment 'belt'"
         )
+    return onset, peak, release
 
 
 @dataclass(frozen=True)
@@ -267,7 +259,6 @@ def damping_row(loading: LinearFit, rate_hz: float) -> Row:
 
 
 def belt_time_base(belt: BeltTrial) -> pl.DataFrame:
-    """The trial's rows of `timebase.csv`."""
     words = time_base_words(belt.fit.loading, None if belt.other is None else belt.other.fit.loading, ["K_s"])
     return timebase_table(belt.uniform, words, belt.bench)
 
@@ -297,7 +288,6 @@ def belt_series(belt: BeltTrial) -> Series:
 
 
 def belt_summary(table: pl.DataFrame) -> pl.DataFrame:
-    """Mean, scatter and interval over the trials of `belt.csv`."""
     return summary_of_trials(table, SUMMARISED)
 
 

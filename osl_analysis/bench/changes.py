@@ -21,7 +21,7 @@ from osl_analysis.spectral.realisations import PeriodicMotion, lines_of
 from osl_analysis.stats.covariance import FEWEST_CYCLES, ResidualCorrelation, products_between
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import LinearFit, linear_fit
-from osl_analysis.timebase.drift import ClockDrift, check_drift, chunked_slope
+from osl_analysis.timebase.drift import ClockDrift, check_drift, chunked_slope, drift_row
 from osl_analysis.trial import Array
 
 CERTAIN = 0.999
@@ -92,7 +92,6 @@ class Cycles:
         return cls(kind, -((2 * np.pi * frequency) ** 2), share, in_phase, weight)
 
     def chosen(self, cycles: NDArray[np.bool_]) -> "Cycles":
-        """Those cycles, of all (n,), that are true."""
         return Cycles(*(getattr(self, field.name)[cycles] for field in fields(self)))
 
     def of_kinds(self) -> Array:
@@ -187,7 +186,8 @@ def record_drift(record: MovingRecord) -> RecordDrift | None:
     residuals = ResidualCorrelation(every=KEPT)
     try:
         plain, changing = (linear_fit(torque, columns | more, residuals) for more in ({}, in_time(columns)))
-        explains = left(changing) < max(ONLY_NOISE * noise_behind(record, record.low_pass), MOST * left(plain))
+        noise = ONLY_NOISE * noise_behind(record, record.low_pass)
+        explains = np.std(changing.residual) < max(noise, MOST * np.std(plain.residual))
         if not explains:
             more = in_time(columns) | beside_motion(record, columns)
             changing = linear_fit(torque, columns | more, residuals)
@@ -200,11 +200,6 @@ def record_drift(record: MovingRecord) -> RecordDrift | None:
     if abs(change) > noise:
         return RecordDrift(float(np.sign(change)) * (abs(change) - noise), abs(taken * change))
     return None if abs(taken) * noise > UNTOLD else RecordDrift(0.0, 0.0)
-
-
-def left(fit: LinearFit) -> float:
-    """RMS [N*m] of what a fit leaves."""
-    return float(np.std(fit.residual))
 
 
 def every(record: MovingRecord) -> int:
@@ -254,13 +249,12 @@ def record_drift_row(record: MovingRecord, fit: LinearFit) -> Row:
 def record_clock_row(record: MovingRecord) -> Row:
     """As `clock_drift_row`; all null where one device recorded both, or the motion does not show a drift."""
     drift = drift_between(record)
-    if drift is None:
-        return dict.fromkeys(("clock_drift_ppm", "clock_drift_se_ppm", "certain_clock_drift_ppm"))
     try:
-        check_drift(drift, record.largest_drift_ppm)
+        if drift is not None:
+            check_drift(drift, record.largest_drift_ppm)
     except InputError as error:
         raise InputError(f"trial {record.name}: {error}") from error
-    return {"clock_drift_ppm": drift.ppm, "clock_drift_se_ppm": drift.se, "certain_clock_drift_ppm": drift.certain_ppm}
+    return drift_row(drift)
 
 
 def drift_between(record: MovingRecord) -> ClockDrift | None:
@@ -287,7 +281,8 @@ def drift_of_periods(motion: PeriodicMotion) -> ClockDrift | None:
         y.append(np.angle(ratio / mean))
         w.append(np.broadcast_to(np.abs(one.torque[:, at].mean(axis=0)), ratio.shape))
     weight = np.concatenate([part.ravel() for part in w])
-    return in_ppm(*chunked_slope(*(weight * np.concatenate([part.ravel() for part in each]) for each in (x, y))))
+    slope, se = chunked_slope(*(weight * np.concatenate([part.ravel() for part in each]) for each in (x, y)))
+    return ClockDrift(1e6 * slope, 1e6 * se)
 
 
 def drift_beside_impedance(record: MovingRecord) -> ClockDrift | None:
@@ -306,9 +301,6 @@ def drift_beside_impedance(record: MovingRecord) -> ClockDrift | None:
     rest = both - Q @ (Q.T @ both)
     slope_of_drift, se = chunked_slope(rest[:, 0], rest[:, 1])
     left = float(np.std(rest[:, 1] - slope_of_drift * rest[:, 0]))
-    return in_ppm(slope_of_drift, se) if left < ONLY_NOISE * noise_behind(record, record.low_pass) else None
-
-
-def in_ppm(slope: float, se: float) -> ClockDrift:
-    """A drift and its standard error, of 1."""
-    return ClockDrift(1e6 * slope, 1e6 * se)
+    if left >= ONLY_NOISE * noise_behind(record, record.low_pass):
+        return None
+    return ClockDrift(1e6 * slope_of_drift, 1e6 * se)

@@ -39,7 +39,6 @@ def change_over_amplitudes(small: Row, large: Row, whole: Row, name: str) -> flo
 
 
 def number_in(row: Row, name: str) -> float:
-    """A number of a row."""
     value = row[name]
     assert isinstance(value, float)
     return value

@@ -35,7 +35,7 @@ class Tellable:
 
 
 def moments(record: MovingRecord) -> Array:
-    """Angle, velocity and acceleration about their means in the fitted rows, (m, 3)."""
+    """`motion_in` about its means."""
     X = motion_in(record)
     return np.asarray(X - X.mean(axis=0))
 

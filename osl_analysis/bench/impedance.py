@@ -126,7 +126,6 @@ def impedance_of(trial: SteppedSineTrial, amplitude: float | None) -> LinearFit:
 
 
 def impedance_time_base(trial: SteppedSineTrial) -> pl.DataFrame:
-    """The trial's rows of `timebase.csv`."""
     words = None
     if trial.other is not None:
         words = time_base_words(impedance_of(trial, None), impedance_of(trial.other, None), IMPEDANCE)

@@ -89,7 +89,8 @@ def best_lag(points: ImpedancePoints, base: Phasors) -> TorqueLag:
     """
     found = lag_beyond(points, base, LAG)
     largest = largest_lag(points)
-    others = [one for start in (largest, -largest) if (one := lag_from(points, base, start)) and abs(one.lag) < largest]
+    tried = [found_from(points, base, LAG, start) for start in (largest, -largest)]
+    others = [one for one in tried if one and abs(one.lag) < largest]
     best = min([found, *others], key=lambda one: one.misfit)
     alike = [one for one in (found, *others) if one.freedom * (one.misfit**2 / best.misfit**2 - 1) < CERTAINLY_LESS**2]
     return beside_others(found if found in alike else best, alike)
@@ -102,13 +103,7 @@ def beside_others(found: TorqueLag, alike: Sequence[TorqueLag]) -> TorqueLag:
 
 
 def largest_lag(points: ImpedancePoints) -> float:
-    """The lag [s] that turns the fastest sine by `LARGEST_TURN`."""
     return LARGEST_TURN / (2 * np.pi * float(np.max(points.frequency_hz)))
-
-
-def lag_from(points: ImpedancePoints, base: Phasors, start: float) -> TorqueLag | None:
-    """The lag [s] beside a base (n,) that is found from a start [s]; None if it is not found."""
-    return found_from(points, base, LAG, start)
 
 
 def found_from(points: ImpedancePoints, base: Phasors, effect: "Effect", start: float) -> TorqueLag | None:
@@ -267,18 +262,13 @@ def smallest_lag(points: ImpedancePoints, noise: float) -> TorqueLag | None:
     certainly less. One that turns the fastest sine by more than `LARGEST_TURN` stands for other dynamics.
     """
     largest = largest_lag(points)
-    freedom = degrees_of_freedom(points)
+    freedom = 2 * len(points.theta) - len(np.unique(points.amplitude)) - 4  # K of each amplitude, B, I, friction, lag
     enough = max(ONLY_NOISE, float(np.sqrt(chdtri(freedom, ONCE_IN) / freedom))) * noise
-    tried = [lag_from(points, np.zeros_like(points.impedance), start) for start in (0.0, largest, -largest)]
+    tried = [found_from(points, np.zeros_like(points.impedance), LAG, start) for start in (0.0, largest, -largest)]
     sound = [one for one in tried if one is not None and one.misfit < enough and abs(one.lag) < largest]
     least = min((one.misfit for one in sound), default=0.0)
     alike = [one for one in sound if freedom * (one.misfit**2 - least**2) < (CERTAINLY_LESS * noise) ** 2]
     return beside_others(min(alike, key=lambda one: abs(one.lag)), alike) if alike else None
-
-
-def degrees_of_freedom(points: ImpedancePoints) -> int:
-    """Numbers that are left when K of each amplitude, B, I, Coulomb friction and a lag are fitted to the points."""
-    return 2 * len(points.theta) - len(np.unique(points.amplitude)) - 4
 
 
 def points_of(phasors: Sequence[SegmentPhasors]) -> ImpedancePoints:

@@ -112,7 +112,6 @@ def left_of(fold: Fold, fitted: Sequence[Fold], terms: tuple[str, ...]) -> Array
 
 
 def others(folds: Sequence[Fold], fold: Fold) -> list[Fold]:
-    """All folds but one."""
     return [other for other in folds if other is not fold]
 
 

@@ -71,17 +71,14 @@ class MovingRecord:
 
     @property
     def name(self) -> str:
-        """Name of the trial."""
         return self.uniform.trial
 
     @property
     def time(self) -> Array:
-        """Uniform times (n,) [s]."""
         return self.uniform.time
 
     @property
     def rate_hz(self) -> float:
-        """Samples per second."""
         return self.uniform.rate_hz
 
     @property
@@ -106,7 +103,6 @@ class MovingRecord:
 
     @property
     def seconds(self) -> float:
-        """Duration [s] of what is fitted."""
         return self.samples / self.rate_hz
 
     @cached_property
@@ -192,7 +188,6 @@ def yielding(record: MovingRecord, torque: Array, compliance: float) -> MovingRe
 
 
 def softer_record(record: MovingRecord, bench: BenchStiffness) -> MovingRecord:
-    """The record on a bench that is softer by one standard error."""
     raw, compliance = record.uniform["torque"], bench.compliance + bench.compliance_error
     drift = drift_of(yielding(record, raw, compliance))
     return yielding(record, without_drift(record.time, raw, drift), compliance)
@@ -431,13 +426,8 @@ def with_rounding(fit: LinearFit, record: MovingRecord) -> LinearFit:
         weights = stiffness * X - damping * slope + inertia * np.gradient(slope, axis=0) * record.rate_hz
         sums += weights.T @ rounding_harmonics(turned[rows], step).T
     changes = np.linalg.solve(gram, sums) * (SIZES * step * np.tile(left, 2))
-    return with_component(fit, changes @ changes.T)
-
-
-def with_component(fit: LinearFit, rounding: Array) -> LinearFit:
-    """A fit with the covariance (p, p) of rounding added to its own."""
     spread = fit.covariance, fit.degrees_of_freedom
-    covariance, freedom, method = with_repeated(spread, [rounding], fit.interval_method)
+    covariance, freedom, method = with_repeated(spread, [changes @ changes.T], fit.interval_method)
     return replace(fit, covariance=covariance, degrees_of_freedom=freedom, interval_method=method)
 
 

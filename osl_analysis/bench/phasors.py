@@ -250,13 +250,8 @@ def stiffness_of_gap(phasors: Sequence[SegmentPhasors], gap: float) -> float:
     return 4 * gap / np.pi * float(np.sum(weight * theta) / np.sum(weight * theta**2))
 
 
-def nonlinearity_row(phasors: Sequence[SegmentPhasors], fit: LinearFit) -> Row:
-    """Shares of the torque's harmonics, and the Coulomb friction that they indicate; `fit` is that of the joint."""
-    return harmonics_row(phasors, nonlinearity(phasors, linear_impedance(fit)))
-
-
-def harmonics_row(phasors: Sequence[SegmentPhasors], measured: Nonlinearity) -> Row:
-    """The columns that every stepped sine has."""
+def nonlinearity_row(phasors: Sequence[SegmentPhasors], measured: Nonlinearity) -> Row:
+    """Shares of the torque's harmonics, and the Coulomb friction that they indicate."""
     return {
         "even_harmonics": measured.even,
         "odd_harmonics": measured.odd,
@@ -273,10 +268,9 @@ def rendered_nonlinearity_row(phasors: Sequence[SegmentPhasors], fit: LinearFit)
     it takes off; a gap takes nothing where its estimate is negative.
     """
     measured = nonlinearity(phasors, linear_impedance(fit))
-    row = harmonics_row(phasors, measured)
+    row = nonlinearity_row(phasors, measured)
     largest = max(abs(s.theta.value) for s in phasors)
-    return {
-        **row,
+    return row | {
         "coulomb_share": damping_of_friction(phasors, measured.coulomb) / fit["B"],
         "stiffening": measured.cubic * largest**2 / fit["K"],
         "backlash_deg": float(np.rad2deg(2 * measured.gap / fit["K"])),

@@ -21,7 +21,6 @@ from osl_analysis.trial import Array, Trial
 SAME_AS_BELT = 1.1
 """Largest K over the belt's K_s. The joint and the motor act through the belt, in series with it, so that the motor can
 render no K above K_s; a tenth allows for the belt at hand."""
-
 SHORTEST_STEP_S = 1e-5  # smallest mean time between two samples [s]; no recorder of a joint is faster than 100 kHz
 NO_PARAMETERS = "estimates against those of a parameter file: the configuration names none"
 

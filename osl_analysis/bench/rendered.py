@@ -26,7 +26,7 @@ from osl_analysis.bench.settings import ImpedanceAnalysis
 from osl_analysis.bench.stepped_sine import Recorded, SteppedSineTrial, recorded, stepped_sine_trial
 from osl_analysis.doubtful import counted, doubtful_row
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.model.compensator import Gains, predicted_impedance
+from osl_analysis.model.compensator import predicted_impedance
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import DrivetrainParameters
@@ -169,12 +169,10 @@ def rendered_response(trial: RenderedTrial, p: DrivetrainParameters | None) -> R
 
 
 def rendered_time_base(trial: RenderedTrial) -> pl.DataFrame:
-    """The trial's rows of `timebase.csv`."""
     return record_time_base(trial) if isinstance(trial, MovingRecord) else impedance_time_base(trial)
 
 
 def rendered_series(trial: RenderedTrial) -> Series:
-    """Measured torque and that of Eq. 15 over the whole trial."""
     return record_series(trial) if isinstance(trial, MovingRecord) else impedance_series(trial)
 
 
@@ -203,16 +201,6 @@ class AskedImpedance:
     desired: DesiredImpedance  # controller and desired impedance
     weight: Weight  # W of Eq. 14 with which the gains were selected.
     frequencies_hz: Sequence[float]  # frequencies [Hz] of the protocol
-
-    def frequencies_of(self, rendered: RenderedTrial) -> Sequence[float]:
-        """Frequencies [Hz] at which the rendered impedance is predicted: of the protocol, or over the motion's band."""
-        if isinstance(rendered, MovingRecord):
-            return [float(f) for f in np.linspace(*rendered.band_hz, BAND_POINTS)]
-        return self.frequencies_hz
-
-    def gains(self, p: DrivetrainParameters | None) -> Gains | None:
-        """The gains that the leg had; None where they are not known. Raises as `DesiredImpedance.gains`."""
-        return self.desired.gains(p, self.weight)
 
     def not_checked(self, p: DrivetrainParameters | None, lag_known: bool) -> str:
         """What a trial is not checked for, and why; empty if it is checked for all."""
@@ -265,7 +253,7 @@ def judged_by_gains(
     phasors: Sequence[SegmentPhasors] | None,
 ) -> pl.DataFrame:
     """As `judged_impedance`, without what the motion alone leaves unchecked."""
-    gains = None if asked is None else asked.gains(p)
+    gains = None if asked is None else asked.desired.gains(p, asked.weight)
     if asked is None or p is None or gains is None:
         table = plausible_impedance(rendered_table(rendered, None, phasors), rails, p)
         if asked is None:
@@ -273,7 +261,8 @@ def judged_by_gains(
         known = table.with_columns(**asked.desired.columns(), **prediction_columns(None))
         return known.with_columns(asked.left_unchecked(p))
     table = rendered_table(rendered, joint_admittance(gains.K_1, gains.B_1, p, p.J_j), phasors)
-    predicted = predicted_impedance(gains, p, asked.frequencies_of(rendered))
+    band = np.linspace(*rendered.band_hz, BAND_POINTS).tolist() if isinstance(rendered, MovingRecord) else None
+    predicted = predicted_impedance(gains, p, band or asked.frequencies_hz)
     plausible = plausible_impedance(table, rails, p, predicted[0])
     judged = plausible.with_columns(**asked.desired.columns(), **prediction_columns(predicted))
     return judged.with_columns(asked.left_unchecked(p))

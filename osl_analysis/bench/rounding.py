@@ -41,7 +41,6 @@ class Rounded:
 
     @property
     def rate_hz(self) -> float:
-        """Rate [Hz] of the grid."""
         return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
 
     def place(self, samples: slice) -> Array:
@@ -102,10 +101,6 @@ class RoundingSums:
 
     def covariance(self, X: Array, inverse: Array) -> Array:
         """As `RepeatedError` has it, for a fit to the columns X (n, p) that are summed."""
-        return self.covariance_by(inverse)
-
-    def covariance_by(self, inverse: Array) -> Array:
-        """Covariance (p, p) of the estimates, by the inverse (p, p) of the normal equations."""
         if not self.total.any():  # noise has dithered it
             return np.zeros_like(inverse)
         return nearest_covariance(inverse.T @ (self.total @ self.total.T - self.shown) @ inverse)
@@ -168,7 +163,8 @@ class RepeatedRounding:
             count = samples.stop - samples.start
             place, smooth = signal.place(samples) - piece.start, signal.at_samples[samples]
             size = SIZES * signal.step * signal.rate_hz * (edges[-1] - edges[0]) / count  # per row
-            each = interpolated(place, np.vstack([weights, own.T[:, rows]]))
+            at = np.arange(rows.stop - rows.start)
+            each = np.array([np.interp(place, at, column) for column in (*weights, *own.T[:, rows])])
             errors = rounding_harmonics(smooth, signal.step)
             yield from (each[:, i:j] @ errors[:, i:j].T * size for i, j in pairwise(cuts - cuts[0]))
 
@@ -190,13 +186,6 @@ def total(sums: Sequence[RoundingSums], segments: Sequence[Segment]) -> Rounding
     return found if all(segment.repeated is not None for segment in segments) else found.whole
 
 
-def interpolated(place: Array, values: Array) -> Array:
-    """Values (p, k) at places (k,) between rows from those (p, n) in the rows, by straight lines; constant beyond."""
-    row = np.clip(place.astype(np.intp), 0, values.shape[1] - 2)
-    below, above = values[:, row], values[:, row + 1]
-    return np.asarray(below + np.clip(place - row, 0.0, 1.0) * (above - below))
-
-
 def with_sines(theta: Array, time: Array, segments: Sequence[Segment]) -> Array:
     """A copy of a filtered angle (n,) [rad] at times (n,) [s], in the rows of each segment its sine with harmonics.
 
@@ -207,12 +196,7 @@ def with_sines(theta: Array, time: Array, segments: Sequence[Segment]) -> Array:
     """
     found = theta.copy()
     for segment in segments:
-        found[segment.rows] = harmonics_of(segment.part(theta), segment.part(time), segment.frequency_hz)
+        columns = np.ones((2 * SINES + 1, segment.size))
+        columns[1:] = waves(segment.part(time), segment.frequency_hz, SINES)
+        found[segment.rows] = np.linalg.solve(columns @ columns.T, columns @ segment.part(theta)) @ columns
     return found
-
-
-def harmonics_of(angle: Array, time: Array, frequency_hz: float) -> Array:
-    """The mean and the first `SINES` harmonics of an angle (n,) at times (n,) [s], by least squares, shape (n,)."""
-    columns = np.ones((2 * SINES + 1, len(time)))
-    columns[1:] = waves(time, frequency_hz, SINES)
-    return np.asarray(np.linalg.solve(columns @ columns.T, columns @ angle) @ columns)

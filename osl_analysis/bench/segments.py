@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.protocol.likeness import likeness
+from osl_analysis.protocol.likeness import Likeness
 from osl_analysis.protocol.runs import Run, SteppedSineProtocol
 from osl_analysis.signals import longest_run, runs, sampling_rate
 from osl_analysis.stats.covariance import FEWEST_CYCLES, Cycles
@@ -53,7 +53,6 @@ class Segment:
 
     @cached_property
     def used(self) -> NDArray[np.intp]:
-        """Numbers of the cycles that are used."""
         return np.array([k for k in range(self.cycles) if k not in self.excluded_cycles], dtype=np.intp)
 
     @cached_property
@@ -64,12 +63,10 @@ class Segment:
 
     @property
     def rows(self) -> NDArray[np.intp]:
-        """The rows of the cycles that are used."""
         return np.concatenate([np.r_[piece] for piece in self.pieces])
 
     @cached_property
     def size(self) -> int:
-        """Number of these rows."""
         return sum(piece.stop - piece.start for piece in self.pieces)
 
     @cached_property
@@ -153,7 +150,6 @@ def without_gaps(segment: Segment, usable: NDArray[np.bool_]) -> Segment:
 
 
 def rows_of(segments: Sequence[Segment]) -> NDArray[np.intp]:
-    """Rows of the segments, one after the other."""
     return np.concatenate([segment.rows for segment in segments])
 
 
@@ -189,7 +185,7 @@ def find_blocks(
     are meant. A run of another amplitude is not used if all of the commanded ones were recorded.
     """
     rate = sampling_rate(time)
-    found = likeness(time, theta, protocol).runs if known is None else known
+    found = Likeness(time, theta, protocol).runs if known is None else known
     check_amplitudes(theta, found, protocol, float(time[0]))
     followed = [(run, a) for run in found if (a := protocol.amplitude_near(run.amplitude)) is not None]
     frequencies = common_frequencies([run for run, _ in followed], protocol)

@@ -39,7 +39,6 @@ class FilterSettings(Settings):
 
     @property
     def low_pass(self) -> LowPass:
-        """The filter itself."""
         return LowPass(self.cutoff_hz, self.order)
 
     @property
@@ -155,7 +154,6 @@ class SteppedSineAnalysis(BenchAnalysis):
 
     @property
     def amplitudes(self) -> tuple[float, ...]:
-        """Amplitudes [rad]."""
         return tuple(float(a) for a in np.deg2rad(self.amplitudes_deg))
 
 

@@ -15,13 +15,12 @@ from osl_analysis.bench.segments import Block, Segment, find_blocks, repeated_cy
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import BenchStiffness, SteppedSineAnalysis
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.protocol.likeness import Likeness, likeness
-from osl_analysis.protocol.runs import SteppedSineProtocol
+from osl_analysis.protocol.likeness import Likeness
 from osl_analysis.signals import LowPass, Motion, filtered_motion, joined
 from osl_analysis.stats.covariance import FEWEST_CYCLES, KnownMemory, RepeatedError, ResidualCorrelation, sums_between
 from osl_analysis.stats.regression import LinearFit, linear_fit, variance_accounted_for
 from osl_analysis.stats.rounding import visible_step
-from osl_analysis.timebase.drift import ClockDrift, SinePiece, check_drift, clock_drift
+from osl_analysis.timebase.drift import SinePiece, check_drift, clock_drift, drift_row
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals, origin, uniform_signals
 
@@ -38,18 +37,15 @@ class Recorded:
     def other(self) -> "Recorded | None":
         """The same if undecided stamps were taken the other way; None where all are decided."""
         signals = self.signals.other()
-        return None if signals is None else recorded_motion(signals, self.motion.protocol)
+        if signals is None:
+            return None
+        return Recorded(signals, Likeness(signals.time, signals["theta"], self.motion.protocol))
 
 
 def recorded(trial: Trial, settings: SteppedSineAnalysis) -> Recorded:
     """The signals of a trial, as every fit of a stepped sine, or of another motion, takes them."""
     signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
-    return recorded_motion(signals, settings.protocol)
-
-
-def recorded_motion(signals: UniformSignals, protocol: SteppedSineProtocol) -> Recorded:
-    """The signals with their motion, beside what was commanded."""
-    return Recorded(signals, likeness(signals.time, signals["theta"], protocol))
+    return Recorded(signals, Likeness(signals.time, signals["theta"], settings.protocol))
 
 
 def resolution_of(trial: Trial, column: str, known: Recorded) -> float | None:
@@ -105,7 +101,6 @@ class SteppedSineTrial:
         return joined([self.moved(segment) for segment in segments]), self.rows_in(self.filtered_torque, segments)
 
     def moved(self, segment: Segment) -> Motion:
-        """The motion in the rows of a segment."""
         return joined([self.motion[piece] for piece in segment.pieces])
 
     def rows_in(self, signal: Array, segments: Sequence[Segment]) -> Array:
@@ -321,15 +316,8 @@ def clock_drift_row(trial: SteppedSineTrial) -> dict[str, float | str | None]:
     All null where one device recorded both, or the signals do not show it. Raises InputError, with the trial's name, if
     the drift is beyond what the configuration allows.
     """
-    drift = clock_drift_of(trial)
-    values = (None, None, None) if drift is None else (drift.ppm, drift.se, drift.certain_ppm)
-    return dict(zip(("clock_drift_ppm", "clock_drift_se_ppm", "certain_clock_drift_ppm"), values, strict=True))
-
-
-def clock_drift_of(trial: SteppedSineTrial) -> ClockDrift | None:
-    """The drift; None where one device recorded angle and torque, or the signals do not show it."""
     if trial.uniform is None or trial.uniform.one_device("theta", "torque"):
-        return None
+        return drift_row(None)
     pieces = [
         SinePiece(segment.frequency_hz, trial.time[rows], trial.motion[rows], trial.filtered_torque[rows])
         for segment in trial.segments(None)
@@ -339,7 +327,7 @@ def clock_drift_of(trial: SteppedSineTrial) -> ClockDrift | None:
         drift = clock_drift(pieces, trial.low_pass)
         check_drift(drift, trial.largest_drift_ppm)
     except IdentifiabilityError:
-        return None
+        return drift_row(None)
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
-    return drift
+    return drift_row(drift)

@@ -44,7 +44,6 @@ class Cycle:
 
     @property
     def rows(self) -> slice:
-        """Its rows."""
         return slice(self.start, self.stop + 1)
 
     def pieces(self, theta: Array, direction: int) -> list[slice]:
@@ -255,7 +254,6 @@ class Energies:
 
     @property
     def lost(self) -> float:
-        """The area of the loop."""
         return self.stored - self.returned
 
 
@@ -422,7 +420,6 @@ class TorqueAngleTrial:
     uniform: UniformSignals  # the signals on their time base
 
     def rows(self, branch: int) -> list[NDArray[np.intp]]:
-        """Rows of a branch, 0 loading or 1 unloading, cycle by cycle."""
         return [joined(pieces) for pieces in self.pieces(branch)]
 
     def pieces(self, branch: int) -> list[list[slice]]:
@@ -516,7 +513,6 @@ def analysed(signals: UniformSignals, settings: TorqueAngleAnalysis, compliance:
 
 
 def check_moves(theta: Array, settings: TorqueAngleAnalysis) -> None:
-    """Refuse an angle (n,) [rad] that hardly moves."""
     if (range_deg := float(np.rad2deg(np.ptp(theta)))) < settings.smallest_motion_deg:
         raise InputError(
             f"the angle moves by {range_deg:.3g} deg in all, expected {settings.smallest_motion_deg:g} deg or more "
@@ -525,7 +521,6 @@ def check_moves(theta: Array, settings: TorqueAngleAnalysis) -> None:
 
 
 def check_slow(trial: TorqueAngleTrial) -> None:
-    """Refuse cycles whose torque has inertia and damping in it."""
     shortest = float(trial.durations().min())
     if shortest < trial.settings.shortest_cycle_s:
         raise InputError(

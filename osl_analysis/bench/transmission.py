@@ -7,7 +7,7 @@ import polars as pl
 
 from osl_analysis.bench.alternatives import time_base_row, time_base_words, timebase_table
 from osl_analysis.bench.diagnostics import lowest_held_out_vaf, summary_of_trials
-from osl_analysis.bench.phasors import at_amplitude, nonlinearity_row, phasors_beside
+from osl_analysis.bench.phasors import at_amplitude, linear_impedance, nonlinearity, nonlinearity_row, phasors_beside
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.stepped_sine import SteppedSineTrial, clock_drift_row, fits_by_amplitude, widened_fits
 from osl_analysis.signals import Motion
@@ -57,6 +57,7 @@ def transmission_table(trial: SteppedSineTrial) -> pl.DataFrame:
     others = {} if trial.other is None else transmission_fits(trial.other)
     for amplitude, fit in fits.items():
         other, friction = others.get(amplitude), with_friction[amplitude]
+        chosen = at_amplitude(phasors, amplitude)
         rows.append(
             {
                 "trial": trial.name,
@@ -67,7 +68,7 @@ def transmission_table(trial: SteppedSineTrial) -> pl.DataFrame:
                 **estimates_row(friction, "T_C"),
                 "B_j_coulomb": friction["B_j"],
                 "VAF_coulomb": friction.vaf,
-                **nonlinearity_row(at_amplitude(phasors, amplitude), fit),
+                **nonlinearity_row(chosen, nonlinearity(chosen, linear_impedance(fit))),
                 "VAF_held_out": lowest_held_out_vaf(trial, amplitude, fit, transmission_columns),
                 "coulomb_share": 1 - friction["B_j"] / fit["B_j"],
                 "load_cell_drift": 60 * trial.drift,
@@ -84,7 +85,6 @@ def transmission_fits(trial: SteppedSineTrial) -> Mapping[float | None, LinearFi
 
 
 def transmission_time_base(trial: SteppedSineTrial) -> pl.DataFrame:
-    """The trial's rows of `timebase.csv`."""
     words = None
     if trial.other is not None:
         words = time_base_words(transmission_fits(trial)[None], transmission_fits(trial.other)[None], TRANSMISSION)
@@ -97,5 +97,4 @@ def transmission_series(trial: SteppedSineTrial) -> Series:
 
 
 def transmission_summary(table: pl.DataFrame) -> pl.DataFrame:
-    """Mean, scatter and interval over the trials of `transmission.csv`, from the fits to all amplitudes."""
     return summary_of_trials(table.filter(pl.col("amplitude_deg").is_null()), SUMMARISED)

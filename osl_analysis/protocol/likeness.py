@@ -13,7 +13,6 @@ from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, SteppedSineProtocol, 
 from osl_analysis.trial import Array
 
 Kind = Literal["stepped sine", "unclear", "other"]
-
 BIN_S = 0.25  # time [s] within which a joint that moves turns measurably
 MOVES = 0.02
 """Share of the largest turn that it makes in this time; at the peak of a sine of 1 Hz it makes a seventh of its own."""
@@ -46,7 +45,6 @@ class Likeness:
 
     @property
     def time(self) -> Array:
-        """Uniform times (n,) [s], from 0."""
         return np.asarray(self.recorded - self.recorded[0])
 
     @cached_property
@@ -56,7 +54,6 @@ class Likeness:
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:
-        """Rows (n,) in which the joint moves."""
         return moving_bins(self.time, self.theta, self.noise)
 
     @cached_property
@@ -72,7 +69,6 @@ class Likeness:
 
     @property
     def moves(self) -> bool:
-        """Whether the joint moves at all."""
         return bool(self.moving.any())
 
     @cached_property
@@ -127,13 +123,7 @@ def first_of_bins(time: Array) -> NDArray[np.intp]:
     return np.flatnonzero(np.concatenate([[True], bins[1:] != bins[:-1]]))
 
 
-def likeness(time: Array, theta: Array, protocol: SteppedSineProtocol) -> Likeness:
-    """Likeness of a joint angle theta [rad] at uniform times [s], shape (n,) each, to a stepped sine."""
-    return Likeness(time, theta, protocol)
-
-
 def rows_between(time: Array, start: float, stop: float) -> slice:
-    """The rows between two times [s]."""
     return slice(*(int(row) for row in np.searchsorted(time, [start, stop])))
 
 

@@ -94,7 +94,6 @@ MOST_STEPS, NO_SLIP = 4, 1e-9
 """Largest number of steps to the frequency of a run; cycles over the run by which a step changes it, to be the last."""
 SAMPLES_PER_CYCLE = 64  # samples of a cycle from which frequency and amplitude are fitted; more of them add nothing
 FEWEST_CYCLES = 3  # smallest number of cycles of a run; what is shorter may be a transient
-
 SEEN_WHOLE = 2  # smallest number of alike cycles between upward crossings; a single one may be a ramp's, or a rest's
 
 
@@ -123,7 +122,6 @@ class Run:
 
     @property
     def amplitude_deg(self) -> float:
-        """Amplitude [deg]."""
         return float(np.rad2deg(self.amplitude))
 
     def angle(self, time: Array) -> Array:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from osl_analysis.errors import InputError
-from osl_analysis.protocol.likeness import likeness
+from osl_analysis.protocol.likeness import Likeness
 from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, SteppedSineProtocol, find_runs
 from osl_analysis.quality.checks import Check, CheckResult, Examined, not_applicable, worst
 from osl_analysis.timebase.grid import GapLimits
@@ -138,7 +138,7 @@ def measure_protocol(examined: Examined) -> CheckResult:
     excitation = examined.commanded.excitation if examined.experiment.any_motion else "stepped sine"
     if excitation == "any":
         return CheckResult(0.0, "not compared: the configuration says that any motion moves the joint")
-    alike = likeness(time, theta, commanded) if excitation == "auto" else None
+    alike = Likeness(time, theta, commanded) if excitation == "auto" else None
     if alike is not None and alike.kind == "other":
         return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")
     found = find_runs(time, theta, fewest) if alike is None else alike.runs

@@ -74,7 +74,6 @@ class LineScatter(ResidualCorrelation):
 
     @property
     def method(self) -> str:
-        """Source of the covariance."""
         if self.shape[0] >= ENOUGH_REALISATIONS:
             return REALISATIONS
         return EXCITED if self.level is None else DETECTION

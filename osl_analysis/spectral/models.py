@@ -50,13 +50,9 @@ class Structure(Protocol):
         """Parameters (p,) to begin with, from a fit of Eq. 15 [N*m/rad], [N*m*s/rad]."""
         ...
 
-    def impedance(self, x: Array, s: Spectrum) -> Spectrum:
-        """Z [N*m/rad] at s [rad/s], shape (m,), for parameters x (p,)."""
-        ...
+    def impedance(self, x: Array, s: Spectrum) -> Spectrum: ...
 
-    def derivatives(self, x: Array, s: Spectrum) -> Spectrum:
-        """Derivatives of Z by the parameters, shape (p, m)."""
-        ...
+    def derivatives(self, x: Array, s: Spectrum) -> Spectrum: ...
 
 
 class SecondOrder:
@@ -70,11 +66,9 @@ class SecondOrder:
         return np.array([K, B, 0.0])
 
     def impedance(self, x: Array, s: Spectrum) -> Spectrum:
-        """Z [N*m/rad]."""
         return np.asarray(x[0] + x[1] * s + x[2] * s**2)
 
     def derivatives(self, x: Array, s: Spectrum) -> Spectrum:
-        """1, s, s^2."""
         return np.array([np.ones_like(s), s, s**2])
 
 
@@ -100,12 +94,10 @@ class Drivetrain:
         return np.asarray(self.p.J_m * s**2 + (self.p.B_m + x[1]) * s + x[0] + self.p.K_s / self.p.n_T**2)
 
     def impedance(self, x: Array, s: Spectrum) -> Spectrum:
-        """Z [N*m/rad]."""
         joint = self.p.J_j * s**2 + self.p.B_j * s + self.p.K_s
         return np.asarray(joint - (self.p.K_s / self.p.n_T) ** 2 / self._actuator(x, s))
 
     def derivatives(self, x: Array, s: Spectrum) -> Spectrum:
-        """c/N^2 and s c/N^2."""
         by_gain = (self.p.K_s / self.p.n_T) ** 2 / self._actuator(x, s) ** 2
         return np.array([by_gain, s * by_gain])
 
@@ -195,7 +187,6 @@ class FittedStructure:
     p: float  # probability that noise alone leaves as much; NaN without noise
 
     def impedance(self, frequency_hz: Array) -> Spectrum:
-        """Z [N*m/rad] at frequencies (m,)."""
         s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
         return self.structure.impedance(self.fit.estimates[: len(self.structure.parameters)], s)
 

@@ -46,7 +46,6 @@ class Realisation:
 
     @property
     def periods(self) -> int:
-        """Number of periods."""
         return len(self.theta)
 
     @property

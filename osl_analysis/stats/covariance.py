@@ -86,7 +86,6 @@ def cubic_weights(x: Array | NDArray[np.intp]) -> Array:
 
 Covariance = tuple[Array, Array]
 """Covariance (p, p) of the estimates, and the degrees of freedom (p,) of the variances on its diagonal."""
-
 CYCLES = "cycles"  # name of the spread between cycles in the tables
 FEWEST_CYCLES = 5  # smallest number of cycles at one frequency whose spread gives an interval
 COUNTS = 0.01  # share of a variance from which on a component of type B is named

@@ -47,7 +47,6 @@ class ComplexEstimate:
 
     @property
     def magnitude(self) -> float:
-        """Absolute value, in the unit of the number."""
         return abs(self.value)
 
     @property

@@ -160,25 +160,20 @@ def usual_step(stamps: Array) -> float:
     and by whole steps where samples are missing, which are left out.
     """
     n = len(stamps)
-    step = first_step(stamps)
+    mean, median = float(stamps[-1] - stamps[0]) / (n - 1), float(np.median(np.diff(stamps)))
+    step = min(mean, median) if median > 0.8 * mean else mean  # rather too short than too long
     for k, block in enumerate(min(size, n // 4) for size in BLOCKS):
         change = np.diff(promptest_levels(stamps, step, block))
         usual = 0.0 if k else float(np.quantile(change, 0.25))
         whole = np.abs(change - usual) <= 0.5 * step
         step += float(np.mean(change[whole])) / block if np.mean(whole) > FEWEST_WHOLE else 0.0
-    return step if step > 0 else float(stamps[-1] - stamps[0]) / (n - 1)
+    return step if step > 0 else mean
 
 
 def promptest_levels(stamps: Array, step: float, block: int) -> Array:
     """The lowest of (stamp - count * step) [s] in each whole block of stamps (n,), shape (n // block,)."""
     late = (stamps - step * np.arange(len(stamps)))[: len(stamps) // block * block]
     return np.asarray(late.reshape(-1, block).min(axis=1))
-
-
-def first_step(stamps: Array) -> float:
-    """A first step [s] from stamps (n,), rather too short than too long: mean, or the median where that is near it."""
-    mean, median = float(stamps[-1] - stamps[0]) / (len(stamps) - 1), float(np.median(np.diff(stamps)))
-    return min(mean, median) if median > 0.8 * mean else mean
 
 
 def line_slope(count: Counts, stamps: Array) -> float:

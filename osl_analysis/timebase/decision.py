@@ -39,12 +39,10 @@ class Evidence:
 
     @property
     def true(self) -> bool:
-        """Firmly true stamps."""
         return self.g > TRUE_ABOVE and self.se < LARGEST_ERROR
 
     @property
     def even(self) -> bool:
-        """Firmly an even device."""
         return self.g < EVEN_BELOW and self.se < LARGEST_ERROR
 
 

@@ -42,7 +42,6 @@ class DeviceClock:
 
     @property
     def rate_hz(self) -> float:
-        """Samples per second by the line."""
         return 1 / self.step
 
     @property

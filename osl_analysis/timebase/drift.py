@@ -145,6 +145,12 @@ def drift_columns(piece: SinePiece, highest_hz: float) -> DriftColumns:
     return replace(found, drifting=drifting, torque=torque)
 
 
+def drift_row(drift: ClockDrift | None) -> dict[str, float | str | None]:
+    """The drift [ppm], its standard error, and the drift if it is certain, as columns of a table; null without one."""
+    values = (None, None, None) if drift is None else (drift.ppm, drift.se, drift.certain_ppm)
+    return dict(zip(("clock_drift_ppm", "clock_drift_se_ppm", "certain_clock_drift_ppm"), values, strict=True))
+
+
 def check_drift(drift: ClockDrift, largest_ppm: float) -> None:
     """Refuse a drift beyond what B and I bear.
 

@@ -18,7 +18,6 @@ CLOSE = 0.5
 """Distance of true stamps, in steps, below which samples are averaged: close knots of a spline amplify noise."""
 COUNTABLE = 0.1
 """Spread of a host's latency, in steps, from which a missing sample without a counter may be taken for a late one."""
-
 CLOCKS_DIFFER, NOT_MEANT = 2e-4, 0.1
 """Relative difference of two rates that no clocks have, and from which it is the devices' intention."""
 
@@ -57,7 +56,6 @@ class Taken:
 
     @property
     def empty(self) -> int:
-        """Values missing from rows that are there."""
         return max(round(np.count_nonzero(~self.present) - len(self.present) * (1 - 1 / self.stride)), 0)
 
     def samples(self) -> "Samples":
@@ -87,12 +85,10 @@ class Samples:
 
     @property
     def name(self) -> str:
-        """Name of the stream, for messages."""
         return self.taken.stream.name
 
     @property
     def step(self) -> float:
-        """Usual step [s]."""
         return self.taken.clock.step * self.taken.stride
 
 

@@ -74,9 +74,8 @@ def odd_multisine(
 
 def odd_lines(period_s: float, band_hz: tuple[float, float], seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """The odd lines within a band [Hz] that are excited, and those that are left out; one drawn in each whole group.
-
-    The first and the last line of the band are excited, so that a line that is left out has a neighbour on either side.
-    """
+    The first and the last line of the band are excited, so that a line that is left out has a neighbour on either
+    side."""
     low, high = band_hz
     if not (0 < period_s < np.inf and 0 < low < high < np.inf):
         raise InputError(f"no multisine has a period of {period_s:g} s and a band of {low:g} to {high:g} Hz")

@@ -96,10 +96,8 @@ def is_command(values: Array) -> bool:
 
 
 def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]) -> int:
-    """Longest run [samples] of an angle (n,) at its lowest or highest value while the torque changes.
-
-    `torque` are times [s] and values. The angle must come to the extreme, and leave it, with a corner.
-    """
+    """Longest run [samples] of an angle (n,) at its lowest or highest value while the torque changes. `torque` are
+    times [s] and values. The angle must come to the extreme, and leave it, with a corner."""
     when, values = torque
     if not theta.size or not np.ptp(theta) or not when.size or not np.isfinite(values).all() or not np.ptp(values):
         return 0

@@ -42,9 +42,7 @@ class LowPass:
     @property
     def noise_bandwidth_hz(self) -> float:
         """Width [Hz] of the ideal low-pass that passes the same power of white noise: 0.90 of the cut-off for order 4.
-
-        It is the cut-off times the integral of (1 + x^2m)^-2 over x = frequency/cut-off, for both runs and order m.
-        """
+        It is the cut-off times the integral of (1 + x^2m)^-2 over x = frequency/cut-off, for both runs and order m."""
         angle = np.pi / (2 * self.order)
         return float(self.cutoff_hz * angle / np.sin(angle) * (1 - 1 / (2 * self.order)))
 
@@ -161,11 +159,9 @@ def differentiate(time: Array, theta: Array) -> Motion:
 
 
 def filtered_motion(time: Array, theta: Array, torque: Array, low_pass: LowPass) -> tuple[Motion, Array]:
-    """Motion from the filtered angle [rad], and the torque [N*m] through the *same* filter; shape (n,) each.
-
-    The times [s] are uniform. Where seven samples give the derivatives, the spline, which takes fifty times as long, is
-    left to rates below some 60 times the cut-off.
-    """
+    """Motion from the filtered angle [rad], and the torque [N*m] through the *same* filter; shape (n,) each. The times
+    [s] are uniform. Where seven samples give the derivatives, the spline, which takes fifty times as long, is left to
+    rates below some 60 times the cut-off."""
     rate = sampling_rate(time)
     smooth = low_pass(theta, rate)
     lost = (2 * np.pi * low_pass.cutoff_hz / rate) ** 6 / 140
@@ -176,9 +172,7 @@ def filtered_motion(time: Array, theta: Array, torque: Array, low_pass: LowPass)
 
 def seven_point_motion(time: Array, theta: Array, rate_hz: float) -> Motion:
     """An angle (n,) [rad], evenly sampled at `rate_hz`, slow beside it, with its derivatives from seven samples each.
-
-    The three rows at either end are those of the spline.
-    """
+    The three rows at either end are those of the spline."""
     omega, alpha = np.empty(len(theta)), np.empty(len(theta))
     omega[REACH:-REACH] = np.correlate(theta, SLOPE, "valid") * rate_hz
     alpha[REACH:-REACH] = np.correlate(theta, CURVATURE, "valid") * rate_hz**2

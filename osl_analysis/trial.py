@@ -145,7 +145,10 @@ def read_trial(path: Path) -> Trial:
     Raises InputError: The file is missing, is not Parquet, or is Parquet that ingest did not write.
     """
     name, provenance = read_metadata(path)
-    return Trial(name, read_samples(pl.scan_parquet(path), path), provenance)
+    try:
+        return Trial(name, pl.scan_parquet(path).collect(), provenance)
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise not_parquet(path, error) from error
 
 
 def read_metadata(path: Path) -> tuple[str, dict[str, Any]]:
@@ -160,14 +163,6 @@ def read_metadata(path: Path) -> tuple[str, dict[str, Any]]:
     if PROVENANCE_KEY not in metadata:
         raise InputError(f"{path}: Parquet without provenance; only a file that ingest wrote is a trial")
     return metadata[NAME_KEY], json.loads(metadata[PROVENANCE_KEY])
-
-
-def read_samples(wanted: pl.LazyFrame, path: Path) -> pl.DataFrame:
-    """What is wanted of the samples of a file; raises as `read_trial`."""
-    try:
-        return wanted.collect()
-    except (pl.exceptions.PolarsError, OSError) as error:
-        raise not_parquet(path, error) from error
 
 
 def not_parquet(path: Path, error: Exception) -> InputError:

@@ -103,7 +103,8 @@ def uniform_signals(
     rows |= {column: there for column, there in also.items() if there in stamped}
     try:
         grid = one_time_base(streams(trial, rows, frozenset(also)), limits)
-        low_passes = {column: one for column in rows if (one := stated_low_pass(trial, column))}
+        stated = {column: one for column in rows if (one := origin(trial, column).get("low_pass"))}
+        low_passes = {column: SensorLowPass(**one) for column, one in stated.items()}
         return on_grid(trial.name, grid, low_passes, devices(rows))
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
@@ -141,7 +142,7 @@ def streams(trial: Trial, rows: Mapping[str, bytes], silent: frozenset[str]) -> 
             ", ".join(names),
             stamps,
             dict(zip(names, values, strict=True)),
-            choice=stated_stamps(trial, first),
+            choice=trial.provenance.get(origin(trial, first).get("file", ""), {}).get("time", {}).get("stamps", "auto"),
             counter=counter_of(trial, names),
             silent=silent,
             delays={name: origin(trial, name).get("delay") or 0.0 for name in names},
@@ -166,15 +167,3 @@ def origin(trial: Trial, column: str) -> Mapping[str, Any]:
     """What the provenance has on a column; nothing for a trial that was not ingested."""
     found: Mapping[str, Any] = trial.provenance.get("columns", {}).get(column, {})
     return found
-
-
-def stated_stamps(trial: Trial, column: str) -> Any:
-    """What the source file of a column says on its stamps: `exact`, `even` or `auto`."""
-    recorder = trial.provenance.get(origin(trial, column).get("file", ""), {})
-    return recorder.get("time", {}).get("stamps", "auto")
-
-
-def stated_low_pass(trial: Trial, column: str) -> SensorLowPass | None:
-    """The low-pass that the source file states for a column's sensor."""
-    stated = origin(trial, column).get("low_pass")
-    return SensorLowPass(**stated) if stated else None

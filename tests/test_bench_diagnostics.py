@@ -8,7 +8,7 @@ import pytest
 from bench_synthetic import PROTOCOL, RATE, second_order, stepped_sine
 from conftest import ROOT
 
-from osl_analysis.bench.diagnostics import check_resists, over_amplitudes
+from osl_analysis.bench.diagnostics import over_amplitudes
 from osl_analysis.bench.impedance import impedance_table, trial_phasors
 from osl_analysis.bench.lag import ImpedancePoints, torque_lag, yielding_in
 from osl_analysis.bench.plausibility import Saturated, plausible_impedance
@@ -17,7 +17,6 @@ from osl_analysis.bench.segments import find_blocks
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import REMEDIES, DoubtfulFits, marked
-from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import read_parameters
@@ -218,15 +217,6 @@ def test_an_asymmetric_joint_has_even_harmonics_and_chatter_at_any_phase_has_non
     *_, asymmetric = rows(lambda m: second_order(m) + 60 * np.abs(m.theta))
     assert asymmetric["even_harmonics"] > 0.05
     assert "even_harmonics" in asymmetric["doubtful"]
-
-
-def test_a_torque_of_the_wrong_sign_is_refused_and_one_of_the_right_sign_is_not():
-    check_resists("belt_1", "K_s", 685.6)
-    check_resists("free", "K", -0.1, 0.2)  # a joint without stiffness
-    with pytest.raises(InputError, match=r"trial belt_1: K_s = -685\.6 is negative.*`sign`"):
-        check_resists("belt_1", "K_s", -685.6)
-    with pytest.raises(InputError, match="K = -2 is negative"):
-        check_resists("free", "K", -2, -1.5)
 
 
 @pytest.mark.parametrize("k", [686.0, 2000.0, 3000.0, 6000.0])

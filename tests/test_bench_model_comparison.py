@@ -81,10 +81,8 @@ BELTS = {
 @pytest.mark.parametrize("true", BELT_MODELS)
 def test_the_belt_that_was_simulated_is_ranked_first(true):
     """By BIC over the trials it is the first. On each held-out repeat, every model without one of its terms is worse.
-
     With a single trial of 40 effective samples, BIC accepts a needless term if chi2(1) > ln 40: one time in twenty.
-    What damps the joint (B_j) differs between the branches too, so it is switched off where there is no hysteresis.
-    """
+    What damps the joint (B_j) differs between the branches too, so it is switched off where there is no hysteresis."""
     p, off = BELTS[true]
     folds = simulated_belts(p if "T_h" in BELT_MODELS[true] else replace(p, B_j=0.0), *off)
     trials = [{s.model: s for s in scores_against_others(folds, BELT_MODELS)[k]} for k in range(3)]

@@ -15,7 +15,7 @@ from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.commands.bench import fit_actuator_trial, fit_belt_trial, fit_impedance_trial, fit_transmission_trial
 from osl_analysis.commands.fit import FitRequest, fit_trial
 from osl_analysis.config import read_section
-from osl_analysis.doubtful import DoubtfulFits, marked, wrong_scale
+from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.model.compensator import PAPER_WEIGHT
@@ -175,13 +175,6 @@ def test_a_torque_beyond_the_load_cell_s_range_is_refused(way, tmp_path):
 def test_a_joint_without_stiffness_is_not_refused_for_a_stiffness_of_noise(tmp_path):
     free = driven(lambda m: second_order(m) - 200.002 * m.theta)
     assert abs(on_the_command_line(tmp_path, "impedance", free)["K"]) < 0.2
-
-
-@pytest.mark.parametrize(
-    ("ratio", "factor"), [(4.45, "lbf and N"), (0.113, "lbf\\*in"), (0.0174, "degrees"), (1.02e-2, "N\\*cm"), (2.0, "")]
-)
-def test_a_ratio_names_the_units_whose_factor_it_is(ratio, factor):
-    assert re.search(factor or "check unit and scale", wrong_scale(ratio))
 
 
 @pytest.mark.parametrize(

@@ -133,11 +133,9 @@ def whole_sines(phase, step, zero, cycles=6, rate=1000.0):
 
 @pytest.mark.parametrize("phase", [0.4, 1.1, 2.0])
 def test_the_variance_of_rounding_is_what_rounding_with_every_zero_of_the_encoder_does(phase):
-    """By brute force: the record rounded with 64 zeros, and fitted. The torque is 300 theta + 30 omega.
-
-    The derivative of the error is periodic, up to the filter's 15 Hz. 8 harmonics of the rounding have 93 % of the
-    variance; the others are taken to be alike.
-    """
+    """By brute force: the record rounded with 64 zeros, and fitted. The torque is 300 theta + 30 omega. The derivative
+    of the error is periodic, up to the filter's 15 Hz. 8 harmonics of the rounding have 93 % of the variance; the
+    others are taken to be alike."""
     step = 2 * np.pi / 2**14
     time, theta, omega, _, segments = whole_sines(phase, step, 0.0)
     rows = rows_of(segments)
@@ -289,11 +287,9 @@ def test_noise_that_dithers_the_encoder_leaves_the_interval_of_a_sweep_as_it_is(
 
 
 def test_the_component_of_rounding_is_what_rounding_with_every_zero_does_to_a_fit():
-    """By brute force: the smooth angle rounded with 32 zeros, filtered, and fitted; two stretches.
-
-    The joint is far damped, or heavy, so that the error's derivatives count. By parts nothing is known of the error at
-    the stretches' ends, nor of what the filter takes off it near the cut-off, where a heavy joint has it: too wide.
-    """
+    """By brute force: the smooth angle rounded with 32 zeros, filtered, and fitted; two stretches. The joint is far
+    damped, or heavy, so that the error's derivatives count. By parts nothing is known of the error at the stretches'
+    ends, nor of what the filter takes off it near the cut-off, where a heavy joint has it: too wide."""
     record = moving_record(swept(1), SWEPT)
     record = replace(record, pieces=(slice(500, 2300), slice(2600, 4500)))
     alone = fit_of(record)

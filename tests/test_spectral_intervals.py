@@ -383,17 +383,3 @@ def test_a_drift_of_the_torque_does_not_reach_the_response_of_a_record():
         for y in (torque, torque + 0.05 * np.arange(len(torque)) / LINE_RATE)
     )
     assert np.abs(moved.impedance - still.impedance).max() < 0.05 * still.noise_sd.max()
-
-
-def test_eq_15_is_fitted_to_the_lines_of_a_record_with_its_ends():
-    lines = lines_of_record(record_spectrum(*moving(3, 0.02), LINE_RATE, 15.0), LINE_LOW_PASS)
-    found = fit_structure(SecondOrder(), lines, (200.0, 4.0))
-    assert found.p > 0.01
-    for value, name in ((200, "K"), (4, "B"), (0.05, "I")):
-        assert abs(found.fit[name] - value) < 4 * found.fit.se(name) < 0.02 * value
-
-
-def test_a_record_too_short_for_lines_is_refused():
-    theta, torque = moving(4, 0.0)
-    with pytest.raises(InputError, match="record for longer"):
-        record_spectrum(theta[:200], torque[:200], LINE_RATE, 15.0)

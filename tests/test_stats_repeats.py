@@ -128,10 +128,8 @@ def test_a_single_trial_tells_nothing_apart_and_has_no_interval():
 
 
 def test_intervals_are_students_and_wider_where_trials_share_their_fits():
-    """Own trials: s / sqrt(n), n - 1 degrees of freedom. Shared: s^2 (1/n + 1/(n - 1)) after Nadeau and Bengio.
-
-    Both terms are of one scatter, which is worth n - 1 degrees of freedom and not the sum of two independent ones.
-    """
+    """Own trials: s / sqrt(n), n - 1 degrees of freedom. Shared: s^2 (1/n + 1/(n - 1)) after Nadeau and Bengio. Both
+    terms are of one scatter, which is worth n - 1 degrees of freedom and not the sum of two independent ones."""
     values = np.array([1.0, 2.0, 4.0, 7.0])
     own, shared = mean_over_trials(values), mean_over_trials(values, shared=True)
     assert own.high - own.mean == pytest.approx(student.ppf(0.975, 3) * np.std(values, ddof=1) / 2)

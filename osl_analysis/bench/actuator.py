@@ -141,11 +141,9 @@ def moving_rows(
 def actuator_columns(
     signals: ActuatorSignals, low_pass: LowPass, sign_width: float
 ) -> tuple[Mapping[str, Array], Array]:
-    """Columns of Eqs. 1-2 with their signs, and the torque [N*m], all filtered, shape (n,) each.
-
-    The sign of the velocity is tanh(omega_m/sign_width), `sign_width` in rad/s. It is taken before the filter, so that
-    friction's jumps are smeared in the column as they are in the torque, which biases nothing.
-    """
+    """Columns of Eqs. 1-2 with their signs, and the torque [N*m], all filtered, shape (n,) each. The sign of the
+    velocity is tanh(omega_m/sign_width), `sign_width` in rad/s. It is taken before the filter, so that friction's jumps
+    are smeared in the column as they are in the torque, which biases nothing."""
     time, rate = signals.time, sampling_rate(signals.time)
     smooth = differentiate(time, low_pass(signals.motion, rate))
     omega, alpha = (smooth.theta, smooth.omega) if signals.is_velocity else (smooth.omega, smooth.alpha)

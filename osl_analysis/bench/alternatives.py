@@ -17,10 +17,8 @@ from osl_analysis.uniform import UniformSignals
 
 
 def joint_angle(theta: Array, torque: Array, compliance: float) -> Array:
-    """Angle of the joint (n,) [rad] from that of the bench, whose frame the resisting torque [N*m] winds up.
-
-    The bench turns the joint by its frame, of some `compliance` [rad/(N*m)]: theta_bench = theta + torque/k.
-    """
+    """Angle of the joint (n,) [rad] from that of the bench, whose frame the resisting torque [N*m] winds up. The bench
+    turns the joint by its frame, of some `compliance` [rad/(N*m)]: theta_bench = theta + torque/k."""
     return theta - compliance * torque if compliance else theta
 
 
@@ -30,18 +28,14 @@ def without_drift(time: Array, torque: Array, rate: float) -> Array:
 
 
 def widened(fit: LinearFit, softer: LinearFit | None) -> LinearFit:
-    """The fit with the error of the bench's stiffness in its intervals.
-
-    `softer` is the same fit with a compliance of the bench that is one standard error larger; None without one.
-    """
+    """The fit with the error of the bench's stiffness in its intervals. `softer` is the same fit with a compliance of
+    the bench that is one standard error larger; None without one."""
     return fit if softer is None else with_shared_error(fit, softer.estimates - fit.estimates)
 
 
 def time_base_row(fit: LinearFit, other: LinearFit | None, names: Sequence[str]) -> Row:
-    """`time_base_shift`: the largest change of an estimate if undecided stamps were taken the other way.
-
-    In half-widths of its 95 % interval; null where the stamps are decided and there is no `other` fit.
-    """
+    """`time_base_shift`: the largest change of an estimate if undecided stamps were taken the other way. In half-widths
+    of its 95 % interval; null where the stamps are decided and there is no `other` fit."""
     if other is None:
         return {"time_base_shift": None}
     half = {name: fit.interval(name)[1] - fit[name] for name in names}
@@ -68,10 +62,8 @@ def check_stiffer(trial: str, symbol: str, stiffness: float, bench: BenchStiffne
 def timebase_table(
     signals: UniformSignals | None, other_hypothesis: str | None, bench: BenchStiffness | None = None
 ) -> pl.DataFrame:
-    """The rows of `timebase.csv` for one trial, a row per stream.
-
-    `other_hypothesis` says what estimates would become if undecided stamps were taken the other way.
-    """
+    """The rows of `timebase.csv` for one trial, a row per stream. `other_hypothesis` says what estimates would become
+    if undecided stamps were taken the other way."""
     assert signals is not None  # a trial that was read from a file
     report = signals.report
     shared = {

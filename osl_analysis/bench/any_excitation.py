@@ -83,10 +83,8 @@ def check_moves(record: MovingRecord) -> float:
 
 
 def steps_turned(record: MovingRecord) -> float:
-    """Steps of the encoder by which the fitted angle turns, at most as many as there are different values.
-
-    Without end where no step is seen, and more values than a slow motion has.
-    """
+    """Steps of the encoder by which the fitted angle turns, at most as many as there are different values. Without end
+    where no step is seen, and more values than a slow motion has."""
     measured, step = record.part(record.bench_angle), record.steps[0]
     values = distinct_values(measured, most=int(SLOW))
     levels = np.inf if values is None else len(values)
@@ -206,10 +204,8 @@ def lowest_vaf_of_parts(record: MovingRecord) -> float:
 
 
 def record_time_base(record: MovingRecord) -> pl.DataFrame:
-    words = (
-        None if record.other is None else time_base_words(record.estimate, record.other.of_noise_and_lines, IMPEDANCE)
-    )
-    return timebase_table(record.uniform, words, record.bench)
+    other = None if record.other is None else record.other.of_noise_and_lines
+    return timebase_table(record.uniform, time_base_words(record.estimate, other, IMPEDANCE), record.bench)
 
 
 def record_series(record: MovingRecord) -> Series:

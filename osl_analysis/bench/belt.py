@@ -119,12 +119,9 @@ class Branch:
 
     @property
     def damping(self) -> dict[str, Array]:
-        """The column of the joint's damping; none where the velocity is constant.
-
-        Left in the slope, B_j omega shifts K_s by 0.12 N*m/rad on a raised cosine, because loading begins at a
-        velocity and ends at rest. At a constant velocity it is a constant torque, which the offset contains, and K_s
-        does not depend on it.
-        """
+        """The column of the joint's damping; none where the velocity is constant. Left in the slope, B_j omega shifts
+        K_s by 0.12 N*m/rad on a raised cosine, because loading begins at a velocity and ends at rest. At a constant
+        velocity it is a constant torque, which the offset contains, and K_s does not depend on it."""
         constant = float(np.std(self.velocity)) <= CONSTANT_VELOCITY * abs(float(np.mean(self.velocity)))
         return {} if constant else {"B_j": self.velocity}
 
@@ -139,10 +136,8 @@ def fit_straight_belt(branch: Branch, every: int, drift: float) -> LinearFit:
 
 
 def fit_quadratic_belt(branch: Branch, every: int, drift: float) -> LinearFit:
-    """Quadratic belt with intercept, odd in the deflection: `K_s`, `K_s2` [N*m/rad^2], `offset` [N*m].
-
-    On a raised cosine damping and curvature look alike, so that this fit has no damping; it does not count as noise.
-    """
+    """Quadratic belt with intercept, odd in the deflection: `K_s`, `K_s2` [N*m/rad^2], `offset` [N*m]. On a raised
+    cosine damping and curvature look alike, so that this fit has no damping; it does not count as noise."""
     theta_s = branch.theta_s
     columns = {"K_s": theta_s, "K_s2": theta_s * np.abs(theta_s), "offset": np.ones_like(theta_s)}
     return fit_slow_motion(branch.torque, columns, {"B_j": branch.velocity}, every, drift)
@@ -195,10 +190,8 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
 def belt_of(
     signals: UniformSignals, p: DrivetrainParameters | None, settings: BeltAnalysis, more_compliance: float = 0.0
 ) -> BeltTrial:
-    """The trial behind uniform signals; raises as `belt_trial`, without the trial's name.
-
-    The bench is softer than its settings by `more_compliance` [rad/(N*m)].
-    """
+    """The trial behind uniform signals; raises as `belt_trial`, without the trial's name. The bench is softer than its
+    settings by `more_compliance` [rad/(N*m)]."""
     low_pass, rate, bench = settings.low_pass, signals.rate_hz, settings.bench_stiffness
     check_changes("torque", signals["torque"])
     compliance = (bench.compliance if bench else 0.0) + more_compliance
@@ -226,10 +219,8 @@ def check_locked(theta: Array, theta_m: Array) -> None:
 
 def belt_table(belt: BeltTrial) -> pl.DataFrame:
     """The trial's row of `belt.csv`: loading and unloading slope, loop area [J], quadratic belt, what a line lacks.
-
     `energy_lost` is the loop's area divided by the energy K_s theta_s^2/2 at the peak. `stiffening` is the share by
-    which the slope of the quadratic belt grows from rest to the peak.
-    """
+    which the slope of the quadratic belt grows from rest to the peak."""
     fit, peak = belt.fit, float(np.max(np.abs(belt.theta_s - belt.theta_s[0])))
     row: Row = {
         "trial": belt.name,
@@ -293,10 +284,8 @@ def belt_summary(table: pl.DataFrame) -> pl.DataFrame:
 
 def belt_figure_points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> pl.DataFrame:
     """The numbers of Fig. 3: the curves with what they differ by from the mean slope and the reason why a fit is
-    doubtful, and the mean slope as two points.
-
-    `curves` are the trials' `belt_curve`s, `table` is `belt.csv`, `summary` is `belt_summary.csv`.
-    """
+    doubtful, and the mean slope as two points. `curves` are the trials' `belt_curve`s, `table` is `belt.csv`, `summary`
+    is `belt_summary.csv`."""
     facts = table.select("trial", *PLACE, "doubtful")
     marked_curves = curves.join(facts, on="trial", how="left", maintain_order="left")
     parts = marked_curves.partition_by(PLACE, maintain_order=True)

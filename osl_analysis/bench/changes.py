@@ -33,10 +33,8 @@ OF_DRIFT = ("K_drift", "drift_inertia_share")  # columns of a change of K, null 
 
 def stiffness_of_cycles(theta: Array, torque: Array, segments: Sequence[Segment]) -> dict[Segment, Array]:
     """Middle [samples], torque in phase over angle [N*m/rad] and weight of each used cycle, (3, m), of each segment.
-
     `theta` [rad] and `torque` [N*m], shape (n,), are the filtered signals, without the load cell's drift. In whole
-    cycles of a sine the torque in phase with the angle is K - I w^2.
-    """
+    cycles of a sine the torque in phase with the angle is K - I w^2."""
     first, end = (np.concatenate([segment.edges[segment.used + k] for segment in segments]) for k in (0, 1))
     begin, stop = int(np.min(first)), int(np.max(end)) + 2
     x, y = theta[begin:stop], torque[begin:stop]
@@ -52,10 +50,8 @@ def stiffness_of_cycles(theta: Array, torque: Array, segments: Sequence[Segment]
 
 def stiffness_drift_row(stiffness: Mapping[Segment, Array], segments: Sequence[Segment], fit: LinearFit) -> Row:
     """`K_drift`, the change of K over the cycles of the segments as a share of K, and `drift_inertia_share`, of I.
-
     `stiffness` is that of their cycles (`stiffness_of_cycles`), `fit` that of Eq. 15. Both are what is beyond the noise
-    of a constant stiffness, 0 if nothing is. Null where noise hides a change that would spoil I.
-    """
+    of a constant stiffness, 0 if nothing is. Null where noise hides a change that would spoil I."""
     cycles = Cycles.of(stiffness, segments)
     slope = stiffness_slope(cycles)
     if slope is None:
@@ -237,9 +233,7 @@ def beside_motion(record: MovingRecord, columns: KeptColumns) -> dict[str, Array
 
 def record_drift_row(record: MovingRecord, fit: LinearFit) -> Row:
     """`K_drift`, the change as a share of K, and `drift_inertia_share`, the share of I that a certain change makes.
-
-    Null where it cannot be told. `fit` is that of Eq. 15.
-    """
+    Null where it cannot be told. `fit` is that of Eq. 15."""
     found = record_drift(record)
     if found is None:
         return dict.fromkeys(OF_DRIFT)
@@ -258,11 +252,9 @@ def record_clock_row(record: MovingRecord) -> Row:
 
 
 def drift_between(record: MovingRecord) -> ClockDrift | None:
-    """The drift of the torque's clock against the angle's; None where the record does not show it.
-
-    A motion that repeats itself shows it whatever the joint is. Any other one does so only for a joint of second order:
-    what is left of another one changes with the motion, and would pass for tens of ppm in a sweep.
-    """
+    """The drift of the torque's clock against the angle's; None where the record does not show it. A motion that
+    repeats itself shows it whatever the joint is. Any other one does so only for a joint of second order: what is left
+    of another one changes with the motion, and would pass for tens of ppm in a sweep."""
     if record.uniform.one_device("theta", "torque"):
         return None
     found = drift_beside_impedance(record) if record.periodic is None else drift_of_periods(record.periodic)
@@ -286,10 +278,8 @@ def drift_of_periods(motion: PeriodicMotion) -> ClockDrift | None:
 
 
 def drift_beside_impedance(record: MovingRecord) -> ClockDrift | None:
-    """The drift from what a torque that gets later and later adds, beside Eq. 15, a lag, and a change of K.
-
-    None where this leaves more than the noise.
-    """
+    """The drift from what a torque that gets later and later adds, beside Eq. 15, a lag, and a change of K. None where
+    this leaves more than the noise."""
     step = max(record.low_pass.independent_samples(record.rate_hz) // 4, 1)
     motion, slope = record.motion, np.gradient(record.filtered_torque, record.time)
     signals = motion.theta, motion.omega, motion.alpha, slope, record.time, record.filtered_torque

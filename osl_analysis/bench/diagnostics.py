@@ -25,11 +25,9 @@ CONFIRMED = 0.5
 
 
 def change_over_amplitudes(small: Row, large: Row, whole: Row, name: str) -> float:
-    """By how much an estimate changes from the smallest to the largest amplitude, as a share of that to all of them.
-
-    It is lowered in size by the 95 % half-width of the difference, to 0 at most: noise is no change. What it is
-    divided by is not less than `LITTLE`.
-    """
+    """By how much an estimate changes from the smallest to the largest amplitude, as a share of that to all of them. It
+    is lowered in size by the 95 % half-width of the difference, to 0 at most: noise is no change. What it is divided by
+    is not less than `LITTLE`."""
     difference = number_in(large, name) - number_in(small, name)
     halves = [number_in(row, f"{name}_high") - number_in(row, name) for row in (small, large)]
     half = float(np.hypot(halves[0], halves[1]))
@@ -81,10 +79,8 @@ def gap_beside_friction(row: Row) -> Row:
 def lowest_held_out_vaf(
     trial: SteppedSineTrial, amplitude: float | None, fit: LinearFit, columns: Callable[[Motion], Mapping[str, Array]]
 ) -> float | None:
-    """Lowest VAF [percent] of the fit to one amplitude [deg] at the other amplitudes.
-
-    Null for the fit to all amplitudes (None), and for the only one.
-    """
+    """Lowest VAF [percent] of the fit to one amplitude [deg] at the other amplitudes. Null for the fit to all
+    amplitudes (None), and for the only one."""
     others = [other for other in trial.amplitudes if other is not None and other != amplitude]
     if amplitude is None or not others:
         return None
@@ -93,8 +89,7 @@ def lowest_held_out_vaf(
 
 def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:
     """`summary_table` of the trials that count (`doubtful.counted`), with `n_doubtful` and `n_left_out`: how many fits
-    are doubtful, and how many of these are not in the mean.
-    """
+    are doubtful, and how many of these are not in the mean."""
     used = counted(table)
     numbers = {**doubtful_row(table), "n_left_out": len(table) - len(used)}
     return summary_table(used, quantities).with_columns(**{name: pl.lit(number) for name, number in numbers.items()})
@@ -111,11 +106,9 @@ def check_changes(column: str, values: Array) -> None:
 
 
 def check_resists(trial: str, symbol: str, value: float, high: float | None = None) -> None:
-    """Refuse a negative estimate of what can only resist motion: belt stiffness, joint damping, a rendered stiffness.
-
-    A torque that is read with the wrong sign changes the sign of every estimate, and the fit is as good as before.
-    Where `high`, the upper end of the interval, is positive, it may be the estimate of a joint without stiffness.
-    """
+    """Refuse a negative estimate of what can only resist motion: belt stiffness, joint damping, a rendered stiffness. A
+    torque that is read with the wrong sign changes the sign of every estimate, and the fit is as good as before. Where
+    `high`, the upper end of the interval, is positive, it may be the estimate of a joint without stiffness."""
     if value < 0 and (high is None or high < 0):
         raise InputError(
             f"trial {trial}: {symbol} = {value:.4g} is negative, so the torque drives the motion instead of resisting "

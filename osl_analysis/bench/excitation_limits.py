@@ -103,10 +103,8 @@ def check_told(
 
 
 def angle_noise_moments(record: MovingRecord) -> tuple[float, float, float]:
-    """Variances of the angle's noise behind the filter, and of its first and second derivative.
-
-    The noise is taken as white; its power beyond the filter is what the filter takes off the angle.
-    """
+    """Variances of the angle's noise behind the filter, and of its first and second derivative. The noise is taken as
+    white; its power beyond the filter is what the filter takes off the angle."""
     theta, low_pass, rate = record.motion.theta, record.low_pass, record.rate_hz
     off = record.part(noise_beyond(record.theta, theta, theta, low_pass, rate))
     f, response = sosfreqz(butterworth(low_pass.order, low_pass.cutoff_hz, rate), worN=4096, fs=rate)

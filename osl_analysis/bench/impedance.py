@@ -30,15 +30,9 @@ from osl_analysis.stats.regression import LinearFit
 
 IMPEDANCE = ("K", "B", "I")  # parameters of Eq. 15.
 MAY_BE_NULL = (
-    "amplitude_deg",
-    "K_change",
-    "B_change",
-    "backlash_share",
-    "stiffening",
-    "lag_inertia_share",
-    "frame_stiffness",
+    "amplitude_deg", "K_change", "B_change", "backlash_share", "stiffening", "lag_inertia_share", "frame_stiffness",
     *OF_DRIFT,
-)
+)  # fmt: skip
 """Columns without a number in some rows, or in all."""
 
 
@@ -126,17 +120,13 @@ def impedance_of(trial: SteppedSineTrial, amplitude: float | None) -> LinearFit:
 
 
 def impedance_time_base(trial: SteppedSineTrial) -> pl.DataFrame:
-    words = None
-    if trial.other is not None:
-        words = time_base_words(impedance_of(trial, None), impedance_of(trial.other, None), IMPEDANCE)
-    return timebase_table(trial.uniform, words, trial.bench)
+    other = None if trial.other is None else impedance_of(trial.other, None)
+    return timebase_table(trial.uniform, time_base_words(impedance_of(trial, None), other, IMPEDANCE), trial.bench)
 
 
 def range_over_amplitudes(name: str) -> list[pl.Expr]:
-    """`<name>_amplitudes_low` and `_high`: the lowest and the highest estimate of a single amplitude.
-
-    They are in the row over all amplitudes (amplitude null) if there are two amplitudes or more; null elsewhere.
-    """
+    """`<name>_amplitudes_low` and `_high`: the lowest and the highest estimate of a single amplitude. They are in the
+    row over all amplitudes (amplitude null) if there are two amplitudes or more; null elsewhere."""
     amplitude = pl.col("amplitude_deg")
     single = pl.col(name).filter(amplitude.is_not_null())
     several = amplitude.is_null() & (amplitude.count() > 1)
@@ -157,11 +147,9 @@ def impedance_series(trial: SteppedSineTrial) -> Series:
 
 
 def amplitude_series(trial: SteppedSineTrial, amplitude_deg: float, duration_s: float) -> pl.DataFrame:
-    """The last seconds up to the end of one amplitude, measured and by the fit of Eq. 15 to it (Fig. 4).
-
-    Rests and other amplitudes within these seconds have no rows. Rows that the fit leaves out, such as the first cycles
-    at a frequency, have no modelled torque (null).
-    """
+    """The last seconds up to the end of one amplitude, measured and by the fit of Eq. 15 to it (Fig. 4). Rests and
+    other amplitudes within these seconds have no rows. Rows that the fit leaves out, such as the first cycles at a
+    frequency, have no modelled torque (null)."""
     chosen = [b for b in trial.blocks if np.isclose(np.rad2deg(b.amplitude), amplitude_deg)]
     if not chosen:
         raise InputError(

@@ -191,11 +191,9 @@ def torque_lag_row(phasors: Sequence[SegmentPhasors], fit: LinearFit, expected: 
 
 
 def lag_row(lag: TorqueLag, certain_from: float, fit: LinearFit) -> Row:
-    """As `torque_lag_row`, of a lag that is certain from so many standard errors.
-
-    Both shares are null where it is not certain, and might yet change I by more than `UNSEEN`. Where two lags explain
-    the data, and none does not, the smaller one counts as certain, and its standard error contains their distance.
-    """
+    """As `torque_lag_row`, of a lag that is certain from so many standard errors. Both shares are null where it is not
+    certain, and might yet change I by more than `UNSEEN`. Where two lags explain the data, and none does not, the
+    smaller one counts as certain, and its standard error contains their distance."""
     se = float(np.hypot(lag.se, lag.apart))
     row = {**lag_damping_row(lag.lag, lag.se, fit["K"], certain_from), "lag_se_s": se}
     if row["certain_lag_damping"]:
@@ -256,11 +254,9 @@ def lag_in_noise(phasors: Sequence[SegmentPhasors], fit: LinearFit) -> TorqueLag
 
 
 def smallest_lag(points: ImpedancePoints, noise: float) -> TorqueLag | None:
-    """The smallest lag beside which a second-order joint leaves the `noise` [N*m, at 1 Hz]; None if there is none.
-
-    Up to the third power of s two lags explain the same torque, some ms apart; a larger one counts if it leaves
-    certainly less. One that turns the fastest sine by more than `LARGEST_TURN` stands for other dynamics.
-    """
+    """The smallest lag beside which a second-order joint leaves the `noise` [N*m, at 1 Hz]; None if there is none. Up
+    to the third power of s two lags explain the same torque, some ms apart; a larger one counts if it leaves certainly
+    less. One that turns the fastest sine by more than `LARGEST_TURN` stands for other dynamics."""
     largest = largest_lag(points)
     freedom = 2 * len(points.theta) - len(np.unique(points.amplitude)) - 4  # K of each amplitude, B, I, friction, lag
     enough = max(ONLY_NOISE, float(np.sqrt(chdtri(freedom, ONCE_IN) / freedom))) * noise
@@ -367,10 +363,8 @@ def without_torque(record: MovingRecord, base: Array | None) -> MovingRecord:
 
 
 def linear_torque(record: MovingRecord, expected: Admittance) -> Array:
-    """Torque (n,) [N*m] of the linear model of admittance `expected` for the filtered motion, without its K, B, I.
-
-    The record is continued by its mirror image, so that its ends fit together.
-    """
+    """Torque (n,) [N*m] of the linear model of admittance `expected` for the filtered motion, without its K, B, I. The
+    record is continued by its mirror image, so that its ends fit together."""
     n, theta = len(record.time), record.motion.theta
     mirrored = np.fft.rfft(np.concatenate([theta, theta[::-1]]))
     s = np.asarray(2j * np.pi * np.fft.rfftfreq(2 * n, 1 / record.rate_hz), dtype=np.complex128)
@@ -409,10 +403,7 @@ def record_lag(record: MovingRecord, expected: Admittance | None) -> RecordLag |
 
 
 def record_lag_row(record: MovingRecord, fit: LinearFit, expected: Admittance | None) -> Row:
-    """As `torque_lag_row`.
-
-    A frame in series looks like a lag up to the third power of s.
-    """
+    """As `torque_lag_row`. A frame in series looks like a lag up to the third power of s."""
     found = record_lag(record, expected)
     if found is None:
         return {**lag_damping_row(None, None, fit["K"]), **dict.fromkeys(OF_CERTAIN_LAG)}
@@ -425,9 +416,7 @@ def record_lag_row(record: MovingRecord, fit: LinearFit, expected: Admittance | 
 
 def yielding_in(series: Mapping[str, float]) -> float | None:
     """Stiffness [N*m/rad] of a frame in series with a second-order joint of which K, B, I and J are measured.
-
-    1/measured = 1/joint + 1/stiffness, to the third power of s, where the joint has none. None if there is none.
-    """
+    1/measured = 1/joint + 1/stiffness, to the third power of s, where the joint has none. None if there is none."""
     K, B, I, J = (series[name] for name in "KBIJ")
     b, i, j = B / K, I / K, J / K
     first, second, third = -b, b**2 - i, 2 * b * i - b**3 - j

@@ -116,26 +116,17 @@ def others(folds: Sequence[Fold], fold: Fold) -> list[Fold]:
 
 
 def scores_against_others(folds: Sequence[Fold], models: Terms) -> list[list[Score]]:
-    """Each model on each trial: fitted to it for the BIC, and to all other trials for the VAF on data held out.
-
-    With a single trial the VAF on data held out is NaN.
-    """
-    return [
-        score_models(
-            fold.torque,
-            [
-                Candidate(
-                    model,
-                    " + ".join(terms),
-                    len(terms),
-                    left_of(fold, [fold], terms),
-                    left_of(fold, others(folds, fold), terms),
-                )
-                for model, terms in models.items()
-            ],
-        )
-        for fold in folds
-    ]
+    """Each model on each trial: fitted to it for the BIC, and to all other trials for the VAF on data held out. With a
+    single trial the VAF on data held out is NaN."""
+    scores = []
+    for fold in folds:
+        rest = others(folds, fold)
+        rivals = [
+            Candidate(name, " + ".join(terms), len(terms), left_of(fold, [fold], terms), left_of(fold, rest, terms))
+            for name, terms in models.items()
+        ]
+        scores.append(score_models(fold.torque, rivals))
+    return scores
 
 
 def held_out_by_amplitude(folds: Sequence[Fold], model: str, terms: tuple[str, ...]) -> Candidate:
@@ -192,10 +183,8 @@ class DrivetrainTrial:
 
 
 def drivetrain_candidates(trial: DrivetrainTrial) -> list[Candidate]:
-    """Eq. 9, linear (M2), with the friction of the parameter file (M3), and with three numbers fitted (M4).
-
-    Of M2 and M3 nothing is fitted, so that all data are held out.
-    """
+    """Eq. 9, linear (M2), with the friction of the parameter file (M3), and with three numbers fitted (M4). Of M2 and
+    M3 nothing is fitted, so that all data are held out."""
     linear = replace(trial, gains=replace(trial.gains, cancels_friction=False)).residuals(np.array([1.0, 1.0, 0.0]))
     given = trial.residuals(GIVEN)
     return [
@@ -233,10 +222,8 @@ def belt_scores(trials: Iterable[BeltTrial]) -> pl.DataFrame:
 
 
 def transmission_scores(trials: Iterable[SteppedSineTrial], sign_width: float) -> pl.DataFrame:
-    """Rows of `model_comparison.csv`: the transmission models on each trial, predicted by fits to all the others.
-
-    They smooth the sign of the velocity over `sign_width` [rad/s]; it passes the filter of the torque.
-    """
+    """Rows of `model_comparison.csv`: the transmission models on each trial, predicted by fits to all the others. They
+    smooth the sign of the velocity over `sign_width` [rad/s]; it passes the filter of the torque."""
     folds = {}
     for trial in trials:
         direction = trial.low_pass(np.tanh(trial.motion.omega / sign_width), trial.rate_hz)
@@ -264,10 +251,8 @@ def drivetrain_of(
 
 
 def impedance_scores(trial: DrivetrainTrial, controller: str | None) -> pl.DataFrame:
-    """Rows of `model_comparison.csv` for one trial against the controller: Eq. 15 and the drivetrain of Eq. 9.
-
-    Each amplitude is predicted by fits to the others.
-    """
+    """Rows of `model_comparison.csv` for one trial against the controller: Eq. 15 and the drivetrain of Eq. 9. Each
+    amplitude is predicted by fits to the others."""
     folds = [impedance_fold(trial.motion[rows], trial.torque[rows]) for rows in trial.amplitude_rows]
     rivals = [held_out_by_amplitude(folds, "M1", SECOND_ORDER), *drivetrain_candidates(trial)]
     scores = score_models(np.concatenate([f.torque for f in folds]), rivals)
@@ -275,10 +260,8 @@ def impedance_scores(trial: DrivetrainTrial, controller: str | None) -> pl.DataF
 
 
 def thinned_amplitudes(trial: SteppedSineTrial | MovingRecord) -> list[NDArray[np.intp]]:
-    """Usable rows of each amplitude, without rests and other amplitudes, thinned to `SAMPLES_PER_PERIOD`.
-
-    A record of another motion has consecutive parts in their place.
-    """
+    """Usable rows of each amplitude, without rests and other amplitudes, thinned to `SAMPLES_PER_PERIOD`. A record of
+    another motion has consecutive parts in their place."""
     step = max(int(trial.rate_hz / (SAMPLES_PER_PERIOD * trial.low_pass.cutoff_hz)), 1)
     if isinstance(trial, MovingRecord):
         rows = trial.rows

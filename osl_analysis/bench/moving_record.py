@@ -132,9 +132,7 @@ def moving_record(
     trial: Trial, settings: ImpedanceAnalysis, windows: str | None = None, signals: UniformSignals | None = None
 ) -> MovingRecord:
     """Bring a trial on one time base, find where the joint moves, and filter; `windows` as in `stated_windows`.
-
-    `signals` are those of `recorded`, where it was called already.
-    """
+    `signals` are those of `recorded`, where it was called already."""
     if signals is None:
         signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
     stated = windows or settings.windows
@@ -147,10 +145,8 @@ def moving_record(
 
 
 def record_of(signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None) -> MovingRecord:
-    """The record behind uniform signals; raises as `moving_record`, without the trial's name.
-
-    The time base bridges gaps up to a tenth of a period of the fastest motion, which is found first.
-    """
+    """The record behind uniform signals; raises as `moving_record`, without the trial's name. The time base bridges
+    gaps up to a tenth of a period of the fastest motion, which is found first."""
     bench, low_pass = settings.bench_stiffness, settings.low_pass
     compliance = bench.compliance if bench else 0.0
     made = filtered_record(signals, low_pass, compliance, windows)
@@ -268,8 +264,7 @@ def stated_windows(text: str, duration: float) -> list[tuple[float, float]]:
 
 def band_of(motion: Motion, rate_hz: float, stretches: Sequence[slice]) -> tuple[float, float]:
     """Lowest and highest frequency [Hz] of a motion (n,): 1 % of the angle's power lies below, of the acceleration's
-    above. Its spectrum is the mean over the stretches, in which gaps are bridged.
-    """
+    above. Its spectrum is the mean over the stretches, in which gaps are bridged."""
     length = min(round(BAND_PIECE_S * rate_hz), *(one.stop - one.start for one in stretches))
     f, low, high = np.empty(0), np.zeros(length // 2 + 1), np.zeros(length // 2 + 1)
     for one in stretches:
@@ -373,11 +368,8 @@ def noise_beyond(noisy: Array, behind: Array, signal: Array, low_pass: LowPass, 
 
 def by_lines(fit: LinearFit, motion: PeriodicMotion | None, time: Array, low_pass: LowPass) -> LinearFit:
     """The fit of a record at times (n,) [s] with estimates and intervals from the lines of its motion; diagnostics
-    stay. The fit itself where there are none.
-
-    Whatever repeats in every period, as the rounding of an encoder and friction, is in these intervals. Noise alone is
-    in those of `fit`.
-    """
+    stay. The fit itself where there are none. Whatever repeats in every period, as the rounding of an encoder and
+    friction, is in these intervals. Noise alone is in those of `fit`."""
     if motion is None:
         return fit
     try:
@@ -433,10 +425,8 @@ def with_rounding(fit: LinearFit, record: MovingRecord) -> LinearFit:
 
 def surviving(recorded: Array, turned: Array, step: float) -> Array:
     """Share of each harmonic of the rounding to steps [rad] that the noise of a recorded angle (n,) leaves in the mean,
-    (HARMONICS,).
-
-    The noise is what the angle has beside the filtered one, `turned` (n,), beyond the rounding of that.
-    """
+    (HARMONICS,). The noise is what the angle has beside the filtered one, `turned` (n,), beyond the rounding of
+    that."""
     smooth = turned / step
     error, rounded = recorded / step - smooth, np.rint(smooth) - smooth
     variance = max(float(error @ error - rounded @ rounded) / len(smooth), 0.0)

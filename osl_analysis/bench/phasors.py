@@ -49,19 +49,15 @@ class SegmentPhasors:
 
     @property
     def admittance(self) -> ComplexEstimate:
-        """Integral admittance Y = theta/torque [rad/(N*m)].
-
-        An error of the bench's compliance c changes the angle by -c torque, and Y by -c.
-        """
+        """Integral admittance Y = theta/torque [rad/(N*m)]. An error of the bench's compliance c changes the angle by
+        -c torque, and Y by -c."""
         return with_known_error(complex_quotient(self.theta, self.torque), self.compliance_error)
 
 
 def phasors_beside(trial: SteppedSineTrial, model: Columns) -> list[SegmentPhasors]:
-    """Phasors of the settled cycles of every segment of a trial.
-
-    The last cycle is not used. If the angle lags the command by more at one frequency than at another, this cycle
-    contains the beginning of the next frequency. A fit of the `model` will need the same errors of rounding.
-    """
+    """Phasors of the settled cycles of every segment of a trial. The last cycle is not used. If the angle lags the
+    command by more at one frequency than at another, this cycle contains the beginning of the next frequency. A fit of
+    the `model` will need the same errors of rounding."""
     try:
         return [phasors_of(trial, segment, model) for segment in trial.segments(None)]
     except InputError as error:
@@ -80,9 +76,7 @@ def segment_phasors(
     segment: Segment, sine: Sinusoid, signals: Mapping[str, Array], repeated: Mapping[str, RepeatedError]
 ) -> SegmentPhasors:
     """Phasors of one segment of the raw signals `theta` and `torque` (n,) [rad, N*m], with the segment's sine.
-
-    `repeated` are the errors of a signal that every cycle repeats, in the rows of the segment.
-    """
+    `repeated` are the errors of a signal that every cycle repeats, in the rows of the segment."""
     parts = {name: segment.part(signal) for name, signal in signals.items()}
     phasors = sine.phasors(parts, {name: [error] for name, error in repeated.items()})
     return SegmentPhasors(segment.amplitude_deg, segment.frequency_hz, phasors["theta"], phasors["torque"])
@@ -233,11 +227,9 @@ def odd_causes(phasors: Sequence[SegmentPhasors], own: Phasors) -> tuple[float, 
 
 
 def damping_of_friction(phasors: Sequence[SegmentPhasors], coulomb: float) -> float:
-    """Damping [N*m*s/rad] that Coulomb friction [N*m] adds to a fit.
-
-    At one frequency its fundamental is a damping of 4 T_C/(pi w |theta|). A fit to all frequencies weights these by
-    duration times velocity squared, with equally many cycles at each.
-    """
+    """Damping [N*m*s/rad] that Coulomb friction [N*m] adds to a fit. At one frequency its fundamental is a damping of 4
+    T_C/(pi w |theta|). A fit to all frequencies weights these by duration times velocity squared, with equally many
+    cycles at each."""
     w = 2 * np.pi * np.array([s.frequency_hz for s in phasors])
     theta = np.array([abs(s.theta.value) for s in phasors])
     return 4 * coulomb / np.pi * float(np.sum(theta) / np.sum(w * theta**2))

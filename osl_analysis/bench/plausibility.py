@@ -58,10 +58,8 @@ def check_recording(trial: Trial, limits: BenchAnalysis, torque: str = "torque",
 
 
 def check_unit_of_time(trial: Trial) -> None:
-    """Refuse samples that are too close for any recorder of a joint; raises as `check_recording`.
-
-    Stamps of a late host come in clusters, most of them microseconds apart. The mean step knows nothing of that.
-    """
+    """Refuse samples that are too close for any recorder of a joint; raises as `check_recording`. Stamps of a late host
+    come in clusters, most of them microseconds apart. The mean step knows nothing of that."""
     time = trial.arrays()[0]
     step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0
     if 0 < step < SHORTEST_STEP_S:

@@ -39,14 +39,8 @@ from osl_analysis.trial import Trial
 SLOW_TURN_DEG = 1.0  # turn of a joint [deg] beyond the noise of any encoder: it moved, if slowly
 RenderedTrial = SteppedSineTrial | MovingRecord
 OF_RECORDS = (
-    "theta_rms_deg",
-    "angle_noise_share",
-    "torque_at_peaks",
-    "fitted_s",
-    "period_s",
-    "periods",
-    "realisations",
-)
+    "theta_rms_deg", "angle_noise_share", "torque_at_peaks", "fitted_s", "period_s", "periods", "realisations",
+)  # fmt: skip
 """Columns of `impedance.csv` that only another motion than a stepped sine fills."""
 
 
@@ -120,9 +114,7 @@ def rendered_table(
     trial: RenderedTrial, expected: Admittance | None, phasors: Sequence[SegmentPhasors] | None = None
 ) -> pl.DataFrame:
     """The trial's rows of `impedance.csv`; `expected` and what is raised as in `impedance_table` and `record_table`.
-
-    `phasors` are those of `sines_of`, where they are known already.
-    """
+    `phasors` are those of `sines_of`, where they are known already."""
     if isinstance(trial, MovingRecord):
         return record_table(trial, expected)
     try:

@@ -132,11 +132,8 @@ class RepeatedRounding:
         return [self.sums_of(one, own) for one, own in zip(self.segments, np.split(X, ends), strict=True)]
 
     def sums_of(self, segment: Segment, X: Array, own: Array | None = None) -> RoundingSums:
-        """What one segment adds, beside columns X (rows of the segment, p).
-
-        Behind them stand columns `own` (rows of the segment, q) of a fit to the rounded signal itself: the error of
-        rounding is then made once for both.
-        """
+        """What one segment adds, beside columns X (rows of the segment, p). Behind them stand columns `own` (rows of
+        the segment, q) of a fit to the rounded signal itself: the error of rounding is then made once for both."""
         X_own = np.empty((len(X), 0)) if own is None else own
         left, p = self.rounded.surviving(segment), X.shape[1] + X_own.shape[1]
         if left[0] <= DITHERED:

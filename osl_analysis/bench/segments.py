@@ -99,11 +99,9 @@ class Block:
 
     @property
     def stretches(self) -> tuple[slice, ...]:
-        """Rows of each stretch of segments that touch, transients and gaps included, in the order of time.
-
-        A rest lies between two stretches, or segments of another amplitude, where the protocol goes through all
-        amplitudes at one frequency before it goes to the next.
-        """
+        """Rows of each stretch of segments that touch, transients and gaps included, in the order of time. A rest lies
+        between two stretches, or segments of another amplitude, where the protocol goes through all amplitudes at one
+        frequency before it goes to the next."""
         ends = [(int(np.rint(s.start)), int(np.rint(s.stop))) for s in self.segments]
         first = [start for k, (start, _) in enumerate(ends) if k == 0 or start > ends[k - 1][1] + 1]
         last = [stop for k, (_, stop) in enumerate(ends) if k + 1 == len(ends) or ends[k + 1][0] > stop + 1]
@@ -114,10 +112,8 @@ def settled(
     blocks: Sequence[Block], settle_cycles: int, usable: NDArray[np.bool_] | None = None
 ) -> tuple[Segment, ...]:
     """All segments without their first `settle_cycles` cycles and without their last one; one cycle at least is kept.
-
     The first cycles still contain the transient. Into the last one the zero-phase filter smears the beginning of the
-    next frequency. Cycles with a row that is not `usable` (n,) are not fitted.
-    """
+    next frequency. Cycles with a row that is not `usable` (n,) are not fitted."""
     segments = (s for block in blocks for s in block.segments)
     trimmed = (trimmed_segment(s, min(settle_cycles, s.cycles - 1), 1) for s in segments)
     return tuple(trimmed) if usable is None or usable.all() else tuple(without_gaps(s, usable) for s in trimmed)
@@ -133,10 +129,8 @@ def trimmed_segment(segment: Segment, before: int, after: int) -> Segment:
 
 
 def without_gaps(segment: Segment, usable: NDArray[np.bool_]) -> Segment:
-    """The segment without the cycles in which a row is not usable (n,); raises as `settled`.
-
-    Of the stretches between, those with too few cycles for an interval are not used where there is a longer one.
-    """
+    """The segment without the cycles in which a row is not usable (n,); raises as `settled`. Of the stretches between,
+    those with too few cycles for an interval are not used where there is a longer one."""
     whole = np.array([bool(usable[whole_rows(a, b)].all()) for a, b in pairwise(segment.edges)])
     if not whole.any():
         raise InputError(
@@ -204,10 +198,8 @@ def find_blocks(
 
 
 def check_amplitudes(theta: Array, found: Sequence[Run], protocol: SteppedSineProtocol, begin: float) -> None:
-    """Refuse an angle (n,) [rad] without a sine, and runs of another amplitude than a commanded one.
-
-    `begin` is the time [s] of the first row.
-    """
+    """Refuse an angle (n,) [rad] without a sine, and runs of another amplitude than a commanded one. `begin` is the
+    time [s] of the first row."""
     commanded = ", ".join(f"{np.rad2deg(a):g}" for a in protocol.amplitudes)
     if not found:
         raise InputError(

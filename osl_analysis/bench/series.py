@@ -25,10 +25,8 @@ class Series:
 
     def table(self, most: int = MOST_ROWS) -> pl.DataFrame:
         """Every k-th sample, `most` or fewer rows, and the range of the residual in the k samples from each on.
-
         `theta_deg` or `omega`, `torque` and, where the fit uses the sample, `torque_model`; `residual_low` and
-        `residual_high` [N*m] are of all k samples that the fit uses, so that no outlier is lost.
-        """
+        `residual_high` [N*m] are of all k samples that the fit uses, so that no outlier is lost."""
         k = max(-(-len(self.time) // most), 1)
         low, high = self.range_of_residual(k)
         each = slice(None, None, k)

@@ -134,9 +134,7 @@ class SteppedSineTrial:
         self, amplitude: float | None, repeated: Sequence[RepeatedError] | None = None
     ) -> ResidualCorrelation:
         """How residuals in these rows depend on one another: the cycles repeat, and the filter correlates noise.
-
-        `repeated` are the errors that the cycles repeat; None: the rounding of angle and torque.
-        """
+        `repeated` are the errors that the cycles repeat; None: the rounding of angle and torque."""
         segments = self.segments(amplitude)
         repeated = self.repeated_rounding(segments) if repeated is None else repeated
         cycles, every = repeated_cycles(segments), self.independent_samples
@@ -195,10 +193,8 @@ def stepped_sine_alone(trial: Trial, settings: SteppedSineAnalysis, known: Recor
 
 
 def stepped_sine_of(known: Recorded, settings: SteppedSineAnalysis, more_compliance: float = 0.0) -> SteppedSineTrial:
-    """The trial behind uniform signals; raises as `stepped_sine_trial`, without the trial's name.
-
-    The bench is softer than its settings by `more_compliance` [rad/(N*m)].
-    """
+    """The trial behind uniform signals; raises as `stepped_sine_trial`, without the trial's name. The bench is softer
+    than its settings by `more_compliance` [rad/(N*m)]."""
     signals, bench = known.signals, settings.bench_stiffness
     time, measured, usable = signals.time, signals["torque"], signals.usable
     blocks = find_blocks(time, signals["theta"], settings.protocol, known.motion.runs)
@@ -251,11 +247,8 @@ def drift_rate(time: Array, torque: Array, segments: Sequence[Segment]) -> float
 
 
 def without_angle(theta: Array, torque: Array) -> Array:
-    """The torque (n,) [N*m] minus what is proportional to the angle (n,) [rad].
-
-    A sine whose amplitude decays has a mean, of another size at each frequency. What the joint makes of it would pass
-    for drift.
-    """
+    """The torque (n,) [N*m] minus what is proportional to the angle (n,) [rad]. A sine whose amplitude decays has a
+    mean, of another size at each frequency. What the joint makes of it would pass for drift."""
     moved = theta - theta.mean()
     return np.asarray(torque - float(moved @ torque) / max(float(moved @ moved), np.finfo(float).tiny) * moved)
 
@@ -270,10 +263,8 @@ def widened_fits(trial: SteppedSineTrial, columns: Columns) -> Mapping[float | N
 
 
 def fits_by_amplitude(trial: SteppedSineTrial, columns: Columns) -> dict[float | None, LinearFit]:
-    """The fit of a model to each amplitude [deg] of a trial, and to all of them (None); raises as `linear_fit`.
-
-    What the rounding of a sensor adds up to in a segment is the same in the fit to its amplitude and in that to all.
-    """
+    """The fit of a model to each amplitude [deg] of a trial, and to all of them (None); raises as `linear_fit`. What
+    the rounding of a sensor adds up to in a segment is the same in the fit to its amplitude and in that to all."""
     rounding = {segment: rounding_beside(trial, segment, columns) for segment in trial.segments(None)}
     fits: dict[float | None, LinearFit] = {}
     for amplitude in trial.amplitudes:
@@ -287,11 +278,9 @@ def fits_by_amplitude(trial: SteppedSineTrial, columns: Columns) -> dict[float |
 def rounding_beside(
     trial: SteppedSineTrial, segment: Segment, columns: Columns, own: Array | None = None
 ) -> dict[str, RoundingSums]:
-    """What the rounding of each signal whose step is known adds up to in a segment, by column.
-
-    With columns `own` (n, q) of a fit to each rounded signal itself, this is beside them. What it is beside the columns
-    of the model comes along in the same pass over the samples, and is kept in the trial.
-    """
+    """What the rounding of each signal whose step is known adds up to in a segment, by column. With columns `own` (n,
+    q) of a fit to each rounded signal itself, this is beside them. What it is beside the columns of the model comes
+    along in the same pass over the samples, and is kept in the trial."""
     key = columns, segment
     if own is not None or key not in trial.rounding:
         X = np.array(list(columns(trial.moved(segment)).values())).T

@@ -69,10 +69,8 @@ class Cycles:
     starts_at: float
 
     def settled_for(self, torque: Array) -> "Cycles":
-        """Without the first cycle if it differs: its torque (n,) [N*m] does not come back, that of later ones does.
-
-        A device with hysteresis that starts from rest begins within its loop and ends on it.
-        """
+        """Without the first cycle if it differs: its torque (n,) [N*m] does not come back, that of later ones does. A
+        device with hysteresis that starts from rest begins within its loop and ends on it."""
         first, *later = (abs(float(torque[cycle.stop] - torque[cycle.start])) for cycle in self.used)
         if not later or first <= max(MUCH_MORE * max(later), NO_RETURN * float(np.ptp(torque))):
             return self
@@ -80,12 +78,9 @@ class Cycles:
 
 
 def find_cycles(theta: Array, settle: int = 0) -> Cycles:
-    """The cycles of an angle theta (n,) [rad], filtered, without the first `settle` ones.
-
-    A cycle begins where the recording begins, and ends where the angle comes back in the same direction; if the motion
-    starts at one of its ends, where the angle comes back to this end. Loading is the way to the end that is farther
-    from the start.
-    """
+    """The cycles of an angle theta (n,) [rad], filtered, without the first `settle` ones. A cycle begins where the
+    recording begins, and ends where the angle comes back in the same direction; if the motion starts at one of its
+    ends, where the angle comes back to this end. Loading is the way to the end that is farther from the start."""
     low, high = float(theta.min()), float(theta.max())
     span, start = high - low, float(theta[0])
     turns = turning_points(theta, SMALLEST_SWING * span)
@@ -111,7 +106,6 @@ def find_cycles(theta: Array, settle: int = 0) -> Cycles:
 
 
 def in_deg(angle: float) -> str:
-    """An angle [rad] for messages, in degrees."""
     return f"{round(np.rad2deg(angle), 2) + 0.0:.2f}"
 
 
@@ -200,11 +194,9 @@ def torque_zero(theta: Array, torque: Array, rate_hz: float, settings: TorqueAng
 
 
 def rest_change(theta: Array, torque: Array, rate_hz: float, settings: TorqueAngleAnalysis) -> float | None:
-    """Difference of the torque (n,) [N*m] between rest at the end and at the start, as a share of its range.
-
-    None where the zero is not that of the end, or the joint does not rest at both at one angle (n,) [rad]. A zero at
-    the start, before the device was moved, is right although hysteresis leaves a torque at the end.
-    """
+    """Difference of the torque (n,) [N*m] between rest at the end and at the start, as a share of its range. None where
+    the zero is not that of the end, or the joint does not rest at both at one angle (n,) [rad]. A zero at the start,
+    before the device was moved, is right although hysteresis leaves a torque at the end."""
     count = max(round(settings.rest_s * rate_hz), 1)
     ends = np.concatenate([theta[:count], theta[-count:]])
     if settings.zero != "end" or float(np.ptp(ends)) > AT_REST * float(np.ptp(theta)):
@@ -230,11 +222,8 @@ def loop_at(at_deg: float, angle_deg: Array, loading: Array, unloading: Array) -
 
 def may_be_left(zero: float, loop: Loop | None, widest: float, torque_range: float) -> bool:
     """Whether the torque [N*m] at rest that was taken for zero may be what hysteresis leaves: it lies on a branch of
-    the loop and not in its middle.
-
-    Where the joint rests at an end of the motion the loop does not tell. There a `zero` that is small against the
-    `widest` loop is no matter.
-    """
+    the loop and not in its middle. Where the joint rests at an end of the motion the loop does not tell. There a `zero`
+    that is small against the `widest` loop is no matter."""
     if loop is None:
         return widest > LEAST_LOOP * torque_range and abs(zero) > SMALL_ZERO * widest
     return abs(loop.middle) > max(OFF_MIDDLE * loop.width, LEAST_SHIFT * torque_range)
@@ -269,11 +258,8 @@ class Curve:
 
 
 def energies(theta: Array, torque: Array, cycle: Cycle) -> Energies:
-    """Energies of a cycle: the integral of torque [N*m] over angle [rad], piece by piece.
-
-    A piece ends where the angle turns or the torque changes its sign, so that noise is not counted as energy to and
-    fro.
-    """
+    """Energies of a cycle: the integral of torque [N*m] over angle [rad], piece by piece. A piece ends where the angle
+    turns or the torque changes its sign, so that noise is not counted as energy to and fro."""
     angle, load = theta[cycle.rows], torque[cycle.rows]
     work = np.concatenate([[0.0], np.cumsum((load[1:] + load[:-1]) / 2 * np.diff(angle))])
     signs = np.flatnonzero(np.diff(np.signbit(load))) + 1
@@ -299,8 +285,7 @@ def grid_deg(theta: Array, branches: Sequence[Sequence[NDArray[np.intp]]], step_
 @dataclass(frozen=True)
 class Smoothing:
     """How a point of a curve is fitted: samples within `window` [rad] to each side, of which noise is independent after
-    `every` samples (`LowPass.independent_samples`).
-    """
+    `every` samples (`LowPass.independent_samples`)."""
 
     window: float
     every: int
@@ -325,10 +310,8 @@ EMPTY = Point(np.nan, np.nan, (np.nan, np.nan), np.nan, np.nan)
 
 
 def local_line(theta: Array, torque: Array, at: float, smoothing: Smoothing) -> Point:
-    """Torque and slope at an angle [rad] of the samples (n,) of one branch: a parabola through those around.
-
-    The slope is NaN where they do not reach as far as the window on both sides. What a cubic describes is not noise.
-    """
+    """Torque and slope at an angle [rad] of the samples (n,) of one branch: a parabola through those around. The slope
+    is NaN where they do not reach as far as the window on both sides. What a cubic describes is not noise."""
     window = smoothing.window
     near = np.abs(theta - at) <= window
     x = (theta[near] - at) / window
@@ -347,10 +330,8 @@ def local_line(theta: Array, torque: Array, at: float, smoothing: Smoothing) -> 
 def branch_curve(
     theta: Array, torque: Array, branches: Sequence[NDArray[np.intp]], at: Array, smoothing: Smoothing
 ) -> Curve:
-    """A branch at the angles `at` (m,) [rad], from its rows in each cycle.
-
-    With two cycles or more the intervals are those of their scatter (Student), with one those of its noise.
-    """
+    """A branch at the angles `at` (m,) [rad], from its rows in each cycle. With two cycles or more the intervals are
+    those of their scatter (Student), with one those of its noise."""
     points = [[local_line(theta[rows], torque[rows], a, smoothing) for a in at] for rows in branches]
     torques = np.array([[point.torque for point in cycle] for cycle in points])
     slopes = np.array([[point.slope for point in cycle] for cycle in points])
@@ -362,11 +343,9 @@ def branch_curve(
 
 
 def usual_noise(points: Sequence[Point]) -> float:
-    """Spectral density of the noise of a branch [(N*m)^2 per sample]: the median over its points.
-
-    At a kink of the curve, what the cubic cannot describe would count as noise. The median of few degrees of freedom is
-    below their mean by the factor of Wilson and Hilferty (1931).
-    """
+    """Spectral density of the noise of a branch [(N*m)^2 per sample]: the median over its points. At a kink of the
+    curve, what the cubic cannot describe would count as noise. The median of few degrees of freedom is below their mean
+    by the factor of Wilson and Hilferty (1931)."""
     found = np.array([(point.noise, point.freedom) for point in points if np.isfinite(point.noise)]).reshape(-1, 2)
     if not len(found):
         return np.nan
@@ -383,10 +362,8 @@ def half_width(values: Array) -> float:
 
 
 def straight_line(theta: Array, torque: Array, pieces: Sequence[slice]) -> float:
-    """Slope [N*m/rad] of the straight line through a branch by least squares over angle.
-
-    Each sample counts by the angle that it covers, so that a rest on the way, or a slower end, does not weigh more.
-    """
+    """Slope [N*m/rad] of the straight line through a branch by least squares over angle. Each sample counts by the
+    angle that it covers, so that a rest on the way, or a slower end, does not weigh more."""
     rows = joined(pieces)
     weight = np.concatenate([np.abs(np.gradient(theta[piece])) for piece in pieces])
     angle, load = theta[rows], torque[rows]
@@ -483,7 +460,11 @@ def analysed(signals: UniformSignals, settings: TorqueAngleAnalysis, compliance:
     check_changes("theta", signals["theta"])
     low_pass, rate = settings.low_pass, signals.rate_hz
     bench_theta, torque = low_pass(signals["theta"], rate), low_pass(signals["torque"], rate)
-    check_moves(bench_theta, settings)
+    if (range_deg := float(np.rad2deg(np.ptp(bench_theta)))) < settings.smallest_motion_deg:
+        raise InputError(
+            f"the angle moves by {range_deg:.3g} deg in all, expected {settings.smallest_motion_deg:g} deg or more "
+            "(smallest_motion_deg); check the channel of theta and its unit in the source file"
+        )
     zero = torque_zero(bench_theta, torque, rate, settings)
     torque = torque - zero
     theta = joint_angle(bench_theta, torque, compliance)
@@ -494,39 +475,16 @@ def analysed(signals: UniformSignals, settings: TorqueAngleAnalysis, compliance:
     at = grid_deg(theta, branches, settings.angle_step_deg)
     smoothing = Smoothing(settings.window_share * float(np.ptp(theta)), low_pass.independent_samples(rate))
     loading, unloading = (branch_curve(theta, torque, rows, np.deg2rad(at), smoothing) for rows in branches)
-    found = TorqueAngleTrial(
-        signals.trial,
-        signals.time,
-        theta,
-        bench_theta,
-        torque,
-        zero,
-        cycles,
-        at,
-        (loading, unloading),
-        settings,
-        signals,
-    )
-    check_slow(found)
-    check_follows(found)
-    return found
-
-
-def check_moves(theta: Array, settings: TorqueAngleAnalysis) -> None:
-    if (range_deg := float(np.rad2deg(np.ptp(theta)))) < settings.smallest_motion_deg:
+    name, time, curves = signals.trial, signals.time, (loading, unloading)
+    found = TorqueAngleTrial(name, time, theta, bench_theta, torque, zero, cycles, at, curves, settings, signals)
+    shortest = float(found.durations().min())
+    if shortest < settings.shortest_cycle_s:
         raise InputError(
-            f"the angle moves by {range_deg:.3g} deg in all, expected {settings.smallest_motion_deg:g} deg or more "
-            "(smallest_motion_deg); check the channel of theta and its unit in the source file"
-        )
-
-
-def check_slow(trial: TorqueAngleTrial) -> None:
-    shortest = float(trial.durations().min())
-    if shortest < trial.settings.shortest_cycle_s:
-        raise InputError(
-            f"a cycle takes {shortest:.2g} s, which is not quasi-static: below {trial.settings.shortest_cycle_s:g} s "
+            f"a cycle takes {shortest:.2g} s, which is not quasi-static: below {settings.shortest_cycle_s:g} s "
             "(shortest_cycle_s) inertia and damping are in the torque; record it slower, or take experiment 'impedance'"
         )
+    check_follows(found)
+    return found
 
 
 def check_follows(trial: TorqueAngleTrial) -> None:

@@ -71,7 +71,10 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     Raises InputError: The settings have no such curve.
     """
     cycles = cycle_table(trial)
-    softer = with_softer_bench(trial)
+    bench = trial.settings.bench_stiffness
+    softer = None  # the cycles with a bench that is softer by one standard error
+    if bench is not None and bench.compliance_error:
+        softer = cycle_table(analysed(trial.uniform, trial.settings, bench.compliance + bench.compliance_error))
     loading, unloading = trial.curves
     moved, torque = trial.theta[moving(trial.theta)], trial.torque
     measured, model = trial.modelled()
@@ -103,8 +106,8 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
         "VAF": variance_accounted_for(measured, measured - model),
         "speed_deg_s": float(np.mean(cycles["speed_deg_s"].to_numpy())),
         "shortest_cycle_s": float(trial.durations().min()),
-        "closure_angle": largest(cycles["closure_angle"]),
-        "closure_torque": largest(cycles["closure_torque"]),
+        "closure_angle": float(cycles["closure_angle"].to_numpy().max()),
+        "closure_torque": float(cycles["closure_torque"].to_numpy().max()),
         "cycle_drift": cycle_drift(trial),
         "rate_change": rate_change(cycles),
         "bridged_share": bridged_share(trial),
@@ -128,19 +131,6 @@ def zero_row(trial: TorqueAngleTrial, widest: float) -> dict[str, float | str | 
         "rest_change": rest_change(trial.bench_theta, torque, trial.uniform.rate_hz, settings),
         "not_checked": "; ".join(reasons) or None,
     }
-
-
-def largest(values: pl.Series) -> float:
-    """Largest value of a column."""
-    return float(values.to_numpy().max())
-
-
-def with_softer_bench(trial: TorqueAngleTrial) -> pl.DataFrame | None:
-    """The table of cycles with a bench that is softer by one standard error; None if that is not stated."""
-    bench = trial.settings.bench_stiffness
-    if bench is None or not bench.compliance_error:
-        return None
-    return cycle_table(analysed(trial.uniform, trial.settings, bench.compliance + bench.compliance_error))
 
 
 def mean_over_cycles(name: str, cycles: pl.DataFrame, softer: pl.DataFrame | None) -> dict[str, float | None]:

@@ -85,9 +85,8 @@ def transmission_fits(trial: SteppedSineTrial) -> Mapping[float | None, LinearFi
 
 
 def transmission_time_base(trial: SteppedSineTrial) -> pl.DataFrame:
-    words = None
-    if trial.other is not None:
-        words = time_base_words(transmission_fits(trial)[None], transmission_fits(trial.other)[None], TRANSMISSION)
+    other = None if trial.other is None else transmission_fits(trial.other)[None]
+    words = time_base_words(transmission_fits(trial)[None], other, TRANSMISSION)
     return timebase_table(trial.uniform, words, trial.bench)
 
 

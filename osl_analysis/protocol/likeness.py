@@ -105,22 +105,15 @@ class Likeness:
 
 
 def moving_bins(time: Array, theta: Array, noise: float | None = None) -> NDArray[np.bool_]:
-    """Rows (n,) of a joint angle theta [rad] at times [s] in which the joint moves, in bins of `BIN_S`.
-
-    A bin in which a sensor at rest only rounds or makes noise does not count. `noise` is that of `noise_of`, where it
-    is known already.
-    """
-    first = first_of_bins(time)
+    """Rows (n,) of a joint angle theta [rad] at times [s] in which the joint moves, in bins of `BIN_S`. A bin in which
+    a sensor at rest only rounds or makes noise does not count. `noise` is that of `noise_of`, where it is known
+    already."""
+    bins = np.floor((time - time[0]) / BIN_S)
+    first = np.flatnonzero(np.concatenate([[True], bins[1:] != bins[:-1]]))
     turn = np.maximum.reduceat(theta, first) - np.minimum.reduceat(theta, first)
     noise = noise_of(theta) if noise is None else noise
     moves = turn > max(MOVES * float(np.ptp(theta)), 12 * noise)
     return np.asarray(np.repeat(moves, np.diff(np.append(first, len(theta)))))
-
-
-def first_of_bins(time: Array) -> NDArray[np.intp]:
-    """First row in each bin of `BIN_S` in which there is one, by times (n,) [s] that rise."""
-    bins = np.floor((time - time[0]) / BIN_S)
-    return np.flatnonzero(np.concatenate([[True], bins[1:] != bins[:-1]]))
 
 
 def rows_between(time: Array, start: float, stop: float) -> slice:
@@ -160,11 +153,9 @@ def is_steady(run: Run, crossings: Array) -> bool:
 
 
 def one_line_share(time: Array, theta: Array, protocol: SteppedSineProtocol) -> float:
-    """Mean over pieces of the largest share of power of the angle (n,) [rad] at one commanded frequency.
-
-    Power counts from below the slowest to above the fastest commanded frequency. 0 if fewer than `WON` of the commanded
-    frequencies prevail in a piece, as they do in turn in a stepped sine.
-    """
+    """Mean over pieces of the largest share of power of the angle (n,) [rad] at one commanded frequency. Power counts
+    from below the slowest to above the fastest commanded frequency. 0 if fewer than `WON` of the commanded frequencies
+    prevail in a piece, as they do in turn in a stepped sine."""
     rate, commanded = (len(time) - 1) / float(time[-1]), np.unique(protocol.frequencies_hz)
     n = round(PIECE_S * rate)
     f = np.fft.rfftfreq(n, 1 / rate)

@@ -58,10 +58,8 @@ def noise_of(theta: Array) -> float:
 
 
 def upward_crossings(time: Array, theta: Array, noise: float | None = None) -> Array:
-    """Times [s] at which the angle rises through its centre, from below a dead band to above it.
-
-    `noise` is that of `noise_of`, where it is known already.
-    """
+    """Times [s] at which the angle rises through its centre, from below a dead band to above it. `noise` is that of
+    `noise_of`, where it is known already."""
     x = theta - centre_of_motion(time, theta)
     noise = noise_of(theta) if noise is None else noise
     dead = max(DEAD_BAND * max(float(x.max()), -float(x.min())), 5 * noise)
@@ -194,11 +192,8 @@ def plateau(height: Array) -> tuple[int, int]:
 
 
 def fit_run(time: Array, theta: Array, stretch: Stretch) -> Run | None:
-    """The sine through the rows of a stretch; None where they follow no sine.
-
-    The phasor of the fitted sine may change linearly in time. The growth of its phase corrects the frequency, so that
-    few steps suffice.
-    """
+    """The sine through the rows of a stretch; None where they follow no sine. The phasor of the fitted sine may change
+    linearly in time. The growth of its phase corrects the frequency, so that few steps suffice."""
     rows, frequency = stretch.rows, stretch.frequency_hz
     duration = float(time[rows.stop - 1] - time[rows.start])
     every = max(int((rows.stop - rows.start) / (duration * frequency) / SAMPLES_PER_CYCLE), 1)

@@ -69,8 +69,7 @@ class LineScatter(ResidualCorrelation):
     shares: Array | None = None  # weights (lines, detection lines) with which the level at an excited line was averaged
 
     def window(self, residual: Array) -> int:
-        """Errors of two lines are not correlated."""
-        return 1
+        return 1  # errors of two lines are not correlated
 
     @property
     def method(self) -> str:
@@ -156,9 +155,8 @@ def parts(values: Spectrum) -> Array:
 
 def distortion_level(error: Spectrum, lines: Lines) -> tuple[Array | None, Array | None]:
     """E|error|^2 at excited lines (realisations, excited), averaged from lines without excitation, and the weights.
-
-    Between two such lines it is interpolated. None where they are too few. `error` (realisations, lines) is weighted.
-    """
+    Between two such lines it is interpolated. None where they are too few. `error` (realisations, lines) is
+    weighted."""
     at, seen = np.flatnonzero(lines.excited), np.flatnonzero(lines.detection)
     if len(seen) * len(error) < ENOUGH_DETECTION or len(seen) < 2:
         return None, None

@@ -107,9 +107,7 @@ HARMONICS = 100  # harmonics of the error of rounding that are summed
 
 def repeated_rounding(one: Realisation, impedance: Spectrum) -> Array:
     """E|error|^2 [(N*m)^2] at lines (m,) of the mean over the periods, by what every period repeats of the rounding.
-
-    `impedance` (m,) [N*m/rad] takes the angle's error to the torque.
-    """
+    `impedance` (m,) [N*m/rad] takes the angle's error to the torque."""
     theta, torque = (
         repeated_variance(one, spectra, step) for spectra, step in zip((one.theta, one.torque), one.steps, strict=True)
     )
@@ -146,8 +144,7 @@ class UnitNoise(ResidualCorrelation):
     freedom: float = np.inf  # degrees of freedom of the noise
 
     def window(self, residual: Array) -> int:
-        """Errors of two lines are not correlated."""
-        return 1
+        return 1  # errors of two lines are not correlated
 
     def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
         """Covariance (p, p) of the estimates, its degrees of freedom (p,) and its source."""
@@ -193,8 +190,7 @@ class FittedStructure:
 
 def lines_of_periods(realisations: Sequence[Realisation], low_pass: LowPass) -> FittedLines:
     """The excited lines of realisations. Their noise comes from the scatter of periods at all lines nearby, and from
-    rounding that every period repeats.
-    """
+    rounding that every period repeats."""
     single, found = distinct(realisations), equation_error(realisations)
     at = np.flatnonzero(found.lines.excited)
     periods = np.array([[r.periods] for r in single], dtype=float)
@@ -223,10 +219,8 @@ def lines_of_periods(realisations: Sequence[Realisation], low_pass: LowPass) -> 
 
 
 def lines_of_record(spectrum: RecordSpectrum, low_pass: LowPass) -> FittedLines:
-    """All lines of a record that does not repeat itself, with its noise from the local polynomial method.
-
-    What the ends of the record and a drift of the torque add is fitted too.
-    """
+    """All lines of a record that does not repeat itself, with its noise from the local polynomial method. What the ends
+    of the record and a drift of the torque add is fitted too."""
     s = np.asarray(2j * np.pi * spectrum.frequency_hz, dtype=np.complex128)[None, :]
     local = local_fit(spectrum).noise
     noise = smoothed(local, np.ones(len(local)))[None, :]

@@ -44,10 +44,8 @@ class CoarseMotion:
 
     @cached_property
     def autocorrelation(self) -> Array:
-        """Correlation of the part that overlaps at each lag of up to half the record, shape (n//2 + 1,).
-
-        It is divided by the size of both overlapping parts, so that it does not fall with the lag.
-        """
+        """Correlation of the part that overlaps at each lag of up to half the record, shape (n//2 + 1,). It is divided
+        by the size of both overlapping parts, so that it does not fall with the lag."""
         n, x = len(self.theta), self.theta
         lags = np.arange(n // 2 + 1)
         products = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * n)) ** 2, 2 * n)[lags]
@@ -132,10 +130,8 @@ def candidates(correlation: Array) -> Array:
 
 
 def repetition(motion: CoarseMotion, lag: float) -> Repetition | None:
-    """Where the motion repeats itself after a lag [coarse samples]; None if it does not in most of its time.
-
-    Steps of Gauss and Newton in these stretches correct the lag.
-    """
+    """Where the motion repeats itself after a lag [coarse samples]; None if it does not in most of its time. Steps of
+    Gauss and Newton in these stretches correct the lag."""
     moving = in_motion(motion, lag)
     scale = float(np.sqrt(np.mean(motion.theta[moving] ** 2))) if moving.any() else 0.0
     for _ in range(STEPS):

@@ -30,11 +30,9 @@ SAME_MOTION = 0.99
 
 @dataclass(frozen=True)
 class Realisation:
-    """Whole periods of one periodic motion, which follow one another.
-
-    Line k is the sine Re(X_k exp(2j pi k t/period)) of a signal; line 0 is its mean. The first sample of each period is
-    its zero of time. No filter was applied: a ratio of torque and angle needs none where both have the same.
-    """
+    """Whole periods of one periodic motion, which follow one another. Line k is the sine Re(X_k exp(2j pi k t/period))
+    of a signal; line 0 is its mean. The first sample of each period is its zero of time. No filter was applied: a ratio
+    of torque and angle needs none where both have the same."""
 
     period: float  # period [s]
     rate_hz: float  # sampling rate [Hz]
@@ -84,26 +82,20 @@ def periodic_motion(
         change, error = phase_drift(made)
         period *= 1 + change
     made = realisations_of(found, period, (theta, torque), rate_hz, highest_hz)
-    if not made or max(map(unsteadiness, made)) > LARGEST_UNSTEADINESS:
-        return None
-    return PeriodicMotion(period, 1e6 * error, tuple(made))
-
-
-def unsteadiness(one: Realisation) -> float:
-    """RMS difference of the angle's lines between periods, as a share of their size; without the mean."""
-    mean = one.theta.mean(axis=0)
-    apart = np.sum(np.abs((one.theta - mean)[:, 1:]) ** 2) / (one.periods - 1)
-    return float(np.sqrt(apart / np.sum(np.abs(mean[1:]) ** 2)))
+    for one in made:
+        mean = one.theta.mean(axis=0)
+        apart = np.sum(np.abs((one.theta - mean)[:, 1:]) ** 2) / (one.periods - 1)
+        if apart > LARGEST_UNSTEADINESS**2 * np.sum(np.abs(mean[1:]) ** 2):
+            return None
+    return PeriodicMotion(period, 1e6 * error, tuple(made)) if made else None
 
 
 def realisations_of(
     found: Repetition, period: float, signals: Sequence[Array], rate_hz: float, highest_hz: float
 ) -> list[Realisation]:
-    """The realisations in the stretches that were found, each from its last whole period backwards.
-
-    A transient is at the beginning of a stretch; what is over is therefore left out there. The signals are the angle
-    (n,) and the torque, or the angle alone, whose lines then stand in both places.
-    """
+    """The realisations in the stretches that were found, each from its last whole period backwards. A transient is at
+    the beginning of a stretch; what is over is therefore left out there. The signals are the angle (n,) and the torque,
+    or the angle alone, whose lines then stand in both places."""
     samples, last = period * rate_hz, len(signals[0])
     count = int(np.floor(min(highest_hz, rate_hz / 3) * period + 1e-9)) + 1
     made = []
@@ -121,10 +113,8 @@ def realisations_of(
 
 def period_spectra(signal: Array, first: float, samples: float, periods: int, count: int) -> Spectrum:
     """The first lines of each period of `samples` samples from the place `first` of a signal (n,) on, (periods, count).
-
     The drift that the means of the periods show is taken off. It is a ramp in every period, so that no scatter shows
-    it, and adds 1/k to line k.
-    """
+    it, and adds 1/k to line k."""
     places = int(np.ceil(samples))
     share = np.arange(places) / places
     spline = make_interp_spline(np.arange(len(signal)), signal, k=DEGREE)
@@ -139,10 +129,8 @@ def period_spectra(signal: Array, first: float, samples: float, periods: int, co
 
 
 def phase_drift(made: Sequence[Realisation]) -> tuple[float, float]:
-    """By which share the period is too short, from the phases of strong lines over the periods, with standard error.
-
-    If the true period is longer by a share d, line k of period p is late by 2 pi k p d.
-    """
+    """By which share the period is too short, from the phases of strong lines over the periods, with standard error. If
+    the true period is longer by a share d, line k of period p is late by 2 pi k p d."""
     steps, phases, weights = list[Array](), list[Array](), list[Array]()
     for one in made:
         mean = one.theta.mean(axis=0)
@@ -159,10 +147,8 @@ def phase_drift(made: Sequence[Realisation]) -> tuple[float, float]:
 
 
 def distinct(made: Sequence[Realisation]) -> list[Realisation]:
-    """The realisations of one period, those that are one motion recorded twice joined to one, in their order.
-
-    A motion that is repeated has the same distortion again; only other phases give another one.
-    """
+    """The realisations of one period, those that are one motion recorded twice joined to one, in their order. A motion
+    that is repeated has the same distortion again; only other phases give another one."""
     joined: list[Realisation] = []
     for one in with_common_lines(made):
         for place, other in enumerate(joined):
@@ -325,20 +311,13 @@ def alike(first: Realisation, second: Realisation) -> bool:
     """Whether two motions differ in their phases only: the same period, and lines of the same size."""
     if abs(first.period - second.period) > PERIODS_AGREE * first.period:
         return False
-    one, two = map(sizes, with_common_lines([first, second]))
+    one, two = (np.abs(r.theta.mean(axis=0)[1:]) for r in with_common_lines([first, second]))
     return bool(np.linalg.norm(one - two) <= SIZES_AGREE * np.linalg.norm(one))
-
-
-def sizes(one: Realisation) -> Array:
-    """Amplitudes [rad] of the angle's lines, without the mean."""
-    return np.asarray(np.abs(one.theta.mean(axis=0)[1:]))
 
 
 def pooled(trials: Mapping[str, Sequence[Realisation]]) -> list[dict[str, list[Realisation]]]:
     """Trials of one condition, each by name with its realisations, sorted by motions that are alike; two or more each.
-
-    A trial whose own realisations differ is with those that are like its first one.
-    """
+    A trial whose own realisations differ is with those that are like its first one."""
     groups: list[dict[str, list[Realisation]]] = []
     for name, made in trials.items():
         for group in groups:

@@ -32,11 +32,9 @@ ROBUST, FAST, LOCAL = "robust", "fast", "local polynomial"
 
 @dataclass(frozen=True)
 class FrequencyResponse:
-    """Impedance over frequency, shape (m,) each; NaN where the motion does not show it.
-
-    Levels are what is added to Z that is measured in one realisation, as a standard deviation of the complex number
-    (E|.|^2)^1/2, averaged over neighbouring lines.
-    """
+    """Impedance over frequency, shape (m,) each; NaN where the motion does not show it. Levels are what is added to Z
+    that is measured in one realisation, as a standard deviation of the complex number (E|.|^2)^1/2, averaged over
+    neighbouring lines."""
 
     method: str  # one of `ROBUST`, `FAST`, `LOCAL`
     frequency_hz: Array  # frequency [Hz]
@@ -112,7 +110,8 @@ def periodic_response(realisations: Sequence[Realisation]) -> tuple[FrequencyRes
     at, count = np.flatnonzero(found.lines.excited), len(found.error)
     mean_angle = found.angle[at] / count
     noise = smoothed(found.noise.mean(axis=0), (np.arange(len(found.angle)) > 0).astype(float))[at]
-    square = mean_square(found)
+    square = np.mean(np.abs(found.error) ** 2, axis=0)  # at excited lines, where Z was fitted, with one degree less
+    square = np.asarray(np.where(found.lines.excited, square * count / max(count - 1, 1), square))
     kinds = showing(found.lines, count)
     odd, even = (without_noise(square, found.noise, kind) for kind in kinds)
     between = smoothed(square, found.lines.excited.astype(float))[at]
@@ -143,19 +142,9 @@ def without_noise(square: Array, noise: Array, kind: NDArray[np.bool_]) -> Array
     return np.asarray(np.interp(k, at, np.maximum(above, 0.0)))
 
 
-def mean_square(found: EquationError) -> Array:
-    """E|error|^2 over realisations (lines,); at excited lines, where Z was fitted to them, with one degree less."""
-    square = np.mean(np.abs(found.error) ** 2, axis=0)
-    count = len(found.error)
-    return np.asarray(np.where(found.lines.excited, square * count / max(count - 1, 1), square))
-
-
 def showing(lines: Lines, realisations: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Lines (lines,) that show the odd and the even distortion.
-
-    Of several realisations of an odd motion the excited lines show the odd distortion too. Of another motion every line
-    shows both, and counts as odd.
-    """
+    """Lines (lines,) that show the odd and the even distortion. Of several realisations of an odd motion the excited
+    lines show the odd distortion too. Of another motion every line shows both, and counts as odd."""
     odd, even = lines.odd, lines.even
     if not lines.only_odd:
         odd, even = odd | even, np.zeros_like(even)
@@ -216,11 +205,9 @@ class LocalFit:
 
 
 def record_spectrum(theta: Array, torque: Array, rate_hz: float, highest_hz: float) -> RecordSpectrum:
-    """Lines 1, 2 ... of angle [rad] and torque [N*m], shape (n,) each, over the whole stretch, up to `highest_hz`.
-
-    No window is applied. What the ends of the record and a drift of the torque add (`end_columns`) is fitted together
-    with a second-order joint and subtracted from the torque. What is left of it is smooth over frequency.
-    """
+    """Lines 1, 2 ... of angle [rad] and torque [N*m], shape (n,) each, over the whole stretch, up to `highest_hz`. No
+    window is applied. What the ends of the record and a drift of the torque add (`end_columns`) is fitted together with
+    a second-order joint and subtracted from the torque. What is left of it is smooth over frequency."""
     n = len(theta)
     top = int(np.floor(min(highest_hz, rate_hz / 3) * n / rate_hz)) + 1
     for name, signal in (("the angle", theta), ("the torque", torque)):
@@ -242,10 +229,8 @@ def record_spectrum(theta: Array, torque: Array, rate_hz: float, highest_hz: flo
 
 
 def end_columns(s: Spectrum) -> Spectrum:
-    """What the ends of a record and a drift of the torque add to its lines, with real coefficients, (q, lines).
-
-    The ends of Eq. 15 add a + b s, and some more powers because its samples are summed where it has integrals.
-    """
+    """What the ends of a record and a drift of the torque add to its lines, with real coefficients, (q, lines). The
+    ends of Eq. 15 add a + b s, and some more powers because its samples are summed where it has integrals."""
     return np.array([*(s**power for power in range(END_POWERS)), 1 / s])
 
 

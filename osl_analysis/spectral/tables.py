@@ -23,7 +23,6 @@ from osl_analysis.spectral.models import (
 )
 from osl_analysis.spectral.realisations import LINES, PeriodicMotion, Realisation, distinct, lines_frame
 from osl_analysis.spectral.response import (
-    BandLevels,
     FrequencyResponse,
     local_response,
     periodic_response,
@@ -96,10 +95,8 @@ NO_RESPONSE = ResponseTables(*(pl.DataFrame(schema=schema) for schema in (RESPON
 
 
 def response_tables(recorded: RecordedMotion, p: DrivetrainParameters | None) -> ResponseTables:
-    """The tables of one trial of any excitation; Eq. 9 where the device has parameters.
-
-    A structure that cannot be fitted has a row with the reason, and so has a trial without a frequency response.
-    """
+    """The tables of one trial of any excitation; Eq. 9 where the device has parameters. A structure that cannot be
+    fitted has a row with the reason, and so has a trial without a frequency response."""
     try:
         found = recorded.periodic
         if found is not None:
@@ -139,7 +136,7 @@ def periodic_tables(
         "periods": sum(r.periods for r in realisations),
         "period_s": realisations[0].period,
         "period_error_ppm": period_error_ppm,
-        **levels_row(levels),
+        **{f"{name}_level": getattr(levels, name) for name in BAND},
     }
     return ResponseTables(
         response_frame(trial, response, found, count),
@@ -223,8 +220,3 @@ def model_row(one: FittedStructure) -> Row:
         "misfit_ratio": one.ratio,
         "misfit_p": one.p,
     }
-
-
-def levels_row(levels: BandLevels) -> Row:
-    """`torque_level`, `noise_level` ... of the band [N*m]."""
-    return {f"{name}_level": getattr(levels, name) for name in BAND}

@@ -18,11 +18,9 @@ from osl_analysis.trial import Array
 
 @dataclass(frozen=True)
 class Cycles:
-    """Division of the rows of a fit into cycles that the experiment repeats.
-
-    The rows of a cycle follow one another; its edges may lie between two rows. The cycles of one stratum (one frequency
-    at one amplitude) are repetitions: only the differences between them count as random error.
-    """
+    """Division of the rows of a fit into cycles that the experiment repeats. The rows of a cycle follow one another;
+    its edges may lie between two rows. The cycles of one stratum (one frequency at one amplitude) are repetitions: only
+    the differences between them count as random error."""
 
     first: Array  # where each cycle begins, in rows of the fit, shape (m,)
     stop: Array  # where it ends, shape (m,)
@@ -45,10 +43,8 @@ class Cycles:
 
 
 def sums_between(values: Array, first: Array, stop: Array) -> Array:
-    """Sums (m, p) of the rows of `values` (n, p) from `first` (m,) to `stop` (m,), which need not be whole numbers.
-
-    The rows follow one another in one recording.
-    """
+    """Sums (m, p) of the rows of `values` (n, p) from `first` (m,) to `stop` (m,), which need not be whole numbers. The
+    rows follow one another in one recording."""
     rows = np.ones((len(values), 1))
     return products_between(values, rows, first, stop, np.zeros(2 * len(first), dtype=np.intp))[..., 0]
 
@@ -77,10 +73,8 @@ def fractions_of_rows(X: Array, Y: Array, row: NDArray[np.intp], share: Array, m
 
 
 def cubic_weights(x: Array | NDArray[np.intp]) -> Array:
-    """Weights (3, m) of the rows before, at and behind a row in the sum from its begin over x (m,) rows.
-
-    That sum is a cubic through the cumulative sums at -1, 0, 1 and 2 rows.
-    """
+    """Weights (3, m) of the rows before, at and behind a row in the sum from its begin over x (m,) rows. That sum is a
+    cubic through the cumulative sums at -1, 0, 1 and 2 rows."""
     return np.array([x * (x - 1) * (x - 2), x * (x + 1) * (5 - 2 * x), x * (x + 1) * (x - 1)]) / 6
 
 
@@ -134,11 +128,8 @@ class ResidualCorrelation:
         return self.lags or correlation_samples(residual, self.every)
 
     def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
-        """Covariance of the estimates, its degrees of freedom, and where it comes from.
-
-        X (n, p) times `inverse` (p, p) is by how much each estimate changes with each sample of y; `residual` (n,) is
-        what is left.
-        """
+        """Covariance of the estimates, its degrees of freedom, and where it comes from. X (n, p) times `inverse` (p, p)
+        is by how much each estimate changes with each sample of y; `residual` (n,) is what is left."""
         spread = self.spread(X, inverse, residual)
         return with_repeated(spread, [error.covariance(X, inverse) for error in self.repeated], self.method)
 
@@ -206,11 +197,9 @@ def moving_sums(scores: Array, window: int, slow: bool = False) -> Covariance:
 
 
 def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> Covariance:
-    """Covariance from the spread of the cycles' sums of scores (m, p) about the mean of their `stratum` (m,), rising.
-
-    A bootstrap that draws cycles within each stratum converges to this covariance, apart from the factor m/(m - 1)
-    for the mean that was estimated from the m cycles of the stratum.
-    """
+    """Covariance from the spread of the cycles' sums of scores (m, p) about the mean of their `stratum` (m,), rising. A
+    bootstrap that draws cycles within each stratum converges to this covariance, apart from the factor m/(m - 1) for
+    the mean that was estimated from the m cycles of the stratum."""
     members = np.bincount(stratum).astype(float)
     check_repeated(members)
     begins = np.flatnonzero(np.diff(stratum, prepend=-1))

@@ -68,12 +68,10 @@ def covariance_row(fit: LinearFit, *names: str) -> dict[str, float]:
 
 
 def diagnostics_row(fit: LinearFit, rate_hz: float, low_pass: LowPass) -> Row:
-    """Diagnostics of the fit and of its interval.
-
-    The source of the interval, VAF [percent], R2 about zero, the scaled condition number, the largest correlation of
-    two estimates, the number of samples, the correlation time [s] of the residuals, and their whiteness. The fitted
-    rows have the rate `rate_hz`; their signals passed `low_pass`.
-    """
+    """Diagnostics of the fit and of its interval. The source of the interval, VAF [percent], R2 about zero, the scaled
+    condition number, the largest correlation of two estimates, the number of samples, the correlation time [s] of the
+    residuals, and their whiteness. The fitted rows have the rate `rate_hz`; their signals passed `low_pass`."""
+    judged = whiteness(fit.residual, rate_hz, low_pass)
     return {
         "interval_method": fit.interval_method,
         "VAF": fit.vaf,
@@ -82,22 +80,16 @@ def diagnostics_row(fit: LinearFit, rate_hz: float, low_pass: LowPass) -> Row:
         "largest_correlation": fit.largest_correlation,
         "samples": fit.samples,
         "correlation_s": fit.correlation_samples / rate_hz,
-        **whiteness_row(whiteness(fit.residual, rate_hz, low_pass)),
+        "residual_autocorrelation": judged and judged.autocorrelation,
+        "ljung_box_per_lag": judged and judged.per_lag,
+        "ljung_box_p": judged and judged.p,
     }
-
-
-def whiteness_row(judged: Whiteness | None) -> Row:
-    """Autocorrelation, Ljung and Box's statistic per lag and p-value; None with too few samples."""
-    values = (None, None, None) if judged is None else (judged.autocorrelation, judged.per_lag, judged.p)
-    return dict(zip(("residual_autocorrelation", "ljung_box_per_lag", "ljung_box_p"), values, strict=True))
 
 
 def lag_damping_row(lag: float | None, se: float | None, K: float, certain_from: float = 2.0) -> Row:
     """Lag [s] of the torque behind the angle, its standard error, and what it adds to B: -K lag [N*m*s/rad].
-
     `certain_lag_damping` is the same if the lag is larger than `certain_from` standard errors, else 0. All null without
-    a lag.
-    """
+    a lag."""
     damping = certain = None
     if lag is not None and se is not None:
         damping = -K * lag

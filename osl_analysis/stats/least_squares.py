@@ -15,23 +15,15 @@ off the estimates (Bjorck, Numerical Methods for Least Squares Problems, 1996, s
 
 
 def decomposed(X: Array, scale: Array) -> tuple[Array | None, Array, Array]:
-    """Left singular vectors (n, p), singular values (p,), the largest first, and right singular vectors, a row each
-    (p, p), of the columns X (n, p), each divided by its length `scale` (p,).
-
-    Many rows make one pass over X, for its Gram matrix, if the columns are not alike (`GRAM_LIMIT`): the left vectors
-    are None then.
-    """
+    """Left singular vectors (n, p), singular values (p,), the largest first, and right singular vectors, a row each (p,
+    p), of the columns X (n, p), each divided by its length `scale` (p,). Many rows make one pass over X, for its Gram
+    matrix, if the columns are not alike (`GRAM_LIMIT`): the left vectors are None then."""
     n, p = X.shape
-    found = from_gram(X.T @ X, scale, n) if n > TALL * p else None
-    return np.linalg.svd(X / scale, full_matrices=False) if found is None else (None, *found)
-
-
-def from_gram(gram: Array, scale: Array, rows: int) -> tuple[Array, Array] | None:
-    """Singular values and right singular vectors of `decomposed`, from X'X (p, p); None where these do not do."""
-    if rows <= TALL * len(gram):
-        return None
-    squares, V = np.linalg.eigh(gram / np.outer(scale, scale))
-    return (np.sqrt(squares[::-1]), V.T[::-1]) if squares[-1] < GRAM_LIMIT**2 * squares[0] else None
+    if n > TALL * p:
+        squares, V = np.linalg.eigh(X.T @ X / np.outer(scale, scale))
+        if squares[-1] < GRAM_LIMIT**2 * squares[0]:
+            return None, np.sqrt(squares[::-1]), V.T[::-1]
+    return np.linalg.svd(X / scale, full_matrices=False)
 
 
 def refined(X: Array, y: Array, inverse: Array) -> Array:
@@ -50,11 +42,7 @@ def largest_correlation(covariance: Array) -> float:
 
 def check_not_zero(names: Sequence[str], X: Array) -> Array:
     """Lengths (p,) of the columns X (n, p); a column that is zero throughout is refused."""
-    return check_lengths(names, np.sqrt([column @ column for column in X.T]))
-
-
-def check_lengths(names: Sequence[str], lengths: Array) -> Array:
-    """The lengths (p,) of columns, none of which is zero."""
+    lengths = np.sqrt([column @ column for column in X.T])
     if not (lengths > 0).all():
         raise IdentifiabilityError(
             f"'{names[int(np.argmin(lengths))]}' cannot be estimated: its column is zero throughout"
@@ -73,10 +61,8 @@ def refuse_unidentifiable(names: tuple[str, ...], direction: Array, condition: f
 
 
 def checked_columns(shape: tuple[int, ...], columns: Mapping[str, Array]) -> Array:
-    """The columns as a matrix (n, p), after checks of their lengths, their values and the number of samples.
-
-    `shape` (n,) is that of y.
-    """
+    """The columns as a matrix (n, p), after checks of their lengths, their values and the number of samples. `shape`
+    (n,) is that of y."""
     for name, column in columns.items():
         if np.shape(column) != shape:
             raise InputError(f"column '{name}' has shape {np.shape(column)}, expected {shape} like y")

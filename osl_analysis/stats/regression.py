@@ -164,11 +164,9 @@ def regressors_of(names: tuple[str, ...], X: Array, condition_limit: float = CON
 
 
 def with_shared_error(fit: LinearFit, change: Array) -> LinearFit:
-    """The fit with an error in its covariance that all its data share.
-
-    `change` (p,) is what one standard error of a known quantity, such as a calibration, does to the estimates. It is
-    taken to be known with infinitely many degrees of freedom.
-    """
+    """The fit with an error in its covariance that all its data share. `change` (p,) is what one standard error of a
+    known quantity, such as a calibration, does to the estimates. It is taken to be known with infinitely many degrees
+    of freedom."""
     random = np.diag(fit.covariance)
     covariance = fit.covariance + np.outer(change, change)
     share = np.divide(random, np.diag(covariance), out=np.ones_like(random), where=np.diag(covariance) > 0)
@@ -188,11 +186,7 @@ def variance_accounted_for(y: Array, residual: Array) -> float:
     check_finite("the residual", residual)
     if not len(y):
         return float("nan")
-    return accounted_for(variance(residual), variance(y), rounding_of(y))
-
-
-def accounted_for(left: float, varied: float, rounding: float) -> float:
-    """VAF [percent] by the variances of a residual and of y, and the mean square that is rounding."""
+    left, varied, rounding = variance(residual), variance(y), rounding_of(y)
     if varied > rounding:
         return 100 * (1 - left / varied)
     return 100.0 if left <= rounding else 0.0

@@ -26,10 +26,8 @@ def visible_step(values: Array) -> float | None:
     if not len(values) or not np.isfinite(values).all():
         return None
     span = float(np.ptp(values))
-    if span == 0:
-        return None
     distinct = distinct_values(values, int(DISTINCT * len(values)))
-    if distinct is None:
+    if span == 0 or distinct is None:
         return None
     apart = np.diff(distinct)
     apart = apart[apart > SAME * span]

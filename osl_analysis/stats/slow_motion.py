@@ -45,11 +45,8 @@ def fit_slow_motion(
 
 
 def memory_samples(noise: Array, every: int) -> float:
-    """Number of samples of a noise (n,) that count as one independent sample: every (1 + rho)/(1 - rho).
-
-    rho is the autocorrelation after `every` samples, 0 for a noise of zeros. The noise is modelled as an AR(1) at this
-    step.
-    """
+    """Number of samples of a noise (n,) that count as one independent sample: every (1 + rho)/(1 - rho). rho is the
+    autocorrelation after `every` samples, 0 for a noise of zeros. The noise is modelled as an AR(1) at this step."""
     check_measured("the noise", noise)
     power = float(noise @ noise)
     rho = float(noise[every:] @ noise[:-every]) / power if power > 0 else 0.0

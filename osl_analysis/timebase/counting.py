@@ -52,11 +52,9 @@ def counted(stream: Stream) -> Counts:
 
 
 def count_from_stamps(stamps: Array) -> Counts:
-    """Count of every sample, (n,), from its stamp (n,) [s].
-
-    A sample is missing where the level of the stamps changes by a step for good, and only if that lowers the residual
-    of the line through all of them. Every change moves the levels behind it, so that a few passes are made.
-    """
+    """Count of every sample, (n,), from its stamp (n,) [s]. A sample is missing where the level of the stamps changes
+    by a step for good, and only if that lowers the residual of the line through all of them. Every change moves the
+    levels behind it, so that a few passes are made."""
     place, steps = np.arange(len(stamps)), np.diff(stamps)
     if np.ptp(steps) < EVENLY * float(np.mean(steps)):
         return place
@@ -95,18 +93,14 @@ class LongSteps:
 
     @property
     def likely_first(self) -> Counts:
-        """Order of examination: longest first, lest a late sample takes what is missing a few samples further.
-
-        Lengths are told apart by a quarter of a step, up to two steps; what is as long keeps its order in time.
-        """
+        """Order of examination: longest first, lest a late sample takes what is missing a few samples further. Lengths
+        are told apart by a quarter of a step, up to two steps; what is as long keeps its order in time."""
         return np.argsort(-np.minimum(np.rint(4 * self.length), 8), kind="stable")
 
 
 def settle(level: Array, long: LongSteps, missing: Counts, share: float) -> bool:
-    """Correct `missing` (steps,) and `level` (n,) [steps] in place until no long step changes the level.
-
-    Returns whether anything changed.
-    """
+    """Correct `missing` (steps,) and `level` (n,) [steps] in place until no long step changes the level. Returns
+    whether anything changed."""
     changed, most, windows, order = False, long.most, long.windows, long.likely_first
     for k in order[suspicious(level, long, share)[order]]:
         row, window = int(long.rows[k]), int(windows[k])
@@ -154,11 +148,9 @@ def one_sided(level: Array) -> bool:
 
 
 def usual_step(stamps: Array) -> float:
-    """Step [s] of a device from its stamps (n,), late and missing samples apart.
-
-    The promptest sample of each block is hardly late; from block to block its level changes by the error of the step,
-    and by whole steps where samples are missing, which are left out.
-    """
+    """Step [s] of a device from its stamps (n,), late and missing samples apart. The promptest sample of each block is
+    hardly late; from block to block its level changes by the error of the step, and by whole steps where samples are
+    missing, which are left out."""
     n = len(stamps)
     mean, median = float(stamps[-1] - stamps[0]) / (n - 1), float(np.median(np.diff(stamps)))
     step = min(mean, median) if median > 0.8 * mean else mean  # rather too short than too long
@@ -232,10 +224,8 @@ ENDS = 200  # samples at either end of the record whose promptest shows how many
 
 
 def missing_by_rhythm(stamps: Array) -> int | None:
-    """Samples missing between the ends of a record, by its stamps (n,) [s]; None where no line stands out.
-
-    Steps of the device between the promptest samples at both ends, less the samples between them.
-    """
+    """Samples missing between the ends of a record, by its stamps (n,) [s]; None where no line stands out. Steps of the
+    device between the promptest samples at both ends, less the samples between them."""
     step = next(filter(None, (device_step(stamps, block) for block in PROMPT_BLOCKS)), None)
     if step is None:
         return None

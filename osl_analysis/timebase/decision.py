@@ -73,11 +73,9 @@ def evidence_of(values: Array, clock: DeviceClock) -> Evidence:
 
 @dataclass(frozen=True)
 class Smoother:
-    """A cubic through each `window` of evenly counted samples (Savitzky-Golay), missing ones bridged linearly.
-
-    A gap is shortened to two windows, so that a clock that jumps by years costs no memory. Half a window at each end is
-    on the cubic of the last window.
-    """
+    """A cubic through each `window` of evenly counted samples (Savitzky-Golay), missing ones bridged linearly. A gap is
+    shortened to two windows, so that a clock that jumps by years costs no memory. Half a window at each end is on the
+    cubic of the last window."""
 
     count: Counts
     window: int
@@ -130,9 +128,7 @@ class Decision:
 
 def decide(stream: Stream, clock: DeviceClock) -> list[Decision]:
     """One decision for all signals of a stream; one for each kind where one signal is firmly true and one firmly even.
-
-    A stated choice stands. A residual that does not matter, below a thousandth of a step, leaves the device even.
-    """
+    A stated choice stands. A residual that does not matter, below a thousandth of a step, leaves the device even."""
     names = tuple(stream.signals)
     if stream.choice != "auto":
         return [Decision(names, stream.choice == "even", True, True, f"stated: {stream.choice}", {})]

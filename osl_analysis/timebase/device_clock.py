@@ -61,10 +61,8 @@ class DeviceClock:
 
     @property
     def usual_spread(self) -> float:
-        """Spread [s] of the residual by its 5th and 95th percentile, in standard deviations of a normal one.
-
-        Unlike `sd` it does not see a handful of late samples.
-        """
+        """Spread [s] of the residual by its 5th and 95th percentile, in standard deviations of a normal one. Unlike
+        `sd` it does not see a handful of late samples."""
         return self.middle_and_spread[1]
 
     @cached_property
@@ -87,12 +85,9 @@ class DeviceClock:
         return 0 if self.counted is None else int(self.counted[-1] - self.counted[0] + 1 - len(self.counted))
 
     def times(self) -> Array:
-        """When the samples were taken, (n,) [s], if the device samples evenly.
-
-        The least-squares line through all but the few samples that lie far off. Where the residual of these is still
-        one-sided, the line along its lower edge: a host's stamp is late by what the message waited, and the promptest
-        messages waited least.
-        """
+        """When the samples were taken, (n,) [s], if the device samples evenly. The least-squares line through all but
+        the few samples that lie far off. Where the residual of these is still one-sided, the line along its lower edge:
+        a host's stamp is late by what the message waited, and the promptest messages waited least."""
         start, step = self.even_line
         times = (self.step + step) * self.count
         times += self.start + start
@@ -129,10 +124,8 @@ def device_clock(stamps: Array, count: Counts) -> DeviceClock:
 
 def lower_edge(x: Array, y: Array) -> tuple[float, float]:
     """Value at 0 and slope of the highest line below all points (x, y), (n,) each, x rising: their hull at its middle.
-
     The hull's edge over the mean of x. One point is held on each side of the mean; the lowest point below the line
-    through them replaces the one on its side, until none lies below.
-    """
+    through them replaces the one on its side, until none lies below."""
     middle = float(np.mean(x))
     left, right = 0, len(x) - 1
     for _ in range(len(x)):

@@ -40,10 +40,6 @@ class ClockDrift:
         """Standard errors that are as rare as `CERTAIN` of them would be if they were known exactly (Student)."""
         return CERTAIN if np.isinf(self.freedom) else float(-stdtrit(self.freedom, float(ndtr(-CERTAIN))))
 
-    def beyond(self, limit_ppm: float) -> bool:
-        """The drift is larger than the limit, and larger than chance makes it."""
-        return abs(self.certain_ppm) > limit_ppm
-
 
 @dataclass(frozen=True)
 class SinePiece:
@@ -156,7 +152,7 @@ def check_drift(drift: ClockDrift, largest_ppm: float) -> None:
 
     Raises InputError: It is; the message states it.
     """
-    if drift.beyond(largest_ppm):
+    if abs(drift.certain_ppm) > largest_ppm:
         raise InputError(
             f"the clocks of angle and torque drift apart by {drift.ppm:.2f} +- {drift.se:.2f} ppm, "
             f"more than {largest_ppm:g}: B and I would be wrong; "
@@ -165,11 +161,9 @@ def check_drift(drift: ClockDrift, largest_ppm: float) -> None:
 
 
 def chunked_slope(x: Array, y: Array) -> tuple[float, float]:
-    """Slope of y on x, (n,) each, through the origin, and its standard error from the scatter of 20 chunks.
-
-    The chunks carry equal shares of x^2. Where fewer than five can be made, since a few samples carry everything, or x
-    is zero, the error is infinite.
-    """
+    """Slope of y on x, (n,) each, through the origin, and its standard error from the scatter of 20 chunks. The chunks
+    carry equal shares of x^2. Where fewer than five can be made, since a few samples carry everything, or x is zero,
+    the error is infinite."""
     edges = chunk_edges(x)
     if edges is None:
         return 0.0, np.inf

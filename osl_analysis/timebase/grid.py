@@ -176,9 +176,7 @@ class TimebaseReport:
 
 def cubic_error(frequency_hz: float, step: float) -> float:
     """Largest error of a cubic through a sine sampled at `step` [s], as a share of its amplitude: (2 pi f h)^4 / 384.
-
-    2.5e-5 of 5 Hz at 100 Hz. The same holds within a single gap of length `step`.
-    """
+    2.5e-5 of 5 Hz at 100 Hz. The same holds within a single gap of length `step`."""
     return float((2 * np.pi * frequency_hz * step) ** 4 / 384)
 
 
@@ -251,11 +249,9 @@ class UniformGrid:
     limits: GapLimits
 
     def other_hypothesis(self, *, firm_too: bool = False) -> "UniformGrid | None":
-        """The grid with every undecided stream taken the other way: true stamps as even, even ones as true.
-
-        None where no stream is undecided. The difference of the two fits is what the missing decision costs. With
-        `firm_too` the streams that the signals decided are also taken the other way.
-        """
+        """The grid with every undecided stream taken the other way: true stamps as even, even ones as true. None where
+        no stream is undecided. The difference of the two fits is what the missing decision costs. With `firm_too` the
+        streams that the signals decided are also taken the other way."""
         turned = [t.decision.matters and (firm_too or not t.decision.firm) for t in self.taken]
         if not any(turned):
             return None

@@ -24,10 +24,8 @@ CLOCKS_DIFFER, NOT_MEANT = 2e-4, 0.1
 
 @dataclass(frozen=True)
 class Taken:
-    """A stream with its clock and the decision how its stamps are taken.
-
-    `repeated` rows were written twice. Its samples are `delay` [s] older than their stamps.
-    """
+    """A stream with its clock and the decision how its stamps are taken. `repeated` rows were written twice. Its
+    samples are `delay` [s] older than their stamps."""
 
     stream: Stream
     clock: DeviceClock
@@ -124,11 +122,9 @@ def alike(stream: Stream, names: Sequence[str]) -> list[tuple[float, tuple[str, 
 
 
 def check_countable(taken: Taken, fastest_hz: float) -> None:
-    """Refuse an even device behind a host that is late and loses samples, where no counter says which.
-
-    Waits of three steps and more hide the rhythm of the stamps. The device is then refused if steps seem to be missing,
-    or if it is slower than the fastest one by a share that is too large for clocks and too small to be meant.
-    """
+    """Refuse an even device behind a host that is late and loses samples, where no counter says which. Waits of three
+    steps and more hide the rhythm of the stamps. The device is then refused if steps seem to be missing, or if it is
+    slower than the fastest one by a share that is too large for clocks and too small to be meant."""
     clock, stream = taken.clock, taken.stream
     if not taken.decision.even or stream.counter is not None or clock.usual_spread <= COUNTABLE * clock.step:
         return
@@ -136,8 +132,10 @@ def check_countable(taken: Taken, fastest_hz: float) -> None:
     remedy = "state the device's sample counter in the source file, stamp on the device, or record without loss"
     missing = missing_by_rhythm(stream.stamps)
     if missing or (missing is not None and clock.missing):
+        gap = f"{stream.stamps[int(np.argmax(np.diff(clock.count)))]:.4f} s"
+        where = f", the first long gap at {gap}" if clock.missing else ""
         raise InputError(
-            f"{stream.name}: about {missing or clock.missing} samples are missing{first_gap(taken)}, and {late} at a "
+            f"{stream.name}: about {missing or clock.missing} samples are missing{where}, and {late} at a "
             f"step of {clock.step * 1e3:.2f} ms: beside another device nothing tells which sample is which; {remedy}"
         )
     slower = 1 - clock.rate_hz / fastest_hz
@@ -147,13 +145,6 @@ def check_countable(taken: Taken, fastest_hz: float) -> None:
             f"{stream.name}: {late}, too late to see whether some of its {mean:.2f} samples per second are missing; "
             f"{remedy}"
         )
-
-
-def first_gap(taken: Taken) -> str:
-    """Where the first sample is missing by the count, in words; nothing where the count sees none."""
-    if not taken.clock.missing:
-        return ""
-    return f", the first long gap at {taken.stream.stamps[int(np.argmax(np.diff(taken.clock.count)))]:.4f} s"
 
 
 def averaged_where_close(stamps: Array, values: list[Array], closest: float) -> tuple[Array, list[Array]]:

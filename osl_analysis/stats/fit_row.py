@@ -80,9 +80,9 @@ def diagnostics_row(fit: LinearFit, rate_hz: float, low_pass: LowPass) -> Row:
         "largest_correlation": fit.largest_correlation,
         "samples": fit.samples,
         "correlation_s": fit.correlation_samples / rate_hz,
-        "residual_autocorrelation": judged and judged.autocorrelation,
-        "ljung_box_per_lag": judged and judged.per_lag,
-        "ljung_box_p": judged and judged.p,
+        "residual_autocorrelation": None if judged is None else judged.autocorrelation,
+        "ljung_box_per_lag": None if judged is None else judged.per_lag,
+        "ljung_box_p": None if judged is None else judged.p,
     }
 
 

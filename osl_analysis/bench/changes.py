@@ -183,7 +183,7 @@ def record_drift(record: MovingRecord) -> RecordDrift | None:
     try:
         plain, changing = (linear_fit(torque, columns | more, residuals) for more in ({}, in_time(columns)))
         noise = ONLY_NOISE * noise_behind(record, record.low_pass)
-        explains = np.std(changing.residual) < max(noise, MOST * np.std(plain.residual))
+        explains = float(np.std(changing.residual)) < max(noise, MOST * float(np.std(plain.residual)))
         if not explains:
             more = in_time(columns) | beside_motion(record, columns)
             changing = linear_fit(torque, columns | more, residuals)

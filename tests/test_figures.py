@@ -238,9 +238,7 @@ def plotted(name):
 
 
 CAPTIONS = {
-    fig3: [
-        "Ankle (10 trials): the mean stiffness $K_s$ is 685.6 N·m/rad (95 % interval 682.9 to 688.3)",
-    ],
+    fig3: ["Ankle (10 trials): the mean stiffness $K_s$ is 685.6 N·m/rad (95 % interval 682.9 to 688.3)"],
     fig7: [
         "$K_d$ = 200 N·m/rad, $B_d$ = 7.5 N·m·s/rad.",
         "at most ± 5.7 % and ± 1 deg",  # 2e-4 of 3.5e-3
@@ -255,10 +253,7 @@ CAPTIONS = {
         "within 2.6 % of the second-order system",  # |1 - 0.98 exp(j deg)| = 0.0263
         "within 0.5 % of the drivetrain",
     ],
-    torque_angle: [
-        r"both\_cams\_00mm: −4 to 6 N·m, steepest 62 N·m/rad.",
-        r"1 of 11 trials (both\_cams\_15mm)",
-    ],
+    torque_angle: [r"both\_cams\_00mm: −4 to 6 N·m, steepest 62 N·m/rad.", r"1 of 11 trials (both\_cams\_15mm)"],
 }
 
 
@@ -1033,8 +1028,12 @@ def test_unknown_figures_and_formats_are_refused(tmp_path):
 def test_plotted_numbers_are_written_from_the_result_table_that_the_list_names(name, tmp_path):
     write_table(TABLES[FIGURES[name].table](), tmp_path / "table.csv")
     plot_numbers(name, tmp_path / "table.csv", 340.0 if FIGURES[name].option else None, tmp_path / f"{name}.csv")
-    written = read_table(tmp_path / f"{name}.csv", required=import_module(f"osl_analysis.figures.{name}").COLUMNS)
+    module = import_module(f"osl_analysis.figures.{name}")
+    written = read_table(tmp_path / f"{name}.csv", required=module.COLUMNS)
     assert written.equals(plotted(name).cast(dict(written.schema)))
+    write_table(TABLES[FIGURES[name].table]().drop(module.TABLE_COLUMNS[-1]), tmp_path / "table.csv")
+    with pytest.raises(InputError, match=rf"table\.csv: no column '{module.TABLE_COLUMNS[-1]}'"):
+        plot_numbers(name, tmp_path / "table.csv", None, tmp_path / f"{name}.csv")
 
 
 def test_a_figure_is_drawn_where_its_table_is_there():

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -83,13 +84,10 @@ def test_a_sound_recording_passes_every_check() -> None:
     assert set(results(bench())) == set(CHECKS)
 
 
-def test_a_slow_recorder_is_told_by_its_rate() -> None:
-    found = results(bench()[::20])
-    assert found["rate"].value == pytest.approx(50.0)
-    assert failed(found) == {"rate"}
-
-
-def test_every_recorders_rate_is_measured_on_its_own() -> None:
+def test_every_recorders_rate_is_measured_on_its_own_and_a_slow_one_is_told() -> None:
+    slow = results(bench()[::20])
+    assert slow["rate"].value == pytest.approx(50.0)
+    assert failed(slow) == {"rate"}
     found = results(laboratory(), "walking")["rate"]
     assert found.value == pytest.approx(200.0)
     assert found.remark == "plate1_force_z 1000 Hz, marker_A_x 200 Hz"
@@ -272,6 +270,7 @@ def test_the_rest_ends_where_the_joint_first_moves() -> None:
     found = results(bench(theta), "belt")["unzeroed_load_cell"]
     assert found.value == pytest.approx(0.5, abs=0.05)
     assert "over the first 1.04 s" in found.remark
+    assert results(bench()[500:])["unzeroed_load_cell"].value is None, "it begins in motion: there is no rest to judge"
 
 
 def test_a_load_cell_of_its_own_node_is_told_by_its_rest_too() -> None:
@@ -280,10 +279,6 @@ def test_a_load_cell_of_its_own_node_is_told_by_its_rest_too() -> None:
     later = torque.with_columns(pl.col("time") + 3e-4)
     found = results(angle.join(later, on="time", how="full", coalesce=True).sort("time"))["unzeroed_load_cell"]
     assert found.value == pytest.approx(results(bench(torque=torque["torque"].to_numpy()))["unzeroed_load_cell"].value)
-
-
-def test_a_recording_that_begins_in_motion_has_no_rest_to_judge() -> None:
-    assert results(bench()[500:])["unzeroed_load_cell"].value is None
 
 
 @pytest.mark.parametrize("offset", [-100.0, 60.0])
@@ -386,10 +381,9 @@ def test_a_time_per_frequency_may_be_commanded_in_place_of_cycles() -> None:
     theta = stepped_sine(Commanded((2.0, 4.0), (2.0, 5.0), (6, 15)))
     seconds = examine(Trial("a", bench(theta)), "impedance", Commanded((2.0, 4.0), (2.0, 5.0), 6, 3.0))["protocol"]
     assert seconds == CheckResult(0.0, "4 commanded pairs of amplitude and frequency found")
-
-
-def test_a_joint_that_never_moved_lacks_the_whole_protocol() -> None:
-    assert results(bench(np.zeros(5000)))["protocol"].value == 4
+    assert results(bench(np.zeros(5000)))["protocol"].value == 4, "a joint that never moved lacks all of it"
+    stated = examine(Trial("a", bench(np.zeros(5000))), "impedance", replace(COMMANDED, excitation="any"))["protocol"]
+    assert stated == CheckResult(0.0, "not compared: the configuration says that any motion moves the joint")
 
 
 def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_name() -> None:

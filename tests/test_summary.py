@@ -81,7 +81,7 @@ def changed_tables():
     again = impedance().filter(pl.col("K") == 303.0).with_columns(K=pl.lit(297.0))
     return all_tables() | {
         "belt_summary": summary_rows(K_s=686.2).with_columns(low=None, high=None),
-        "walking_summary": pl.concat([walked(K=1.0, estimator=walking.MEAN), walked(K=338.0)]),
+        "walking_summary": pl.concat([walked(K=338.0), walked(K=1.0, estimator=walking.MEAN)]),
         "impedance": pl.concat([impedance(), again]),
     }
 

@@ -163,11 +163,9 @@ class Damage:
         return "mixed" if self.verified else "absent"
 
     def report(self, topics: dict[str, Collection[int]]) -> dict[str, Any]:
-        """The provenance's `damage`, with the channels of each topic that is used.
+        """The provenance's `damage`, with the channels of each topic that is used; null is what the file does not tell.
 
-        `complete`: the recorder finished the file, and it holds all that it declares and no more; `crc`: "checked",
-        "absent" (what was read is not verifiable) or "mixed"; `chunks_lost` and `messages_lost`, null if the file does
-        not tell; `share_lost`, the largest of the topics; `topics` with `messages` and `messages_lost` each; `remarks`.
+        `complete`: the recorder finished the file, and it holds all that it declares and no more.
         """
         lost = self.messages_lost()
         contradicted = self.declared is not None and +self.declared != +self.read
@@ -516,10 +514,8 @@ def joined_field(
 def rank_of(log_time: Indices, sequence: NDArray[np.uint32]) -> Indices:
     """The rank of each of a channel's messages in the order of recording, (n,).
 
-    A recorder writes messages in the order in which it gets them. A tool may have sorted or merged the file by log
-    time since; if the clock had been set back while recording, the messages of before and after are then interleaved.
-    The sequence numbers decide if each is its own and they go back often, or if they explain log times that go back;
-    else the order of the file does.
+    That of the file, unless a tool has sorted or merged it by log time since and the clock was set back while
+    recording: the sequence numbers decide if each is its own and they go back often, or explain times that go back.
     """
     rank = np.arange(sequence.size)
     numbers = sequence.astype(np.int64)

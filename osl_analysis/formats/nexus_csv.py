@@ -98,7 +98,11 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
     lines = read_lines(path)
     header = [(n, text) for n, text in lines if text.lstrip('"').casefold().startswith("frame")]
     rows = split_rows(path, lines, delimiter_of(header[:1], delimiter))
-    starts = [i for i in range(len(rows) - 3) if section_begins(rows, i)]
+    starts = []
+    for i in range(len(rows) - 3):  # a title alone, a rate alone, names, and the header
+        title, rate, above = (rows[i + k][1] for k in (0, 1, 3))
+        alone = bool(title[0]) and not any(title[1:]) and not any(rate[1:])
+        starts += [i] * (alone and tuple(cell.casefold() for cell in above[:2]) == HEADER)
     if not starts:
         raise InputError(
             f"{path}: no section of a Nexus export (Devices, Trajectories, ...); check the source's format"
@@ -110,13 +114,6 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
             raise InputError(f"{path}: line {rows[start][0]}: section {section.title} stands twice; export one of each")
         found[section.title] = section
     return found
-
-
-def section_begins(rows: Rows, place: int) -> bool:
-    """Whether a section begins at a row: a title alone, a rate alone, names, and the header."""
-    title, rate, header = (rows[place + k][1] for k in (0, 1, 3))
-    alone = bool(title[0]) and not any(title[1:]) and not any(rate[1:])
-    return alone and tuple(cell.casefold() for cell in header[:2]) == HEADER
 
 
 def nexus_section(path: Path, rows: Rows, decimal: str) -> NexusSection:

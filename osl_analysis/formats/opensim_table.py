@@ -62,7 +62,10 @@ def read_opensim(path: Path) -> OpenSimTable:
     end = next((place for place, (_, text) in enumerate(lines) if text.strip().casefold() == "endheader"), None)
     if end is None:
         raise InputError(f"{path}: no line `endheader`: no table of OpenSim; check the source's format")
-    header = dict(said for _, text in lines[:end] for said in [key_and_value(text)])
+    header = {}
+    for text in (text.strip() for _, text in lines[:end]):  # `nRows=12`, or as older versions write it `datarows 12`
+        key, _, value = text.partition("=" if "=" in text else " ")
+        header[key.strip().casefold()] = value.strip()
     if len(lines) < end + 3:
         raise InputError(f"{path}: holds no rows below its header; export it again, or exclude the trial")
     (line, titles), rows = lines[end + 1], [(number, text.split()) for number, text in lines[end + 2 :]]
@@ -78,14 +81,6 @@ def read_opensim(path: Path) -> OpenSimTable:
                 "repair it"
             )
     return OpenSimTable(path, header, names, rows)
-
-
-def key_and_value(text: str) -> tuple[str, str]:
-    """A line of the header: `nRows=12`, or as older versions write it `datarows 12`."""
-    key, sign, value = text.strip().partition("=")
-    if not sign:
-        key, _, value = text.strip().partition(" ")
-    return key.strip().casefold(), value.strip()
 
 
 def check_counts(path: Path, header: dict[str, str], rows: int, columns: int) -> None:

@@ -122,13 +122,8 @@ def read_message_log(file: MessageFile, source: MessageSource) -> Recording:
 
     Topics with different stamps have rows of their own, null in the columns of the other topics. Nothing is
     interpolated or held. The losses of the file are in the facts under `damage` (`formats/messages.py`).
-
-    Raises
-    ------
-    InputError
-        A topic or field is missing or has no messages, its encoding or schema cannot be read, a larger share of a
-        topic than `source.largest_loss` is lost, a value is infinite, too many values are NaN, or stamps are missing,
-        contradict each other or go back (`stamps.py`).
+    Refused is what cannot be decoded, a loss above `source.largest_loss`, a value that is infinite, and stamps that
+    contradict each other or go back (`stamps.py`).
     """
     by_topic: dict[str, dict[str, LogChannel]] = defaultdict(dict)
     for column, channel in source.channels.items():
@@ -246,13 +241,7 @@ def canonical_series(column: str, channel: LogChannel, decoded: Decoded, time: A
 
 
 def counts_of(topic: str, path: str, decoded: Decoded) -> Indices:
-    """A device's count of its samples, (n,).
-
-    Raises
-    ------
-    InputError
-        A message lacks it, or it is no whole number that is read exactly.
-    """
+    """A device's count of its samples, (n,); refused if a message lacks it, or it is no whole number."""
     values, present = decoded.values[path], decoded.present[path]
     largest = EXACT if values.dtype.kind == "f" else 2**63
     wrong = ~present | (values.dtype == bool)

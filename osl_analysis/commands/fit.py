@@ -20,7 +20,7 @@ from osl_analysis.parameters import known_parameters
 from osl_analysis.shared_choices import WeightSettings
 from osl_analysis.table import finite_or_null
 from osl_analysis.trial import Trial
-from osl_analysis.yaml_settings import read_mapping
+from osl_analysis.yaml_settings import Settings, read_mapping
 
 FITS: dict[str, Callable[..., bench.Fitted]] = {
     "belt": bench.fit_belt,
@@ -57,9 +57,9 @@ def fit_request(experiment: str, config: Path, desired: DesiredImpedance | None 
 
     `desired` is that of an impedance trial, as far as it is known. Raises InputError where the file is none.
     """
-    of_section = {"actuator": ActuatorAnalysis, "torque_angle": TorqueAngleAnalysis}
+    of_section: dict[str, type[Settings]] = {"actuator": ActuatorAnalysis, "torque_angle": TorqueAngleAnalysis}
     section = experiment if experiment in of_section else "dynamometer"
-    settings = read_section(config, section, of_section.get(experiment, DynamometerAnalysis))
+    settings: Any = read_section(config, section, of_section.get(experiment, DynamometerAnalysis))
     asked = None
     if desired is not None:
         weight = read_section(config, "gain_weight", WeightSettings).weight

@@ -33,6 +33,7 @@ ShippedPath = Annotated[Path, AfterValidator(shipped)]
 Place = Sequence[int | str]
 """Keys and numbers of list entries that lead to a field, from the outermost."""
 
+MOST_VALUES = 100_000  # in a file, with every alias written out: 500 bytes of nested aliases stand for billions
 LONGEST = 60  # characters of a value in a message
 AS_YAML = {"True": "true", "False": "false", "None": "null"}  # values as YAML writes them
 YAML_1_1 = re.compile(r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)|[-+]?0[0-7_]+")
@@ -119,6 +120,8 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
         raise InputError(f"{path}: no such file; check the path, which is relative to the working directory")
     try:
         node, content = parsed(path.read_text(encoding="utf-8-sig"))
+        if extent(node, {}) > MOST_VALUES:
+            raise InputError(f"{path}: its aliases (`*name`) stand for more than {MOST_VALUES} values; write them out")
         if by_snakemake:
             check_read_alike(node)
     except OSError as error:
@@ -145,6 +148,17 @@ def parsed(text: str) -> tuple[Node | None, Any]:
     for mapping in mappings(node):
         check_keys(mapping)
     return node, yaml.constructor.construct_document(node) if node is not None else None
+
+
+def extent(node: Node | None, known: dict[int, float]) -> float:
+    """Number of values in a node with every alias written out, from those that are `known`; infinite in a circle."""
+    if not isinstance(node, MappingNode | SequenceNode):
+        return 1.0
+    if id(node) not in known:
+        known[id(node)] = float("inf")  # while it is counted: where it contains itself
+        inner = [value for _, value in node.value] if isinstance(node, MappingNode) else node.value
+        known[id(node)] = 1.0 + sum(extent(one, known) for one in inner)
+    return known[id(node)]
 
 
 def mappings(node: Node | None) -> list[MappingNode]:

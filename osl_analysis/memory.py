@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from osl_analysis.errors import InputError, MemoryLimitError, listing
+from osl_analysis.errors import InputError, MemoryLimitError
 
 VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command line, may have [MB]
 SHARE = 0.8
@@ -34,7 +34,7 @@ def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
         yield
     except MemoryError as error:
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))  # the message needs some, too
-        named = f"{listing([str(file) for file in files], 3)}: " if files else ""
+        named = ", ".join(map(str, files[:3])) + " ..." * (len(files) > 3) + ": " * bool(files)
         raise MemoryLimitError(
             f"{named}not enough memory, a job may have {limit / MB:.0f} MB here; cut the recording, or ask for fewer "
             f"samples, or allow more by {VARIABLE} or on a larger machine"

@@ -120,8 +120,6 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
         raise InputError(f"{path}: no such file; check the path, which is relative to the working directory")
     try:
         node, content = parsed(path.read_text(encoding="utf-8-sig"))
-        if extent(node, {}) > MOST_VALUES:
-            raise InputError(f"{path}: its aliases (`*name`) stand for more than {MOST_VALUES} values; write them out")
         if by_snakemake:
             check_read_alike(node)
     except OSError as error:
@@ -135,6 +133,8 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
         raise InputError(f"{path}: its fields are nested too deeply; write them as in the shipped files") from error
     except (YAMLError, ValueError, AttributeError, KeyError, TypeError, OverflowError) as error:  # of a wrong tag
         raise InputError(f"{path}: not YAML: {not_yaml(error)}") from error
+    if extent(node, {}) > MOST_VALUES:
+        raise InputError(f"{path}: its aliases (`*name`) stand for more than {MOST_VALUES} values; write them out")
     if not isinstance(content, dict):
         raise InputError(f"{path}: has no fields; write `name: value` lines as in the shipped files")
     return content

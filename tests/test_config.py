@@ -1,6 +1,5 @@
 """The configuration: an old name is refused with the new one, and the shipped file is valid."""
 
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
@@ -225,12 +224,3 @@ def test_a_section_that_is_wrong_is_named_with_its_key_and_line(tmp_path, monkey
     path.write_text("dynamometer:\n  cutof_hz: 3\n")
     with pytest.raises(InputError, match=r"unknown field 'dynamometer\.cutof_hz'.*did you mean 'cutoff_hz'"):
         read_section(path, "dynamometer", DynamometerAnalysis)
-
-
-@pytest.mark.parametrize("circle", [True, False])
-def test_aliases_that_stand_for_billions_of_values_are_refused_at_once(tmp_path, circle):
-    names = "abcdefghijklmnop"
-    nested = [f"{b}: &{b} [*{a}, *{a}, *{a}, *{a}]" for a, b in pairwise(names)]
-    (tmp_path / "a.yaml").write_text("a: &c {theta: *c}\n" if circle else "\n".join(["a: &a [1]", *nested]))
-    with pytest.raises(InputError, match=r"its aliases \(`\*name`\) stand for more than 100000 values; write them out"):
-        read_mapping(tmp_path / "a.yaml")

@@ -138,7 +138,7 @@ def write_topics(path: Path, topics: Sequence[Topic]) -> None:
             messages += [(channel, sequence, stamp, data) for sequence, (stamp, data) in enumerate(own)]
         for channel, sequence, stamp, data in map(messages.__getitem__, order):
             writer.add_message(channel, stamp + LATENCY_NS, data, stamp, sequence)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
 
 
 def nanoseconds(time: Array) -> NDArray[np.int64]:

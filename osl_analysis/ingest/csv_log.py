@@ -219,7 +219,7 @@ def column_of(
 
     In a `level` the words `True` and `False`, in any capitals, are 1 and 0, as Python's loggers write them.
     """
-    cells = table.cells(place)
+    cells: Any = table.cells(place)
     if level:
         cells = [TRUTHS.get(cell.casefold(), cell) if cell is not None else None for cell in cells]
     try:

@@ -6,15 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from mcap_builder import assert_decoded, write_payloads
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.json_lines import addresses_in_line
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.messages import Decoded, decode_topics
-from osl_analysis.formats.object_messages import json_number, last_name, path_to, steps_of
 from osl_analysis.ingest.message_log import McapSource, read_mcap_log
 
 
@@ -39,20 +35,6 @@ def test_messages_of_different_shapes_stay_in_order_with_what_each_has(tmp_path:
     order = [0, 0, 1, 3, 2, 1, 0, 3, 3, 2]
     path = write(tmp_path / "log.mcap", [json.dumps(SHAPES[k][0], indent=indent) for k in order], chunk_size=200)
     assert_decoded(path, "/lab", [SHAPES[k][1] for k in order])
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.lists(st.text('ab.[]"\\\\= \n\u00e9', max_size=4), min_size=1, max_size=3))
-def test_the_path_to_any_names_leads_to_their_number_and_is_how_it_is_listed(names: list[str]) -> None:
-    path, message = "", 1.5
-    for name in names:
-        path = path_to(path, name)
-    for name in reversed(names):
-        message = {name: message, f"{name}.a": 2.5}  # type: ignore[assignment]
-    assert tuple(key for key, _ in steps_of(path)) == tuple(names)
-    assert json_number(message, path) == 1.5
-    assert path in addresses_in_line(json.dumps(message).encode(), 99)[0]
-    assert last_name(path) == names[-1]
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -107,16 +89,12 @@ def ingested(path: Path, **channel: str) -> Any:
     ("field", "wrong", "said"),
     [
         ("x", '{"x": "a"}', "field 'x' is \"a\", not a number, in message 2"),
-        ("x", '{"x": "2.5"}', "field 'x' is \"2.5\", not a number, in message 2"),
         ("x", '{"x": true}', "field 'x' is true, not a number as elsewhere, in message 2"),
         ("z", '{"z": true}', "field 'z' is true, not a number as elsewhere, in message 2"),
-        ("z", '{"z": false}', "field 'z' is false, not a number as elsewhere, in message 2"),
         ("x", '{"x": [1, 2]}', "field 'x' is an array of 2, not one number, in message 2"),
         ("x", '{"x": {"y": 1}}', "field 'x' is {\"y\": 1}, not a number, in message 2"),
         ("x.y", '{"x": 3}', "field 'x' is 3, not an object with fields, in message 2"),
         ("x[1]", '{"x": 3}', "field 'x' is 3, not an array, in message 2"),
-        ("x[1]", '{"x": [1, "b"]}', "field 'x[1]' is \"b\", not a number, in message 2"),
-        ("x[1]", '{"x": [1, false]}', "field 'x[1]' is false, not a number as elsewhere, in message 2"),
         ("v[n=b]", '{"v": [1, "c"], "n": ["a", "b"]}', "field 'v[n=b]' is \"c\", not a number, in message 2"),
     ],
 )

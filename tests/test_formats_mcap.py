@@ -67,18 +67,6 @@ def read(folder: Path, content: bytes, largest_loss: float = 1.0) -> tuple[pl.Da
     return recording.samples, recording.facts["damage"]
 
 
-def test_an_intact_file_is_complete_and_checked(tmp_path: Path) -> None:
-    assert read(tmp_path, written(tmp_path), 0.0)[1] == {
-        "complete": True,
-        "crc": "checked",
-        "chunks_lost": 0,
-        "messages_lost": 0,
-        "share_lost": 0.0,
-        "topics": {"/lab": {"messages": MESSAGES, "messages_lost": 0}},
-        "remarks": [],
-    }
-
-
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.NONE, CompressionType.LZ4])
 def test_wherever_a_file_is_cut_every_whole_chunk_is_recovered(tmp_path: Path, compression: CompressionType) -> None:
     content = written(tmp_path, compression=compression)
@@ -151,14 +139,6 @@ def test_a_wrong_message_index_changes_nothing_and_is_remarked(tmp_path: Path, w
     assert len(samples) == MESSAGES
     assert damage["complete"]
     assert "the index of the chunk" in damage["remarks"][0]
-
-
-def test_an_index_made_to_look_like_a_message_is_none(tmp_path: Path) -> None:
-    content = bytearray(written(tmp_path))
-    for opcode, start, _ in top_level(bytes(content)):
-        if opcode == Opcode.MESSAGE_INDEX:
-            content[start] = Opcode.MESSAGE
-    assert len(read(tmp_path, bytes(content), 0.0)[0]) == MESSAGES
 
 
 def test_a_chunk_of_unknown_compression_is_lost_and_named(tmp_path: Path) -> None:
@@ -313,12 +293,6 @@ def test_the_loss_is_that_of_the_topic_and_not_of_the_file(tmp_path: Path) -> No
     damage = ingested(tmp_path, content, "/rare", largest_loss=0.2).facts["damage"]
     assert damage["topics"] == {"/rare": {"messages": 100, "messages_lost": 20}}
     assert damage["share_lost"] == pytest.approx(0.2)
-
-
-def test_messages_of_an_undeclared_channel_are_lost_and_said(tmp_path: Path) -> None:
-    damage = ingested(tmp_path, log(LAB, chunk(TEN + message(9, 0, cdr(1.0))))).facts["damage"]
-    assert (damage["topics"]["/lab"]["messages"], damage["messages_lost"]) == (10, 1)
-    assert "1 messages belong to channels that are not declared, such as 9" in damage["remarks"]
 
 
 RARE = message(2, 0, cdr(1.0)) + message(2, 15_000_000, cdr(2.0))

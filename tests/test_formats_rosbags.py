@@ -22,7 +22,7 @@ from rosbags.typesys import Stores, get_typestore
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.cdr import message_type, template_of, walk_of
-from osl_analysis.formats.rosbag import read_bag1, record_at
+from osl_analysis.formats.rosbag import record_at
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.ingest.recording import Recording
@@ -110,20 +110,6 @@ def test_the_trial_of_a_folder_names_all_its_files_and_is_of_the_format_that_its
         trial_from_files(row | {"log": "first"}, tmp_path, tmp_path)
 
 
-def test_a_damaged_chunk_in_one_bag_of_a_split_recording_is_counted(tmp_path: Path) -> None:
-    folder = write_split1(tmp_path / "bag", ["rec_0.bag", "rec_1.bag"])
-    content = bytearray((folder / "rec_1.bag").read_bytes())
-    start = read_bag1(folder / "rec_1.bag").sections[0][0]
-    content[start : start + 4] = b"\xff" * 4  # no chunk any more: only the index of this bag tells what it held
-    (folder / "rec_1.bag").write_bytes(content)
-    recording = read(folder, largest_loss=0.9)
-    lost = recording.facts["damage"]["topics"]["/lab"]["messages_lost"]
-    assert lost > 0
-    assert recording.facts["damage"]["topics"]["/lab"]["messages"] == 10 - lost
-    assert recording.facts["damage"]["chunks_lost"] == 1
-    assert any("rec_1.bag: " in remark for remark in recording.facts["damage"]["remarks"])
-
-
 def test_a_split_recording_of_ros_1_whose_first_bags_were_deleted_or_last_was_not_closed_says_so(
     tmp_path: Path,
 ) -> None:
@@ -145,7 +131,6 @@ def test_a_split_recording_of_ros_1_whose_first_bags_were_deleted_or_last_was_no
         (["rec_0.bag", "rec_1.bag", "rec_3.bag"], "the file rec_2.bag of the recording cannot be found"),
         (["rec_0.bag", "rec_1.orig.bag"], "rec_1.orig.bag cannot be a file of a split recording"),
         (["a_0.bag", "b_1.bag"], "files of several recordings (a_0.bag, b_1.bag)"),
-        (["rec_0.bag", "rec_0.bag.active"], "files of several recordings (rec_0.bag, rec_0.bag.active)"),
     ],
 )
 def test_bags_of_ros_1_that_are_not_one_recording_are_refused_without_a_remedy_of_ros_2(
@@ -170,12 +155,6 @@ def test_one_part_of_a_split_recording_is_read_with_a_warning(tmp_path: Path) ->
         assert recording.facts["damage"]["messages_lost"] is None or storage == "MCAP"
         for number in range(2):
             rmtree(tmp_path / f"part{number}")
-
-
-def test_receive_times_are_used_where_the_source_file_says_so(tmp_path: Path) -> None:
-    for path in (write_bag1(tmp_path / "a.bag"), write_bag2(tmp_path / "b")):
-        recording = read(path, time={"source": "log"})
-        assert recording.facts["time"]["start_ns"] == START + 250_000
 
 
 def test_messages_that_the_description_has_and_the_bag_lacks_are_lost(tmp_path: Path) -> None:
@@ -205,7 +184,6 @@ def test_without_its_description_a_database_is_read_and_the_losses_are_unknown(t
     [
         ("a: [", "no YAML"),
         ("rosbag2_bagfile_information: {version: 9}", "not the description of a ROS 2 bag"),
-        ("[1, 2]", "not the description of a ROS 2 bag"),
     ],
 )
 def test_a_description_that_is_none_is_refused(tmp_path: Path, text: str, reason: str) -> None:
@@ -423,12 +401,3 @@ def test_no_file_appears_beside_a_database_that_had_a_write_ahead_log(tmp_path: 
     check_rows(read(bag))
     assert kept_files(bag) == before
     assert (bag / "bag.db3").read_bytes() == content
-
-
-def test_a_last_part_without_its_end_leaves_the_losses_unknown(tmp_path: Path) -> None:
-    folder = write_split(tmp_path / "bag", "MCAP")
-    whole = (folder / "bag_1.mcap").read_bytes()
-    (folder / "bag_1.mcap").write_bytes(whole[:-30])
-    damage = read(folder).facts["damage"]
-    assert damage["messages_lost"] is None
-    assert damage["complete"] is False

@@ -15,12 +15,12 @@ from c3d_builder import REAL_DATA, write_c3d
 from mcap_builder import SAMPLE, stamped, write_log
 from scipy.interpolate import make_interp_spline
 
-from osl_analysis.columns import COLUMNS, FAMILIES, marker_columns
+from osl_analysis.columns import COLUMNS, FAMILIES
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.formats.csv_table import MOST_CELLS
-from osl_analysis.ingest.clock import ClockFit, marker_angle
+from osl_analysis.ingest.clock import ClockFit
 from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.ingest.raw_files import merged
 from osl_analysis.ingest.recording import LARGEST, Recording
@@ -131,17 +131,6 @@ def test_without_sync_edges_the_joints_angle_aligns_the_log_and_the_trial_says_s
     assert "cross-correlation of 'theta' and the angle at marker M2 does not align them either" in refused(tmp_path)
 
 
-def test_the_angle_at_a_marker_is_that_between_the_other_two_where_all_are_seen() -> None:
-    places = {"A": [(1.0, 0.0, 0.0)] * 3, "B": [(0.0, 0.0, 0.0)] * 3}
-    places["C"] = [(0.0, 2.0, 0.0), (np.nan, np.nan, np.nan), (-3.0, 0.0, 3.0)]
-    columns = {
-        name: np.array(place)[:, k] for label, place in places.items() for k, name in enumerate(marker_columns(label))
-    }
-    course = marker_angle(Recording(pl.DataFrame({"time": [0.0, 0.1, 0.2], **columns}), {}), ("A", "B", "C"))
-    assert course.time.tolist() == [0.0, 0.2]
-    np.testing.assert_allclose(course.value, np.radians([90, 135]))
-
-
 def test_a_sync_voltage_with_a_spike_that_hides_its_edges_aligns_by_its_course(laboratory: Path) -> None:
     frames = int(DURATION * 300)
     analog = 5.0 * level(np.arange(frames * 5) / 1500)[:, None]
@@ -231,19 +220,6 @@ def test_a_file_that_changes_while_it_is_read_is_refused(
     assert "the file changed while it was read; wait until it is recorded or copied" in message
 
 
-def test_a_file_that_is_damaged_by_a_change_is_refused_for_the_change(
-    laboratory: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    read = FORMATS["mcap"].read
-
-    def change_and_read(path: Path, source: Any) -> Recording:
-        path.write_bytes(b"half")
-        return read(path, source)
-
-    monkeypatch.setitem(FORMATS, "mcap", replace(FORMATS["mcap"], read=change_and_read))
-    assert "changed while it was read" in refused(laboratory, mocap=None, mocap_source=None)
-
-
 def test_one_recording_alone_is_a_trial(laboratory: Path) -> None:
     assert "theta" not in ingested(laboratory, log="", log_source="").samples.columns
     trial = ingested(laboratory, mocap=None, mocap_source=None)
@@ -272,10 +248,8 @@ MISTAKES: dict[str, tuple[Callable[[Path], object] | None, dict[str, object], st
         lambda folder: write_log(folder / "leg.mcap", PERIODIC), {}, "trial walk_1 (leg.mcap, vicon.c3d): "
     ),
     "no such log": (None, {"log": "elsewhere/none.bin"}, "elsewhere/none.bin: no such file; correct the sample sheet"),
-    "no such mocap": (None, {"mocap": "elsewhere/none.bin"}, "/none.bin: no such file; correct the sample sheet"),
     "empty": (lambda folder: (folder / "leg.mcap").write_bytes(b""), {}, "leg.mcap: the file is empty"),
     "c3d as log": (None, {"log": "vicon.c3d", "mocap": ""}, "is c3d, its source file says mcap; write `format: c3d`"),
-    "mcap as mocap": (None, {"log": "", "mocap": "leg.mcap"}, "its source file says c3d; write `format: mcap`"),
     "no such source file": (None, {"log_source": "none"}, "none.yaml: no such file"),
     "no source file": (None, {"log_source": None}, "log_source is empty"),
     "no file": (None, {"log": None, "mocap": float("nan")}, "trial walk_1: the sheet names no file"),

@@ -159,12 +159,6 @@ def test_a_bad_crystal_is_followed_over_a_long_recording() -> None:
     assert fit.edges >= 10
 
 
-def test_a_lag_is_found_between_the_samples() -> None:
-    time = np.arange(0, 60, 1 / CAMERA_RATE)
-    fit = correlate_clocks(Course(time, MOVEMENT(time + 0.3 / CAMERA_RATE)), Course(time, MOVEMENT(time)))
-    assert fit.to_master(np.array([30.0])) - 30.0 == pytest.approx(0.3 / CAMERA_RATE, abs=0.03 / CAMERA_RATE)
-
-
 def test_a_movement_that_repeats_itself_is_refused_as_ambiguous() -> None:
     time = np.arange(0, 30, 1 / CAMERA_RATE)
     with pytest.raises(InputError, match=r"fits in two places \(correlation 1.00 and 1.00\): it repeats itself"):

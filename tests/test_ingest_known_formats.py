@@ -21,7 +21,7 @@ from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source_fields import Conversion, LogSource
 from osl_analysis.quality.checks import QualityRules
-from osl_analysis.simulator.mcap_writer import DYNAMOMETER, LEG, write_mcap
+from osl_analysis.simulator.mcap_writer import DYNAMOMETER, write_mcap
 from osl_analysis.simulator.vicon import C3dRecording, RecordedPlate, write_c3d
 from osl_analysis.trial import read_trial
 
@@ -51,16 +51,13 @@ OUTPUT = {"label": "LAnkleMoment", "component": "x", "unit": "N*mm"}
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (channel("thetta", unit="deg"), "'thetta' is not a canonical column; the columns are theta, theta_m"),
         (
             channel("torque", unit="deg"),
             "source.yaml: line 5: channels.torque.unit: 'deg' is not allowed: unit 'deg' m",
         ),
         (channel("time", unit="s"), "time is not a channel"),
         (channel("theta", unit="deg", sign=0), "sign"),
-        ({**LOG, "chanels": {}}, "unknown field 'chanels'"),
         ({"format": "xlsx"}, "format: 'xlsx' is not allowed"),
-        ({**LOG, "clock": "sync"}, "needs the column sync"),
         ({**CAPTURE, "plates": "first"}, "plates: 'first' is not allowed: write all, none or a list"),
         ({**CAPTURE, "plate_units": {"force": "N", "moment": "mm"}}, "unit 'mm' measures [m]"),
         ({**CAPTURE, "outputs": {"reference_ankle_moment_left": OUTPUT}}, "unit 'N*mm' measures [N*m]"),
@@ -148,17 +145,6 @@ def test_the_dynamometers_log_gives_the_resisting_torque(tmp_path: Path) -> None
         np.testing.assert_array_equal(recording.samples[column], sign * columns[fields[field]].astype(float))
     np.testing.assert_allclose(recording.samples["time"], TIME - TIME[0], atol=1e-9)
     assert recording.warnings == []
-
-
-def test_the_legs_log_gives_its_signals_gains_and_sync(tmp_path: Path) -> None:
-    fields = {"joint_angle": "theta", "actuator_angle": "theta_m", "motor_current": "current"}
-    fields |= {"stiffness_gain": "K_1", "damping_gain": "B_1", "sync": "sync"}
-    columns = {field: np.float32(np.cos(TIME + i)) for i, field in enumerate(fields)}
-    columns["sync"] = np.arange(TIME.size) % 3 == 0
-    write_mcap(tmp_path / "log.mcap", LEG, TIME, columns)
-    recording = read_mcap_log(tmp_path / "log.mcap", log_source("leg"))
-    for field, column in fields.items():
-        np.testing.assert_array_equal(recording.samples[column], columns[field].astype(float))
 
 
 def test_vicons_file_gives_markers_the_ground_reaction_and_both_pulses(tmp_path: Path) -> None:

@@ -111,21 +111,6 @@ def test_what_cannot_be_a_log_is_refused_by_its_variable(write, changes, message
     assert message in refused(write(tmp_path / "a.mat", **{**TEST, **changes}))
 
 
-def test_one_variable_cannot_be_angle_and_torque(tmp_path):
-    channels = {"theta": {"variable": "torque", "unit": "deg"}, "torque": {"variable": "torque", "unit": "Nm"}}
-    path = write_mat(tmp_path / "a.mat", **TEST)
-    assert "torque is theta and torque in the source file" in refused(path, source(channels=channels))
-
-
-def test_samples_of_one_stamp_are_kept_or_dropped_as_the_source_file_says(tmp_path):
-    path = write_mat(tmp_path / "a.mat", **{**TEST, "t": np.repeat(1e3 * TIME[::2], 2)})
-    kept = read_mat_log(path, source())
-    assert (len(kept.samples), kept.facts["repeated_stamps"]) == (40, 20)
-    assert "20 of 40 samples repeat the stamp of the sample before" in kept.warnings[0]
-    dropped = read_mat_log(path, source(time={"variable": "t", "unit": "ms", "repeated": "drop"}))
-    assert len(dropped.samples) == 20
-
-
 def test_a_counter_and_a_rate_take_the_place_of_time(tmp_path):
     path = write_mat(tmp_path / "a.mat", **TEST, count=np.arange(40), wrong=np.arange(40) + 0.5)
     channels = {"theta": {"variable": "angle", "unit": "deg", "counter": "count"}}

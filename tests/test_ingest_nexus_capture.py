@@ -8,10 +8,8 @@ import pytest
 from c3d_builder import REAL_DATA
 from recognised_files import refusal_by
 
-from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.ingest.known_formats import read_source
 from osl_analysis.ingest.text_captures import NexusSource, read_nexus_capture
-from osl_analysis.trial import read_trial
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
 SAMPLES = sorted((REAL_DATA / "nexus_csv").glob("*.csv"))
@@ -132,33 +130,6 @@ def test_real_exports_are_read_as_they_are_written(path: Path) -> None:
     samples = read_nexus_capture(path, shipped).samples
     np.testing.assert_allclose(samples["marker_HV_x"], [0.209331, 0.209475])
     assert samples["marker_CL_E_z"].to_list() == pytest.approx([0.496721, 0.496729])
-
-
-def test_a_csv_log_and_a_nexus_export_become_one_trial(tmp_path: Path) -> None:
-    edges = np.cumsum([0, *np.random.default_rng(3).uniform(0.2, 0.9, 25)])
-    frames = int((edges[-1] + 1) * 200)
-    level = (np.searchsorted(edges, np.arange(frames * 2) / 400 - 0.5) % 2) * 5.0
-    devices = [f"{i // 2 + 1},{i % 2},{value}" for i, value in enumerate(level)]
-    toes = [f"{i + 1},0,{i},2,3" for i in range(frames)]
-    (tmp_path / "vicon.csv").write_text(
-        "Devices\n400\n,,Sync - Voltage\nFrame,Sub Frame,1\n,,V\n" + "\n".join(devices)
-        + "\n\nTrajectories\n200\n,,TOE,,\nFrame,Sub Frame,X,Y,Z\n,,mm,mm,mm\n" + "\n".join(toes) + "\n"
-    )  # fmt: skip
-    time = np.arange(int((edges[-1] + 1) * 500)) / 500
-    log = [f"{100 + t:.4f},{t:.4f},{int(np.searchsorted(edges, t - 0.5) % 2)}" for t in time]
-    (tmp_path / "leg.csv").write_text("time,joint,sync\n" + "\n".join(log) + "\n")
-    (tmp_path / "leg.yaml").write_text(
-        "{format: csv, clock: sync, time: {column: time, unit: s}, channels: {theta: {column: joint, unit: rad},"
-        " sync: {column: sync, unit: V}}}"
-    )
-    (tmp_path / "vicon.yaml").write_text(
-        "{format: nexus_csv, analogs: {sync: {device: Sync - Voltage, component: '1'}}}"
-    )
-    row = {"trial": "a", "log": "leg.csv", "log_source": "leg", "mocap": "vicon.csv", "mocap_source": "vicon"}
-    ingest_trial(row, tmp_path, tmp_path, tmp_path / "a.parquet")
-    trial = read_trial(tmp_path / "a.parquet")
-    aligned, theta = trial.signals("theta")
-    np.testing.assert_allclose(aligned, theta, atol=3e-3)  # half a sample of either recorder
 
 
 def test_a_trajectory_of_a_subject_without_a_name_is_as_unlabelled_as_a_starred_one(tmp_path: Path) -> None:

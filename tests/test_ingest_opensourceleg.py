@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.csv_log import CsvSource, read_csv_log
 from osl_analysis.ingest.known_formats import read_source, recognise
@@ -108,14 +107,6 @@ def test_a_truth_value_is_a_level_and_nothing_else(record: Callable[..., Path]) 
         read_csv_log(record(), shipped(channels=wrong))
 
 
-def test_a_reading_that_fails_once_is_missing(record: Callable[..., Path]) -> None:
-    recording = read_csv_log(record(lambda k: k in (70, 130)), shipped())
-    assert np.flatnonzero(recording.samples["current"].is_nan()).tolist() == [70, 130]
-    assert recording.samples["current"][131] == pytest.approx(13.1)
-    assert recording.facts["missing"] == {name: 2 * (name == "current") for name in recording.facts["missing"]}
-    assert any("current is missing in 2 of 400 rows" in text for text in recording.warnings)
-
-
 def test_a_variable_that_the_logger_dropped_does_not_shift_the_others(record: Callable[..., Path]) -> None:
     """After five failures in a row the logger leaves the column out and keeps its header."""
     path = record(lambda k: k >= 1180, rows=1200)
@@ -149,9 +140,3 @@ def test_rows_from_before_the_header_that_no_failure_explains_are_refused(record
         path.write_text(content)
         with pytest.raises(InputError, match="line 2 has 6 cells where 5 were"):
             read_csv_log(path, shipped())
-
-
-def test_inspect_finds_the_clock_and_every_column(record: Callable[..., Path]) -> None:
-    overview = inspect_file(record())
-    assert overview.settings["time"] == {"column": "time", "unit": "s"}
-    assert [one.address["column"] for one in overview.channels][1:3] == ["joint_position", "output_position"]

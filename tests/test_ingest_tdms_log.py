@@ -126,13 +126,6 @@ def test_a_channel_that_cannot_be_a_signal_is_refused(tmp_path: Path, channels: 
     assert reason in refused(write(tmp_path / "a.tdms", channels))
 
 
-def test_a_signalling_nan_is_a_failed_reading(tmp_path: Path) -> None:
-    torque = np.float32(TORQUE)
-    torque.view(np.uint32)[7] = 0x7F800001
-    recording = read(write(tmp_path / "a.tdms", [GOOD_ANGLE, ("Torque", torque, timing())]))
-    assert recording.facts["missing"] == {"theta": 0, "torque": 1}
-
-
 def test_channels_of_different_lengths_need_their_own_timing(tmp_path: Path) -> None:
     path = write(tmp_path / "a.tdms", [("Angle", ANGLE, {"unit_string": "deg"}), ("Torque", TORQUE[:50], {})])
     assert "'Bench/Torque' has 50 values and 'Bench/Angle' has 100" in refused(path, time={"rate": 100})

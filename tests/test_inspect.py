@@ -1,6 +1,5 @@
 """Inspect: what a file holds is listed, a draft becomes a source file, and nothing reaches the terminal raw."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +8,8 @@ import scipy.io
 import yaml
 from c3d_builder import REAL_DATA, write_c3d
 from click.testing import CliRunner
-from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
-from google.protobuf.descriptor_pool import DescriptorPool
-from google.protobuf.message_factory import GetMessageClass
 from mcap.writer import CompressionType, Writer
 from mcap_builder import stamped, write_log
-from test_ingest_tdms_log import write
 
 from osl_analysis.cli import main
 from osl_analysis.columns import COLUMNS
@@ -131,50 +126,6 @@ def test_of_a_topic_whose_first_message_is_damaged_the_schema_tells_the_fields(t
     write_one(tmp_path / "a.mcap", "cdr", b"\0\1\0\0\xff\xff\xff\xff", PARTS)
     channels = inspect_file(tmp_path / "a.mcap").channels
     assert [(channel.address["field"], channel.type) for channel in channels] == [("load[0]", "float64[0]")]
-
-
-def test_fields_of_protobuf_are_listed_with_their_types_as_are_those_that_are_not_written(tmp_path: Path) -> None:
-    file = FileDescriptorProto(name="a.proto", package="lab", syntax="proto3")
-    kinds = FieldDescriptorProto
-    leg = file.message_type.add(name="Leg")
-    single = {"angle": kinds.TYPE_DOUBLE, "count": kinds.TYPE_SINT32}
-    several = {"joint": kinds.TYPE_STRING, "torque": kinds.TYPE_FLOAT, "ticks": kinds.TYPE_UINT64}
-    for number, (name, kind) in enumerate({**single, **several}.items(), start=1):
-        label = kinds.LABEL_OPTIONAL if name in single else kinds.LABEL_REPEATED
-        leg.field.add(name=name, number=number, type=kind, label=label)
-    made = GetMessageClass(DescriptorPool().AddSerializedFile(file.SerializeToString()).message_types_by_name["Leg"])
-    message = made(angle=1.5, joint=["knee", "ankle"], torque=[1.0, 2.0], ticks=[5, 300, 7])
-    with (tmp_path / "a.mcap").open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        schema = writer.register_schema("lab.Leg", "protobuf", FileDescriptorSet(file=[file]).SerializeToString())
-        for topic, count in (("/leg", 3), ("/idle", 0)):
-            channel = writer.register_channel(topic, "protobuf", schema)
-            for i in range(count):
-                writer.add_message(channel, i * 1000, message.SerializeToString(), i * 1000)
-        writer.finish()
-    channels = inspect_file(tmp_path / "a.mcap").channels
-    fields = {(c.address["topic"], c.address["field"]): c.type for c in channels}
-    assert fields == {
-        ("/leg", "angle"): "float64",
-        ("/leg", "count"): "int32",
-        ("/leg", "torque[joint=knee]"): "float32[2]",
-        ("/leg", "torque[joint=ankle]"): "float32[2]",
-        ("/leg", "ticks[0]"): "uint64[3]",
-        ("/idle", "angle"): "float64",
-        ("/idle", "count"): "int32",
-    }
-
-
-def test_elements_of_a_json_array_are_listed_by_the_names_beside_it(tmp_path: Path) -> None:
-    content = {"state": {"name": ["knee", "ankle"], "position": [1.5, 2.5]}, "parts": [{"on": True}, {"on": False}]}
-    write_one(tmp_path / "a.mcap", "json", json.dumps(content).encode())
-    channels = inspect_file(tmp_path / "a.mcap").channels
-    assert [(channel.address["field"], channel.type) for channel in channels] == [
-        ("state.position[name=knee]", "float64[2]"),
-        ("state.position[name=ankle]", "float64[2]"),
-        ("parts[0].on", "bool"),
-    ]
 
 
 def test_damage_of_an_mcap_file_is_listed_and_the_rest_too(tmp_path: Path) -> None:
@@ -361,32 +312,24 @@ def channel(name: str, unit: str = "") -> RecordedChannel:
     ("name", "unit", "column"),
     [
         ("angleJIM", "", "theta"),
-        ("variables.ankle_angle", "deg", "theta"),
         ("JointPosition", "rad", "theta"),
         ("position[name=ankle]", "rad", "theta"),
-        ("ankle_angle_r", "deg", "theta"),
         ("desired_angle", "deg", "theta_command"),
         ("motor_position", "rad", "theta_m"),
-        ("theta_m", "rad", "theta_m"),
         ("actuator velocity", "rad/s", "omega_m"),
         ("LoadCellTorque", "Nm", "torque"),
-        ("effort[name=ankle]", "N*m", "torque"),
         ("motor_torque", "N*m", "torque_m"),
         ("I_q", "A", "current"),
-        ("motor_current", "mA", "current"),
         ("sync_out", "V", "sync"),
         ("Trig", "", "trigger"),
         ("torque", "deg", ""),
         ("angle", "V", ""),
         ("commanded_torque", "N*m", ""),
         ("R_ground_torque_y", "N*m", ""),
-        ("velocity[name=ankle]", "rad/s", ""),
         ("case_temperature", "", ""),
         ("load", "Nm", "torque"),
         ("ch3", "deg", "theta"),
         ("roll", "deg", ""),
-        ("battery", "A", ""),
-        ("desired_current", "A", ""),
     ],
 )
 def test_a_name_and_its_unit_tell_the_column(name: str, unit: str, column: str) -> None:
@@ -453,16 +396,6 @@ def test_the_duration_of_each_loop_is_no_clock_beside_one(tmp_path, name):
     overview, time = drafted(tmp_path, name, loop_time=STEPS, sys_time=TIME)
     assert "sys_time" in time.values()
     assert not overview.open
-
-
-def test_a_clock_of_tdms_is_taken_by_the_same_rule(tmp_path):
-    for wrong, found in ((1.0, "Bench/loop_time"), (1.1, "NAME_OF_TIME")):
-        columns = {"loop_time": wrong * TIME, "sys_time": TIME, **SIGNALS}
-        overview = inspect_file(
-            write(tmp_path / f"{wrong}.tdms", [(name, values, {}) for name, values in columns.items()])
-        )
-        assert overview.settings["time"]["channel"] == found
-        assert len(overview.open) == 1
 
 
 @pytest.mark.parametrize(

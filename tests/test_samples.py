@@ -79,10 +79,6 @@ def test_a_capture_whose_plates_are_refused_is_tried_without_them_and_refused_on
     ]
 
 
-def test_text_of_a_file_is_neither_markup_nor_a_line_of_its_own() -> None:
-    assert escaped("a|b\n<script>`x`*_[l](u)\x1b") == "a\\|b�&lt;script&gt;\\`x\\`\\*\\_\\[l\\](u)�"
-
-
 def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no recordings below it \(\..*\.mcap, \.bag, \.db3, .*\.csv\)"):
         samples_table(tmp_path, RULES)

@@ -67,6 +67,27 @@ def tabled(name: str) -> Path:
     return RESULTS / f"tables/{name}.csv"
 
 
+def make_rule(rule_name: str, job, output, log: str, constraints) -> None:
+    """A rule whose inputs are what `job` gives for its wildcards."""
+    named = output if isinstance(output, dict) else {}
+    files = output if isinstance(output, list) else [output]
+
+    rule:
+        name:
+            rule_name
+        input:
+            unpack(job),
+        output:
+            *([] if named else files),
+            **named,
+        log:
+            RESULTS / f"logs/{log}.log",
+        wildcard_constraints:
+            **constraints,
+        shell:
+            '"$OSL_PYTHON" -I -S "$OSL_CLIENT" {input.request}'
+
+
 def step(command: str, output, log: str, name: str = "", **constraints):
     """Make a rule of the function below, which gives the parts of each job (`Requests.job`) for the rule's wildcards.
 
@@ -77,8 +98,6 @@ def step(command: str, output, log: str, name: str = "", **constraints):
 
     def made(parts):
         rule_name = name or parts.__name__
-        named = output if isinstance(output, dict) else {}
-        files = output if isinstance(output, list) else [output]
 
         def job(wildcards) -> dict[str, object]:
             given = {"command": command, **parts(wildcards)}
@@ -86,21 +105,7 @@ def step(command: str, output, log: str, name: str = "", **constraints):
             given["code"] = code(*modules) if modules else code_of(given["command"])
             return REQUESTS.job(getattr(rules, rule_name), wildcards, **given)
 
-        rule:
-            name:
-                rule_name
-            input:
-                unpack(job),
-            output:
-                *([] if named else files),
-                **named,
-            log:
-                RESULTS / f"logs/{log}.log",
-            wildcard_constraints:
-                **constraints,
-            shell:
-                '"$OSL_PYTHON" -I -S "$OSL_CLIENT" {input.request}'
-
+        make_rule(rule_name, job, output, log, constraints)
         return parts
 
     return made

@@ -9,7 +9,7 @@ from scipy.stats import t as student
 from osl_analysis.design.advice import lag_errors, long_enough, reached, warnings
 from osl_analysis.design.plan import Continuous, PeriodicMultisine, SteppedSine
 from osl_analysis.design.precision import Density, Distortion, Joint, Sensors, precision, weighted
-from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.multisine import odd_multisine
 from osl_analysis.signals import LowPass
 
@@ -128,24 +128,6 @@ def test_one_realisation_has_the_interval_of_its_detection_lines():
     np.testing.assert_allclose(two.degrees_of_freedom, 2 * freedom)
 
 
-@pytest.mark.parametrize("samples", [100, 1000])
-def test_rounding_of_a_sine_has_the_predicted_fundamental_whatever_the_samples_per_step(samples):
-    """Zeros of the encoder, amplitudes and phases of sampling are drawn. A fifth in a variance, from 200 draws of the
-    two sensors' errors at mirrored samples, which are alike or opposite."""
-    q, rng, found = np.deg2rad(0.5), np.random.default_rng(4), []
-    for amplitude in rng.uniform(7, 10, 200) * q:
-        phase = 2 * np.pi * (np.arange(samples) + rng.random()) / samples
-        zero = rng.uniform(0, q, 20)
-        theta = amplitude * np.sin(phase)[:, None]
-        error = q * np.rint((theta + zero) / q) - zero - theta
-        found.append([np.mean((2 / samples * wave @ error) ** 2) for wave in (np.sin(phase), np.cos(phase))])
-    plan = SteppedSine((8.4 * q,), (1.0, 2.0), (20.0, 20.0), 2)
-    sensors = Sensors(float(samples), 0.0, encoder_step=q)
-    each, gain = sensors.rounding(plan.sines), sensors.rounded_gain(plan.sines) * plan.sines.size**2
-    predicted = [each.in_phase[0] + gain[0], each.quadrature[0]]
-    assert np.mean(found, axis=0) == pytest.approx(predicted, rel=0.3)
-
-
 @pytest.mark.parametrize("rate", [50.0, 2000.0])
 def test_rounding_of_a_multisine_has_the_predicted_power_whatever_the_samples_per_step(rate):
     """Mean over lines, both quadratures, 40 realisations and their zeros: 4 % by chance, 20 % for a normal velocity."""
@@ -235,12 +217,6 @@ def test_the_degrees_of_freedom_of_cycles_are_those_of_welch_and_satterthwaite()
     assert found.degrees_of_freedom[1] == pytest.approx(9 * (2 * share.sum()) ** 2 / (2 * np.sum(share**2)))
 
 
-def test_the_shares_of_the_sines_sum_to_the_variances():
-    fit, error = weighted(DRAFT, LowPass(8.0)), Sensors(1000.0, 0.05, encoder_step=1e-4)
-    for each in error.variances(fit.sines, JOINT.impedance(fit.sines.w), 100.0).values():
-        np.testing.assert_allclose(fit.share(each).sum(axis=0), np.diag(fit.covariance(each)), rtol=1e-9)
-
-
 def test_a_record_that_is_long_enough_is_the_shortest_one():
     sensors, within = Sensors(1000.0, 0.5), {"K": 5e-4, "B": 1e-3}
     stepped = replace(DRAFT, cycles=(20.0,) * 5)
@@ -296,16 +272,6 @@ def test_warnings_name_what_no_length_cures():
     assert "near the filter's cut-off" in advice(replace(DRAFT, frequencies_hz=(1, 3, 5, 8, 10)), fine)
     assert "no step of the encoder is stated" in advice(DRAFT, Sensors(1000.0, 0.05))
     assert "1 realisation of a distortion" in advice(replace(MULTISINE, realisations=1), fine)
-
-
-def test_a_level_says_nothing_on_motions_that_do_not_have_it():
-    density = Density(np.array([1.0, 5.0]), np.full(2, 0.01))
-    for plan, stated in (
-        (DRAFT, Distortion(earlier=density)),
-        (Continuous((0.5, 6.0), 0.03, 60.0, True), Distortion(level=0.01)),
-    ):
-        with pytest.raises(InputError, match="says nothing"):
-            precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN, stated)
 
 
 def test_a_chirp_and_noise_carry_what_their_bands_carry():

@@ -1,6 +1,5 @@
 """The simulated bench: commanded and followed motion, the three experiments, the sensors, the files."""
 
-import json
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -8,8 +7,6 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.torque_angle_tables import cycle_table, torque_angle_table
@@ -18,7 +15,6 @@ from osl_analysis.config import read_config
 from osl_analysis.model.compensator import Gains, predicted_impedance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator.bench import simulate_dynamometer_trial
-from osl_analysis.simulator.drivetrain import slipping_torque
 from osl_analysis.simulator.joint_motion import (
     JointMotion,
     excitation_motion,
@@ -34,7 +30,6 @@ from osl_analysis.simulator.settings import (
     PassiveFoot,
     RecorderSettings,
     SimulationSettings,
-    SlippingSpring,
     SlowCycles,
     SteppedSineSchedule,
 )
@@ -212,16 +207,6 @@ def test_without_effects_the_fit_of_eq_15_finds_what_linear_theory_and_the_desig
         assert pytest.approx(reference[2], abs=1e-3) == I
 
 
-def test_the_inertia_of_the_joint_adds_to_the_fitted_inertia():
-    settings = settings_from(DEFAULT, only=("dynamometer_bandwidth",))
-    with_J_j, without = (
-        fitted_impedance(simulate("impedance_K300_B5.0_uncompensated", settings, p)[0], settings.protocol)
-        for p in (P, replace(P, J_j=0.0))
-    )
-    assert with_J_j[2] - without[2] == pytest.approx(P.J_j, rel=1e-3)
-    assert with_J_j[:2] == pytest.approx(without[:2], rel=1e-3)
-
-
 @pytest.mark.parametrize("stiffness", [100, 200, 300, 400])
 def test_with_every_effect_but_friction_the_stiffness_is_within_2_percent_of_linear_theory(stiffness):
     settings = settings_from(DEFAULT, without=("friction", "load_cell_noise", "joint_encoder", "actuator_encoder"))
@@ -251,17 +236,6 @@ def test_the_belt_trial_loads_the_belt_by_its_own_stiffness_with_the_actuator_lo
         assert not np.any(log["actuator_angle"])
         stiffness.append(slope)
     assert 1e-4 < abs(stiffness[0] / stiffness[1] - 1) < 0.06
-
-
-def test_the_joint_of_a_belt_trial_has_its_damping_and_inertia():
-    """Two joints that differ by 2 N*m*s/rad and 1 kg*m^2 differ in torque by that damping and that inertia alone."""
-    settings = settings_from(TINY, only=("dynamometer_bandwidth",))
-    light, heavy = (simulate("belt_01", settings, p)[0] for p in (P, replace(P, B_j=P.B_j + 2, J_j=P.J_j + 1)))
-    theta, inside = light["joint_angle"], slice(300, 2700)
-    omega = np.gradient(theta, 1e-3)
-    alpha = np.gradient(omega, 1e-3)
-    extra = light["load_cell_torque"] - heavy["load_cell_torque"]
-    assert regress(extra[inside], omega[inside], alpha[inside]) == pytest.approx([2, 1], rel=1e-3)
 
 
 def test_belt_scatter_stays_out_of_the_other_experiments():
@@ -296,31 +270,6 @@ def test_each_sensor_effect_adds_what_the_truth_says_and_leaves_the_other_draws_
     assert np.std(parts["load_cell_noise"]) == pytest.approx(0.05, rel=4 / np.sqrt(2 * 3000))
 
 
-def test_every_sensor_reads_in_its_counts():
-    log, _ = simulate("impedance_K300_B5.0_compensated", settings_from(TINY))
-    steps = {"joint_angle": 2.397e-5, "actuator_angle": 4.26e-5, "load_cell_torque": 0.01, "motor_current": 1e-3}
-    for name, step in steps.items():
-        counts = log[name] / step
-        assert counts == pytest.approx(np.rint(counts), abs=1e-6)
-        assert len(np.unique(np.rint(counts))) > 50
-
-
-def test_two_trials_draw_different_noise_and_the_same_trial_the_same():
-    settings = settings_from(TINY)
-    first, again, second = (simulate(t, settings)[0] for t in ("belt_01", "belt_01", "belt_02"))
-    assert np.array_equal(first["load_cell_torque"], again["load_cell_torque"])
-    assert not np.array_equal(first["load_cell_torque"], second["load_cell_torque"])
-    other = simulate("belt_01", settings.model_copy(update={"seed": 8}))[0]
-    assert not np.array_equal(first["load_cell_torque"], other["load_cell_torque"])
-
-
-def test_switching_all_effects_off_leaves_the_exact_linear_world():
-    log, truth = simulate("impedance_K300_B5.0_compensated", settings_from(TINY, without=()))
-    assert np.array_equal(log["joint_angle"], log["commanded_angle"])
-    assert not any(effect["enabled"] for effect in truth["effects"].values())
-    assert (truth["drawn"]["load_cell_offset"], truth["drawn"]["load_cell_drift"]) == (0, 0)
-
-
 def test_a_trial_simulated_alone_is_the_campaigns(tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
     simulate_campaign(TINY, tmp_path / "all")
@@ -334,20 +283,6 @@ def test_a_trial_simulated_alone_is_the_campaigns(tmp_path, monkeypatch):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "all" / name).read_bytes()
     assert len(list((tmp_path / "all" / "dynamometer").iterdir())) == 5
     assert (tmp_path / "all" / "trials.csv").is_file()
-
-
-def test_the_files_hold_the_log_and_the_truth(tmp_path, monkeypatch):
-    monkeypatch.chdir(ROOT)
-    simulate_trial(TINY, tmp_path, "belt_02")
-    log, truth = simulate("belt_02", settings_from(TINY))
-    with (tmp_path / "dynamometer" / "belt_02.mcap").open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        messages = [ros for *_, ros in reader.iter_decoded_messages("/dynamometer")]
-    torque = np.array([m.load_cell_torque for m in messages])
-    assert torque == pytest.approx(log["load_cell_torque"], rel=1e-6, abs=1e-6)
-    stamps = np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages])
-    assert stamps == pytest.approx(log.time, abs=1e-9)
-    assert json.loads((tmp_path / "truth" / "belt_02.json").read_text()) == truth
 
 
 SMOOTH = ("multisine", "chirp", "noise", "hand")
@@ -399,12 +334,6 @@ def test_noise_and_sweep_stay_within_their_band():
         assert power[(f > 0.8) & (f < 4.3)].sum() > 0.98 * power.sum()
 
 
-def test_trials_differ_and_one_is_the_same_each_time():
-    excitation, motion = made("noise")
-    np.testing.assert_array_equal(motion.theta, excitation_motion(excitation, "trial_x_1", 3, 1000.0).theta)
-    assert np.abs(motion.theta - excitation_motion(excitation, "trial_x_2", 3, 1000.0).theta).max() > 0.01
-
-
 def test_the_shipped_campaign_plans_its_motions_by_the_names_of_its_trials(monkeypatch):
     monkeypatch.chdir(ROOT)
     config = read_config(Path("config/campaigns/excitations/config.yaml"))
@@ -414,15 +343,6 @@ def test_the_shipped_campaign_plans_its_motions_by_the_names_of_its_trials(monke
     kinds = [settings.excitation_of(name).kind for name in names[:9]]
     assert kinds == ["multisine"] * 4 + ["chirp", "noise", "prbs", "ramps", "hand"]
     assert settings.excitation_of("impedance_K300_B5.0_compensated") is None
-
-
-def test_a_slipping_spring_is_that_of_its_increments():
-    theta = np.random.default_rng(1).standard_normal(300).cumsum() / 50
-    spring, torque = SlippingSpring(stiffness=300, limit=20), np.zeros(300)
-    for k in range(1, 300):
-        torque[k] = np.clip(torque[k - 1] + 300 * (theta[k] - theta[k - 1]), -20, 20)
-    np.testing.assert_allclose(slipping_torque(theta, spring), torque, atol=1e-9)
-    assert np.abs(torque).max() == 20
 
 
 def test_the_motion_goes_to_both_ends_at_each_speed_and_comes_back_to_rest():

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.errors import InputError
-from osl_analysis.simulator.kernel import SETTLED, spline_at
+from osl_analysis.simulator.kernel import spline_at
 from osl_analysis.simulator.recorder import Bench
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.yaml_settings import read_yaml
@@ -308,15 +308,6 @@ def test_failed_readings_are_nan_in_the_log(tmp_path):
     failed = np.isnan(log["load_cell_torque"])
     assert failed.mean() == pytest.approx(0.01, rel=0.5)
     assert not np.isnan(log["joint_angle"]).any()
-
-
-@pytest.mark.parametrize("n", [4, 5, SETTLED, SETTLED + 1, SETTLED + 2, 2000])
-def test_the_spline_through_even_samples_is_that_of_scipy(n):
-    rng = np.random.default_rng(n)
-    samples, rate = rng.normal(size=n), 250.0
-    instants = np.concatenate([rng.uniform(0, (n - 1) / rate, 500), np.arange(n) / rate, [(n - 0.5) / rate]])
-    expected = CubicSpline(np.arange(n) / rate, samples)(instants)
-    np.testing.assert_allclose(spline_at(samples, rate, instants), expected, rtol=0, atol=1e-10)
 
 
 def test_three_samples_are_refused():

@@ -19,13 +19,11 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.stats.covariance import ResidualCorrelation
-from osl_analysis.stats.regression import linear_fit
 from osl_analysis.study import BENCH, MOST_JOBS, REPEATED, WALKING, Batch, batches, planned
 from osl_analysis.study import walking as study_of_walking
 from osl_analysis.study.bench import actuator, studied
 from osl_analysis.study.page import page
-from osl_analysis.study.trials import StudyInputs, at_any_phase, performance, regression_bound, trial_rows
+from osl_analysis.study.trials import StudyInputs, performance, regression_bound, trial_rows
 from osl_analysis.table import read_table
 from osl_analysis.walking.settings import WalkingAnalysis
 from osl_analysis.yaml_settings import read_yaml
@@ -82,16 +80,6 @@ def test_every_trial_has_noise_of_its_own_and_the_same_noise_again():
     assert abs(np.corrcoef(noise)[0, 1]) < 0.1
     ideal, response = bench("second order").record("x", ideal=True), bench("second order").response
     np.testing.assert_allclose(ideal.torque, response.torque, atol=1e-9)
-
-
-def test_every_trial_is_sampled_at_a_phase_of_its_own():
-    """Else the rounding of an encoder would repeat in every trial, as the motion does."""
-    settings = inputs().simulation
-    moved = [at_any_phase(name, settings).recorder for name in ("a", "b")]
-    phases = [recorder.node.phase.value for recorder in moved]
-    assert len(set(phases)) == 2
-    assert all(0 <= phase < 1e-3 for phase in phases)
-    assert [r.torque_node.phase.value - r.node.phase.value for r in moved] == pytest.approx([3e-4, 3e-4])
 
 
 def test_the_default_estimator_is_near_the_bound_where_friction_repeats():
@@ -284,35 +272,6 @@ def test_bound_of_a_sinusoid_is_the_published_one():
     assert bound["cos"] == pytest.approx(noise * np.sqrt(2 / N))
     assert bound["sin"] == pytest.approx(noise * np.sqrt(2 / N))
     assert bound["offset"] == pytest.approx(noise / np.sqrt(N))
-
-
-@pytest.mark.parametrize(("drift", "own"), [(2e-4, False), (0.3, False), (0.01, True)])
-def test_bound_with_a_drift_is_that_of_the_dense_inverse(drift, own):
-    noise, n = 0.3, 120
-    columns = {"ramp": np.linspace(0, 2, n) ** 1.5, "wave": np.sin(np.arange(n) / 9), "offset": np.ones(n)}
-    columns |= {"drift": np.arange(n)} if own else {}
-    X, moved = np.column_stack(list(columns.values())), drift * np.arange(n)
-    dense = np.linalg.inv(X.T @ np.linalg.inv(noise**2 * np.eye(n) + np.outer(moved, moved)) @ X)
-    bound = regression_bound(columns, noise, moved)
-    assert [bound[name] for name in columns] == pytest.approx(np.sqrt(np.diag(dense)), rel=1e-8)
-    assert regression_bound(columns, noise, 0 * moved) == pytest.approx(regression_bound(columns, noise))
-
-
-def test_least_squares_reaches_the_bound_in_white_noise_and_the_study_says_so():
-    rng, noise, n = np.random.default_rng(10), 0.5, 1500
-    columns = {"a": np.sin(np.arange(200) / 7), "offset": np.ones(200)}
-    bound = regression_bound(columns, noise)["a"]
-    fits = [
-        linear_fit(2 * columns["a"] + noise * rng.standard_normal(200), columns, ResidualCorrelation(lags=1))
-        for _ in range(n)
-    ]
-    error, se = np.array([f["a"] - 2 for f in fits]), np.array([f.se("a") for f in fits])
-    found = performance(error, se, np.abs(error) < 1.96 * se, np.full(n, bound))
-    assert abs(found.bias) < 3 * found.bias_mc
-    assert abs(found.rmse_over_bound - 1) < 3 * found.rmse_over_bound_mc
-    assert found.rmse_over_bound_mc == pytest.approx(1 / np.sqrt(2 * n), rel=0.1)
-    assert abs(found.coverage - 0.95) < 3 * found.coverage_mc
-    assert found.se_over_sd == pytest.approx(1, rel=0.06)
 
 
 def test_the_study_measures_bias_in_standard_deviations_and_coverage_as_a_share():

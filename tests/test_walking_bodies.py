@@ -55,13 +55,6 @@ def test_a_mirrored_cluster_is_a_misfit_and_not_a_reflection_and_one_on_a_line_h
     assert not cluster_poses(line, np.tile(line, (3, 1, 1))).seen().any()
 
 
-def test_swapped_markers_are_refused_by_their_residual() -> None:
-    observed, _, _ = tracks()
-    observed[10] = observed[10, [1, 0, 2, 3]]
-    poses = cluster_poses(FOOT, observed, largest_residual=0.005)
-    assert list(np.flatnonzero(~poses.seen())) == [10]
-
-
 def test_a_bridge_over_noisy_frames_follows_a_cubic_and_carries_little_noise_into_the_gap() -> None:
     """25 frames at 300 Hz. A spline through the frames leaves a resting cluster by 10 standard deviations of noise."""
     time = np.arange(100) / 300

@@ -18,12 +18,12 @@ from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
 from osl_analysis.walking.bodies import Poses
-from osl_analysis.walking.checks import check_direction, platform_turn
+from osl_analysis.walking.checks import platform_turn
 from osl_analysis.walking.conditions import gaits_served, label, split_keys
 from osl_analysis.walking.ensemble import freedom_of, group_headline, joining_weights
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.response import fit_response
-from osl_analysis.walking.selection import onset_phases, selection_rows, timings
+from osl_analysis.walking.selection import selection_rows, timings
 from osl_analysis.walking.tables import fitted_time
 
 NOT_ASKED = "ignore:.*(differ in|different phases):UserWarning"
@@ -79,13 +79,6 @@ def test_directions_count_alike_however_many_crossings_each_has():
     assert 3 < freedom_of(np.array([1] * 30 + [-1] * 4)) < 4  # the few decide: 4 - 1, and a little
 
 
-def test_turns_of_one_direction_give_the_same_whichever_it_is():
-    """A mirrored campaign: angle and torque of every response change sign, K stays."""
-    up, down = (headline(several("p", 5, MIDSTANCE, sign=sign, noise=0.0)) for sign in (1, -1))
-    assert up.symmetry is None
-    assert down.ensemble.fit.K == pytest.approx(up.ensemble.fit.K, rel=0.01)
-
-
 def test_the_bootstrap_draws_within_directions():
     """Responses up scatter, responses down do not: half the difference has half the error of the mean up. Without the
     noise of unperturbed crossings, 400 draws of 9 crossings leave the ratio an error of a few per cent."""
@@ -130,13 +123,6 @@ def test_the_turn_is_toes_up_positive_whichever_way_the_person_walks_and_the_pla
     rotation = np.array([(Rotation.from_rotvec(-a * axis) * rest).as_matrix() for a in angles])
     pose = Poses(rotation, np.zeros((60, 3)), np.zeros(3), np.zeros(60), np.zeros(60, dtype=bool))
     assert platform_turn(time, pose, np.tile(axis, (60, 1)), (0.05, 0.15)) == pytest.approx(turn)
-
-
-def test_a_direction_in_the_sheet_that_the_markers_contradict_is_refused_by_name():
-    check_direction("w7", "up", 0.08)
-    check_direction("w7", None, -0.08)
-    with pytest.raises(InputError, match=r"trial w7: the platform turned by -4\.6 deg .* 'up', expected 'down'"):
-        check_direction("w7", "up", -0.08)
 
 
 # Conditions
@@ -240,13 +226,6 @@ def test_a_group_without_a_result_has_rows_that_say_why_and_the_others_go_on(tmp
 
 
 # Timing
-
-
-def test_the_phase_of_an_onset_is_a_share_of_the_mean_stance_of_its_gait():
-    slow = walked("slow", Walk(0.4, stance=0.9))
-    since = slow.onset - slow.stance.heel_strike
-    np.testing.assert_allclose(onset_phases([slow], 0.75), [since / 0.75])
-    np.testing.assert_allclose(onset_phases([slow], None), [since / slow.stance.duration])
 
 
 def test_timings_are_parted_by_clear_gaps_and_one_protocol_s_scatter_is_not():

@@ -7,15 +7,15 @@ import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
-from walking_synthetic import CORNERS, PLATE_RATE, RATE, changed, recording
+from walking_synthetic import PLATE_RATE, RATE, changed, recording
 
 from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
-from osl_analysis.trial import Array, Trial, write_trial
+from osl_analysis.trial import Trial, write_trial
 from osl_analysis.walking.checks import body_mass
-from osl_analysis.walking.overground import check_no_downward_force, compare_moments, over_plate
+from osl_analysis.walking.overground import check_no_downward_force, compare_moments
 from osl_analysis.walking.settings import OvergroundAnalysis
 
 REAL = Path(__file__).parents[2] / "shared" / "real_data"
@@ -55,13 +55,6 @@ def test_the_moment_of_a_known_load_and_its_ratio_to_the_reference(side: str) ->
 def test_a_foot_beside_the_plate_is_not_compared() -> None:
     with pytest.raises(InputError, match="gait_1: no foot stands on a plate"):
         compare_moments(gait_trial(over=0.3), MASS, 50.0)
-
-
-def test_a_point_is_over_a_plate_within_its_corners_in_either_order() -> None:
-    corners: Array = np.array(CORNERS)
-    points = np.array([[0.0, 0.0, 1.0], [0.24, -0.24, 0.0], [0.26, 0.0, 0.0], [0.0, -0.3, 0.0], [np.nan, 0.0, 0.0]])
-    expected = [True, True, False, False, False]
-    assert list(over_plate(points, corners)) == list(over_plate(points, corners[::-1])) == expected
 
 
 def test_a_trial_without_reference_says_which_column_to_map() -> None:

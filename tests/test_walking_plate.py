@@ -20,7 +20,6 @@ from walking_synthetic import (
     hidden,
     labelled,
     moved,
-    pose,
     recording,
     settings,
     static_trial,
@@ -38,11 +37,8 @@ from osl_analysis.walking.plate import (
     check_plate,
     check_range,
     check_type_on_platform,
-    in_laboratory,
-    load_of_weight,
     load_on_foot,
     recorded_corners,
-    rotation_from_rest,
     unloaded_zero,
 )
 from osl_analysis.walking.plate_model import (
@@ -99,15 +95,6 @@ def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, P
         np.einsum("nij,nj->ni", in_plate, force) - tare, np.einsum("nij,nj->ni", in_plate, moment) - tare_moment
     )
     return BodyMotion(R, w, z, centre, acceleration), read
-
-
-def test_a_wrench_turns_with_the_plate_and_acts_where_the_plate_is() -> None:
-    R = about_y(np.array([np.pi / 2]))
-    moving = pose(R, np.array([[0.5, 0.0, 0.2]]), origin=np.array([0.1, 0.0, 0.0]))
-    wrench, centre = in_laboratory(PlateWrench(np.eye(3)[[2]], np.eye(3)[[0]]), moving, np.array([0.1, 0.0, 0.3]))
-    np.testing.assert_allclose(wrench.force, [[1, 0, 0]], atol=1e-12)
-    np.testing.assert_allclose(wrench.moment, [[0, 0, -1]], atol=1e-12)
-    np.testing.assert_allclose(centre, [[0.8, 0.0, 0.2]], atol=1e-12)
 
 
 def test_recovers_all_ten_parameters_where_all_axes_turn_although_each_recording_has_its_own_zero() -> None:
@@ -177,12 +164,6 @@ def test_a_wrench_is_brought_to_the_markers_frames(frequency: float, late: float
     expected = seen * np.sin(2 * np.pi * frequency * slow)[:, None] * [1.0, 2.0, 3.0]
     np.testing.assert_allclose(sampled.force[60:-60], expected[60:-60], atol=1e-4 if seen else 3e-3)
     np.testing.assert_allclose(sampled.moment, sampled.force)
-
-
-def test_platform_rotation_is_signed_and_positive_at_its_excursion() -> None:
-    angle = np.array([0.0, 0.001, -0.002, -0.08, -0.087])
-    turned = pose(about_y(angle), np.zeros((5, 3)))
-    np.testing.assert_allclose(rotation_from_rest(turned), -angle, atol=1e-12)
 
 
 def unloaded(name: str, lag: float = 0.0, mass: float = 1.0, load: float = 0.0, turn: float = 0.09) -> Trial:
@@ -402,14 +383,6 @@ def test_the_pressure_beside_the_ankle_is_where_the_force_acts() -> None:
     )
     assert (pressed.force, pressed.left) == (pytest.approx([700]), pytest.approx([1.05 - 0.93]))
     assert light.left == [0.0]  # 70 N have no centre of pressure
-
-
-def test_the_load_is_a_share_of_the_weight_in_single_support() -> None:
-    force = np.where((PHASE > 0.15) & (PHASE < 0.85), 0.9 * 70 * 9.81, 5000.0)
-    stance = Stance(3.0, 3.8)
-    share = load_of_weight(3.0 + 0.8 * PHASE, force, stance, 70.0)
-    assert share == pytest.approx(0.9, rel=1e-3)
-    assert load_of_weight(3.0 + 0.8 * PHASE, force, stance, None) is None
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,8 @@ import polars as pl
 import pytest
 import yaml
 from conftest import ROOT
-from scipy.interpolate import make_interp_spline
 from walking_platform import Ramp, Rig, ankle_answer, plate_trials, standing, walked
-from walking_synthetic import PLATE_RATE, PLATFORM, changed, hidden, settings
+from walking_synthetic import PLATE_RATE, changed, hidden, settings
 
 from osl_analysis.campaign import Campaign, check_walking, open_campaign
 from osl_analysis.columns import marker_columns
@@ -24,7 +23,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
-from osl_analysis.walking.bodies import cluster_poses, static_calibration
+from osl_analysis.walking.bodies import static_calibration
 from osl_analysis.walking.checks import exchanged_labels
 from osl_analysis.walking.conditions import static_of
 from osl_analysis.walking.crossing import RefusedCrossing, analyse_crossing
@@ -43,8 +42,6 @@ from osl_analysis.walking.platform import (
     start_of_rise,
 )
 from osl_analysis.walking.platform_motion import (
-    Screws,
-    gated_noise,
     shared_directions,
 )
 
@@ -78,20 +75,6 @@ def torque_error(trials: list[Trial], turned: list[Ramp], model: PlatformModel, 
         inside = (crossing.time >= ramp.onset) & (crossing.time < ramp.onset + 0.1)
         errors.append((crossing.torque - np.interp(crossing.time, stamps, exact))[inside])
     return float(np.sqrt(np.mean(np.square(errors[0] if len(errors) == 1 else np.concatenate(errors)))))
-
-
-def test_coordinates_of_poses_are_a_screw_and_come_back() -> None:
-    """A rotation about a fixed axis is a straight line, to the precision of numbers."""
-    t = np.linspace(0, 1, 50)
-    moved = walked("w", Ramp(angle=20, onset=0.0, rise=3.0), replace(RIG, marker=0.0), 1, loaded=False)
-    labels = [f"marker_PLAT{k}_{axis}" for k in range(1, 5) for axis in "xyz"]
-    tracks = moved.samples.drop_nulls(labels).select(labels).to_numpy().reshape(-1, 4, 3)[: len(t) * 10 : 10]
-    poses = cluster_poses(PLATFORM, tracks)
-    screws = Screws.of(PLATFORM)
-    found = screws.coordinates(poses)
-    size = np.linalg.svd(found, compute_uv=False)
-    assert size[1] < 1e-9 * size[0]
-    np.testing.assert_allclose(screws.poses(found).points(PLATFORM), tracks, atol=1e-12)
 
 
 def test_the_mass_of_a_heavy_plate_is_inside_its_interval_although_markers_are_noisy() -> None:
@@ -138,17 +121,6 @@ def test_a_slow_return_that_noise_hides_is_not_taken_for_rest() -> None:
     inertia = identify_plate_inertia(pairs, seen.smooth)
     assert inertia.parameters[0] == pytest.approx(RIG.mass, abs=0.01)
     assert inertia.parameters[3] == pytest.approx(RIG.mass * RIG.com[2], abs=0.002)
-
-
-def test_the_noise_of_a_gated_acceleration_is_that_of_the_filters() -> None:
-    random, rate, first, further = np.random.default_rng(0), 300.0, LowPass(20.0), LowPass(8.0)
-    weights = np.zeros(600)
-    weights[100:160], weights[300:420] = 1.0, np.hanning(120)
-    filtered = first(random.standard_normal((600, 1500)), rate)
-    acceleration = make_interp_spline(np.arange(600) / rate, filtered, k=5)(np.arange(600) / rate, 2)
-    expected = np.sum(further(acceleration * weights[:, None], rate) ** 2) / 1500
-    level = np.mean(acceleration[100:500] ** 2)
-    assert gated_noise(weights, rate, first, further) == pytest.approx(expected / level, rel=0.08)
 
 
 def test_torque_and_onset_are_free_of_each_crossings_own_noise() -> None:
@@ -341,12 +313,6 @@ def test_static_trials_that_are_not_told_apart_are_refused_with_the_remedy(
 ) -> None:
     with pytest.raises(InputError, match=f"trial 'w'.*{message}"):
         static_of("w", cells, statics)
-
-
-def test_two_static_trials_without_a_statement_are_refused_before_any_job(tmp_path: Path) -> None:
-    rows = "s1,static,,,,, s2,static,,,,, m,plate,,,,, " + CROSSINGS.format(",,,")
-    with pytest.raises(InputError, match=r"trials.csv: trial 'u1'.*: 2 static trials could be its own \(s1, s2\)"):
-        check_walking(campaign(tmp_path, rows))
 
 
 def test_the_side_of_the_sheet_goes_before_that_of_the_configuration(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """A response is isolated and predicted, its impedance is the one that made it, and a headline shows its faults."""
 
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +22,6 @@ from osl_analysis.walking.ensemble import (
     cross_validated,
     ensemble_response,
     group_headline,
-    left_out_error,
-    predicting_weights,
     resampling_weights,
 )
 from osl_analysis.walking.events import Stance
@@ -107,13 +104,6 @@ def test_recovers_the_impedance_whatever_the_pace(stance: float, truth: tuple[fl
     for fit in fits:
         assert (fit.K, fit.B, fit.I) == pytest.approx(truth, rel=1e-3, abs=1e-3 if truth[2] == I else 2e-3)
     assert fits[0].fit.vaf > 99.999
-
-
-def test_a_crossing_that_differs_by_constants_gives_the_same_response() -> None:
-    """A plate off zero, a foot placed with more dorsiflexion: the baseline takes both away."""
-    plain, shifted = (respond(c, mean_gait()) for c in (crossing("p", 0.6), crossing("p", 0.6, angle=0.05, torque=7.0)))
-    np.testing.assert_allclose(shifted.motion.theta, plain.motion.theta, atol=1e-12)
-    np.testing.assert_allclose(shifted.torque, plain.torque, atol=1e-10)
 
 
 @pytest.mark.parametrize("onset", [0.6, 0.6017])
@@ -247,23 +237,6 @@ def wander(c: Crossing, random: np.random.Generator) -> Crossing:
     return replace(c, theta=c.theta + angle, torque=c.torque + torque)
 
 
-def test_the_variance_of_a_single_perturbation_is_right_on_average() -> None:
-    """A perturbed and two unperturbed crossings that each err by the same torque up or down, in all eight combinations:
-    the errors' mean square is the mean of the variances that the fits state. To first order, hence the small torque."""
-    plain = crossing("p", onset=0.6), crossing("u0"), crossing("u1")
-    exact = fit_response(respond(plain[0], unperturbed_gait(plain[1:], 2)))
-    squares, variances = [], []
-    for signs in product((-1, 1), repeat=3):
-        walked, *others = (
-            replace(c, torque=c.torque + 0.1 * sign * np.sin(2 * np.pi * 3 * c.time))
-            for c, sign in zip(plain, signs, strict=True)
-        )
-        fit = fit_response(respond(walked, unperturbed_gait(others, 2)))
-        squares.append((fit.K - exact.K) ** 2)
-        variances.append(fit.fit.se("K") ** 2)
-    assert np.mean(variances) == pytest.approx(np.mean(squares), rel=0.01)
-
-
 def test_the_interval_of_a_single_perturbation_covers_what_gait_does_to_it() -> None:
     """200 crossings, each with five unperturbed ones of its own: 95 % +- 3 Monte Carlo errors of 1.5 %. The residual's
     own standard error is a small part of theirs: nothing in one response tells gait from impedance."""
@@ -359,37 +332,6 @@ def test_too_few_unperturbed_crossings_predict_nothing() -> None:
     isolated = isolated_all(usual=6)
     found = cross_validated(isolated, ensemble_response(isolated).fit)
     assert (found.predictors, found.share) == ((), 0.0)
-
-
-def test_the_weights_are_those_of_the_weighted_regression_at_no_difference() -> None:
-    random = np.random.default_rng(1)
-    behaviour, curves = random.standard_normal((2, 9)) + 0.4, random.standard_normal((9, 5))
-    given = random.multinomial(8, np.full(9, 1 / 9)) / 8
-    root = np.sqrt(given)[:, None]
-    columns = np.column_stack([np.ones(9), behaviour.T])
-    intercept = np.linalg.lstsq(root * columns, root * curves, rcond=None)[0][0]
-    found = predicting_weights(behaviour, given)
-    np.testing.assert_allclose(found @ curves, intercept, atol=1e-12)
-    np.testing.assert_allclose([found.sum(), *(behaviour @ found)], [1, 0, 0], atol=1e-12)
-
-
-def test_weights_stay_where_nothing_or_too_little_tells_the_crossings_apart() -> None:
-    alike, two = np.full(9, 1 / 9), np.array([0.5, 0.5, 0, 0, 0, 0, 0, 0, 0])
-    np.testing.assert_allclose(predicting_weights(np.zeros((1, 9)), alike), alike, atol=1e-12)
-    assert predicting_weights(np.empty((0, 9)), alike) is alike
-    assert predicting_weights(np.arange(9.0)[None], two) is two
-
-
-def test_the_error_left_out_is_that_of_regressions_without_each_crossing() -> None:
-    random = np.random.default_rng(2)
-    behaviour, curves = random.standard_normal((2, 8)), random.standard_normal((8, 4))
-    errors = []
-    for k in range(8):
-        others = np.arange(8) != k
-        columns = np.column_stack([np.ones(8), behaviour.T])
-        fitted = np.linalg.lstsq(columns[others], curves[others], rcond=None)[0]
-        errors.append(curves[k] - columns[k] @ fitted)
-    assert left_out_error(behaviour, curves) == pytest.approx(np.mean(np.square(errors)), rel=1e-10)
 
 
 def test_behaviour_is_what_the_crossing_did_up_to_30_ms_before_the_onset() -> None:

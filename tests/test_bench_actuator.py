@@ -160,17 +160,6 @@ def test_slow_samples_are_left_out_because_friction_is_not_at_its_limit_there():
     assert errors[1] < errors[0] / 4
 
 
-def test_friction_passes_the_filter_of_the_torque():
-    """Its columns are not the sign of the filtered velocity: at a reversal they cross zero as slowly as the torque."""
-    t, theta, omega, _, current = schedule()
-    columns, torque = actuator_columns(ActuatorSignals(t, theta, current, -np.sign(omega)), LOW_PASS, WIDTH)
-    inside = slice(500, -500)
-    gear = -LOW_PASS(np.sign(omega) * np.abs(current), RATE)
-    for column, expected in ((columns["f_C"], torque), (columns["f_G"], gear)):
-        off = (column - expected)[inside]
-        assert np.std(off) < 0.04 * np.std(expected), "8 % where only the velocity is filtered"
-
-
 @pytest.fixture
 def campaign(tmp_path, monkeypatch):
     """Settings of a campaign with two actuator trials of 10 s and nothing else."""
@@ -255,18 +244,6 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documen
     assert (found["motion"][0], expected["motion"][0]) == (motion, "theta_m")
     assert found.select(PARAMETERS).row(0) == pytest.approx(expected.select(PARAMETERS).row(0), rel=1e-3)
     assert found["J_m_se"][0] == pytest.approx(expected["J_m_se"][0], rel=0.02)
-
-
-def test_velocity_is_differentiated_once_and_gives_what_the_angle_gives():
-    """Sines by hand, with a constant velocity that no integral could tell from a drift of the angle."""
-    t, theta, omega, alpha, current = schedule(velocity_offset=2.0)
-    torque = by_hand(theta, omega, alpha, current)
-    columns, _ = actuator_columns(ActuatorSignals(t, omega, current, torque, is_velocity=True), LOW_PASS, WIDTH)
-    inside = slice(500, -500)
-    assert columns["B_m"][inside] == pytest.approx(-omega[inside], abs=1e-3)
-    assert columns["J_m"][inside] == pytest.approx(-alpha[inside], abs=2e-2)
-    fit = fit_actuator(columns, LOW_PASS(torque, RATE), RATE, LOW_PASS, SLOWEST)
-    assert [fit[name] for name in PARAMETERS] == pytest.approx([TRUE[name] for name in PARAMETERS], rel=0.02)
 
 
 def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_refused(tmp_path):

@@ -10,7 +10,7 @@ from conftest import ROOT
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from osl_analysis.bench.any_excitation import ratio_at_peaks, record_table
+from osl_analysis.bench.any_excitation import record_table
 from osl_analysis.bench.changes import record_drift
 from osl_analysis.bench.excitation_limits import angle_noise_bias
 from osl_analysis.bench.impedance import DesiredImpedance
@@ -23,7 +23,6 @@ from osl_analysis.bench.moving_record import (
 )
 from osl_analysis.bench.plausibility import check_recording, saturated
 from osl_analysis.bench.rendered import (
-    AskedImpedance,
     judged_impedance,
     rendered_table,
     rendered_trial,
@@ -160,14 +159,6 @@ def test_of_two_lags_that_explain_the_torque_the_smaller_one_is_taken(seed):
     rng = np.random.default_rng(seed)
     record = moving_record(made_trial(rng, multisine(rng, rms_deg=1.0), bits=14), SETTINGS)
     assert abs(record_lag(record, None).lag) < 1e-3
-
-
-def test_a_joint_without_a_lag_has_none_that_counts():
-    for seed in range(2):
-        rng = np.random.default_rng(seed)
-        row = row_of(made_trial(rng, noise(rng)))
-        assert abs(row["lag_s"]) < 4 * row["lag_se_s"]
-        assert row["lag_inertia_share"] < 0.03
 
 
 def test_friction_is_told_from_damping():
@@ -368,19 +359,6 @@ def test_a_part_of_the_record_with_another_joint_lowers_the_held_out_vaf():
     assert row_of(made_trial(rng, motion, more=stiffer))["VAF_held_out"] < 98
 
 
-def test_a_lag_that_is_known_is_not_said_to_be_unchecked():
-    asked = AskedImpedance(DesiredImpedance("ours", None, None), PAPER.weight, (1.0,))
-    assert "whether the torque is late" in asked.not_checked(None, lag_known=False)
-    rng = np.random.default_rng(4)
-    motion = noise(rng)
-    trial = made_trial(rng, motion)
-    table = judged_impedance(moving_record(trial, SETTINGS), saturated(trial), None, asked)
-    assert table["lag_s"].is_not_null().all()
-    assert "whether K is what the gains should give" in table["not_checked"][0]
-    assert "late" not in table["not_checked"][0]
-    assert "clocks" not in table["not_checked"][0]  # one device recorded both
-
-
 def up_and_down(time, within_s):
     """An angle [rad] that goes up by 4 deg at 5 s, and down at 25 s."""
     up, down = (np.clip((time - at) / within_s, 0, 1) for at in (5.0, 25.0))
@@ -526,15 +504,6 @@ def test_a_stiffness_that_grows_with_the_frequency_is_no_change_in_a_sweep():
     assert record_drift(moving_record(made_trial(rng, motion, more=60 * follows), SETTINGS)) is None
 
 
-def test_a_stiffness_that_warms_up_in_a_sweep_is_named_though_it_is_not_linear_in_time():
-    """What it leaves beside a line is four times the noise."""
-    time, motion = chirp(np.random.default_rng(1), duration=56.0)
-    warm = 15 * np.exp(-(time - LEAD) / 10) * motion[0]
-    row = drifting_row((time, motion), more=warm)
-    assert -0.12 < row["K_drift"] < -0.04
-    assert row["drift_inertia_share"] > 0.3
-
-
 def test_rounding_to_few_bits_in_a_slow_sweep_is_no_change():
     """Rounding follows the angle, so that standard errors are too small: it passes three of them."""
     motion = chirp(np.random.default_rng(1), band=(1.0, 4.0), duration=40.0)
@@ -569,12 +538,3 @@ def test_a_torque_with_friction_is_not_clipped(name):
     rng = np.random.default_rng(3)
     motion = MOTIONS[name](rng)
     assert ratio_of(made_trial(rng, motion, more=0.5 * np.tanh(motion[1][1] / 0.01))) > LIMIT + 0.15
-
-
-def test_noise_raises_the_ratio_and_the_flat_top_of_a_sine_is_not_compared_alone():
-    rng, sine = np.random.default_rng(4), np.sin(np.linspace(0, 60, 6000))
-    assert ratio_at_peaks(sine, sine) == pytest.approx(1)
-    assert ratio_at_peaks(sine + rng.standard_normal(6000), sine) > 1
-    assert ratio_at_peaks(0.7 + np.minimum(sine, 0.7), sine) < 0.1
-    assert ratio_at_peaks(np.maximum(sine, -0.7), sine) < 0.1
-    assert ratio_at_peaks(np.sign(sine), np.sign(sine)) is None

@@ -10,15 +10,12 @@ from hypothesis import strategies as st
 
 from osl_analysis.bench.belt import (
     BeltTrial,
-    Branch,
     belt_figure_points,
     belt_table,
     fit_belt_stiffness,
-    fit_straight_belt,
 )
-from osl_analysis.bench.transmission import coulomb_columns, fit_transmission, transmission_table
+from osl_analysis.bench.transmission import fit_transmission, transmission_table
 from osl_analysis.errors import InputError
-from osl_analysis.stats.regression import linear_fit
 
 
 def belt_cycle(K_s=685.6, K_s2=0.0, coulomb=0.0, peak=0.0873):
@@ -107,16 +104,6 @@ def test_a_single_trial_covers_the_stiffness_of_its_belt_beside_the_damping_of_t
     assert abs(np.mean(errors)) < 0.25
 
 
-def test_at_a_constant_velocity_the_damping_is_in_the_offset_and_not_in_the_stiffness():
-    """The belt is turned on at the ends of the record already: no row of the branch has another velocity."""
-    deflection = np.linspace(0.005, 0.0873, 3500)
-    velocity = np.full(3500, 2.4e-5)
-    branch = Branch(deflection, velocity, 685.6 * deflection + 450 * velocity + 1)
-    fit = fit_straight_belt(branch, 1, 0.0)
-    assert fit.names == ("K_s", "offset")
-    assert (fit["K_s"], fit["offset"]) == pytest.approx((685.6, 1 + 450 * 2.4e-5), rel=1e-9)
-
-
 def test_the_figure_of_belts_has_what_torque_differs_by_from_the_mean_slope_and_both_means_with_their_bounds():
     """A belt of 720/pi N*m/rad, 4 N*m per degree, that carries 0.5 N*m more while loading, bent the other way."""
     deflection = np.array([0.0, -1.0, -2.0, -1.0])
@@ -144,14 +131,6 @@ def test_recovers_the_losses_of_the_transmission(B_j, J_j, offset):
     motion = multisine(1.0, 3.0, 5.0)
     fit = fit_transmission(motion, B_j * motion.omega + J_j * motion.alpha + offset)
     assert (fit["B_j"], fit["J_j"], fit["offset"]) == pytest.approx((B_j, J_j, offset), rel=1e-8, abs=1e-9)
-
-
-def test_coulomb_friction_is_told_from_viscous():
-    motion = multisine(1.0, 3.0, 5.0)
-    torque = 0.45 * motion.omega + 0.005 * motion.alpha + 0.2 * np.tanh(motion.omega / 0.05)
-    fit = linear_fit(torque, coulomb_columns(motion))
-    assert (fit["B_j"], fit["J_j"], fit["T_C"]) == pytest.approx((0.45, 0.005, 0.2), rel=1e-8)
-    assert fit_transmission(motion, torque)["B_j"] > 0.46
 
 
 def test_transmission_tells_how_much_of_its_damping_is_coulomb_friction_and_predicts_the_amplitude_not_seen():

@@ -253,10 +253,6 @@ def test_a_late_torque_is_named_alone_where_k_is_that_of_the_gains():
     )
 
 
-def test_a_torque_that_comes_early_has_no_frame():
-    assert measured_lag(SECOND_ORDER * np.exp(2e-3 * S)).frame_stiffness is None
-
-
 def third_order(impedance):
     """Coefficients to the third power of s of an impedance, by Cauchy's integral on a circle of 2 rad/s."""
     s = 2 * np.exp(2j * np.pi * np.arange(64) / 64)

@@ -33,7 +33,6 @@ from osl_analysis.commands.bench import average_over_amplitudes
 from osl_analysis.commands.fit import estimates_text
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import REMEDIES, Doubt, DoubtfulFits, marked
-from osl_analysis.errors import InputError
 from osl_analysis.figures.fig4 import draw as draw_fig4
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
@@ -150,14 +149,6 @@ def test_where_amplitudes_nest_inside_frequencies_fig4_and_the_comparison_use_on
     assert not large[small_rows].any()
     assert large[large_rows].all()
     assert len(large_rows) == pytest.approx(len(small_rows), abs=3)
-
-
-@pytest.mark.parametrize("level", [0.0, 3.0])
-def test_a_torque_that_stays_where_it_is_is_refused_by_trial_signal_and_time(level):
-    record = stepped_sine(lambda motion: np.full_like(motion.theta, level))
-    message = f"trial made, torque from 4.0 s: the signal has no sine of 1 Hz, it stays at {level:g}; check its channel"
-    with pytest.raises(InputError, match=message):
-        trial_phasors(record)
 
 
 def test_phasors_keep_their_covariance_and_the_response_over_amplitudes_its_interval_and_its_doubts(tmp_path):

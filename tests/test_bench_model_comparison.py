@@ -202,15 +202,6 @@ def test_vaf_on_data_held_out_is_that_of_the_other_trials_fit():
     assert (alone.rank, alone.vaf) == (1, pytest.approx(100))
 
 
-def test_eq_15_is_held_out_by_amplitude():
-    x = np.sin(np.arange(900) / 7)
-    motion = Motion(x, np.cos(np.arange(900) / 7), np.sin(np.arange(900) / 3))
-    folds = [impedance_fold(motion, gain * x) for gain in (100.0, 100.0, 130.0)]
-    candidate = held_out_by_amplitude(folds, "M1", ("K", "B", "I"))
-    assert np.std(candidate.held_out_residual[1800:]) == pytest.approx(30 * np.std(folds[0].columns["K"]), rel=1e-6)
-    assert np.std(candidate.residual[:900]) == pytest.approx(10 * np.std(folds[0].columns["K"]), rel=1e-6)
-
-
 def test_bic_rejects_a_needless_term_as_often_as_it_should_though_samples_are_correlated():
     """chi2(1) > ln m in 1 to 5 % of trials for m of 50 to 600: at most 10 of 100 here, 60 if all samples counted."""
     rng, needless, n = np.random.default_rng(6), 0, 8000
@@ -317,15 +308,3 @@ def test_the_summary_has_a_row_per_model_with_its_difference_to_the_drafts(tmp_p
     assert (hysteresis["BIC_change"], linear["BIC_behind"]) == (-200, 200)
     assert [(r["by_VAF"], r["by_BIC"]) for r in rows[:2]] == [("worse", "worse"), ("preferred", "preferred")]
     assert [(r["by_VAF"], r["by_BIC"]) for r in rows[2:4]] == [("preferred", "preferred"), ("tied", "worse")]
-
-
-def test_a_single_trial_is_summarised_without_intervals(tmp_path):
-    alone = score_table().filter(pl.col("trial") == "belt_1").with_columns(VAF_held_out=pl.lit(float("nan")))
-    write_table(alone, tmp_path / "scores.csv")
-    summarise_model_comparison(tmp_path / "scores.csv", tmp_path / "summary.csv")
-    rows = pl.read_csv(tmp_path / "summary.csv").to_dicts()
-    assert [(r["VAF_held_out"], r["BIC_change"], r["BIC_change_low"]) for r in rows] == [
-        (None, 0.0, None),
-        (None, -200.0, None),
-    ]
-    assert [(r["by_VAF"], r["by_BIC"]) for r in rows] == [(None, "preferred"), (None, "tied")]

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import second_order, stepped_sine, unit_block
+from bench_synthetic import unit_block
 
-from osl_analysis.bench.impedance import impedance_of, impedance_table, trial_phasors
+from osl_analysis.bench.impedance import impedance_table, trial_phasors
 from osl_analysis.bench.segments import (
     Block,
     Segment,
@@ -19,9 +19,6 @@ from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import drift_rate, stepped_sine_trial, without_angle
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.runs import SteppedSineProtocol, find_runs
-from osl_analysis.second_order import impedance_columns
-from osl_analysis.stats.covariance import ResidualCorrelation
-from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import Trial
 
 PROTOCOL = SteppedSineProtocol(amplitudes=(0.03, 0.06, 0.1), frequencies_hz=(2.0, 4.0), cycles=6)
@@ -196,19 +193,6 @@ def test_a_sine_of_any_phase_has_no_drift_and_a_drift_is_found_under_it():
     assert drift_rate(TIME, sines() + 3.0 + 0.02 * TIME, SEGMENTS) == pytest.approx(0.02, rel=1e-9)
 
 
-def test_the_drift_s_error_is_that_of_a_line_through_all_settled_samples():
-    """Weighted means of cycles lose 1 % of what all samples know: var = sigma^2/sum (t - mean)^2."""
-    rng, t = np.random.default_rng(2), TIME[250:4000]
-    found = [drift_rate(TIME, sines() + rng.normal(0, 0.5, len(TIME)), SEGMENTS) for _ in range(800)]
-    assert np.std(found) == pytest.approx(0.5 / np.sqrt(np.sum((t - t.mean()) ** 2)), rel=0.08)
-
-
-def test_rests_and_transients_do_not_count():
-    torque = sines() + 0.02 * TIME
-    torque[:250], torque[4000:] = 100.0, -100.0
-    assert drift_rate(TIME, torque, SEGMENTS) == pytest.approx(0.02)
-
-
 def test_four_cycles_tell_no_drift():
     assert drift_rate(TIME, 0.02 * TIME, [Segment(0.1, 2.0, 250, 1250, 4)]) == 0.0
 
@@ -249,13 +233,3 @@ def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute():
     whole = impedance_table(record, trial_phasors(record)).row(-1, named=True)
     assert whole["load_cell_drift"] == pytest.approx(0.6, rel=0.02)
     assert whole["K"] == pytest.approx(100, rel=0.01)
-
-
-def test_the_standard_error_of_few_cycles_has_what_the_fit_took_of_the_noise():
-    """Two cycles are fitted at each frequency, and at 7 Hz the fit follows most of their noise."""
-    record = stepped_sine(second_order, 0.03, SteppedSineProtocol((0.05,), (1.0, 3.0, 7.0), 5))
-    fit, (motion, torque) = impedance_of(record, None), record.part(None)
-    plain = linear_fit(torque, impedance_columns(motion), ResidualCorrelation(every=record.independent_samples))
-    assert fit.interval_method == "HAC"
-    assert fit.se("I") > 1.15 * plain.se("I")
-    assert fit.degrees_of_freedom[2] < 0.8 * plain.degrees_of_freedom[2]

@@ -8,15 +8,15 @@ import pytest
 from bench_synthetic import LOW_PASS, second_order, stepped_sine
 
 from osl_analysis.bench.impedance import impedance_of, trial_phasors
-from osl_analysis.bench.moving_record import eq15_columns, fit_of, moving_record, with_rounding
-from osl_analysis.bench.rounding import RepeatedRounding, Rounded, with_sines
+from osl_analysis.bench.moving_record import fit_of, moving_record
+from osl_analysis.bench.rounding import RepeatedRounding, Rounded
 from osl_analysis.bench.segments import Segment, repeated_cycles, rows_of
 from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import fits_by_amplitude, stepped_sine_trial
 from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.second_order import fit_impedance, impedance_columns
 from osl_analysis.signals import filtered_motion
-from osl_analysis.stats.covariance import between_cycles, sums_between
+from osl_analysis.stats.covariance import between_cycles
 from osl_analysis.stats.rounding import (
     visible_step,
 )
@@ -131,32 +131,6 @@ def whole_sines(phase, step, zero, cycles=6, rate=1000.0):
     return time, theta, omega, step * np.rint((theta + zero) / step) - zero, tuple(pieces)
 
 
-@pytest.mark.parametrize("phase", [0.4, 1.1, 2.0])
-def test_the_variance_of_rounding_is_what_rounding_with_every_zero_of_the_encoder_does(phase):
-    """By brute force: the record rounded with 64 zeros, and fitted. The torque is 300 theta + 30 omega. The derivative
-    of the error is periodic, up to the filter's 15 Hz. 8 harmonics of the rounding have 93 % of the variance; the
-    others are taken to be alike."""
-    step = 2 * np.pi / 2**14
-    time, theta, omega, _, segments = whole_sines(phase, step, 0.0)
-    rows = rows_of(segments)
-    X = np.column_stack([theta[rows], omega[rows], np.ones(len(rows))])
-    influence, errors = X @ np.linalg.inv(X.T @ X), []
-    for zero in step * (np.arange(64) + 0.5) / 64:
-        error = whole_sines(phase, step, zero)[3] - theta
-        errors.append(influence.T @ np.concatenate([through_joint(error[segment.rows]) for segment in segments]))
-    expected = np.cov(np.transpose(errors))
-    seen = Rounded(step, whole_sines(phase, step, 0.3 * step)[3], theta, time, time)
-    found = RepeatedRounding(seen, 300 * theta + 30 * omega, segments).covariance(influence, np.eye(3))
-    size = np.sqrt(np.diag(expected))[:2]
-    np.testing.assert_allclose(found[:2, :2] / np.outer(size, size), expected[:2, :2] / np.outer(size, size), atol=0.12)
-
-
-def through_joint(error):
-    """300 e + 30 de/dt of an error (n,) of the angle that repeats after the last sample, at 1000 Hz."""
-    w = 2j * np.pi * np.fft.rfftfreq(len(error), 1e-3)
-    return np.fft.irfft(np.fft.rfft(error) * (300 + 30 * w * (np.abs(w) < 2 * np.pi * 15)), len(error))
-
-
 def test_rounding_that_differs_from_cycle_to_cycle_is_not_counted_twice():
     """At 1013 Hz no period is whole rows: the spread of the cycles has all of it. At 1000 Hz it has nothing."""
     step, added = 2 * np.pi / 2**12, {}
@@ -174,17 +148,6 @@ def test_rounding_that_differs_from_cycle_to_cycle_is_not_counted_twice():
     assert added[1013.0] < 0.5
 
 
-def test_rounding_that_noise_dithers_is_not_counted_twice():
-    step = 2 * np.pi / 2**14
-    dithered = record(1, 1000.0, step=step, angle_noise=0.6 * step)
-    fit = fitted(dithered)
-    unknown = replace(stepped_sine_trial(dithered, SETTINGS), steps=(None, None))
-    motion, torque = unknown.part(None)
-    assert fit.interval_method == "cycles"
-    without = fit_impedance(motion, torque, unknown.residual_correlation(None)).fit
-    assert [fit.se(name) for name in TRUTH] == pytest.approx([without.se(name) for name in TRUTH], rel=1e-3)
-
-
 def test_a_step_is_stated_or_seen():
     rng = np.random.default_rng(1)
     values = rng.normal(0, 0.1, 20_000)
@@ -197,17 +160,6 @@ def test_a_step_is_stated_or_seen():
     assert stepped_sine_trial(trial, SETTINGS).steps == (None, None)
 
 
-def test_sums_between_rows_are_integrals_of_the_curve_and_whole_where_edges_are():
-    t = np.arange(400)
-    wave = np.column_stack([np.sin(2 * np.pi * t / 83.4 + 1), np.ones(400)])
-    edges = 7 + 83.4 * np.arange(4)
-    sums = sums_between(wave, edges[:-1], edges[1:])
-    assert np.abs(sums[:, 0]).max() < 2e-4
-    np.testing.assert_allclose(sums[:, 1], 83.4)
-    np.testing.assert_array_equal(sums_between(wave, np.array([3.0]), np.array([90.0]))[0, 1], 87)
-    np.testing.assert_allclose(sums_between(wave, np.array([3.0]), np.array([400.0]))[0], wave[3:].sum(axis=0))
-
-
 def test_a_step_is_seen_in_floats_of_four_bytes_and_where_every_other_one_is_hardly_used():
     random = np.random.default_rng(5)
     turns = 0.003 * np.rint(200 * np.sin(np.linspace(0, 60, 40_000)) + random.standard_normal(40_000)) + 0.0007
@@ -217,15 +169,6 @@ def test_a_step_is_seen_in_floats_of_four_bytes_and_where_every_other_one_is_har
 
 
 TWELVE_BITS = 2 * np.pi / 2**12
-SLOW_SINES = SteppedSineProtocol((0.07,), (1.0, 2.0, 5.0), 9)
-
-
-def test_a_motion_with_a_third_harmonic_is_kept():
-    record = stepped_sine(second_order, protocol=SLOW_SINES)
-    segment, time = record.segments(None)[1], record.time
-    bent = 0.07 * np.sin(4 * np.pi * time + 0.3) + 0.01 * np.cos(12 * np.pi * time) + 0.2
-    found = with_sines(bent, time, [segment])
-    np.testing.assert_allclose(segment.part(found), segment.part(bent), atol=1e-9)
 
 
 @pytest.mark.parametrize("amplitude", [0.07, 0.0704])
@@ -284,25 +227,3 @@ def test_noise_that_dithers_the_encoder_leaves_the_interval_of_a_sweep_as_it_is(
     assert record.steps[0] == pytest.approx(STEP)
     assert record.fit.interval_method == "HAC"
     np.testing.assert_array_equal(record.fit.covariance, fit_of(record).covariance)
-
-
-def test_the_component_of_rounding_is_what_rounding_with_every_zero_does_to_a_fit():
-    """By brute force: the smooth angle rounded with 32 zeros, filtered, and fitted; two stretches. The joint is far
-    damped, or heavy, so that the error's derivatives count. By parts nothing is known of the error at the stretches'
-    ends, nor of what the filter takes off it near the cut-off, where a heavy joint has it: too wide."""
-    record = moving_record(swept(1), SWEPT)
-    record = replace(record, pieces=(slice(500, 2300), slice(2600, 4500)))
-    alone = fit_of(record)
-    for estimates, widest in (([300.0, 30.0, 0.02, 0, 0], 1.05), ([300.0, 5.0, 0.2, 0, 0], 2.0)):
-        fit = replace(alone, estimates=np.array(estimates))
-        X, changes = np.array(list(eq15_columns(record).values())).T[record.rows], []
-        for zero in (np.arange(32) + 0.5) / 32:
-            place = record.motion.theta / STEP + zero
-            error = filtered_motion(record.time, STEP * (np.rint(place) - place), record.torque, record.low_pass)[0]
-            torque = estimates[0] * error.theta + estimates[1] * error.omega + estimates[2] * error.alpha
-            changes.append(np.linalg.lstsq(X, record.part(torque))[0])
-        found = np.diag(with_rounding(fit, record).covariance - alone.covariance)[:3]
-        true = np.mean(np.square(changes), axis=0)[:3]
-        ratio = np.sqrt(found / true)
-        assert ratio.min() > 0.8
-        assert ratio.max() < widest

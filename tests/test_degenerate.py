@@ -21,8 +21,6 @@ from walking_synthetic import settings
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.commands.fit import FITS, fit_request, fit_trial
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.model.compensator import select_gains
-from osl_analysis.model.gain_selection import Weight
 from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.second_order import fit_impedance
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
@@ -311,16 +309,3 @@ FITS_OF_CROSSINGS: dict[str, Callable[[list[Crossing], list[Crossing]], Any]] = 
 @pytest.mark.parametrize("name", FITS_OF_CROSSINGS)
 def test_degenerate_crossings_are_fitted_or_refused_in_one_sentence(name):
     defined_or_refused(FITS_OF_CROSSINGS[name], crossings())
-
-
-SIZES = (0.0, -1.0, 5e-324, 1e-30, 300.0, 680.0, 1e300, math.inf, -math.inf, math.nan)
-
-
-@pytest.mark.parametrize("controller", ["compensated", "uncompensated"])
-def test_a_degenerate_request_for_gains_is_answered_or_refused_in_one_sentence(controller, parameters):
-    weight = Weight(1.0, 3)
-
-    def gains(K_d: float, B_d: float) -> Any:
-        return select_gains(controller, K_d, B_d, parameters, weight)
-
-    defined_or_refused(gains, {f"{K_d}, {B_d}": (lambda pair=(K_d, B_d): pair) for K_d in SIZES for B_d in SIZES})

@@ -143,13 +143,6 @@ def test_two_integrators_that_share_nothing_agree(parameters, controller, K_s2):
     assert np.std(found - expected) < 0.01 * np.std(expected)
 
 
-def test_more_friction_means_more_torque_on_the_way_up(parameters):
-    gains = uncompensated_gains(200, 5, parameters)
-    theta = np.linspace(0, 0.1, 3000)
-    ends = [belt_response(theta, RATE, gains, parameters, Friction(scale, 0.05))[-1] for scale in (0, 0.5, 1, 2)]
-    assert np.all(np.diff(ends) > 0.1)
-
-
 def joint_stiffness_at(frequency_hz, gains, effects, p=P):
     """Complex torque over angle from whole settled cycles of a simulated sine, without J_j."""
     w, t = 2 * np.pi * frequency_hz, np.arange(int(8 * RATE)) / RATE
@@ -244,14 +237,6 @@ def test_stick_and_slip_do_not_depend_on_the_fine_step():
     )
     assert np.mean(fine.omega_m == 0) > 0.02, "this motion sticks"
     assert coarse.belt_torque == pytest.approx(fine.belt_torque, abs=0.02)
-
-
-def test_an_unloaded_belt_at_the_equilibrium_stays_at_rest():
-    motion = simulate_drivetrain(
-        RATE, np.full(300, 0.1), np.zeros(300), constant(300, 20.0, 0.1, 0.1 * P.n_T), IDEAL, P, 0.1 * P.n_T
-    )
-    assert motion.theta_m == pytest.approx(np.full(300, 0.1 * P.n_T), abs=1e-12)
-    assert motion.belt_torque == pytest.approx(np.zeros(300), abs=1e-9)
 
 
 def test_a_belt_without_hysteresis_is_the_models_belt():

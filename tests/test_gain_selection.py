@@ -224,3 +224,9 @@ def test_uncompensated_gains_are_reflected_through_the_belt(parameters):
     gains = uncompensated_gains(300, 5, parameters)
     n2 = parameters.n_T**2
     assert (gains.K_1 * n2, gains.B_1 * n2, gains.cancels_friction) == pytest.approx((300, 5, False))
+
+
+@pytest.mark.parametrize(("K_d", "B_d"), [(float("nan"), 5), (300, float("inf")), (-1, 5)])
+def test_uncompensated_gains_refuse_what_is_no_number(parameters, K_d, B_d):
+    with pytest.raises(UnreachableImpedanceError, match="cannot be asked for"):
+        uncompensated_gains(K_d, B_d, parameters)

@@ -8,8 +8,6 @@ from osl_analysis.multisine import odd_lines, odd_multisine
 from osl_analysis.signals import (
     LowPass,
     filtered_motion,
-    longest_run,
-    runs,
     sampling_rate,
 )
 
@@ -37,13 +35,6 @@ def test_derivatives_of_a_filtered_angle_are_those_of_its_sine_at_any_rate(rate)
     )
     assert motion.alpha[settled] == pytest.approx(-gain * w**2 * theta[settled], abs=0.1 * w**2 * (bound + 1e-9))
     assert np.array_equal(torque, 2 * motion.theta)
-
-
-def test_runs_are_the_stretches_of_true_samples():
-    mask = np.array([1, 1, 0, 1, 0, 0, 1, 1, 1], dtype=bool)
-    assert runs(mask) == [slice(0, 2), slice(3, 4), slice(6, 9)]
-    assert longest_run(mask) == slice(6, 9)
-    assert (runs(~mask[:1]), longest_run(np.zeros(3, dtype=bool))) == ([], slice(0, 0))
 
 
 def test_refuses_irregular_stamps_by_time():

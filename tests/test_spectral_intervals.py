@@ -232,12 +232,6 @@ def test_levels_of_a_cube_are_odd_and_those_of_a_square_are_even():
     assert levels.distortion < 1e-6 * levels.even  # even distortion does not reach odd lines
 
 
-def test_the_odd_level_at_detection_lines_is_that_of_excited_lines_within_a_decibel():
-    _, levels = periodic_response([realisation(seed, cubic, noise=0.01) for seed in range(16)])
-    assert 20 * np.log10(levels.detection / levels.distortion) == pytest.approx(0, abs=1.0)
-    assert min(levels.detection, levels.distortion) < levels.odd < max(levels.detection, levels.distortion)
-
-
 def test_noise_of_the_response_is_what_white_noise_of_the_torque_makes_of_it():
     # a line of white noise has E|X|^2 = 4 sigma^2/n, the mean of P periods of R realisations 1/(P R) of it
     response, levels = periodic_response([realisation(seed, second_order, 5, 0.2) for seed in range(3)])

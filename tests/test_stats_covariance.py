@@ -188,11 +188,3 @@ def test_standard_errors_of_few_cycles_are_the_scatter_of_the_estimates_and_are_
     assert (ratio > 0.88).all()
     assert (known <= freedom).all()
     assert known[2] < freedom[2]
-
-
-def test_the_memory_of_a_filter_is_the_autocovariance_of_its_noise():
-    noise = LOW_PASS(np.random.default_rng(1).standard_normal(200_000), SLOW_RATE)
-    seen = [np.mean(noise * noise), *(np.mean(noise[k:] * noise[:-k]) for k in range(1, 25))]
-    np.testing.assert_allclose(MEMORY[:25], seen, atol=0.02 * MEMORY[0])
-    assert MEMORY[0] == pytest.approx(2 * LOW_PASS.noise_bandwidth_hz / SLOW_RATE, rel=0.01)
-    assert np.abs(MEMORY[-5:]).max() < 1e-3 * MEMORY[0]

@@ -6,22 +6,17 @@ import statsmodels.api as sm
 from conftest import multisine
 from hypothesis import given
 from hypothesis import strategies as st
-from repeated_cycles import repeated
 from scipy.optimize import curve_fit
-from scipy.stats import t as student
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.second_order import impedance_columns
 from osl_analysis.signals import LowPass
-from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.fit_row import whiteness
 from osl_analysis.stats.regression import linear_fit, variance_accounted_for
 from osl_analysis.stats.sinusoid import (
-    complex_from_row,
     complex_mean,
     complex_quotient,
-    complex_row,
     fit_sinusoid,
     polar_row,
 )
@@ -104,15 +99,6 @@ def test_a_column_of_zeros_is_refused_by_name():
         linear_fit(np.sin(T), {"a": np.sin(T), "b": np.zeros_like(T)})
 
 
-def test_the_interval_is_students():
-    y, columns, cycles = repeated(np.random.default_rng(8))
-    fit = linear_fit(y, columns, ResidualCorrelation(cycles))
-    low, high = fit.interval("b")
-    half = student.ppf(0.975, fit.degrees_of_freedom[1]) * fit.se("b")
-    assert (low, high) == pytest.approx((fit["b"] - half, fit["b"] + half))
-    assert fit.cov("a", "b") == fit.covariance[0, 1]
-
-
 def test_estimates_that_lean_on_one_another_show_in_their_correlation():
     motion = multisine(2.0, 2.4)
     near = linear_fit(motion.theta + np.random.default_rng(5).standard_normal(5000), impedance_columns(motion))
@@ -128,28 +114,6 @@ def test_the_correlation_of_estimates_is_that_of_the_columns_and_not_of_the_scat
     columns, y = {"a": a, "b": b}, 2 * a + b + 3 * noise * np.abs(a + b)
     assert abs(linear_fit(y, columns).correlation("a", "b")) > 0.3
     assert linear_fit(y, columns).largest_correlation < 0.05
-
-
-def conditioned(condition, n=5000):
-    """Three columns whose scaled condition number is about `condition`, and a y with known coefficients and noise."""
-    rng = np.random.default_rng(12)
-    Q, _ = np.linalg.qr(rng.standard_normal((n, 3)))
-    X = Q @ np.diag([1.0, 0.5, 1 / condition]) @ np.linalg.qr(rng.standard_normal((3, 3)))[0] * [1.0, 1e3, 1e-4]
-    return X @ [3.0, 2e-3, 5e4] + 1e-3 * rng.standard_normal(n), {"a": X[:, 0], "b": X[:, 1], "c": X[:, 2]}
-
-
-@pytest.mark.parametrize("condition", [2, 30, 90, 300])
-def test_normal_equations_of_many_rows_are_as_exact_as_a_decomposition_of_the_columns(condition):
-    """The reference is QR. Rounding of 1e-16 grows by the condition number, or its square for the covariance."""
-    y, columns = conditioned(condition)
-    fit, X = linear_fit(y, columns), np.stack(list(columns.values()), axis=1)
-    scaled = X / np.linalg.norm(X, axis=0)
-    Q, R = np.linalg.qr(scaled)
-    exact = np.linalg.solve(R, Q.T @ y) / np.linalg.norm(X, axis=0)
-    assert fit.estimates == pytest.approx(exact, rel=1e-14 * condition**1.5)
-    assert fit.condition_number == pytest.approx(np.linalg.cond(scaled), rel=1e-15 * condition**2)
-    few = linear_fit(y[:140], {name: column[:140] for name, column in columns.items()})
-    assert few.estimates == pytest.approx(np.linalg.lstsq(X[:140], y[:140], rcond=None)[0], rel=1e-9)
 
 
 RATE, LOW_PASS = 500.0, LowPass(15)
@@ -227,14 +191,6 @@ def test_intervals_of_a_response_and_of_its_mean_over_amplitudes_cover_with_few_
     share = np.mean(covered, axis=0)
     assert ((share.real > 0.925) & (share.real < 0.975)).all()
     assert ((share.imag > 0.925) & (share.imag < 0.975)).all()
-
-
-def test_a_phasor_survives_its_row_of_a_table():
-    t = np.arange(0, 8, 1e-2)
-    found = fit_sinusoid(t, np.sin(7 * t) + np.random.default_rng(7).normal(0, 0.1, len(t)), 1.0)
-    again = complex_from_row("theta", complex_row("theta", found))
-    assert (again.value, again.degrees_of_freedom) == (found.value, found.degrees_of_freedom)
-    np.testing.assert_array_equal(again.covariance, found.covariance)
 
 
 def test_sinusoid_refuses_too_short_a_record_and_too_slow_a_sampling():

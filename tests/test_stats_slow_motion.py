@@ -16,10 +16,6 @@ RAMP = {"slope": (1 - np.cos(np.pi * np.arange(N) / N)) / 2, "offset": np.ones(N
 BUMP = {"bump": np.gradient(RAMP["slope"])}
 
 
-def test_half_a_period_of_the_cutoff_in_samples():
-    assert (EVERY, LowPass(20).independent_samples(300), LowPass(9).independent_samples(10)) == (33, 8, 1)
-
-
 def test_the_interval_of_a_ramp_covers_the_truth_where_hac_takes_for_chance_what_every_trial_repeats():
     """95 % of 600 seeded ramps within three Monte Carlo errors of 0.9 %, although the line misses a bump."""
     rng, drift, found = np.random.default_rng(11), 1e-6, []
@@ -75,8 +71,3 @@ def test_a_known_drift_is_worth_more_degrees_of_freedom_than_the_noise_alone():
     ratio = (both.se("slope") / alone.se("slope")) ** 2
     assert ratio > 1.2
     assert both.degrees_of_freedom[0] == pytest.approx(alone.degrees_of_freedom[0] * ratio**2)
-
-
-def test_an_unfiltered_ar1_is_worth_its_long_run_variance():
-    noise = np.convolve(np.random.default_rng(17).standard_normal(200_000), 0.8 ** np.arange(100), "valid")
-    assert memory_samples(noise, 1) == pytest.approx((1 + 0.8) / (1 - 0.8), rel=0.05)

@@ -19,10 +19,8 @@ from osl_analysis.timebase.drift import (
     SinePiece,
     check_drift,
     clock_drift,
-    drift_columns,
-    scatter_of_noise,
 )
-from osl_analysis.timebase.grid import GapLimits, UniformGrid, one_time_base
+from osl_analysis.timebase.grid import UniformGrid, one_time_base
 from osl_analysis.timebase.samples import take
 from osl_analysis.timebase.stream import Stream
 
@@ -183,19 +181,6 @@ def test_a_python_loop_with_absolute_targets_is_late_and_never_early_and_yet_its
     assert_recovers_the_joint(grid)
 
 
-def test_a_loop_that_sleeps_from_its_last_step_wanders_by_many_steps_and_its_stamps_are_true():
-    random = np.random.default_rng(11)
-    stamps = np.cumsum(1e-3 + 2e-4 * random.random(60_000))
-    slow = stamps + 0.02 * np.sin(stamps / 5)
-    recorded = Stream(
-        "log", slow, {n: noisy(v, random, 1e-4 if n == "theta" else 0.1) for n, v in joint(slow, slow).signals.items()}
-    )
-    (said,) = one_time_base([recorded]).report.streams
-    assert said.wander_s * said.rate_hz > 5
-    assert (said.even, said.firm) == (False, True)
-    assert said.g["theta"] == pytest.approx(1.0, abs=0.1)
-
-
 def test_a_channel_of_mere_noise_does_not_pass_for_an_even_one_beside_true_motion():
     random = np.random.default_rng(12)
     stamps = np.cumsum(0.008 + 0.004 * random.random(12_000))
@@ -236,13 +221,6 @@ def test_a_slow_wander_is_believed_where_the_signal_cannot_tell():
 # ---- Recordings as recorders make them
 
 
-@pytest.mark.parametrize("jitter", [1e-6, 5e-6, 20e-6, 50e-6, 300e-6])
-def test_true_jitter_costs_nothing(jitter):
-    t, random = clock(1000.0), np.random.default_rng(20)
-    stamps = np.sort(t + jitter * random.standard_normal(len(t)))
-    assert_recovers_the_joint(one_time_base([log(stamps, stamps, random)]))
-
-
 @pytest.mark.parametrize(("rate", "decimals"), [(300.0, 4), (1024.0, 4), (333.0, 3), (1024.0, 3), (100.0, 3)])
 def test_printed_decimals_cost_nothing(rate, decimals):
     t, random = clock(rate), np.random.default_rng(21)
@@ -260,18 +238,6 @@ def test_host_latency_on_one_node_is_taken_away_with_its_mean(wait):
     said = grid.report.streams[1]
     assert (said.even, said.firm, said.missing) == (True, True, 0)
     assert said.skew > 0.5
-    assert_recovers_the_joint(grid)
-
-
-@pytest.mark.parametrize(
-    ("rates", "offset"), [((1000.0, 1000.0), 3e-4), ((333.0, 1000.0), 1.1e-3), ((1000.0, 333.0), 0.0)]
-)
-def test_two_nodes_apart_in_time_and_rate_are_one_recording(rates, offset):
-    random = np.random.default_rng(25)
-    a, b = clock(rates[0]), clock(rates[1], first=offset)
-    grid = one_time_base([joint(a, a), cell(b, b, random)])
-    assert grid.rate_hz == pytest.approx(1000.0)
-    assert grid.report.farthest_s <= 0.5 / min(rates) + 1e-6
     assert_recovers_the_joint(grid)
 
 
@@ -346,21 +312,6 @@ def test_a_gap_of_20_ms_is_data_and_one_of_25_ms_is_marked_with_three_periods_of
     assert left_out[[0, -1]] == pytest.approx([20.0 - 0.2, 20.025 + 0.2], abs=1.1e-3)
     assert len(left_out) == marked.report.masked == pytest.approx(426, abs=1)
     assert np.diff(marked.time) == pytest.approx(1e-3, abs=1e-9)
-
-
-def test_limits_follow_the_motion_and_the_filter():
-    assert (GapLimits().bridged_s, GapLimits().margin_s) == (pytest.approx(0.02), pytest.approx(0.2))
-    assert GapLimits(highest_hz=20.0, cutoff_hz=30.0).bridged_s == pytest.approx(0.005)
-
-
-def test_marked_gaps_up_to_half_a_second_cost_nothing():
-    t, random = clock(1000.0), np.random.default_rng(41)
-    kept = np.ones(len(t), dtype=bool)
-    for first in range(4_000, 56_000, 8_000):
-        kept[first : first + 450] = False
-    grid = one_time_base([log(t[kept], t[kept], random)])
-    assert grid.report.streams[0].marked == 7
-    assert_recovers_the_joint(grid)
 
 
 def test_a_gap_of_one_node_marks_the_rows_of_all():
@@ -444,18 +395,6 @@ def test_refuses_streams_that_never_overlap():
         one_time_base([Stream("early", t, {"a": t}), Stream("late", t + 20, {"b": t})])
 
 
-@pytest.mark.parametrize("wait", [2e-4, 1e-3])
-def test_refuses_host_latency_with_missing_samples_beside_another_node_but_not_alone(wait):
-    t, random = clock(1000.0), np.random.default_rng(50)
-    kept = np.sort(random.choice(len(t), len(t) - 60, replace=False))
-    lossy = cell(waits(t, wait, random)[kept], t[kept], random)
-    with pytest.raises(
-        InputError, match=r"load cell: about \d+ samples are missing, .*late by .*state the device's sample"
-    ):
-        one_time_base([joint(t, t), lossy])
-    assert one_time_base([lossy]).report.streams[0].even
-
-
 def test_refuses_a_recording_with_nothing_but_gaps():
     t = clock(1000.0, 10.0)
     kept = (np.arange(len(t)) // 100) % 2 == 0
@@ -531,18 +470,6 @@ def test_clocks_without_drift_are_not_refused_for_two_cycles_by_chance():
     assert freedom.max() < 19  # as many as the filter leaves independent samples, without what is fitted: 60 - 44
 
 
-def test_many_cycles_leave_the_drift_as_certain_as_the_scatter_of_their_noise():
-    found = clock_drift(few_cycles(np.random.default_rng(62), 60), LowPass(15.0))
-    assert found.freedom > 80
-    assert found.enough < 4.3
-
-
-def test_a_drift_is_not_judged_where_no_scatter_is_left():
-    piece = drift_columns(few_cycles(np.random.default_rng(63), 6)[0], 22.5)
-    with pytest.raises(IdentifiabilityError, match="a drift cannot be judged"):
-        scatter_of_noise([piece], [0, len(piece.torque)], LowPass(15.0).memory(250.0))
-
-
 def test_a_drift_is_certain_from_a_student_quantile_as_rare_as_four_exact_standard_errors():
     assert [ClockDrift(d, 1.0, 5.0).certain_ppm for d in (12.5, 12.0)] == [12.5, 0.0]  # t.isf(3.167e-5, 5) = 12.28
 
@@ -612,12 +539,6 @@ def test_regular_losses_behind_a_late_host_are_refused(wait, one_in):
         one_time_base(two_nodes(random, waiting, one_in))
     said = int(str(refused.value).split("about ")[1].split()[0])
     assert said == pytest.approx(true, rel=0.05, abs=1.1)
-
-
-@pytest.mark.parametrize("one_in", [50, 300])
-def test_regular_losses_behind_a_late_host_cost_nothing_where_a_counter_counts_them(one_in):
-    random = np.random.default_rng(one_in)
-    assert_recovers_the_joint(one_time_base(two_nodes(random, (0.0, 1e-3), (0, one_in), counter=True)))
 
 
 @pytest.mark.parametrize(
@@ -711,14 +632,6 @@ def test_rows_written_twice_go_though_a_value_is_missing_in_both():
     rows = np.sort(np.append(np.arange(len(one.stamps)), 100))
     again = Stream("log", one.stamps[rows], {name: values[rows] for name, values in one.signals.items()})
     assert one_time_base([again]).report.streams[0].repeated == 1
-
-
-def test_20_ms_missing_in_every_cycle_are_bridged_and_cost_nothing():
-    t, random = clock(RATE, SHORTER), np.random.default_rng(11)
-    kept = np.arange(len(t)) % 200 < 180
-    grid = one_time_base([log(t[kept], t[kept], random)])
-    assert (grid.report.streams[0].marked, grid.report.masked) == (0, 0)
-    assert_recovers_the_joint(grid)
 
 
 # ---- The page's example of sixth differences

@@ -152,19 +152,6 @@ def test_short_stretches_of_cycles_are_not_used_beside_a_long_one():
         settled(blocks, 0, np.zeros(2000, dtype=bool))
 
 
-@pytest.mark.parametrize(
-    ("shift", "problem"),
-    [(20.0, "overlap in 0 rows, at least 20 are needed"), (0.0, "no sample from 3.0000 s to 4.0000 s, 1.000 s long")],
-)
-def test_what_has_no_time_base_is_refused_by_trial_channel_and_time(shift, problem):
-    stamps = times() + shift
-    stamps = stamps if shift else stamps[(stamps <= 3.0) | (stamps >= 4.0)]
-    with pytest.raises(InputError, match=problem) as refused:
-        fitted(trial_of(motion(times())[0], torque(stamps - shift), stamps))
-    assert "trial made: " in str(refused.value)
-    assert "torque" in str(refused.value)
-
-
 FRAME = {"value": "3000 N*m/rad", "standard_error": "100 N*m/rad"}
 
 

@@ -163,10 +163,7 @@ def test_gains_of_a_trajectory_follows_the_file():
             r"K_d = 700 .* ask for less than 685\.6 \(99 % of it: 678\.7\)",
         ),
         (("gains", "--stiffness", 0, "--damping", 5), "K_d = 0 .* ask for more than 0"),
-        (("gains", "--stiffness", "nan", "--damping", 5), "K_d = nan"),
-        (("gains", "--stiffness", 300, "--damping", -1), "B_d = -1 .* ask for 0 or more"),
         (("gains", "--stiffness", 300, "--damping", 1e300), "B_d = 1e.300 .* ask for 1e-09 to 1e.06"),
-        (("gains", "--stiffness", 1e-300, "--damping", 5), "K_d = 1e-300 .* ask for 1e-09 to 1e.06"),
         (("gains", "--stiffness", 300, "--damping", 5, "--weight-hz", 1e300), "cut-off at 1e.300 Hz; use"),
         (("gains", "--stiffness", 300, "--damping", 5, "--weight-order", 0), "W of Eq. 14 has order 0"),
         (("gains", "--stiffness", 300, "--damping", 5, "--parameters", "no.yaml"), r"no\.yaml: no such file"),
@@ -174,8 +171,6 @@ def test_gains_of_a_trajectory_follows_the_file():
         (("gains", "--stiffness", 300, "--damping", 5, "--output", "x.txt"), "written as .csv or .json"),
         (("fit", "no.parquet"), r"no\.parquet: no such trial"),
         (("fit", "README.md"), "not a Parquet file"),
-        (("simulate", "--trial", "belt_99", "raw_data/nowhere"), "plans no trial 'belt_99'"),
-        (("results", "--summary", "no.json"), r"no\.json: no such summary"),
         (("ingest", "--log", "no.mcap", "--log-source", "leg", "--output", "no.parquet"), r"no\.mcap: no such file"),
     ],
 )
@@ -190,16 +185,11 @@ def test_a_mistake_is_one_line_with_exit_code_1(arguments, message):
     "arguments",
     [
         ("gains",),
-        ("gains", "--trajectory", "config/impedance/synthetic_walking.csv", "--stiffness", 300),
-        ("gains", "--trajectory", "config/impedance/synthetic_walking.csv", "--damping", 5),
         ("gains", "--trajectory", "config/impedance/synthetic_walking.csv", "--stiffness", 300, "--damping", 5),
         ("fit", "x.parquet", "--controller", "uncompensated", "--model", "belt"),
         ("gains", "--stiffness", "stiff", "--damping", 5),
-        ("gains", "--stiffness", "1:5", "--damping", 5),
         ("gains", "--stiffness", "400:100:50", "--damping", 5),
-        ("gains", "--stiffness", "nan:400:50", "--damping", 5),
         ("gains", "--stiffness", "1:600:0.0001", "--damping", 5),
-        ("ingest", "--output", "x.parquet"),
         ("ingest", "--log", "x.mcap", "--output", "x.parquet"),
     ],
 )
@@ -226,40 +216,12 @@ def test_every_command_has_help_with_an_example():
         assert "Example: osl-analysis" in call(name, "--help").stdout, name
 
 
-@pytest.mark.parametrize("name", ["log.csv", "sub/../log.csv", "link.csv"])
-def test_a_log_is_never_written_over(tmp_path, name):
-    log = tmp_path / "log.csv"
-    log.write_text("time,theta\n0,1\n1,2\n")
-    (tmp_path / "sub").mkdir()
-    (tmp_path / "link.csv").symlink_to(log)
-    result = call("ingest", "--log", log, "--log-source", "bench_csv", "--output", tmp_path / name)
-    assert result.exit_code == 2
-    assert "would be overwritten while it is used; name another file" in result.stderr
-    assert call("inspect", log, "--draft", tmp_path / name).exit_code == 2
-    assert log.read_text() == "time,theta\n0,1\n1,2\n"
-
-
 def test_a_link_to_itself_is_refused_in_one_line(tmp_path):
     loop = tmp_path / "loop.csv"
     loop.symlink_to(loop)
     result = call("ingest", "--log", loop, "--log-source", "bench_csv", "--output", tmp_path / "a.parquet")
     assert result.exit_code == 1
     assert result.stderr == f"error: {loop}: no such file; correct the sample sheet, or copy the file there\n"
-
-
-def test_a_fault_of_the_disk_is_one_line(tmp_path, monkeypatch):
-    """A full disk raises in the middle of a command."""
-
-    def full(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device", str(tmp_path / "a\x1b[2Jb.parquet"))
-
-    monkeypatch.setattr("osl_analysis.commands.ingest.ingest_trial", full)
-    result = call("ingest", "--log", "x.csv", "--log-source", "bench_csv", "--output", tmp_path / "a.parquet")
-    assert result.exit_code == 1
-    assert result.stderr.startswith("error: ")
-    assert "No space left on device; check the path, its permissions and the space on the disk" in result.stderr
-    assert result.stderr.count("\n") == 1
-    assert "\x1b" not in result.stderr
 
 
 def test_a_log_that_another_job_begins_meanwhile_is_no_recording_of_somebody_else(tmp_path, monkeypatch):

@@ -276,13 +276,6 @@ def test_an_unknown_attribute_names_the_nearest_one_and_all_are_completed(short)
     assert not hasattr(fit, "VAF_interval")
 
 
-@pytest.mark.parametrize("experiment", FITS)
-def test_no_column_is_hidden_by_an_attribute_of_the_class(experiment, short):
-    fit = FITS[experiment](bench_trial(experiment), short)
-    own = {name for name in dir(type(fit)) if not name.startswith("_")} | {"experiment"}
-    assert own & set(fit.table.columns) <= {"doubtful", "not_checked"}
-
-
 def test_what_is_doubtful_is_said_in_text_and_page(short):
     fit = osl.fit_impedance(bench_trial("friction"), config=short)
     assert "is Coulomb friction and not damping" in fit.doubtful
@@ -331,17 +324,6 @@ def test_several_trials_of_torque_over_angle_are_drawn_together(short):
         osl.plot_torque_angle(fits[0], fits[0])
 
 
-@pytest.mark.parametrize("doubtful", [0, 1])
-def test_a_doubtful_trial_of_torque_over_angle_is_dotted_whichever_it_is(doubtful, short, tmp_path):
-    (tmp_path / "strict.yaml").write_text(short.read_text() + "doubtful: {torque_angle: {above: {cycles: 1}}}\n")
-    configs = [short, short]
-    configs[doubtful] = tmp_path / "strict.yaml"
-    one = bench_trial("torque_angle")
-    fits = [osl.fit_torque_angle(replace(one, name=str(k)), config=config) for k, config in enumerate(configs)]
-    legend = osl.plot_torque_angle(*fits).legends[0]
-    assert "Doubtful trial" in [text.get_text() for text in legend.get_texts()]
-
-
 REFUSED = {
     "no trial": (lambda t: osl.fit_impedance(3), "a trial is needed, not int"),
     "no file": (lambda t: osl.fit_belt("none.parquet"), "none.parquet: no such trial"),
@@ -350,24 +332,16 @@ REFUSED = {
         "column 'theta' holds String",
     ),
     "no signal": (lambda t: osl.fit_impedance(osl.Trial("a", t.samples.drop("theta"))), "no column 'theta'"),
-    "no configuration": (lambda t: osl.check(t, config="none.yaml"), "none.yaml: no such file"),
     "no experiment": (lambda t: osl.check(t, "impedence"), "did you mean 'impedance'"),
     "no desired impedance": (lambda t: osl.fit_impedance(t, "compensated"), "write DesiredImpedance"),
-    "no path": (lambda t: osl.fit_impedance(t, config=3), "config: a path is needed, not 3"),
     "no windows": (lambda t: osl.fit_impedance(t, windows="3"), "windows"),
     "no curve": (lambda t: osl.fit_torque_angle(bench_trial("torque_angle"), "line"), "zero: none"),
     "no source": (lambda t: osl.read_recording("README.md", "opensourcelegs"), "did you mean 'opensourceleg'"),
-    "no recording": (lambda t: osl.read_recording("none.csv", "opensourceleg"), "none.csv: no such file"),
     "a part of a capture": (lambda t: osl.read_recording("README.md", "vicon", part="2"), "has no part '2'"),
     "no number": (lambda t: osl.gains("a", 5), "K_d: 'a' is not a finite number"),
-    "not a number": (lambda t: osl.gains(300, float("nan")), "B_d: nan is not a finite number"),
-    "nothing": (lambda t: osl.gains([], 5), r"K_d: \[\] is not"),
-    "no fit": (lambda t: osl.plot_torque(t), "a fit is needed, not Trial"),
     "no fits": (lambda t: osl.plot_torque_angle(), "not no fit"),
     "another fit": (lambda t: osl.plot_torque_angle(osl.fit_belt(bench_trial("belt"))), "not belt"),
-    "no response": (lambda t: osl.plot_frequency_response(t), "not Trial"),
     "no bench": (lambda t: osl.simulate_trial("x", "walking_01"), "is of the walkway"),
-    "no summary": (lambda t: osl.read_summary("docs"), "no such summary"),
     "no plan": (lambda t: osl.simulate_trial("x", "impedance_1"), "plans no trial 'impedance_1'"),
 }
 

@@ -11,9 +11,9 @@ import yaml
 from osl_analysis.commands.simulate import simulate_campaign, simulate_trial, write_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.sheet import COLUMNS, read_sheet
-from osl_analysis.simulator.joint_motion import stepped_sine, there_and_back
+from osl_analysis.simulator.joint_motion import stepped_sine
 from osl_analysis.simulator.plan import plan_trials
-from osl_analysis.simulator.settings import BeltMotion, SimulationSettings, SteppedSineSchedule
+from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
 from osl_analysis.yaml_settings import read_yaml
 
 ROOT = Path(__file__).parents[1]
@@ -74,39 +74,19 @@ def test_a_crossings_perturbation_does_not_depend_on_the_number_of_crossings():
     assert few == many[:9]
 
 
-def test_another_seed_draws_other_perturbations():
-    settings = read_yaml(DEFAULT, SimulationSettings)
-    other = plan_trials(settings.model_copy(update={"seed": 2}))["perturbed"]
-    assert not other.equals(plan_trials(settings)["perturbed"])
-
-
 @pytest.mark.parametrize(
     ("place", "value", "match"),
     [
         ("effects.load_cell_noise.unit", "mN*m", r"effects.load_cell_noise.*unit must be 'N\*m'"),
         ("effects.control_delay.size", 1.5, "effects.control_delay.*whole number"),
-        ("effects.velocity_filter.size", 0, "effects.velocity_filter.*enabled: false"),
-        ("effects.friction.size", -1, "effects.friction.size.*greater than or equal to 0"),
         ("effects.fricton", {}, "unknown field 'effects.fricton'"),
         ("drivetrain.control_updates", 3, "drivetrain.*control_updates must divide substeps"),
-        ("protocol.cycles", 2.5, "protocol.cycles"),
-        ("protocol.amplitudes_deg", [], "protocol.amplitudes_deg"),
         ("experiments.controllers", ["ideal"], "experiments.controllers.0: 'ideal'"),
         ("experiments.walking", 3, "'walking' names no settings file"),
-        ("seed", "x", "seed: 'x'"),
         ("dynamometer.rate_hz", 1, r"dynamometer\.rate_hz = 1 Hz takes 0\.2 samples of a cycle at 5 Hz; take 50 Hz"),
-        (
-            "effects.dynamometer_bandwidth.size",
-            600,
-            r"bandwidth of 600 Hz does not show .* less than 500 Hz, or enabled",
-        ),
-        ("belt.amplitude_deg", 5000, r"belt\.amplitude_deg: 5000 .* less than or equal to 180"),
         ("protocol.amplitudes_deg", [4, 200], r"protocol\.amplitudes_deg\.1: 200 .* less than or equal to 180"),
-        ("protocol.cycles", 1_000_000_000, r"protocol\.cycles: 1000000000 .* less than or equal to 10000"),
         ("experiments.belt", 1_000_000_000, r"experiments\.belt: 1000000000 .* less than or equal to 100000"),
         ("belt.rest_s", 1e9, r"line \d+: belt: 2e\+09 s at 1000 Hz are 2e\+12 samples; shorten it to 1e\+07 samples"),
-        ("dynamometer.rate_hz", 1e12, r"line \d+: protocol: 3\.1 s at 1e\+12 Hz are 3\.1e\+12 samples"),
-        ("drivetrain.substeps", 10**9, r"drivetrain\.substeps: 1000000000 .* less than or equal to 1000"),
         ("effects.velocity_filter.size", 2500, r"velocity_filter of 2500 Hz does nothing .* less than 2500 Hz"),
         ("effects.control_delay.size", 300, r"control_delay of 300 updates is 60 ms.* choose 150 updates \(30 ms\)"),
     ],
@@ -133,11 +113,6 @@ def test_the_length_of_a_protocol_is_that_of_its_command(length):
     rests = {"rest_s": 0.7, "lead_s": 1.1, "rest_between_s": 0.3, "ramp_s": 0.2}
     protocol = SteppedSineSchedule(frequencies_hz=(1, 4), amplitudes_deg=(2, 4, 6), **rests, **length)
     assert len(stepped_sine(protocol, 1000).theta) == pytest.approx(1000 * protocol.total_s, abs=1)
-
-
-def test_the_length_of_a_belt_trial_is_that_of_its_command():
-    motion = BeltMotion(amplitude_deg=5, ramp_s=0.7, rest_s=0.4)
-    assert len(there_and_back(motion, 1000).theta) == pytest.approx(1000 * motion.total_s, abs=1)
 
 
 @pytest.mark.parametrize("written", ["dynamometer/belt_01.mcap", "trials.csv"])
@@ -168,16 +143,3 @@ def test_a_campaign_without_trials_is_refused(tmp_path):
     path = settings_with(tmp_path, ("experiments.belt", 0), ("experiments.transmission", 0), ("experiments.K_d", []))
     with pytest.raises(InputError, match="ask for at least one"):
         read_yaml(path, SimulationSettings)
-
-
-def test_a_trial_that_is_not_planned_is_refused(tmp_path, monkeypatch):
-    monkeypatch.chdir(ROOT)
-    with pytest.raises(InputError, match="plans no trial 'belt_99'; it has 5, from 'belt_01' to 'impedance"):
-        simulate_trial(TINY, tmp_path, "belt_99")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_missing_parameter_file_is_named(tmp_path):
-    path = settings_with(tmp_path, ("parameters", "nowhere.yaml"))
-    with pytest.raises(InputError, match=r"nowhere.yaml: no such file"):
-        simulate_trial(path, tmp_path / "raw", "belt_01")

@@ -9,7 +9,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis import progress
 from osl_analysis.job_log import JobLog, write_log
-from osl_analysis.progress import LogHandler, Progress, Stage, stage_of
+from osl_analysis.progress import LogHandler, Progress, stage_of
 
 
 @pytest.fixture
@@ -18,12 +18,6 @@ def clock(monkeypatch):
     clock = SimpleNamespace(now=100.0)
     monkeypatch.setattr(progress.time, "monotonic", lambda: clock.now)
     return clock
-
-
-def test_rate_and_time_left_are_those_of_the_jobs_so_far():
-    assert Stage(total=30, done=10, started=100.0).text("fit", 105.0) == "fit 10/30, 2/s, 10 s left"
-    assert Stage(total=30, done=30, started=100.0).text("fit", 115.0) == "fit 30/30 in 15 s"
-    assert Stage(total=30, started=100.0).text("fit", 101.0) == "fit 0/30"
 
 
 def test_a_stage_writes_one_line_now_and_then_and_one_at_its_end(clock):

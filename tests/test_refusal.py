@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 from conftest import ROOT
 
-from osl_analysis.commands import crossing, study, tables, trials
+from osl_analysis.commands import study, trials
 from osl_analysis.commands.walking_files import read_json
 from osl_analysis.errors import InputError, WriteError
 from osl_analysis.exclusion import (
@@ -23,11 +23,11 @@ from osl_analysis.exclusion import (
     without_excluded,
     without_refused,
 )
-from osl_analysis.files import file_state, temporary_path
+from osl_analysis.files import temporary_path
 from osl_analysis.job_log import JobLog, read_log, read_logs, run_report, write_log
 from osl_analysis.jobs import client
 from osl_analysis.jobs import run as jobs_run
-from osl_analysis.jobs.job import died, perform, reason_and_remedy, refusal
+from osl_analysis.jobs.job import died, perform, reason_and_remedy
 from osl_analysis.jobs.request import Job, write_request
 from osl_analysis.jobs.server import PRELOADED
 from osl_analysis.quality.checks import QualityRules
@@ -89,18 +89,6 @@ def test_verdicts_and_other_results_of_a_trial_are_not_passed_on_and_records_are
     assert without_excluded({"table": good, "fitted": [good], "quality": []}, {}) == {"table": good}
     judge = Judge(QualityRules(), {})
     assert exclusion_report(judge.verdicts([Path(bad)]), {}) == ""
-
-
-def test_a_job_without_its_table_or_with_an_empty_list_or_of_a_refused_trial_cannot_run(tmp_path: Path) -> None:
-    bad, trial = record(tmp_path / "fits/b_1.csv", LOST), result(tmp_path / "trials/b_1.csv")
-    for inputs in ({"table": bad}, {"rows": [bad]}, {"trial": trial, "fitted": [bad]}):
-        assert without_refused(inputs).missing == (LOST,)
-    assert without_refused({}, [bad]).missing == (LOST,)
-    other = result(tmp_path / "trials/b_9.csv")
-    assert without_refused({"trial": other, "motion": [bad]}).missing == ()
-    assert without_refused({"table": result(tmp_path / "tables/b_1.csv"), "rows": [bad, other]}).missing == ()
-    assert without_refused({"table": other, "quality": [bad], "fitted": [bad]}).missing == ()
-    assert without_refused({"tables": {"a": bad, "b": other}}).inputs == {"tables": {"b": other}}
 
 
 def job(tmp_path: Path, command: str, inputs: dict, **settings) -> Job:
@@ -177,12 +165,6 @@ def test_the_report_at_the_end_of_a_run_takes_any_log_that_was_cut_short(tmp_pat
     assert "bench                1 jobs      1.5 s" in run_report(read_logs(tmp_path, 0.0))
 
 
-@pytest.mark.parametrize("text", ["", "words", "a: 1", "- 1", "job: j\noutcome: done\nseconds:\n", "\x00"])
-def test_an_empty_or_foreign_log_is_none_of_a_job(tmp_path: Path, text: str) -> None:
-    (tmp_path / "x.log").write_text(text)
-    assert read_log(tmp_path / "x.log") is None
-
-
 def written(tmp_path: Path, **more) -> Path:
     """The request of a fit of the trial b_7."""
     path, made = tmp_path / "requests/b_7.json", [str(tmp_path / "fits/b_7.csv")]
@@ -235,63 +217,18 @@ def test_failed_killed_and_deleted_results_are_tried_again_and_refused_ones_stay
     assert tried(request) == before
 
 
-def test_a_request_is_written_only_if_its_content_differs(tmp_path: Path) -> None:
-    request, output = written(tmp_path), tmp_path / "fits/b_7.csv"
-    record(output, LOST)
-    os.utime(request, (10**9, 10**9))
-    written(tmp_path)
-    assert request.stat().st_mtime == 10**9
-    written(tmp_path, code="another program")
-    assert request.stat().st_mtime > 10**9
-
-
-def test_a_recording_that_the_reason_names_is_the_file_to_blame(tmp_path: Path) -> None:
-    row = {"trial": "w_1", "log": "leg/w_1.mcap", "mocap": "vicon/w_1.c3d"}
-    request = {"input": {}, "output": {}, "settings": {"row": row, "raw_folder": "raw"}}
-    said = JobLog("ingest.ingest_trial", "refused", error="raw/vicon/w_1.c3d: truncated")
-    cause = refusal(Job("ingest.ingest_trial", request, [], []), said)
-    assert (cause.trial, cause.file) == ("w_1", "raw/vicon/w_1.c3d")
-    assert "`exclude`" in cause.remedy
-
-
 @pytest.mark.parametrize(
     ("message", "remedy"),
     [
         ("x.csv: no such file; correct the sheet, or copy it there", "correct the sheet, or copy it there"),
-        ("a gap; 3 more; cut the log there; see docs", "cut the log there; see docs"),
-        (
-            "ends early; if it is nothing, keep the rest, else record again",
-            "if it is nothing, keep the rest, else record again",
-        ),
         ("no field 'a[name=b]'; it has position[name=left], position[name=right]", ""),
-        ("0 of 5 can be used: 3 times; 1 for other reasons, which a.csv lists", ""),
         ("x.mcap: no topic '/a' (no footer; record again)", ""),
-        ("too long: 3 s", ""),
     ],
 )
 def test_a_remedy_says_what_to_do_and_nothing_of_the_reason_is_lost(message: str, remedy: str) -> None:
     reason, said = reason_and_remedy(message)
     assert said == remedy
     assert message == "; ".join(filter(None, [reason, remedy]))
-
-
-def test_a_message_without_a_remedy_has_one_in_the_record_and_stays_whole(tmp_path: Path) -> None:
-    said = "x.mcap: no topic '/a' (no footer; how much is not known)"
-    ended = JobLog("j", "refused", error=said)
-    cause = refusal(job(tmp_path, "j", {"trial": "b_1.parquet"}), ended)
-    assert (cause.trial, cause.reason) == ("b_1", said)
-    assert cause.remedy.startswith("correct or replace the file")
-    assert refusal(job(tmp_path, "j", {}), ended).remedy.startswith("correct or exclude the trials behind it")
-
-
-def test_a_file_that_may_not_be_read_is_no_fault_of_the_program(tmp_path: Path, monkeypatch) -> None:
-    def denied(*_, **__) -> None:
-        raise PermissionError(13, "Permission denied", "raw/b_1.mcap")
-
-    monkeypatch.setattr(tables, "read_table", denied)
-    outcome, (cause,) = ended(tmp_path, job(tmp_path, "tables.gather", {"rows": [str(tmp_path / "b_1.csv")]}))
-    assert (outcome, cause.reason) == ("failed", "raw/b_1.mcap: Permission denied")
-    assert cause.remedy.startswith("make the file or its folder accessible")
 
 
 def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_path: Path) -> None:
@@ -348,32 +285,9 @@ def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run(tmp_p
     assert truncation_report(table[2:], recordings) == ""
 
 
-def test_trials_of_a_refused_static_trial_have_no_calibration(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(crossing, "read_calibration", lambda path: path.name)
-    statics = {"walk_1": "static_1", "walk_2": "static_2", "walk_3": "static_1"}
-    assert crossing.calibrations_of([Path("static_1.json")], statics) == {
-        "walk_1": "static_1.json",
-        "walk_3": "static_1.json",
-    }
-
-
 def test_a_study_is_not_made_of_the_batches_that_succeeded(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="1 batches failed; there is no study without them"):
         study.summarise([Path(result(tmp_path / "1.csv"))], tmp_path / "study.csv", [KILLED])
-
-
-def test_an_older_copy_is_told_and_a_file_that_appears_or_may_be_read_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = tmp_path / "b.mcap"
-    assert file_state(file) is None
-    file.write_bytes(b"abc")
-    before = file_state(file)
-    assert before == [3, file.stat().st_mtime_ns, 1]
-    os.utime(file, (10**9, 10**9))
-    assert file_state(file) == [3, 10**18, 1]
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    assert file_state(file) == [3, 10**18, 0]
 
 
 def test_a_long_TMPDIR_does_not_keep_jobs_from_starting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -32,16 +32,13 @@ from osl_analysis.report.page import (
     caption_html,
     captions_by_title,
     every_kth,
-    inline_png,
     inline_svg,
     packed_table,
     written_page,
 )
 from osl_analysis.report.panels import (
-    bench_pictures,
     crossing_pictures,
     isolated_pictures,
-    phasor_pictures,
     second_order_admittance,
 )
 from osl_analysis.report.trial_page import (
@@ -60,10 +57,6 @@ IMPEDANCE = next(table for table in described_tables() if table.place == "tables
 
 def unpack(packed):
     """The columns of a packed table, read by the description of the format alone."""
-    if "plain" in packed:
-        return {
-            name: np.array([np.nan if x is None else x for x in column]) for name, column in packed["plain"].items()
-        }
     n = packed["rows"]
     columns = {name: start + step * np.arange(n) for name, (start, step) in packed["even"].items()}
     planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), np.uint8).reshape(-1, 2, n)
@@ -85,11 +78,6 @@ def test_a_packed_signal_is_off_by_no_more_than_half_a_count_and_keeps_its_holes
     span = np.nanmax(noisy) - np.nanmin(noisy)
     assert_allclose(found["noisy"], noisy, rtol=0, atol=span / 32_000)
     assert_allclose(found["flat"], 4.2, rtol=1e-12)
-
-
-def test_a_short_table_is_written_as_numbers():
-    found = unpack(packed_table(pl.DataFrame({"x": [1.0, None, 1e-9], "name": ["a", "b", "c"]}).drop("name")))
-    assert_allclose(found["x"], [1, np.nan, 1e-9])
 
 
 def test_thinning_for_a_small_page_keeps_the_ends_of_ranges_and_enough_rows():
@@ -280,15 +268,6 @@ def test_a_caption_is_text_with_indices():
     assert captions_by_title(page) == {"Fig. 3": "One.", "Fig. 4": "Two."}
 
 
-def test_a_velocity_is_drawn_as_one_and_a_large_figure_as_a_picture_with_its_name():
-    ones = np.ones(3)
-    series = Series(np.arange(3.0), ones, ones, ones, np.ones(3, dtype=bool), is_velocity=True).table()
-    labels = [panel.y_label for panel in bench_pictures(series, "Motor motion").panels]
-    assert labels == ["Torque (N·m)", "Torque (N·m)", "Motor motion (rad/s)", "Torque (N·m)"]
-    found = inline_png(b"png", HOSTILE)
-    assert found.startswith('<img src="data:image/png;base64,cG5n" alt="&lt;img src=x')
-
-
 def test_cells_are_sorted_by_the_unrounded_value_and_conditions_are_those_that_differ():
     row, table = {"experiment": "impedance", "joint": "knee"}, fitted_rows().with_columns(K=pl.lit(299.512345))
     precise = ReportedTrial("t", row, {"impedance": table})
@@ -307,19 +286,6 @@ def test_doubts_say_whether_they_are_about_the_whole_trial():
         ("all amplitudes", "all"),
         ("phasors.csv, 2 deg, 3 Hz", "other"),
     ]
-
-
-def test_a_trial_that_is_left_out_is_listed_with_its_verdict_and_each_reason():
-    trials = [trial("a"), trial("b", left_out=["gap", "jitter"]), trial("c", left_out=["cut"], refused=True)]
-    found = [(one["name"], one["verdict"], one["reason"]) for one in overview.left_out(trials)]
-    assert found == [("b", "excluded", "gap"), ("b", "excluded", "jitter"), ("c", "refused", "cut")]
-
-
-def test_headlines_stand_beside_the_drafts():
-    number = {"value": 684.4321, "unit": "N*m/rad", "low": 679.5, "high": 689.2, "interval": "95 %", "n": 10}
-    found = overview.headline_row({**number, "draft": 685.6, "meaning": "belt"})
-    shown = {"value": "684.4", "unit": "N·m/rad", "interval": "679.5 to 689.2 (95 %)", "draft": "685.6"}
-    assert {key: found[key] for key in shown} == shown
 
 
 def vaf(series):
@@ -358,15 +324,8 @@ def test_crossings_are_drawn_in_degrees_and_the_residual_is_measured_minus_model
     assert row == {"time_ms": 10.0, "theta_deg": 1.0, "torque": 5.0, "torque_model": 3.0, "residual": 2.0}
 
 
-def test_phasors_are_drawn_as_magnitude_above_phase():
-    size, phase = ["Y_magnitude", "Y_magnitude_low", "Y_magnitude_high"], ["Y_phase_deg"]
-    drawn = {key: [0.1, 0.2] for key in (*size, *phase, "Y_phase_low_deg", "Y_phase_high_deg")}
-    phasors = pl.DataFrame({"amplitude_deg": [2.0, 4.0], "frequency_hz": [1.0, 1.0]} | drawn)
+def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system():
     fit = {"K": 200.0, "B": 4.0, "I": 0.05}
-    upper, lower = phasor_pictures(phasors, fit).panels
-    assert [[one.table, one.y, one.low, one.high] for one in upper.drawn[:2]] == [["2 deg", *size], ["4 deg", *size]]
-    assert [one.y for one in lower.drawn] == phase * 3
-    assert (upper.log_x, upper.log_y, lower.log_y) == (True, True, False)
     w = np.sqrt(200 / 0.05)  # the natural frequency, where the admittance is 1/(B w), 90 degrees late
     line = second_order_admittance(pl.Series([w / 2 / np.pi, 100.0]), fit)
     assert line.row(0) == pytest.approx((w / 2 / np.pi, 1 / (4 * w), -90))

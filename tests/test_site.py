@@ -66,22 +66,6 @@ def test_the_page_of_the_command_line_has_every_command_and_option(site):
     assert str(ROOT) not in page
 
 
-def test_a_link_of_a_file_of_the_top_folder_leads_to_the_same_file_from_its_page(site):
-    page = site["pages"].with_links(ROOT / "README.md", "site/overview")
-    assert "](../method.md)" in page
-    assert "](results.md)" in page
-    assert "](contributing.md)" in page
-    for link in re.findall(r"\]\((?!https?:)([^)#]+)", page):
-        assert (ROOT / "docs/site" / link).resolve().exists(), link
-
-
-def test_the_navigation_is_the_links_of_the_first_page(site):
-    text = "# Title\n\nWords.\n\n## A part\n\n[One](one.md), [Two](site/two.md)\n\n## Another\n\nNo link.\n"
-    made = site["pages"].navigated(text)
-    assert ":caption: A part\n\nOne <one>\nTwo <site/two>\n```" in made
-    assert made.count("toctree") == 1
-
-
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 LINK = re.compile(r"\]\((?!https?:|#)([^)#]+)(?:#[^)]*)?\)")
 EQUATION = re.compile(r"^\| [0-9–]+ \|.*\| `([\w.]+)` \|$", re.MULTILINE)

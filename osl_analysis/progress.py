@@ -6,6 +6,7 @@ It is a logger of Snakemake (`snakemake_logger_plugin_osl`), whose own lines, fi
 import re
 import shutil
 import sys
+import threading
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -129,6 +130,18 @@ class Progress:
         self.last = time.monotonic()
 
 
+def forget_timers(kept: int) -> None:
+    """End the timers of Snakemake's scheduler but for the newest ones.
+
+    For its limit on how many jobs may start in a second, each choice of jobs ends with a timer that makes it choose
+    again, which ends with a timer: after n jobs it looks at all ready jobs n times per second, for nothing.
+    """
+    timers = [one for one in threading.enumerate() if isinstance(one, threading.Timer)]
+    timers = [one for one in timers if one.function.__module__ == "snakemake.scheduling.job_scheduler"]
+    for one in timers[: len(timers) - kept]:
+        one.cancel()
+
+
 class LogHandler(LogHandlerBase):
     """Snakemake's records as the lines of `Progress`; with `--verbose`, or in a dry run, Snakemake writes its own."""
 
@@ -143,6 +156,11 @@ class LogHandler(LogHandlerBase):
 
     def emit(self, record: LogRecord) -> None:
         """Take one record. A line that cannot be written must not end the thread that takes them."""
+        event, known = getattr(record, "event", None), record.__dict__
+        if event == LogEvent.JOB_STARTED:
+            forget_timers(1)
+        elif event == LogEvent.PROGRESS and known["done"] == known["total"]:
+            forget_timers(0)
         if self.is_quiet:
             try:
                 self.take(record)

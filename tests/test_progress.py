@@ -2,9 +2,11 @@
 
 import io
 import logging
+import threading
 from types import SimpleNamespace
 
 import pytest
+from snakemake.scheduling.job_scheduler import JobScheduler
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis import progress
@@ -98,3 +100,17 @@ def test_a_dry_run_and_a_verbose_one_have_the_lines_of_snakemake(settings, capsy
     handler.emit(record(text="Unlocked working directory."))
     assert not handler.writes_to_stream
     assert capsys.readouterr().err == ""
+
+
+def test_timers_of_the_scheduler_do_not_add_up_and_none_outlives_the_last_job():
+    handler = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
+    timers = [threading.Timer(60, JobScheduler._noop) for _ in range(3)]
+    other = threading.Timer(60, print)
+    for timer in (*timers, other):
+        timer.start()
+    left = []
+    for event, counted in [(LogEvent.JOB_STARTED, {}), (LogEvent.PROGRESS, {"done": 4, "total": 4})]:
+        handler.emit(record(event, **counted))
+        left.append([timer.finished.is_set() for timer in (*timers, other)])
+    other.cancel()
+    assert left == [[True, True, False, False], [True, True, True, False]]

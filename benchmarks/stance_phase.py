@@ -18,7 +18,6 @@ from osl_analysis.study.walking import StudyLaboratory
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import bootstrap, ensemble_response
-from osl_analysis.walking.events import Stance
 from osl_analysis.walking.gait import (
     BEFORE_ONSET_S,
     PHASES,
@@ -28,6 +27,7 @@ from osl_analysis.walking.gait import (
     stance_times,
     unperturbed_gait,
 )
+from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.response import PerturbationResponse, isolate_response
 from osl_analysis.walking.settings import Timing
 

@@ -22,7 +22,7 @@ from osl_analysis.parameters import joint_of
 from osl_analysis.quality.verdict import CHECKS, unknown_check, validate_rules
 from osl_analysis.sheet import JOINT, read_sheet
 from osl_analysis.table import MEASURED, SIMULATED
-from osl_analysis.walking.conditions import PERTURBED, SHARED, STATED, STATIC, side_of, split_keys, static_of
+from osl_analysis.walking.groups import PERTURBED, SHARED, STATED, STATIC, side_of, split_keys, static_of
 from osl_analysis.yaml_settings import read_mapping
 
 TRUTH = "truth"  # folder that the simulator writes beside its recordings

@@ -31,15 +31,15 @@ from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.sinusoid import fit_sinusoid
 from osl_analysis.stats.slow_motion import fit_slow_motion
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.checks import compare_encoder
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import group_headline
-from osl_analysis.walking.events import Stance, find_onset, find_stances
 from osl_analysis.walking.gait import unperturbed_gait
+from osl_analysis.walking.groups import selection_rows
 from osl_analysis.walking.headline_doubts import group_facts, single_facts
-from osl_analysis.walking.platform import trigger_edge
+from osl_analysis.walking.plate import Stance, find_stances
+from osl_analysis.walking.platform import find_onset, trigger_edge
 from osl_analysis.walking.response import fit_response, isolate_response, response_lag
-from osl_analysis.walking.selection import selection_rows
+from osl_analysis.walking.setup import compare_encoder
 from osl_analysis.walking.tables import ensemble_rows
 
 STATED = {

@@ -13,8 +13,8 @@ from osl_analysis.study.trials import Estimate, performance_table
 from osl_analysis.table import TEXT_COLUMNS
 from osl_analysis.trial import Trial
 from osl_analysis.walking import overground
-from osl_analysis.walking.events import Stance
 from osl_analysis.walking.overground import MomentComparison
+from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.settings import OvergroundAnalysis
 
 

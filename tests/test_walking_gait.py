@@ -8,10 +8,11 @@ from test_walking_response import TIMING, B, K, crossing
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.crossing import Crossing, check_onset
 from osl_analysis.walking.ensemble import bootstrap, ensemble_response
-from osl_analysis.walking.events import Stance, check_onset, find_onset, find_stances, only_stance
 from osl_analysis.walking.gait import PHASES, UnperturbedGait, matched_scales, unperturbed_gait
+from osl_analysis.walking.plate import Stance, find_stances, only_stance
+from osl_analysis.walking.platform import find_onset
 from osl_analysis.walking.response import fit_response, isolate_response
 
 TIME = np.arange(900) / 300

@@ -18,12 +18,11 @@ from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
 from osl_analysis.walking.bodies import Poses
-from osl_analysis.walking.checks import platform_turn
-from osl_analysis.walking.conditions import gaits_served, label, split_keys
 from osl_analysis.walking.ensemble import freedom_of, group_headline, joining_weights
 from osl_analysis.walking.gait import unperturbed_gait
+from osl_analysis.walking.groups import gaits_served, label, selection_rows, split_keys, timings
 from osl_analysis.walking.response import fit_response
-from osl_analysis.walking.selection import selection_rows, timings
+from osl_analysis.walking.setup import platform_turn
 from osl_analysis.walking.tables import fitted_time
 
 NOT_ASKED = "ignore:.*(differ in|different phases):UserWarning"

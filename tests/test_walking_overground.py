@@ -14,9 +14,9 @@ from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
-from osl_analysis.walking.checks import body_mass
 from osl_analysis.walking.overground import check_no_downward_force, compare_moments
 from osl_analysis.walking.settings import OvergroundAnalysis
+from osl_analysis.walking.setup import body_mass
 
 REAL = Path(__file__).parents[2] / "shared" / "real_data"
 MASS = 70.0

@@ -29,29 +29,27 @@ from osl_analysis.errors import InputError
 from osl_analysis.plate_surface import furthest_outside, plate_axes
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import BodyMotion, static_calibration
-from osl_analysis.walking.checks import check_heading, check_push, check_vertical
-from osl_analysis.walking.events import Stance
 from osl_analysis.walking.plate import (
-    PlateWrench,
-    RecordedWrench,
-    check_plate,
-    check_range,
-    check_type_on_platform,
-    load_on_foot,
-    recorded_corners,
-    unloaded_zero,
-)
-from osl_analysis.walking.plate_model import (
     PARAMETERS,
     PLANAR,
     PlateModel,
+    PlateWrench,
+    RecordedWrench,
+    Stance,
     centred,
+    check_plate,
+    check_range,
+    check_type_on_platform,
     identify_plate_inertia,
     identify_plate_model,
+    load_on_foot,
     plate_table,
+    recorded_corners,
     regressors,
     stacked_columns,
+    unloaded_zero,
 )
+from osl_analysis.walking.setup import check_heading, check_push, check_vertical
 
 G = 9.80665
 PIVOT = np.array([-0.06, 0.0, 0.08])

@@ -23,11 +23,10 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
-from osl_analysis.walking.bodies import static_calibration
-from osl_analysis.walking.checks import exchanged_labels
-from osl_analysis.walking.conditions import static_of
+from osl_analysis.walking.bodies import exchanged_labels, static_calibration
 from osl_analysis.walking.crossing import RefusedCrossing, analyse_crossing
-from osl_analysis.walking.plate_model import (
+from osl_analysis.walking.groups import static_of
+from osl_analysis.walking.plate import (
     NO_CORRECTION,
     PlateModel,
     identify_plate_inertia,
@@ -39,10 +38,8 @@ from osl_analysis.walking.platform import (
     identify_platform,
     jackknife_rows,
     platform_table,
-    start_of_rise,
-)
-from osl_analysis.walking.platform_motion import (
     shared_directions,
+    start_of_rise,
 )
 
 CALIBRATION = static_calibration(standing(), settings())

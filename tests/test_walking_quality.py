@@ -12,15 +12,11 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.trial import Array
 from osl_analysis.walking.bodies import Poses, StaticCalibration, cluster_poses, functional_hinge
-from osl_analysis.walking.checks import compare_encoder
 from osl_analysis.walking.crossing import Crossing, CrossingQuality
+from osl_analysis.walking.groups import crossing_features, outlier_reasons, selection_rows
 from osl_analysis.walking.plate import Load
-from osl_analysis.walking.selection import (
-    crossing_features,
-    outlier_reasons,
-    selection_rows,
-)
 from osl_analysis.walking.settings import OutlierRule
+from osl_analysis.walking.setup import compare_encoder
 
 RULE = OutlierRule(
     limit=5, stance_s=0.01, placement_m=0.005, angle_deg=0.5, torque_nm=2, load_share=0.03, pressure_m=0.005

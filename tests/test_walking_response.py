@@ -24,9 +24,9 @@ from osl_analysis.walking.ensemble import (
     group_headline,
     resampling_weights,
 )
-from osl_analysis.walking.events import Stance
 from osl_analysis.walking.gait import UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.headline_doubts import Facts, group_facts, single_facts
+from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.response import (
     BEHAVIOUR,
     PerturbationResponse,

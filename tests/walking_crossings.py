@@ -20,7 +20,7 @@ from osl_analysis.commands.walking import (
 from osl_analysis.commands.walking_files import write_crossing
 from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing, CrossingQuality
-from osl_analysis.walking.events import Stance
+from osl_analysis.walking.plate import Stance
 
 LEAD, RISE, TURN = 0.045, 0.018, 0.087
 """The turn is an error function, at rest to 0.02 % at the onset, `LEAD` [s] before its middle; its size is 5 deg."""

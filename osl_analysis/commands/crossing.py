@@ -22,9 +22,8 @@ from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.table import Places, write_table
 from osl_analysis.trial import read_trial
 from osl_analysis.walking.bodies import StaticCalibration, hinge_of_trials, hinge_row, static_calibration
-from osl_analysis.walking.checks import body_mass, check_direction
 from osl_analysis.walking.crossing import RefusedCrossing, analyse_crossing
-from osl_analysis.walking.plate_model import NO_CORRECTION, NOT_REMOVED, identify_plate_model, plate_table
+from osl_analysis.walking.plate import NO_CORRECTION, NOT_REMOVED, identify_plate_model, plate_table
 from osl_analysis.walking.platform import ALONE, identify_platform, platform_table
 from osl_analysis.walking.settings import (
     CalibrationSettings,
@@ -32,6 +31,7 @@ from osl_analysis.walking.settings import (
     PlateModelSettings,
     PlatformMotionSettings,
 )
+from osl_analysis.walking.setup import body_mass, check_direction
 
 
 def calibrate(

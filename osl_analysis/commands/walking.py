@@ -21,13 +21,12 @@ from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.shared_choices import SYNTHETIC, read_impedance_trajectory
 from osl_analysis.table import MEASURED, Places, read_table, write_table
 from osl_analysis.trial import Array, read_trial
-from osl_analysis.walking.conditions import ALL, statements
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.gait import UnperturbedGait, unperturbed_gait
+from osl_analysis.walking.groups import ALL, SEPARATOR, selection_rows, statements
 from osl_analysis.walking.headline_doubts import group_facts
 from osl_analysis.walking.overground import overground_rows
-from osl_analysis.walking.selection import SEPARATOR, selection_rows
 from osl_analysis.walking.settings import (
     EnsembleSettings,
     OvergroundAnalysis,

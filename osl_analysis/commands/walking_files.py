@@ -20,13 +20,11 @@ from osl_analysis.sheet import JOINT
 from osl_analysis.table import Places, finite_or_null, with_places
 from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Trial, read_trial, write_trial
 from osl_analysis.walking.bodies import SEGMENTS, StaticCalibration
-from osl_analysis.walking.checks import EncoderCheck
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, RefusedCrossing
-from osl_analysis.walking.events import Stance
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
-from osl_analysis.walking.plate import Load
-from osl_analysis.walking.plate_model import COMPONENTS, PARAMETERS, PlateInertia, PlateModel
+from osl_analysis.walking.plate import COMPONENTS, PARAMETERS, Load, PlateInertia, PlateModel, Stance
 from osl_analysis.walking.platform import Alignment, PlatformModel, PlatformTemplate, TriggerLatency
+from osl_analysis.walking.setup import EncoderCheck
 
 SIGNALS = ("time", "phase", "theta", "torque", "platform")
 LOAD, LOAD_LEFT = "load", "pressure_left"

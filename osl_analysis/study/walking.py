@@ -27,9 +27,8 @@ from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import StaticCalibration, static_calibration
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, analyse_crossing
 from osl_analysis.walking.ensemble import bootstrap, common_errors, ensemble_response
-from osl_analysis.walking.events import Stance
 from osl_analysis.walking.gait import unperturbed_gait
-from osl_analysis.walking.plate_model import PlateModel, identify_plate_model
+from osl_analysis.walking.plate import PlateModel, Stance, identify_plate_model
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform
 from osl_analysis.walking.response import fit_response, fit_without_offset, isolate_response
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis

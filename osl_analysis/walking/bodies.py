@@ -1,7 +1,8 @@
-"""Rigid bodies from marker clusters, the ankle between foot and shank, and its functional hinge."""
+"""Rigid bodies from marker clusters, the ankle between foot and shank, its functional hinge, and exchanged labels."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -159,8 +160,10 @@ def gap_duration(time: Array, gap: slice) -> float:
 def filtered_poses(poses: Poses, reference: Array, low_pass: LowPass, rate: float) -> Poses:
     """Poses (n,), none NaN, from marker positions that passed the low-pass: their filter is linear and the wrench's
     too."""
-    filtered = cluster_poses(reference, low_pass(poses.points(reference), rate))
-    return replace(filtered, residual=poses.residual, bridged=poses.bridged)
+    n = len(poses.rotation)
+    filtered = Poses(np.empty((n, 3, 3)), np.empty((n, 3)), reference.mean(axis=0), np.empty(n), poses.bridged)
+    fit_rows(filtered, np.arange(n), reference, low_pass(poses.points(reference), rate))
+    return replace(filtered, residual=poses.residual)
 
 
 @dataclass(frozen=True)
@@ -388,3 +391,59 @@ def hinge_row(hinge: Hinge, axis: str) -> dict[str, object]:
         "gap_mm": 1e3 * hinge.gap,
         "frames": hinge.frames,
     }
+
+
+MOST_FRAMES = 40  # Frames in which exchanges are tried, spread over those that are not rigid as labelled
+FEWEST_FRAMES = 5  # Fewest frames that are not rigid: single ones are a matter of noise, not of labels
+
+Positions = dict[str, Array]  # Positions by label: (n, 3) [m] in n frames, or (3,) [m] in the static trial
+
+
+def exchanged_labels(
+    trial: Trial, calibration: StaticCalibration, settings: MarkerSettings, segments: Sequence[str] = SEGMENTS
+) -> str:
+    """Which labels are exchanged, for a message; empty if clusters are rigid as labelled, or no exchange brings the
+    median residual of every cluster below `largest_residual_mm`. Tried are two labels of any clusters, and those of
+    foot and shank."""
+    names = {segment: getattr(settings.markers, segment) for segment in segments}
+    try:
+        tracks = {label: marker_tracks(trial, [label])[1][:, 0] for labels in names.values() for label in labels}
+        static = {s: dict(zip(n, reference_positions(getattr(calibration, s), n, trial.name), strict=True))
+                  for s, n in names.items()}  # fmt: skip
+    except InputError:
+        return ""
+    limit = settings.largest_residual_mm * 1e-3
+    labelled = np.max([residuals(static[s], tracks) for s in names], axis=0)
+    wrong = np.flatnonzero(labelled > limit)
+    if len(wrong) < FEWEST_FRAMES:
+        return ""
+    rows = wrong[np.linspace(0, len(wrong) - 1, min(MOST_FRAMES, len(wrong))).astype(int)]
+    some = {label: track[rows] for label, track in tracks.items()}
+    misfits = {}
+    for how, pairs in exchanges(names):
+        other = dict(pairs) | {b: a for a, b in pairs}
+        swapped = {label: some[other.get(label, label)] for label in some}
+        misfits[how] = max(float(np.median(residuals(cluster, swapped))) for cluster in static.values())
+    best = min(misfits, key=lambda how: misfits[how])
+    if not misfits[best] <= limit:
+        return ""
+    before, after = 1e3 * float(np.median(labelled[rows])), 1e3 * misfits[best]
+    return (
+        f"{best} look exchanged in {len(wrong)} frames: markers lie {before:.0f} mm from their rigid bodies as "
+        f"labelled, {after:.1f} mm after the exchange; correct the labels of this trial, or of its static trial"
+    )
+
+
+def exchanges(names: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, list[tuple[str, str]]]]:
+    """The exchanges that are tried: words for a message, and pairs of labels."""
+    for a, b in combinations([label for labels in names.values() for label in labels], 2):
+        yield f"the labels {a} and {b}", [(a, b)]
+    foot, shank = names.get("foot", ()), names.get("shank", ())
+    if foot and len(foot) == len(shank):
+        yield "the labels of foot and shank", list(zip(foot, shank, strict=True))
+
+
+def residuals(cluster: Positions, tracks: Positions) -> Array:
+    """RMS distance (n,) [m] of a cluster's markers from their rigid body; 0 in frames with hidden markers."""
+    observed = np.stack([tracks[label] for label in cluster], axis=1)
+    return np.nan_to_num(cluster_poses(np.array(list(cluster.values())), observed).residual)

@@ -19,48 +19,74 @@ from osl_analysis.walking.bodies import (
     ankle_angle,
     ankle_in_lab,
     body_motion,
+    exchanged_labels,
     filtered_poses,
     foot_torque,
     gap_duration,
     reference_positions,
     segment_poses,
 )
-from osl_analysis.walking.checks import (
+from osl_analysis.walking.plate import (
+    Load,
+    PlateInertia,
+    PlateModel,
+    PlateWrench,
+    Stance,
+    WrenchAtFrames,
+    ankle_torque,
+    check_plate,
+    check_type_on_platform,
+    find_stances,
+    in_laboratory,
+    load_on_foot,
+    only_stance,
+    recorded_corners,
+    zeroed_wrench,
+)
+from osl_analysis.walking.platform import (
+    ALONE,
+    Alignment,
+    PlatformModel,
+    PlatformTemplate,
+    PlatformTrack,
+    find_onset,
+    inertial_motion,
+    jackknife_rows,
+    rotation_from_rest,
+    track_about,
+)
+from osl_analysis.walking.settings import CrossingSettings, Timing
+from osl_analysis.walking.setup import (
     EncoderCheck,
     check_heading,
     check_push,
     check_translation,
     check_vertical,
     encoder_check,
-    exchanged_labels,
     platform_turn,
 )
-from osl_analysis.walking.events import Stance, check_onset, find_onset, find_stances, only_stance
-from osl_analysis.walking.plate import (
-    Load,
-    PlateWrench,
-    WrenchAtFrames,
-    ankle_torque,
-    check_plate,
-    check_type_on_platform,
-    in_laboratory,
-    load_on_foot,
-    recorded_corners,
-    rotation_from_rest,
-    zeroed_wrench,
-)
-from osl_analysis.walking.plate_model import PlateInertia, PlateModel
-from osl_analysis.walking.platform import (
-    ALONE,
-    Alignment,
-    PlatformModel,
-    PlatformTemplate,
-    inertial_motion,
-    jackknife_rows,
-    track_about,
-)
-from osl_analysis.walking.platform_motion import PlatformTrack
-from osl_analysis.walking.settings import CrossingSettings
+
+
+def check_onset(onset: float | None, stance: Stance, perturbed: bool, timing: Timing) -> None:
+    """Refuse an onset [s] that disagrees with what the sheet says, or whose baseline or window leave the stance."""
+    if (onset is not None) != perturbed:
+        motion = "does not turn" if onset is None else f"turns at {onset:.3f} s"
+        raise InputError(
+            f"the platform {motion} but the sheet says perturbed = {str(perturbed).lower()}; correct the sheet, "
+            "perturbation_deg or the platform markers, or exclude the trial"
+        )
+    if onset is None:
+        return
+    span = f"stance {stance.heel_strike:.3f}-{stance.toe_off:.3f} s"
+    if not stance.heel_strike < onset < stance.toe_off:
+        raise InputError(f"the perturbation starts at {onset:.3f} s, outside {span}; exclude the trial")
+    first, last = onset - timing.lead, onset + timing.window
+    if first < stance.heel_strike or last > stance.toe_off:
+        raise InputError(
+            f"baseline and window, {first:.3f}-{last:.3f} s, leave {span}; shorten window_s, baseline_s or guard_s, or "
+            "exclude the trial"
+        )
+
 
 EDGE_S = 0.1  # Length [s] of the recording before and after a stance that the low-pass needs, where it is available
 
@@ -300,8 +326,10 @@ class RecordedCrossing:
             crossing.torque(crossing.wrench(other.delay), other.inertia, motion) - torque
             for other in model.leave_one_out
         ]
-        without_crossings = [
-            crossing.torque(wrench, model.inertia, crossing.motion(other, follows)) - torque
+        without_crossings = [  # the shape changes the motion of those alone that follow it
+            torque * 0
+            if follows is None
+            else crossing.torque(wrench, model.inertia, crossing.motion(other, follows)) - torque
             for other in platform.leave_out
         ]
         phase = (time - self.stance.heel_strike) / self.stance.duration

@@ -13,10 +13,9 @@ import numpy as np
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import Side, marker_tracks
-from osl_analysis.walking.checks import body_mass
-from osl_analysis.walking.events import Stance, find_stances
-from osl_analysis.walking.plate import ankle_torque, recorded_corners, recorded_wrench
+from osl_analysis.walking.plate import Stance, ankle_torque, find_stances, recorded_corners, recorded_wrench
 from osl_analysis.walking.settings import OvergroundAnalysis
+from osl_analysis.walking.setup import body_mass
 
 SIDES: dict[Side, str] = {"left": "L", "right": "R"}
 SHORTEST_STANCE_S = 0.3

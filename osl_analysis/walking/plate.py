@@ -1,21 +1,96 @@
-"""The force plate on the moving platform: wrench, zero and range, and how the foot loads it."""
+"""The force plate on the moving platform: stances, wrench, zero and range; and its own inertia and lag.
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+The plate's model comes from trials of the unloaded, moving platform. The wrench that the plate itself causes in its
+sensors is linear in its inertial parameters. In axes that turn with it, after the zero has removed the weight at rest,
+
+    F = m a' + z x mc + w x (w x mc),    M = mc x a' + I z + w x I w,    a' = R^T (a - g) + g,
+
+where m is the mass, mc mass times centre of mass, I the inertia about the plate's centre, a the acceleration of that
+centre, w the angular velocity and z the angular acceleration.
+
+A lag d of the torque behind the angle changes the damping by -K d. It does not change the VAF, so that walking data do
+not show it. The unloaded plate shows it: its inertial force and its acceleration must peak at the same time."""
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import polars as pl
 from scipy.interpolate import BSpline, make_interp_spline
-from scipy.spatial.transform import Rotation
 
 from osl_analysis.columns import AXES, plate_columns
-from osl_analysis.errors import InputError
+from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.plate_surface import plate_axes
-from osl_analysis.signals import LowPass, longest_run, sampling_rate
+from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
+from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.bodies import GRAVITY, Poses
-from osl_analysis.walking.events import Stance
-from osl_analysis.walking.settings import CrossingSettings
+from osl_analysis.walking.bodies import (
+    GRAVITY,
+    BodyMotion,
+    Calibrations,
+    Poses,
+    StaticCalibration,
+    calibration_of,
+    cross_matrix,
+    exchanged_labels,
+    gap_duration,
+    reference_positions,
+    segment_poses,
+)
+from osl_analysis.walking.platform import PlatformTrack, gate, gated_noise, rotation_from_rest, shared_directions
+from osl_analysis.walking.settings import CrossingSettings, PlateModelSettings
+
+
+@dataclass(frozen=True)
+class Stance:
+    """One contact of the foot with the plate, from heel strike to toe-off [s]."""
+
+    heel_strike: float
+    toe_off: float
+
+    @property
+    def duration(self) -> float:
+        return self.toe_off - self.heel_strike
+
+
+def find_stances(time: Array, force: Array, on: float, off: float, shortest: float) -> list[Stance]:
+    """Complete stances of at least `shortest` [s] in a vertical force (n,) [N], from where it rises through `on` [N] to
+    where it falls through `off` <= `on`, between samples. A NaN keeps the last known state."""
+    level = np.where(force > on, 1, np.where(force < off, -1, 0))
+    known = np.maximum.accumulate(np.where(level != 0, np.arange(len(level)), -1))
+    loaded = (known >= 0) & (level[known] == 1)
+    change = np.diff(loaded.astype(int))
+    starts, ends = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
+    ends = ends[ends > starts[0]] if len(starts) else ends[:0]
+    stances = [
+        Stance(time_of_level(time, force, s, on), time_of_level(time, force, e, off))
+        for s, e in zip(starts.tolist(), ends.tolist(), strict=False)
+    ]
+    return [s for s in stances if s.duration >= shortest]
+
+
+def time_of_level(time: Array, values: Array, row: int, level: float) -> float:
+    """Time [s] between rows `row` and `row + 1` at which the values pass `level`; the later row's if one is NaN."""
+    before, after = values[row], values[row + 1]
+    if not np.isfinite(before + after) or before == after:
+        return float(time[row + 1])
+    share = np.clip((level - before) / (after - before), 0.0, 1.0)
+    return float(time[row] + share * (time[row + 1] - time[row]))
+
+
+def only_stance(stances: list[Stance]) -> Stance:
+    """The one stance of a crossing."""
+    if len(stances) != 1:
+        times = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"
+        raise InputError(
+            f"one stance on the plate is expected, found {times}; check the plate's number, zero and load thresholds, "
+            "cut the recording to one crossing, or exclude it in the sheet"
+        )
+    return stances[0]
+
 
 ANTI_ALIAS = 1 / 3  # Cut-off of the low-pass before resampling, as a fraction of the marker rate
 LEVEL = 0.8  # Smallest vertical part of a plate's normal: ramps and stairs are less steep
@@ -163,20 +238,6 @@ def in_laboratory(wrench: PlateWrench, platform: Poses, centre: Array) -> tuple[
     return PlateWrench(force, moment), platform.point(centre)
 
 
-def rotation_from_rest(platform: Poses) -> Array:
-    """Angle (n,) [rad] by which the platform is turned from its pose in the static trial, about the axis of the largest
-    rotation, which counts as positive; NaN where not seen. It is signed, so that marker noise has zero mean."""
-    seen = np.flatnonzero(platform.seen())
-    angle = np.full(len(platform.position), np.nan)
-    if not len(seen):
-        return angle
-    vectors = Rotation.from_matrix(platform.rotation[seen]).as_rotvec()
-    size = np.linalg.norm(vectors, axis=1)
-    largest = int(np.argmax(size))
-    angle[seen] = vectors @ vectors[largest] / max(float(size[largest]), np.finfo(float).tiny)
-    return angle
-
-
 def ankle_torque(reaction: PlateWrench, plate_centre: Array, ankle: Array, axis: Array) -> Array:
     """Internal plantarflexion moment tau (n,) [N*m] from the ground reaction on the foot. tau = -(M + (c - a) x F) .
     axis, with the force F and the moment M about the plate's centre c (n, 3) or (3,) [m], the ankle a (n, 3) [m], and
@@ -270,3 +331,399 @@ def load_of_weight(time: Array, vertical: Array, stance: Stance, body_mass: floa
     phase = (time - stance.heel_strike) / stance.duration
     inside = (phase >= SINGLE_SUPPORT[0]) & (phase <= SINGLE_SUPPORT[1])
     return float(vertical[inside].mean() / (body_mass * np.linalg.norm(GRAVITY)))
+
+
+PARAMETERS = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz")
+COMPONENTS = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
+PLANAR = ("m", "mc_x", "mc_z", "I_yy")
+"""Parameters that can be identified if the platform only turns about the mediolateral axis and shifts across it."""
+EXCITED = 0.02
+"""An axis counts as excited if its RMS angular acceleration is this fraction of the largest. Motion along its few
+directions leaves less than 0.005 of it about an axis that does not turn."""
+LEVER = 0.1  # Weight [m] of forces relative to moments: about the height of the ankle, a force's lever about it
+WEIGHT = np.array([LEVER] * 3 + [1.0] * 3)
+LARGEST_NOISE_SHARE = 0.5  # Largest share of noise in the columns' squares that is corrected
+
+
+@dataclass(frozen=True)
+class PlateInertia:
+    """Inertial parameters of the plate."""
+
+    parameters: Array  # (10,) in the order of `PARAMETERS` [kg, kg*m, kg*m^2]; 0 where they were not excited
+    standard_errors: Array  # (10,); 0 where they were not excited
+    rms_before: Array  # RMS wrench (6,) [N, N*m] of the unloaded plate as read, minus its mean
+    rms_after: Array  # the same without the plate's own wrench
+
+    @property
+    def identified(self) -> tuple[str, ...]:
+        return tuple(name for name, se in zip(PARAMETERS, self.standard_errors, strict=True) if se > 0)
+
+    def wrench(self, motion: BodyMotion) -> PlateWrench:
+        """Wrench that the plate itself causes in n frames, in its own axes and about its centre, the point of
+        `motion`."""
+        own = regressors(motion) @ self.parameters
+        return PlateWrench(own[:, :3], own[:, 3:])
+
+
+def regressors(motion: BodyMotion) -> Array:
+    """Columns (n, 6, 10) whose product with the parameters is force and moment [N, N*m] in the plate's axes."""
+    vectors = (motion.acceleration - GRAVITY, motion.omega, motion.alpha)
+    a, w, z = (np.einsum("nij,nj->ni", motion.rotation.transpose(0, 2, 1), v) for v in vectors)
+    a = a + GRAVITY
+    W = cross_matrix(w)
+    columns = np.zeros((len(a), 6, 10))
+    columns[:, :3, 0] = a
+    columns[:, :3, 1:4] = cross_matrix(z) + W @ W
+    columns[:, 3:, 1:4] = -cross_matrix(a)
+    columns[:, 3:, 4:] = inertia_matrix(z) + W @ inertia_matrix(w)
+    return columns
+
+
+def inertia_matrix(v: Array) -> Array:
+    """Matrices (n, 3, 6) that map (I_xx, I_yy, I_zz, I_xy, I_xz, I_yz) to I v, for v (n, 3)."""
+    x, y, z = v.T
+    zero = np.zeros(len(v))
+    rows = [[x, zero, zero, y, z, zero], [zero, y, zero, x, zero, z], [zero, zero, z, zero, x, y]]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def identify_plate_inertia(
+    recordings: Sequence[tuple[BodyMotion, PlateWrench]],
+    smooth: Callable[[Array], Array] = np.asarray,
+    names: tuple[str, ...] | None = None,
+    noise: Array | None = None,
+    known: Array | None = None,
+) -> PlateInertia:
+    """Parameters from unloaded recordings: motion of the plate's centre, and wrench in the plate's axes.
+
+    `smooth` is the low-pass that the wrench passed and the motion did not. It is applied to the columns, which are
+    products of motions: with filtered motions, a filter of 8 Hz would make the plate's lag 0.05 ms too small. The mean
+    of each recording is removed, because each has its own zero. Inertias about axes that are not excited are 0. If the
+    others cannot be told apart, or some are seen with more noise than motion, only the four planar ones are identified.
+    `names` are those that may be identified, all if None or empty (as an exact fit, without errors, names); the others
+    are as in `known` (10,), 0 if None. `noise` (10, 10) is the sum of squares that marker noise alone causes in the
+    columns. It is subtracted from theirs, because noise in the columns makes every estimate too small.
+    """
+
+    columns = np.concatenate([centred(smooth(regressors(motion))) for motion, _ in recordings])
+    wrench = np.concatenate([centred(w.components()) for _, w in recordings])
+    excited = excited_parameters([motion for motion, _ in recordings])
+    wanted = tuple(name for name in excited if not names or name in names)
+    held = np.zeros(len(PARAMETERS)) if known is None else known
+    parameters, errors = fit_parameters(columns, wrench, wanted, noise, held)
+    return PlateInertia(parameters, errors, rms(wrench), rms(wrench - columns @ parameters))
+
+
+def fit_parameters(
+    columns: Array, wrench: Array, names: tuple[str, ...], noise: Array | None, held: Array
+) -> tuple[Array, Array]:
+    """Parameters and standard errors (10,) from wrenches (n, 6) and the named ones of the columns (n, 6, 10). The
+    others are `held` (10,), with errors of 0. If the named ones look alike, or are noise, only the planar ones count.
+    """
+    chosen = [PARAMETERS.index(name) for name in names]
+    parameters, errors = held.copy(), np.zeros(len(PARAMETERS))
+    parameters[chosen] = 0.0
+    left = wrench - columns @ parameters
+    try:
+        fit = linear_fit((left * WEIGHT).T.ravel(), dict(zip(names, stacked_columns(columns, names).T, strict=True)))
+        correction = np.eye(len(chosen)) if noise is None else noise_correction(columns, noise, names)
+    except IdentifiabilityError:
+        if names == PLANAR:
+            raise
+        return fit_parameters(columns, wrench, PLANAR, noise, held)
+    parameters[chosen] = correction @ fit.estimates
+    errors[chosen] = np.sqrt(np.diag(correction @ fit.covariance @ correction.T))
+    return parameters, errors
+
+
+def noise_correction(columns: Array, noise: Array, names: Sequence[str]) -> Array:
+    """The matrix (p, p) that turns least-squares estimates into those without the bias from noise in the columns. With
+    the columns' squares G, of which N are noise, it is (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4)."""
+    chosen = [PARAMETERS.index(name) for name in names]
+    stacked, own = stacked_columns(columns, names), noise[np.ix_(chosen, chosen)]
+    squares = stacked.T @ stacked
+    share = np.linalg.eigvals(np.linalg.solve(squares, own)).real.max()
+    if share > LARGEST_NOISE_SHARE:
+        raise IdentifiabilityError(
+            f"marker noise is {share:.0%} of what moves the unloaded plate in one of its directions, expected "
+            f"{LARGEST_NOISE_SHARE:.0%} or less; record larger or faster motions of the unloaded plate"
+        )
+    return np.asarray(np.linalg.solve(squares - own, squares))
+
+
+def stacked_columns(columns: Array, names: Sequence[str]) -> Array:
+    """Weighted columns (6 n, p) of the named parameters out of (n, 6, 10), component after component: residuals stay
+    correlated in time, as the regression assumes."""
+    chosen = columns[:, :, [PARAMETERS.index(name) for name in names]] * WEIGHT[:, None]
+    return np.asarray(chosen.transpose(1, 0, 2).reshape(-1, len(names)))
+
+
+def excited_parameters(motions: Sequence[BodyMotion]) -> tuple[str, ...]:
+    """Parameters that motions excite: mass, its moments, and the inertias of axes whose RMS acceleration is `EXCITED`
+    of the largest."""
+    size = rms(np.concatenate([motion.alpha for motion in motions]))
+    excited = {axis for axis, one in zip("xyz", size, strict=True) if one > EXCITED * size.max()}
+    return tuple(name for name in PARAMETERS if not name.startswith("I_") or excited & set(name[2:]))
+
+
+def centred(values: Array) -> Array:
+    return np.asarray(values - values.mean(axis=0))
+
+
+def rms(values: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+
+
+LARGEST_PLATE_LAG_S = 0.012
+PLATE_LAG_STEP_S = 0.002
+"""Step [s] between the lags that are tried. A parabola between them is exact to 1 % for motions below 20 Hz."""
+LIGHT = 0.1
+"""RMS [N*m] of an unloaded wrench, forces with their lever, below which a plate is too light to show its lag."""
+
+
+def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], PlateWrench], smooth: Callable[[Array], Array]) -> float:
+    """Lag [s] of the plate behind the markers in one unloaded recording, positive if the plate is late, that minimises
+    the misfit of `identify_plate_inertia`; NaN if it is too light. `wrench_at` returns the wrench read a lag [s] later,
+    filtered with `smooth`. The motion has not passed this filter."""
+    lags = np.arange(-LARGEST_PLATE_LAG_S, LARGEST_PLATE_LAG_S + PLATE_LAG_STEP_S / 2, PLATE_LAG_STEP_S)
+    readings = [wrench_at(float(lag)) for lag in lags]
+    columns = centred(smooth(regressors(motion)))
+    names = identify_plate_inertia([(motion, readings[len(lags) // 2])], smooth).identified
+    names = names or excited_parameters([motion])  # an exact fit has standard errors of 0
+    basis = np.linalg.qr(stacked_columns(columns, names))[0]
+    stacked = [(centred(w.components()) * WEIGHT).T.ravel() for w in readings]
+    misfit = [float(6 * np.mean((w - basis @ (basis.T @ w)) ** 2)) for w in stacked]
+    best = int(np.argmin(misfit))
+    size = float(np.sum((rms(centred(readings[best].components())) * WEIGHT) ** 2))
+    if size < LIGHT**2:
+        return float("nan")
+    if misfit[best] > 0.5 * size or best in (0, len(lags) - 1):
+        raise InputError(
+            f"the unloaded plate's wrench does not follow its motion within {LARGEST_PLATE_LAG_S * 1e3:g} ms; "
+            "synchronise the recorders, check the platform's markers and the plate's channels, or set "
+            "correct_plate_lag to false"
+        )
+    before, least, after = misfit[best - 1 : best + 2]
+    return float(lags[best] + 0.5 * PLATE_LAG_STEP_S * (before - after) / (before - 2 * least + after))
+
+
+FEWEST_FRAMES = 10
+HIDDEN_TURN = np.deg2rad(0.2)
+"""Smallest rotation [rad] during hidden markers that counts as a turn. At rest, noise gives 0.03 deg."""
+
+HIDDEN = "the platform turned while its markers were hidden; fill the gap in Nexus, or record it again"
+CUT = "the recording begins or ends while the platform moves; record from rest to rest"
+EDGE_S = 0.05  # Time [s] at each end of a recording in which a platform that moves is seen
+STILL = 7.0  # A platform moves at an end if its speed there is above this multiple of its standard error
+
+
+@dataclass(frozen=True)
+class UnloadedRecording:
+    """A trial of an unloaded, moving plate."""
+
+    name: str
+    time: Array  # the marker frames (n,) [s]
+    rows: slice  # the longest run of frames in which the platform was seen, without a motion that the recording cuts
+    track: PlatformTrack  # the platform's coordinates in these rows
+    motion: BodyMotion  # motion of the plate's centre in these rows, through the low-pass of the crossings
+    centre: Array  # the plate's centre (3,) [m] at rest
+    recorded: RecordedWrench  # the plate's wrench as sampled
+    low_pass: LowPass  # of the crossings
+    plate_low_pass: LowPass  # the further one of the identification
+    unusable: str  # why the trial shows nothing of the plate, for a message; empty if it does
+    noise: Array  # weighted squares (10, 10) of the marker noise in the columns of the regression
+
+    @classmethod
+    def shared(cls, recordings: "Sequence[UnloadedRecording]") -> "list[UnloadedRecording]":
+        """The recordings with their motions along the directions that they share."""
+        axes = shared_directions([r.track for r in recordings])
+        return [r.along(own) for r, own in zip(recordings, axes, strict=True)]
+
+    def smooth(self, values: Array) -> Array:
+        """Values in `rows`, shape (n, ...), through the low-pass of the identification."""
+        return self.plate_low_pass(values, sampling_rate(self.time))
+
+    def along(self, axes: Array) -> "UnloadedRecording":
+        """The same with the motion along the directions (r, 6), and with the noise in the columns of its regression: of
+        frames at rest before `smooth`, after which they would hold the motions beside them too."""
+        motion, weights = self.track.own_motion(axes, self.centre)
+        resting = [run for run in runs(weights == 0) if run.stop - run.start >= FEWEST_FRAMES]
+        columns = regressors(motion)
+        still = [stacked_columns(centred(columns[run]), PARAMETERS) for run in resting]
+        squares = sum((one.T @ one for one in still), np.zeros((10, 10)))
+        count = sum(run.stop - run.start for run in resting)
+        passed = gated_noise(weights, self.track.rate, self.low_pass, self.plate_low_pass)
+        return replace(self, motion=motion.weighted(weights), noise=squares / max(count, 1) * passed)
+
+    @cached_property
+    def at_frames(self) -> WrenchAtFrames:
+        return self.recorded.at_frames(self.time)
+
+    def wrench_at(self, lag: float) -> PlateWrench:
+        """The wrench in `rows`, read a lag [s] later, through both low-passes."""
+        rate = sampling_rate(self.time)
+        once = self.at_frames.late_by(lag).filtered(self.low_pass, rate)
+        return once[self.rows].filtered(self.plate_low_pass, rate)
+
+
+def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: PlateModelSettings) -> UnloadedRecording:
+    """The plate's motion over the longest run of frames in which the platform was seen, and its wrench."""
+    names = settings.markers.platform
+    time, poses = segment_poses(trial, names, calibration.platform, settings)
+    recorded = recorded_wrench(trial, settings.plate)
+    load, largest = float(np.median(np.abs(recorded.wrench.force[:, 2]))), settings.largest_zero_n
+    if load > largest:
+        raise InputError(
+            f"trial {trial.name}: the plate carries {load:.0f} N, expected an unloaded plate and at most {largest:g} "
+            "N; zero the plate and record again, or correct the experiment of this trial in the sheet, which is 'plate'"
+        )
+    rows = longest_run(poses.seen())
+    if rows.stop - rows.start < FEWEST_FRAMES:
+        raise InputError(
+            f"trial {trial.name}: markers {', '.join(names)} are seen together in {rows.stop - rows.start} frames in a "
+            f"row, expected {FEWEST_FRAMES} or more; fill the gaps in Nexus, or record the trial again"
+            + (f"; {hint}" if (hint := exchanged_labels(trial, calibration, settings, ("platform",))) else "")
+        )
+    reference = reference_positions(calibration.platform, names, trial.name)
+    track = PlatformTrack.of(trial.name, time[rows], poses[rows], reference, settings.low_pass)
+    whole = whole_motions(track)
+    cut, rests = whole.stop - whole.start < rows.stop - rows.start, whole.stop - whole.start >= FEWEST_FRAMES
+    if cut and rests:
+        rows = slice(rows.start + whole.start, rows.start + whole.stop)
+        track = PlatformTrack.of(trial.name, time[rows], poses[rows], reference, settings.low_pass)
+    centre = recorded_corners(trial, settings.plate).mean(axis=0)
+    motion, weights = track.own_motion(np.eye(6), centre)
+    motion = motion.weighted(weights)
+    if cut and (not rests or np.ptp(rotation_from_rest(poses[rows])) < np.deg2rad(settings.perturbation_deg)):
+        unusable = CUT
+    else:
+        unusable = HIDDEN if turned_while_hidden(trial.name, time, poses, settings) else ""
+    filters = settings.low_pass, settings.plate_low_pass
+    return UnloadedRecording(
+        trial.name, time, rows, track, motion, centre, recorded, *filters, unusable, np.zeros((10, 10))
+    )
+
+
+def whole_motions(track: PlatformTrack) -> slice:
+    """The frames (n,) of a track without a motion that begins before or ends after it; empty if it never rests. Half a
+    motion has accelerations that the low-pass gets wrong: the lag is then off by milliseconds, the plate's mass by a
+    tenth."""
+    count, n = max(round(EDGE_S * track.rate), 5), len(track.time)
+    moves = track.moving.copy()
+    ends = slice(0, count), slice(n - count, n)
+    for end in ends:
+        since = track.time[end] - track.time[end].mean()
+        slopes = since @ track.measured[end] / (since @ since)
+        moves[end] |= float(np.abs(slopes).max() * np.sqrt(since @ since)) > STILL * track.noise
+    still = runs(gate(track.time, moves, track.spread) == 0)
+    rests = [run for run in still if run.stop - run.start >= FEWEST_FRAMES] or [slice(0, 0)]
+    return slice(rests[0].start if moves[0] else 0, rests[-1].stop if moves[-1] else n)
+
+
+def turned_while_hidden(name: str, time: Array, poses: Poses, settings: PlateModelSettings) -> bool:
+    """Whether the platform turned while its markers were hidden: 11 interpolated frames at 300 Hz change the lag by 2
+    ms. Refused if they were always seen and it did not turn."""
+    turned = float(np.rad2deg(np.max(rotation_from_rest(poses[longest_run(poses.seen())]))))
+    if turned >= settings.perturbation_deg:
+        rotation = rotation_from_rest(poses)
+        gaps = [gap for gap in runs(poses.bridged) if gap_duration(time, gap) > settings.longest_fitted_gap_s]
+        return any(abs(float(rotation[gap.stop] - rotation[gap.start - 1])) > HIDDEN_TURN for gap in gaps)
+    if poses.seen().all():
+        raise InputError(
+            f"trial {name}: the platform turns by {turned:.2f} deg only, expected {settings.perturbation_deg:g} deg or "
+            "more; record a perturbation of the unloaded plate"
+        )
+    return True
+
+
+NOT_ASKED = "not estimated: correct_plate_lag is false"
+TOO_LIGHT = "the unloaded plate is too light to show it"
+NOT_REMOVED = "walking.plate_inertia is none"
+
+
+@dataclass(frozen=True)
+class PlateModel:
+    """The plate's inertia and its lag behind the markers."""
+
+    inertia: PlateInertia
+    lag: float | None  # the mean of the lags [s]; None where it is unknown, and then not corrected
+    lag_se: float | None  # standard error [s] of the lag; None with fewer than two lags
+    lags: Array  # (k,) [s] of the trials that show one
+    leave_one_out: "tuple[PlateModel, ...]" = ()  # the model without each trial, for the jackknife; empty with one
+    lag_reason: str | None = None  # why the lag is unknown
+
+    @property
+    def delay(self) -> float:
+        """The lag [s] that is corrected: 0 where it is unknown."""
+        return 0.0 if self.lag is None else self.lag
+
+
+NO_CORRECTION = PlateModel(
+    PlateInertia(*(np.zeros(len(PARAMETERS)),) * 2, *(np.full(len(COMPONENTS), np.nan),) * 2),
+    None,
+    None,
+    np.zeros(0),
+    lag_reason=f"not estimated: {NOT_REMOVED}",
+)
+"""The model of a plate that is light or compensates its own inertia: nothing is removed from its wrench."""
+
+
+def identify_plate_model(
+    trials: Sequence[Trial], calibrations: Calibrations, settings: PlateModelSettings
+) -> PlateModel:
+    """Lag and inertia from unloaded trials: first the lag of each trial, then one inertia from all at the mean lag."""
+    if not trials:
+        raise InputError("no trials of the unloaded plate; add trials of experiment 'plate' to the sheet")
+    for trial in trials:
+        check_type_on_platform(trial, settings.plate)
+    every = [unloaded_recording(t, calibration_of(calibrations, t.name), settings) for t in trials]
+    seen = [r for r in every if not r.unusable]
+    if not seen:
+        why = every[0].unusable
+        raise InputError(f"no unloaded trial shows the plate's inertia; trial {trials[0].name}, as others: {why}")
+    for r in every:
+        if r.unusable:
+            warnings.warn(f"trial {r.name}: excluded from the plate's model: {r.unusable}", stacklevel=2)
+    recordings, lags = UnloadedRecording.shared(seen), [float("nan")] * len(seen)
+    for i, r in enumerate(recordings if settings.correct_plate_lag else ()):
+        try:
+            lags[i] = plate_lag(r.motion, r.wrench_at, r.smooth)
+        except InputError as error:
+            raise InputError(f"trial {r.name}: {error}") from error
+    reason = NOT_ASKED if not settings.correct_plate_lag else None if np.isfinite(lags).any() else TOO_LIGHT
+    model, others = replace(plate_model(recordings, lags), lag_reason=reason), []
+    if len(recordings) == 1:
+        return model
+    for one in range(len(seen)):
+        kept = UnloadedRecording.shared(seen[:one] + seen[one + 1 :])
+        others.append(plate_model(kept, lags[:one] + lags[one + 1 :], model.inertia))
+    # The regression's errors are blind to what all samples of a trial share: directions of the motion, bridged gaps.
+    left = np.array([other.inertia.parameters for other in others])
+    jackknife = np.sqrt((len(left) - 1) / len(left) * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
+    inertia = replace(model.inertia, standard_errors=np.maximum(model.inertia.standard_errors, jackknife))
+    return replace(model, inertia=inertia, leave_one_out=tuple(others))
+
+
+def plate_model(
+    recordings: Sequence[UnloadedRecording], lags: Sequence[float], whole: PlateInertia | None = None
+) -> PlateModel:
+    """The mean of the recordings' lags [s], NaN where one shows none, and one inertia from all recordings at that lag.
+    Only what `whole`, from more recordings, identified is identified, and the rest stays as it is there."""
+    known = np.array([lag for lag in lags if np.isfinite(lag)])
+    lag = float(np.mean(known)) if len(known) else None
+    pairs = [(r.motion, r.wrench_at(lag or 0.0)) for r in recordings]
+    noise = np.sum([r.noise for r in recordings], axis=0)
+    limits = (None, noise, None) if whole is None else (whole.identified, noise, whole.parameters)
+    inertia = identify_plate_inertia(pairs, recordings[0].smooth, *limits)
+    error = float(np.std(known, ddof=1) / np.sqrt(len(known))) if len(known) > 1 else None
+    return PlateModel(inertia, lag, error, known)
+
+
+def plate_table(model: PlateModel) -> pl.DataFrame:
+    """`plate.csv`: RMS [N, N*m] of each component before and after the plate's own wrench is removed, and the lag
+    [s]."""
+    before, after = model.inertia.rms_before, model.inertia.rms_after
+    remaining = [100 * a / b if b > 0 else None for b, a in zip(before.tolist(), after.tolist(), strict=True)]
+    rows = {"component": COMPONENTS, "rms_before": before, "rms_after": after, "left_percent": remaining}
+    lag = {"lag_s": model.lag, "lag_se_s": model.lag_se, "lag_unknown": model.lag_reason, "trials": len(model.lags)}
+    return pl.DataFrame(rows).with_columns(**{name: pl.lit(value) for name, value in lag.items()})

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from osl_analysis.stats.fit_row import covariance_row, diagnostics_row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import CommonError, over_repeats
 from osl_analysis.trial import Array
-from osl_analysis.walking.checks import DOWN, UP
-from osl_analysis.walking.conditions import ALL, STATED, Cells, Sheet, pooled
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse, Headline, Symmetry, signs_of
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
+from osl_analysis.walking.groups import ALL, STATED, Cells, Sheet, pooled
 from osl_analysis.walking.headline_doubts import single_facts
 from osl_analysis.walking.response import (
     PerturbationResponse,
@@ -26,6 +25,7 @@ from osl_analysis.walking.response import (
     window_samples,
 )
 from osl_analysis.walking.settings import ResponseSettings, Timing
+from osl_analysis.walking.setup import DOWN, UP
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from mcap_builder import HEADER, assert_decoded, stamped, write_log
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.cdr import MessageType, message_type, template_of, walk_of
+from osl_analysis.formats.cdr import MessageType, message_type, messages_at, template_of, walk_of
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.messages import decode_topics
 
@@ -128,7 +128,8 @@ def kind_of(text: str, name: str = "l/S", *, ros1: bool = False) -> MessageType:
     return message_type(Schema(1, text.encode(), "", name), ros1=ros1)
 
 
-FIRST = np.zeros(1, np.int64)
+def alone(payload: bytes) -> Any:
+    return messages_at(payload, np.zeros(1, np.int64), len(payload))
 
 
 @pytest.mark.parametrize(
@@ -147,7 +148,7 @@ FIRST = np.zeros(1, np.int64)
     ],
 )
 def test_big_endian_messages_and_characters_are_numbers(schema: str, payload: bytes, expected: list[float]) -> None:
-    read = template_of(walk_of(kind_of(schema), payload), "abcd").read(payload, FIRST)
+    read = template_of(walk_of(kind_of(schema), payload), "abcd").read(alone(payload))
     assert [read[path][0] for path in "abcd"] == expected
 
 
@@ -190,7 +191,7 @@ def test_a_message_with_more_than_its_schema_describes_is_refused_and_padding_is
         with pytest.raises(InputError, match=f"a message of {12 + len(more)} bytes has {len(more)} more than its"):
             walk_of(kind, ONE + more)
     padded = template_of(walk_of(kind, ONE + bytes(4)), ["a"])
-    assert not padded.fits(ONE + b"\0\0\0\7", FIRST)[0]  # zeros there do not let another with content pass
+    assert not padded.fits(alone(ONE + b"\0\0\0\7"))[0]  # zeros there do not let another with content pass
 
 
 def test_messages_of_equal_log_time_stay_in_the_order_of_the_file_whatever_their_shapes(tmp_path: Path) -> None:

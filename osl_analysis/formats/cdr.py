@@ -33,6 +33,7 @@ ROS1_AS_ROS2 = {"time": "ros1/Time", "duration": "ros1/Duration", "Header": "std
 ROS1_STAMPS = "\n===\nMSG: ros1/Time\nuint32 secs\nuint32 nsecs\n===\nMSG: ros1/Duration\nint32 secs\nint32 nsecs\n"
 PADDING = 3  # bytes of any content after the last field: DDS pads a message to four bytes (RTPS 2.5, 9.4.1)
 ZERO_PADDING = 7  # bytes after the last field if they are zero: to eight
+GUARDS = {2: "<u2", 4: "<u4"}  # what compares guards of these lengths fastest
 MOST_SHAPES = 200  # of one channel and message length; what varies more is read message by message
 INDEXED = re.compile(r"(?P<array>.+)\[(?P<index>\d+)\]")
 NAMED = re.compile(r"(?P<parent>.*\.)?(?P<array>\w+)\[(?P<names>\w+)=(?P<name>[^\]]+)\]")
@@ -236,6 +237,20 @@ def numbers_at(buffer: bytes, places: Indices, kind: np.dtype[Any]) -> NDArray[A
     return everywhere[places]
 
 
+Messages = np.ndarray[tuple[int], np.dtype[np.void]]
+"""Messages of one length, one after the other."""
+
+
+def messages_at(buffer: bytes, starts: Indices, length: int) -> Messages:
+    """Messages of one length that begin at places in a buffer [bytes], (starts,)."""
+    return numbers_at(buffer, starts, np.dtype(f"V{length}"))
+
+
+def members_at(messages: Messages, offset: int, kind: np.dtype[Any]) -> NDArray[Any]:
+    """A view of the numbers of one type at a place [bytes] in each message, (messages,)."""
+    return np.ndarray(messages.shape, kind, messages, offset, messages.strides)
+
+
 @dataclass(frozen=True)
 class Template:
     """How to read the wanted numbers of all messages of one shape."""
@@ -243,20 +258,20 @@ class Template:
     leaves: dict[str, Leaf]  # the numbers, by path
     guards: dict[int, bytes]  # bytes by offset, which a message of the shape must have
 
-    def fits(self, buffer: bytes, starts: Indices) -> NDArray[np.bool_]:
+    def fits(self, messages: Messages) -> NDArray[np.bool_]:
         """Which of the messages of this length have this shape, (messages,)."""
-        same = np.ones(starts.size, bool)
+        same = np.ones(messages.size, bool)
         for offset, expected in self.guards.items():
-            kind = np.dtype(f"S{len(expected)}")
-            same &= numbers_at(buffer, starts + offset, kind) == np.frombuffer(expected, kind)
+            kind = np.dtype(GUARDS.get(len(expected), f"S{len(expected)}"))
+            same &= members_at(messages, offset, kind) == np.frombuffer(expected, kind)
         return same
 
-    def read(self, buffer: bytes, starts: Indices) -> Values:
+    def read(self, messages: Messages) -> Values:
         """The numbers of messages of this shape by path."""
         values = {}
         for path, leaf in self.leaves.items():
             kind = np.dtype(leaf.dtype.replace("?", "u1"))
-            native = numbers_at(buffer, starts + leaf.offset, kind).astype(kind.newbyteorder("="))
+            native = members_at(messages, leaf.offset, kind).astype(kind.newbyteorder("="))
             values[path] = native != 0 if "?" in leaf.dtype else native
         return values
 
@@ -310,27 +325,30 @@ class ShapeReader:
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> Iterator[tuple[Indices, Values]]:
         """Batches of messages: their places among `starts`, and their numbers by path; misfits are only counted."""
-        for length in np.unique(lengths).tolist():
+        alike = not lengths.size or bool((lengths == lengths[0]).all())
+        for length in lengths[:1].tolist() if alike else np.unique(lengths).tolist():
             mine = np.flatnonzero(lengths == length)
+            rest = messages_at(buffer, starts[mine], length)
             templates = self.templates[length]
             for template in templates:
-                same = template.fits(buffer, starts[mine])
-                if same.any():
-                    yield mine[same], template.read(buffer, starts[mine[same]])
-                    mine = mine[~same]
+                same = template.fits(rest)
+                if same.all():
+                    yield mine, template.read(rest)
+                elif same.any():
+                    yield mine[same], template.read(rest[same])
+                mine, rest = mine[~same], rest[~same]
             while mine.size:
-                first = int(starts[mine[0]])
-                learned = self.learned(buffer[first : first + length])
+                learned = self.learned(rest[0].tobytes())
                 same = np.zeros(mine.size, bool)
                 same[0] = True
                 if learned is not None:
                     if len(templates) < MOST_SHAPES:
                         templates.append(learned)
-                        same = learned.fits(buffer, starts[mine])
+                        same = learned.fits(rest)
                     else:
                         self.read_alone += 1
-                    yield mine[same], learned.read(buffer, starts[mine[same]])
-                mine = mine[~same]
+                    yield mine[same], learned.read(rest[same])
+                mine, rest = mine[~same], rest[~same]
 
     def learned(self, payload: bytes) -> Template | None:
         """The template of all messages that are laid out as this one; None if it does not fit its schema."""

@@ -49,6 +49,9 @@ RESUME_ANYWHERE = re.compile(rb"[\x03-\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0
 TWO_LOGS = "split them into two files there (`head -c`, `tail -c`) and give each a trial of its own"
 
 
+NOWHERE = np.empty(0, np.int64)
+
+
 class DamagedChunkError(Exception):
     """The chunk cannot be read, or does not hold what was written. The message completes the sentence "it ..."."""
 
@@ -357,19 +360,20 @@ class McapFile(MessageFile):
             return self.data, section.walk, False
         assert section.head is not None
         listed = [entries["offset"].astype(np.int64) for _, entries in section.indexes]
-        offsets, checked = np.concatenate([np.empty(0, np.int64), *listed]), section.head.crc != 0
+        offsets = np.sort(np.concatenate([np.empty(0, np.int64), *listed]), kind="stable")
+        checked = section.head.crc != 0
         try:
             content = unpacked(self.data, section.head)
             if checked and zlib.crc32(content) != section.head.crc:
                 raise DamagedChunkError("does not match its checksum")
-            walk = walk_records(content, 0, len(content), in_chunk=True)
+            walk = walk_records(content, 0, len(content), in_chunk=True, listed=offsets)
             if walk.end != len(content):
                 raise DamagedChunkError(f"holds no record at byte {walk.end} of its {len(content)} bytes")
         except DamagedChunkError as error:
             self.refuse_second_log()  # a cut chunk may reach into the next log
             self.lose(section, f"the chunk at byte {section.start} is damaged: it {error}")
             return None
-        right = not section.indexes or np.array_equal(np.sort(offsets), walk.starts)
+        right = not section.indexes or np.array_equal(offsets, walk.starts)
         cut_off = section is self.sections[-1] and not self.damage.finished  # so is its index
         if not right and not cut_off:
             self.damage.remark(f"the index of the chunk at byte {section.start} is wrong; the chunk was walked")
@@ -433,12 +437,22 @@ def read_mcap(path: Path) -> McapFile:
     return opened
 
 
-def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool) -> Walk:
-    """Walk from record to record, in a chunk past opcodes that the format does not define, to what is no record."""
+def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool, listed: Indices = NOWHERE) -> Walk:
+    """Walk from record to record, in a chunk past opcodes that the format does not define, to what is no record.
+
+    `listed` is where messages may be, in order. Where they follow each other, the walk leaps over them.
+    """
+    found: list[Indices] = []
     messages, unknown, position = array("q"), 0, begin
     others: list[tuple[int, bytes]] = []
     unpack, last = RECORD.unpack_from, end - RECORD.size
+    leaps = leaps_over(buffer, listed, end)
     while position <= last:
+        if position in leaps:
+            first, after, position = leaps[position]
+            found += [np.array(messages, np.int64), listed[first:after]]
+            messages = array("q")
+            continue
         opcode, length = unpack(buffer, position)
         start, stop = position + RECORD.size, position + RECORD.size + length
         if stop > end:
@@ -452,9 +466,25 @@ def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool) -> Walk
         else:
             break
         position = stop
-    starts = np.array(messages, np.int64)
+    starts = np.concatenate([*found, np.array(messages, np.int64)])
     heads = numbers_at(buffer, starts, MESSAGE) if starts.size else np.empty(0, MESSAGE)
     return Walk(heads, starts, others, position, unknown)
+
+
+def leaps_over(buffer: bytes, listed: Indices, end: int) -> dict[int, tuple[int, int, int]]:
+    """The stretches of listed messages that follow each other without a gap: first and last row, and end, by place."""
+    if not listed.size or listed[0] < 0 or listed[-1] > end - MESSAGE.itemsize:
+        return {}
+    lengths = numbers_at(buffer, listed + 1, np.dtype("<u8")).astype(np.int64)  # what is too large becomes negative
+    stops = listed + RECORD.size + lengths
+    if lengths.min() < MESSAGE_HEAD or lengths.max() > end or stops.max() > end:
+        return {}
+    if (numbers_at(buffer, listed, np.dtype("u1")) != Opcode.MESSAGE).any():
+        return {}
+    firsts = np.flatnonzero(np.append(True, stops[:-1] != listed[1:]))
+    afters = np.append(firsts[1:], listed.size)
+    places, ends = listed[firsts].tolist(), stops[afters - 1].tolist()
+    return dict(zip(places, zip(firsts.tolist(), afters.tolist(), ends, strict=True), strict=True))
 
 
 def counts_of(walk: Walk) -> Counter[int]:
@@ -489,7 +519,7 @@ def unpacked(data: bytes, head: ChunkHead) -> bytes:
     body = memoryview(data)[head.begin : head.end]
     try:
         if head.name == b"zstd":
-            content = zstandard.ZstdDecompressor().decompressobj().decompress(body)
+            content = zstandard.ZstdDecompressor().decompress(body, head.size) if head.size else b""
         elif head.name == b"lz4":
             content = lz4.frame.LZ4FrameDecompressor().decompress(body)
         elif head.name:
@@ -497,7 +527,7 @@ def unpacked(data: bytes, head: ChunkHead) -> bytes:
             raise DamagedChunkError(f"says it is compressed with {shown!a}; zstd and lz4 are read")
         else:
             content = bytes(body)
-    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
+    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError, OverflowError) as error:
         raise DamagedChunkError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
     if len(content) != head.size:
         raise DamagedChunkError(f"holds {len(content)} of {head.size} bytes")

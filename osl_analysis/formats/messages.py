@@ -493,14 +493,15 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
         before += places.size
     parts = [(places.size, values) for reader in decoded for places, values in reader.parts]
     every, values, present = np.concatenate(rows), {}, {}
+    in_order = slice(None) if (np.diff(every) == 1).all() else every
     for path in dict.fromkeys(paths):
-        values[path], present[path] = joined_field(parts, path, every)
+        values[path], present[path] = joined_field(parts, path, in_order)
     how = [reader.how() for reader in readers]
     return Decoded(np.concatenate(log_time), np.concatenate(channel), values, present, how)
 
 
 def joined_field(
-    parts: Sequence[tuple[int, Values]], path: str, order: Indices
+    parts: Sequence[tuple[int, Values]], path: str, order: Indices | slice
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """One field of all messages, from the parts, each with its number of messages; and which ones have it."""
     # False joins with any number type without changing it

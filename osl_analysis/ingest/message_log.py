@@ -273,12 +273,20 @@ def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
 
     Where stamps are rounded and equal, the tables have rows of their own.
     """
-    joined, *others = tables
-    if others and any((np.diff(table["stamp"].to_numpy()) == 0).any() for table in tables):
+    if len(tables) == 1:
+        return tables[0].clone()
+    if any((np.diff(table["stamp"].to_numpy()) == 0).any() for table in tables):
         return pl.concat(tables, how="diagonal").sort("stamp", maintain_order=True)
-    for table in others:
-        joined = joined.join(table, on="stamp", how="full", coalesce=True)
-    return joined.sort("stamp")
+    stamps = [table["stamp"].to_numpy() for table in tables]
+    every = np.sort(np.concatenate(stamps), kind="stable")  # fast, as the stamps of each table rise
+    every = every[np.append(True, every[1:] != every[:-1])]
+    columns = [pl.Series("stamp", every)]
+    for table, stamp in zip(tables, stamps, strict=True):
+        rows = np.full(every.size, -1)
+        rows[np.searchsorted(every, stamp)] = np.arange(stamp.size)
+        taken = pl.Series(rows).set(pl.Series(rows < 0), None)
+        columns += [column.gather(taken) for column in table.drop("stamp")]
+    return pl.DataFrame(columns)
 
 
 def median_rate(stamp: Indices) -> float | None:

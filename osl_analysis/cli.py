@@ -477,7 +477,7 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
     request = design_request(chosen, config)
     made = designed(request, config)
     if output is not None:
-        write_command(made.recommended or request.plan, request.sensors.rate_hz, output)
+        write_command(made.recommended[0] if made.recommended else request.plan, request.sensors.rate_hz, output)
         say(f"wrote {output}", err=True)
     say(design_json(made) if as_json else design_text(made))
 

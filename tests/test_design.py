@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from osl_analysis.design.advice import lag_errors, long_enough, reached, warnings
-from osl_analysis.design.plan import Continuous, PeriodicMultisine, SteppedSine
-from osl_analysis.design.precision import Density, Distortion, Joint, Sensors, precision, weighted
+from osl_analysis.commands.design import DesignRequest, lag_errors, warnings
+from osl_analysis.design.plan import Continuous, PeriodicMultisine, SteppedSine, long_enough
+from osl_analysis.design.precision import Density, Distortion, Joint, Sensors, planned_fit, precision
 from osl_analysis.errors import IdentifiabilityError
 from osl_analysis.multisine import odd_multisine
 from osl_analysis.signals import LowPass
@@ -36,7 +36,7 @@ def test_two_sines_have_the_errors_that_one_computes_by_hand():
     by_hand = [e * (w1**4 + w2**4) / apart, 1 / (e * (w1**2 + w2**2)), 2 * e / apart]
     found = precision(plan, JOINT, Sensors(rate, sigma), OPEN)
     np.testing.assert_allclose(found.se, sigma * np.sqrt(by_hand), rtol=1e-9)
-    assert found.correlation == pytest.approx((w1**2 + w2**2) / np.sqrt(2 * (w1**4 + w2**4)))
+    assert found.fit.correlation == pytest.approx((w1**2 + w2**2) / np.sqrt(2 * (w1**4 + w2**4)))
     assert found.method == "cycles"
     np.testing.assert_allclose(found.half_width, student.ppf(0.975, found.degrees_of_freedom) * found.se)
     np.testing.assert_allclose(found.noise_half_width, found.half_width)  # no distortion is stated
@@ -139,7 +139,7 @@ def test_rounding_of_a_multisine_has_the_predicted_power_whatever_the_samples_pe
         error = q * np.rint((theta + zero) / q) - zero - theta
         found.append(np.mean(np.abs(2 / len(time) * np.fft.rfft(error)[motion.lines]) ** 2) / 2)
     each = Sensors(rate, 0.0, encoder_step=q).rounding(plan.sines)
-    assert np.mean(found) == pytest.approx(np.mean(each.in_phase + each.quadrature) / 2, rel=0.25)
+    assert np.mean(found) == pytest.approx(np.mean(each), rel=0.25)
 
 
 def test_rounding_changes_k_at_all_frequencies_alike_and_cycles_repeat_it():
@@ -187,7 +187,7 @@ def test_drift_that_is_not_seen_changes_a_sine_by_two_slopes_over_its_frequency(
     for seconds, slope in ((1e-3, 1e-4), (100.0, np.sqrt(6 * density / 100**3))):
         drift = Sensors(1000.0, 0.05, drift=1e-4 if seconds < 1 else 1.0).variances(sines, 0j * sines.w, seconds)
         by_hand = (2 * slope / (2 * np.pi * sines.frequency_hz)) ** 2 / 2
-        np.testing.assert_allclose(drift["load cell drift"].in_phase, by_hand, rtol=1e-3)
+        np.testing.assert_allclose(drift["load cell drift"][0], by_hand, rtol=1e-3)
 
 
 def test_friction_shifts_the_damping_of_a_stepped_sine_and_leaves_a_misfit_that_no_cycles_cure():
@@ -227,7 +227,7 @@ def test_a_record_that_is_long_enough_is_the_shortest_one():
     ):
 
         def enough(p):
-            return reached(precision(p, JOINT, sensors, LowPass(15.0, 4)), JOINT, within)
+            return precision(p, JOINT, sensors, LowPass(15.0, 4)).reaches(JOINT, within)
 
         found = long_enough(plan, enough)
         assert enough(found)
@@ -241,7 +241,7 @@ def test_a_lag_of_a_tenth_of_a_millisecond_costs_half_a_percent_of_b_and_2_5_of_
     theta, omega, alpha = (motion.angle(time, k) for k in range(3))
     late = 300 * motion.angle(time - 1e-4) + 5 * motion.angle(time - 1e-4, 1) + 0.02 * motion.angle(time - 1e-4, 2)
     by_numpy = estimates((theta, omega, alpha), late) - np.array([300, 5, 0.02])
-    found = lag_errors(weighted(plan, OPEN), JOINT, 1e-4)
+    found = lag_errors(planned_fit(plan, OPEN), JOINT, 1e-4)
     np.testing.assert_allclose(list(found.values()), by_numpy, rtol=1e-3, atol=1e-6)
     assert found["B"] / 5 == pytest.approx(-300 * 1e-4 / 5, rel=0.1)
     assert found["I"] / 0.02 == pytest.approx(-0.025, rel=0.02)
@@ -257,9 +257,8 @@ def test_one_frequency_is_refused_and_a_narrow_band_is_told_what_is_missing():
 
 def advice(plan, sensors, distortion=None):
     """The warnings on a plan, joined."""
-    stated = distortion or Distortion()
-    found = precision(plan, JOINT, sensors, LowPass(15.0, 4), stated)
-    return "; ".join(warnings(plan, found, JOINT, sensors, LowPass(15.0, 4), stated))
+    request = DesignRequest(plan, JOINT, sensors, LowPass(15.0, 4), distortion or Distortion(), 0.0, {})
+    return "; ".join(warnings(request, request.judged(plan)))
 
 
 def test_warnings_name_what_no_length_cures():

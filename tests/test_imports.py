@@ -17,7 +17,7 @@ MAY_IMPORT = {
     "stats": COMMON | {"stats", "signals"},
     "protocol": COMMON | {"protocol", "signals"},
     "spectral": COMMON | {"spectral", "stats", "signals", "model", "parameters"},
-    "design": COMMON | {"design", "spectral", "stats", "signals", "multisine"},
+    "design": COMMON | {"design", "spectral", "stats", "signals", "multisine", "second_order"},
     "timebase": COMMON | {"timebase", "signals"},
     "bench": COMMON
     | {"bench", "protocol", "spectral", "stats", "second_order", "rails", "signals", "uniform", "timebase"}

@@ -10,19 +10,34 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.excitation_limits import check_told, told_by
-from osl_analysis.commands.earlier_trial import earlier_distortion
 from osl_analysis.config import Config
-from osl_analysis.design.advice import lag_errors, long_enough, longest, reached, warnings
-from osl_analysis.design.plan import SHOWN, TRANSIENTS, Continuous, PeriodicMultisine, Plan, SteppedSine
-from osl_analysis.design.precision import NAMES, Distortion, Joint, Precision, Sensors, Weighted, precision, weighted
-from osl_analysis.errors import InputError
+from osl_analysis.design.plan import (
+    MOST_DRAWN,
+    TRANSIENTS,
+    Continuous,
+    PeriodicMultisine,
+    Plan,
+    SteppedSine,
+    long_enough,
+    longest,
+)
+from osl_analysis.design.precision import (
+    ESTIMATED,
+    Density,
+    Distortion,
+    Joint,
+    PlannedFit,
+    Precision,
+    Sensors,
+    Spread,
+    planned_fit,
+    precision,
+)
+from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass
-from osl_analysis.table import finite_or_null, write_table
+from osl_analysis.spectral.equation_error import DETECTION, ENOUGH_REALISATIONS, REALISATIONS
+from osl_analysis.table import finite_or_null, read_table, write_table
 from osl_analysis.trial import Array
-
-RAMP_S = 1.0  # Time [s] in which a command rises at the start of a realisation and falls at its end
-MOST_SAMPLES = 1e7  # Largest number of samples that are written: nearly three hours at 1 kHz
-PAUSE_S = 1.0  # Rest [s] between two realisations
 
 
 @dataclass(frozen=True)
@@ -41,10 +56,6 @@ class DesignRequest:
         """The intervals that a plan gives; raises as `precision`."""
         return precision(plan, self.joint, self.sensors, self.low_pass, self.distortion)
 
-    def suffices(self, plan: Plan) -> bool:
-        """Whether a plan reaches what is asked for."""
-        return reached(self.judged(plan), self.joint, self.within)
-
 
 @dataclass(frozen=True)
 class Design:
@@ -52,28 +63,35 @@ class Design:
 
     request: DesignRequest
     found: Precision
-    recommended: Plan | None
+    recommended: tuple[Plan, Precision] | None
     """The shortest plan that reaches what is asked for; None where nothing is asked, or it is out of reach."""
-    recommended_found: Precision | None
     lag: Mapping[str, float]  # What the lag adds to K, B, I
     warnings: tuple[str, ...]
 
 
 def designed(request: DesignRequest, config: Config) -> Design:
     """The intervals of a plan, how long to record, and what stands in the way."""
-    check_band(request)
-    found, fit = request.judged(request.plan), weighted(request.plan, request.low_pass)
-    check_analysed(request, fit, float(found.se[0]), config.dynamometer.largest_inertia_error)
-    best = long_enough(request.plan, request.suffices) if request.within else None
-    said = [*warnings(request.plan, found, request.joint, request.sensors, request.low_pass, request.distortion)]
-    said += range_warnings(request, config)
+    refuse_band(request)
+    found = request.judged(request.plan)
+    check_analysed(request, found.fit, float(found.se[0]), config.dynamometer.largest_inertia_error)
+    best = None
+    if request.within:
+        best = long_enough(request.plan, lambda plan: request.judged(plan).reaches(request.joint, request.within))
+    said = [*warnings(request, found), *range_warnings(request, config)]
     if request.within and best is None:
         said.append(out_of_reach(request))
-    lag = lag_errors(fit, request.joint, request.lag_s)
-    return Design(request, found, best, None if best is None else request.judged(best), lag, tuple(said))
+    recommended = None if best is None else (best, request.judged(best))
+    return Design(request, found, recommended, lag_errors(found.fit, request.joint, request.lag_s), tuple(said))
 
 
-def check_band(request: DesignRequest) -> None:
+def lag_errors(fit: PlannedFit, joint: Joint, lag_s: float) -> dict[str, float]:
+    """What a torque that is late by `lag_s` [s] adds to K, B and I: the fit of Z exp(-j w lag) minus that of Z."""
+    Z = joint.impedance(fit.sines.w)
+    late = np.asarray(Z * np.exp(-1j * fit.sines.w * lag_s), dtype=np.complex128)
+    return dict(zip(ESTIMATED, (fit.fitted(late) - fit.fitted(Z)).tolist(), strict=True))
+
+
+def refuse_band(request: DesignRequest) -> None:
     """Refuse a rate that is too low for the filter, and frequencies that the filter takes out."""
     rate, cutoff = request.sensors.rate_hz, request.low_pass.cutoff_hz
     if not cutoff < rate / 2:
@@ -89,21 +107,106 @@ def check_band(request: DesignRequest) -> None:
         )
 
 
-def check_analysed(request: DesignRequest, fit: Weighted, K_se: float, largest_inertia_error: float | None) -> None:
+def check_analysed(request: DesignRequest, fit: PlannedFit, K_se: float, largest_inertia_error: float | None) -> None:
     """Refuse a motion that the analysis will refuse, because its band cannot tell K from I. The analysis judges samples
-    of the filtered motion. Two rows per sine, in phase and in quadrature with the angle, have the same products. A
-    stepped sine is analysed in another way, and not judged so."""
+    of the filtered motion. The two rows of each sine have the same products. A stepped sine is analysed in another way,
+    and not judged so."""
     if isinstance(request.plan, SteppedSine):
         return
     sines, n = fit.sines, len(fit.sines.w)
     fitted_s = float(np.sum(sines.duration_s) if sines.alone.all() else np.max(sines.duration_s))
-    size = sines.size * np.sqrt(n * fit.weight * sines.duration_s / fitted_s)
-    w, still = sines.w, np.zeros(n)
-    theta, omega, alpha = (np.concatenate(pair) for pair in ((size, still), (still, w * size), (-(w**2) * size, still)))
-    torque = float(np.sqrt(np.sum(np.abs(request.joint.impedance(w) * size) ** 2) / (2 * n)))
+    share = np.sqrt(n * fit.weight * sines.duration_s / fitted_s)
+    theta, omega, alpha = (fit.columns * share[:, None]).reshape(-1, 3).T
+    torque = float(np.sqrt(np.sum(np.abs(request.joint.impedance(sines.w) * sines.size * share) ** 2) / (2 * n)))
     band = float(sines.frequency_hz.min()), float(sines.frequency_hz.max())
     change = told_by(theta, omega, alpha, torque)
     check_told("the analysis would refuse this protocol", band, change, (request.joint.K, K_se), largest_inertia_error)
+
+
+def warnings(request: DesignRequest, found: Precision) -> Iterator[str]:
+    """What stands in the way of the intervals, one sentence each."""
+    yield from about_excitation(request, found)
+    yield from about_sensors(request.plan, found, request.sensors)
+    yield from about_distortion(request.plan, found, request.distortion)
+
+
+def about_excitation(request: DesignRequest, found: Precision) -> Iterator[str]:
+    """Warnings on the band and the filter. From a correlation of 0.9 the intervals of K and I are 2.3 times as wide as
+    alone."""
+    I, low_pass, correlation = request.joint.I, request.low_pass, found.fit.correlation
+    wide = I != 0 and found.half_width[2] > 0.5 * abs(I)
+    if correlation > 0.9 or wide:
+        yield (
+            f"the excitation hardly tells K from I (correlation {correlation:.2f}"
+            f"{', I not known to 50 %' if wide else ''}): what is missing is {better_band(request.plan, low_pass)}"
+        )
+    highest = float(request.plan.sines.frequency_hz.max())
+    if highest > 0.5 * low_pass.cutoff_hz:
+        yield (
+            f"{highest:.3g} Hz is near the filter's cut-off of {low_pass.cutoff_hz:g} Hz, which weighs it down and "
+            "lets what Eq. 15 does not describe count less there; raise cutoff_hz or lower the frequency"
+        )
+
+
+def better_band(plan: Plan, low_pass: LowPass) -> str:
+    """Which octave below or above the plan's band tells K and I apart better, in words."""
+    low, high = float(plan.sines.frequency_hz.min()), float(plan.sines.frequency_hz.max())
+    tried = {}
+    for words, band in {
+        f"below {low:.3g} Hz, down to {low / 2:.3g} Hz": (low / 2, high),
+        f"above {high:.3g} Hz, up to {2 * high:.3g} Hz": (low, 2 * high),
+    }.items():
+        try:
+            tried[words] = planned_fit(plan.banded(*band), low_pass).correlation
+        except IdentifiabilityError:
+            continue
+    if not tried:
+        return "a band of several octaves"
+    best = min(tried, key=lambda words: tried[words])
+    return f"the band {best} (correlation {tried[best]:.2f})"
+
+
+def about_sensors(plan: Plan, found: Precision, sensors: Sensors) -> Iterator[str]:
+    """Warnings on rounding and drift: on fewer than ten steps of the encoder, and on a quarter of a variance."""
+    smallest = min(plan.sines.size) if isinstance(plan, SteppedSine) else plan.rms * np.sqrt(2)
+    if not sensors.encoder_step:
+        yield "no step of the encoder is stated: the interval is without its rounding"
+    elif smallest < 10 * sensors.encoder_step:
+        yield f"the smallest amplitude has {smallest / sensors.encoder_step:.2g} steps of the encoder; take 10 or more"
+    total = np.sum(list(found.causes.values()), axis=0)
+    largest = {name: float(np.max(own / np.where(total > 0, total, 1))) for name, own in found.causes.items()}
+    if (share := largest["encoder rounding"]) > 0.25:
+        noise = isinstance(plan, Continuous) and not plan.chirp
+        stays = "" if noise else "; it repeats, so that longer records do not average it out"
+        yield (
+            f"rounding of the encoder makes {100 * share:.0f} % of the variance{stays}; take a finer encoder"
+            f"{'' if noise else ', or half a step of noise on the angle'}"
+        )
+    if (share := largest["load cell drift"]) > 0.25:
+        yield f"the load cell's drift makes {100 * share:.0f} % of the variance; let it warm up, or record for longer"
+
+
+def about_distortion(plan: Plan, found: Precision, distortion: Distortion) -> Iterator[str]:
+    """Warnings on what is not linear."""
+    if not distortion.stated:
+        yield (
+            "no distortion is stated: these are the intervals of a joint that is exactly Eq. 15; with friction the "
+            "estimates of a multisine scatter up to 50 times as much, and those of a stepped sine are shifted; state "
+            "--friction, --distortion or --earlier"
+        )
+    if distortion.coulomb and isinstance(plan, SteppedSine):
+        yield (
+            "the interval of the analysis comes from the spread of cycles, which all repeat friction: it is that of "
+            "the noise alone"
+        )
+    if isinstance(plan, PeriodicMultisine) and plan.realisations < ENOUGH_REALISATIONS:
+        level = "whose level at detection lines is all that is known of it" if found.method == DETECTION else ""
+        yield (
+            f"{plan.realisations} realisation{'s' if plan.realisations > 1 else ''} of a distortion {level}: take "
+            f"{ENOUGH_REALISATIONS} or more, and 8 to know the level within 0.5 dB"
+        )
+    if isinstance(plan, Continuous) and distortion.stated:
+        yield "a motion that does not repeat itself does not tell noise from distortion; a multisine does"
 
 
 def range_warnings(request: DesignRequest, config: Config) -> list[str]:
@@ -126,13 +229,13 @@ def out_of_reach(request: DesignRequest) -> str:
     """How far the longest plan that is tried comes, and the largest part of each variance there."""
     plan = longest(request.plan)
     found = request.judged(plan)
-    causes, parts = list(found.causes), np.array(list(found.causes.values()))
+    causes, parts, tiny = list(found.causes), np.array(list(found.causes.values())), np.finfo(float).tiny
     largest = np.argmax(parts, axis=0)
-    shares = 100 * np.max(parts, axis=0) / np.maximum(parts.sum(axis=0), np.finfo(float).tiny)
-    values = np.maximum(np.abs(request.joint.values), np.finfo(float).tiny)
+    shares = 100 * np.max(parts, axis=0) / np.maximum(parts.sum(axis=0), tiny)
+    values = np.maximum(np.abs(request.joint.values), tiny)
     reaches = (
         f"{name} ± {100 * found.half_width[k] / values[k]:.2g} % (variance by {causes[largest[k]]} {shares[k]:.0f} %)"
-        for k, name in enumerate(NAMES)
+        for k, name in enumerate(ESTIMATED)
         if name in request.within
     )
     return (
@@ -152,38 +255,32 @@ def peak_torque(request: DesignRequest) -> float:
 
 
 def command_of(plan: PeriodicMultisine, rate_hz: float) -> tuple[Array, Array]:
-    """Times [s] and angles [rad] of all realisations, shape (n,) each. Each rises within its transient period and falls
-    after its last one; it is at rest in between."""
-    length = (plan.periods + TRANSIENTS) * plan.period_s + RAMP_S
-    n, pause = round(length * rate_hz), np.zeros(round(PAUSE_S * rate_hz))
+    """Times [s] and angles [rad] of all realisations, shape (n,) each. Each rises within its transient period, in 1 s,
+    and falls after its last one; it is at rest for 1 s in between."""
+    length = (plan.periods + TRANSIENTS) * plan.period_s + 1.0
+    n, pause = round(length * rate_hz), np.zeros(round(rate_hz))
     time = np.arange(n) / rate_hz
-    rising = np.clip(np.minimum(time, length - time) / RAMP_S, 0, 1)
-    envelope = 0.5 * (1 - np.cos(np.pi * rising))
+    envelope = 0.5 * (1 - np.cos(np.pi * np.clip(np.minimum(time, length - time), 0, 1)))
     parts = [part for r in range(plan.realisations) for part in (plan.motion(r).angle(time) * envelope, pause)]
     angle = np.concatenate([pause, *parts])
     return np.arange(len(angle)) / rate_hz, angle
 
 
 def write_command(plan: Plan, rate_hz: float, output: Path) -> None:
-    """Write the angle that a multisine commands: `time` [s], `theta_command` [rad]."""
+    """Write the angle that a multisine commands: `time` [s], `theta_command` [rad]. The most samples that are written
+    are nearly three hours at 1 kHz."""
     if not isinstance(plan, PeriodicMultisine):
         raise InputError(f"{output}: only a multisine is written; give --excitation multisine")
-    samples = plan.record_s * rate_hz
-    if samples > MOST_SAMPLES:
-        raise InputError(
-            f"{output}: {samples:.3g} samples are more than {MOST_SAMPLES:g}; lower --rate, or ask for less"
-        )
+    samples, most = plan.record_s * rate_hz, 1e7
+    if samples > most:
+        raise InputError(f"{output}: {samples:.3g} samples are more than {most:g}; lower --rate, or ask for less")
     time, angle = command_of(plan, rate_hz)
     write_table(pl.DataFrame({"time": time, "theta_command": angle}), output)
 
 
-BAND_HZ, RMS_DEG = (0.5, 6.0), 2.0
-"""Band [Hz] and root mean square of the angle [deg] where none is given."""
-
-
 def design_request(chosen: Mapping[str, Any], config: Config) -> DesignRequest:
     """The plan and all that its intervals depend on, in SI units, from the options by name."""
-    check_numbers(chosen)
+    check_finite(chosen)
     low_pass, study = config.dynamometer.low_pass, config.study
     expected = {"stiffness": study.K_d, "damping": study.B_d, "inertia": study.I}
     joint = [expected[name] if chosen[name] is None else chosen[name] for name in expected]
@@ -199,7 +296,7 @@ def design_request(chosen: Mapping[str, Any], config: Config) -> DesignRequest:
     )
 
 
-def check_numbers(chosen: Mapping[str, Any]) -> None:
+def check_finite(chosen: Mapping[str, Any]) -> None:
     """Refuse options that are no finite numbers."""
     for name, value in chosen.items():
         numbers = value if isinstance(value, list) else [value]
@@ -208,17 +305,17 @@ def check_numbers(chosen: Mapping[str, Any]) -> None:
 
 
 def plan_of(chosen: Mapping[str, Any], config: Config) -> Plan:
-    """The protocol."""
+    """The protocol; without a stated band 0.5 to 6 Hz, without a stated size 2 deg rms."""
     if chosen["excitation"] == "stepped-sine":
         return stepped_sine_of(chosen, config)
-    band = tuple(chosen["band"]) if chosen["band"] else BAND_HZ
-    rms = float(np.deg2rad(chosen["rms"] or RMS_DEG))
+    band = tuple(chosen["band"] or (0.5, 6.0))
+    rms = float(np.deg2rad(chosen["rms"] or 2.0))
     peak = None if chosen["peak"] is None else float(np.deg2rad(chosen["peak"]))
     if chosen["excitation"] == "multisine":
         numbers = {name: chosen[name] for name in ("periods", "realisations", "seed")}
         plan = PeriodicMultisine(chosen["period"], band, rms, **numbers)
         longer = any(chosen[f"{name}_within"] is not None for name in ("stiffness", "damping", "inertia"))
-        return plan if peak is None else plan.of_peak(peak, max(plan.realisations, SHOWN if longer else 1))
+        return plan if peak is None else plan.of_peak(peak, max(plan.realisations, MOST_DRAWN if longer else 1))
     other = Continuous(band, rms, chosen["duration"], chosen["excitation"] == "chirp")
     return other if peak is None else replace(other, rms=rms * peak / other.peak[0])
 
@@ -273,7 +370,60 @@ def distortion_of(chosen: Mapping[str, Any]) -> Distortion:
     )
 
 
-UNITS = {"K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²"}
+def earlier_distortion(path: Path, trial: str | None) -> Distortion:
+    """The distortion that an earlier trial showed.
+
+    `response.csv` has levels; `impedance.csv` the spread of a multisine's realisations, or a stepped sine's friction.
+    """
+    table = read_table(path)
+    has_levels = {"frequency_hz", "angle_deg", "odd_level"} <= set(table.columns)
+    if "trial" not in table.columns or not (has_levels or "coulomb_torque" in table.columns):
+        raise InputError(f"{path}: no columns of response.csv or impedance.csv; give one of these tables")
+    rows = table if trial is None else table.filter(pl.col("trial") == trial)
+    names = rows["trial"].unique().to_list()
+    if len(names) != 1:
+        what = f"no trial '{trial}'" if trial else f"{len(names)} trials"
+        such = f", such as {table['trial'][0]}" if len(table) else ""
+        raise InputError(f"{path}: {what}; choose one with --trial{such}")
+    if has_levels:
+        return level_of(rows, path)
+    spread = spread_of(rows)
+    return friction_of(rows, path) if spread is None else Distortion(spread=spread)
+
+
+def spread_of(rows: pl.DataFrame) -> Spread | None:
+    """The spread of the realisations of a multisine, from its row of `impedance.csv`; None of any other trial."""
+    columns = ["realisations", "band_low_hz", "band_high_hz", "theta_rms_deg", *(f"{name}_se" for name in ESTIMATED)]
+    if not set(columns) <= set(rows.columns):
+        return None
+    known = rows.filter(pl.col("interval_method") == REALISATIONS).select(pl.col(columns).cast(pl.Float64)).drop_nulls()
+    if not len(known):
+        return None
+    count, low, high, rms_deg, *errors = known.row(0)
+    return Spread(count * np.array(errors) ** 2, (low, high), float(np.deg2rad(rms_deg)))
+
+
+def friction_of(rows: pl.DataFrame, path: Path) -> Distortion:
+    """The friction of the row over all amplitudes, or of a single row, from the columns of `impedance.csv`."""
+    whole = rows.filter(pl.col("amplitude_deg").is_null())
+    value = (whole if len(whole) else rows)["coulomb_torque"].cast(pl.Float64)[0]
+    if value is None or not np.isfinite(value):
+        raise InputError(f"{path}: coulomb_torque of trial {rows['trial'][0]} is empty; state --friction")
+    return Distortion(coulomb=abs(float(value)))
+
+
+def level_of(rows: pl.DataFrame, path: Path) -> Distortion:
+    """The density of the distortion, from the columns of `response.csv`.
+
+    A level is E|d|^2 of Z, times |theta|^2 twice the mean square of the torque that a line has; odd lines are as far
+    apart as the closest two.
+    """
+    used = ("frequency_hz", "angle_deg", "odd_level")
+    known = rows.select(pl.col(used).cast(pl.Float64)).drop_nulls().sort("frequency_hz")
+    f, angle_deg, level = (known[name].to_numpy() for name in used)
+    if len(f) < 2 or not np.isfinite(level).all():
+        raise InputError(f"{path}: no odd_level of trial {rows['trial'][0]}; it needs a periodic motion with odd lines")
+    return Distortion(earlier=Density(f, 0.5 * (level * np.deg2rad(angle_deg)) ** 2 / float(np.min(np.diff(f)))))
 
 
 def design_text(made: Design) -> str:
@@ -293,11 +443,12 @@ def design_text(made: Design) -> str:
     if request.within:
         asked = ", ".join(f"{name} ± {100 * share:g} %" for name, share in request.within.items())
         lines += ["", f"for {asked}:"]
-        if made.recommended is None or made.recommended_found is None:
+        if made.recommended is None:
             lines.append("  beyond the longest record that is searched")
         else:
-            lines += [f"  {made.recommended.words}", f"  record {seconds(made.recommended.record_s)}"]
-            lines += ["  " + line for line in interval_lines(request, made.recommended_found)]
+            best, found = made.recommended
+            lines += [f"  {best.words}", f"  record {seconds(best.record_s)}"]
+            lines += ["  " + line for line in interval_lines(request, found)]
     return "\n".join([*lines, *(f"warning: {said}" for said in made.warnings)])
 
 
@@ -319,21 +470,21 @@ def sensors_text(request: DesignRequest) -> str:
 
 def interval_lines(request: DesignRequest, found: Precision) -> Iterator[str]:
     """A line per parameter, with what the variance is made of, and a line on the interval."""
-    total = found.se**2
+    total, units = found.se**2, ("N·m/rad", "N·m·s/rad", "kg·m²")
     yield f"{'':4}{'expected':>10}{'95 % interval ±':>18}{'in %':>10}{'by noise alone ±':>18}   variance by"
-    for k, name in enumerate(NAMES):
+    for k, name in enumerate(ESTIMATED):
         value = float(request.joint.values[k])
         percent = f"{100 * found.half_width[k] / abs(value):.3g}" if value else "-"
         shares = {cause: 100 * v[k] / total[k] for cause, v in found.causes.items() if total[k] > 0}
         made_of = ", ".join(f"{cause} {share:.0f} %" for cause, share in shares.items() if share >= 0.5)
         yield (
             f"{name:4}{value:>10.4g}{found.half_width[k]:>18.3g}{percent:>10}{found.noise_half_width[k]:>18.3g}"
-            f"   {made_of} [{UNITS[name]}]"
+            f"   {made_of} [{units[k]}]"
         )
     freedom = ", ".join("∞" if np.isinf(d) else f"{d:.0f}" for d in found.degrees_of_freedom)
     yield (
-        f"interval from {found.method}, {freedom} degrees of freedom; correlation of K and I {found.correlation:.2f}, "
-        f"condition number {found.condition_number:.3g}"
+        f"interval from {found.method}, {freedom} degrees of freedom; correlation of K and I "
+        f"{found.fit.correlation:.2f}, condition number {found.fit.condition_number:.3g}"
     )
 
 
@@ -353,26 +504,23 @@ def effects(made: Design) -> Iterator[str]:
 
 
 def design_json(made: Design) -> str:
-    """All of it as JSON, in SI units."""
-    request, recommended = made.request, made.recommended
+    """All of it as JSON, in SI units; null for numbers that are infinite or undefined."""
+    request = made.request
     content: dict[str, Any] = {
         **described(request, request.plan, made.found),
         "friction_damping": request.distortion.added_damping(request.plan),
         "lag_s": request.lag_s,
         "lag_errors": dict(made.lag),
         "asked_within": dict(request.within),
-        "recommended": None,
+        "recommended": None if made.recommended is None else described(request, *made.recommended),
         "warnings": list(made.warnings),
     }
-    if recommended is not None and made.recommended_found is not None:
-        content["recommended"] = described(request, recommended, made.recommended_found)
     return json.dumps(nested(content), indent=2, ensure_ascii=False)
 
 
 def nested(content: Mapping[str, Any]) -> dict[str, Any]:
     """The mapping with null for numbers that are infinite or undefined, at every depth."""
-    made = {name: nested(value) if isinstance(value, dict) else value for name, value in content.items()}
-    return finite_or_null(made)
+    return finite_or_null({name: nested(one) if isinstance(one, dict) else one for name, one in content.items()})
 
 
 def described(request: DesignRequest, plan: Plan, found: Precision) -> dict[str, Any]:
@@ -386,7 +534,7 @@ def described(request: DesignRequest, plan: Plan, found: Precision) -> dict[str,
             "degrees_of_freedom": float(found.degrees_of_freedom[k]),
             "variance": {cause: float(values[k]) for cause, values in found.causes.items()},
         }
-        for k, name in enumerate(NAMES)
+        for k, name in enumerate(ESTIMATED)
     }
     return {
         "protocol": plan.words,
@@ -394,6 +542,6 @@ def described(request: DesignRequest, plan: Plan, found: Precision) -> dict[str,
         "peak_angle": plan.peak[0],
         "estimates": estimates,
         "interval_method": found.method,
-        "correlation_K_I": found.correlation,
-        "condition_number": found.condition_number,
+        "correlation_K_I": found.fit.correlation,
+        "condition_number": found.fit.condition_number,
     }

@@ -1,20 +1,27 @@
-"""Protocols that are planned: of which sines the motion consists, and for how long each is fitted."""
+"""Protocols that are planned: of which sines the motion consists, for how long each is fitted, and how long to record.
 
+A plan has `sines`, `record_s` (length of the record [s], without rests), `peak` (largest angle [rad], velocity [rad/s]
+and acceleration [rad/s^2]) and `words`. Its length is a number of cycles, of realisations, or of seconds: `lengths` are
+the smallest and the largest that are tried, `of_length` is the same plan with another one. `banded` is the same plan
+with a band [Hz] that is wider at one end.
+"""
+
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.multisine import Multisine, odd_multisine
+from osl_analysis.spectral.equation_error import ENOUGH_REALISATIONS
+from osl_analysis.stats.covariance import FEWEST_CYCLES
 from osl_analysis.trial import Array
 
-DENSE = 200  # Number of sines that stand for a motion with a continuous spectrum
 LAST_CYCLES = 1  # Cycles at the end of a segment that are not fitted: the filter smears the next frequency into them
 TRANSIENTS = 1  # Periods before those of a realisation, in which the joint settles
-SHOWN = 20  # Number of realisations whose largest angle is looked for
+MOST_DRAWN = 20  # Number of realisations whose largest angle is looked for
 
 
 @dataclass(frozen=True)
@@ -39,30 +46,6 @@ class Sines:
         return np.asarray(np.isclose(self.velocity, self.size * self.w / np.sqrt(2)), dtype=np.bool_)
 
 
-class Plan(Protocol):
-    """A protocol."""
-
-    @property
-    def sines(self) -> Sines:
-        """The sines that are fitted."""
-        ...
-
-    @property
-    def record_s(self) -> float:
-        """Length of the record [s], without rests."""
-        ...
-
-    @property
-    def peak(self) -> tuple[float, float, float]:
-        """Largest angle [rad], velocity [rad/s] and acceleration [rad/s^2]."""
-        ...
-
-    @property
-    def words(self) -> str:
-        """The protocol in words."""
-        ...
-
-
 @dataclass(frozen=True)
 class SteppedSine:
     """A stepped sine: each amplitude at every frequency."""
@@ -75,35 +58,41 @@ class SteppedSine:
     @property
     def fitted(self) -> Array:
         """Number of cycles at each frequency that are fitted, as `bench.segments.settled` leaves them."""
-        left = np.floor(np.asarray(self.cycles)) - self.settle_cycles
-        return np.asarray(np.maximum(left - LAST_CYCLES, 1))
+        return np.asarray(np.maximum(np.floor(np.asarray(self.cycles)) - self.settle_cycles - LAST_CYCLES, 1))
 
     @property
     def sines(self) -> Sines:
-        """One per amplitude and frequency."""
         a, f = (x.ravel() for x in np.meshgrid(self.amplitudes, self.frequencies_hz, indexing="ij"))
         fitted = np.tile(self.fitted, len(self.amplitudes))
         return Sines(f, a, fitted / f, 1 / f, np.sqrt(2) * np.pi * f * a, fitted)
 
     @property
     def record_s(self) -> float:
-        """All cycles of all amplitudes."""
         return len(self.amplitudes) * float(np.sum(np.asarray(self.cycles) / self.frequencies_hz))
 
     @property
     def peak(self) -> tuple[float, float, float]:
-        """Of the largest amplitude at the highest frequency."""
         a, w = max(self.amplitudes), 2 * np.pi * max(self.frequencies_hz)
         return a, a * w, a * w**2
 
     @property
     def words(self) -> str:
-        """Amplitudes, frequencies, cycles."""
         degrees = ", ".join(f"{np.rad2deg(a):.4g}" for a in self.amplitudes)
         hertz = ", ".join(f"{f:.4g}" for f in self.frequencies_hz)
         each = ", ".join(f"{n:.4g}" for n in dict.fromkeys(self.cycles))
         fitted = ", ".join(f"{n:.4g}" for n in dict.fromkeys(self.fitted.tolist()))
         return f"stepped sine: {degrees} deg at {hertz} Hz, {each} cycles at each ({fitted} fitted)"
+
+    @property
+    def lengths(self) -> tuple[int, int]:
+        return self.settle_cycles + LAST_CYCLES + FEWEST_CYCLES, 2000
+
+    def of_length(self, n: int) -> "SteppedSine":
+        return replace(self, cycles=(float(n),) * len(self.frequencies_hz))
+
+    def banded(self, low: float, high: float) -> "SteppedSine":
+        f = tuple(sorted({low, *self.frequencies_hz, high}))
+        return replace(self, frequencies_hz=f, cycles=(float(np.max(self.cycles)),) * len(f))
 
 
 @dataclass(frozen=True)
@@ -133,7 +122,6 @@ class PeriodicMultisine:
 
     @property
     def sines(self) -> Sines:
-        """The excited lines, over all periods of all realisations."""
         motion, count = self.first, self.realisations * self.periods
         f = motion.frequency_hz
         velocity = float(np.sqrt(np.sum((2 * np.pi * f * motion.size) ** 2) / 2))
@@ -142,14 +130,13 @@ class PeriodicMultisine:
 
     @property
     def record_s(self) -> float:
-        """All periods, with the transient one of each realisation."""
         return self.realisations * (self.periods + TRANSIENTS) * self.period_s
 
     @property
     def peak(self) -> tuple[float, float, float]:
-        """Of all realisations."""
-        time = self.period_s * np.arange(16 * int(self.first.lines[-1])) / (16 * int(self.first.lines[-1]))
-        motions = [self.motion(r) for r in range(min(self.realisations, SHOWN))]
+        n = 16 * int(self.first.lines[-1])
+        time = self.period_s * np.arange(n) / n
+        motions = [self.motion(r) for r in range(min(self.realisations, MOST_DRAWN))]
         angle, velocity, acceleration = (
             max(float(np.max(np.abs(m.angle(time, derivative)))) for m in motions) for derivative in range(3)
         )
@@ -157,7 +144,6 @@ class PeriodicMultisine:
 
     @property
     def words(self) -> str:
-        """Band, size, period, periods, realisations, crest factor."""
         low, high = self.first.frequency_hz[[0, -1]]
         return (
             f"odd random-phase multisine: {len(self.first.lines)} lines from {low:.4g} to {high:.4g} Hz and "
@@ -165,6 +151,17 @@ class PeriodicMultisine:
             f"crest factor {self.peak[0] / self.rms:.3g}, period {self.period_s:.4g} s, {self.periods} periods after "
             f"{TRANSIENTS} of transient, {self.realisations} realisation{'s' if self.realisations > 1 else ''}"
         )
+
+    @property
+    def lengths(self) -> tuple[int, int]:
+        """From four realisations on: their spread is the only interval that has the distortion as it is."""
+        return ENOUGH_REALISATIONS, 200
+
+    def of_length(self, n: int) -> "PeriodicMultisine":
+        return replace(self, realisations=n)
+
+    def banded(self, low: float, high: float) -> "PeriodicMultisine":
+        return replace(self, band_hz=(low, high))
 
 
 @dataclass(frozen=True)
@@ -186,17 +183,16 @@ class Continuous:
 
     @property
     def sines(self) -> Sines:
-        """Sines that share its power: of a chirp one after the other, of noise all at a time."""
-        low, high = self.band_hz
-        f, one = low + (high - low) * (np.arange(DENSE) + 0.5) / DENSE, np.ones(DENSE)
+        """200 sines that share its power: of a chirp one after the other, of noise all at a time."""
+        n, (low, high) = 200, self.band_hz
+        f, one = low + (high - low) * (np.arange(n) + 0.5) / n, np.ones(n)
         T, w = self.duration_s * one, 2 * np.pi * f
         if self.chirp:
-            return Sines(f, np.sqrt(2) * self.rms * one, T / DENSE, T / DENSE, self.rms * w, one)
-        return Sines(f, self.rms * np.sqrt(2 / DENSE) * one, T, T, self.rms * np.sqrt(np.mean(w**2)) * one, one)
+            return Sines(f, np.sqrt(2) * self.rms * one, T / n, T / n, self.rms * w, one)
+        return Sines(f, self.rms * np.sqrt(2 / n) * one, T, T, self.rms * np.sqrt(np.mean(w**2)) * one, one)
 
     @property
     def record_s(self) -> float:
-        """Its length."""
         return self.duration_s
 
     @property
@@ -211,6 +207,45 @@ class Continuous:
 
     @property
     def words(self) -> str:
-        """Band, size, length."""
         name, (low, high) = "linear chirp" if self.chirp else "band-limited noise", self.band_hz
         return f"{name}: {low:.4g} to {high:.4g} Hz, {np.rad2deg(self.rms):.4g} deg rms, {self.duration_s:.4g} s"
+
+    @property
+    def lengths(self) -> tuple[int, int]:
+        return 10, 7200
+
+    def of_length(self, n: int) -> "Continuous":
+        return replace(self, duration_s=float(n))
+
+    def banded(self, low: float, high: float) -> "Continuous":
+        return replace(self, band_hz=(low, high))
+
+
+Plan = SteppedSine | PeriodicMultisine | Continuous
+PERIODS = (2, 3, 4, 6, 8, 12)  # Periods of a realisation that are tried
+
+
+def long_enough(plan: Plan, enough: Callable[[Plan], bool]) -> Plan | None:
+    """The shortest plan of the same kind that is `enough`; None if no length that is tried is. Of a multisine, periods
+    and realisations are chosen together."""
+    plans = [replace(plan, periods=n) for n in PERIODS] if isinstance(plan, PeriodicMultisine) else [plan]
+    found = [one for one in (shortest(each, enough) for each in plans) if one is not None]
+    return min(found, key=lambda one: one.record_s, default=None)
+
+
+def shortest(plan: Plan, enough: Callable[[Plan], bool]) -> Plan | None:
+    """The plan with the smallest length that is enough, where every larger one is; None if the largest is not."""
+    first, high = plan.lengths
+    if not enough(plan.of_length(high)):
+        return None
+    low = first - 1
+    while high - low > 1:
+        middle = int(np.clip(round(np.sqrt(max(low, 1) * high)), low + 1, high - 1))
+        low, high = (low, middle) if enough(plan.of_length(middle)) else (middle, high)
+    return plan.of_length(high)
+
+
+def longest(plan: Plan) -> Plan:
+    """The longest plan of the same kind that `long_enough` tries."""
+    most = replace(plan, periods=max(PERIODS)) if isinstance(plan, PeriodicMultisine) else plan
+    return most.of_length(most.lengths[1])

@@ -34,7 +34,7 @@ from osl_analysis.fingerprint import code, code_of
 from osl_analysis.jobs.request import Requests
 from osl_analysis.jobs.run import at_end_of_run
 from osl_analysis.refusal import is_refused
-from osl_analysis.refusal_report import refusal_report, refusals_in
+from osl_analysis.refusal import refusal_report, refusals_in
 from osl_analysis.report import TEMPLATES
 from osl_analysis.files import default_config
 from osl_analysis.study import BENCH as STUDY_ON_BENCH, REPEATED as STUDY_OF_REPEATS, WALKING as STUDY_OF_WALKING

@@ -36,8 +36,8 @@ from osl_analysis.bench.rendered import (
 )
 from osl_analysis.bench.segments import find_blocks
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.simulate import row_of_trial, simulate_trial
+from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config import read_section
 from osl_analysis.files import default_config
 from osl_analysis.model.compensator import PAPER_WEIGHT

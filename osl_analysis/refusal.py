@@ -6,11 +6,11 @@ it leave the same record. The run ends with a list of them (`osl_analysis/refusa
 
 import csv
 import os
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, listing
 from osl_analysis.files import atomic_path
 
 MAGIC = "osl_analysis_refused"
@@ -91,3 +91,80 @@ def refused_trials(refusals: Iterable[Refusal]) -> dict[str, Refusal]:
         if refusal.trial:
             found.setdefault(refusal.trial, refusal)
     return found
+
+
+ACCEPTED = "accepted: `failed_trials: accept` in the configuration"
+MOST_NAMED = 12
+"""Largest number of trials, or of results, that are named in one line."""
+WAYS_OUT = (
+    "Correct these and run again. To go on without a trial, give a reason under `exclude` in the sample sheet; without "
+    "all of these, write `failed_trials: accept` in the configuration."
+)
+
+
+def records_in(files: Iterable[str]) -> tuple[str, ...]:
+    """Those of the files that are refusal records."""
+    return tuple(file for file in files if is_refused(file))
+
+
+def unfinished(files: Iterable[str]) -> str:
+    """A line on results of a run that are not there, as of a job that was killed from outside; empty without."""
+    missing = [file for file in files if not Path(file).exists()]
+    named = f"not made: {listing(missing, MOST_NAMED)}; run again, what is finished stays"
+    return named if missing else ""
+
+
+def refusals_in(files: Iterable[Path | str], more: Iterable[Refusal] = ()) -> tuple[Refusal, ...]:
+    """The causes in the records among these files and `more`, each once: trials in order of name, then others."""
+    found = distinct([*(refusal for file in files for refusal in read_refusals(file)), *more])
+    return tuple(sorted(found, key=lambda refusal: (not refusal.trial, refusal.trial)))
+
+
+def refusal_report(
+    refusals: Sequence[Refusal],
+    recordings: Mapping[str, Sequence[str]],
+    accept: bool,
+    records: Iterable[Path | str] = (),
+) -> str:
+    """A line per cause with trial, file, reason and remedy, what else has no result, and what to do; empty without
+    refusals.
+
+    `recordings` has the raw files of every trial of the campaign, `records` are the files with these refusals.
+    """
+    if not refusals:
+        return ""
+    missing = {refusal.trial for refusal in refusals if refusal.trial}
+    trials, results = deprived(records, missing, recordings)
+    first = f"{len(missing)} of {len(recordings)} trials" if missing else "some results"
+    more = f", and for want of them {len(trials)} of {len(recordings)} trials" if trials and not missing else ""
+    more = f", and for want of them {len(trials)} more" if trials and missing else more
+    rest = "; results are of the others" if missing or trials else ""
+    lines = [line(refusal, recordings.get(refusal.trial, ())) for refusal in refusals]
+    lines += [f"  therefore without a result: {listing(trials, MOST_NAMED)}"] if trials else []
+    lines += [f"  therefore not made: {listing(results, MOST_NAMED)}"] if results else []
+    return "\n".join(["", f"NOT ANALYSED: {first}{more}{rest}.", *lines, ACCEPTED if accept else WAYS_OUT])
+
+
+def deprived(
+    records: Iterable[Path | str], missing: Collection[str], recordings: Mapping[str, Sequence[str]]
+) -> tuple[list[str], list[str]]:
+    """What has no result though it is no cause itself: trials, and files of tables, figures and numbers.
+
+    `missing` are the trials that are causes. A figure in several formats is named once, by its numbers.
+    """
+    stems = {Path(record).stem for record in records}
+    files = [Path(record) for record in records if Path(record).stem not in recordings]
+    named = {f.name for f in files if f.parent.name == "tables" or f.suffix in (".json", ".tex")}
+    drawn = {f"figure {f.stem}" for f in files if f.parent.name == "figures"}
+    return sorted(stems & set(recordings) - set(missing)), sorted(named) + sorted(drawn)
+
+
+def line(refusal: Refusal, recordings: Sequence[str]) -> str:
+    """One cause. The file is the trial's recording if there is one: it is what the user can correct."""
+    file = next((name for name in recordings if name in refusal.reason), "") or (
+        refusal.file if refusal.file in recordings or not recordings else recordings[0]
+    )
+    reason = refusal.reason.removeprefix(f"{file}: ").removeprefix(f"trial {refusal.trial}: ")
+    reason = reason.removeprefix(f"{refusal.trial}: ")
+    who = f"trial {refusal.trial}, file {file}" if refusal.trial else f"result {file}"
+    return f"  {who}: {reason}; remedy: {refusal.remedy}"

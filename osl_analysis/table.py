@@ -1,6 +1,7 @@
 """Tidy result tables as CSV, with full precision, written completely or not at all."""
 
 import math
+import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -8,10 +9,52 @@ from pathlib import Path
 
 import polars as pl
 
-from osl_analysis.archive import SUFFIX, add_part, is_part, read_part
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.refusal import check_not_refused
+
+SUFFIX = ".zip"
+SAME_DATE = (1980, 1, 1, 0, 0, 0)
+"""Of every part, so that the same tables make the same archive."""
+OPEN: ContextVar[dict[Path, dict[str, bytes]] | None] = ContextVar("open_archives", default=None)
+"""The parts of the archives that are written at the end of the block, by archive and name."""
+
+
+@contextmanager
+def archives() -> Iterator[None]:
+    """A block at whose end the archives of its tables are written, each completely; after an error, none is."""
+    token = OPEN.set({})
+    try:
+        yield
+        for path, parts in (OPEN.get() or {}).items():
+            with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:  # without compression
+                for name, content in parts.items():
+                    archive.writestr(zipfile.ZipInfo(name, SAME_DATE), content)
+    finally:
+        OPEN.reset(token)
+
+
+def is_part(path: Path) -> bool:
+    """Whether a path names a table in an archive."""
+    return path.parent.suffix == SUFFIX
+
+
+def add_part(path: Path, content: bytes) -> None:
+    """Keep a table for its archive, which is written at the end of the block (`archives`)."""
+    opened = OPEN.get()
+    if opened is None:
+        raise LookupError(f"{path}: written outside of the block `archives`")
+    opened.setdefault(path.parent, {})[path.name] = content
+
+
+def read_part(path: Path) -> bytes:
+    """The content of a table in an archive."""
+    try:
+        with zipfile.ZipFile(path.parent) as archive:
+            return archive.read(path.name)
+    except (OSError, KeyError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: no such table ({error}); run the step that writes it, or check the path") from error
+
 
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",

@@ -90,12 +90,12 @@ def plot_numbers_fig9(_):
     }
 
 
-@plotted("response.plotted_numbers", "response")
+@plotted("plotted_numbers.response", "response")
 def plot_numbers_response(_):
     return {"input": {"table": tabled("response"), "pooled_table": tabled("response_pooled")}}
 
 
-@plotted("walking_page.plot_walking_page", "walking_page")
+@plotted("plotted_numbers.plot_walking_page", "walking_page")
 def plot_numbers_walking_page(_):
     return {
         "input": {
@@ -109,7 +109,7 @@ def plot_numbers_walking_page(_):
     }
 
 
-@plotted("walking_page.plot_over_stance", "impedance_over_stance")
+@plotted("plotted_numbers.plot_over_stance", "impedance_over_stance")
 def plot_numbers_impedance_over_stance(_):
     return {"input": {"table": tabled("impedance_over_stance")}, **over_stance()}
 

@@ -125,7 +125,7 @@ def derived_table(wildcards):
 POOLED = ("response_pooled", "response_models_pooled")
 
 
-@step("response.pool_responses", {name: tabled(name) for name in POOLED}, "tables/response_pooled")
+@step("tables.pool_responses", {name: tabled(name) for name in POOLED}, "tables/response_pooled")
 def pool_responses(_):
     return {
         "files": {"parameters": CONFIG.parameters or []},

@@ -38,7 +38,7 @@ def ingest(wildcards):
     }
 
 
-@step("quality.judge", tabled("quality"), "tables/quality")
+@step("tables.judge", tabled("quality"), "tables/quality")
 def judge(_):
     rules_of_quality = CONFIG.quality.model_dump(mode="json")
     return {
@@ -47,7 +47,7 @@ def judge(_):
     }
 
 
-@step("quality.list_excluded", tabled("excluded"), "tables/excluded")
+@step("tables.list_excluded", tabled("excluded"), "tables/excluded")
 def excluded_trials(_):
     return {
         "input": {"verdicts": tabled("quality")},

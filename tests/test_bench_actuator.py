@@ -16,8 +16,8 @@ from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.cli import main
 from osl_analysis.commands.bench import fit_actuator_trial, summarise_actuator
 from osl_analysis.commands.fit import FitRequest, fit_trial
-from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.simulate import simulate_trial
+from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import IdentifiabilityError, InputError

@@ -8,7 +8,8 @@ import polars as pl
 import pytest
 from conftest import ROOT
 
-from osl_analysis.commands.quality import judge, list_excluded, measure_trial
+from osl_analysis.commands.tables import judge, list_excluded
+from osl_analysis.commands.trials import measure_trial
 from osl_analysis.config import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.exclusion import Judge, exclusion_report, exclusions, without_excluded

@@ -16,7 +16,7 @@ from mcap_builder import SAMPLE, stamped, write_log
 from scipy.interpolate import make_interp_spline
 
 from osl_analysis.columns import COLUMNS, FAMILIES
-from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.formats.csv_table import MOST_CELLS

@@ -9,8 +9,8 @@ import polars as pl
 import pytest
 import yaml
 
-from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.inspect import inspect_file, row_of
+from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.c3d_capture import C3dSource, read_c3d_capture

@@ -13,7 +13,7 @@ from test_figures import gains, impedance, response_table, texts
 from osl_analysis.about import about
 from osl_analysis.bench.belt import belt_figure_points, belt_summary, check_locked
 from osl_analysis.campaign import open_campaign, response_example, time_series_example
-from osl_analysis.commands import plotted_numbers, response
+from osl_analysis.commands import plotted_numbers, tables
 from osl_analysis.commands.bench import by_place
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.config import read_config
@@ -226,10 +226,10 @@ def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(tmp_pa
     drawn = read_table(tmp_path / "fig7.csv")
     assert set(drawn["curve"]) == {"observed", "desired"} | ({"linear model"} if predicted else set())
     asked = []
-    monkeypatch.setattr(response, "groups_of", lambda *_: [{"a": []}])
-    monkeypatch.setattr(response, "periodic_tables", lambda *given: asked.append(given[-1]) or 1 / 0)
+    monkeypatch.setattr(tables, "groups_of", lambda *_: [{"a": []}])
+    monkeypatch.setattr(tables, "periodic_tables", lambda *given: asked.append(given[-1]) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        response.pool_responses([], {"a": {"joint": joint}}, SimpleNamespace(low_pass=None), *[tmp_path] * 2, device)
+        tables.pool_responses([], {"a": {"joint": joint}}, SimpleNamespace(low_pass=None), *[tmp_path] * 2, device)
     assert [p is not None for p in asked] == [predicted]
 
 

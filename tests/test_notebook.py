@@ -29,10 +29,9 @@ from osl_analysis.commands.bench import (
     fit_transmission_trial,
 )
 from osl_analysis.commands.gains import Request, requested_gains
-from osl_analysis.commands.ingest import ingest_trial
 from osl_analysis.commands.plotted_numbers import fig7
-from osl_analysis.commands.quality import judge, measure_trial
-from osl_analysis.commands.tables import gather
+from osl_analysis.commands.tables import gather, judge
+from osl_analysis.commands.trials import ingest_trial, measure_trial
 from osl_analysis.commands.watch import estimates_line
 from osl_analysis.config import FrequencyResponseFigure, read_config
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL

@@ -18,8 +18,7 @@ import pytest
 from click.testing import CliRunner
 from conftest import ROOT
 
-from osl_analysis.cli import main
-from osl_analysis.cli_options import INTERRUPTED
+from osl_analysis.cli import INTERRUPTED, main
 from osl_analysis.commands import gains as gains_command
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.compiled import compiled

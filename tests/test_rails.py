@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 from bench_synthetic import second_order, stepped_sine
 
-from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.source_fields import Conversion
 from osl_analysis.rails import (

@@ -31,8 +31,7 @@ from osl_analysis.jobs.job import died, perform, reason_and_remedy
 from osl_analysis.jobs.request import Job, write_request
 from osl_analysis.jobs.server import PRELOADED
 from osl_analysis.quality.checks import QualityRules
-from osl_analysis.refusal import Refusal, is_refused, read_refusals, write_refusals
-from osl_analysis.refusal_report import refusal_report, refusals_in
+from osl_analysis.refusal import Refusal, is_refused, read_refusals, refusal_report, refusals_in, write_refusals
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 

@@ -26,7 +26,7 @@ from osl_analysis.bench.series import Series
 from osl_analysis.bench.transmission import transmission_series, transmission_table
 from osl_analysis.commands.report import lacks_result
 from osl_analysis.dictionary import described_tables
-from osl_analysis.report import overview
+from osl_analysis.report import trial_page
 from osl_analysis.report.page import (
     PageTrial,
     caption_html,
@@ -111,14 +111,14 @@ def trial(name="t", doubtful="", **facts):
 def page_of(trials, largest_mb=40.0, tables=None):
     content = {
         "about": ABOUT,
-        "counts": overview.counts(trials),
-        "choices": overview.choices(trials),
+        "counts": trial_page.counts(trials),
+        "choices": trial_page.choices(trials),
         "headlines": [],
         "figures": [],
         "not_made": [],
-        "quantities": overview.QUANTITIES,
-        "trials": overview.trial_rows(trials),
-        "left_out": overview.left_out(trials),
+        "quantities": trial_page.QUANTITIES,
+        "trials": trial_page.trial_rows(trials),
+        "left_out": trial_page.left_out(trials),
         "experiments": {"impedance": "one line"},
     }
     described = {"impedance": IMPEDANCE}
@@ -206,8 +206,8 @@ def test_verdicts_and_counts():
         trial("d", left_out=["x"], refused=True),
     ]
     assert [one.verdict for one in trials] == ["used", "doubtful", "excluded", "refused"]
-    assert overview.counts(trials) == dict.fromkeys(("used", "doubtful", "excluded", "refused"), 1)
-    row = overview.trial_row(trials[1], {"K_d"})
+    assert trial_page.counts(trials) == dict.fromkeys(("used", "doubtful", "excluded", "refused"), 1)
+    row = trial_page.trial_row(trials[1], {"K_d"})
     assert row["doubt"] == "all amplitudes: VAF 3 is below 90"
     assert row["numbers"][1] == {"sort": "299.51", "text": "299.51", "interval": "[299.20, 299.80]", "column": "K"}
     assert row["condition"] == "K_d 300"
@@ -271,9 +271,9 @@ def test_a_caption_is_text_with_indices():
 def test_cells_are_sorted_by_the_unrounded_value_and_conditions_are_those_that_differ():
     row, table = {"experiment": "impedance", "joint": "knee"}, fitted_rows().with_columns(K=pl.lit(299.512345))
     precise = ReportedTrial("t", row, {"impedance": table})
-    assert overview.trial_row(precise, ())["numbers"][1]["sort"] == "299.512345"
+    assert trial_page.trial_row(precise, ())["numbers"][1]["sort"] == "299.512345"
     two = [ReportedTrial("a", row | {"K_d": K_d}) for K_d in (1.0, 2.0)]
-    assert overview.differing_conditions(two) == {"K_d"}
+    assert trial_page.differing_conditions(two) == {"K_d"}
 
 
 def test_doubts_say_whether_they_are_about_the_whole_trial():

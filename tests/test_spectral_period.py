@@ -6,7 +6,7 @@ import pytest
 from conftest import ROOT
 
 from osl_analysis.bench.settings import FilterSettings
-from osl_analysis.commands.response import plotted_numbers, pool_responses
+from osl_analysis.commands.tables import plotted_numbers, pool_responses
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.figures.response import points, words_of
 from osl_analysis.signals import LowPass

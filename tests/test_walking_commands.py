@@ -17,9 +17,10 @@ from walking_synthetic import changed, hidden, settings
 
 from osl_analysis.about import About
 from osl_analysis.commands.crossing import analyse, calibrate, identify_plate
-from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.commands.plotted_numbers import plot_walking_page
 from osl_analysis.commands.summarise import read_summary, write_summary
 from osl_analysis.commands.tables import gather
+from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.commands.walking import (
     average_unperturbed,
     fit_perturbation,
@@ -34,7 +35,6 @@ from osl_analysis.commands.walking_files import (
     write_crossing,
     write_plate,
 )
-from osl_analysis.commands.walking_page import plot_walking_page
 from osl_analysis.doubtful import Doubt
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table, write_table

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from walking_crossings import TURN, Walk, campaign, several, walked
 from walking_synthetic import settings
 
+from osl_analysis.commands.plotted_numbers import plot_over_stance
 from osl_analysis.commands.walking import commanded, tabulate_over_stance
-from osl_analysis.commands.walking_page import plot_over_stance
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.errors import InputError

@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 from walking_synthetic import PLATE_RATE, RATE, changed, recording
 
-from osl_analysis.commands.ingest import ingest_trial
+from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.errors import InputError
 from osl_analysis.table import read_table

@@ -17,7 +17,7 @@ import polars as pl
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign import Campaign, open_campaign
 from osl_analysis.commands.fit import FittedTrial, estimates_text, fit_request, fit_trial
-from osl_analysis.commands.ingest import checked_trial
+from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config import read_config
 from osl_analysis.errors import InputError, OslAnalysisError, printable, unexpected
 from osl_analysis.experiments import EXPERIMENTS

@@ -1,4 +1,4 @@
-"""The numbers of Figs. 3, 4, 7 and 9 and of torque against angle, which need more than one result table."""
+"""The numbers of the figures that need more than one result table."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,12 +12,15 @@ from osl_analysis.bench.rendered import rendered_trial, shown_series
 from osl_analysis.bench.settings import ImpedanceAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.campaign import ImpedanceExample
+from osl_analysis.commands.walking import commanded, over_stance, selected_crossings
+from osl_analysis.commands.walking_files import read_unperturbed_gaits
 from osl_analysis.config import FrequencyResponseFigure
-from osl_analysis.doubtful import Doubt, marked
+from osl_analysis.doubtful import DOUBTFUL, Doubt, marked
 from osl_analysis.figures.fig7 import CURVE_TYPES, DESIRED, LINEAR_MODEL, RESPONSE, points, response_curve
 from osl_analysis.figures.fig9 import FIT_COLUMNS, SUMMARY_COLUMNS
 from osl_analysis.figures.fig9 import points as fig9_points
 from osl_analysis.figures.names import look_numbers, of_place
+from osl_analysis.figures.response import points as response_points
 from osl_analysis.figures.torque_angle import TABLE_COLUMNS
 from osl_analysis.figures.torque_angle import points as torque_angle_points
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
@@ -25,6 +28,9 @@ from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import FileOrNone, joint_of, read_parameters
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
+from osl_analysis.walking.gait import unperturbed_gait
+from osl_analysis.walking.settings import TimingSettings
+from osl_analysis.walking.tables import trajectory_points, walking_page_points
 
 CHOSEN = "the desired impedance with the most trials"
 
@@ -122,3 +128,46 @@ def torque_angle(curves: Path, table: Path, output: Path) -> None:
     """The numbers of the figure `torque_angle`, from `torque_angle_curves.csv` and `torque_angle.csv`."""
     read = read_table(curves, required=TABLE_COLUMNS)
     write_table(torque_angle_points(read, read_table(table, ["trial", "doubtful"])), output)
+
+
+def plot_walking_page(
+    *,
+    crossings: Sequence[Path],
+    selection: Path,
+    unperturbed: Path,
+    responses: Path,
+    table: Path,
+    settings: TimingSettings,
+    output: Path,
+) -> None:
+    """Write the numbers that the walking page plots. `crossings` are the perturbed ones, `selection` is
+    `walking_crossings.csv`, `responses` `walking_responses.csv`, `table` `walking.csv`."""
+    isolated = read_table(responses, ["group", "trial", "time", "theta_deg", "torque", "torque_model"])
+    doubtful = read_table(table, ["trial", DOUBTFUL]).select("trial", DOUBTFUL)
+    isolated = isolated.join(doubtful, on="trial", how="left", maintain_order="left")
+    chosen, gaits = selected_crossings(crossings, selection), read_unperturbed_gaits(unperturbed)
+    places = {row["trial"]: row for row in read_table(selection, ["trial", "gait"]).iter_rows(named=True)}
+    frames = []
+    for of_group in isolated.partition_by("group", maintain_order=True):
+        names, group = set(of_group["trial"]), of_group["group"][0]
+        perturbed = [c for c in chosen if c.name in names]
+        gait = gaits[places[perturbed[0].name]["gait"]]
+        both = {"unperturbed": gait, "perturbed": unperturbed_gait(perturbed, 2)}
+        points = walking_page_points(perturbed, both, of_group.drop("group"), settings.timing)
+        frames.append(points.with_columns(group=pl.lit(group)))
+    write_table(pl.concat(frames, how="diagonal"), output)
+
+
+def plot_over_stance(
+    table: Path, output: Path, stance_share: float, trajectory: Sequence[Path] = (), data: str = ""
+) -> None:
+    """What the figure draws: the rows of the table, and the points of the commanded trajectory."""
+    rows = read_table(table, ("series", "quantity", "phase", "estimate", "low", "high"))
+    for path in commanded(trajectory, data):
+        rows = pl.concat([rows, trajectory_points(*over_stance(path, stance_share))], how="diagonal_relaxed")
+    write_table(rows, output)
+
+
+def response(table: Path, pooled_table: Path, output: Path) -> None:
+    """The numbers of the figure `response`: pooled conditions, and the trials that are in none."""
+    write_table(response_points(read_table(table), read_table(pooled_table)), output)

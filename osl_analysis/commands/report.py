@@ -16,7 +16,7 @@ from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path
 from osl_analysis.quality.verdict import CHECKS
 from osl_analysis.refusal import Refusal, is_refused
-from osl_analysis.report import overview, panels
+from osl_analysis.report import panels, trial_page
 from osl_analysis.report.page import PageTrial, captions_by_title, inline_png, inline_svg, written_page
 from osl_analysis.report.trial_page import LeftOut, ReportedTrial, left_out_trials, trial_content, without_result
 from osl_analysis.table import read_table
@@ -68,17 +68,17 @@ def write_report(
     said = captions_by_title(captions.read_text(encoding="utf-8")) if captions and not is_refused(captions) else {}
     content = {
         "about": about,
-        "counts": overview.counts(reported),
-        "choices": overview.choices(reported),
-        "headlines": [] if is_refused(summary) else overview.headline_rows(read_summary(summary)),
+        "counts": trial_page.counts(reported),
+        "choices": trial_page.choices(reported),
+        "headlines": [] if is_refused(summary) else trial_page.headline_rows(read_summary(summary)),
         "figures": [
             {"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawing(path, name, title)}
             for name, path in figures.items()
             for title in [figure_title(name)]
         ],
-        "quantities": overview.QUANTITIES,
-        "trials": overview.trial_rows(reported),
-        "left_out": overview.left_out(reported),
+        "quantities": trial_page.QUANTITIES,
+        "trials": trial_page.trial_rows(reported),
+        "left_out": trial_page.left_out(reported),
         "not_made": [one for one in refused if not one.trial],
         "experiments": {name: facts.description for name, facts in EXPERIMENTS.items()},
     }

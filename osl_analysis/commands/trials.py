@@ -4,10 +4,47 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.commands.ingest import ingest_trial
-from osl_analysis.commands.quality import measure_trial
 from osl_analysis.errors import PartialResultError
+from osl_analysis.experiments import EXPERIMENTS
+from osl_analysis.ingest.raw_files import check_columns, check_markers, trial_from_files
 from osl_analysis.quality.checks import Commanded
+from osl_analysis.quality.verdict import examine, measured_table
+from osl_analysis.rails import check_ranges
+from osl_analysis.table import write_table
+from osl_analysis.trial import Trial, write_trial
+
+
+def ingest_trial(
+    row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, output: Path, needed_columns: Sequence[str] = ()
+) -> Trial:
+    """The trial of one row of the sheet, written as Parquet to `output`; arguments and errors as in `checked_trial`.
+
+    Nothing is written where it is refused.
+    """
+    trial = checked_trial(row, raw_folder, sources_folder, needed_columns)
+    write_trial(trial, output)
+    return trial
+
+
+def checked_trial(
+    row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, needed_columns: Sequence[str] = ()
+) -> Trial:
+    """The trial of one row of the sheet, from its files relative to `raw_folder`.
+
+    `needed_columns` are those that a trial of its experiment must have.
+    """
+    trial = trial_from_files(row, raw_folder, sources_folder)
+    check_columns(trial, row.get("experiment"), needed_columns)
+    facts = EXPERIMENTS.get(str(row.get("experiment")))
+    if facts is not None and facts.place == "walkway":
+        check_markers(trial, row["experiment"])
+    check_ranges(trial)
+    return trial
+
+
+def measure_trial(trial: Trial, experiment: str, commanded: Commanded, output: Path) -> None:
+    """What every check measures on an ingested trial, a row each, without limits and verdicts."""
+    write_table(measured_table(trial.name, examine(trial, experiment, commanded)), output)
 
 
 def ingest_and_check(
@@ -21,7 +58,7 @@ def ingest_and_check(
 ) -> None:
     """Write the trial of one row of the sheet to `trial`, and what every check measures on it to `quality`.
 
-    The arguments are those of `ingest.ingest_trial` and `quality.measure_trial`. Raises PartialResultError where the
+    The arguments are those of `ingest_trial` and `measure_trial`. Raises PartialResultError where the
     trial is written and nothing measured, for the error that this one is raised from.
     """
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)

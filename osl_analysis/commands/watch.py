@@ -16,9 +16,9 @@ import polars as pl
 from osl_analysis.campaign import Campaign, open_campaign
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.commands.fit import FITS, UNITS, FittedTrial, estimated
-from osl_analysis.commands.ingest import checked_trial
 from osl_analysis.commands.inspect import fit_of_row, inspect_file, off_desired
 from osl_analysis.commands.new_campaign import recordings_in
+from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config import Config, read_config
 from osl_analysis.errors import InputError, OslAnalysisError, listing, printable, unexpected
 from osl_analysis.experiments import PROTOCOL

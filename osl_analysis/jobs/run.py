@@ -100,7 +100,7 @@ def at_end_of_run(
             print(text, file=sys.stderr, end="\n" * bool(text), flush=True)
             return
         from osl_analysis.job_log import read_logs, run_report
-        from osl_analysis.refusal_report import records_in, unfinished
+        from osl_analysis.refusal import records_in, unfinished
 
         files = [str(file) for job in workflow.dag.jobs for file in job.output]
         records = records_in(files)

@@ -286,7 +286,7 @@ def frequency_response(
     the draft that of the drivetrain without friction (Eq. 9) too.
     """
     from osl_analysis.commands.plotted_numbers import beside_theory
-    from osl_analysis.commands.response import pooled_schema
+    from osl_analysis.commands.tables import pooled_schema
     from osl_analysis.figures.names import of_place
     from osl_analysis.figures.response import points as any_motion_points
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import polars as pl
 
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.commands.ingest import checked_trial
+from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config import read_section
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL

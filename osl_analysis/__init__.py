@@ -10,7 +10,7 @@ For notebooks and scripts that need no workflow (docs/notebook.md):
     fit = osl.fit_impedance(trial)
     osl.plot_torque(fit)
 
-The names of `__all__` are all that there is to use; the other modules may change. They are imported when they are used.
+The names of `__all__` are all that there is to use; the other modules may change. They stand in `notebook`.
 """
 
 from importlib import import_module
@@ -19,24 +19,25 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from osl_analysis.bench.impedance import DesiredImpedance
     from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError, UnreachableImpedanceError
-    from osl_analysis.notebook.fits import (
+    from osl_analysis.notebook import (
         Fit,
         Response,
+        check,
         fit_actuator,
         fit_belt,
         fit_impedance,
         fit_torque_angle,
         fit_transmission,
         frequency_response,
-    )
-    from osl_analysis.notebook.recordings import check, read_recording, read_trial, simulate_trial
-    from osl_analysis.notebook.results import (
         gains,
         plot_frequency_response,
         plot_torque,
         plot_torque_angle,
+        read_recording,
         read_summary,
         read_table,
+        read_trial,
+        simulate_trial,
     )
     from osl_analysis.trial import Trial
 
@@ -66,27 +67,13 @@ __all__ = [
     "read_trial",
     "simulate_trial",
 ]
-_NAMES = {
-    "bench.impedance": ("DesiredImpedance",),
-    "errors": ("IdentifiabilityError", "InputError", "OslAnalysisError", "UnreachableImpedanceError"),
-    "notebook.fits": (
-        "Fit", "Response", "fit_actuator", "fit_belt", "fit_impedance", "fit_torque_angle", "fit_transmission",
-        "frequency_response",
-    ),
-    "notebook.recordings": ("check", "read_recording", "read_trial", "simulate_trial"),
-    "notebook.results": (
-        "gains", "plot_frequency_response", "plot_torque", "plot_torque_angle", "read_summary", "read_table",
-    ),
-    "trial": ("Trial",),
-}  # fmt: skip
-_MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
     """A public name, imported when it is first used: the command line imports this package, and begins at once."""
-    if name not in _MODULE_OF:
+    if name not in __all__:
         raise AttributeError(f"module 'osl_analysis' has no attribute '{name}'")
-    value = getattr(import_module(f"osl_analysis.{_MODULE_OF[name]}"), name)
+    value = getattr(import_module(f"osl_analysis.{'errors' if name.endswith('Error') else 'notebook'}"), name)
     globals()[name] = value
     return value
 

@@ -10,12 +10,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from osl_analysis.commands.figure import draw_table
+from osl_analysis.commands.figure import draw_table, figure_module
 from osl_analysis.errors import InputError, UnreachableImpedanceError
-from osl_analysis.figures.fig7 import COLUMNS as FIG7_COLUMNS
-from osl_analysis.figures.fig7 import DESIRED, LINEAR_MODEL, response_curve
-from osl_analysis.figures.fig8 import GAINS as FIG8_GAINS
-from osl_analysis.figures.fig8 import points as fig8_points
 from osl_analysis.files import atomic_path
 from osl_analysis.model.compensator import (
     PAPER_WEIGHT,
@@ -31,7 +27,6 @@ from osl_analysis.parameters import DrivetrainParameters, FileOrNone, known_para
 from osl_analysis.shared_choices import read_impedance_trajectory
 from osl_analysis.table import finite_or_null, write_table
 
-GAIN_TYPES = dict.fromkeys(("K_d", "B_d", *FIG8_GAINS), pl.Float64)
 TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)
 """Frequencies of Section III-B, at which the fit of Eq. 15 is predicted."""
 
@@ -116,7 +111,8 @@ def trajectory_table(trajectory: Path, p: DrivetrainParameters | None, weight: W
     desired = read_impedance_trajectory(trajectory)
     try:
         if p is None:
-            table = pl.DataFrame({"K_d": desired.K_d, "B_d": desired.B_d} | dict.fromkeys(FIG8_GAINS), GAIN_TYPES)
+            none = dict.fromkeys(("K_1_joint", "B_1_joint"), pl.lit(None, pl.Float64))
+            table = pl.DataFrame({"K_d": desired.K_d, "B_d": desired.B_d}).with_columns(**none)
         else:
             table = gain_table(desired.K_d, desired.B_d, p, weight, TESTED_HZ)
     except UnreachableImpedanceError as error:
@@ -185,18 +181,20 @@ def plot_gains(request: Request, table: pl.DataFrame, parameters: Path, output: 
         p, row = read_parameters(parameters), table.to_dicts()[0]
         draw_table("fig7", pair_response(row, p), [output])
     elif request.trajectory is not None:
-        draw_table("fig8", fig8_points(table), [output])
+        draw_table("fig8", figure_module("fig8").points(table), [output])
     else:
         draw_table("gain_grid", table, [output])
 
 
 def pair_response(row: dict[str, float], p: DrivetrainParameters) -> pl.DataFrame:
     """Desired and predicted response of one pair over 0.1 to 10 Hz, as rows of Fig. 7."""
+    from osl_analysis.figures.fig7 import COLUMNS, DESIRED, LINEAR_MODEL, response_curve  # matplotlib: half a second
+
     f = np.geomspace(0.1, 10, 201)
     curves = (
         (DESIRED, None, desired_admittance(row["K_d"], row["B_d"])),
         (LINEAR_MODEL, "compensated", joint_admittance(row["K_1"], row["B_1"], p, p.J_j)),
     )
     frames = [response_curve(curve, name, f, Y(2j * np.pi * f)) for curve, name, Y in curves]
-    others = [name for name in FIG7_COLUMNS if name not in frames[0].columns]
+    others = [name for name in COLUMNS if name not in frames[0].columns]
     return pl.concat(frames).with_columns(pl.lit(None, pl.Float64).alias(name) for name in others)

@@ -1,16 +1,22 @@
-"""For notebooks: the fits of single bench trials, as the jobs of a campaign make them, and frequency responses."""
+"""The functions of `import osl_analysis as osl`, for notebooks and scripts that need no workflow.
 
-from collections.abc import Mapping
+They call what the jobs of a campaign call: their numbers are those of its tables.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import polars as pl
 
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.phasors import frequency_response_table
+from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands import bench
+from osl_analysis.commands.figure import figure_module
 from osl_analysis.commands.fit import (
     UNITS,
     FitRequest,
@@ -22,14 +28,25 @@ from osl_analysis.commands.fit import (
     fit_trial,
     said_not_checked,
 )
+from osl_analysis.commands.gains import Request, requested_gains
+from osl_analysis.commands.summarise import read_summary as read_summary_file
+from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config import read_section
 from osl_analysis.doubtful import IS_DOUBTFUL, marked, with_doubts_of
-from osl_analysis.errors import InputError, nearest, printable, printable_lines
-from osl_analysis.files import config_here
+from osl_analysis.errors import InputError, listing, nearest, printable, printable_lines
+from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
+from osl_analysis.files import config_here, shipped
+from osl_analysis.ingest.known_formats import FORMATS, read_source
 from osl_analysis.parameters import joint_of, known_parameters
+from osl_analysis.quality.checks import Commanded, QualityRules
+from osl_analysis.quality.verdict import examine, quality_table, validate_rules
 from osl_analysis.shared_choices import WeightSettings
+from osl_analysis.table import read_table as read_table_file
 from osl_analysis.trial import Trial
 from osl_analysis.trial import read_trial as read_trial_file
+
+if TYPE_CHECKING:
+    from osl_analysis.figures.style import NotebookFigure
 
 File = str | Path
 OF_CONFIG = "of the configuration"  # in place of a parameter file: the one that the configuration names
@@ -306,3 +323,207 @@ def frequency_response(
     weight = read_section(path, "gain_weight", WeightSettings).weight
     plotted = beside_theory(of_place(table.with_columns(joint=joint)), device, weight)
     return Response(read.name, "fig7", table, found["response_models"], plotted)
+
+
+def read_trial(path: File) -> Trial:
+    """A trial from the Parquet file of `osl-analysis ingest` or of a campaign (`results/trials/NAME.parquet`).
+
+    `trial.samples` is a polars data frame in SI units with a row per time stamp, `trial.provenance` says where each
+    column comes from.
+
+    Raises InputError: the file is missing, is not Parquet, or is Parquet that ingest did not write.
+    """
+    return trial_of(path_of(path, "path"))
+
+
+def read_recording(path: File, source: File, part: str | None = None, name: str | None = None) -> Trial:
+    """A trial from the raw log, or the capture, of one recorder, converted to SI units by its source file.
+
+    Nothing is written. A trial of two recorders (walking) needs a campaign, or `osl-analysis ingest`.
+
+    Parameters
+    ----------
+    path
+        the recording, or the folder of a split ROS 2 bag.
+    source
+        the source file (YAML) with channel, unit and sign of each signal, or the name of a shipped one, such as
+        "opensourceleg". `osl-analysis inspect FILE --draft mine.yaml` drafts one.
+    part
+        the part of a log that holds several trials, such as a struct of a MATLAB file.
+    name
+        name of the trial; default: that of the file.
+
+    Raises InputError: the recording or the source file is missing, or the recording is not what the source file
+    says.
+    """
+    file, described = path_of(path, "path"), source_file(source)
+    role = "mocap" if FORMATS[read_source(described).format].is_capture else "log"
+    if part is not None and role == "mocap":
+        raise InputError(f"{file}: a capture has no part '{part}'; leave out `part`")
+    if not file.exists():
+        raise InputError(f"{file}: no such file; name the recording as seen from the folder {Path.cwd()}")
+    row = {"trial": file.stem if name is None else name, role: file.name, f"{role}_source": described.stem}
+    return checked_trial({**row, "log_part": part}, file.parent, described.parent)
+
+
+def source_file(source: File) -> Path:
+    """A source file by its path, or by its name among those of the working folder or the shipped ones."""
+    path = path_of(source, "source")
+    if path.suffix == ".yaml" and path.is_file():
+        return path
+    named = shipped(Path("config/sources") / f"{source}.yaml")
+    if named.is_file():
+        return named
+    known = sorted(file.stem for file in shipped("config/sources").glob("*.yaml"))
+    raise InputError(
+        f"{source}: no such source file; give the path of a file that ends in .yaml, or one of {', '.join(known)}"
+        f"{nearest(path.stem, known)}"
+    )
+
+
+def check(trial: Trial | File, experiment: str = "impedance", config: File | None = None) -> pl.DataFrame:
+    """The quality of a trial: a row per check, as in `quality.csv`.
+
+    `check`, `value` in its `unit`, `threshold`, `verdict` (pass, flag, or exclude) and `remark`. What `experiment`
+    needs is checked as well. `config` is a configuration file, whose section `quality` has the thresholds.
+
+    Raises InputError: as `read_trial`; there is no such experiment; or the configuration is not valid.
+    """
+    if experiment not in EXPERIMENTS:
+        known = ", ".join(EXPERIMENTS)
+        raise InputError(f"no experiment '{experiment}'; it is one of {known}{nearest(experiment, EXPERIMENTS)}")
+    read, path = trial_of(trial), config_of(config)
+    rules = read_section(path, "quality", QualityRules)
+    validate_rules(rules)
+    bench = read_section(path, "dynamometer", DynamometerAnalysis)
+    commanded = Commanded(**{name: getattr(bench, name) for name in PROTOCOL})
+    return quality_table(read.name, examine(read, experiment, commanded), rules, ())
+
+
+def simulate_trial(folder: File, trial: str, settings: File = "config/simulation/default.yaml") -> tuple[Path, str]:
+    """Simulate one bench trial of a simulated campaign into a folder: its log, and the name of the source file of it.
+
+    `trial` is a name of the plan, such as "impedance_K300_B5.0_compensated", and `settings` a file of the simulator:
+    experiments, protocol [Hz, deg], imperfections with their units, seed. `read_recording(*simulate_trial(...))` is the
+    trial. What is true of it is in `truth/TRIAL.json`.
+
+    Raises InputError: the settings plan no such trial, it is not of a bench, or the folder has recordings that the
+    simulator did not make.
+    """
+    from osl_analysis.commands import simulate  # half a second, which only this needs
+
+    path, place = shipped(path_of(settings, "settings")), path_of(folder, "folder")
+    row = simulate.row_of_trial(simulate.read_simulation(path, simulate.NOTHING), path, trial)
+    if EXPERIMENTS[row["experiment"]].place != "bench":
+        raise InputError(f"trial {trial}: is of the walkway; simulate a campaign (`osl-analysis simulate`) and run it")
+    simulate.simulate_trial(path, place, trial)
+    return place / str(row["log"]), str(row["log_source"])
+
+
+Numbers = float | Sequence[float]
+
+
+def gains(K_d: Numbers, B_d: Numbers, parameters: File | None = OF_CONFIG, config: File | None = None) -> pl.DataFrame:
+    """Control gains for desired stiffnesses K_d [N*m/rad] and dampings B_d [N*m*s/rad], a row per combination.
+
+    As `osl-analysis gains`: `K_1` and `B_1` at the actuator's output (Eqs. 13 and 14), `K_1_joint` and `B_1_joint` at
+    the joint, and what theory predicts for them: `K_predicted`, `faithful_to_hz`, `delay_margin` and more
+    (`describe-tables`). `parameters` and `config` as in `fit_impedance`; the configuration has W of Eq. 14.
+
+    Raises InputError: there is no parameter file, or a file is not valid. Raises UnreachableImpedanceError: no
+    gains render one of the pairs, as K_d from K_s up.
+    """
+    path = config_of(config)
+    device, weight = device_of(parameters, path), read_section(path, "gain_weight", WeightSettings).weight
+    if device is None:
+        raise InputError("gains need a parameter file; name the one of your device as `parameters`")
+    return requested_gains(
+        Request(numbers("K_d", K_d), numbers("B_d", B_d), None, weight.cutoff_hz, weight.order), device
+    )
+
+
+def numbers(name: str, values: Numbers) -> list[float]:
+    try:
+        found = [float(value) for value in np.ravel(values)]
+    except (TypeError, ValueError):
+        found = []
+    if not found or not np.isfinite(found).all():
+        raise InputError(f"{name}: {values!r} is not a finite number, or several of them; correct it")
+    return found
+
+
+def read_summary(folder: File = "results") -> pl.DataFrame:
+    """The headline numbers of a campaign from the folder of its results, walking among them: a row per number.
+
+    `quantity`, `value`, `unit`, the 95 % interval `low` to `high` and what else `summary.json` says of it. Walking
+    needs all crossings of a campaign, plate and static trials: there is no `fit_walking` of a single crossing.
+
+    Raises InputError: there is no summary, or it is damaged.
+    """
+    numbers = read_summary_file(path_of(folder, "folder") / "summary.json")["numbers"]
+    return pl.DataFrame([{"quantity": name, **entry} for name, entry in numbers.items()], infer_schema_length=None)
+
+
+def read_table(path: File) -> pl.DataFrame:
+    """A result table of a campaign, such as `results/tables/impedance.csv`; `osl-analysis describe-tables` explains it.
+
+    Raises InputError: the table is missing, is no CSV, or was refused; the message says why.
+    """
+    return read_table_file(path_of(path, "path"))
+
+
+def plot_torque(fit: Fit) -> "NotebookFigure":
+    """Measured and modelled torque [N*m] of a fit over time [s], and below the residual.
+
+    Returns a matplotlib `Figure`, which a notebook shows and `figure.savefig("torque.pdf")` saves as a campaign does.
+
+    Raises InputError: it is given another thing than a fit.
+    """
+    return drawn("torque", checked(fit).series)
+
+
+def plot_frequency_response(response: Response) -> "NotebookFigure":
+    """Magnitude and phase over frequency [Hz] with 95 % intervals: Fig. 7, or the figure `response`, with noise and
+    distortion, of any other motion than a stepped sine. Returns as `plot_torque`.
+
+    Raises InputError: it is given another thing than what `frequency_response` returns, or it has no rows.
+    """
+    if not isinstance(response, Response):
+        raise InputError(f"give what `frequency_response` returned, not {type(response).__name__}")
+    if response.plotted.is_empty():
+        why = response.models["excluded"].drop_nulls().to_list() if "excluded" in response.models.columns else []
+        raise InputError(f"trial {response.trial}: no frequency response to draw{': ' if why else ''}{'; '.join(why)}")
+    return drawn(response.figure, response.plotted)
+
+
+def plot_torque_angle(*fits: Fit) -> "NotebookFigure":
+    """Torque [N*m] over angle [deg], loading and unloading, and stiffness [N*m/rad] over angle, of one trial or
+    several. Returns as `plot_torque`.
+
+    Raises InputError: a fit is of another experiment than torque_angle, there is none, or two trials have one name.
+    """
+    curves = [fit.curves for fit in fits if checked(fit).experiment == "torque_angle"]
+    if len(curves) < len(fits) or not fits:
+        given = ", ".join(fit.experiment for fit in fits) or "no fit"
+        raise InputError(f"torque over angle needs what `fit_torque_angle` returns, not {given}")
+    names = [fit.trial for fit in fits]
+    if len(set(names)) < len(names):
+        raise InputError(f"two fits are of trials of one name, {listing(names)}; name each trial differently")
+    points = figure_module("torque_angle").points
+    tables = pl.concat([fit.table for fit in fits], how="diagonal_relaxed")
+    return drawn(
+        "torque_angle",
+        points(pl.concat([curve for curve in curves if curve is not None], how="diagonal_relaxed"), tables),
+    )
+
+
+def checked(fit: Fit) -> Fit:
+    if not isinstance(fit, Fit):
+        raise InputError(f"a fit is needed, not {type(fit).__name__}; give what a function fit_... returned")
+    return fit
+
+
+def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":
+    from osl_analysis.figures.style import on_screen  # matplotlib takes half a second
+
+    return on_screen(figure_module(name).draw(table))

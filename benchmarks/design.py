@@ -27,7 +27,7 @@ from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.spectral.equation_error import fit_periodic
 from osl_analysis.spectral.realisations import Realisation, period_spectra
 from osl_analysis.spectral.response import periodic_response
-from osl_analysis.study.trials import StudyInputs
+from osl_analysis.study.bench import StudyInputs
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import read_yaml
 

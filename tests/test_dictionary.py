@@ -9,7 +9,8 @@ import pytest
 
 from osl_analysis.dictionary import columns_of, described_tables
 from osl_analysis.figures import FIGURES
-from osl_analysis.study.trials import Estimate, performance_table
+from osl_analysis.study.bench import Estimate
+from osl_analysis.study.performance import performance_table
 from osl_analysis.table import TEXT_COLUMNS
 from osl_analysis.trial import Trial
 from osl_analysis.walking import overground

@@ -21,8 +21,8 @@ from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study import BENCH, MOST_JOBS, REPEATED, WALKING, Batch, batches, planned
 from osl_analysis.study import walking as study_of_walking
-from osl_analysis.study.bench import actuator, studied
-from osl_analysis.study.trials import StudyInputs, page, performance, regression_bound, trial_rows
+from osl_analysis.study.bench import StudyInputs, actuator, regression_bound, studied, trial_rows
+from osl_analysis.study.performance import page, performance
 from osl_analysis.table import read_table
 from osl_analysis.walking.settings import WalkingAnalysis
 from osl_analysis.yaml_settings import read_yaml

@@ -18,8 +18,8 @@ from osl_analysis.refusal import Refusal
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study import WALKING
-from osl_analysis.study.bench import studied
-from osl_analysis.study.trials import StudyInputs, StudyRow, page, performance_table, trial_rows
+from osl_analysis.study.bench import StudyInputs, StudyRow, studied, trial_rows
+from osl_analysis.study.performance import page, performance_table
 from osl_analysis.study.walking import walking_rows
 from osl_analysis.table import SIMULATED, read_table, tables_of, write_table
 from osl_analysis.walking.settings import WalkingAnalysis

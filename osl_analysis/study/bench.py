@@ -1,9 +1,17 @@
-"""The benches in the study: one true motion and response that every trial repeats, read by noisy sensors."""
+"""The benches in the study: one true motion and response that every trial repeats, read by noisy sensors.
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+An experiment has `exact`, the parameters that made its trials, where the joint has such parameters, and `theory`, the
+prediction of linear theory, both by quantity; `estimates` of a trial, whose name decides its noise, through noisy or
+`ideal` sensors; and `bounds`, the smallest standard deviation of any unbiased estimate, by quantity.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import polars as pl
 
 from osl_analysis.bench.actuator import EDGE_PERIODS, PARAMETERS, actuator_alone
 from osl_analysis.bench.belt import belt_trial
@@ -13,6 +21,7 @@ from osl_analysis.bench.segments import rows_of
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.bench.stepped_sine import SteppedSineTrial, stepped_sine_alone
 from osl_analysis.bench.transmission import fit_transmission
+from osl_analysis.config import StudySettings
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains, predicted_impedance
 from osl_analysis.parameters import DrivetrainParameters
@@ -32,39 +41,123 @@ from osl_analysis.simulator.bench import (
     turning,
 )
 from osl_analysis.simulator.joint_motion import JointMotion, stepped_sine, there_and_back
-from osl_analysis.simulator.settings import SimulationSettings, stream
+from osl_analysis.simulator.settings import Effect, Encoder, RecorderSettings, SimulationSettings, stream
+from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.stats.sinusoid import polar_row
-from osl_analysis.study import BENCH, RECORDINGS
-from osl_analysis.study.trials import (
-    DEFAULT,
-    Estimate,
-    Estimates,
-    StudiedExperiment,
-    StudyInputs,
-    at_any_phase,
-    estimates_of,
-    ideal_sensors,
-    recorded_as,
-    recorded_trial,
-    regression_bound,
-    torque_noise,
-)
+from osl_analysis.study import BENCH, RECORDINGS, Recording
 from osl_analysis.trial import Array, Trial
+from osl_analysis.walking.settings import WalkingAnalysis
 
+StudyRow = dict[str, Any]  # one row of the study's table of estimates
 QUANTITIES = ("K", "B", "I")
-Fitter = Callable[["StudyBench", Trial], tuple[str, LinearFit]]
-"""The kind of interval and the fit of a trial, as the pipeline's tables have them."""
 
 
-def studied(experiment: str, inputs: StudyInputs) -> StudiedExperiment:
-    """An experiment on a bench, ready to be repeated."""
-    _, _, recording = experiment.partition(", ")
-    if recording in RECORDINGS:
-        inputs = recorded_as(inputs, RECORDINGS[recording])
-    ready: StudiedExperiment = globals()[BENCH[experiment]](inputs)
-    return ready
+@dataclass(frozen=True)
+class StudyInputs:
+    """Settings with which the study simulates and analyses its trials."""
+
+    study: StudySettings
+    simulation: SimulationSettings
+    gait: WalkingSettings | None  # the simulated gait laboratory; None where the simulation has none
+    p: DrivetrainParameters  # that make the trials
+    dynamometer: DynamometerAnalysis
+    actuator: ActuatorAnalysis
+    walking: WalkingAnalysis
+    sources: Path  # folder of the source files
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An estimate with its standard error and 95 % interval, all in the unit of the quantity."""
+
+    value: float
+    se: float
+    low: float
+    high: float
+
+
+Estimates = Iterator[tuple[str, str, Mapping[str, Estimate]]]
+"""The estimates of one trial: estimator, kind of interval, and an estimate for each quantity."""
+
+
+def of_filtered(method: str, fit: LinearFit, names: Sequence[str]) -> Estimates:
+    """The named estimates of the bench's estimator: one filter for all signals, derivatives, least squares."""
+    yield "filtered", method, {name: Estimate(fit[name], fit.se(name), *fit.interval(name)) for name in names}
+
+
+def ideal_sensors(settings: SimulationSettings) -> SimulationSettings:
+    """The settings without errors of sensors and recorders."""
+    sensors = (
+        "load_cell_noise", "load_cell_offset", "load_cell_drift", "load_cell_quantisation", "load_cell_hum",
+        "load_cell_flicker", "joint_encoder", "actuator_encoder", "current_noise", "current_quantisation",
+        "encoder_zero",
+    )  # fmt: skip
+    # the controller sees the actuator's encoder too, but its motion has been simulated before the sensors read it
+    return settings.model_copy(update={"effects": settings.effects.without(*sensors), "recorder": RecorderSettings()})
+
+
+def recorded_trial(
+    name: str, time: Array, joint: Mapping[str, Array], torque_time: Array, torque: Mapping[str, Array]
+) -> Trial:
+    """The trial of two recordings with stamps [s] of their own: what moves and the torque, in canonical columns."""
+    samples = pl.DataFrame({"time": time - time[0], **joint})
+    if np.array_equal(time, torque_time):
+        return Trial(name, samples.with_columns(**{column: pl.Series(values) for column, values in torque.items()}))
+    other = pl.DataFrame({"time": torque_time - time[0], **torque})
+    return Trial(name, samples.join(other, on="time", how="full", coalesce=True).sort("time"))
+
+
+def at_any_phase(trial: str, settings: SimulationSettings) -> SimulationSettings:
+    """The settings with recorders that start anywhere between two instants of the simulated motion. Every trial repeats
+    the motion. With samples at the same phases of it the rounding of an encoder would repeat too."""
+    later = float(stream(settings.seed, trial, "sampling_phase").random()) / settings.dynamometer.rate_hz
+    recorder = settings.recorder
+    nodes = {"node": recorder.node, "torque_node": recorder.torque_node}
+    moved = {
+        name: node.model_copy(update={"phase": Effect(enabled=True, size=node.phase.value + later, unit="s")})
+        for name, node in nodes.items()
+        if node is not None
+    }
+    return settings.model_copy(update={"recorder": recorder.model_copy(update=moved)})
+
+
+def recorded_as(inputs: StudyInputs, recording: Recording) -> StudyInputs:
+    """The inputs with another recorder, rate or encoder of the bench."""
+    simulation = inputs.simulation
+    bench = simulation.dynamometer.model_copy(update={"rate_hz": recording.rate_hz})
+    changes: dict[str, object] = {
+        "dynamometer": bench,
+        "recorder": RecorderSettings.model_validate(recording.recorder),
+    }
+    if recording.bits is not None:
+        encoder = Encoder(enabled=True, size=recording.bits, unit="bit")
+        changes["effects"] = simulation.effects.model_copy(update={"joint_encoder": encoder})
+    return replace(inputs, simulation=simulation.model_copy(update=changes))
+
+
+def torque_noise(settings: SimulationSettings, time: Array) -> tuple[float, Array]:
+    """Standard deviations [N*m] of the load cell's white noise, with its rounding, and of its drift at `time` [s]."""
+    effects = settings.effects
+    white = float(np.hypot(effects.load_cell_noise.value, effects.load_cell_quantisation.value / np.sqrt(12)))
+    return white, effects.load_cell_drift.value / 60 * time
+
+
+def regression_bound(columns: Mapping[str, Array], noise: float, drift: Array | None = None) -> dict[str, float]:
+    """Smallest standard error of any unbiased estimate of y = X b + e, for exactly known columns, shape (n,) each.
+
+    The error e is Gaussian. It is white with standard deviation `noise`, plus a random multiple of `drift`, shape (n,),
+    which is the standard deviation of a drift in time. Cramer and Rao: cov(b) >= (X' V^-1 X)^-1 with
+    V = noise^2 1 + drift drift'. Its inverse is Sherman and Morrison's. A filter that passes the columns does not
+    change the bound: per frequency the information is |H X|^2/(|H|^2 noise^2), and H cancels.
+    """
+    X = np.column_stack(list(columns.values()))
+    drift = np.zeros(len(X)) if drift is None else drift
+    seen = X.T @ drift
+    information = (X.T @ X - np.outer(seen, seen) / (noise**2 + drift @ drift)) / noise**2
+    covariance = np.linalg.inv(information)
+    return dict(zip(columns, np.sqrt(np.diag(covariance)).tolist(), strict=True))
 
 
 @dataclass(frozen=True)
@@ -79,7 +172,7 @@ class StudyBench:
     p: DrivetrainParameters  # as the analysis knows them
     analysis: DynamometerAnalysis
     names: tuple[str, ...]  # quantities that are estimated
-    fit: Fitter
+    fit: Callable[["StudyBench", Trial], tuple[str, LinearFit]]  # kind of interval and fit, as the tables have them
     exact: dict[str, float]  # parameters that made the torque, where the joint has such parameters
     theory: dict[str, float]  # prediction of linear theory
 
@@ -98,8 +191,7 @@ class StudyBench:
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """The estimates of the pipeline's fit, from noisy or ideal sensors."""
-        method, fit = self.fit(self, self.trial(trial, ideal))
-        yield DEFAULT, method, estimates_of(fit, self.names)
+        yield from of_filtered(*self.fit(self, self.trial(trial, ideal)), self.names)
 
     def bounds(self) -> dict[str, float]:
         """Cramer-Rao bound of the load cell's noise and drift, for the true motion in the rows that are fitted."""
@@ -113,11 +205,6 @@ class StudyBench:
         if "B_j" in self.names:
             columns = {"B_j": columns["B"], "J_j": columns["I"], "offset": columns["offset"]}
         return regression_bound(columns, *torque_noise(self.settings, rows / rate))
-
-
-def impedance_fit(bench: StudyBench, trial: Trial) -> tuple[str, LinearFit]:
-    """K, B and I of a stepped sine."""
-    return "cycles", impedance_of(stepped_sine_alone(trial, bench.analysis), None)
 
 
 def transmission_fit(bench: StudyBench, trial: Trial) -> tuple[str, LinearFit]:
@@ -152,7 +239,7 @@ def sine_bench(inputs: StudyInputs) -> StudyBench:
         p=inputs.p,
         analysis=analysis.model_copy(update=short),
         names=QUANTITIES,
-        fit=impedance_fit,
+        fit=lambda own, trial: ("cycles", impedance_of(stepped_sine_alone(trial, own.analysis), None)),
         exact={},
         theory={},
     )
@@ -336,7 +423,7 @@ class ActuatorExperiment:
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """The estimates of the pipeline's fit."""
         fit = actuator_alone(self.trial(trial, ideal), self.analysis).fit
-        yield DEFAULT, fit.interval_method, estimates_of(fit, self.names)
+        yield from of_filtered(fit.interval_method, fit, self.names)
 
     def bounds(self) -> dict[str, float]:
         """Cramer-Rao bound of the torque's noise in the fitted rows. Noise in the columns would increase it
@@ -372,3 +459,34 @@ def actuator(inputs: StudyInputs) -> ActuatorExperiment:
     current, true = current_schedule(settings.actuator, rate), replace(p, f_C=friction * p.f_C, f_G=friction * p.f_G)
     exact = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": true.f_C, "f_G": true.f_G, "B_m": p.B_m, "J_m": p.J_m}
     return ActuatorExperiment(motion, current, true, settings, inputs.actuator, exact)
+
+
+StudiedExperiment = StudyBench | ResponseBench | RepeatedBench | ActuatorExperiment
+
+
+def studied(experiment: str, inputs: StudyInputs) -> StudiedExperiment:
+    """An experiment on a bench, ready to be repeated."""
+    _, _, recording = experiment.partition(", ")
+    if recording in RECORDINGS:
+        inputs = recorded_as(inputs, RECORDINGS[recording])
+    ready: StudiedExperiment = globals()[BENCH[experiment]](inputs)
+    return ready
+
+
+def trial_rows(experiment: StudiedExperiment, trials: Sequence[str], low_pass: LowPass) -> list[StudyRow]:
+    """Value, truth, interval and bound for every trial, estimator and quantity. The truth is the parameter that made
+    the torque, where the joint has such a parameter. `model_truth` is the estimate of the same estimator in the same
+    trial with ideal sensors. Without such a parameter it is also the truth. `model_error` is `model_truth` minus the
+    prediction of linear theory."""
+    ideal = {name: estimates for name, _, estimates in experiment.estimates("ideal", low_pass, ideal=True)}
+    bounds, rows = experiment.bounds(), []
+    for trial in trials:
+        for name, method, estimates in experiment.estimates(trial, low_pass):
+            for quantity, estimate in estimates.items():
+                model_truth = ideal[name][quantity].value
+                truth = experiment.exact.get(quantity, model_truth)
+                row: StudyRow = {"trial": trial, "estimator": name, "interval_method": method, "quantity": quantity}
+                error = model_truth - experiment.theory[quantity] if quantity in experiment.theory else None
+                row |= {**asdict(estimate), "truth": truth, "model_truth": model_truth}
+                rows.append(row | {"bound": bounds[quantity], "model_error": error})
+    return rows

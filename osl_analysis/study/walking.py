@@ -21,8 +21,7 @@ from osl_analysis.simulator.vicon import vicon_recording, write_c3d
 from osl_analysis.simulator.walking import motion_grid, scene_of, simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.repeats import over_repeats
-from osl_analysis.study.bench import QUANTITIES
-from osl_analysis.study.trials import StudyInputs, StudyRow
+from osl_analysis.study.bench import QUANTITIES, StudyInputs, StudyRow
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import StaticCalibration, static_calibration
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, analyse_crossing
@@ -38,8 +37,6 @@ LEVER_M = 0.1
 converts marker noise to noise of the angle, and noise of forces to noise of the moment."""
 UNCHECKED = CrossingQuality(residuals={}, zero=None, placement=(0.0, 0.0), encoder=None)
 """Quality of a crossing that is simulated without markers and plate."""
-PLATE_TRIALS = 6  # Trials of the unloaded plate in a recorded campaign
-RESAMPLES = 300  # Resamples of the bootstrap in one campaign
 Made = TypeVar("Made")
 
 
@@ -145,12 +142,16 @@ class RecordedLaboratory(StudyLaboratory):
 
 
 def calibrated(laboratory: StudyLaboratory, folder: Path, sources: Path) -> RecordedLaboratory:
-    """A laboratory that records in `folder`, after its static trial and its trials of the unloaded plate. The foot's
+    """A laboratory that records in `folder`, after its static trial and six trials of the unloaded plate. The foot's
     inertial parameters are known. Otherwise its inertia would be part of the ankle's."""
     settings, gait, p = laboratory.settings, laboratory.gait, laboratory.p
-    analysis = laboratory.analysis.model_copy(update={"foot": weighed_foot(gait)})
+    mass, foot = gait.effects.foot_inertia.value, None  # without a mass there is nothing to weigh
+    if mass:
+        inertia = mass * gait.foot.gyration_m[1] ** 2
+        foot = FootSettings(mass_kg=mass, centre_of_mass_m=gait.foot.centre_of_mass_m, inertia_kg_m2=inertia)
+    analysis = laboratory.analysis.model_copy(update={"foot": foot})
     rows = [{"trial": "static_1", "experiment": "static"}]
-    rows += [{"trial": f"plate_{i}", "experiment": "plate"} for i in range(PLATE_TRIALS)]
+    rows += [{"trial": f"plate_{i}", "experiment": "plate"} for i in range(6)]
     for row in rows:
         simulate_walking_trial(row, settings, gait, p, folder)
     standing, *unloaded = (ingested(row["trial"], folder, sources) for row in rows)
@@ -163,15 +164,6 @@ def ingested(name: str, folder: Path, sources: Path) -> Trial:
     """The trial of the capture `vicon/<name>.c3d` in a folder."""
     row = {"trial": name, "mocap": f"vicon/{name}.c3d", "mocap_source": "vicon"}
     return trial_from_files(row, folder, sources)
-
-
-def weighed_foot(gait: WalkingSettings) -> FootSettings | None:
-    """Inertial parameters of the simulated foot, as a laboratory would measure them. None if it has no mass."""
-    mass = gait.effects.foot_inertia.value
-    if mass == 0:
-        return None
-    inertia = mass * gait.foot.gyration_m[1] ** 2
-    return FootSettings(mass_kg=mass, centre_of_mass_m=gait.foot.centre_of_mass_m, inertia_kg_m2=inertia)
 
 
 def walking_rows(inputs: StudyInputs, numbers: Iterable[int], recorded: bool) -> Iterator[StudyRow]:
@@ -204,7 +196,7 @@ def campaign_rows(number: int, crossings: int, laboratory: StudyLaboratory) -> l
     perturbed = usable(laboratory.perturbed, names[1::2])
     responses = [isolate_response(one.crossing, gait, analysis.timing, analysis.perturbed_stance) for one in perturbed]
     fits = [fit_response(response) for response in responses]
-    resampled, ensemble = bootstrap(responses, RESAMPLES), ensemble_response(responses).fit
+    resampled, ensemble = bootstrap(responses, 300), ensemble_response(responses).fit
     common = common_errors(responses)
     rows: list[StudyRow] = []
     for quantity in QUANTITIES:

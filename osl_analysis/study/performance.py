@@ -1,0 +1,124 @@
+"""How well the estimates of the study do: the performance of each estimator, and the table of docs/study.md."""
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.trial import Array
+
+
+@dataclass(frozen=True)
+class Performance:
+    """Performance of an estimator over n simulated trials. Names in `_mc` are Monte Carlo standard errors."""
+
+    n: int
+    bias: float  # mean error divided by the standard deviation of the estimates
+    bias_mc: float
+    rmse: float  # root mean square error, in the unit of the estimate
+    rmse_over_bound: float  # divided by the Cramer-Rao bound
+    rmse_over_bound_mc: float
+    se_over_sd: float  # stated standard error (root mean square) over the standard deviation of the estimates
+    coverage: float  # share of the 95 % intervals that contain the truth
+    coverage_mc: float
+
+
+def performance(error: Array, se: Array, covered: NDArray[np.bool_], bound: Array) -> Performance:
+    """Performance from errors about the truth, stated standard errors, coverage and bounds, shape (n,) each. `covered`
+    says whether the interval contains the truth. `bound` is the smallest possible standard error."""
+    n, sd = len(error), float(np.std(error, ddof=1))
+    ratio = float(np.sqrt(np.mean((error / bound) ** 2)))
+    kurtosis = float(np.mean(error**4) / np.mean(error**2) ** 2)
+    share = (float(np.sum(covered)) + 2) / (n + 4)  # Agresti and Coull: no error of zero where all are covered
+    return Performance(
+        n=n,
+        bias=float(np.mean(error)) / sd,
+        bias_mc=1 / float(np.sqrt(n)),
+        rmse=float(np.sqrt(np.mean(error**2))),
+        rmse_over_bound=ratio,
+        rmse_over_bound_mc=ratio * float(np.sqrt(max(kurtosis - 1, 0.0) / (4 * n))),
+        se_over_sd=float(np.sqrt(np.mean(se**2))) / sd,
+        coverage=float(np.mean(covered)),
+        coverage_mc=float(np.sqrt(share * (1 - share) / (n + 4))),
+    )
+
+
+def performance_table(estimates: pl.DataFrame) -> pl.DataFrame:
+    """Performance for each experiment, estimator, kind of interval and quantity, from a row per estimate."""
+    rows, keys = [], ("experiment", "estimator", "interval_method", "quantity")
+    for key, group in estimates.group_by(keys, maintain_order=True):
+        value, truth, model_truth, low, high, se, bound = (
+            group[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
+            for name in ("value", "truth", "model_truth", "low", "high", "se", "bound")
+        )
+        judged = performance(value - truth, se, (low <= truth) & (truth <= high), bound)
+        model = {
+            "model_coverage": float(np.mean((low <= model_truth) & (model_truth <= high))),
+            "model_error": group["model_error"].cast(pl.Float64).mean(),
+        }
+        rows.append({**dict(zip(keys, key, strict=True)), **asdict(judged), **model})
+    return pl.DataFrame(rows, infer_schema_length=None).fill_nan(None)
+
+
+def page(table: pl.DataFrame) -> str:
+    """The table of `performance_table` in Markdown, a line for each experiment, estimator and interval, and what lies
+    outside the aim."""
+    head = (
+        "experiment",
+        "estimator, interval",
+        "quantities",
+        "n",
+        "bias / SD",
+        "RMSE / bound",
+        "SE / SD",
+        "coverage, %",
+    )
+    groups = table.group_by(["experiment", "estimator", "interval_method", "n"], maintain_order=True)
+    lines = [markdown_row(head), markdown_row(["---"] * len(head))]
+    lines += [markdown_row(cells_of(rows)) for _, rows in groups]
+    return "\n".join([*lines, "", *(f"* {sentence}" for sentence in outside_of_aim(table)), ""])
+
+
+def markdown_row(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def cells_of(rows: pl.DataFrame) -> list[str]:
+    """The cells of one experiment, estimator and interval: a number for each quantity, a dash where there is none."""
+
+    def each(values: pl.Series, form: str) -> str:
+        return ", ".join("–" if value is None else form.format(value) for value in values)
+
+    def largest(errors: pl.Series, form: str) -> str:
+        return form.format(float(errors.max() or 0.0))  # type: ignore[arg-type]
+
+    first, signs = rows.row(0, named=True), {"k_tau_n_m": "k_τ n_m", "magnitude": "\\|Y\\|", "phase": "arg Y"}
+    names = [quantity.partition(",")[0] for quantity in rows["quantity"]]
+    return [
+        first["experiment"],
+        f"{first['estimator']}, {first['interval_method']}",
+        ", ".join(signs.get(name, name) for name in names),
+        str(first["n"]),
+        f"{each(rows['bias'], '{:.2f}')} ± {largest(rows['bias_mc'], '{:.2f}')}",
+        each(rows["rmse_over_bound"], "{:.2f}"),
+        each(rows["se_over_sd"], "{:.2f}"),
+        f"{each(100 * rows['coverage'], '{:.1f}')} ± {largest(100 * rows['coverage_mc'], '{:.1f}')}",
+    ]
+
+
+def outside_of_aim(table: pl.DataFrame) -> list[str]:
+    """How many coverages are there, the mean of them, and which lie outside the aim by two Monte Carlo errors."""
+    low, high, errors = 0.93, 0.97, 2.0
+    default = table.filter(pl.col("estimator").str.contains("filtered|sinusoid"))
+    slack = errors * pl.col("coverage_mc")
+    off = default.filter((pl.col("coverage") + slack < low) | (pl.col("coverage") - slack > high))
+    inside = default.filter(pl.col("coverage").is_between(low, high))
+    mean = 100 * float(default["coverage"].mean() or 0.0)  # type: ignore[arg-type]
+    named = [f"{r['experiment']}, {r['quantity']}: {100 * r['coverage']:.1f} %" for r in off.iter_rows(named=True)]
+    return [
+        f"Bench, default estimator: {len(default)} coverages with a mean of {mean:.1f} %; {len(inside)} lie between "
+        f"{100 * low:g} and {100 * high:g} %.",
+        f"Outside by more than {errors:g} Monte Carlo errors: {'; '.join(named) or 'none'}.",
+    ]

@@ -43,10 +43,10 @@ from osl_analysis.report.panels import (
 )
 from osl_analysis.report.trial_page import (
     ReportedTrial,
+    doubt_texts,
     doubts_of,
     left_out_trials,
     provenance_of,
-    split,
     trial_content,
     without_result,
 )
@@ -219,8 +219,8 @@ def test_doubts_are_split_and_explained():
         "odd_harmonics 0.291 is above 0.25; coulomb_share 1.03 is above 0.5 (this share of B is Coulomb friction; not "
         "damping); impedance.csv: VAF 89.9 is below 90; R2 is not a number"
     )
-    assert [part.split()[0] for part in split(cell)] == ["odd_harmonics", "coulomb_share", "impedance.csv:", "R2"]
-    assert "; ".join(split(cell)) == cell
+    assert [part.split()[0] for part in doubt_texts(cell)] == ["odd_harmonics", "coulomb_share", "impedance.csv:", "R2"]
+    assert "; ".join(doubt_texts(cell)) == cell
     found = doubts_of({"impedance": fitted_rows(cell)}, {"impedance": IMPEDANCE})
     assert [one["where"] for one in found] == ["all amplitudes"] * 4
     names = ("odd_harmonics", "coulomb_share", "VAF", "R2")
@@ -273,7 +273,7 @@ def test_cells_are_sorted_by_the_unrounded_value_and_conditions_are_those_that_d
     precise = ReportedTrial("t", row, {"impedance": table})
     assert trial_page.trial_row(precise, ())["numbers"][1]["sort"] == "299.512345"
     two = [ReportedTrial("a", row | {"K_d": K_d}) for K_d in (1.0, 2.0)]
-    assert trial_page.differing_conditions(two) == {"K_d"}
+    assert [row["condition"] for row in trial_page.trial_rows(two)] == ["K_d 1", "K_d 2"]
 
 
 def test_doubts_say_whether_they_are_about_the_whole_trial():

@@ -65,12 +65,13 @@ def write_report(
         reported.append(reported_trial(name, row, own, files, judged.get((name,)), left_out))
     checks = {name: check.meaning for name, check in CHECKS.items()}
     pages = [PageTrial(one.name, trial_content(one, described, checks), one.pictures.tables) for one in reported]
+    numbers = {} if is_refused(summary) else read_summary(summary)["numbers"]
     said = captions_by_title(captions.read_text(encoding="utf-8")) if captions and not is_refused(captions) else {}
     content = {
         "about": about,
         "counts": trial_page.counts(reported),
         "choices": trial_page.choices(reported),
-        "headlines": [] if is_refused(summary) else trial_page.headline_rows(read_summary(summary)),
+        "headlines": [trial_page.headline_row(number) for number in numbers.values()],
         "figures": [
             {"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawing(path, name, title)}
             for name, path in figures.items()

@@ -25,6 +25,7 @@ from osl_analysis.report import TEMPLATES
 from osl_analysis.trial import Array
 
 MEGABYTE = 1_000_000
+FEWEST_PACKED = 200  # rows from which on a table is packed; a shorter one is written as numbers
 
 
 @dataclass(frozen=True)
@@ -42,10 +43,8 @@ def written_page(content: Mapping[str, Any], trials: Sequence[PageTrial], larges
     around = Environment(
         loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     ).get_template("report.html.j2")
-    bokeh_js, report_js = (
-        "\n".join(Resources(mode="inline", log_level="warn", components=["bokeh", "bokeh-api"]).js_raw),
-        own("report.js"),
-    )
+    bokeh_js = "\n".join(Resources(mode="inline", log_level="warn", components=["bokeh", "bokeh-api"]).js_raw)
+    report_js, style = ((TEMPLATES / f"report.{kind}").read_text(encoding="utf-8") for kind in ("js", "css"))
 
     def page(packed: Mapping[str, str], every: int) -> str:
         return around.render(
@@ -55,7 +54,7 @@ def written_page(content: Mapping[str, Any], trials: Sequence[PageTrial], larges
             policy=policy(bokeh_js, report_js),
             bokeh_js=Markup(bokeh_js),
             report_js=Markup(report_js),
-            style=Markup(own("report.css")),
+            style=Markup(style),
             packed={name: Markup(text) for name, text in packed.items()},
         )
 
@@ -87,9 +86,10 @@ def thinned_trials(trials: Sequence[PageTrial], largest: float) -> tuple[int, di
 def packed_trial(trial: PageTrial, every: int) -> str:
     """A trial as JSON that cannot end the script element that holds it; `every` thins out its long tables."""
     thinned = {name: every_kth(table, every) for name, table in trial.tables.items()}
+    text = json.dumps(trial.content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     kept = [round(len(trial.tables[name]) / len(table)) for name, table in thinned.items() if len(table)]
     content = {
-        "content": deflated_json(trial.content),
+        "content": deflated(text.encode()),
         "every": max(kept, default=1),
         "tables": {name: packed_table(table) for name, table in thinned.items()},
     }
@@ -110,10 +110,6 @@ def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
     return grouped.drop("k_th")
 
 
-def own(name: str) -> str:
-    return (TEMPLATES / name).read_text(encoding="utf-8")
-
-
 def policy(*scripts: str) -> str:
     """Content security policy: nothing is loaded, and no script runs but these, by their hashes."""
     hashes = " ".join(f"'sha256-{b64encode(hashlib.sha256(script.encode()).digest()).decode()}'" for script in scripts)
@@ -123,16 +119,7 @@ def policy(*scripts: str) -> str:
     )
 
 
-NO_VALUE = -32768  # count of a sample that has no value
-LARGEST = 8191  # largest count: two more bits would make the page a quarter larger, and show nothing more
-FEWEST_PACKED = 200  # rows from which on a table is packed; a shorter one is written as numbers
-DIGITS = 7  # significant digits of a number that is written
-EVEN = 1e-6  # relative departure from even steps up to which a column is written as its first value and its step
-
-Packed = dict[str, Any]
-
-
-def packed_table(table: pl.DataFrame) -> Packed:
+def packed_table(table: pl.DataFrame) -> dict[str, Any]:
     """A table of numbers for the page: `rows`, `plain` columns as lists, `even` ones as start and step, and `counts`.
 
     `counts` has, per column, the value of count 0 and that of one count. `data` holds, one column after the other, the
@@ -140,46 +127,40 @@ def packed_table(table: pl.DataFrame) -> Packed:
     Rounding to counts costs at most 1/32 000 of a column's range.
     """
     if len(table) < FEWEST_PACKED:
-        return {"rows": len(table), "plain": {name: plain(table[name]) for name in table.columns}}
+        return {"rows": len(table), "plain": {name: plain_values(table[name]) for name in table.columns}}
     even: dict[str, list[float]] = {}
     counts: dict[str, list[float]] = {}
     data = []
     for name in table.columns:
         values = table[name].cast(pl.Float64).fill_null(np.nan).to_numpy()
-        step = even_step(values)
-        if step is None:
-            numbers, centre, unit = counted(values)
-            differences = np.diff(numbers, prepend=np.int16(0)).astype("<i2").tobytes()
-            data += [differences[0::2], differences[1::2]]
-            counts[name] = [centre, unit]
-        else:
+        steps = np.diff(values)
+        step = float((values[-1] - values[0]) / len(steps))
+        if step > 0 and np.abs(steps - step).max() <= 1e-6 * len(steps) * step:
             even[name] = [float(values[0]), step]
+            continue
+        numbers, centre, unit = counted_values(values)
+        differences = np.diff(numbers, prepend=np.int16(0)).astype("<i2").tobytes()
+        data += [differences[0::2], differences[1::2]]
+        counts[name] = [centre, unit]
     return {"rows": len(table), "even": even, "counts": counts, "data": deflated(b"".join(data))}
 
 
-def plain(values: pl.Series) -> list[Any]:
+def plain_values(values: pl.Series) -> list[Any]:
+    """Numbers with seven digits, null for those that are not finite; text as it is."""
     if not values.dtype.is_numeric():
         return values.to_list()
-    return [rounded(value) for value in values.cast(pl.Float64).to_list()]
+    known = (value if value is not None and math.isfinite(value) else None for value in values.cast(pl.Float64))
+    return [None if value is None else float(f"{value:.7g}") for value in known]
 
 
-def rounded(value: float | None) -> float | None:
-    return None if value is None or not np.isfinite(value) else float(f"{value:.{DIGITS}g}")
-
-
-def even_step(values: Array) -> float | None:
-    steps = np.diff(values)
-    step = float((values[-1] - values[0]) / len(steps))
-    return step if step > 0 and np.abs(steps - step).max() <= EVEN * len(steps) * step else None
-
-
-def counted(values: Array) -> tuple[np.ndarray[Any, np.dtype[np.int16]], float, float]:
-    """Counts (n,) of values, `NO_VALUE` where they are not finite, the value of count 0, and that of one count."""
-    known = np.isfinite(values)
+def counted_values(values: Array) -> tuple[np.ndarray[Any, np.dtype[np.int16]], float, float]:
+    """Counts (n,) of values, -32768 where they are not finite, the value of count 0, and that of one count. The largest
+    count is 8191: two more bits would make the page a quarter larger, and show nothing more."""
+    known, most = np.isfinite(values), 8191
     low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 0.0)
-    centre, unit = (low + high) / 2, (high - low) / (2 * LARGEST) or 1.0
-    counts = np.full(len(values), NO_VALUE, dtype=np.int16)
-    counts[known] = np.round((values[known] - centre) / unit).clip(-LARGEST, LARGEST).astype(np.int16)
+    centre, unit = (low + high) / 2, (high - low) / (2 * most) or 1.0
+    counts = np.full(len(values), -32768, dtype=np.int16)
+    counts[known] = np.round((values[known] - centre) / unit).clip(-most, most).astype(np.int16)
     return counts, centre, unit
 
 
@@ -188,14 +169,7 @@ def deflated(content: bytes) -> str:
     return b64encode(zlib.compress(content, 9)).decode("ascii")
 
 
-def deflated_json(content: Mapping[str, Any]) -> str:
-    return deflated(json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode())
-
-
 SVG, XLINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}"
-TRIAL = "#trial="
-"""Link to a trial, in the figures' files behind the name of the report."""
-REFERENCE = re.compile(r"url\(#([^)]+)\)")
 
 
 def inline_svg(text: str, name: str, label: str) -> Markup:
@@ -215,9 +189,9 @@ def inline_svg(text: str, name: str, label: str) -> Markup:
             elif key == f"{XLINK}href" and value.startswith("#"):
                 element.set(key, f"#{name}-{value[1:]}")
             elif "url(#" in value:
-                element.set(key, REFERENCE.sub(rf"url(#{name}-\1)", value))
+                element.set(key, re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", value))
         if element.tag == f"{SVG}a":
-            link(element)
+            link_to_trial(element)
     width, height = (float(root.get(key, "0").removesuffix("pt")) for key in ("width", "height"))
     root.set("viewBox", root.get("viewBox") or f"0 0 {width:g} {height:g}")
     root.set("style", f"width: min(100vw - 4rem, {1.9 * width:.0f}px)")
@@ -233,23 +207,16 @@ def inline_png(content: bytes, label: str) -> Markup:
     return picture.format(b64encode(content).decode("ascii"), label)
 
 
-def link(element: ElementTree.Element) -> None:
-    """Let a link lead to its trial on this page, and say which one under the pointer."""
-    trial = element.get(f"{XLINK}href", "").rpartition(TRIAL)[2]
-    element.set(f"{XLINK}href", f"{TRIAL}{trial}")
+def link_to_trial(element: ElementTree.Element) -> None:
+    """Let a link, in the figures' files behind the name of the report, lead to its trial on this page, and say which
+    one under the pointer."""
+    trial = element.get(f"{XLINK}href", "").rpartition("#trial=")[2]
+    element.set(f"{XLINK}href", f"#trial={trial}")
     element.attrib.pop("target", None)
     element.set("tabindex", "-1")
     title = ElementTree.Element(f"{SVG}title")
     title.text = unquote(trial)
     element.insert(0, title)
-
-
-PARTS = re.compile(r"\\(?P<sign>[^A-Za-z0-9\s])|\$(?P<mathematics>[^$]+)\$|(?P<text>[^\\$]+|[\\$])")
-INDEX = re.compile(r"_(?:\{([^}]*)\}|(\w))")
-POWER = re.compile(r"\^(?:\{([^}]*)\}|(\w))")
-ACCENT = re.compile(r"\\hat\{?(\w)\}?")
-LETTERS = {"theta": "θ", "tau": "τ", "omega": "ω", "alpha": "α", "pm": "±", "cdot": "·", "dot": "", "mathrm": ""}
-"""Commands of LaTeX, and what stands for them."""
 
 
 def captions_by_title(text: str) -> dict[str, Markup]:
@@ -260,18 +227,15 @@ def captions_by_title(text: str) -> dict[str, Markup]:
 
 def caption_html(text: str) -> Markup:
     """A caption as HTML: signs that Markdown escapes are themselves, mathematics has its indices, all else is text."""
-    return Markup("".join(part_html(part) for part in PARTS.finditer(text)))
+    parts = re.finditer(r"\\(?P<sign>[^A-Za-z0-9\s])|\$(?P<symbol>[^$]+)\$|(?P<text>[^\\$]+|[\\$])", text)
+    return Markup("".join(symbol_html(p["symbol"]) if p["symbol"] else escape(p["sign"] or p["text"]) for p in parts))
 
 
-def part_html(part: re.Match[str]) -> str:
-    if part["mathematics"]:
-        return mathematics_html(part["mathematics"])
-    return escape(part["sign"] or part["text"])
-
-
-def mathematics_html(text: str) -> str:
+def symbol_html(text: str) -> str:
     """A symbol of the paper, such as `\\hat{K}` or `K_d`."""
-    plain = re.sub(r"\\(\w+)", lambda word: LETTERS.get(word[1], word[1]), ACCENT.sub("\\1\u0302", text))
-    with_index = INDEX.sub(lambda found: f"<sub>{found[1] or found[2]}</sub>", escape(plain))
-    raised = POWER.sub(lambda found: f"<sup>{found[1] or found[2]}</sup>", with_index)
-    return f"<i>{raised.replace('{', '').replace('}', '')}</i>"
+    letters = {"theta": "θ", "tau": "τ", "omega": "ω", "alpha": "α", "pm": "±", "cdot": "·", "dot": "", "mathrm": ""}
+    accented = re.sub(r"\\hat\{?(\w)\}?", "\\1\u0302", text)
+    shown = escape(re.sub(r"\\(\w+)", lambda word: letters.get(word[1], word[1]), accented))
+    for sign, element in (("_", "sub"), (r"\^", "sup")):
+        shown = re.sub(rf"{sign}(?:\{{([^}}]*)\}}|(\w))", rf"<{element}>\1\2</{element}>", shown)
+    return f"<i>{shown.replace('{', '').replace('}', '')}</i>"

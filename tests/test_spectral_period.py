@@ -6,7 +6,8 @@ import pytest
 from conftest import ROOT
 
 from osl_analysis.bench.settings import FilterSettings
-from osl_analysis.commands.tables import plotted_numbers, pool_responses
+from osl_analysis.commands.plotted_numbers import response as plotted_response
+from osl_analysis.commands.tables import pool_responses
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.figures.response import points, words_of
 from osl_analysis.signals import LowPass
@@ -214,7 +215,7 @@ def test_trials_of_one_condition_are_pooled_where_their_motions_differ_in_phases
     single = response_tables(periodic("M1", 1, 2), None).models
     assert row["K_se"] < single["K_se"][0]
     write_table(response_tables(periodic("M1", 1, 2), None).response, tmp_path / "response.csv")
-    plotted_numbers(tmp_path / "response.csv", pooled, tmp_path / "plotted.csv")
+    plotted_response(tmp_path / "response.csv", pooled, tmp_path / "plotted.csv")
     (row,) = read_table(tmp_path / "plotted.csv").unique("trials").to_dicts()
     assert words_of(row) == ["Knee, left", "M1 and 1 more", "4 realisations"]
 

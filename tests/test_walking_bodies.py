@@ -15,7 +15,7 @@ from osl_analysis.walking.bodies import (
     foot_torque,
     static_calibration,
 )
-from osl_analysis.walking.plate import PlateWrench, ankle_torque
+from osl_analysis.walking.plate import ankle_torque
 
 TIME = np.arange(240) / RATE
 
@@ -144,7 +144,7 @@ def test_what_a_soft_joint_adds_across_the_axis_does_not_leak_into_the_angle() -
 @pytest.mark.parametrize("centre", [[0.0, 0.0, 0.0], [0.3, 0.25, 0.0]])
 def test_the_ankles_moment_holds_the_load_wherever_plate_and_origin_are(force, point, couple, torque, centre) -> None:
     moment = np.cross(ANKLE + point - np.array(centre), force) + couple
-    wrench = PlateWrench(np.array([force], dtype=float), moment[None])
+    wrench = np.hstack([force, moment])[None]
     assert ankle_torque(wrench, np.array(centre), ANKLE[None], LEFT[None])[0] == pytest.approx(torque)
 
 

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing
 from osl_analysis.measured import check_finite
 from osl_analysis.trial import Array
+from osl_analysis.walking.bodies import Mask
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.gait import PHASES, signal_at, stance_times
-from osl_analysis.walking.plate import SINGLE_SUPPORT, load_of_weight
+from osl_analysis.walking.plate import SINGLE_SUPPORT
 from osl_analysis.walking.settings import GroupSettings, OutlierRule, SelectionSettings, Timing
 from osl_analysis.walking.setup import DOWN, UP
 
@@ -19,9 +20,11 @@ STATED = ("group", "subject", "session", "side", "speed", "K_d", "B_d")
 """Columns of the sheet that can split results. Each value has a mean unperturbed gait of its own."""
 OF_EVERY_CROSSING = ("subject", "session", "side", "speed")
 """Conditions that an unperturbed crossing has too. In the others, its empty cell means: it serves every value."""
-ALL = "all"  # Name of the group and of the gait of a campaign that is not split
-
+SHARED = ("subject", "session", "side")
+"""Conditions that a trial shares with its static trial. An empty cell matches every value."""
+STATIC = "static"  # Column of the sheet that names the static trial of a trial
 PERTURBED = "perturbed"
+ALL = "all"  # Name of the group and of the gait of a campaign that is not split
 
 Cells = Mapping[str, object]  # Cells of one row of the sheet, by column: `STATED` and `PERTURBED`; None where empty
 Sheet = Mapping[str, Cells]  # Cells of crossings, by trial
@@ -54,9 +57,9 @@ def split_keys(sheet: Sheet, settings: GroupSettings) -> list[str]:
 
 
 def written(values: Collection[object]) -> str:
-    """Values in order, for a message."""
+    """Values in order, for a message; without None."""
     numbers = sorted(value for value in values if isinstance(value, int | float))
-    words = sorted(str(value) for value in values if not isinstance(value, int | float))
+    words = sorted(str(value) for value in values if value is not None and not isinstance(value, int | float))
     return ", ".join([*map(shown, numbers), *words])
 
 
@@ -74,17 +77,17 @@ def label(parts: Mapping[str, object]) -> str:
 def gaits_served(cells: Cells, gaits: Mapping[str, Cells], keys: Sequence[str]) -> list[str]:
     """Names of the `gaits` (name to cells) to which an unperturbed crossing belongs; an empty cell matches every
     value."""
-    return [
-        name
-        for name, wanted in gaits.items()
-        if all(cells.get(key) is None or cells.get(key) == wanted[key] for key in keys)
-    ]
+
+    def serves(wanted: Cells) -> bool:
+        return all(cells.get(key) is None or cells.get(key) == wanted[key] for key in keys)
+
+    return [name for name, wanted in gaits.items() if serves(wanted)]
 
 
 def statements(sheet: Sheet, settings: GroupSettings) -> list[str]:
     """One sentence per condition that splits results although the configuration does not ask for it."""
     return [
-        f"crossings differ in {key} ({written({sheet[name].get(key) for name in sheet} - {None})}): each value has a "
+        f"crossings differ in {key} ({written({cells.get(key) for cells in sheet.values()})}): each value has a "
         f"result of its own; write {key} under walking.group_by to keep that, or under walking.pool for one result"
         for key in split_keys(sheet, settings)
         if key not in settings.group_by
@@ -94,13 +97,8 @@ def statements(sheet: Sheet, settings: GroupSettings) -> list[str]:
 def pooled(names: Iterable[str], sheet: Sheet) -> str:
     """Conditions in which the crossings of one group differ, as text; empty if in none."""
     members = list(names)
-    values = {key: {sheet[name].get(key) for name in members} for key in STATED}
-    return "; ".join(f"{key} {written(v - {None})}" for key, v in values.items() if len(v - {None}) > 1)
-
-
-SHARED = ("subject", "session", "side")
-"""Conditions that a trial shares with its static trial. An empty cell matches every value."""
-STATIC = "static"  # Column of the sheet that names the static trial of a trial
+    values = {key: {sheet[name].get(key) for name in members} - {None} for key in STATED}
+    return "; ".join(f"{key} {written(some)}" for key, some in values.items() if len(some) > 1)
 
 
 def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
@@ -125,14 +123,14 @@ def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
     if len(best) == 1:
         return best[0]
     said = ", ".join(f"{key} {shown(value)}" for key, value in stated.items())
-    whose = f" ({said})" if said else ", which states no subject, session or side"
+    whose = f"trial '{trial}'" + (f" ({said})" if said else ", which states no subject, session or side")
     if not best:
         raise InputError(
-            f"trial '{trial}'{whose}: no static trial of the same conditions, the sheet has {listing(list(statics))}; "
+            f"{whose}: no static trial of the same conditions, the sheet has {listing(list(statics))}; "
             "record one, or name one in the column static"
         )
     raise InputError(
-        f"trial '{trial}'{whose}: {len(best)} static trials could be its own ({listing(best)}); name one in the column "
+        f"{whose}: {len(best)} static trials could be its own ({listing(best)}); name one in the column "
         "static, or state subject, session or side of all of them"
     )
 
@@ -146,7 +144,7 @@ def side_of(static: str, cells: Cells, served: Mapping[str, Cells], otherwise: s
     if len(sides) > 1 or wrong:
         side, name = wrong[0] if wrong else list(sides.items())[1]
         raise InputError(
-            f"static trial '{static}' serves trials of the sides {written({*sides, own} - {None})} (trial '{name}': "
+            f"static trial '{static}' serves trials of the sides {written({*sides, own})} (trial '{name}': "
             f"{side}); record a static trial for each side and state its side"
         )
     return str(own or next(iter(sides), otherwise))
@@ -156,8 +154,6 @@ NORMAL_MAD = 1.4826  # Standard deviation of a normal distribution divided by it
 ANGLE, TORQUE = "angle before the onset", "torque before the onset"
 LOAD, LOAD_LATER, PRESSURE = "load before the onset", "load in single support", "pressure beside the ankle"
 """Names of the features that compare curves."""
-Mask = NDArray[np.bool_]
-Signal = Callable[[Crossing], Array]
 OF_LOAD = "of the usual load"
 CAMP, FEWEST_OF_CAMP = 1 / 3, 2
 """Share of the unperturbed crossings, and number of crossings, from which those beyond the limit are a camp."""
@@ -181,6 +177,34 @@ class Feature:
     def distance(self) -> Array:
         """Distance (n,) from the median, in scatters."""
         return np.asarray(np.abs(self.values - self.median) / self.scatter)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """With which of n crossings each is compared: with those of the same kind (n,), of which the `sound` (n,) count in
+    the medians, or all if none of a kind is sound."""
+
+    kind: NDArray[np.int_]
+    sound: Mask
+
+    def medians(self, values: Array) -> Array:
+        """For each crossing the median of values (n, ...) over those with which it is compared."""
+        found = np.empty_like(values)
+        for kind in np.unique(self.kind):
+            own = self.kind == kind
+            counted = own & self.sound if (own & self.sound).any() else own
+            found[own] = np.median(values[counted], axis=0)
+        return found
+
+    def deviation(self, curves: Array) -> Array:
+        """RMS deviation (n,) of curves (n, k) from their medians."""
+        return np.asarray(np.sqrt(np.mean((curves - self.medians(curves)) ** 2, axis=1)))
+
+    def feature(self, name: str, unit: str, values: Array, smallest_scatter: float) -> Feature:
+        """Values (n,) as a feature."""
+        median = self.medians(values)
+        scatter = NORMAL_MAD * float(np.median(np.abs(values - median)[self.sound]))
+        return Feature(name, unit, values, median, max(scatter, smallest_scatter))
 
 
 def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule) -> list[Feature]:
@@ -232,35 +256,32 @@ def early_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierR
     ends = [(onset - timing.guard - c.stance.heel_strike) / c.stance.duration for c, onset in begun]
     phases = PHASES[min(ends, default=1.0) >= PHASES]
     alike = Compared(np.zeros(len(crossings), dtype=int), sound)
-    angle = np.rad2deg(deviation(crossings, lambda c: c.theta, phases, alike))
-    torque = deviation(crossings, lambda c: c.torque, phases, alike)
+    angle = np.rad2deg(alike.deviation(curves_of(crossings, lambda c: c.theta, phases)))
+    torque = alike.deviation(curves_of(crossings, lambda c: c.torque, phases))
     features = [
-        feature_of("foot forward", "m", place[:, 0], rule.placement_m, alike),
-        feature_of("foot to the left", "m", place[:, 1], rule.placement_m, alike),
-        feature_of(ANGLE, "deg", angle, rule.angle_deg, alike),
-        feature_of(TORQUE, "N*m", torque, rule.torque_nm, alike),
+        alike.feature("foot forward", "m", place[:, 0], rule.placement_m),
+        alike.feature("foot to the left", "m", place[:, 1], rule.placement_m),
+        alike.feature(ANGLE, "deg", angle, rule.angle_deg),
+        alike.feature(TORQUE, "N*m", torque, rule.torque_nm),
     ]
-    if any(c.load is None for c in crossings):
-        return features
-    load = deviation(crossings, force_of, phases, alike) / usual_load(crossings)
-    return [*features, feature_of(LOAD, OF_LOAD, load, rule.load_share, alike)]
+    if all(c.load is not None for c in crossings):
+        load = alike.deviation(curves_of(crossings, force_of, phases)) / usual_load(crossings)
+        features.append(alike.feature(LOAD, OF_LOAD, load, rule.load_share))
+    return features
 
 
 def later_features(crossings: Sequence[Crossing], rule: OutlierRule, sound: Mask) -> list[Feature]:
     """What a perturbation changes, compared among the `sound` (n,) unperturbed crossings, and those of each
     direction."""
-    stance = np.array([c.stance.duration for c in crossings])
     kinds = Compared(np.array([0 if c.onset is None else c.sign for c in crossings]), sound)
-    features = [feature_of("stance", "s", stance, rule.stance_s, kinds)]
-    if any(c.load is None for c in crossings):
-        return features
-    load = deviation(crossings, force_of, MIDDLE, kinds) / usual_load(crossings)
-    beside = deviation(crossings, left_of, MIDDLE, kinds)
-    return [
-        *features,
-        feature_of(LOAD_LATER, OF_LOAD, load, rule.load_share, kinds),
-        feature_of(PRESSURE, "m", beside, rule.pressure_m, kinds),
-    ]
+    stance = np.array([c.stance.duration for c in crossings])
+    features = [kinds.feature("stance", "s", stance, rule.stance_s)]
+    if all(c.load is not None for c in crossings):
+        load = kinds.deviation(curves_of(crossings, force_of, MIDDLE)) / usual_load(crossings)
+        beside = kinds.deviation(curves_of(crossings, left_of, MIDDLE))
+        features.append(kinds.feature(LOAD_LATER, OF_LOAD, load, rule.load_share))
+        features.append(kinds.feature(PRESSURE, "m", beside, rule.pressure_m))
+    return features
 
 
 def usual_load(crossings: Sequence[Crossing]) -> float:
@@ -268,52 +289,21 @@ def usual_load(crossings: Sequence[Crossing]) -> float:
     return float(np.median(curves_of(crossings, force_of, MIDDLE).mean(axis=1)))
 
 
-def curves_of(crossings: Sequence[Crossing], signal: Signal, phases: Array) -> Array:
+def curves_of(crossings: Sequence[Crossing], signal: Callable[[Crossing], Array], phases: Array) -> Array:
     """A signal of each crossing at phases (k,) of stance: (n, k)."""
     return np.array([signal_at(c, signal(c), stance_times(c, phases)) for c in crossings])
 
 
 def force_of(crossing: Crossing) -> Array:
     """Vertical force (n,) [N] on the foot."""
-    assert crossing.load is not None  # checked by `crossing_features`
+    assert crossing.load is not None  # checked by the callers
     return crossing.load.force
 
 
 def left_of(crossing: Crossing) -> Array:
     """Centre of pressure (n,) [m] to the left of the ankle."""
-    assert crossing.load is not None  # checked by `crossing_features`
+    assert crossing.load is not None  # checked by the callers
     return crossing.load.left
-
-
-def feature_of(name: str, unit: str, values: Array, smallest_scatter: float, compared: "Compared") -> Feature:
-    """A feature of crossings, with the medians of those that they are compared with."""
-    median = compared.medians(values)
-    scatter = NORMAL_MAD * float(np.median(np.abs(values - median)[compared.sound]))
-    return Feature(name, unit, values, median, max(scatter, smallest_scatter))
-
-
-def deviation(crossings: Sequence[Crossing], signal: Signal, phases: Array, compared: "Compared") -> Array:
-    """RMS deviation (n,) of each crossing's signal at phases of stance from the median of those it is compared with."""
-    curves = curves_of(crossings, signal, phases)
-    return np.asarray(np.sqrt(np.mean((curves - compared.medians(curves)) ** 2, axis=1)))
-
-
-@dataclass(frozen=True)
-class Compared:
-    """With which of n crossings each is compared: with those of the same kind (n,), of which the `sound` (n,) count in
-    the medians, or all if none of a kind is sound."""
-
-    kind: NDArray[np.int_]
-    sound: Mask
-
-    def medians(self, values: Array) -> Array:
-        """For each crossing the median of values (n, ...) over those with which it is compared."""
-        found = np.empty_like(values)
-        for kind in np.unique(self.kind):
-            own = self.kind == kind
-            counted = own & self.sound if (own & self.sound).any() else own
-            found[own] = np.median(values[counted], axis=0)
-        return found
 
 
 CLEAR_GAP = 0.03
@@ -322,14 +312,13 @@ CLEAR_GAP = 0.03
 FEWEST_BESIDE_GAP = 3
 """Fewest crossings on either side of a gap that parts timings whose overall SD is that of one timing."""
 WIDEST_BIN = 2.0  # Widest part, in `timing_scatter`, of timings that spread without a gap
-Names = tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Place:
     """Where a crossing belongs."""
 
-    gaits: Names  # names of the mean gaits that it belongs to; one for a perturbed crossing
+    gaits: tuple[str, ...]  # names of the mean gaits that it belongs to; one for a perturbed crossing
     group: str | None = None  # name of the group whose result it enters; None if unperturbed, or not used
     direction: str | None = None  # `up` or `down`, as the platform turned; None if unperturbed or not measured
     onset_phase: float | None = None  # onset as a share of the gait's mean stance; None if unperturbed
@@ -342,34 +331,27 @@ def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings)
     gaits: dict[str, Cells] = {label(cells): cells for cells in every}
     found = {name: Place(tuple(gaits_served(cells, gaits, keys))) for name, cells in sheet.items()}
     perturbed = {gait: [c for c in crossings if c.onset is not None and gait in found[c.name].gaits] for gait in gaits}
-    flat = [(c.stance.duration, found[c.name].gaits) for c in crossings if c.onset is None]
-    stances = {gait: [stance for stance, gaits in flat if gait in gaits] for gait in gaits}
-    means = {gait: float(np.mean(some)) if some else None for gait, some in stances.items()}
-    phases = {gait: onset_phases(of, means[gait]) for gait, of in perturbed.items()}
+    phases: dict[str, Array] = {}
+    for gait, walked in perturbed.items():  # onsets as shares of the gait's mean stance, or without one of their own
+        flat = [c.stance.duration for c in crossings if c.onset is None and gait in found[c.name].gaits]
+        mean = float(np.mean(flat)) if flat else None
+        onsets = [((c.onset or 0.0) - c.stance.heel_strike) / (mean or c.stance.duration) for c in walked]
+        phases[gait] = np.array(onsets)
     parts = {gait: timings(phases[gait], settings.timing_scatter) for gait in gaits}
     timed = "timing" in settings.group_by or (
         "timing" not in settings.pool and any(part.max(initial=0) > 0 for part in parts.values())
     )
     for gait, walked in perturbed.items():
         for crossing, phase, part in zip(walked, phases[gait], parts[gait], strict=True):
+            direction = None if crossing.turn is None else UP if crossing.turn > 0 else DOWN
             measured: dict[str, object] = {}
             if timed:
                 measured["timing"] = f"{100 * np.median(phases[gait][parts[gait] == part]):.0f} %"
             if "direction" in settings.group_by:
-                measured["direction"] = direction(crossing) or "unknown"
+                measured["direction"] = direction or "unknown"
             group = label({**gaits[gait], **measured})
-            found[crossing.name] = Place((gait,), group, direction(crossing), float(phase))
+            found[crossing.name] = Place((gait,), group, direction, float(phase))
     return found
-
-
-def direction(crossing: Crossing) -> str | None:
-    """`up` if the platform turned the toes up, `down` if down; None if its turn is not known."""
-    return None if crossing.turn is None else UP if crossing.turn > 0 else DOWN
-
-
-def onset_phases(crossings: Sequence[Crossing], stance: float | None) -> Array:
-    """Onsets (n,) as shares of a mean `stance` [s]; of each crossing's own without one."""
-    return np.array([((c.onset or 0.0) - c.stance.heel_strike) / (stance or c.stance.duration) for c in crossings])
 
 
 def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
@@ -391,21 +373,15 @@ def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
 
 
 def parted(phases: Array, order: NDArray[np.intp], scatter: float) -> list[NDArray[np.intp]]:
-    """The parts between clear gaps of phases (n,), whose indices are given in their `order` (k,)."""
-    cut = clear_gap(phases[order], scatter)
-    if cut is None:
-        return [order]
-    return [part for half in (order[:cut], order[cut:]) for part in parted(phases, half, scatter)]
-
-
-def clear_gap(ordered: Array, scatter: float) -> int | None:
-    """Where the largest gap above `CLEAR_GAP` of ordered phases (n,) ends; None without one. If their SD is that of one
-    timing, it needs `FEWEST_BESIDE_GAP` phases on either side: one crossing alone is no timing."""
-    least = 1 if wide(ordered, scatter) else FEWEST_BESIDE_GAP
-    gaps = np.diff(ordered)[least - 1 : max(len(ordered) - least, 0)]
+    """The parts of phases (n,), whose indices are given in their `order` (k,), between the largest gaps above
+    `CLEAR_GAP`. If their SD is that of one timing, a gap needs `FEWEST_BESIDE_GAP` phases on either side: one crossing
+    alone is no timing."""
+    least = 1 if wide(phases[order], scatter) else FEWEST_BESIDE_GAP
+    gaps = np.diff(phases[order])[least - 1 : max(len(order) - least, 0)]
     if not len(gaps) or gaps.max() <= CLEAR_GAP:
-        return None
-    return int(np.argmax(gaps)) + least
+        return [order]
+    cut = int(np.argmax(gaps)) + least
+    return [part for half in (order[:cut], order[cut:]) for part in parted(phases, half, scatter)]
 
 
 def wide(phases: Array, scatter: float) -> bool:
@@ -414,13 +390,6 @@ def wide(phases: Array, scatter: float) -> bool:
 
 
 USED, OUTLIER, REFUSED = "used", "outlier", "refused"  # Status of a crossing in `walking_crossings.csv`
-DEVIATIONS = (
-    ("gait_deviation_deg", ANGLE),
-    ("torque_deviation", TORQUE),
-    ("load_deviation", LOAD),
-    ("pressure_deviation_m", PRESSURE),
-)
-"""Columns of `walking_crossings.csv` with the features that compare curves."""
 BRIDGED = 0.05  # Share of hidden frames from which they are named beside an outlier
 SEPARATOR = "; "  # Between the names of gaits in one cell; no name has a semicolon
 
@@ -484,16 +453,15 @@ def load_reason(crossing: Crossing, settings: SelectionSettings) -> str:
 
 def share_of_weight(crossing: Crossing) -> float | None:
     """Mean load in single support as a share of the weight; None if load or mass is unknown."""
-    if crossing.load is None:
+    if crossing.load is None or crossing.body_mass is None:
         return None
-    return load_of_weight(crossing.time, crossing.load.force, crossing.stance, crossing.body_mass)
+    return crossing.load.of_weight(crossing.stance.phase(crossing.time), crossing.body_mass)
 
 
 def crossing_row(crossing: Crossing, index: int, features: Sequence[Feature], reason: str | None) -> dict[str, object]:
     """One row of `walking_crossings.csv`: angles in deg, residuals in mm, the encoder's delay in ms."""
     quality, encoder = crossing.quality, crossing.quality.encoder
     values = {f.name: float(f.values[index]) for f in features}
-    furthest = max((float(f.distance[index]) for f in features), default=None)
     return {
         "trial": crossing.name,
         "perturbed": crossing.onset is not None,
@@ -503,10 +471,13 @@ def crossing_row(crossing: Crossing, index: int, features: Sequence[Feature], re
         "onset_s": crossing.onset,
         "foot_forward_m": quality.placement[0],
         "foot_left_m": quality.placement[1],
-        **{column: values.get(name) for column, name in DEVIATIONS},
+        "gait_deviation_deg": values.get(ANGLE),
+        "torque_deviation": values.get(TORQUE),
+        "load_deviation": values.get(LOAD),
+        "pressure_deviation_m": values.get(PRESSURE),
         "load_of_weight": share_of_weight(crossing),
         "foot_outside_m": quality.outside,
-        "furthest_scatters": furthest,
+        "furthest_scatters": max((float(f.distance[index]) for f in features), default=None),
         "bridged": crossing.bridged,
         **{f"{name}_residual_mm": 1e3 * size for name, size in quality.residuals.items()},
         "plate_zero_N": quality.zero,

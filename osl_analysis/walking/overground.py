@@ -12,8 +12,15 @@ import numpy as np
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.bodies import Side, marker_tracks
-from osl_analysis.walking.plate import Stance, ankle_torque, find_stances, recorded_corners, recorded_wrench
+from osl_analysis.walking.bodies import Mask, Side, marker_tracks
+from osl_analysis.walking.plate import (
+    Stance,
+    ankle_torque,
+    find_stances,
+    recorded_corners,
+    recorded_wrench,
+    wrench_reader,
+)
 from osl_analysis.walking.settings import OvergroundAnalysis
 from osl_analysis.walking.setup import body_mass
 
@@ -43,11 +50,6 @@ class MomentComparison:
         """Slope of a regression of the laboratory's moment on this package's, through zero."""
         return float(self.moment @ self.reference / (self.moment @ self.moment))
 
-    @property
-    def peak(self) -> int:
-        """Frame at which the laboratory's moment is largest."""
-        return int(np.argmax(self.reference))
-
 
 def overground_rows(
     trial: Trial, settings: OvergroundAnalysis, sheet_mass: float | None = None
@@ -61,22 +63,25 @@ def overground_rows(
             f"trial {trial.name}: the recording states no body mass; state body_mass_kg in the sheet, or "
             "overground.body_mass_kg in the configuration"
         )
-    return [
-        {
-            "trial": trial.name,
-            "body_mass_kg": mass,
-            "side": comparison.side,
-            "plate": comparison.plate,
-            "heel_strike_s": comparison.stance.heel_strike,
-            "toe_off_s": comparison.stance.toe_off,
-            "frames": len(comparison.time),
-            "correlation": comparison.correlation,
-            "slope": comparison.slope,
-            "reference_peak": float(comparison.reference[comparison.peak]),
-            "moment_at_peak": float(comparison.moment[comparison.peak]),
-        }
-        for comparison in compare_moments(trial, mass, settings.load_on_n)
-    ]
+    rows = []
+    for comparison in compare_moments(trial, mass, settings.load_on_n):
+        peak = int(np.argmax(comparison.reference))
+        rows.append(
+            {
+                "trial": trial.name,
+                "body_mass_kg": mass,
+                "side": comparison.side,
+                "plate": comparison.plate,
+                "heel_strike_s": comparison.stance.heel_strike,
+                "toe_off_s": comparison.stance.toe_off,
+                "frames": len(comparison.time),
+                "correlation": comparison.correlation,
+                "slope": comparison.slope,
+                "reference_peak": float(comparison.reference[peak]),
+                "moment_at_peak": float(comparison.moment[peak]),
+            }
+        )
+    return rows
 
 
 def compare_moments(trial: Trial, body_mass: float, load: float) -> list[MomentComparison]:
@@ -103,7 +108,7 @@ def check_no_downward_force(trial: Trial, largest_zero: float) -> None:
     pull. An offset of the other sign looks like a standing person."""
     for plate in trial.provenance.get("plates", []):
         number = int(plate["plate"])
-        reading = float(np.median(recorded_wrench(trial, number).wrench.force[:, 2]))
+        reading = float(np.median(recorded_wrench(trial, number)[1][:, 2]))
         if reading < -largest_zero:
             raise InputError(
                 f"trial {trial.name}: force plate {number} reads {reading:.0f} N in most of the recording, expected "
@@ -121,21 +126,21 @@ def stances_on_plate(trial: Trial, side: Side, plate: int, body_mass: float, loa
     """The stances of one foot on one plate."""
     time, points = marker_tracks(trial, [f"{SIDES[side]}TIO", f"{SIDES[side]}TIL"])
     ankle, axis = points[:, 0], points[:, 1] - points[:, 0]
-    wrench = recorded_wrench(trial, plate).at_frames(time).late_by(0.0)
+    wrench = wrench_reader(*recorded_wrench(trial, plate), time)(0.0)
     corners = recorded_corners(trial, plate)
     unit = axis / np.linalg.norm(axis, axis=1, keepdims=True)
     moment = ankle_torque(wrench, corners.mean(axis=0), ankle, unit) / body_mass
     reference = trial.sampled(reference_column(side))[reference_column(side)].to_numpy()
-    known = np.isfinite(moment) & np.isfinite(reference) & (wrench.force[:, 2] > load)
+    known = np.isfinite(moment) & np.isfinite(reference) & (wrench[:, 2] > load)
     over = over_plate(ankle, corners)
-    for stance in find_stances(time, wrench.force[:, 2], load, load, SHORTEST_STANCE_S):
+    for stance in find_stances(time, wrench[:, 2], load, load, SHORTEST_STANCE_S):
         inside = (time > stance.heel_strike) & (time < stance.toe_off)
         rows = known & inside
         if over[inside].mean() > ON_PLATE and rows.sum() > 2:
             yield MomentComparison(side, plate, stance, time[rows], moment[rows], reference[rows])
 
 
-def over_plate(points: Array, corners: Array) -> np.ndarray:
+def over_plate(points: Array, corners: Array) -> Mask:
     """Whether points (n, 3) [m], seen from above, lie within the corners (4, 3) [m]; a NaN point does not."""
     edges = np.roll(corners, -1, axis=0) - corners
     away = points[:, None] - corners

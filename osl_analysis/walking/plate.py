@@ -1,7 +1,8 @@
 """The force plate on the moving platform: stances, wrench, zero and range; and its own inertia and lag.
 
-The plate's model comes from trials of the unloaded, moving platform. The wrench that the plate itself causes in its
-sensors is linear in its inertial parameters. In axes that turn with it, after the zero has removed the weight at rest,
+A wrench (n, 6) is force [N] and moment [N*m] about the centre of the plate's surface, in axes that are the laboratory's
+at rest and turn with the plate. The one that the plate itself causes in its sensors is linear in its inertial
+parameters, and is identified from trials of the unloaded, moving platform. After the zero has removed the weight,
 
     F = m a' + z x mc + w x (w x mc),    M = mc x a' + I z + w x I w,    a' = R^T (a - g) + g,
 
@@ -14,12 +15,11 @@ not show it. The unloaded plate shows it: its inertial force and its acceleratio
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 import polars as pl
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import make_interp_spline
 
 from osl_analysis.columns import AXES, plate_columns
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -40,7 +40,15 @@ from osl_analysis.walking.bodies import (
     reference_positions,
     segment_poses,
 )
-from osl_analysis.walking.platform import PlatformTrack, gate, gated_noise, rotation_from_rest, shared_directions
+from osl_analysis.walking.platform import (
+    FEWEST_FRAMES,
+    STILL,
+    PlatformTrack,
+    gate,
+    gated_noise,
+    rotation_from_rest,
+    shared_directions,
+)
 from osl_analysis.walking.settings import CrossingSettings, PlateModelSettings
 
 
@@ -55,30 +63,30 @@ class Stance:
     def duration(self) -> float:
         return self.toe_off - self.heel_strike
 
+    def phase(self, time: Array) -> Array:
+        """Times [s] as shares of the stance."""
+        return (time - self.heel_strike) / self.duration
+
 
 def find_stances(time: Array, force: Array, on: float, off: float, shortest: float) -> list[Stance]:
     """Complete stances of at least `shortest` [s] in a vertical force (n,) [N], from where it rises through `on` [N] to
     where it falls through `off` <= `on`, between samples. A NaN keeps the last known state."""
+
+    def passed(row: int, level: float) -> float:
+        """Time between a row and the next at which the force passes a level; the later row's if one is NaN."""
+        before, after = force[row], force[row + 1]
+        if not np.isfinite(before + after) or before == after:
+            return float(time[row + 1])
+        share = np.clip((level - before) / (after - before), 0.0, 1.0)
+        return float(time[row] + share * (time[row + 1] - time[row]))
+
     level = np.where(force > on, 1, np.where(force < off, -1, 0))
     known = np.maximum.accumulate(np.where(level != 0, np.arange(len(level)), -1))
-    loaded = (known >= 0) & (level[known] == 1)
-    change = np.diff(loaded.astype(int))
+    change = np.diff(((known >= 0) & (level[known] == 1)).astype(int))
     starts, ends = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
     ends = ends[ends > starts[0]] if len(starts) else ends[:0]
-    stances = [
-        Stance(time_of_level(time, force, s, on), time_of_level(time, force, e, off))
-        for s, e in zip(starts.tolist(), ends.tolist(), strict=False)
-    ]
+    stances = [Stance(passed(s, on), passed(e, off)) for s, e in zip(starts.tolist(), ends.tolist(), strict=False)]
     return [s for s in stances if s.duration >= shortest]
-
-
-def time_of_level(time: Array, values: Array, row: int, level: float) -> float:
-    """Time [s] between rows `row` and `row + 1` at which the values pass `level`; the later row's if one is NaN."""
-    before, after = values[row], values[row + 1]
-    if not np.isfinite(before + after) or before == after:
-        return float(time[row + 1])
-    share = np.clip((level - before) / (after - before), 0.0, 1.0)
-    return float(time[row] + share * (time[row + 1] - time[row]))
 
 
 def only_stance(stances: list[Stance]) -> Stance:
@@ -96,85 +104,40 @@ ANTI_ALIAS = 1 / 3  # Cut-off of the low-pass before resampling, as a fraction o
 LEVEL = 0.8  # Smallest vertical part of a plate's normal: ramps and stairs are less steep
 CLIPPED_S = 0.02
 """A force that keeps its largest value for this time [s] has reached the plate's limit. Noise and gait never do so."""
+STANDS_S = 0.1  # A raw channel that repeats one value for this time [s] while the force changes is dead
+LARGEST_FORCE = 8000.0  # Vertical force [N] that no walking person causes: ten times the weight of 80 kg
 
 
-@dataclass(frozen=True)
-class PlateWrench:
-    """Ground reaction on the foot: force (n, 3) [N], and moment (n, 3) [N*m] about the centre of the plate's
-    surface."""
-
-    force: Array
-    moment: Array
-
-    def __getitem__(self, rows: slice) -> "PlateWrench":
-        return PlateWrench(self.force[rows], self.moment[rows])
-
-    def __sub__(self, other: "PlateWrench") -> "PlateWrench":
-        return PlateWrench(self.force - other.force, self.moment - other.moment)
-
-    def filtered(self, low_pass: LowPass, rate: float) -> "PlateWrench":
-        """The wrench through a low-pass, at the sampling `rate` [Hz]."""
-        smooth = low_pass(self.components(), rate)
-        return PlateWrench(smooth[:, :3], smooth[:, 3:])
-
-    def components(self) -> Array:
-        return np.hstack([self.force, self.moment])
-
-
-@dataclass(frozen=True)
-class RecordedWrench:
-    """A plate's wrench at its own stamps (k,) [s], in axes that are the laboratory's at rest and turn with the
-    plate."""
-
-    time: Array
-    wrench: PlateWrench
-
-    def at_frames(self, marker_time: Array) -> "WrenchAtFrames":
-        """The wrench for the marker frames (n,) [s]. A zero-phase low-pass at a third of the marker rate prevents
-        aliasing, and attenuates a fifteenth of that rate (20 Hz at 300 Hz) by less than 1e-5."""
-        anti_alias = LowPass(sampling_rate(marker_time) * ANTI_ALIAS)
-        smooth = anti_alias(self.wrench.components(), sampling_rate(self.time))
-        ends = float(self.time[0]), float(self.time[-1])
-        return WrenchAtFrames(marker_time, make_interp_spline(self.time, smooth, k=3), ends)
-
-
-@dataclass(frozen=True)
-class WrenchAtFrames:
-    """A plate's wrench without what would alias at the marker frames (n,) [s]: a spline of its components between two
-    ends."""
-
-    time: Array
-    spline: BSpline
-    ends: tuple[float, float]
-
-    def late_by(self, lag: float) -> PlateWrench:
-        """The wrench (n, 3) of a plate that is late by `lag` [s]: it is read that much later."""
-        sampled = self.spline(np.clip(self.time + lag, *self.ends))
-        return PlateWrench(sampled[:, :3], sampled[:, 3:])
-
-
-def recorded_wrench(trial: Trial, plate: int) -> RecordedWrench:
-    """The wrench that a plate, counted from 1, recorded."""
+def recorded_wrench(trial: Trial, plate: int) -> tuple[Array, Array]:
+    """Stamps (k,) [s] and wrench (k, 6) of a plate, counted from 1, as it was recorded."""
     signals = trial.signals(*plate_columns(plate, "force"), *plate_columns(plate, "moment"))
-    values = np.column_stack(signals[1:])
-    return RecordedWrench(signals[0], PlateWrench(values[:, :3], values[:, 3:]))
+    return signals[0], np.column_stack(signals[1:])
 
 
-def zeroed_wrench(trial: Trial, settings: CrossingSettings) -> tuple[RecordedWrench, float | None]:
-    """The plate's wrench minus its zero, and the vertical force [N] of the zero; None if no zero is removed."""
-    recorded, zero_force = recorded_wrench(trial, settings.plate), None
+def wrench_reader(time: Array, wrench: Array, frames: Array) -> Callable[[float], Array]:
+    """The wrench (n, 6) at marker frames (n,) [s] as a function of the plate's lag [s]: it is read that much later. A
+    zero-phase low-pass at a third of the marker rate prevents aliasing, and attenuates a fifteenth of that rate (20 Hz
+    at 300 Hz) by less than 1e-5."""
+    anti_alias = LowPass(sampling_rate(frames) * ANTI_ALIAS)
+    spline = make_interp_spline(time, anti_alias(wrench, sampling_rate(time)), k=3)
+    return lambda lag: np.asarray(spline(np.clip(frames + lag, time[0], time[-1])))
+
+
+def zeroed_wrench(trial: Trial, settings: CrossingSettings) -> tuple[Array, Array, float | None]:
+    """Stamps and wrench of the plate minus its zero, and the vertical force [N] of the zero; None if none is removed.
+    Refused where the force stays at the plate's limit."""
+    (time, wrench), zero_force = recorded_wrench(trial, settings.plate), None
     if settings.unloaded_s is not None:
-        zero = unloaded_zero(recorded, settings.unloaded_s, settings.largest_zero_n)
-        recorded, zero_force = RecordedWrench(recorded.time, recorded.wrench - zero), float(zero.force[0, 2])
-    axes = plate_axes(recorded_corners(trial, settings.plate))
-    check_range(recorded.time, recorded.wrench.force, axes, settings.load_on_n)
-    return recorded, zero_force
+        zero = unloaded_zero(time, wrench, settings.unloaded_s, settings.largest_zero_n)
+        wrench, zero_force = wrench - zero, float(zero[2])
+    check_range(time, wrench[:, :3], plate_axes(recorded_corners(trial, settings.plate)), settings.load_on_n)
+    return time, wrench, zero_force
 
 
-def unloaded_zero(recorded: RecordedWrench, duration: float, largest: float) -> PlateWrench:
-    """Mean wrench (one sample) of a plate over the `duration` [s], before the largest vertical force, in which that
-    force varies least: gait is never as constant, and after the step the platform may be tilted."""
-    length, vertical = round(duration * sampling_rate(recorded.time)), recorded.wrench.force[:, 2]
+def unloaded_zero(time: Array, wrench: Array, duration: float, largest: float) -> Array:
+    """Mean wrench (6,) of a plate over the `duration` [s], before the largest vertical force, in which that force
+    varies least: gait is never as constant, and after the step the platform may be tilted."""
+    length, vertical = round(duration * sampling_rate(time)), wrench[:, 2]
     before = vertical[: int(np.argmax(vertical)) + 1]
     if len(before) < length:
         raise InputError(
@@ -183,11 +146,10 @@ def unloaded_zero(recorded: RecordedWrench, duration: float, largest: float) -> 
         )
     windows = np.lib.stride_tricks.sliding_window_view(before - before[0], length)
     start = int(np.argmin(np.var(windows, axis=1)))
-    unloaded = recorded.wrench[slice(start, start + length)]
-    zero = PlateWrench(*(part.mean(axis=0, keepdims=True) for part in (unloaded.force, unloaded.moment)))
-    if abs(zero.force[0, 2]) > largest:
+    zero: Array = wrench[start : start + length].mean(axis=0)
+    if abs(zero[2]) > largest:
         raise InputError(
-            f"the unloaded plate reads {zero.force[0, 2]:.0f} N, expected less than {largest:g} N: it was not zeroed "
+            f"the unloaded plate reads {zero[2]:.0f} N, expected less than {largest:g} N: it was not zeroed "
             "or has reached its limit; zero it and record again, exclude the trial, or raise largest_zero_n"
         )
     return zero
@@ -207,6 +169,12 @@ def check_range(time: Array, force: Array, axes: Array, load: float) -> None:
                     f"ms until {time[run.stop - 1]:.3f} s: it has reached its limit; choose a larger range, or exclude "
                     "the trial"
                 )
+
+
+def recorded_plate(trial: Trial, plate: int) -> Mapping[str, Any]:
+    """What the recording states of a plate; empty where it describes no such plate."""
+    found = [facts for facts in trial.provenance.get("plates", []) if facts["plate"] == plate]
+    return found[0] if found else {}
 
 
 def recorded_corners(trial: Trial, plate: int) -> Array:
@@ -230,60 +198,35 @@ def recorded_corners(trial: Trial, plate: int) -> Array:
     return found
 
 
-def in_laboratory(wrench: PlateWrench, platform: Poses, centre: Array) -> tuple[PlateWrench, Array]:
-    """The wrench in laboratory axes, from the plate's own, which are the laboratory's at rest, and the plate's centre
-    (n, 3) [m], about which its moment acts; `centre` (3,) [m] is that of the surface at rest."""
-    force = np.einsum("nij,nj->ni", platform.rotation, wrench.force)
-    moment = np.einsum("nij,nj->ni", platform.rotation, wrench.moment)
-    return PlateWrench(force, moment), platform.point(centre)
-
-
-def ankle_torque(reaction: PlateWrench, plate_centre: Array, ankle: Array, axis: Array) -> Array:
-    """Internal plantarflexion moment tau (n,) [N*m] from the ground reaction on the foot. tau = -(M + (c - a) x F) .
-    axis, with the force F and the moment M about the plate's centre c (n, 3) or (3,) [m], the ankle a (n, 3) [m], and
-    the axis (n, 3) to the left. The centre of pressure is not used: an unloaded plate has none."""
-    about_ankle = reaction.moment + np.cross(plate_centre - ankle, reaction.force)
-    return np.asarray(-np.sum(about_ankle * axis, axis=1))
-
-
-STANDS_S = 0.1  # A raw channel that repeats one value for this time [s] while the force changes is dead
-LARGEST_FORCE = 8000.0  # Vertical force [N] that no walking person causes: ten times the weight of 80 kg
-
-
 def check_plate(trial: Trial, plate: int, stance: Stance, vertical: Array) -> None:
-    """Refuse a plate whose raw channels fail in a stance, or whose vertical force (n,) [N] is not one of a person."""
+    """Refuse a plate whose raw channels are clipped or dead in a stance, by the facts that ingest found, or whose
+    vertical force (n,) [N] is not one of a person."""
     for facts in recorded_plate(trial, plate).get("channels", []):
-        check_channel(plate, facts, stance)
+        name = f"channel {facts['label']} of force plate {plate}"
+
+        def shared_time(run: str, facts: Mapping[str, Any] = facts) -> float:
+            """Time [s] that a run of the channel, `clipped` or `stands`, shares with the stance."""
+            if not facts[f"{run}_samples"]:
+                return 0.0
+            return float(min(facts[f"{run}_to_s"], stance.toe_off) - max(facts[f"{run}_from_s"], stance.heel_strike))
+
+        if shared_time("clipped") >= CLIPPED_S:
+            raise InputError(
+                f"{name} stays at {facts['clipped_at']:.4g} from {facts['clipped_from_s']:.3f} s to "
+                f"{facts['clipped_to_s']:.3f} s: it has reached its limit; choose a larger range and record again, or "
+                "exclude the trial"
+            )
+        if shared_time("stands") >= STANDS_S:
+            raise InputError(
+                f"{name} repeats one value from {facts['stands_from_s']:.3f} s to {facts['stands_to_s']:.3f} s while "
+                "the force on the plate changes: it is dead; mend the channel and record again, or exclude the trial"
+            )
     peak = float(vertical.max())
     if peak > LARGEST_FORCE:
         raise InputError(
             f"force plate {plate} reads up to {peak:.3g} N, expected less than {LARGEST_FORCE:g} N under a person; "
             "correct the unit of its forces (`plate_units` in the source file)"
         )
-
-
-def check_channel(plate: int, facts: Mapping[str, Any], stance: Stance) -> None:
-    """Refuse a raw channel of a plate, with the facts that ingest found, that is clipped in the stance or dead."""
-    name = f"channel {facts['label']} of force plate {plate}"
-    if shared_time(facts, "clipped", stance) >= CLIPPED_S:
-        raise InputError(
-            f"{name} stays at {facts['clipped_at']:.4g} from {facts['clipped_from_s']:.3f} s to "
-            f"{facts['clipped_to_s']:.3f} s: it has reached its limit; choose a larger range and record again, or "
-            "exclude the trial"
-        )
-    if shared_time(facts, "stands", stance) >= STANDS_S:
-        raise InputError(
-            f"{name} repeats one value from {facts['stands_from_s']:.3f} s to {facts['stands_to_s']:.3f} s while the "
-            "force on the plate changes: it is dead; mend the channel and record again, or exclude the trial"
-        )
-
-
-def shared_time(facts: Mapping[str, Any], run: str, stance: Stance) -> float:
-    """Time [s] that a run of a channel's facts, `clipped` or `stands`, shares with the stance."""
-    if not facts[f"{run}_samples"]:
-        return 0.0
-    first, last = facts[f"{run}_from_s"], facts[f"{run}_to_s"]
-    return float(min(last, stance.toe_off) - max(first, stance.heel_strike))
 
 
 def check_type_on_platform(trial: Trial, plate: int) -> None:
@@ -295,10 +238,13 @@ def check_type_on_platform(trial: Trial, plate: int) -> None:
         )
 
 
-def recorded_plate(trial: Trial, plate: int) -> Mapping[str, Any]:
-    """What the recording states of a plate; empty where it describes no such plate."""
-    found = [facts for facts in trial.provenance.get("plates", []) if facts["plate"] == plate]
-    return found[0] if found else {}
+def ankle_torque(reaction: Array, plate_centre: Array, ankle: Array, axis: Array) -> Array:
+    """Internal plantarflexion moment tau (n,) [N*m] from the ground reaction on the foot. tau = -(M + (c - a) x F) .
+    axis, with the force F and the moment M about the plate's centre c (n, 3) or (3,) [m] in a wrench (n, 6) in
+    laboratory axes, the ankle a (n, 3) [m], and the axis (n, 3) to the left. The centre of pressure is not used: an
+    unloaded plate has none."""
+    about_ankle = reaction[:, 3:] + np.cross(plate_centre - ankle, reaction[:, :3])
+    return np.asarray(-np.sum(about_ankle * axis, axis=1))
 
 
 PRESSED = 100.0  # Vertical force [N] from which there is a centre of pressure
@@ -313,24 +259,19 @@ class Load:
     force: Array
     left: Array
 
+    def of_weight(self, phase: Array, body_mass: float) -> float:
+        """Mean vertical force in single support, as a share of the weight; at phases (n,) of stance."""
+        inside = (phase >= SINGLE_SUPPORT[0]) & (phase <= SINGLE_SUPPORT[1])
+        return float(self.force[inside].mean() / (body_mass * np.linalg.norm(GRAVITY)))
 
-def load_on_foot(reaction: PlateWrench, centre: Array, ankle: Array, axis: Array) -> Load:
-    """Load from the reaction about the plate's centre (n, 3) [m], the ankle (n, 3) [m] and its axis (n, 3) to the
-    left."""
-    vertical = reaction.force[:, 2]
-    up = np.array([0.0, 0.0, 1.0])
+
+def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> Load:
+    """Load from the reaction (n, 6) about the plate's centre (n, 3) [m], the ankle (n, 3) [m] and its axis (n, 3) to
+    the left."""
+    vertical, up = reaction[:, 2], np.array([0.0, 0.0, 1.0])
     pressed = vertical > PRESSED
-    pressure = centre + np.cross(up, reaction.moment) / np.where(pressed, vertical, 1.0)[:, None]
+    pressure = centre + np.cross(up, reaction[:, 3:]) / np.where(pressed, vertical, 1.0)[:, None]
     return Load(vertical, np.where(pressed, np.sum((pressure - ankle) * axis, axis=1), 0.0))
-
-
-def load_of_weight(time: Array, vertical: Array, stance: Stance, body_mass: float | None) -> float | None:
-    """Mean vertical force (n,) [N] in single support, as a share of the weight; None if the mass [kg] is unknown."""
-    if body_mass is None:
-        return None
-    phase = (time - stance.heel_strike) / stance.duration
-    inside = (phase >= SINGLE_SUPPORT[0]) & (phase <= SINGLE_SUPPORT[1])
-    return float(vertical[inside].mean() / (body_mass * np.linalg.norm(GRAVITY)))
 
 
 PARAMETERS = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz")
@@ -340,8 +281,8 @@ PLANAR = ("m", "mc_x", "mc_z", "I_yy")
 EXCITED = 0.02
 """An axis counts as excited if its RMS angular acceleration is this fraction of the largest. Motion along its few
 directions leaves less than 0.005 of it about an axis that does not turn."""
-LEVER = 0.1  # Weight [m] of forces relative to moments: about the height of the ankle, a force's lever about it
-WEIGHT = np.array([LEVER] * 3 + [1.0] * 3)
+WEIGHT = np.array([0.1] * 3 + [1.0] * 3)
+"""Weights of forces [m] and moments: 0.1 m is about the height of the ankle, a force's lever about it."""
 LARGEST_NOISE_SHARE = 0.5  # Largest share of noise in the columns' squares that is corrected
 
 
@@ -358,11 +299,9 @@ class PlateInertia:
     def identified(self) -> tuple[str, ...]:
         return tuple(name for name, se in zip(PARAMETERS, self.standard_errors, strict=True) if se > 0)
 
-    def wrench(self, motion: BodyMotion) -> PlateWrench:
-        """Wrench that the plate itself causes in n frames, in its own axes and about its centre, the point of
-        `motion`."""
-        own = regressors(motion) @ self.parameters
-        return PlateWrench(own[:, :3], own[:, 3:])
+    def wrench(self, motion: BodyMotion) -> Array:
+        """Wrench (n, 6) that the plate itself causes about its centre, the point of `motion`."""
+        return np.asarray(regressors(motion) @ self.parameters)
 
 
 def regressors(motion: BodyMotion) -> Array:
@@ -388,67 +327,58 @@ def inertia_matrix(v: Array) -> Array:
 
 
 def identify_plate_inertia(
-    recordings: Sequence[tuple[BodyMotion, PlateWrench]],
+    recordings: Sequence[tuple[BodyMotion, Array]],
     smooth: Callable[[Array], Array] = np.asarray,
     names: tuple[str, ...] | None = None,
     noise: Array | None = None,
     known: Array | None = None,
 ) -> PlateInertia:
-    """Parameters from unloaded recordings: motion of the plate's centre, and wrench in the plate's axes.
+    """Parameters from unloaded recordings: motion of the plate's centre, and wrench (n, 6). The mean of each recording
+    is removed, because each has its own zero.
 
     `smooth` is the low-pass that the wrench passed and the motion did not. It is applied to the columns, which are
-    products of motions: with filtered motions, a filter of 8 Hz would make the plate's lag 0.05 ms too small. The mean
-    of each recording is removed, because each has its own zero. Inertias about axes that are not excited are 0. If the
-    others cannot be told apart, or some are seen with more noise than motion, only the four planar ones are identified.
+    products of motions: with filtered motions, a filter of 8 Hz would make the plate's lag 0.05 ms too small.
     `names` are those that may be identified, all if None or empty (as an exact fit, without errors, names); the others
-    are as in `known` (10,), 0 if None. `noise` (10, 10) is the sum of squares that marker noise alone causes in the
-    columns. It is subtracted from theirs, because noise in the columns makes every estimate too small.
+    are as in `known` (10,), 0 if None. Inertias about axes that are not excited are 0. If the rest cannot be told
+    apart, or some are seen with more noise than motion, only the four planar ones are identified. `noise` (10, 10) is
+    the sum of squares that marker noise alone causes in the columns, which makes every estimate too small.
     """
-
     columns = np.concatenate([centred(smooth(regressors(motion))) for motion, _ in recordings])
-    wrench = np.concatenate([centred(w.components()) for _, w in recordings])
+    wrench = np.concatenate([centred(w) for _, w in recordings])
     excited = excited_parameters([motion for motion, _ in recordings])
     wanted = tuple(name for name in excited if not names or name in names)
-    held = np.zeros(len(PARAMETERS)) if known is None else known
-    parameters, errors = fit_parameters(columns, wrench, wanted, noise, held)
+    while True:
+        chosen = [PARAMETERS.index(name) for name in wanted]
+        parameters, errors = np.zeros(len(PARAMETERS)) if known is None else known.copy(), np.zeros(len(PARAMETERS))
+        parameters[chosen] = 0.0
+        left, stacked = wrench - columns @ parameters, stacked_columns(columns, wanted)
+        try:
+            fit = linear_fit((left * WEIGHT).T.ravel(), dict(zip(wanted, stacked.T, strict=True)))
+            correction = (
+                np.eye(len(chosen)) if noise is None else noise_correction(stacked, noise[np.ix_(chosen, chosen)])
+            )
+            break
+        except IdentifiabilityError:
+            if wanted == PLANAR:
+                raise
+            wanted = PLANAR
+    parameters[chosen] = correction @ fit.estimates
+    errors[chosen] = np.sqrt(np.diag(correction @ fit.covariance @ correction.T))
     return PlateInertia(parameters, errors, rms(wrench), rms(wrench - columns @ parameters))
 
 
-def fit_parameters(
-    columns: Array, wrench: Array, names: tuple[str, ...], noise: Array | None, held: Array
-) -> tuple[Array, Array]:
-    """Parameters and standard errors (10,) from wrenches (n, 6) and the named ones of the columns (n, 6, 10). The
-    others are `held` (10,), with errors of 0. If the named ones look alike, or are noise, only the planar ones count.
-    """
-    chosen = [PARAMETERS.index(name) for name in names]
-    parameters, errors = held.copy(), np.zeros(len(PARAMETERS))
-    parameters[chosen] = 0.0
-    left = wrench - columns @ parameters
-    try:
-        fit = linear_fit((left * WEIGHT).T.ravel(), dict(zip(names, stacked_columns(columns, names).T, strict=True)))
-        correction = np.eye(len(chosen)) if noise is None else noise_correction(columns, noise, names)
-    except IdentifiabilityError:
-        if names == PLANAR:
-            raise
-        return fit_parameters(columns, wrench, PLANAR, noise, held)
-    parameters[chosen] = correction @ fit.estimates
-    errors[chosen] = np.sqrt(np.diag(correction @ fit.covariance @ correction.T))
-    return parameters, errors
-
-
-def noise_correction(columns: Array, noise: Array, names: Sequence[str]) -> Array:
-    """The matrix (p, p) that turns least-squares estimates into those without the bias from noise in the columns. With
-    the columns' squares G, of which N are noise, it is (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4)."""
-    chosen = [PARAMETERS.index(name) for name in names]
-    stacked, own = stacked_columns(columns, names), noise[np.ix_(chosen, chosen)]
+def noise_correction(stacked: Array, noise: Array) -> Array:
+    """The matrix (p, p) that turns least-squares estimates into those without the bias from noise in the columns (n,
+    p). With the columns' squares G, of which N are noise, it is (G - N)^-1 G (Fuller, Measurement Error Models, 1987,
+    1.4)."""
     squares = stacked.T @ stacked
-    share = np.linalg.eigvals(np.linalg.solve(squares, own)).real.max()
+    share = np.linalg.eigvals(np.linalg.solve(squares, noise)).real.max()
     if share > LARGEST_NOISE_SHARE:
         raise IdentifiabilityError(
             f"marker noise is {share:.0%} of what moves the unloaded plate in one of its directions, expected "
             f"{LARGEST_NOISE_SHARE:.0%} or less; record larger or faster motions of the unloaded plate"
         )
-    return np.asarray(np.linalg.solve(squares - own, squares))
+    return np.asarray(np.linalg.solve(squares - noise, squares))
 
 
 def stacked_columns(columns: Array, names: Sequence[str]) -> Array:
@@ -481,20 +411,19 @@ LIGHT = 0.1
 """RMS [N*m] of an unloaded wrench, forces with their lever, below which a plate is too light to show its lag."""
 
 
-def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], PlateWrench], smooth: Callable[[Array], Array]) -> float:
+def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: Callable[[Array], Array]) -> float:
     """Lag [s] of the plate behind the markers in one unloaded recording, positive if the plate is late, that minimises
     the misfit of `identify_plate_inertia`; NaN if it is too light. `wrench_at` returns the wrench read a lag [s] later,
     filtered with `smooth`. The motion has not passed this filter."""
     lags = np.arange(-LARGEST_PLATE_LAG_S, LARGEST_PLATE_LAG_S + PLATE_LAG_STEP_S / 2, PLATE_LAG_STEP_S)
     readings = [wrench_at(float(lag)) for lag in lags]
-    columns = centred(smooth(regressors(motion)))
     names = identify_plate_inertia([(motion, readings[len(lags) // 2])], smooth).identified
     names = names or excited_parameters([motion])  # an exact fit has standard errors of 0
-    basis = np.linalg.qr(stacked_columns(columns, names))[0]
-    stacked = [(centred(w.components()) * WEIGHT).T.ravel() for w in readings]
+    basis = np.linalg.qr(stacked_columns(centred(smooth(regressors(motion))), names))[0]
+    stacked = [(centred(w) * WEIGHT).T.ravel() for w in readings]
     misfit = [float(6 * np.mean((w - basis @ (basis.T @ w)) ** 2)) for w in stacked]
     best = int(np.argmin(misfit))
-    size = float(np.sum((rms(centred(readings[best].components())) * WEIGHT) ** 2))
+    size = float(np.sum((rms(centred(readings[best])) * WEIGHT) ** 2))
     if size < LIGHT**2:
         return float("nan")
     if misfit[best] > 0.5 * size or best in (0, len(lags) - 1):
@@ -507,14 +436,11 @@ def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], PlateWrench], smo
     return float(lags[best] + 0.5 * PLATE_LAG_STEP_S * (before - after) / (before - 2 * least + after))
 
 
-FEWEST_FRAMES = 10
 HIDDEN_TURN = np.deg2rad(0.2)
 """Smallest rotation [rad] during hidden markers that counts as a turn. At rest, noise gives 0.03 deg."""
-
 HIDDEN = "the platform turned while its markers were hidden; fill the gap in Nexus, or record it again"
 CUT = "the recording begins or ends while the platform moves; record from rest to rest"
-EDGE_S = 0.05  # Time [s] at each end of a recording in which a platform that moves is seen
-STILL = 7.0  # A platform moves at an end if its speed there is above this multiple of its standard error
+CUT_S = 0.05  # Time [s] at each end of a recording in which a platform that moves is seen
 
 
 @dataclass(frozen=True)
@@ -525,53 +451,40 @@ class UnloadedRecording:
     time: Array  # the marker frames (n,) [s]
     rows: slice  # the longest run of frames in which the platform was seen, without a motion that the recording cuts
     track: PlatformTrack  # the platform's coordinates in these rows
-    motion: BodyMotion  # motion of the plate's centre in these rows, through the low-pass of the crossings
     centre: Array  # the plate's centre (3,) [m] at rest
-    recorded: RecordedWrench  # the plate's wrench as sampled
-    low_pass: LowPass  # of the crossings
-    plate_low_pass: LowPass  # the further one of the identification
+    read: Callable[[float], Array]  # the wrench at the frames, as of `wrench_reader`
+    plate_low_pass: LowPass  # the further low-pass of the identification, after that of the crossings
     unusable: str  # why the trial shows nothing of the plate, for a message; empty if it does
-    noise: Array  # weighted squares (10, 10) of the marker noise in the columns of the regression
-
-    @classmethod
-    def shared(cls, recordings: "Sequence[UnloadedRecording]") -> "list[UnloadedRecording]":
-        """The recordings with their motions along the directions that they share."""
-        axes = shared_directions([r.track for r in recordings])
-        return [r.along(own) for r, own in zip(recordings, axes, strict=True)]
 
     def smooth(self, values: Array) -> Array:
         """Values in `rows`, shape (n, ...), through the low-pass of the identification."""
         return self.plate_low_pass(values, sampling_rate(self.time))
 
-    def along(self, axes: Array) -> "UnloadedRecording":
-        """The same with the motion along the directions (r, 6), and with the noise in the columns of its regression: of
-        frames at rest before `smooth`, after which they would hold the motions beside them too."""
+    def along(self, axes: Array) -> tuple[BodyMotion, Array]:
+        """The motion of the plate's centre along the directions (r, 6), through the low-pass of the crossings, and the
+        weighted squares (10, 10) of the marker noise in the columns of its regression: of frames at rest before
+        `smooth`, after which they would hold the motions beside them too."""
         motion, weights = self.track.own_motion(axes, self.centre)
         resting = [run for run in runs(weights == 0) if run.stop - run.start >= FEWEST_FRAMES]
         columns = regressors(motion)
         still = [stacked_columns(centred(columns[run]), PARAMETERS) for run in resting]
         squares = sum((one.T @ one for one in still), np.zeros((10, 10)))
         count = sum(run.stop - run.start for run in resting)
-        passed = gated_noise(weights, self.track.rate, self.low_pass, self.plate_low_pass)
-        return replace(self, motion=motion.weighted(weights), noise=squares / max(count, 1) * passed)
+        passed = gated_noise(weights, self.track.rate, self.track.low_pass, self.plate_low_pass)
+        return motion.weighted(weights), squares / max(count, 1) * passed
 
-    @cached_property
-    def at_frames(self) -> WrenchAtFrames:
-        return self.recorded.at_frames(self.time)
-
-    def wrench_at(self, lag: float) -> PlateWrench:
+    def wrench_at(self, lag: float) -> Array:
         """The wrench in `rows`, read a lag [s] later, through both low-passes."""
-        rate = sampling_rate(self.time)
-        once = self.at_frames.late_by(lag).filtered(self.low_pass, rate)
-        return once[self.rows].filtered(self.plate_low_pass, rate)
+        once = self.track.low_pass(self.read(lag), sampling_rate(self.time))
+        return self.smooth(once[self.rows])
 
 
 def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: PlateModelSettings) -> UnloadedRecording:
-    """The plate's motion over the longest run of frames in which the platform was seen, and its wrench."""
+    """The platform over the longest run of frames in which it was seen, and the plate's wrench."""
     names = settings.markers.platform
-    time, poses = segment_poses(trial, names, calibration.platform, settings)
-    recorded = recorded_wrench(trial, settings.plate)
-    load, largest = float(np.median(np.abs(recorded.wrench.force[:, 2]))), settings.largest_zero_n
+    frames, poses = segment_poses(trial, names, calibration.platform, settings)
+    time, wrench = recorded_wrench(trial, settings.plate)
+    load, largest = float(np.median(np.abs(wrench[:, 2]))), settings.largest_zero_n
     if load > largest:
         raise InputError(
             f"trial {trial.name}: the plate carries {load:.0f} N, expected an unloaded plate and at most {largest:g} "
@@ -585,33 +498,27 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
             + (f"; {hint}" if (hint := exchanged_labels(trial, calibration, settings, ("platform",))) else "")
         )
     reference = reference_positions(calibration.platform, names, trial.name)
-    track = PlatformTrack.of(trial.name, time[rows], poses[rows], reference, settings.low_pass)
+    track = PlatformTrack.of(trial.name, frames[rows], poses[rows], reference, settings.low_pass)
     whole = whole_motions(track)
     cut, rests = whole.stop - whole.start < rows.stop - rows.start, whole.stop - whole.start >= FEWEST_FRAMES
     if cut and rests:
         rows = slice(rows.start + whole.start, rows.start + whole.stop)
-        track = PlatformTrack.of(trial.name, time[rows], poses[rows], reference, settings.low_pass)
-    centre = recorded_corners(trial, settings.plate).mean(axis=0)
-    motion, weights = track.own_motion(np.eye(6), centre)
-    motion = motion.weighted(weights)
+        track = PlatformTrack.of(trial.name, frames[rows], poses[rows], reference, settings.low_pass)
     if cut and (not rests or np.ptp(rotation_from_rest(poses[rows])) < np.deg2rad(settings.perturbation_deg)):
         unusable = CUT
     else:
-        unusable = HIDDEN if turned_while_hidden(trial.name, time, poses, settings) else ""
-    filters = settings.low_pass, settings.plate_low_pass
-    return UnloadedRecording(
-        trial.name, time, rows, track, motion, centre, recorded, *filters, unusable, np.zeros((10, 10))
-    )
+        unusable = HIDDEN if turned_while_hidden(trial.name, frames, poses, settings) else ""
+    centre, read = recorded_corners(trial, settings.plate).mean(axis=0), wrench_reader(time, wrench, frames)
+    return UnloadedRecording(trial.name, frames, rows, track, centre, read, settings.plate_low_pass, unusable)
 
 
 def whole_motions(track: PlatformTrack) -> slice:
     """The frames (n,) of a track without a motion that begins before or ends after it; empty if it never rests. Half a
     motion has accelerations that the low-pass gets wrong: the lag is then off by milliseconds, the plate's mass by a
     tenth."""
-    count, n = max(round(EDGE_S * track.rate), 5), len(track.time)
+    count, n = max(round(CUT_S * track.rate), 5), len(track.time)
     moves = track.moving.copy()
-    ends = slice(0, count), slice(n - count, n)
-    for end in ends:
+    for end in (slice(0, count), slice(n - count, n)):
         since = track.time[end] - track.time[end].mean()
         slopes = since @ track.measured[end] / (since @ since)
         moves[end] |= float(np.abs(slopes).max() * np.sqrt(since @ since)) > STILL * track.noise
@@ -684,19 +591,20 @@ def identify_plate_model(
     for r in every:
         if r.unusable:
             warnings.warn(f"trial {r.name}: excluded from the plate's model: {r.unusable}", stacklevel=2)
-    recordings, lags = UnloadedRecording.shared(seen), [float("nan")] * len(seen)
-    for i, r in enumerate(recordings if settings.correct_plate_lag else ()):
+    motions, lags = shared_motions(seen), [float("nan")] * len(seen)
+    for i, r in enumerate(seen if settings.correct_plate_lag else ()):
         try:
-            lags[i] = plate_lag(r.motion, r.wrench_at, r.smooth)
+            lags[i] = plate_lag(motions[i][0], r.wrench_at, r.smooth)
         except InputError as error:
             raise InputError(f"trial {r.name}: {error}") from error
     reason = NOT_ASKED if not settings.correct_plate_lag else None if np.isfinite(lags).any() else TOO_LIGHT
-    model, others = replace(plate_model(recordings, lags), lag_reason=reason), []
-    if len(recordings) == 1:
+    model = replace(plate_model(seen, motions, lags), lag_reason=reason)
+    if len(seen) == 1:
         return model
+    others = []
     for one in range(len(seen)):
-        kept = UnloadedRecording.shared(seen[:one] + seen[one + 1 :])
-        others.append(plate_model(kept, lags[:one] + lags[one + 1 :], model.inertia))
+        kept = seen[:one] + seen[one + 1 :]
+        others.append(plate_model(kept, shared_motions(kept), lags[:one] + lags[one + 1 :], model.inertia))
     # The regression's errors are blind to what all samples of a trial share: directions of the motion, bridged gaps.
     left = np.array([other.inertia.parameters for other in others])
     jackknife = np.sqrt((len(left) - 1) / len(left) * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
@@ -704,15 +612,24 @@ def identify_plate_model(
     return replace(model, inertia=inertia, leave_one_out=tuple(others))
 
 
+Motions = Sequence[tuple[BodyMotion, Array]]  # of each recording, with its noise, as of `UnloadedRecording.along`
+
+
+def shared_motions(recordings: Sequence[UnloadedRecording]) -> Motions:
+    """The motion of each recording along the directions that they share, and its noise."""
+    axes = shared_directions([r.track for r in recordings])
+    return [r.along(own) for r, own in zip(recordings, axes, strict=True)]
+
+
 def plate_model(
-    recordings: Sequence[UnloadedRecording], lags: Sequence[float], whole: PlateInertia | None = None
+    recordings: Sequence[UnloadedRecording], motions: Motions, lags: Sequence[float], whole: PlateInertia | None = None
 ) -> PlateModel:
     """The mean of the recordings' lags [s], NaN where one shows none, and one inertia from all recordings at that lag.
     Only what `whole`, from more recordings, identified is identified, and the rest stays as it is there."""
     known = np.array([lag for lag in lags if np.isfinite(lag)])
     lag = float(np.mean(known)) if len(known) else None
-    pairs = [(r.motion, r.wrench_at(lag or 0.0)) for r in recordings]
-    noise = np.sum([r.noise for r in recordings], axis=0)
+    pairs = [(motion, r.wrench_at(lag or 0.0)) for r, (motion, _) in zip(recordings, motions, strict=True)]
+    noise = np.sum([squares for _, squares in motions], axis=0)
     limits = (None, noise, None) if whole is None else (whole.identified, noise, whole.parameters)
     inertia = identify_plate_inertia(pairs, recordings[0].smooth, *limits)
     error = float(np.std(known, ddof=1) / np.sqrt(len(known))) if len(known) > 1 else None

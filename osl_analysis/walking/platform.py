@@ -38,65 +38,59 @@ from osl_analysis.walking.bodies import (
 )
 from osl_analysis.walking.settings import PlatformMotionSettings, PlatformSettings
 
+COORDINATES = 6
+SIGNIFICANT = 1.3  # Margin on the largest variance that noise alone would show in any direction (Marchenko and Pastur)
+LEAST_NOISE_M = 2e-7  # Smallest noise [m] of a coordinate: the resolution of single precision at a metre
+STILL = 7.0  # A platform moves where its speed is above this multiple of its noise: 1 in 10^7 frames of a resting one
+PLAIN = 2.0  # Time before and after a motion that is seen, over the low-pass's spread, in which it may still move
+SPREAD_S, SPREAD_CUTOFF_HZ = 0.025, 20.0
+"""Time [s] by which the low-pass widens a motion, half a period, and the cut-off [Hz] at which it does so."""
+LONG_GAP_S = 0.015
+"""Shortest gap [s] of the platform's markers that is bridged by a straight line. A turn is never hidden for as long."""
+BESIDE = 4  # Frames beside a gap whose mean is the end of that line
+FEWEST_FRAMES = 10  # Fewest frames from which a position at rest is read
+
 
 def rotation_from_rest(platform: Poses) -> Array:
     """Angle (n,) [rad] by which the platform is turned from its pose in the static trial, about the axis of the largest
     rotation, which counts as positive; NaN where not seen. It is signed, so that marker noise has zero mean."""
     seen = np.flatnonzero(platform.seen())
     angle = np.full(len(platform.position), np.nan)
-    if not len(seen):
-        return angle
-    vectors = Rotation.from_matrix(platform.rotation[seen]).as_rotvec()
-    size = np.linalg.norm(vectors, axis=1)
-    largest = int(np.argmax(size))
-    angle[seen] = vectors @ vectors[largest] / max(float(size[largest]), np.finfo(float).tiny)
+    if len(seen):
+        vectors = Rotation.from_matrix(platform.rotation[seen]).as_rotvec()
+        size = np.linalg.norm(vectors, axis=1)
+        largest = int(np.argmax(size))
+        angle[seen] = vectors @ vectors[largest] / max(float(size[largest]), np.finfo(float).tiny)
     return angle
 
 
-COORDINATES = 6
-SIGNIFICANT = 1.3  # Margin on the largest variance that noise alone would show in any direction (Marchenko and Pastur)
-LEAST_NOISE_M = 2e-7  # Smallest noise [m] of a coordinate: the resolution of single precision at a metre
-STILL = 7.0  # A platform moves where its speed is above this multiple of its noise: 1 in 10^7 frames of a resting one
+def screw_scale(reference: Array) -> Array:
+    """Scale (6, 6) [m/rad, 1] of rotation vector and translation from the centroid of markers at the reference
+    positions (m, 3) [m]: noise of s [m] in each marker's coordinate is s in each of the six, to first order."""
+    local = reference - reference.mean(axis=0)
+    size, axes = np.linalg.eigh(np.sum(local**2) * np.eye(3) - local.T @ local)
+    scale = np.zeros((COORDINATES, COORDINATES))
+    scale[:3, :3] = (axes * np.sqrt(size)) @ axes.T
+    scale[3:, 3:] = np.sqrt(len(reference)) * np.eye(3)
+    return scale
 
-PLAIN = 2.0  # Time before and after a motion that is seen, over the low-pass's spread, in which it may still move
+
+def screw_coordinates(reference: Array, poses: Poses) -> Array:
+    """Scaled coordinates (n, 6) [m] of poses; NaN where the cluster was not seen."""
+    seen = poses.seen()
+    found = np.full((len(seen), COORDINATES), np.nan)
+    turn = Rotation.from_matrix(poses.rotation[seen]).as_rotvec()
+    shift = np.linalg.solve(left_jacobian(turn), (poses.position[seen] - reference.mean(axis=0))[:, :, None])[:, :, 0]
+    found[seen] = np.hstack([turn, shift]) @ screw_scale(reference).T
+    return found
 
 
-@dataclass(frozen=True)
-class Screws:
-    """The scaled coordinates of one marker cluster: the product of scale (6, 6) [m/rad, 1] with rotation vector and
-    translation, from the centroid (3,) [m] of the markers in the static trial, the origin."""
-
-    origin: Array
-    scale: Array
-
-    @classmethod
-    def of(cls, reference: Array) -> "Screws":
-        """Coordinates of markers at the reference positions (m, 3) [m]: noise of s [m] in each marker's coordinate is s
-        in each of the six, to first order."""
-        local = reference - reference.mean(axis=0)
-        spread = np.sum(local**2) * np.eye(3) - local.T @ local
-        size, axes = np.linalg.eigh(spread)
-        scale = np.zeros((6, 6))
-        scale[:3, :3] = (axes * np.sqrt(size)) @ axes.T
-        scale[3:, 3:] = np.sqrt(len(reference)) * np.eye(3)
-        return cls(reference.mean(axis=0), scale)
-
-    def coordinates(self, poses: Poses) -> Array:
-        """Scaled coordinates (n, 6) [m] of poses; NaN where the cluster was not seen."""
-        seen = poses.seen()
-        found = np.full((len(seen), COORDINATES), np.nan)
-        turn = Rotation.from_matrix(poses.rotation[seen]).as_rotvec()
-        shift = np.linalg.solve(left_jacobian(turn), (poses.position[seen] - self.origin)[:, :, None])[:, :, 0]
-        found[seen] = np.hstack([turn, shift]) @ self.scale.T
-        return found
-
-    def poses(self, coordinates: Array) -> Poses:
-        """Poses of scaled coordinates (n, 6) [m], the inverse of `coordinates`."""
-        screw: Array = np.linalg.solve(self.scale, coordinates.T).T.astype(float)
-        turn, n = screw[:, :3], len(screw)
-        position = np.einsum("nij,nj->ni", left_jacobian(turn), screw[:, 3:]) + self.origin
-        rotation = Rotation.from_rotvec(turn).as_matrix()
-        return Poses(rotation, position, self.origin, np.full(n, np.nan), np.zeros(n, dtype=bool))
+def screw_poses(reference: Array, coordinates: Array) -> Poses:
+    """Poses of scaled coordinates (n, 6) [m], the inverse of `screw_coordinates`."""
+    screw: Array = np.linalg.solve(screw_scale(reference), coordinates.T).T.astype(float)
+    turn, n, origin = screw[:, :3], len(screw), reference.mean(axis=0)
+    position = np.einsum("nij,nj->ni", left_jacobian(turn), screw[:, 3:]) + origin
+    return Poses(Rotation.from_rotvec(turn).as_matrix(), position, origin, np.full(n, np.nan), np.zeros(n, dtype=bool))
 
 
 def left_jacobian(turn: Array) -> Array:
@@ -111,15 +105,6 @@ def left_jacobian(turn: Array) -> Array:
     W = cross_matrix(turn)
     matrices: Array = np.eye(3) + first[:, None, None] * W + second[:, None, None] * (W @ W)
     return matrices
-
-
-def frame_noise(coordinates: Array) -> float:
-    """Standard deviation [m] of the noise in each frame of coordinates (n, k), from second differences. The median is
-    blind to the few frames in which the platform accelerates."""
-    second = np.diff(coordinates[np.isfinite(coordinates).all(axis=1)], n=2, axis=0)
-    if not second.size:
-        return LEAST_NOISE_M
-    return float(max(1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0), LEAST_NOISE_M))
 
 
 def noise_gain(low_pass: LowPass, rate: float, derivative: int = 0) -> float:
@@ -143,11 +128,6 @@ def gated_noise(weights: Array, rate: float, low_pass: LowPass, further: LowPass
     return float(np.sum(lags * acceleration / acceleration[0] * np.fft.irfft(passed[1], n)))
 
 
-def speed(time: Array, coordinates: Array) -> Array:
-    """Speed (n,) [m/s] of filtered coordinates (n, k) [m]."""
-    return np.asarray(np.linalg.norm(np.gradient(coordinates, time, axis=0), axis=1))
-
-
 def gate(time: Array, moves: Mask, spread: float) -> Array:
     """Weights (n,) of inertial forces: 1 where the platform moves and up to `PLAIN` times `spread` [s] beside it, 0 one
     `spread` later, half a cosine between: a slow ramp accelerates most while its speed is below that of noise. Weights
@@ -156,9 +136,8 @@ def gate(time: Array, moves: Mask, spread: float) -> Array:
         return np.zeros(len(time))
     motion = time[moves]
     after = np.searchsorted(motion, time)
-    nearest = np.minimum(
-        np.abs(time - motion[np.minimum(after, len(motion) - 1)]), np.abs(time - motion[np.maximum(after - 1, 0)])
-    )
+    later, earlier = motion[np.minimum(after, len(motion) - 1)], motion[np.maximum(after - 1, 0)]
+    nearest = np.minimum(np.abs(time - later), np.abs(time - earlier))
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.clip(nearest / spread - PLAIN, 0, 1)))
 
 
@@ -167,22 +146,12 @@ def directions(coordinates: Sequence[Array], noise: float, low_pass: LowPass, ra
     mean square is above the largest that filtered noise alone would show. `noise` [m] is that of one frame before the
     low-pass."""
     stacked = np.concatenate(list(coordinates))
-
     _, size, axes = np.linalg.svd(stacked, full_matrices=False)
     gain = noise_gain(low_pass, rate)
     independent = max(len(stacked) * gain, 1.0)
     largest = noise**2 * gain * (1 + np.sqrt(COORDINATES / independent)) ** 2
     count = int(np.sum(size**2 / len(stacked) > SIGNIFICANT * largest))
     return np.asarray(axes[: max(count, 1)])
-
-
-SPREAD_S = 0.025  # Time [s] by which the low-pass widens a motion, for a cut-off of `SPREAD_CUTOFF_HZ`: half a period
-SPREAD_CUTOFF_HZ = 20.0
-
-LONG_GAP_S = 0.015
-"""Shortest gap [s] of the platform's markers that is bridged by a straight line. A turn is never hidden for as long."""
-BESIDE = 4  # Frames beside a gap whose mean is the end of that line
-FEWEST_FRAMES = 10  # Fewest frames from which a position at rest is read
 
 
 @dataclass(frozen=True)
@@ -199,10 +168,14 @@ class PlatformTrack:
 
     @classmethod
     def of(cls, name: str, time: Array, poses: Poses, reference: Array, low_pass: LowPass) -> "PlatformTrack":
-        """The track of a platform's poses (n,), none NaN, whose markers were at the reference (m, 3) [m] at rest."""
-        measured = straight_over_gaps(Screws.of(reference).coordinates(poses), poses.bridged, sampling_rate(time))
+        """The track of a platform's poses (n,), none NaN, whose markers were at the reference (m, 3) [m] at rest. Its
+        noise is that of second differences: their median is blind to the few frames in which the platform accelerates.
+        """
+        measured = straight_over_gaps(screw_coordinates(reference, poses), poses.bridged, sampling_rate(time))
+        second = np.diff(measured[~poses.bridged], n=2, axis=0)
+        noise = 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0) if second.size else 0.0
         filtered = low_pass(measured, sampling_rate(time))
-        return cls(name, time, reference, measured, filtered, low_pass, frame_noise(measured[~poses.bridged]))
+        return cls(name, time, reference, measured, filtered, low_pass, float(max(noise, LEAST_NOISE_M)))
 
     @property
     def rate(self) -> float:
@@ -213,32 +186,30 @@ class PlatformTrack:
         """Time [s] by which the low-pass widens a motion."""
         return SPREAD_S * SPREAD_CUTOFF_HZ / self.low_pass.cutoff_hz
 
+    def speed(self, axes: Array) -> Array:
+        """Speed (n,) [m/s] of the filtered coordinates along directions (r, 6)."""
+        return np.asarray(np.linalg.norm(np.gradient(self.filtered @ axes.T, self.time, axis=0), axis=1))
+
     def moves(self, axes: Array) -> Mask:
         """Frames (n,) in which the platform's speed along some of the directions (r, 6) stands out of the noise. The
         ends of a recording do not count: a low-pass passes more noise there."""
         inside = (self.time > self.time[0] + self.spread) & (self.time < self.time[-1] - self.spread)
         noise = self.noise * np.sqrt(noise_gain(self.low_pass, self.rate, 1))
-        return np.asarray(inside & (speed(self.time, self.filtered @ axes.T) > STILL * noise))
+        return np.asarray(inside & (self.speed(axes) > STILL * noise))
 
     @cached_property
     def moving(self) -> Mask:
         """Frames (n,) in which the platform moves along any direction."""
-        return self.moves(np.eye(6))
+        return self.moves(np.eye(COORDINATES))
 
     @cached_property
     def rest(self) -> Array:
         """Coordinates (6,) [m] at rest: their mean while the platform rests, until it moves fastest."""
         resting = gate(self.time, self.moving, self.spread) == 0
-        fastest = int(np.argmax(speed(self.time, self.filtered)))
-        before = resting & (self.time < self.time[fastest])
+        before = resting & (self.time < self.time[int(np.argmax(self.speed(np.eye(COORDINATES))))])
         if before.sum() < FEWEST_FRAMES:
             before = self.time <= self.time[0] + self.spread
         return np.asarray(self.measured[before].mean(axis=0))
-
-    def displaced(self) -> Array:
-        """Filtered coordinates (k, 6) [m] from rest, in the frames in which the platform moves."""
-        near = gate(self.time, self.moving, self.spread) > 0
-        return np.asarray((self.filtered - self.rest)[near])
 
     def own_motion(self, axes: Array, centre: Array) -> tuple[BodyMotion, Array]:
         """Motion of the point that rests at `centre` (3,) [m], as measured along the directions (r, 6), and weights
@@ -249,8 +220,20 @@ class PlatformTrack:
     def motion_of(self, coordinates: Array, centre: Array) -> BodyMotion:
         """Motion (n,) of the point that rests at `centre` (3,) [m] for other coordinates (n, 6) [m], not filtered. The
         markers of that pose pass the low-pass, as the wrench does; its coordinates do not."""
-        poses = Screws.of(self.reference).poses(coordinates)
+        poses = screw_poses(self.reference, coordinates)
         return body_motion(self.time, filtered_poses(poses, self.reference, self.low_pass, self.rate), centre)
+
+
+def track_about(
+    trial: str, time: Array, poses: Poses, calibration: StaticCalibration, settings: PlatformSettings, instant: float
+) -> PlatformTrack:
+    """The platform's coordinates in the run of seen frames about an instant [s], from its poses at times (n,) [s]."""
+    labels = settings.markers.platform
+    reference = reference_positions(calibration.platform, labels, trial)
+    around = [run for run in runs(poses.seen()) if time[run.start] <= instant <= time[run.stop - 1]]
+    if not around:
+        raise InputError(f"the platform markers {', '.join(labels)} are hidden at {instant:.3f} s")
+    return PlatformTrack.of(trial, time[around[0]], poses[around[0]], reference, settings.low_pass)
 
 
 def straight_over_gaps(coordinates: Array, bridged: Mask, rate: float) -> Array:
@@ -270,13 +253,14 @@ def straight_over_gaps(coordinates: Array, bridged: Mask, rate: float) -> Array:
 
 
 def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
-    """Directions (r, 6) of the motion in each trial: those of all trials together, where these are no more than each
-    trial has alone. A platform that turns in one trial and shifts in another has others in each."""
+    """Directions (r, 6) of the motion in each trial, from its frames in motion: those of all trials together, where
+    these are no more than each trial has alone. A platform that turns in one trial and shifts in another has others in
+    each."""
     low_pass, rate = tracks[0].low_pass, tracks[0].rate
-    moved, none = [track.displaced() for track in tracks], np.zeros((0, 6))
-    noise = float(np.sqrt(np.mean([track.noise**2 for track in tracks])))
+    moved = [(t.filtered - t.rest)[gate(t.time, t.moving, t.spread) > 0] for t in tracks]
+    noise, none = float(np.sqrt(np.mean([t.noise**2 for t in tracks]))), np.zeros((0, COORDINATES))
     pairs = zip(moved, tracks, strict=True)
-    alone = [directions([one], track.noise, low_pass, rate) if len(one) else none for one, track in pairs]
+    alone = [directions([one], t.noise, low_pass, rate) if len(one) else none for one, t in pairs]
     known = [one for one in moved if len(one)]
     together = directions(known, noise, low_pass, rate) if known else none
     return [together if len(own) == len(together) else own for own in alone]
@@ -310,30 +294,19 @@ def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
             "record earlier, or exclude the trial"
         )
     turned, noise = rotation - float(np.mean(rotation[resting])), float(np.std(rotation[resting]))
-    end = end_of_start(turned[: first + 1], noise, float(np.max(turned)))
-    rows = slice(int(np.searchsorted(time, time[end] - 2 * REST_S)), end + 1)
-    return float(time[end] + power_law_start(time[rows] - time[end], turned[rows]))
-
-
-def end_of_start(turned: Array, noise: float, height: float) -> int:
-    """The last frame of the fitted start, in a rotation `turned` (n,) [rad] of the whole `height`, with `noise` (SD) at
-    rest."""
+    height = float(np.max(turned))
     level = height * np.clip(FITTED_NOISE * noise / height, SMALLEST_PART, LARGEST_PART)
     visible = max(0.2 * level, 3 * noise)
-    end, start = (int(np.flatnonzero(turned[:-1] < limit)[-1]) + 1 for limit in (level, visible))
-    return min(max(end, start + FEWEST_OF_START - 1), len(turned) - 1)
-
-
-def power_law_start(time: Array, turned: Array) -> float:
-    """The start t0 < 0 [s] of the best fit of c (time - t0)^p to `turned` (n,) [rad], by a search over t0 and p."""
+    end, start = (int(np.flatnonzero(turned[:first] < limit)[-1]) + 1 for limit in (level, visible))
+    end = min(max(end, start + FEWEST_OF_START - 1), first)
+    rows = slice(int(np.searchsorted(time, time[end] - 2 * REST_S)), end + 1)
     starts = np.arange(-REST_S, -START_STEP_S, START_STEP_S)
-    since = np.clip(time - starts[:, None], 0.0, None)
-    misfits = []
+    since, misfits = np.clip(time[rows] - time[end] - starts[:, None], 0.0, None), []
     for p in POWERS:
         shape = since**p
-        size = shape @ turned / np.sum(shape**2, axis=1)
-        misfits.append(np.sum((turned - size[:, None] * shape) ** 2, axis=1))
-    return float(starts[np.argmin(misfits) % len(starts)])
+        size = shape @ turned[rows] / np.sum(shape**2, axis=1)
+        misfits.append(np.sum((turned[rows] - size[:, None] * shape) ** 2, axis=1))
+    return float(time[end] + starts[np.argmin(misfits) % len(starts)])
 
 
 LEAD_S = 0.15  # Time [s] before the middle of the rise at which the shape begins
@@ -343,6 +316,11 @@ ROUNDS = 6  # Alternations of shape and alignment. A start that is 5 ms off is r
 LARGEST_STEP_S = 0.02  # Largest change [s] of a start in one step of Gauss and Newton
 UNLIKE = 4.0
 """A crossing does not follow the shape if its misfit lies this many standard deviations above that of noise."""
+CHANCE = 1e-3
+"""The duration of the motion is free where noise alone would scatter it as much with this probability only;
+a trigger's latency is constant unless the starts' noise would scatter it as much with less."""
+FEWEST = 2  # Fewest crossings whose mean is a shape
+GROUPS = 10  # Largest number of groups of crossings that are left out in turn, for the jackknife of the shape
 
 
 @dataclass(frozen=True)
@@ -383,9 +361,12 @@ class PlatformTemplate:
 
     def at(self, time: Array, derivative: int = 0) -> Array:
         """Coordinates (n, r) [m], or their derivative, at times [s] from the start; constant beyond the grid."""
-        inside = (time >= self.time[0]) & (time <= self.time[-1])
         values = self.spline(np.clip(time, self.time[0], self.time[-1]), derivative)
-        return np.asarray(values if derivative == 0 else values * inside[:, None])
+        return np.asarray(values if derivative == 0 else values * self.covers(time)[:, None])
+
+    def covers(self, time: Array) -> Mask:
+        """Which times [s] from the start are on the grid."""
+        return np.asarray((time >= self.time[0]) & (time <= self.time[-1]))
 
     def curve(self, time: Array, alignment: Alignment) -> Array:
         """Coordinates (n, r) [m] from rest, at times [s], of a crossing that follows the shape."""
@@ -403,13 +384,10 @@ def mean_shape(pairs: Pairs, axes: Array, ends: tuple[float, float], noise: floa
         values.append((track.measured[near] @ axes.T - a.offset) / amplitude)
         weights.append(np.full(near.sum(), abs(amplitude)))
     order = np.argsort(np.concatenate(time), kind="stable")
+    stamps, drawn, trust = (np.concatenate(each)[order] for each in (time, values, weights))
     step = max(KNOT_S, 1.5 / pairs[0][0].rate)
     inner = np.linspace(*ends, round((ends[1] - ends[0]) / step) + 1)[1:-1]
-    stamps = np.concatenate(time)[order]
-    edges = [stamps[0]] * 4, [stamps[-1]] * 4
-    spline = make_lsq_spline(
-        stamps, np.concatenate(values)[order], np.r_[edges[0], inner, edges[1]], k=3, w=np.concatenate(weights)[order]
-    )
+    spline = make_lsq_spline(stamps, drawn, np.r_[[stamps[0]] * 4, inner, [stamps[-1]] * 4], k=3, w=trust)
     grid = np.arange(np.ceil(stamps[0] / GRID_S), np.floor(stamps[-1] / GRID_S) + 1) * GRID_S
     shape = spline(grid)
     rest = shape[grid <= grid[0] + LEAD_S / 4].mean(axis=0)
@@ -423,20 +401,20 @@ def mean_scales(pairs: Pairs) -> tuple[float, float]:
 
 
 def aligned(track: PlatformTrack, guess: Alignment, template: PlatformTemplate, scaled: bool) -> Alignment:
-    """The start, amplitude and, if `scaled`, duration with which a motion follows a shape, by Gauss and Newton."""
+    """The start, amplitude and, if `scaled`, duration with which a motion follows a shape, by Gauss and Newton. It
+    follows it if the mean square of their filtered difference is that of noise."""
     measured, a = track.measured @ template.axes.T, guess if scaled else replace(guess, duration=1.0)
     r = measured.shape[1]
     for _ in range(ROUNDS):
         since = (track.time - a.start) / a.duration
-        near = (since >= template.time[0]) & (since <= template.time[-1])
+        near = template.covers(since)
         shape, slope = template.at(since[near]), template.at(since[near], 1)
         amplitude = a.amplitude if abs(a.amplitude) > 0.1 else 1.0
         columns = [shape, -slope * amplitude / a.duration, -slope * since[near, None] * amplitude / a.duration]
         moving = np.stack([c.T.ravel() for c in columns[: 3 if scaled else 2]], axis=1)
-        constant = np.repeat(np.eye(r), near.sum(), axis=0)
-        design = np.hstack([moving, constant])
-        linear = (measured[near] - amplitude * shape).T.ravel()
-        change = np.linalg.lstsq(design, linear)[0]
+        design = np.hstack([moving, np.repeat(np.eye(r), near.sum(), axis=0)])
+        missed: Array = (measured[near] - amplitude * shape).T.ravel()
+        change = np.linalg.lstsq(design, missed)[0]
         a = replace(
             a,
             amplitude=amplitude + float(change[0]),
@@ -445,19 +423,9 @@ def aligned(track: PlatformTrack, guess: Alignment, template: PlatformTemplate, 
             offset=change[-r:],
         )
     covariance = template.noise**2 * np.linalg.inv(design.T @ design)
-    misfit, follows = misfit_of(track, a, template)
-    a = replace(a, start_se=float(np.sqrt(covariance[1, 1])), misfit=misfit, follows=follows)
-    if not scaled:
-        return replace(a, duration_se=0.0, shared=0.0)
-    return replace(a, duration_se=float(np.sqrt(covariance[2, 2])), shared=float(covariance[1, 2]))
-
-
-def misfit_of(track: PlatformTrack, a: Alignment, template: PlatformTemplate) -> tuple[float, bool]:
-    """Mean square of the filtered difference between a motion and its shape over that of noise, and whether it is
-    noise's."""
-    difference = track.measured @ template.axes.T - a.offset - template.curve(track.time, a)
+    difference = measured - a.offset - template.curve(track.time, a)
     since = (track.time - a.start) / a.duration
-    near = (since >= template.time[0]) & (since <= template.time[-1])
+    near = template.covers(since)
     inside = near & (since <= template.time[-1] - 2 * track.spread)
     difference[~near] = 0.0
     filtered = track.low_pass(difference, track.rate)[inside]
@@ -465,8 +433,11 @@ def misfit_of(track: PlatformTrack, a: Alignment, template: PlatformTemplate) ->
     before = filtered[since[inside] < template.time[0] + LEAD_S / 2]
     level = max(template.noise**2 * gain, float(np.mean(before**2)) if before.size else 0.0)
     misfit = float(np.mean(filtered**2)) / level
-    independent = max(filtered.size * gain, 1.0)
-    return misfit, bool(misfit < 1 + UNLIKE * np.sqrt(2 / independent))
+    follows = bool(misfit < 1 + UNLIKE * np.sqrt(2 / max(filtered.size * gain, 1.0)))
+    a = replace(a, start_se=float(np.sqrt(covariance[1, 1])), misfit=misfit, follows=follows)
+    if not scaled:
+        return replace(a, duration_se=0.0, shared=0.0)
+    return replace(a, duration_se=float(np.sqrt(covariance[2, 2])), shared=float(covariance[1, 2]))
 
 
 KINDS = (3, 1, 2, 4)
@@ -505,8 +476,17 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
     quick = 2 * float(time[half] - time[level]) / 0.6
     guess = np.array([time[half] - quick / 2, quick, 0.0])
     end = int(np.argmax(turned >= FITTED * height)) + 1
-    near, share = time[:end], turned[:end] / height
-    found = {p: fitted_step(near, share, guess, noise / height, p) for p in KINDS}
+
+    def fitted(p: int) -> OptimizeResult:
+        """The step I(x; p, p) of some start, duration and level; residuals over noise: `cost` is half of chi-square."""
+
+        def difference(step: Array) -> Array:
+            x = np.clip((time[:end] - step[0]) / step[1], 0, 1)
+            return np.asarray((betainc(p, p, x) + step[2] - turned[:end] / height) / (noise / height))
+
+        return least_squares(difference, guess, x_scale=[0.01, 0.05, 0.01], diff_step=[1e-4, 1e-4, 1e-4])
+
+    found = {p: fitted(p) for p in KINDS}
     best = min(found, key=lambda p: found[p].cost)
     kind = best if 2 * (found[KINDS[0]].cost - found[best].cost) > PREFERRED else KINDS[0]
     fit = found[kind]
@@ -515,34 +495,16 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
     return RiseStart(float(fit.x[0]), float(np.sqrt(np.linalg.inv(fit.jac.T @ fit.jac)[0, 0])), shape, kind)
 
 
-def fitted_step(time: Array, share: Array, guess: Array, noise: float, p: int) -> OptimizeResult:
-    """The step I(x; p, p) of some start [s] and duration [s], from some level, that fits a rise from 0 towards 1.
-    Residuals are in units of the `noise` of a sample, so that `cost` is half of chi-square."""
-
-    def difference(step: Array) -> Array:
-        x = np.clip((time - step[0]) / step[1], 0, 1)
-        return np.asarray((betainc(p, p, x) + step[2] - share) / noise)
-
-    return least_squares(difference, guess, x_scale=[0.01, 0.05, 0.01], diff_step=[1e-4, 1e-4, 1e-4])
-
-
-CHANCE = 1e-3
-"""The duration of the motion is free where noise alone would scatter it as much with this probability only;
-a trigger's latency is constant unless the starts' noise would scatter it as much with less."""
-FEWEST = 2  # Fewest crossings whose mean is a shape
-
-
 def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[PlatformTemplate, list[Alignment]]:
     """The shape of the motions in two or more crossings, and how each follows it; one that does not follow it has no
     part in it. The shape ends 50 ms after a `window` [s] that begins in the middle of its rise; its zero of time is its
     own start."""
     if len(tracks) < FEWEST:
         raise InputError(f"{len(tracks)} motions of the platform, expected {FEWEST} or more to find what they share")
-    ends = -LEAD_S, window + 0.05
-    noise = float(np.sqrt(np.mean([track.noise**2 for track in tracks])))
-    moved = []
-    for track in tracks:  # about the middle of the rise; where each rests is not a direction
-        since = track.time - middle_of_rise(track)
+    ends, middles = (-LEAD_S, window + 0.05), [middle_of_rise(track) for track in tracks]
+    noise, moved = float(np.sqrt(np.mean([track.noise**2 for track in tracks]))), []
+    for track, middle in zip(tracks, middles, strict=True):  # where each rests is not a direction
+        since = track.time - middle
         near = track.filtered[(since >= ends[0]) & (since <= ends[1])]
         moved.append(near - near.mean(axis=0))
     axes = directions(moved, noise, tracks[0].low_pass, tracks[0].rate)
@@ -555,10 +517,10 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
         return template, [a for _, a in pairs]
 
     guesses = []
-    for track in tracks:  # by the middle of the rise, with the sign of the largest displacement
+    for track, middle in zip(tracks, middles, strict=True):  # with the sign of the largest displacement
         along = (track.filtered - track.rest) @ axes.T
-        size, rest = float(along[np.argmax(np.abs(along[:, 0])), 0]), track.rest @ axes.T
-        guesses.append(Alignment(track.name, middle_of_rise(track), 0.0, size, 1.0, 0.0, 0.0, rest, 0.0, True))
+        size = float(along[np.argmax(np.abs(along[:, 0])), 0])
+        guesses.append(Alignment(track.name, middle, 0.0, size, 1.0, 0.0, 0.0, track.rest @ axes.T, 0.0, True))
     template, alignments = alternated(list(zip(tracks, guesses, strict=True)), False)
     free = [aligned(track, a, template, True) for track, a in zip(tracks, alignments, strict=True)]
     scatter = np.array([(a.duration - 1) / a.duration_se for a in free])
@@ -594,14 +556,8 @@ def middle_of_rise(track: PlatformTrack) -> float:
     return float(track.time[max(row - 1, 0)] + share * (track.time[1] - track.time[0]))
 
 
-GROUPS = 10  # Largest number of groups of crossings that are left out in turn, for the jackknife of the shape
-
-
-def without_groups(
-    tracks: Sequence[PlatformTrack], alignments: Sequence[Alignment], template: PlatformTemplate
-) -> tuple[PlatformTemplate, ...]:
+def without_groups(pairs: Pairs, template: PlatformTemplate) -> tuple[PlatformTemplate, ...]:
     """The shape without each of up to `GROUPS` groups of the crossings that follow it."""
-    pairs = [(t, a) for t, a in zip(tracks, alignments, strict=True) if a.follows]
     groups, ends, found = min(len(pairs), GROUPS), (float(template.time[0]), float(template.time[-1])), []
     for group in range(groups):
         kept = [pair for index, pair in enumerate(pairs) if index % groups != group]
@@ -614,17 +570,17 @@ def jackknife_rows(plate: Sequence[Array], platform: Sequence[Array]) -> Array:
     """Rows (m, n) [N*m] whose jackknife has the sum of the variances of two independent sources: the changes without
     each plate trial, and without each group of crossings in the shape. The jackknife's variance of k rows is (k - 1)/k
     times their sum of squares about the mean."""
-    if not len(platform):
-        return np.array(plate)
     sources = [np.array(rows) for rows in (plate, platform) if len(rows) > 1]
+    if not len(platform) or not sources:
+        return np.array(plate)
     total = sum(len(rows) for rows in sources)
     scaled = [
         (rows - rows.mean(axis=0)) * np.sqrt((len(rows) - 1) / len(rows) * total / (total - 1)) for rows in sources
     ]
-    return np.concatenate(scaled) if scaled else np.array(plate)
+    return np.concatenate(scaled)
 
 
-COLUMN = "trigger"
+TRIGGER = "trigger"
 SMALLEST_LEVEL_V = 0.5  # Smallest difference [V] between the trigger's levels that is an edge
 FEWEST_TRIGGERS = 3  # Fewest crossings with a trigger from which a latency is judged
 
@@ -644,10 +600,10 @@ class TriggerLatency:
 def trigger_edge(trial: Trial) -> tuple[float, float] | None:
     """Time [s] of the first rise of the trigger through the middle of its levels, halfway between two samples, and the
     step [s] between them; None without a finite trigger that has an edge."""
-    if COLUMN not in trial.samples.columns:
+    if TRIGGER not in trial.samples.columns:
         return None
-    rows = trial.sampled(COLUMN)
-    time, level = rows["time"].to_numpy(), rows[COLUMN].to_numpy()
+    rows = trial.sampled(TRIGGER)
+    time, level = rows["time"].to_numpy(), rows[TRIGGER].to_numpy()
     if len(level) < 2 or not np.isfinite(level).all() or np.ptp(level) < SMALLEST_LEVEL_V:
         return None
     high = level > (level.max() + level.min()) / 2
@@ -674,21 +630,6 @@ def trigger_latency(
     return TriggerLatency(mean, sd, template_se, float(resolution), len(late), bool(constant))
 
 
-FADE_S = 0.025  # Time [s] over which the shape gives way to a crossing's own motion, at the shape's end
-
-NUMBERS = (
-    "onset_s", "template_onset_s", "template_onset_se_s", "shared_onset_se_s", "onset_shape_s", "amplitude", "duration",
-    "misfit",
-)  # fmt: skip
-PLATFORM_COLUMNS = (
-    {"trial": pl.String}
-    | dict.fromkeys(NUMBERS, pl.Float64)
-    | {"follows": pl.Int64, "directions": pl.Int64}
-    | dict.fromkeys(("trigger_s", "latency_s", "latency_sd_s"), pl.Float64)
-    | {"trigger_used": pl.Int64}
-)
-
-
 @dataclass(frozen=True)
 class PlatformModel:
     """What the platform's motions have in common."""
@@ -704,13 +645,10 @@ class PlatformModel:
         """Onset [s] of a trial's perturbation, `own` [s] if it shows it alone. From the trigger, where its latency is
         constant and it is sampled more finely than the shape tells the start, or the trial does not follow the shape;
         else from the shape."""
-        a = self.alignments.get(trial)
-        follows = a is not None and a.follows
-        late = self.latency
-        constant = late is not None and late.used and trial in self.triggers
-        if late is not None and constant and (not follows or late.resolution < late.template_se):
+        a, late = self.followed(trial), self.latency
+        if late is not None and late.used and trial in self.triggers and (not a or late.resolution < late.template_se):
             return self.triggers[trial] + late.mean
-        return a.start if a is not None and follows else own
+        return a.start if a else own
 
     def followed(self, trial: str) -> Alignment | None:
         """How a trial follows the shape; None if it does not."""
@@ -728,7 +666,7 @@ def identify_platform(
     crossing whose platform is hidden, or does not turn by `perturbation_deg`, has no part; its analysis says so."""
     if moved := differing_clusters([calibration_of(calibrations, trial.name) for trial in trials], settings):
         warnings.warn(f"each crossing keeps its own motion of the platform: {moved}", stacklevel=2)
-        return PlatformModel(None, moved, {}, {}, None)
+        return replace(ALONE, reason=moved)
     tracks = []
     for trial in trials:
         try:
@@ -743,7 +681,7 @@ def identify_platform(
     try:
         template, alignments = platform_template(tracks, settings.window_s)
     except InputError as error:
-        return PlatformModel(None, str(error), {}, {}, None)
+        return replace(ALONE, reason=str(error))
     for a in alignments:
         if not a.follows:
             warnings.warn(
@@ -752,13 +690,11 @@ def identify_platform(
                 stacklevel=2,
             )
     edges = {t.name: edge for t in trials if (edge := trigger_edge(t)) is not None}
-    triggers, step = (
-        {name: edge[0] for name, edge in edges.items()},
-        max((edge[1] for edge in edges.values()), default=0),
-    )
-    latency = trigger_latency([a for a in alignments if a.follows], triggers, step)
-    left = without_groups(tracks, alignments, template)
-    return PlatformModel(template, None, {a.name: a for a in alignments}, triggers, latency, left)
+    triggers, step = {name: edge[0] for name, edge in edges.items()}, max((s for _, s in edges.values()), default=0)
+    known = [(track, a) for track, a in zip(tracks, alignments, strict=True) if a.follows]
+    latency = trigger_latency([a for _, a in known], triggers, step)
+    by_name = {a.name: a for a in alignments}
+    return PlatformModel(template, None, by_name, triggers, latency, without_groups(known, template))
 
 
 def differing_clusters(calibrations: Sequence[StaticCalibration], settings: PlatformMotionSettings) -> str:
@@ -776,26 +712,16 @@ def differing_clusters(calibrations: Sequence[StaticCalibration], settings: Plat
     )
 
 
-def track_about(
-    trial: str, time: Array, poses: Poses, calibration: StaticCalibration, settings: PlatformSettings, instant: float
-) -> PlatformTrack:
-    """The platform's coordinates in the run of seen frames about an instant [s], from its poses at times (n,) [s]."""
-    labels = settings.markers.platform
-    reference = reference_positions(calibration.platform, labels, trial)
-    around = [run for run in runs(poses.seen()) if time[run.start] <= instant <= time[run.stop - 1]]
-    if not around:
-        raise InputError(f"the platform markers {', '.join(labels)} are hidden at {instant:.3f} s")
-    return PlatformTrack.of(trial, time[around[0]], poses[around[0]], reference, settings.low_pass)
+FADE_S = 0.025  # Time [s] over which the shape gives way to a crossing's own motion, at the shape's end
 
 
 def inertial_motion(
-    track: PlatformTrack, centre: Array, template: PlatformTemplate | None = None, follows: Alignment | None = None
+    track: PlatformTrack, centre: Array, template: PlatformTemplate | None, follows: Alignment | None
 ) -> BodyMotion:
     """Motion (n,) of the plate's centre, at rest at `centre` (3,) [m], without accelerations where the platform rests:
     by the shape that a crossing `follows`, until it ends; otherwise as measured, along its own directions."""
     if template is None or follows is None:
-        own = shared_directions([track])[0]
-        motion, weights = track.own_motion(own, centre)
+        motion, weights = track.own_motion(shared_directions([track])[0], centre)
         return motion.weighted(weights)
     since = (track.time - follows.start) / follows.duration
     end = float(template.time[-1]) - FADE_S
@@ -812,12 +738,21 @@ def inertial_motion(
 
 def platform_table(model: PlatformModel) -> pl.DataFrame:
     """`platform.csv`: one row per perturbed crossing whose platform was seen; none without a shape."""
-    late, shape, rows = model.latency, model.template, []
+    late, shape = model.latency, model.template
+    counts = ("follows", "directions", "trigger_used")
+    schema: dict[str, type[pl.DataType]] = {"trial": pl.String} | {
+        name: pl.Int64 if name in counts else pl.Float64
+        for name in (
+            "onset_s", "template_onset_s", "template_onset_se_s", "shared_onset_se_s", "onset_shape_s", "amplitude",
+            "duration", "misfit", "follows", "directions", "trigger_s", "latency_s", "latency_sd_s", "trigger_used",
+        )
+    }  # fmt: skip
     if shape is None:
-        return pl.DataFrame(schema=PLATFORM_COLUMNS)
+        return pl.DataFrame(schema=schema)
+    rows = []
     for a in model.alignments.values():
         starts = (model.onset(a.name, a.start), a.start, float(np.hypot(a.start_se, shape.start_se)), shape.start_se)
         follows = (shape.start_shape, a.amplitude, a.duration, a.misfit, int(a.follows), len(shape.axes))
         trigger = (model.triggers.get(a.name), late and late.mean, late and late.sd, int(bool(late and late.used)))
         rows.append((a.name, *starts, *follows, *trigger))
-    return pl.DataFrame(rows, schema=PLATFORM_COLUMNS, orient="row")
+    return pl.DataFrame(rows, schema=schema, orient="row")

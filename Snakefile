@@ -23,12 +23,12 @@ from osl_analysis.about import about
 from osl_analysis.campaign import check_campaign, open_campaign
 from osl_analysis.commands.run import with_shipped_profile
 from osl_analysis.config import campaign_config, overriding
-from osl_analysis.doubtful import doubt_report, unchecked_report
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.campaign import matching, response_example, time_series_example
-from osl_analysis.exclusion import Judge, exclusion_report, left_behind_report, truncation_report
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.figures import FIGURES, drawn_figures
+from osl_analysis.judge.findings import exclusion_report, findings_report, left_behind_report
+from osl_analysis.judge.usable import Judge
 from osl_analysis.files import check_working_folder
 from osl_analysis.fingerprint import code, code_of
 from osl_analysis.jobs.request import Requests
@@ -149,10 +149,8 @@ def end_of_run(records) -> str:
     page, verdicts = RESULTS / "report.html", JUDGE.verdicts(checked(CAMPAIGN.trials()))
     said = [
         f"open {page} in a browser: every number, figure and trial" if page.is_file() and not is_refused(page) else "",
-        doubt_report(result_tables()),
-        unchecked_report(result_tables()),
+        findings_report(verdicts, result_tables()),
         exclusion_report(verdicts, CAMPAIGN.excluded),
-        truncation_report(verdicts, recordings),
         left_behind_report((RESULTS / "trials").glob("*.parquet"), {*CAMPAIGN.trials(), *CAMPAIGN.excluded}),
         refusal_report(refusals_in(records), recordings, ACCEPT, records),
     ]

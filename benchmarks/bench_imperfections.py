@@ -20,12 +20,12 @@ import yaml
 
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.config import Config, campaign_config
-from osl_analysis.doubtful import marked
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.exclusion import Judge
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.jobs.job import call
 from osl_analysis.jobs.request import Job
+from osl_analysis.judge.doubts import marked
+from osl_analysis.judge.usable import Judge
 from osl_analysis.parameters import read_parameters
 from osl_analysis.table import read_table
 

@@ -24,7 +24,6 @@ from scipy.optimize import curve_fit
 from scipy.signal import butter, filtfilt
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.plausibility import check_recording, saturated
 from osl_analysis.bench.rendered import (
     AskedImpedance,
     judged_impedance,
@@ -40,6 +39,7 @@ from osl_analysis.commands.simulate import row_of_trial, simulate_trial
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config import read_section
 from osl_analysis.files import default_config
+from osl_analysis.judge.impossible import check_recording, saturated
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.simulator.settings import SimulationSettings

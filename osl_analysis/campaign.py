@@ -17,9 +17,9 @@ from osl_analysis.experiments import Table
 from osl_analysis.files import default_config
 from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.job_log import plain
+from osl_analysis.judge.recording import CHECKS, unknown_check, validate_rules
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.parameters import joint_of
-from osl_analysis.quality.verdict import CHECKS, unknown_check, validate_rules
 from osl_analysis.sheet import JOINT, read_sheet
 from osl_analysis.table import MEASURED, SIMULATED
 from osl_analysis.walking.groups import PERTURBED, SHARED, STATED, STATIC, side_of, split_keys, static_of

@@ -361,7 +361,7 @@ def samples(folder: Path, output: Path | None, config_path: Path) -> None:
     """
     from osl_analysis.commands.inspect import samples_table, write_samples
     from osl_analysis.config import read_section
-    from osl_analysis.quality.checks import QualityRules
+    from osl_analysis.judge.table import QualityRules
 
     rules = read_section(config_path, "quality", QualityRules)
     if output is None:

@@ -32,14 +32,14 @@ from osl_analysis.commands.gains import Request, requested_gains
 from osl_analysis.commands.summarise import read_summary as read_summary_file
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config import read_section
-from osl_analysis.doubtful import IS_DOUBTFUL, marked, with_doubts_of
 from osl_analysis.errors import InputError, listing, nearest, printable, printable_lines
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.known_formats import FORMATS, read_source
+from osl_analysis.judge.doubts import IS_DOUBTFUL, marked, with_doubts_of
+from osl_analysis.judge.recording import examine, quality_table, validate_rules
+from osl_analysis.judge.table import Commanded, QualityRules
 from osl_analysis.parameters import joint_of, known_parameters
-from osl_analysis.quality.checks import Commanded, QualityRules
-from osl_analysis.quality.verdict import examine, quality_table, validate_rules
 from osl_analysis.shared_choices import WeightSettings
 from osl_analysis.table import read_table as read_table_file
 from osl_analysis.trial import Trial

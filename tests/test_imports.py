@@ -20,24 +20,14 @@ MAY_IMPORT = {
     "design": COMMON | {"design", "spectral", "stats", "signals", "multisine", "second_order"},
     "timebase": COMMON | {"timebase", "signals"},
     "bench": COMMON
-    | {"bench", "protocol", "spectral", "stats", "second_order", "rails", "signals", "uniform", "timebase"}
-    | {"model", "parameters", "columns", "yaml_settings", "doubtful"},
+    | {"bench", "protocol", "spectral", "stats", "second_order", "judge", "signals", "uniform", "timebase"}
+    | {"model", "parameters", "columns", "yaml_settings"},
     "walking": COMMON
     | {"walking", "stats", "second_order", "signals", "uniform", "timebase", "columns", "yaml_settings"}
     | {"plate_surface"},
-    "quality": COMMON
-    | {
-        "plate_surface",
-        "quality",
-        "protocol",
-        "columns",
-        "experiments",
-        "rails",
-        "signals",
-        "uniform",
-        "timebase",
-        "yaml_settings",
-    },
+    "judge": COMMON
+    | {"judge", "plate_surface", "plateaus", "protocol", "columns", "experiments", "files", "parameters", "refusal"}
+    | {"signals", "stats", "table", "timebase", "uniform", "yaml_settings"},
     "figures": COMMON | {"figures"},
     "report": COMMON | {"report", "experiments", "dictionary", "summary", "about"},
 }

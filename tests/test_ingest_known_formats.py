@@ -20,7 +20,7 @@ from osl_analysis.ingest.message_log import McapSource, read_mcap_log
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source_fields import Conversion, LogSource
-from osl_analysis.quality.checks import QualityRules
+from osl_analysis.judge.table import QualityRules
 from osl_analysis.simulator.mcap_writer import DYNAMOMETER, write_mcap
 from osl_analysis.simulator.vicon import C3dRecording, RecordedPlate, write_c3d
 from osl_analysis.trial import read_trial

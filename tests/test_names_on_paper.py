@@ -17,11 +17,13 @@ from osl_analysis.commands import plotted_numbers, tables
 from osl_analysis.commands.bench import by_place
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.config import read_config
-from osl_analysis.doubtful import unchecked_report
 from osl_analysis.errors import InputError
 from osl_analysis.figures import fig5, fig6, fig8
 from osl_analysis.figures.names import look_numbers, looks_in
 from osl_analysis.figures.style import LOOKS
+from osl_analysis.judge.doubts import marked
+from osl_analysis.judge.findings import findings_report
+from osl_analysis.judge.table import Doubt
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.shared_choices import read_impedance_trajectory
 from osl_analysis.summary.headlines import ENDINGS, Example, headline_numbers
@@ -209,9 +211,16 @@ def test_a_figure_says_below_it_and_in_its_metadata_what_its_data_are(tmp_path):
 
 
 def test_what_was_not_checked_is_said_with_the_number_of_trials(tmp_path):
-    table = pl.DataFrame({"trial": ["a", "a", "b", "c"], "not_checked": ["K: no file"] * 3 + [None]})
-    write_table(table, tmp_path / "impedance.csv")
-    assert unchecked_report([tmp_path / "impedance.csv"]) == "not checked: K: no file (trials: 2)"
+    """A torque that may be late has the size of what that would do, over all trials, from the fits to all of each."""
+    why = "K: no file; whether the torque is late: unseen"
+    rows = [("a", 2.0, 90.0, why), ("a", None, 200.0, why), ("b", None, 300.0, why), ("c", None, 100.0, None)]
+    table = pl.DataFrame(rows, ["trial", "amplitude_deg", "K", "not_checked"], orient="row")
+    write_table(marked(table.with_columns(B=5.0, I=0.02), Doubt(), "impedance"), tmp_path / "impedance.csv")
+    first, second = findings_report(
+        pl.DataFrame(schema=["check", "verdict"]), [tmp_path / "impedance.csv"]
+    ).splitlines()
+    assert first == "not checked, 2 of 3 impedance trials: K: no file [a, b]"
+    assert "each ms would take 0.2 to 0.3 N*m*s/rad off B = 5 and 0.005 kg*m^2 off I = 0.02" in second
 
 
 @pytest.mark.parametrize(("joint", "predicted"), [("ankle", True), ("knee", False)])

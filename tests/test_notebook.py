@@ -35,7 +35,7 @@ from osl_analysis.commands.trials import ingest_trial, measure_trial
 from osl_analysis.commands.watch import estimates_line
 from osl_analysis.config import FrequencyResponseFigure, read_config
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.quality.checks import Commanded
+from osl_analysis.judge.table import Commanded
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import write_trial
 

@@ -21,10 +21,11 @@ from osl_analysis.config import campaign_config, read_section
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.ingest.c3d_capture import C3dSource, read_c3d_capture
+from osl_analysis.judge.channels import length_of_longest
+from osl_analysis.judge.recording import CHECKS, examine, quality_table, validate_rules
+from osl_analysis.judge.table import CheckResult, Commanded, QualityRules
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.plateaus import longest_at_extreme
-from osl_analysis.quality.checks import CheckResult, Commanded, QualityRules, length_of_longest
-from osl_analysis.quality.verdict import CHECKS, examine, fails, quality_table, validate_rules
 from osl_analysis.trial import Array, Trial
 
 COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6)
@@ -73,7 +74,7 @@ def results(samples: pl.DataFrame, experiment: str = "impedance", **provenance: 
 
 def failed(found: Mapping[str, CheckResult]) -> set[str]:
     """Names of the checks that the shipped thresholds do not pass."""
-    return {name for name, result in found.items() if fails(name, result.value, RULES.rule(name).limit)}
+    return {name for name, result in found.items() if CHECKS[name].failed(result.value, RULES.rule(name).limit)}
 
 
 def test_a_sound_recording_passes_every_check() -> None:
@@ -392,7 +393,7 @@ def test_a_trial_of_few_rows_or_empty_columns_is_judged_without_an_error(rows: i
     [("rate", 99.0, True), ("rate", 100.0, False), ("gap", 0.05, False), ("gap", 0.051, True), ("gap", np.nan, True)],
 )
 def test_a_value_at_its_threshold_passes_and_no_number_fails(name: str, value: float, failing: bool) -> None:
-    assert fails(name, value, RULES.rule(name).limit) is failing
+    assert CHECKS[name].failed(value, RULES.rule(name).limit) is failing
 
 
 def rules_with(**changed: Any) -> QualityRules:

@@ -8,9 +8,9 @@ import pytest
 from c3d_builder import REAL_DATA, write_c3d
 
 from osl_analysis.ingest.c3d_capture import C3dSource, read_c3d_capture
+from osl_analysis.judge.recording import examine
+from osl_analysis.judge.table import CheckResult, Commanded
 from osl_analysis.plateaus import run_at_extreme
-from osl_analysis.quality.checks import CheckResult, Commanded
-from osl_analysis.quality.verdict import examine
 from osl_analysis.trial import Array, Trial
 
 RATE, FRAMES = 500, 200

@@ -15,14 +15,6 @@ from conftest import ROOT
 from osl_analysis.commands import study, trials
 from osl_analysis.commands.walking_files import read_json
 from osl_analysis.errors import InputError, WriteError
-from osl_analysis.exclusion import (
-    Judge,
-    exclusion_report,
-    left_behind_report,
-    truncation_report,
-    without_excluded,
-    without_refused,
-)
 from osl_analysis.files import temporary_path
 from osl_analysis.job_log import JobLog, read_log, read_logs, run_report, write_log
 from osl_analysis.jobs import client
@@ -30,7 +22,9 @@ from osl_analysis.jobs import run as jobs_run
 from osl_analysis.jobs.job import died, perform, reason_and_remedy
 from osl_analysis.jobs.request import Job, write_request
 from osl_analysis.jobs.server import PRELOADED
-from osl_analysis.quality.checks import QualityRules
+from osl_analysis.judge.findings import exclusion_report, findings_report, left_behind_report
+from osl_analysis.judge.table import QualityRules
+from osl_analysis.judge.usable import Judge, without_excluded, without_refused
 from osl_analysis.refusal import Refusal, is_refused, read_refusals, refusal_report, refusals_in, write_refusals
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
@@ -270,18 +264,17 @@ def test_what_a_renaming_leaves_among_the_results_is_named_at_the_end_of_a_run()
     assert left_behind_report(stored[::2], ["b_1", "b_2", "b_3"]) == ""
 
 
-def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run(tmp_path: Path) -> None:
+def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run() -> None:
     verdicts = {"b_1": "flag", "b_2": "pass", "b_3": "exclude"}
     rows = [
-        {"trial": trial, "check": check, "verdict": verdict if check == "truncated" else "flag"}
+        {"trial": trial, "check": "truncated", "verdict": verdict, "value": 1.0, "unit": "logs", "remark": ""}
         for trial, verdict in verdicts.items()
-        for check in ("truncated", "damage")
     ]
-    table, recordings = pl.DataFrame(rows), {trial: [f"raw/{trial}.mcap"] for trial in verdicts}
-    (told,) = truncation_report(table, recordings).splitlines()
-    assert told.startswith("warning: trial b_1, file raw/b_1.mcap: the end of the log is missing")
+    (told,) = findings_report(pl.DataFrame(rows), []).splitlines()
+    assert told.startswith("flagged, 1 of 3 trials: log without its end: ")
     assert "`truncated` under `accept`" in told
-    assert truncation_report(table[2:], recordings) == ""
+    assert told.endswith("[b_1]")
+    assert findings_report(pl.DataFrame(rows[1:]), []) == ""
 
 
 def test_a_study_is_not_made_of_the_batches_that_succeeded(tmp_path: Path) -> None:

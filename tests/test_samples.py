@@ -14,7 +14,7 @@ from osl_analysis.cli import main
 from osl_analysis.commands.inspect import SUFFIXES, escaped, samples_table
 from osl_analysis.config import read_section
 from osl_analysis.errors import InputError
-from osl_analysis.quality.checks import QualityRules
+from osl_analysis.judge.table import QualityRules
 
 RULES = read_section(ROOT / "config/config.yaml", "quality", QualityRules)
 

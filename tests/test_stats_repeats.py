@@ -7,8 +7,8 @@ from scipy.special import stdtrit
 from scipy.stats import t as student
 from scipy.stats import ttest_ind
 
-from osl_analysis.bench.diagnostics import summary_of_trials
 from osl_analysis.errors import InputError
+from osl_analysis.judge.doubts import summary_of_trials
 from osl_analysis.signals import LowPass
 from osl_analysis.stats.repeats import (
     Candidate,

@@ -35,8 +35,8 @@ from osl_analysis.commands.walking_files import (
     write_crossing,
     write_plate,
 )
-from osl_analysis.doubtful import Doubt
 from osl_analysis.errors import InputError
+from osl_analysis.judge.table import Doubt
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial, write_trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing

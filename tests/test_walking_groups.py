@@ -14,8 +14,9 @@ from walking_synthetic import settings
 from osl_analysis.commands.plotted_numbers import plot_over_stance
 from osl_analysis.commands.walking import commanded, tabulate_over_stance
 from osl_analysis.config import read_section
-from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.errors import InputError
+from osl_analysis.judge.doubts import marked
+from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.table import read_table
 from osl_analysis.walking.bodies import Poses
 from osl_analysis.walking.ensemble import freedom_of, group_headline, joining_weights

@@ -657,7 +657,7 @@ def test_a_job_without_a_server_leaves_the_same_result(workspace):
 
 FORMS = """
 import osl_analysis.table
-from osl_analysis.quality import channels
+from osl_analysis.judge import channels
 from osl_analysis.walking import (
     bodies as joint,  # with a comment, which has a comma
     gait,
@@ -684,16 +684,16 @@ class Late:
 
 def test_a_fingerprint_follows_every_form_of_import(tmp_path):
     (tmp_path / "module.py").write_text(FORMS)
-    plain = {"table", "quality", "quality.channels", "signals", "case", "trial", "errors"}
+    plain = {"table", "judge", "judge.channels", "signals", "case", "trial", "errors"}
     plain |= {"walking", "walking.bodies", "walking.gait"}
     blocks = {"elif_", "else_", "while_", "while_else", "try_", "except_", "try_else", "finally_"}
     assert set(imported_names(tmp_path / "module.py")) == {f"osl_analysis.{name}" for name in plain | blocks}
 
 
 def test_a_job_s_fingerprint_counts_modules_that_are_imported_from_their_package():
-    """`from osl_analysis.quality import channels`, or its like, stands beneath the command of quality control."""
+    """`from osl_analysis.judge import channels`, or its like, stands beneath the command of quality control."""
     files = {path.relative_to(ROOT / "osl_analysis").as_posix() for path in sources("osl_analysis.commands.tables")}
-    assert {"quality/channels.py", "quality/verdict.py", "experiments.py"} <= files
+    assert {"judge/channels.py", "judge/recording.py", "experiments.py"} <= files
 
 
 CLOSED = "/proc/sys"

@@ -8,10 +8,11 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.alternatives import time_base_row, time_base_words, timebase_table
-from osl_analysis.bench.diagnostics import check_changes, summary_of_trials
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.judge.doubts import summary_of_trials
+from osl_analysis.judge.impossible import check_changes
 from osl_analysis.signals import LowPass, differentiate, sampling_rate
 from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.fit_row import covariance_row, diagnostics_row, estimates_row

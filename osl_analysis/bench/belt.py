@@ -14,10 +14,11 @@ from osl_analysis.bench.alternatives import (
     timebase_table,
     widened,
 )
-from osl_analysis.bench.diagnostics import check_changes, summary_of_trials
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import BeltAnalysis, BenchStiffness
 from osl_analysis.errors import InputError
+from osl_analysis.judge.doubts import summary_of_trials
+from osl_analysis.judge.impossible import check_changes
 from osl_analysis.measured import check_measured
 from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.parameters import DrivetrainParameters

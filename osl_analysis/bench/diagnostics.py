@@ -3,16 +3,11 @@
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-import polars as pl
 
 from osl_analysis.bench.stepped_sine import SteppedSineTrial, held_out_vaf
-from osl_analysis.doubtful import counted, doubtful_row
-from osl_analysis.errors import InputError
-from osl_analysis.measured import check_measured
 from osl_analysis.signals import Motion
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import LinearFit
-from osl_analysis.stats.repeats import summary_table
 from osl_analysis.trial import Array
 
 LITTLE = {"K": 0.0, "B": 2.0}
@@ -85,32 +80,3 @@ def lowest_held_out_vaf(
     if amplitude is None or not others:
         return None
     return min(held_out_vaf(fit, trial, other, columns) for other in others)
-
-
-def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:
-    """`summary_table` of the trials that count (`doubtful.counted`), with `n_doubtful` and `n_left_out`: how many fits
-    are doubtful, and how many of these are not in the mean."""
-    used = counted(table)
-    numbers = {**doubtful_row(table), "n_left_out": len(table) - len(used)}
-    return summary_table(used, quantities).with_columns(**{name: pl.lit(number) for name, number in numbers.items()})
-
-
-def check_changes(column: str, values: Array) -> None:
-    """Refuse a signal (n,) that never changes, as that of a dead sensor."""
-    check_measured(column, values)
-    if not np.ptp(values):
-        raise InputError(
-            f"{column} stays at {values[0]:g} throughout; check its sensor and its channel in the source file, or "
-            "exclude the trial"
-        )
-
-
-def check_resists(trial: str, symbol: str, value: float, high: float | None = None) -> None:
-    """Refuse a negative estimate of what can only resist motion: belt stiffness, joint damping, a rendered stiffness. A
-    torque that is read with the wrong sign changes the sign of every estimate, and the fit is as good as before. Where
-    `high`, the upper end of the interval, is positive, it may be the estimate of a joint without stiffness."""
-    if value < 0 and (high is None or high < 0):
-        raise InputError(
-            f"trial {trial}: {symbol} = {value:.4g} is negative, so the torque drives the motion instead of resisting "
-            "it; turn the `sign` of the torque, or of the angle, in the source file"
-        )

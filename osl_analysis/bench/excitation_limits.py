@@ -1,43 +1,21 @@
-"""What an excitation cannot show: refused with the cause and the remedy, or measured for the table."""
-
-from dataclasses import dataclass
+"""What an excitation does not show well: noise of the angle in the acceleration, and jumps within a sample."""
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import sosfreqz
 
 from osl_analysis.bench.moving_record import TERMS, MovingRecord, noise_beyond
-from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.judge.impossible import REFUSALS, check_told, own_part, told_by
 from osl_analysis.measured import usual_size
 from osl_analysis.signals import butterworth
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.trial import Array
 
-TORQUE_ERROR = 1e-3  # error of the torque, as a share of its RMS, that calibrations and models leave
-LARGEST_STIFFNESS_ERROR = 0.1  # change of K by such an error, as a share of K, from which a motion cannot tell K from I
-MUCH_AMPLIFIED = 3.0
-"""The same, as a multiple of what the error is of torque over angle: without stiffness there is no share of K. It
-is 1.6 from 0.5 to 6 Hz."""
 SPIKE = 8.0  # robust standard deviations of third differences that noise does not reach
 ROUNDING_REACHES = 4.5  # steps of an encoder that its rounding does not reach in a third difference; four is the most
 LARGEST_ALIAS = 0.01
 """Change of B, and of I, by jumps of the acceleration at an unknown instant within a sample, that is refused."""
 BESIDE_JUMP = 3  # samples on each side of a jump from which its size is read
-
-
-@dataclass(frozen=True)
-class Tellable:
-    """What a small error of the torque in its most harmful shape does to the estimates."""
-
-    stiffness: float  # change of K [N*m/rad]
-    inertia: float  # change of I [kg*m^2]
-    amplified: float  # change of K over that of torque over angle: 1 where angle and acceleration are not alike
-
-
-def moments(record: MovingRecord) -> Array:
-    """`motion_in` about its means."""
-    X = motion_in(record)
-    return np.asarray(X - X.mean(axis=0))
 
 
 def motion_in(record: MovingRecord) -> Array:
@@ -46,27 +24,10 @@ def motion_in(record: MovingRecord) -> Array:
     return np.column_stack([record.part(x) for x in (motion.theta, motion.omega, motion.alpha)])
 
 
-def told_by(theta: Array, omega: Array, alpha: Array, torque_rms: float) -> Tellable:
-    """The change of K and I by an error of `TORQUE_ERROR` that has the shape of their own parts of the motion.
-
-    Angle [rad], velocity and acceleration are filtered and without their means, shape (n,) each; `torque_rms` [N*m] is
-    that of the filtered torque. The own part of the acceleration is what angle and velocity do not explain. A slow
-    motion has little of it.
-    """
-    error = TORQUE_ERROR * torque_rms
-    sizes = [own_part(theta, omega, alpha), own_part(alpha, omega, theta)]
-    stiffness, inertia = (error / max(size, np.finfo(float).tiny) for size in sizes)
-    return Tellable(stiffness, inertia, rms(theta) / max(sizes[0], np.finfo(float).tiny))
-
-
-def own_part(column: Array, *others: Array) -> float:
-    """RMS of a column (n,) without what is proportional to others (n,)."""
-    X = np.column_stack(others)
-    return rms(column - X @ np.linalg.lstsq(X, column, rcond=None)[0])
-
-
-def rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+def moments(record: MovingRecord) -> Array:
+    """`motion_in` about its means."""
+    X = motion_in(record)
+    return np.asarray(X - X.mean(axis=0))
 
 
 def check_band(record: MovingRecord, fit: LinearFit, largest_inertia_error: float | None) -> None:
@@ -74,32 +35,6 @@ def check_band(record: MovingRecord, fit: LinearFit, largest_inertia_error: floa
     theta, omega, alpha = moments(record).T
     change = told_by(theta, omega, alpha, float(np.std(record.part(record.filtered_torque))))
     check_told(f"trial {record.name}", record.band_hz, change, (fit["K"], fit.se("K")), largest_inertia_error)
-
-
-def check_told(
-    what: str,
-    band_hz: tuple[float, float],
-    change: Tellable,
-    stiffness: tuple[float, float],
-    largest_inertia_error: float | None,
-) -> None:
-    """The same of a band [Hz], with K and its standard error; `what` begins the message."""
-    (low, high), (K, K_se) = band_hz, stiffness
-    if largest_inertia_error is not None and change.inertia > largest_inertia_error:
-        needed = max(high * np.sqrt(change.inertia / (0.5 * largest_inertia_error)), 1.5 * high)
-        raise IdentifiabilityError(
-            f"{what}: a motion of {low:.2g} to {high:.2g} Hz cannot tell K from I: an error of 0.1 % of "
-            f"the torque changes I by {change.inertia:.2g} kg*m^2, more than the {largest_inertia_error:g} of "
-            f"`largest_inertia_error` in the configuration; the band from {high:.2g} to about {needed:.2g} Hz is "
-            "missing, excite it as well, or take the stiffness alone by experiment 'torque_angle'"
-        )
-    largest = max(LARGEST_STIFFNESS_ERROR * abs(K), K_se)
-    if change.stiffness > largest and change.amplified > MUCH_AMPLIFIED:
-        raise IdentifiabilityError(
-            f"{what}: a motion of {low:.2g} to {high:.2g} Hz cannot tell K from I: an error of 0.1 % of "
-            f"the torque changes K by {change.stiffness:.2g} N*m/rad; the band below {low:.2g} Hz is missing, excite "
-            "it as well"
-        )
 
 
 def angle_noise_moments(record: MovingRecord) -> tuple[float, float, float]:
@@ -175,10 +110,6 @@ def check_alias(record: MovingRecord, fit: LinearFit) -> float:
     beyond = {x: abs(by / fit[x]) if by > fit.se(x) else 0.0 for x, by in zip("BI", change, strict=True)}
     worst = max(beyond, key=lambda name: beyond[name])
     if beyond[worst] > LARGEST_ALIAS:
-        raise InputError(
-            f"trial {record.name}: the acceleration jumps within a sample, {len(rows)} times by about "
-            f"{np.median(np.abs(sizes)):.2g} rad/s^2, as under a binary sequence: without an anti-aliasing filter the "
-            f"torque's samples change {worst} by up to {100 * beyond[worst]:.1f} %; smooth the command, or record "
-            "angle and torque through the same low-pass and state it in the source file"
-        )
+        size, percent = float(np.median(np.abs(sizes))), 100 * beyond[worst]
+        raise REFUSALS["alias"].of(trial=record.name, count=len(rows), size=size, symbol=worst, percent=percent)
     return beyond[worst]

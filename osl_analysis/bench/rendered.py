@@ -20,12 +20,12 @@ from osl_analysis.bench.impedance import (
 )
 from osl_analysis.bench.moving_record import MovingRecord, moving_record
 from osl_analysis.bench.phasors import Admittance, SegmentPhasors, no_phasors, phasor_table
-from osl_analysis.bench.plausibility import Saturated, not_checked, plausible_impedance
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import ImpedanceAnalysis
 from osl_analysis.bench.stepped_sine import Recorded, SteppedSineTrial, recorded, stepped_sine_trial
-from osl_analysis.doubtful import counted, doubtful_row
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.judge.doubts import counted, doubtful_row
+from osl_analysis.judge.impossible import Saturated, not_checked, plausible_impedance
 from osl_analysis.model.compensator import predicted_impedance
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.gain_selection import Weight
@@ -179,7 +179,7 @@ OF_GAINS, OF_LAG = (
     "whether K is what the gains should give, whether the bench's frame yields",
     "whether the torque is late",
 )
-LOOKS_ALIKE = "a lag that would change I by a tenth or more looks like noise here, or like what Eqs. 15 and 9 miss"
+LOOKS_ALIKE = "a delay that matters would look like noise or friction in this recording"
 BAND_POINTS = 12  # frequencies of a band at which the rendered impedance is predicted
 OF_BELT = "K against the belt's K_s"
 OF_DRIFT = "whether K changes while it is recorded: noise, or what Eq. 15 misses, may hide it"

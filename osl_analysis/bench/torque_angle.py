@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.bench.alternatives import check_stiffer, joint_angle
-from osl_analysis.bench.diagnostics import check_changes
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import TorqueAngleAnalysis
 from osl_analysis.errors import InputError
+from osl_analysis.judge.impossible import check_changes
 from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.stats.slow_motion import fit_slow_motion

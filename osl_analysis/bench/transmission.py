@@ -6,10 +6,11 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.alternatives import time_base_row, time_base_words, timebase_table
-from osl_analysis.bench.diagnostics import lowest_held_out_vaf, summary_of_trials
+from osl_analysis.bench.diagnostics import lowest_held_out_vaf
 from osl_analysis.bench.phasors import at_amplitude, linear_impedance, nonlinearity, nonlinearity_row, phasors_beside
 from osl_analysis.bench.series import Series
 from osl_analysis.bench.stepped_sine import SteppedSineTrial, clock_drift_row, fits_by_amplitude, widened_fits
+from osl_analysis.judge.doubts import summary_of_trials
 from osl_analysis.signals import Motion
 from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row

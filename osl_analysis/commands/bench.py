@@ -25,13 +25,6 @@ from osl_analysis.bench.model_comparison import (
     transmission_scores,
 )
 from osl_analysis.bench.phasors import frequency_response_table
-from osl_analysis.bench.plausibility import (
-    check_recording,
-    plausible_actuator,
-    plausible_belt,
-    plausible_transmission,
-    saturated,
-)
 from osl_analysis.bench.rendered import (
     AskedImpedance,
     judged_impedance,
@@ -61,6 +54,13 @@ from osl_analysis.bench.transmission import (
     transmission_time_base,
 )
 from osl_analysis.errors import InputError
+from osl_analysis.judge.impossible import (
+    check_recording,
+    plausible_actuator,
+    plausible_belt,
+    plausible_transmission,
+    saturated,
+)
 from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
 from osl_analysis.table import read_table, write_table

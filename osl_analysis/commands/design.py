@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.excitation_limits import check_told, told_by
 from osl_analysis.config import Config
 from osl_analysis.design.plan import (
     MOST_DRAWN,
@@ -34,6 +33,7 @@ from osl_analysis.design.precision import (
     precision,
 )
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.judge.impossible import check_told, told_by
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.equation_error import DETECTION, ENOUGH_REALISATIONS, REALISATIONS
 from osl_analysis.table import finite_or_null, read_table, write_table

@@ -14,8 +14,9 @@ from osl_analysis.bench.series import Series
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, TorqueAngleAnalysis
 from osl_analysis.commands import bench
 from osl_analysis.config import read_section
-from osl_analysis.doubtful import DoubtfulFits, marked
 from osl_analysis.files import default_config, shipped
+from osl_analysis.judge.doubts import marked, not_checked_of
+from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.parameters import known_parameters
 from osl_analysis.shared_choices import WeightSettings
 from osl_analysis.table import finite_or_null
@@ -75,10 +76,7 @@ NOT_CHECKED = (
 
 def said_not_checked(fitted: FittedTrial) -> str:
     """What the fit of a trial could not check, as a line for the user; empty if it checked all."""
-    if "not_checked" not in fitted.estimates.columns:
-        return ""
-    reasons = fitted.estimates["not_checked"].drop_nulls().unique(maintain_order=True)
-    return "\n".join(f"not checked: {reason}" for reason in reasons)
+    return "\n".join(f"not checked: {what}: {why}" for what, why in not_checked_of(fitted.estimates).items())
 
 
 def campaign_parameters(config: Path) -> Path | None:

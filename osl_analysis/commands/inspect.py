@@ -26,8 +26,8 @@ from osl_analysis.ingest.known_formats import FORMATS, NOT_READ, SUFFIXES, recog
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import check_file
 from osl_analysis.ingest.recording import Recording
-from osl_analysis.quality.checks import Commanded, QualityRules
-from osl_analysis.quality.verdict import CHECKS, examine, fails, validate_rules
+from osl_analysis.judge.recording import CHECKS, examine, validate_rules
+from osl_analysis.judge.table import Commanded, QualityRules
 from osl_analysis.trial import Trial
 
 FAR = (0.6, 1.67)  # K over K_d beyond which a unit or K_d is probably wrong: a joint renders K_d to some 20 %
@@ -211,9 +211,9 @@ def failures(recording: Recording, rules: QualityRules) -> Iterator[str]:
     """The checks that a recording does not pass, with value, threshold and remark."""
     trial = Trial("sample", recording.samples, dict(recording.facts))
     for name, finding in examine(trial, "ingest_only", Commanded((), (), 1)).items():
-        limit, unit = rules.rule(name).limit, CHECKS[name].unit
-        if finding.value is not None and fails(name, finding.value, limit):
-            yield f"{name}: {finding.value:.4g} {unit}, threshold {limit:g} ({finding.remark})"
+        limit, check = rules.rule(name).limit, CHECKS[name]
+        if finding.value is not None and check.failed(finding.value, limit):
+            yield f"{name}: {finding.value:.4g} {check.unit}, threshold {limit:g} ({finding.remark})"
 
 
 def escaped(text: str) -> str:

@@ -15,7 +15,6 @@ from osl_analysis.campaign import ImpedanceExample
 from osl_analysis.commands.walking import commanded, over_stance, selected_crossings
 from osl_analysis.commands.walking_files import read_unperturbed_gaits
 from osl_analysis.config import FrequencyResponseFigure
-from osl_analysis.doubtful import DOUBTFUL, Doubt, marked
 from osl_analysis.figures.fig7 import CURVE_TYPES, DESIRED, LINEAR_MODEL, RESPONSE, points, response_curve
 from osl_analysis.figures.fig9 import FIT_COLUMNS, SUMMARY_COLUMNS
 from osl_analysis.figures.fig9 import points as fig9_points
@@ -23,6 +22,8 @@ from osl_analysis.figures.names import look_numbers, of_place
 from osl_analysis.figures.response import points as response_points
 from osl_analysis.figures.torque_angle import TABLE_COLUMNS
 from osl_analysis.figures.torque_angle import points as torque_angle_points
+from osl_analysis.judge.doubts import DOUBTFUL, marked
+from osl_analysis.judge.table import Doubt
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import FileOrNone, joint_of, read_parameters

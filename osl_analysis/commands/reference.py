@@ -16,8 +16,8 @@ from osl_analysis.config import Config
 from osl_analysis.dictionary import DescribedTable, described_tables
 from osl_analysis.files import atomic_path
 from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.judge.recording import CHECKS
 from osl_analysis.parameters import ParameterFile
-from osl_analysis.quality.verdict import CHECKS
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.summary.headlines import all_labels

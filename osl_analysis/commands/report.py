@@ -14,7 +14,7 @@ from osl_analysis.dictionary import described_tables
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path
-from osl_analysis.quality.verdict import CHECKS
+from osl_analysis.judge.recording import CHECKS
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import panels, trial_page
 from osl_analysis.report.page import PageTrial, captions_by_title, inline_png, inline_svg, written_page

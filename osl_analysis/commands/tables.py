@@ -8,12 +8,12 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench.settings import FilterSettings
-from osl_analysis.doubtful import Doubt, marked, with_doubts_of
 from osl_analysis.errors import InputError
-from osl_analysis.exclusion import Judge
 from osl_analysis.files import atomic_path
+from osl_analysis.judge.doubts import marked, with_doubts_of
+from osl_analysis.judge.table import Doubt, QualityRules
+from osl_analysis.judge.usable import Judge
 from osl_analysis.parameters import FileOrNone, joint_of, known_parameters
-from osl_analysis.quality.checks import QualityRules
 from osl_analysis.refusal import Refusal, refused_trials
 from osl_analysis.spectral.realisations import Realisation, pooled, realisations_from
 from osl_analysis.spectral.tables import MODELS, RESPONSE, periodic_tables

@@ -16,8 +16,9 @@ from osl_analysis.commands.walking_files import (
     read_unperturbed_gaits,
     write_unperturbed_gaits,
 )
-from osl_analysis.doubtful import DOUBTFUL, EXCLUDED, Doubt, doubtful_row, marked
 from osl_analysis.errors import InputError, OslAnalysisError
+from osl_analysis.judge.doubts import DOUBTFUL, EXCLUDED, doubtful_row, marked
+from osl_analysis.judge.table import Doubt
 from osl_analysis.shared_choices import SYNTHETIC, read_impedance_trajectory
 from osl_analysis.table import MEASURED, Places, read_table, write_table
 from osl_analysis.trial import Array, read_trial

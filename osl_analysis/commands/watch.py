@@ -27,9 +27,9 @@ from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.ingest.draft import UNNAMED, Recorded, draft_source, draft_trials, guessed_lines, trial_name
 from osl_analysis.ingest.known_formats import read_source, recognise
 from osl_analysis.ingest.overview import open_places
+from osl_analysis.judge.recording import CHECKS, examine, quality_table
+from osl_analysis.judge.table import Commanded
 from osl_analysis.parameters import joint_of
-from osl_analysis.quality.checks import Commanded
-from osl_analysis.quality.verdict import examine, quality_table
 from osl_analysis.sheet import JOINT
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import dotted, read_mapping
@@ -264,8 +264,14 @@ def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collec
     failed = table.filter(pl.col("verdict").is_in(["flag", "exclude"]))
     if failed.is_empty():
         return "quality ok"
-    named = [f"{row['verdict']} {row['check']}: {row['remark']}" for row in failed.to_dicts()]
+    named = [failed_check(row["verdict"], row["check"], row["remark"]) for row in failed.to_dicts()]
     return f"QUALITY {listing(named, MOST_NAMED)}"
+
+
+def failed_check(verdict: str, name: str, remark: str) -> str:
+    """A check that a trial does not pass: its key, cause, what was found, and what to do."""
+    cause = CHECKS[name].cause
+    return f"{verdict} {name}: {cause.name}, {', '.join(filter(None, [remark.replace('; ', ', '), cause.remedy]))}"
 
 
 def estimates_line(estimates: pl.DataFrame) -> str:

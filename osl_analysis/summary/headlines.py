@@ -11,9 +11,9 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.about import ABOUT_MACROS
-from osl_analysis.doubtful import DOUBTFUL, counted, doubtful_count
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import judged_tables
+from osl_analysis.judge.doubts import DOUBTFUL, counted, doubtful_count
 from osl_analysis.trial import Array
 
 CONTROLLERS = ("compensated", "uncompensated")  # the controllers of the draft

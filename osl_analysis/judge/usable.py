@@ -1,5 +1,5 @@
-"""Trials that are not used in any result of several trials: those that quality control excludes, and those without a
-result of their own (`refusal.py`). Both are always listed.
+"""Which trials a job uses: not those that quality control excludes, nor those without a result (`refusal.py`), which
+are always listed.
 """
 
 import csv
@@ -11,15 +11,13 @@ from typing import Any, Self
 
 import polars as pl
 
-from osl_analysis.errors import InputError, listing
+from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
-from osl_analysis.quality.checks import QualityRules
-from osl_analysis.quality.verdict import judged_table
+from osl_analysis.judge.recording import judged_table
+from osl_analysis.judge.table import QualityRules
 from osl_analysis.refusal import Refusal, distinct, is_refused, read_refusals
 
 REMEDY = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"
-TRUNCATED = "truncated"
-"""Check of quality control that fails where the end of a log is missing."""
 JUDGES = ("quality", "fitted")
 """Inputs that only tell which trials are used: what was measured of them, and other results of the same trials."""
 MEASURED = ("trial", "check", "value", "unit", "remark")  # columns of the file of a trial's checks
@@ -27,16 +25,11 @@ MEASURED = ("trial", "check", "value", "unit", "remark")  # columns of the file 
 
 @dataclass(frozen=True)
 class Usable:
-    """The inputs of a job without refusal records.
+    """The inputs of a job without refusal records."""
 
-    inputs: what is left, by name.
-    refused: the causes of everything that was removed.
-    missing: the causes without which the job cannot run; empty if it can.
-    """
-
-    inputs: Mapping[str, Any]
-    refused: tuple[Refusal, ...] = ()
-    missing: tuple[Refusal, ...] = ()
+    inputs: Mapping[str, Any]  # what is left, by name
+    refused: tuple[Refusal, ...] = ()  # the causes of everything that was removed
+    missing: tuple[Refusal, ...] = ()  # the causes without which the job cannot run; empty if it can
 
 
 def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> Usable:
@@ -125,42 +118,3 @@ def without_excluded(inputs: Mapping[str, Any], reasons: Mapping[str, str]) -> d
         raise InputError(f"quality control excludes every trial that is needed here: {why}; {REMEDY}")
     kept = {name: [file for file in files if Path(file).stem not in reasons] for name, files in lists.items()}
     return {name: kept.get(name, value) for name, value in inputs.items() if name not in JUDGES}
-
-
-def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:
-    """Excluded trials with reasons, for the end of a run, also of a failed run; empty without excluded trials.
-
-    `verdicts` are those on the trials that were examined, `by_sheet` has the reasons in the sample sheet.
-    """
-    reasons = exclusions(verdicts)
-    judged = [f"excluded from tables and figures by quality control: {trial} ({why})" for trial, why in reasons.items()]
-    stated = [f"excluded by the sample sheet: {trial} ({why})" for trial, why in by_sheet.items()]
-    return "\n".join([*stated, *judged, *([f"to change that: {REMEDY}"] if judged else [])])
-
-
-def left_behind_report(stored: Iterable[Path], trials: Collection[str]) -> str:
-    """A line on trials that are not in the sample sheet, as after a renaming, whose files are still among the results.
-
-    `stored` are the files of trials there, `trials` all those of the sheet. Empty without such files.
-    """
-    unknown = sorted({path.stem for path in stored} - set(trials))
-    if not unknown:
-        return ""
-    return (
-        f"not in the sample sheet, and in no table or figure: {listing(unknown, 12)}; files of theirs are left "
-        "below the results; delete them, or enter the trials again"
-    )
-
-
-def truncation_report(verdicts: pl.DataFrame, recordings: Mapping[str, Sequence[str]]) -> str:
-    """A line per trial that is used although the end of its recording is missing, for the end of a run.
-
-    `recordings` has the raw files of every trial. A trial that the sheet accepts with this is not named.
-    """
-    cut = verdicts.filter(pl.col("check") == TRUNCATED, pl.col("verdict") == "flag")["trial"]
-    return "\n".join(
-        f"warning: trial {trial}, file {', '.join(recordings.get(trial, ()))}: the end of the log is missing, and what "
-        "is there is analysed; copy or record it again, give a reason under `exclude` in the sample sheet, or write "
-        f"`{TRUNCATED}` under `accept` there"
-        for trial in cut
-    )

@@ -1,14 +1,19 @@
-"""The checks of a whole recording: its sampling, its clocks, damage to its log, and the motion that was commanded."""
+"""What is measured on a whole recording: its sampling, its clocks, damage to its log, the motion that was commanded;
+and the verdicts of all checks by the rules of the configuration.
+"""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from osl_analysis.errors import InputError
+from osl_analysis.experiments import EXPERIMENTS
+from osl_analysis.judge.channels import CHANNEL_CHECKS, not_applicable, worst
+from osl_analysis.judge.table import Cause, Check, CheckResult, Commanded, Examined, QualityRules
 from osl_analysis.protocol.likeness import Likeness
 from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, SteppedSineProtocol, find_runs
-from osl_analysis.quality.checks import Check, CheckResult, Examined, not_applicable, worst
 from osl_analysis.timebase.grid import GapLimits
 from osl_analysis.timebase.samples import take
 from osl_analysis.trial import Trial
@@ -16,8 +21,6 @@ from osl_analysis.uniform import sampled_rows, streams, uniform_signals
 
 GAP = 1.5  # median steps; a longer step is a gap
 TOO_FEW = "no channel has three samples"
-NO_FIT = "no signals of a bench"
-NO_REPORT = "no damage report"
 
 
 def measure_rate(examined: Examined) -> CheckResult:
@@ -46,7 +49,7 @@ def measure_jitter(examined: Examined) -> CheckResult:
         wander[name] = 100 * part.clock.wander / step if open_question else 0.0
         if part.decision.matters:
             remarks.append(f"{name}: {100 * part.clock.sd / step:.3g} % of scatter, {part.decision.why}")
-    found = worst(wander, NO_FIT)
+    found = worst(wander, "no signals of a bench")
     return found if found.value is None else CheckResult(found.value, "; ".join(remarks))
 
 
@@ -74,7 +77,7 @@ def measure_damage(examined: Examined) -> CheckResult:
     """Share of the log [%] that was lost to damage; the remark has ingest's report."""
     damage = damage_report(examined.trial)
     if not damage:
-        return not_applicable(NO_REPORT)
+        return not_applicable("no damage report")
     lost = [f"{damage[key]} {key.replace('_', ' ')}" for key in ("chunks_lost", "messages_lost") if damage.get(key)]
     ending = [] if damage.get("complete", True) else ["the file is not complete"]
     checksum = [f"CRC {damage['crc']}"] if damage.get("crc") else []
@@ -87,7 +90,7 @@ def measure_truncation(examined: Examined) -> CheckResult:
     """1 if the end of the log is missing, as after a crash, which the share that was lost does not count; else 0."""
     damage = damage_report(examined.trial)
     if not damage:
-        return not_applicable(NO_REPORT)
+        return not_applicable("no damage report")
     if damage.get("complete", True):
         return CheckResult(0.0)
     return CheckResult(1.0, "no end: see whether the trial lasts as long as it should")
@@ -95,21 +98,6 @@ def measure_truncation(examined: Examined) -> CheckResult:
 
 def damage_report(trial: Trial) -> dict[str, Any]:
     return dict(trial.provenance.get("damage") or trial.provenance.get("log", {}).get("damage") or {})
-
-
-SAMPLING_CHECKS = (
-    Check("rate", "Hz", "below", "lowest median sampling rate of the channels", measure_rate),
-    Check("jitter", "%", "above",
-        "slow wander of the stamps, in sampling steps, where neither signals nor source file decide what it is",
-        measure_jitter),
-    Check("gap", "s", "above", "longest time without a sample, beyond one step", measure_gap),
-)  # fmt: skip
-LOG_CHECKS = (
-    Check("clock_residual", "s", "above", "RMS residual of the fit of the log's clock to motion capture's",
-        measure_clock),
-    Check("damage", "%", "above", "largest share of a topic of the log that was lost", measure_damage),
-    Check("truncated", "logs", "above", "logs without their end; how much is missing is not known", measure_truncation),
-)  # fmt: skip
 
 
 SAME_COUNT = 0.05
@@ -187,8 +175,104 @@ def clock_remark(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[s
     return [f"frequencies are {100 * abs(median):.2g} % {'above' if median > 0 else 'below'} the commanded ones"]
 
 
-PROTOCOL_CHECKS = (
+RECORDING_CHECKS = (
+    Check("rate", "Hz", "below", "lowest median sampling rate of the channels",
+        Cause("slow sampling", "a channel has few samples for the fastest motion, whose acceleration is then uncertain",
+            "record this channel faster"), measure_rate),
+    Check("jitter", "%", "above",
+        "slow wander of the stamps, in sampling steps, where neither signals nor source file decide what it is",
+        Cause("uncertain time stamps", "the stamps wander, and nothing tells whether the samples do too, which shifts "
+            "B and I", "state `stamps: exact` or `stamps: even` of the log in the source file"), measure_jitter),
+    Check("gap", "s", "above", "longest time without a sample, beyond one step",
+        Cause("gap in the recording", "samples are missing, and the motion around them is not used",
+            "look for a recorder that is too slow or a loose cable"), measure_gap),
+)  # fmt: skip
+LOG_CHECKS = (
+    Check("clock_residual", "s", "above", "RMS residual of the fit of the log's clock to motion capture's",
+        Cause("clocks that do not fit", "log and motion capture are matched with an uncertainty that shifts B",
+            "check the sync line"), measure_clock),
+    Check("damage", "%", "above", "largest share of a topic of the log that was lost",
+        Cause("damaged log", "a part of the log could not be read", "copy the log again from the recorder, or record "
+            "again"), measure_damage),
+    Check("truncated", "logs", "above", "logs without their end; how much is missing is not known",
+        Cause("log without its end", "the end of the log is missing, and what is there is analysed",
+            "copy or record it again, give a reason under `exclude` in the sample sheet, or write `truncated` under "
+            "`accept` there"), measure_truncation),
     Check("protocol", "segments", "above",
         "segments in which recording and command differ: missing, with fewer or more cycles, or not commanded",
-        measure_protocol, applies_to=lambda experiment: experiment.stepped_sine, otherwise=NO_STEPPED_SINE),
+        Cause("another motion than stated", "amplitudes, frequencies or numbers of cycles are not those that the "
+            "configuration commands, and what was recorded is fitted", "state under `dynamometer` what was commanded"),
+        measure_protocol, lambda experiment: experiment.stepped_sine, NO_STEPPED_SINE),
 )  # fmt: skip
+CHECKS: dict[str, Check] = {check.name: check for check in (*RECORDING_CHECKS, *CHANNEL_CHECKS, *LOG_CHECKS)}
+"""Every check by name. A new one is its function with its row here or in `channels`, its rule under `quality` in
+config/config.yaml, and its test."""
+ACCEPTED = "accepted in the sheet"
+
+
+def validate_rules(rules: QualityRules) -> None:
+    """Raises InputError: a check has no rule, a rule no check, or a threshold is no size in the unit of its check."""
+    for name in rules.by_check:
+        if name not in CHECKS:
+            raise InputError(f"configuration, quality: {unknown_check(name)}")
+    for name, check in CHECKS.items():
+        if name not in rules.by_check:
+            raise InputError(f"configuration, quality: no rule for the check '{name}'; add it as in config/config.yaml")
+        threshold = rules.rule(name).threshold
+        number, _, unit = threshold.partition(" ")
+        if unit.strip() != check.unit or not is_size(number):
+            raise InputError(
+                f"configuration, quality.{name}: threshold '{threshold}' must be a number from 0 and its unit, "
+                f"as in '1 {check.unit}'"
+            )
+
+
+def unknown_check(name: str) -> str:
+    """What is wrong with the name of a check; the new name where it is an old one."""
+    if name in QualityRules.RENAMED:
+        return f"the check '{name}' is now called '{QualityRules.RENAMED[name]}'; rename it"
+    return f"'{name}' is no quality check; the checks are {', '.join(CHECKS)}"
+
+
+def is_size(text: str) -> bool:
+    """Whether the text is a finite number from 0 up."""
+    try:
+        return 0 <= float(text) < float("inf")
+    except ValueError:
+        return False
+
+
+def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, CheckResult]:
+    """The result of every check on a trial, by name; `commanded` is the protocol of stepped-sine experiments."""
+    examined = Examined(trial, EXPERIMENTS[experiment], commanded)
+    return {name: check.result(examined) for name, check in CHECKS.items()}
+
+
+def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFrame:
+    """What `examine` measured, a row per check: trial, check, value, unit, remark."""
+    rows = [
+        {"trial": trial, "check": name, "value": result.value, "unit": CHECKS[name].unit, "remark": result.remark}
+        for name, result in results.items()
+    ]
+    return pl.DataFrame(rows, schema_overrides={"value": pl.Float64})
+
+
+def judged_table(measured: pl.DataFrame, rules: QualityRules, accept: Mapping[str, Collection[str]]) -> pl.DataFrame:
+    """`measured_table` of trials with thresholds and verdicts; `accept`: checks that the sheet accepts, by trial."""
+    judged = []
+    for row in measured.iter_rows(named=True):
+        name, rule = row["check"], rules.rule(row["check"])
+        failed, accepted = CHECKS[name].failed(row["value"], rule.limit), name in accept.get(row["trial"], ())
+        verdict = rule.on_failure if failed and not accepted else "pass"
+        remark = "; ".join(filter(None, [ACCEPTED if failed and accepted else "", row["remark"]]))
+        judged.append({**row, "threshold": rule.limit, "verdict": verdict, "remark": remark})
+    types = dict.fromkeys(("value", "threshold"), pl.Float64)
+    order = ("trial", "check", "value", "unit", "threshold", "verdict", "remark")
+    return pl.DataFrame(judged, schema={name: types.get(name, pl.String()) for name in order})
+
+
+def quality_table(
+    trial: str, results: Mapping[str, CheckResult], rules: QualityRules, accept: Collection[str]
+) -> pl.DataFrame:
+    """`judged_table` of the results of one trial."""
+    return judged_table(measured_table(trial, results), rules, {trial: accept})

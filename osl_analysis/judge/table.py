@@ -1,0 +1,181 @@
+"""A row of the table of judgements, and the limits of the configuration.
+
+Measuring needs the samples and no limit, judging needs a few numbers and no samples: a changed limit judges again.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+import polars as pl
+from pydantic import ConfigDict, Field, model_validator
+
+from osl_analysis.experiments import Experiment, judged_tables
+from osl_analysis.protocol.runs import SteppedSineProtocol
+from osl_analysis.trial import Array, Trial
+from osl_analysis.yaml_settings import Settings
+
+AnyRow = Mapping[str, object]  # a row of a result table
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Why a number is beyond its limit, for a reader who knows no column of ours. No text contains a semicolon."""
+
+    name: str  # two or three words, with which every judgement on a trial or a fit begins
+    says: str  # what is wrong, and what it does to the results
+    remedy: str  # what to do, beginning with a verb
+    explains: bool = False  # whether it makes a fit worse: the misfit of the same trial is then no cause of its own
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """What a check measured on one trial."""
+
+    value: float | None  # in the check's unit; None where the check does not apply
+    remark: str = ""  # which channel it was, or why the check does not apply
+
+
+@dataclass(frozen=True)
+class Commanded:
+    """The stepped sine that the configuration commands: each amplitude at every frequency."""
+
+    amplitudes_deg: Sequence[float]
+    frequencies_hz: Sequence[float]
+    cycles: int | Sequence[int]  # one number for all frequencies, or one for each
+    seconds_per_frequency: float | None = None  # in place of `cycles`
+    excitation: str = "auto"
+    """What moves the joint in impedance trials: `stepped_sine`, `any` other motion, or `auto`, what they show."""
+
+    @property
+    def protocol(self) -> SteppedSineProtocol:
+        """The same with amplitudes in rad and cycles at each frequency."""
+        seconds = self.seconds_per_frequency
+        cycles = self.cycles if seconds is None else tuple(seconds * f for f in self.frequencies_hz)
+        return SteppedSineProtocol(tuple(np.deg2rad(self.amplitudes_deg)), self.frequencies_hz, cycles)
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A trial under examination."""
+
+    trial: Trial
+    experiment: Experiment
+    commanded: Commanded
+
+    @property
+    def samples(self) -> pl.DataFrame:
+        return self.trial.samples
+
+    @cached_property
+    def steps(self) -> dict[str, Array]:
+        """Sampling steps [s], (n - 1,) each. Channels that were sampled at the same times stand under the first."""
+        time, steps, seen = self.samples["time"].to_numpy(), {}, set()
+        for column in self.samples.columns:
+            present = self.samples[column].is_not_null().to_numpy()
+            if column == "time" or present.sum() < 3 or (pattern := present.tobytes()) in seen:
+                continue
+            seen.add(pattern)
+            steps[column] = np.diff(time[present])
+        return steps
+
+
+@dataclass(frozen=True)
+class Check:
+    """A row that is measured on a recording. Its rule in the configuration says whether it flags or excludes."""
+
+    name: str  # its key under `quality` in the configuration, and under `accept` in the sample sheet
+    unit: str  # of its value and of its threshold
+    fails: Literal["above", "below"]  # the side of the threshold on which a value fails
+    meaning: str  # what its value is
+    cause: Cause
+    measure: Callable[[Examined], CheckResult]
+    applies_to: Callable[[Experiment], bool] = lambda _: True
+    otherwise: str = ""  # remark on the trials of experiments to which it does not apply
+
+    def result(self, examined: Examined) -> CheckResult:
+        if not self.applies_to(examined.experiment):
+            return CheckResult(None, f"not applicable: {self.otherwise}")
+        return self.measure(examined)
+
+    def failed(self, value: float | None, limit: float) -> bool:
+        """Whether a value is beyond its threshold by more than rounding; NaN fails, None (not applicable) does not."""
+        if value is None:
+            return False
+        slack = 1e-9 * limit  # 100 Hz from stamps is 99.999 999 999 97 Hz
+        return not (value >= limit - slack if self.fails == "below" else value <= limit + slack)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """A row that is a column of result tables: beyond its limit under `doubtful`, the fit is doubtful."""
+
+    column: str
+    cause: Cause
+    detail: str | Callable[[float, AnyRow], str] = ""
+    """What the number says of this fit, in words before those of its cause; {percent} and {value} stand for it."""
+    of_recording: bool = False
+    """A fault of the recording does not come and go with the amplitude: the fit to all of a trial must show it, too."""
+    misfit: bool = False  # whatever else explains the misfit of the trial is its cause
+
+    def words(self, value: float, row: AnyRow) -> str:
+        if callable(self.detail):
+            return self.detail(value, row)
+        return self.detail.format(percent=f"{100 * abs(value):.3g} %", value=f"{value:.3g}")
+
+
+class Rule(Settings):
+    """The threshold of one check, and what happens to a trial beyond it."""
+
+    threshold: str
+    """Number and unit, as in `20 N`."""
+    on_failure: Literal["flag", "exclude"]
+    """`flag` says so in the table of quality; `exclude` keeps the trial out of every other table and figure, too."""
+
+    @property
+    def limit(self) -> float:
+        """The threshold without its unit."""
+        return float(self.threshold.split(maxsplit=1)[0])
+
+
+class QualityRules(Settings):
+    """A rule per check, under the check's name; `verdicts.validate_rules` compares them with the checks."""
+
+    model_config = ConfigDict(extra="allow")
+    RENAMED: ClassVar[Mapping[str, str]] = {"unfinished": "truncated"}
+    __pydantic_extra__: dict[str, Rule] = Field(init=False)
+
+    def rule(self, check: str) -> Rule:
+        return self.by_check[check]
+
+    @property
+    def by_check(self) -> dict[str, Rule]:
+        return self.__pydantic_extra__
+
+
+class Doubt(Settings):
+    """Limits of one table, by column. Null: no limit."""
+
+    above: dict[str, float | None] = Field(default_factory=dict)
+    """Upper limits, by column. A fit is doubtful if the absolute value is above its limit."""
+    below: dict[str, float | None] = Field(default_factory=dict)
+    """Lower limits, by column. A fit is doubtful if the value is below its limit."""
+
+
+class DoubtfulFits(Settings):
+    """Limits by table. The tables of `judged_tables` can have limits on every numeric column."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Doubt] = Field(init=False)
+
+    @model_validator(mode="after")
+    def _tables_are_judged(self) -> Self:
+        unknown = [name for name in self.__pydantic_extra__ if name not in judged_tables()]
+        if unknown:
+            raise ValueError(f"unknown table '{unknown[0]}'; limits may stand on {', '.join(judged_tables())}")
+        return self
+
+    def of(self, table: str) -> Doubt:
+        return self.__pydantic_extra__.get(table, Doubt())

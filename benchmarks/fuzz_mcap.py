@@ -26,13 +26,13 @@ from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSe
 from mcap.writer import CompressionType, IndexType, Writer
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.message_log import McapSource, read_mcap_log
+from osl_analysis.ingest.known_formats import FORMATS
 
 MESSAGES = 60
 LONGEST = 5.0
 MOST_MEMORY = 100 << 20
 FAILURE = Path("fuzz_failure.mcap")
-SOURCE = McapSource.model_validate(
+SOURCE = FORMATS["mcap"].source.model_validate(
     {
         "format": "mcap",
         "time": {"source": "log"},
@@ -118,7 +118,7 @@ def check(path: Path, covered: bool) -> str:
     """Read one file; how it went."""
     start = time.perf_counter()
     try:
-        recording = read_mcap_log(path, SOURCE)
+        recording = FORMATS["mcap"].read(path, SOURCE)
     except InputError as error:
         if "\n" in str(error):
             raise ValueError("an error of more than one line") from error

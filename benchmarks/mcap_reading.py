@@ -2,7 +2,7 @@
 
 Run from the repository: `python benchmarks/mcap_reading.py [seconds] [--against FOLDER]`, with the folder of an earlier
 release. One run writes a synthetic trial of 140 s (or as many as are asked for) at 1 kHz in three topics, once in each
-encoding, to a temporary folder; reads it with `read_mcap_log`, with that of the earlier release, and with the packages'
+encoding, to a temporary folder; reads it as ingest does, as the earlier release did, and with the packages'
 own readers, to the same columns; and prints the times' ratios. The limit is the time that every checking reader needs:
 decompress every chunk, compute its CRC, copy its bytes twice. Times are those of the processor, on one thread as in the
 workflow's jobs: they do not depend on what else is running.
@@ -37,7 +37,8 @@ from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoderFactory
 from mcap_ros2.decoder import DecoderFactory as Ros2DecoderFactory
 
-from osl_analysis.ingest.message_log import McapSource, read_mcap_log
+from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.source import Source
 
 RATE = 1000
 START = 1_700_000_000 * 10**9
@@ -59,14 +60,11 @@ REPEATS = 5
 EARLIER = """
 import sys, time
 from pathlib import Path
-try:
-    from osl_analysis.ingest.message_log import McapSource, read_mcap_log
-except ImportError:  # up to release 0.2.0
-    from osl_analysis.ingest.mcap_log import McapSource, read_mcap_log
-source, times = McapSource.model_validate_json(sys.argv[2]), []
+from osl_analysis.ingest.known_formats import FORMATS
+source, times = FORMATS["mcap"].source.model_validate_json(sys.argv[2]), []
 for _ in range(int(sys.argv[3])):
     start = time.process_time()
-    read_mcap_log(Path(sys.argv[1]), source)
+    FORMATS["mcap"].read(Path(sys.argv[1]), source)
     times.append(time.process_time() - start)
 print(min(times))
 """
@@ -141,13 +139,13 @@ def write(path: Path, encoding: str, schema: tuple[str, str, bytes], encode: Cal
         writer.finish()
 
 
-def source() -> McapSource:
+def source() -> Source:
     channels = {
         column: {"topic": topic, "field": field, "unit": UNITS[column]}
         for topic, columns in COLUMNS.items()
         for column, field in zip(columns, FIELDS, strict=False)
     }
-    return McapSource.model_validate({"format": "mcap", "time": {"source": "header"}, "channels": channels})
+    return FORMATS["mcap"].source.model_validate({"format": "mcap", "time": {"source": "header"}, "channels": channels})
 
 
 UNITS = {"theta": "rad", "theta_m": "rad", "current": "A", "theta_command": "rad", "torque": "N*m", "K_1": "N*m/rad"}
@@ -226,7 +224,7 @@ def main() -> None:
         for encoding, (schema, encode, factory) in encodings.items():
             path = Path(folder) / f"{encoding}.mcap"
             write(path, encoding, schema, encode, duration)
-            ours = seconds_of(lambda path=path: read_mcap_log(path, source()), REPEATS)
+            ours = seconds_of(lambda path=path: FORMATS["mcap"].read(path, source()), REPEATS)
             theirs = seconds_of(lambda path=path, factory=factory: by_mcap(path, factory), 1)
             floor = seconds_of(lambda path=path: limit(path), REPEATS)
             before = "" if asked.against is None else seconds_of_earlier(asked.against.resolve(), path)

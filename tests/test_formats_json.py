@@ -11,7 +11,7 @@ from mcap_builder import assert_decoded, write_payloads
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.messages import Decoded, decode_topics
-from osl_analysis.ingest.message_log import McapSource, read_mcap_log
+from osl_analysis.ingest.known_formats import FORMATS
 
 
 def write(path: Path, texts: list[str], chunk_size: int = 1 << 20) -> Path:
@@ -72,7 +72,7 @@ def test_stamps_in_json_are_exact_and_what_is_no_json_is_left_out(tmp_path: Path
         "theta_m": {"topic": "/lab", "field": "j[1].q", "unit": "rad"},
     }
     content = {"format": "mcap", "time": {"source": "header", "field": "timestamp"}, "channels": channels}
-    recording = read_mcap_log(path, McapSource.model_validate({**content, "largest_loss": 0.1}))
+    recording = FORMATS["mcap"].read(path, FORMATS["mcap"].source.model_validate({**content, "largest_loss": 0.1}))
     assert recording.facts["time"]["start_ns"] == 1_700_000_000_999_999_990
     np.testing.assert_allclose(recording.samples["time"], np.arange(9) * 1e-9, rtol=1e-12)
     assert recording.samples["theta_m"].to_list() == [9.0] * 9
@@ -82,7 +82,7 @@ def test_stamps_in_json_are_exact_and_what_is_no_json_is_left_out(tmp_path: Path
 def ingested(path: Path, **channel: str) -> Any:
     channels = {"theta": {"topic": "/lab", "field": "x", "unit": "rad", **channel}}
     described = {"format": "mcap", "time": {"source": "log"}, "largest_loss": 0.3, "channels": channels}
-    return read_mcap_log(path, McapSource.model_validate(described))
+    return FORMATS["mcap"].read(path, FORMATS["mcap"].source.model_validate(described))
 
 
 @pytest.mark.parametrize(

@@ -23,17 +23,17 @@ from mcap_bytes import cdr, channel, chunk, header, index, log, message, message
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import CHUNK_HEAD, MAGIC, RECORD
-from osl_analysis.ingest.log_overview import inspect_mcap
-from osl_analysis.ingest.message_log import McapSource, read_mcap_log
+from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.source import Source
 
 MESSAGES = 60
 MILLISECOND = 1_000_000
 
 
-def source(field: str, topic: str, time: dict[str, str], **options: Any) -> McapSource:
+def source(field: str, topic: str, time: dict[str, str], **options: Any) -> Source:
     channels = {"theta": {"topic": topic, "field": field, "unit": "rad"}}
-    return McapSource.model_validate({"format": "mcap", "time": time, "channels": channels, **options})
+    return FORMATS["mcap"].source.model_validate({"format": "mcap", "time": time, "channels": channels, **options})
 
 
 def written(folder: Path, **options: Any) -> bytes:
@@ -61,7 +61,7 @@ def read(folder: Path, content: bytes, largest_loss: float = 1.0) -> tuple[pl.Da
     path = folder / "damaged.mcap"
     path.write_bytes(content)
     asked = source("angle", "/lab", {"source": "header"}, largest_loss=largest_loss)
-    recording = read_mcap_log(path, asked)
+    recording = FORMATS["mcap"].read(path, asked)
     milliseconds = np.rint(recording.samples["time"].to_numpy() * 1000) + recording.facts["time"]["start_ns"] / 1e6
     np.testing.assert_array_equal(recording.samples["theta"], 1 + milliseconds)
     return recording.samples, recording.facts["damage"]
@@ -215,14 +215,17 @@ PADDING = b"\1\2\3\4\5"
 
 def ingested(folder: Path, content: bytes, topic: str = "/lab", **options: Any) -> Recording:
     (folder / "log.mcap").write_bytes(content)
-    return read_mcap_log(folder / "log.mcap", source("a", topic, {"source": "log"}, **options))
+    return FORMATS["mcap"].read(folder / "log.mcap", source("a", topic, {"source": "log"}, **options))
 
 
 def refused(folder: Path, content: bytes, topic: str = "/lab") -> str:
     """What both ingest and inspect say."""
     (folder / "log.mcap").write_bytes(content)
     said = []
-    for reader in (lambda path: read_mcap_log(path, source("a", topic, {"source": "log"})), inspect_mcap):
+    for reader in (
+        lambda path: FORMATS["mcap"].read(path, source("a", topic, {"source": "log"})),
+        FORMATS["mcap"].inspect,
+    ):
         with pytest.raises(InputError) as caught:
             reader(folder / "log.mcap")
         said.append(str(caught.value))
@@ -273,7 +276,7 @@ def test_a_legal_file_is_complete_and_read_as_by_the_official_reader(tmp_path: P
     damage = recording.facts["damage"]
     assert (damage["complete"], damage["messages_lost"], damage["chunks_lost"]) == (True, 0, 0)
     assert damage["topics"] == {"/lab": {"messages": 20, "messages_lost": 0}}
-    assert inspect_mcap(tmp_path / "log.mcap").facts["messages lost"] == "0"
+    assert FORMATS["mcap"].inspect(tmp_path / "log.mcap").facts["messages lost"] == "0"
 
 
 def test_without_a_checksum_a_message_that_turned_into_a_private_record_is_lost(tmp_path: Path) -> None:
@@ -314,7 +317,7 @@ def test_a_chunk_that_was_cut_out_is_counted_by_topic_from_the_statistics(tmp_pa
     assert f"{len(removed)} bytes are missing before the summary" in damage["remarks"]
     with pytest.raises(InputError, match="damaged or incomplete MCAP: 50 % of topic '/lab' is lost, at most 1 % may"):
         ingested(tmp_path, content)
-    assert inspect_mcap(tmp_path / "log.mcap").facts["messages lost"] == "10"
+    assert FORMATS["mcap"].inspect(tmp_path / "log.mcap").facts["messages lost"] == "10"
 
 
 def test_a_chunk_that_was_cut_out_without_statistics_is_an_unknown_loss(tmp_path: Path) -> None:
@@ -326,7 +329,7 @@ def test_a_chunk_that_was_cut_out_without_statistics_is_an_unknown_loss(tmp_path
     assert damage["share_lost"] > 0.1
     with pytest.raises(InputError, match="of topic '/lab' is lost"):
         ingested(tmp_path, content)
-    assert inspect_mcap(tmp_path / "log.mcap").facts["messages lost"] == "the file does not tell"
+    assert FORMATS["mcap"].inspect(tmp_path / "log.mcap").facts["messages lost"] == "the file does not tell"
 
 
 def test_a_chunk_index_with_more_chunks_than_there_are_is_an_unknown_loss(tmp_path: Path) -> None:

@@ -16,7 +16,8 @@ from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.messages import decode_topics
-from osl_analysis.ingest.message_log import McapSource, read_mcap_log
+from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.source import Source
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 MILLISECOND = 1_000_000
@@ -114,10 +115,10 @@ def test_a_real_protobuf_log_equals_googles_decoder() -> None:
     assert assert_equal_to_google(path, "pose", messages) == 9
 
 
-def source(**channels: str) -> McapSource:
+def source(**channels: str) -> Source:
     full = {column: {"topic": "/lab", "field": field, "unit": "rad"} for column, field in channels.items()}
     content = {"format": "mcap", "time": {"source": "header", "field": "stamp"}, "channels": full}
-    return McapSource.model_validate(content)
+    return FORMATS["mcap"].source.model_validate(content)
 
 
 def stamped(i: int, **fields: Any) -> bytes:
@@ -127,7 +128,7 @@ def stamped(i: int, **fields: Any) -> bytes:
 def test_a_field_that_is_optional_is_null_where_absent_and_one_that_is_not_is_zero(tmp_path: Path) -> None:
     payloads = [stamped(0, maybe_double=0.0), stamped(1), stamped(2, maybe_double=2.0, one_double=5.0)]
     path = write(tmp_path / "log.mcap", payloads)
-    read = read_mcap_log(path, source(theta="maybe_double", theta_m="one_double")).samples
+    read = FORMATS["mcap"].read(path, source(theta="maybe_double", theta_m="one_double")).samples
     assert read["theta"].to_list() == [0.0, None, 2.0]
     assert read["theta_m"].to_list() == [0.0, 0.0, 5.0]
     np.testing.assert_allclose(read["time"], [0.0, 0.3, 0.6], rtol=1e-15)
@@ -137,11 +138,11 @@ def test_a_message_that_google_refuses_is_left_out_and_reported(tmp_path: Path) 
     payloads = [stamped(i, one_double=1.0) for i in range(3)]
     payloads[1] = payloads[1][:-3]
     path = write(tmp_path / "log.mcap", payloads, compression=CompressionType.NONE)
-    recording = read_mcap_log(path, source(theta="one_double").model_copy(update={"largest_loss": 0.5}))
+    recording = FORMATS["mcap"].read(path, source(theta="one_double").model_copy(update={"largest_loss": 0.5}))
     assert len(recording.samples) == 2
     assert recording.facts["damage"]["messages_lost"] == 1
     with pytest.raises(InputError, match="1 of 3 messages of topic '/lab' are lost: a message of"):
-        read_mcap_log(path, source(theta="one_double"))
+        FORMATS["mcap"].read(path, source(theta="one_double"))
 
 
 def test_large_whole_numbers_stay_exact_beside_small_ones(tmp_path: Path) -> None:

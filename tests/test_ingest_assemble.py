@@ -206,14 +206,14 @@ def test_a_file_that_changes_while_it_is_read_is_refused(
     laboratory: Path, monkeypatch: pytest.MonkeyPatch, change: Callable[[Path], None], role: str
 ) -> None:
     kind = {"log": "mcap", "mocap": "c3d"}[role]
-    read = FORMATS[kind].read
+    read = FORMATS[kind].reader
 
     def read_and_change(path: Path, source: Any) -> Recording:
         recording = read(path, source)
         change(path)
         return recording
 
-    monkeypatch.setitem(FORMATS, kind, replace(FORMATS[kind], read=read_and_change))
+    monkeypatch.setitem(FORMATS, kind, replace(FORMATS[kind], reader=read_and_change))
     other = {"log": "mocap", "mocap": "log"}[role]
     message = refused(laboratory, **{other: None, f"{other}_source": None})
     assert message.startswith(str(laboratory / row()[role]))

@@ -13,14 +13,15 @@ from recognised_files import refusal_by
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d import read_c3d
-from osl_analysis.ingest.c3d_capture import C3dSource, plates_of, read_c3d_capture
+from osl_analysis.ingest.captures import plates_of
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.known_formats import read_source
+from osl_analysis.ingest.known_formats import FORMATS, read_source
 from osl_analysis.ingest.plates import ForcePlate
+from osl_analysis.ingest.source import Source
 
 
-def source(**fields: object) -> C3dSource:
-    return C3dSource.model_validate({"format": "c3d", **fields})
+def source(**fields: object) -> Source:
+    return FORMATS["c3d"].source.model_validate({"format": "c3d", **fields})
 
 
 def points(frames: int = 6, count: int = 3) -> np.ndarray:
@@ -34,13 +35,13 @@ def analogs(samples: int = 24, channels: int = 2) -> np.ndarray:
     return np.arange(samples * channels, dtype=float).reshape(samples, channels) - 7.0
 
 
-def refused(path: Path, c3d_source: C3dSource | None = None) -> str:
-    return refusal_by(read_c3d_capture, path, c3d_source or source())
+def refused(path: Path, c3d_source: Source | None = None) -> str:
+    return refusal_by(FORMATS["c3d"].read, path, c3d_source or source())
 
 
 def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), rate=100.0)
-    recording = read_c3d_capture(path, source(analogs={"sync": {"channel": "A2"}}))
+    recording = FORMATS["c3d"].read(path, source(analogs={"sync": {"channel": "A2"}}))
     markers = recording.samples.select("time", pl.col("^marker_.*$")).drop_nulls()
     np.testing.assert_allclose(markers["time"], np.arange(6) / 100, rtol=1e-15)
     for i in range(3):
@@ -48,7 +49,7 @@ def test_points_analogs_and_time_are_those_of_the_file(tmp_path: Path) -> None:
             np.testing.assert_allclose(markers[f"marker_M{i + 1}_{name}"], points()[:, i, axis] / 1000, rtol=1e-15)
     np.testing.assert_allclose(recording.samples["time"], np.arange(24) / 400, rtol=1e-15)
     np.testing.assert_array_equal(recording.samples["sync"], analogs()[:, 1])
-    alone = read_c3d_capture(path, source()).samples
+    alone = FORMATS["c3d"].read(path, source()).samples
     assert (len(alone), alone.null_count().sum_horizontal()[0]) == (6, 0)  # a row per frame
 
 
@@ -57,7 +58,7 @@ def test_a_point_with_negative_residual_or_at_the_exact_origin_was_not_seen(tmp_
     raw[1, 0, 3] = -1.0
     raw[2, 0, :3] = 0.0
     raw[3, 0, 2] = 0.0
-    samples = read_c3d_capture(write_c3d(tmp_path / "a.c3d", raw), source()).samples
+    samples = FORMATS["c3d"].read(write_c3d(tmp_path / "a.c3d", raw), source()).samples
     assert samples["marker_M1_x"].is_nan().to_list() == [False, True, True, False, False, False]
     assert samples["marker_M1_z"].is_nan().to_list() == [False, True, True, False, False, False]
     assert not samples["marker_M2_x"].is_nan().any()
@@ -66,7 +67,7 @@ def test_a_point_with_negative_residual_or_at_the_exact_origin_was_not_seen(tmp_
 @pytest.mark.parametrize(("unit", "factor"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)])
 def test_positions_are_in_metres_whatever_the_files_unit(tmp_path: Path, unit: str, factor: float) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__UNITS=[unit])
-    np.testing.assert_allclose(read_c3d_capture(path, source()).samples["marker_M2_y"], points()[:, 1, 1] * factor)
+    np.testing.assert_allclose(FORMATS["c3d"].read(path, source()).samples["marker_M2_y"], points()[:, 1, 1] * factor)
 
 
 @pytest.mark.parametrize(("unit", "problem"), [("mmm", "unit 'mmm' is unknown"), ("", "the unit is empty")])
@@ -75,7 +76,7 @@ def test_an_unknown_unit_of_length_is_refused_unless_the_source_states_it(
 ) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__UNITS=[unit])
     assert problem in refused(path)
-    samples = read_c3d_capture(path, source(point_unit="cm")).samples
+    samples = FORMATS["c3d"].read(path, source(point_unit="cm")).samples
     np.testing.assert_allclose(samples["marker_M1_x"], points()[:, 0, 0] / 100)
 
 
@@ -113,7 +114,7 @@ def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -
     groups = {"POINT__TYPE_GROUPS": ["MOMENTS", "MOMENT"], "POINT__MOMENTS": ["LAnkleMoment"]}
     path = write_c3d(tmp_path / "a.c3d", points(), **labels, **groups)
     output = {"label": "LAnkleMoment", "component": "y", "unit": "N*mm/kg", "sign": -1}
-    recording = read_c3d_capture(path, source(outputs={"reference_ankle_moment_left": output}))
+    recording = FORMATS["c3d"].read(path, source(outputs={"reference_ankle_moment_left": output}))
     moment = recording.samples["reference_ankle_moment_left"]
     np.testing.assert_allclose(moment, -points()[:, 1, 1] / 1000, rtol=1e-15)
     markers = {name for name in recording.samples.columns if name.startswith("marker")}
@@ -123,15 +124,15 @@ def test_model_outputs_take_unit_and_sign_from_the_source_file(tmp_path: Path) -
 def test_a_label_that_stands_twice_is_refused_where_it_is_asked_for(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["TOE", "HEEL", "TOE"])
     assert "marker 'TOE' occurs 2 times" in refused(path)
-    assert len(read_c3d_capture(path, source(markers=["HEEL"])).samples) == 6
+    assert len(FORMATS["c3d"].read(path, source(markers=["HEEL"])).samples) == 6
 
 
 def test_an_analog_channels_unit_is_the_sources_or_else_the_files(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__UNITS=["mV", "volt?"])
-    of_file = read_c3d_capture(path, source(analogs={"sync": {"channel": "A1"}})).samples["sync"]
+    of_file = FORMATS["c3d"].read(path, source(analogs={"sync": {"channel": "A1"}})).samples["sync"]
     np.testing.assert_allclose(of_file, analogs()[:, 0] / 1000, rtol=1e-15)
     assert "unit 'volt?' is unknown" in refused(path, source(analogs={"sync": {"channel": "A2"}}))
-    stated = read_c3d_capture(path, source(analogs={"sync": {"channel": "A2", "unit": "V", "sign": -1}})).samples
+    stated = FORMATS["c3d"].read(path, source(analogs={"sync": {"channel": "A2", "unit": "V", "sign": -1}})).samples
     np.testing.assert_allclose(stated["sync"], -analogs()[:, 1], rtol=1e-15)
 
 
@@ -165,7 +166,7 @@ def test_counts_that_contradict_the_header_are_refused_and_the_advice_reads_the_
     recording = read_c3d(path, "header")
     np.testing.assert_array_equal(recording.points, points(200)[:, :, :3])
     np.testing.assert_array_equal(recording.analogs, analogs(800))
-    assert len(read_c3d_capture(path, source(counts="header")).samples) == 200
+    assert len(FORMATS["c3d"].read(path, source(counts="header")).samples) == 200
     assert "the file's size fits header: write `counts: header`" in refused(path, source(counts="parameters"))
     short = write_c3d(tmp_path / "short.c3d", points(6), POINT__USED=np.array([2]))
     assert "the file's size fits header and parameters" in refused(short)
@@ -187,7 +188,7 @@ def test_inspect_lists_a_file_of_contradictory_counts_and_its_draft_asks_for_the
     with pytest.raises(InputError, match=r"1 places are to be edited: `counts` in line 3"):
         read_source(tmp_path / "a.yaml")
     (tmp_path / "a.yaml").write_text((tmp_path / "a.yaml").read_text().replace('"UNKNOWN"', "header"))
-    assert len(read_c3d_capture(path, read_source(tmp_path / "a.yaml")).samples) == 200
+    assert len(FORMATS["c3d"].read(path, read_source(tmp_path / "a.yaml")).samples) == 200
 
 
 def section_of(path: Path) -> tuple[bytearray, int, int]:
@@ -212,7 +213,7 @@ def test_a_parameter_section_may_end_without_its_mark(tmp_path: Path, processor:
     assert found.header.texts("LAST:WORD") == ["XXXX"]
     remark = "its parameter section has no end mark and ends after WORD"
     assert found.header.remark == remark
-    assert read_c3d_capture(path, source()).warnings == [f"a.c3d: {remark}"]
+    assert FORMATS["c3d"].read(path, source()).warnings == [f"a.c3d: {remark}"]
     assert remark in inspect_file(path).remarks
 
 
@@ -283,11 +284,11 @@ def test_plates_that_cannot_be_are_refused(
 
 def test_a_laboratory_with_y_up_is_turned_to_z_up(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__Y_SCREEN=["+Y"])
-    recording = read_c3d_capture(path, source(axes=["z", "x", "y"]))
+    recording = FORMATS["c3d"].read(path, source(axes=["z", "x", "y"]))
     for column, axis in zip(("x", "y", "z"), (2, 0, 1), strict=True):
         np.testing.assert_allclose(recording.samples[f"marker_M2_{column}"], points()[:, 1, axis] / 1000, rtol=1e-12)
     assert recording.warnings == []
-    assert "its vertical axis seems to be +Y; state `axes`" in read_c3d_capture(path, source()).warnings[0]
+    assert "its vertical axis seems to be +Y; state `axes`" in FORMATS["c3d"].read(path, source()).warnings[0]
 
 
 def test_a_mirrored_laboratory_is_refused() -> None:
@@ -298,7 +299,7 @@ def test_a_mirrored_laboratory_is_refused() -> None:
 
 def test_a_turned_plate_turns_with_its_laboratory(tmp_path: Path) -> None:
     as_is, turned = (
-        read_c3d_capture(plate_file(tmp_path), source(axes=axes)).samples for axes in (list("xyz"), ["x", "-z", "y"])
+        FORMATS["c3d"].read(plate_file(tmp_path), source(axes=axes)).samples for axes in (list("xyz"), ["x", "-z", "y"])
     )
     for quantity in ("force", "moment"):
         own = [as_is[f"plate1_{quantity}_{axis}"] for axis in "xyz"]
@@ -326,7 +327,10 @@ def plate_file(folder: Path, **parameters: object) -> Path:
 @pytest.mark.parametrize("zero", ["file", [2, 3]])
 def test_the_baseline_that_is_asked_for_is_subtracted(tmp_path: Path, zero: object) -> None:
     path = plate_file(tmp_path, FORCE_PLATFORM__ZERO=np.array([2, 3]))
-    as_is, zeroed = read_c3d_capture(path, source()).samples, read_c3d_capture(path, source(plate_zero=zero)).samples
+    as_is, zeroed = (
+        FORMATS["c3d"].read(path, source()).samples,
+        FORMATS["c3d"].read(path, source(plate_zero=zero)).samples,
+    )
     for column in ("plate1_force_z", "plate1_moment_x"):
         baseline = as_is[column][4:12].mean()  # frames 2 and 3 of 4 samples each
         np.testing.assert_allclose(zeroed[column], as_is[column] - baseline, atol=1e-9)
@@ -346,7 +350,7 @@ def test_more_frames_than_the_header_can_count_are_read_where_a_parameter_counts
 
 def test_a_label_with_control_characters_becomes_a_printable_column(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), POINT__LABELS=["A\x1b[2J", "B", "C"])
-    assert "marker_A\\x1b[2J_x" in read_c3d_capture(path, source()).samples.columns
+    assert "marker_A\\x1b[2J_x" in FORMATS["c3d"].read(path, source()).samples.columns
     assert "no marker 'X'" in refused(path, source(markers=["X"]))
 
 
@@ -365,7 +369,7 @@ def test_a_truncated_file_is_refused_with_both_counts(tmp_path: Path, missing: i
     there = 200 - -(-missing // (12 * 16))
     assert f"truncated: it declares 200 frames and holds {there}" in refused(path)
     path.write_bytes(path.read_bytes() + bytes(missing))
-    assert len(read_c3d_capture(path, source()).samples) == 200
+    assert len(FORMATS["c3d"].read(path, source()).samples) == 200
 
 
 def test_more_frames_than_the_header_can_count_are_refused(tmp_path: Path) -> None:
@@ -375,7 +379,7 @@ def test_more_frames_than_the_header_can_count_are_refused(tmp_path: Path) -> No
 
 def test_an_analog_rate_slightly_off_is_reported_and_the_frames_hold(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(), analogs(), ANALOG__RATE=np.array([401.0]))
-    recording = read_c3d_capture(path, source(analogs={"sync": {"channel": "A1"}}))
+    recording = FORMATS["c3d"].read(path, source(analogs={"sync": {"channel": "A1"}}))
     assert recording.samples["time"][-1] == pytest.approx(23 / 400)
     assert recording.warnings == [
         "a.c3d: ANALOG:RATE is 401.0 Hz, the frames hold samples at 400.0 Hz; the latter is used"
@@ -510,7 +514,7 @@ def test_a_plate_that_cannot_be_computed_is_refused(
 @pytest.mark.parametrize(("file", "plate"), PLATES, ids=lambda value: str(value).split(".")[0])
 def test_real_plates_give_the_reference_wrench(file: str, plate: int) -> None:
     recording = read_c3d(REAL_DATA / "c3d" / file)
-    geometry, channels = plates_of(recording, C3dSource(format="c3d", plates=(plate + 1,)))[0]
+    geometry, channels = plates_of(recording, FORMATS["c3d"].source(format="c3d", plates=(plate + 1,)))[0]
     force, moment = geometry.wrench(channels)
     for row in ROWS.filter((pl.col("file") == file) & (pl.col("plate") == plate)).iter_rows(named=True):
         sample = row["analog_sample"]
@@ -529,7 +533,7 @@ def level_plate(path: Path, **parameters: object) -> Path:
 
 
 def wrench_of(path: Path, **fields: object) -> list[float]:
-    samples = read_c3d_capture(path, C3dSource(format="c3d", **fields)).samples
+    samples = FORMATS["c3d"].read(path, FORMATS["c3d"].source(format="c3d", **fields)).samples
     return [samples[f"plate1_{q}_{axis}"][3] for q in ("force", "moment") for axis in "xyz"]
 
 
@@ -541,8 +545,8 @@ def test_columns_and_geometry_of_a_plate_are_in_si_units_and_laboratory_axes(tmp
         "x-zy": [[0.6, 0, 0], [0, 0, 0], [0, 0, 0.4], [0.6, 0, 0.4]],
     }
     for axes, corners in expected.items():
-        source = C3dSource(format="c3d", axes=tuple(re.findall("-?[xyz]", axes)))
-        (plate,) = read_c3d_capture(path, source).facts["plates"]
+        source = FORMATS["c3d"].source(format="c3d", axes=tuple(re.findall("-?[xyz]", axes)))
+        (plate,) = FORMATS["c3d"].read(path, source).facts["plates"]
         assert (plate["plate"], plate["type"]) == (1, 2)
         np.testing.assert_allclose(plate["corners"], corners, atol=1e-12)
 
@@ -579,4 +583,4 @@ def test_a_calibration_matrix_is_read_in_the_order_that_the_file_names(tmp_path:
 
 def test_a_plate_whose_channels_are_not_in_the_file_can_be_left_out(tmp_path: Path) -> None:
     path = level_plate(tmp_path / "a.c3d", FORCE_PLATFORM__CHANNEL=np.arange(3, 9)[:, None])
-    assert read_c3d_capture(path, C3dSource(format="c3d", plates="none")).facts["plates"] == []
+    assert FORMATS["c3d"].read(path, FORMATS["c3d"].source(format="c3d", plates="none")).facts["plates"] == []

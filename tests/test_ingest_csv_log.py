@@ -15,31 +15,31 @@ from recognised_files import refusal_by
 from osl_analysis.cli import main
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.csv_log import CsvSource, read_csv_log
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.known_formats import read_source
+from osl_analysis.ingest.known_formats import FORMATS, read_source
 from osl_analysis.ingest.overview import likely_unit
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.source import Source
 from osl_analysis.trial import Trial
 
 
-def source(**fields: object) -> CsvSource:
+def source(**fields: object) -> Source:
     usual = {
         "format": "csv",
         "time": {"column": "t", "unit": "s"},
         "channels": {"theta": {"column": "angle", "unit": "deg"}, "torque": {"column": "load", "unit": "Nm"}},
     }
-    return CsvSource.model_validate({**usual, **fields})
+    return FORMATS["csv"].source.model_validate({**usual, **fields})
 
 
-def read(tmp_path: Path, text: str | bytes, csv_source: CsvSource | None = None) -> Recording:
+def read(tmp_path: Path, text: str | bytes, csv_source: Source | None = None) -> Recording:
     path = tmp_path / "log.csv"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return read_csv_log(path, csv_source or source())
+    return FORMATS["csv"].read(path, csv_source or source())
 
 
-def refused(tmp_path: Path, text: str | bytes, csv_source: CsvSource | None = None) -> str:
+def refused(tmp_path: Path, text: str | bytes, csv_source: Source | None = None) -> str:
     return refusal_by(lambda _: read(tmp_path, text, csv_source), tmp_path / "log.csv")
 
 
@@ -122,8 +122,8 @@ def test_the_source_files_unit_wins_over_the_files_and_says_so(tmp_path: Path) -
         (LOG.replace("90", "1e999"), {}, "line 3, column 'angle': '1e999' is not a number"),
         (LOG.replace("90", "9_0"), {}, "line 3, column 'angle': '9_0' is not a number"),
         (LOG.replace("10.5", "9.5"), {}, "time goes from 0.000000 s to -0.500000 s at row 1"),
-        (LOG.replace("10.5", ""), {}, "line 3: no time in column 't'"),
-        (LOG.replace("90", ""), {}, "column 'angle' is missing in 1 of 3 rows, first in line 3; at most 1.0% may be"),
+        (LOG.replace("10.5", ""), {}, "column 't': no time in line 3"),
+        (LOG.replace("90", ""), {}, "column 'angle': missing in 1 of 3 rows, first in line 3; at most 1.0% may be"),
         (LOG.replace("90,2", "90,2,7"), {}, "line 3 has 4 cells under 3 names, and 1 of 3 rows do not fit"),
         (LOG.replace("90,2", "90"), {}, "line 3 has 2 cells under 3 names"),
         (LOG.replace("90,2", "90,2,0"), {"extra_cells": "last"}, "line 3 has 4 cells"),
@@ -242,7 +242,7 @@ def test_any_text_is_samples_or_a_sentence(
     except ValueError:
         return
     try:
-        recording = read_csv_log(path, csv_source)
+        recording = FORMATS["csv"].read(path, csv_source)
     except InputError as error:
         message = str(error)
     else:
@@ -347,7 +347,7 @@ def assert_samples(trial: Trial, **columns: list[float]) -> None:
         (TABLE.replace("0.02,", "0.015,9\n0.02,"), {}, "line 4 has", SAMPLES),
         (TABLE.replace("0.02,", "0.015,9,9,9\n0.02,"), {}, "line 4 has", SAMPLES),
         (TABLE.replace("0.02,3,7", "0.02,3"), {"ragged": "skip"}, "line 4 has", {"theta": [1, 2, 4]}),
-        (TABLE.replace("2,6", ",6"), {}, "is missing in 1 of 4 rows", {"theta": [1, np.nan, 3, 4]}),
+        (TABLE.replace("2,6", ",6"), {}, "missing in 1 of 4 rows", {"theta": [1, np.nan, 3, 4]}),
         (TABLE.replace(",", ";").replace(".", ","), {}, "if the comma is the decimal sign", SAMPLES),
         (TABLE.replace("load\n", "load\ns,rad,Nm\n"), {}, "if this line holds units", SAMPLES),
         (
@@ -485,7 +485,7 @@ def test_a_unit_that_is_wrong_is_named_with_file_line_key_and_value(tmp_path: Pa
     )
     message = refusal(tmp_path, TABLE.replace("angle", "angle [xyz]"), channels={"theta": {"column": "angle"}})
     where = f"write one of rad, mrad, deg, °, rev, as `channels.theta.unit` in {tmp_path / 'source.yaml'}, line 6"
-    assert message == f"{tmp_path / 'log.csv'}: column 'angle [xyz]': unit 'xyz' is unknown; {where}"
+    assert message == f"{tmp_path / 'log.csv'}: column 'angle': unit 'xyz' is unknown; {where}"
     message = refusal(tmp_path, TABLE, time={"column": "t"})
     assert message.endswith(f"write one of s, ms, us, ns, as `time.unit` in {tmp_path / 'source.yaml'}, line 2")
 

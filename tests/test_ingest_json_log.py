@@ -14,8 +14,7 @@ from recognised_files import read_recognised, refusal_of
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.json_log import JsonSource, read_json_log
-from osl_analysis.ingest.known_formats import read_source, recognise
+from osl_analysis.ingest.known_formats import FORMATS, read_source, recognise
 from osl_analysis.ingest.raw_files import trial_from_files
 
 ROWS = 200
@@ -178,7 +177,7 @@ def test_a_stamp_with_a_part_that_is_no_count_is_refused_with_its_line(tmp_path:
     lines = stamped_lines("sec", "nanosec")
     del lines[7]["h"]["stamp"]["nanosec"]
     said = refused(write(tmp_path / "c", lines), time={"field": "h.stamp"}, channels=channels)
-    assert "field 'h.stamp': no time in row 7 of 50" in said
+    assert "field 'h.stamp': no time in line 8" in said
 
 
 def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) -> None:
@@ -230,7 +229,7 @@ def test_nan_is_a_failed_reading_and_infinity_is_refused(tmp_path: Path) -> None
     for one in lines[:5]:
         one["functions"]["torque"] = math.nan
     lines[7]["functions"]["torque"] = 1.0
-    assert "NaN in 5 of 200 samples" in refused(write(tmp_path / "a", lines))
+    assert "NaN in 5 of 200 rows" in refused(write(tmp_path / "a", lines))
 
 
 def test_a_missing_field_and_a_time_that_is_none_are_refused(tmp_path: Path) -> None:
@@ -241,12 +240,12 @@ def test_a_missing_field_and_a_time_that_is_none_are_refused(tmp_path: Path) -> 
     lines[4]["variables"]["time"] = 1.0
     assert "the recorder's clock was set back" in refused(write(tmp_path / "a", lines))
     del lines[4]["variables"]["time"]
-    assert "field 'variables.time': no time in row 5 of 200" in refused(write(tmp_path / "a", lines))
+    assert "field 'variables.time': no time in line 5" in refused(write(tmp_path / "a", lines))
     channels = {"theta": {"field": "variables.on", "unit": "deg"}}
     assert "holds truth values and no numbers" in refused(write(tmp_path / "b", rust_lines()), channels=channels)
     channels = {"theta": {"field": "functions.torque", "unit": "deg"}, "torque": CHANNELS["torque"]}
     assert "is theta and torque in the source file" in refused(tmp_path / "b", channels=channels)
-    with pytest.raises(ValueError, match="state either the field that holds time, or the rate"):
+    with pytest.raises(ValueError, match="state either the field that holds time or the rate"):
         read(tmp_path / "b", time={})
 
 
@@ -282,8 +281,7 @@ def test_the_shipped_source_file_for_the_recorder_in_rust_fits_its_lines(tmp_pat
     names = {"joint_position": 0.25, "output_position": 0.5, "motor_current": 1500}
     lines = [{"variables": {"time": k / 500, "sync": k % 50 < 25, **names}, "functions": {}} for k in range(100)]
     source = read_source(Path(__file__).parents[1] / "config" / "sources" / "osl_rust.yaml")
-    assert isinstance(source, JsonSource)
-    samples = read_json_log(write(tmp_path / "a", lines), source).samples
+    samples = FORMATS["json_lines"].read(write(tmp_path / "a", lines), source).samples
     assert samples.drop("time", "sync").row(7, named=True) == {"theta": 0.25, "theta_m": 0.5, "current": 1.5}
     np.testing.assert_array_equal(samples["sync"], np.arange(100) % 50 < 25)
 

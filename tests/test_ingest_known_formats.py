@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import polars as pl
@@ -13,13 +12,11 @@ from osl_analysis.commands.inspect import inspect_file, row_of
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config import read_section
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.c3d_capture import C3dSource, read_c3d_capture
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.known_formats import FORMATS, KnownFormat, read_source, recognise
-from osl_analysis.ingest.message_log import McapSource, read_mcap_log
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.source_fields import Conversion, LogSource
+from osl_analysis.ingest.source import Keys, Source
 from osl_analysis.judge.table import QualityRules
 from osl_analysis.simulator.mcap_writer import DYNAMOMETER, write_mcap
 from osl_analysis.simulator.vicon import C3dRecording, RecordedPlate, write_c3d
@@ -76,18 +73,9 @@ def test_a_mistake_in_a_source_file_is_refused_by_its_field(
     assert told in message
 
 
-class ToyChannel(Conversion):
-    key: str
-
-
-class ToySource(LogSource):
-    format: Literal["toy"]
-    channels: dict[str, ToyChannel]
-
-
-def read_toy(path: Path, source: ToySource) -> Recording:
+def read_toy(path: Path, source: Source) -> Recording:
     content = json.loads(path.read_bytes().removeprefix(b"TOY1"))
-    columns = {name: one.to_si(np.array(content[one.key]), "rad") for name, one in source.channels.items()}
+    columns = {name: one.to_si(np.array(content[one.name]), "rad") for name, one in source.channels.items()}
     time = np.arange(len(content["angle"])) / 100
     return Recording(pl.DataFrame({"time": time, **columns}), {n: c.origin(n) for n, c in source.channels.items()})
 
@@ -100,8 +88,9 @@ def inspect_toy(path: Path) -> Overview:
 def test_an_entry_in_the_table_makes_a_format_known_to_ingest_inspect_draft_and_samples(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A new format touches its decoder in formats/, its source file and overview in ingest/, the table and a test."""
-    toy = KnownFormat(lambda begin: begin.startswith(b"TOY1"), (".toy",), ToySource, read_toy, inspect_toy)
+    """A new format touches its decoder in formats/, its keys, reader and overview in ingest/, the table and a test."""
+    keys = Keys("channels", "key", kinds={"channel.key": (str, ...)})
+    toy = KnownFormat("toy", lambda begin: begin.startswith(b"TOY1"), (".toy",), read_toy, inspect_toy, keys)
     monkeypatch.setitem(FORMATS, "toy", toy)
     (tmp_path / "a.dat").write_bytes(b'TOY1{"angle": [0, 90, 180]}')
     drafted = draft_source(inspect_file(tmp_path / "a.dat"), "a.dat")
@@ -128,17 +117,15 @@ def test_a_file_is_recognised_by_its_content_and_where_that_says_nothing_by_its_
 TIME = 5.0 + np.arange(200) / 500
 
 
-def log_source(name: str) -> McapSource:
-    source = read_source(ROOT / "config/sources" / f"{name}.yaml")
-    assert isinstance(source, McapSource)
-    return source
+def log_source(name: str) -> Source:
+    return read_source(ROOT / "config/sources" / f"{name}.yaml")
 
 
 def test_the_dynamometers_log_gives_the_resisting_torque(tmp_path: Path) -> None:
     fields = ("joint_angle", "load_cell_torque", "actuator_angle", "motor_current", "commanded_angle")
     columns = {field: np.float32(np.sin(TIME + i)) for i, field in enumerate(fields)}
     write_mcap(tmp_path / "log.mcap", DYNAMOMETER, TIME, columns)
-    recording = read_mcap_log(tmp_path / "log.mcap", log_source("dynamometer"))
+    recording = FORMATS["mcap"].read(tmp_path / "log.mcap", log_source("dynamometer"))
     mapped = {"theta": 0, "torque": 1, "theta_m": 2, "current": 3, "theta_command": 4}
     for column, field in mapped.items():
         sign = -1 if column == "torque" else 1  # the load cell measures what the joint exerts
@@ -169,8 +156,7 @@ def test_vicons_file_gives_markers_the_ground_reaction_and_both_pulses(tmp_path:
     )
     write_c3d(tmp_path / "a.c3d", recording)
     source = read_source(ROOT / "config/sources" / "vicon.yaml")
-    assert isinstance(source, C3dSource)
-    samples = read_c3d_capture(tmp_path / "a.c3d", source).samples
+    samples = FORMATS["c3d"].read(tmp_path / "a.c3d", source).samples
     for axis, name in enumerate("xyz"):
         for i, label in enumerate(recording.labels):
             seen = samples[f"marker_{label}_{name}"].drop_nulls().to_numpy()

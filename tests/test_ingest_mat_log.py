@@ -12,12 +12,11 @@ from test_formats_mat import RUNS, struct_array
 
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.csv_log import CsvSource
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.known_formats import read_source
-from osl_analysis.ingest.mat_log import MatSource, read_mat_log
+from osl_analysis.ingest.known_formats import FORMATS, read_source
 from osl_analysis.ingest.overview import UNKNOWN
 from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.ingest.source import Source
 
 TIME = np.arange(40) / 500
 ANGLE, TORQUE = np.sin(40 * TIME), 30 * np.sin(40 * TIME)
@@ -25,7 +24,7 @@ TEST = {"t": 1e3 * TIME + 7, "angle": np.rad2deg(ANGLE), "torque": -1e3 * TORQUE
 WRITERS = pytest.mark.parametrize("write", [write_mat, write_mat73])
 
 
-def source(**fields: object) -> MatSource:
+def source(**fields: object) -> Source:
     usual = {
         "format": "mat",
         "time": {"variable": "t", "unit": "ms"},
@@ -34,11 +33,11 @@ def source(**fields: object) -> MatSource:
             "torque": {"variable": "torque", "unit": "Nmm", "sign": -1},
         },
     }
-    return MatSource.model_validate({**usual, **fields})
+    return FORMATS["mat"].source.model_validate({**usual, **fields})
 
 
-def refused(path: Path, mat_source: MatSource | None = None) -> str:
-    return refusal_by(read_mat_log, path, mat_source or source())
+def refused(path: Path, mat_source: Source | None = None) -> str:
+    return refusal_by(FORMATS["mat"].read, path, mat_source or source())
 
 
 @pytest.mark.parametrize(
@@ -46,7 +45,7 @@ def refused(path: Path, mat_source: MatSource | None = None) -> str:
     [
         ({"channels": {"theta": {"variable": "a b", "unit": "deg"}}}, "no address in a MATLAB file"),
         ({"channels": {"theta": {"variable": "a"}}}, "unit"),
-        ({"time": {"rate": 100, "unit": "s"}}, "needs its unit"),
+        ({"time": {"rate": 100, "unit": "s"}}, "is that of the variable of time"),
         ({"time": {}}, "state either"),
         ({"log_part": "(2)"}, "no address"),
     ],
@@ -58,7 +57,7 @@ def test_a_wrong_field_of_a_source_file_is_refused(fields, message):
 
 @WRITERS
 def test_variables_become_columns_in_si_units(write, tmp_path):
-    recording = read_mat_log(write(tmp_path / "a.mat", **TEST), source())
+    recording = FORMATS["mat"].read(write(tmp_path / "a.mat", **TEST), source())
     np.testing.assert_allclose(recording.samples["time"], TIME, atol=1e-12)
     np.testing.assert_allclose(recording.samples["theta"], ANGLE, atol=1e-12)
     np.testing.assert_allclose(recording.samples["torque"], TORQUE, atol=1e-12)
@@ -70,23 +69,25 @@ def test_variables_become_columns_in_si_units(write, tmp_path):
 def test_a_part_of_the_file_is_a_trial_of_its_own(write, tmp_path):
     path = write(tmp_path / "a.mat", Slow=TEST, Fast={**TEST, "torque": -2e3 * TORQUE}, clock=1e3 * TIME)
     for part, factor in (("Slow", 1), ("Fast", 2)):
-        recording = read_mat_log(path, source().of_part(part))
+        recording = FORMATS["mat"].read(path, source().of_part(part))
         np.testing.assert_allclose(recording.samples["torque"], factor * TORQUE, atol=1e-12)
     shared = source(time={"variable": "/clock", "unit": "ms"}).of_part("Fast")
-    assert read_mat_log(path, shared).columns["torque"]["variable"] == "Fast.torque"
-    assert "no variable 'angle'; it has" in (said := refused(path))
+    assert FORMATS["mat"].read(path, shared).columns["torque"]["variable"] == "Fast.torque"
+    assert "no variable 't'; it has" in (said := refused(path))
     assert "if one of these holds it, name this one as `log_part`" in said
 
 
 def test_a_matrix_is_a_part_whose_columns_are_signals(tmp_path):
     path = write_mat(tmp_path / "a.mat", D={"run1": np.column_stack([TIME, ANGLE])})
     columns = {"theta": {"variable": "(:,2)", "unit": "rad"}}
-    read = read_mat_log(path, source(time={"variable": "(:,1)", "unit": "s"}, channels=columns).of_part("D.run1"))
+    read = FORMATS["mat"].read(
+        path, source(time={"variable": "(:,1)", "unit": "s"}, channels=columns).of_part("D.run1")
+    )
     np.testing.assert_allclose(read.samples["theta"], ANGLE)
 
 
 def test_a_log_in_a_format_without_parts_refuses_one():
-    csv = CsvSource.model_validate(
+    csv = FORMATS["csv"].source.model_validate(
         {"format": "csv", "time": {"rate": 100}, "channels": {"theta": {"column": "a", "unit": "deg"}}}
     )
     with pytest.raises(InputError, match="log_part 'x' in the sheet: a log in csv holds one trial; clear the cell"):
@@ -100,11 +101,11 @@ def test_a_log_in_a_format_without_parts_refuses_one():
         ({"torque": TORQUE[1:]}, "torque has 39 numbers and t has 40; name variables of one recording"),
         ({"torque": "broken"}, "torque is a 1x6 char, not real numbers"),
         ({"torque": TORQUE + 1j}, "torque is a "),
-        ({"torque": np.where(TIME < 0.04, TORQUE, np.nan)}, "torque: NaN in 20 of 40 samples, first at 0.040 s"),
-        ({"torque": np.where(TIME < 0.04, TORQUE, np.inf)}, "torque: inf in sample 21 of 40"),
-        ({"t": np.full(40, 3.0)}, "t: time stands still at 3 in all 40 samples"),
-        ({"t": -TIME}, "t: time goes from"),
-        ({"t": np.where(TIME > 0.06, np.nan, TIME)}, "t: no time in sample 32 of 40"),
+        ({"torque": np.where(TIME < 0.04, TORQUE, np.nan)}, "'torque': NaN in 20 of 40 samples, first at 0.040 s"),
+        ({"torque": np.where(TIME < 0.04, TORQUE, np.inf)}, "'torque': inf in sample 21 of 40"),
+        ({"t": np.full(40, 3.0)}, "'t': time stands still at 3 in all 40 samples"),
+        ({"t": -TIME}, "'t': time goes from"),
+        ({"t": np.where(TIME > 0.06, np.nan, TIME)}, "'t': no time in sample 32 of 40"),
     ],
 )
 def test_what_cannot_be_a_log_is_refused_by_its_variable(write, changes, message, tmp_path):
@@ -114,11 +115,11 @@ def test_what_cannot_be_a_log_is_refused_by_its_variable(write, changes, message
 def test_a_counter_and_a_rate_take_the_place_of_time(tmp_path):
     path = write_mat(tmp_path / "a.mat", **TEST, count=np.arange(40), wrong=np.arange(40) + 0.5)
     channels = {"theta": {"variable": "angle", "unit": "deg", "counter": "count"}}
-    read = read_mat_log(path, source(time={"rate": 250}, channels=channels))
+    read = FORMATS["mat"].read(path, source(time={"rate": 250}, channels=channels))
     np.testing.assert_allclose(read.samples["time"], np.arange(40) / 250)
     assert read.samples["theta_counter"].to_list() == list(range(40))
     channels["theta"]["counter"] = "wrong"
-    assert "variable 'wrong': 0.5 in sample 1, at 0.000 s, is no count of samples" in refused(
+    assert "variable 'wrong': 0.5 in sample 1 of 40, at 0.000 s, is no count of samples" in refused(
         path, source(channels=channels)
     )
 
@@ -136,7 +137,7 @@ def test_a_draft_becomes_a_source_file_by_naming_two_signals_and_their_units(wri
     edited = draft.replace(UNKNOWN, "N*m").replace("NAME_1", "theta").replace("NAME_2", "torque")
     assert sum(a != b for a, b in zip(draft.splitlines(), edited.splitlines(), strict=True)) <= 3
     (tmp_path / "mine.yaml").write_text(edited)
-    read = read_mat_log(path, read_source(tmp_path / "mine.yaml").of_part("Fast"))
+    read = FORMATS["mat"].read(path, read_source(tmp_path / "mine.yaml").of_part("Fast"))
     np.testing.assert_allclose(read.samples["theta"], ANGLE)
     np.testing.assert_allclose(read.samples["time"], TIME, atol=1e-12)
 

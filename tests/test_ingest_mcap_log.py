@@ -14,9 +14,9 @@ from mcap_builder import HEADER, SAMPLE, SAMPLE_NAME, stamped, write_log, write_
 from recognised_files import refusal_by
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.log_overview import inspect_mcap
-from osl_analysis.ingest.message_log import McapSource, read_mcap_log
+from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.source import Source
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"
 DEGREE = math.pi / 180
@@ -24,11 +24,11 @@ MILLISECOND = 1_000_000
 START = 1_700_000_000 * 10**9
 
 
-def source(time: str = "header", loss: float = 0.01, **channels: dict[str, Any]) -> McapSource:
+def source(time: str = "header", loss: float = 0.01, **channels: dict[str, Any]) -> Source:
     """Channels on `/lab`; without any, theta from `angle` in degrees."""
     channels = channels or {"theta": {"field": "angle", "unit": "deg"}}
     full = {column: {"topic": "/lab", **channel} for column, channel in channels.items()}
-    return McapSource(format="mcap", time={"source": time}, channels=full, largest_loss=loss)
+    return FORMATS["mcap"].source(format="mcap", time={"source": time}, channels=full, largest_loss=loss)
 
 
 def samples(count: int = 50) -> list[tuple[int, dict[str, Any]]]:
@@ -36,8 +36,8 @@ def samples(count: int = 50) -> list[tuple[int, dict[str, Any]]]:
     return [stamped(START + i * MILLISECOND, angle=float(i), torque=i * i / 8, sync=i % 7 == 0) for i in range(count)]
 
 
-def refused(path: Path, log_source: McapSource) -> str:
-    return refusal_by(read_mcap_log, path, log_source)
+def refused(path: Path, log_source: Source) -> str:
+    return refusal_by(FORMATS["mcap"].read, path, log_source)
 
 
 def test_values_are_converted_by_offset_unit_and_sign(tmp_path: Path) -> None:
@@ -47,7 +47,7 @@ def test_values_are_converted_by_offset_unit_and_sign(tmp_path: Path) -> None:
         torque={"field": "torque", "unit": "N·mm"},
         sync={"field": "sync", "unit": "V"},
     )
-    recording = read_mcap_log(path, log_source)
+    recording = FORMATS["mcap"].read(path, log_source)
     i = np.arange(50)
     np.testing.assert_allclose(recording.samples["theta"], -(i + 2) * DEGREE, rtol=1e-15)
     np.testing.assert_allclose(recording.samples["torque"], i**2 / 8000, rtol=1e-15)
@@ -57,14 +57,14 @@ def test_values_are_converted_by_offset_unit_and_sign(tmp_path: Path) -> None:
 def test_time_is_the_header_stamp_from_its_first_exact_to_the_nanosecond(tmp_path: Path) -> None:
     stamps = [0, 1, 2_000_000, 999_999_999, 1_000_000_001]
     path = write_log(tmp_path / "log.mcap", [stamped(START + s, angle=0.0) for s in stamps])
-    recording = read_mcap_log(path, source())
+    recording = FORMATS["mcap"].read(path, source())
     np.testing.assert_allclose(recording.samples["time"], np.array(stamps) / 1e9, rtol=1e-15, atol=0)
     assert recording.facts["time"] == {"source": "header.stamp", "stamps": "auto", "start_ns": START}
 
 
 def test_time_is_the_log_time_where_the_source_says_so(tmp_path: Path) -> None:
     late = [(log_time + i * 500, fields) for i, (log_time, fields) in enumerate(samples())]
-    recording = read_mcap_log(write_log(tmp_path / "log.mcap", late), source("log"))
+    recording = FORMATS["mcap"].read(write_log(tmp_path / "log.mcap", late), source("log"))
     np.testing.assert_allclose(np.diff(recording.samples["time"]), 1e-3 + 5e-7, rtol=1e-9)
     assert recording.facts["time"]["source"] == "log"
 
@@ -82,8 +82,8 @@ def test_time_is_the_log_time_where_the_source_says_so(tmp_path: Path) -> None:
     ids=lambda options: " ".join(options),
 )
 def test_the_files_build_does_not_change_what_is_read(tmp_path: Path, options: dict[str, Any]) -> None:
-    plain = read_mcap_log(write_log(tmp_path / "plain.mcap", samples()), source())
-    built = read_mcap_log(write_log(tmp_path / "built.mcap", samples(), **options), source())
+    plain = FORMATS["mcap"].read(write_log(tmp_path / "plain.mcap", samples()), source())
+    built = FORMATS["mcap"].read(write_log(tmp_path / "built.mcap", samples(), **options), source())
     assert built.samples.equals(plain.samples)
 
 
@@ -94,7 +94,7 @@ def test_messages_in_any_file_order_come_in_the_order_of_their_sequence_numbers(
 ) -> None:
     log = [stamped(START + 100 * i * MILLISECOND, angle=float(i), torque=0.0, sync=False) for i in range(50)]
     path = write_log(tmp_path / "log.mcap", [log[i] for i in order], chunk_size=300, sequences=order.tolist())
-    recording = read_mcap_log(path, source(time))
+    recording = FORMATS["mcap"].read(path, source(time))
     np.testing.assert_allclose(recording.samples["theta"], np.arange(50) * DEGREE)
     assert recording.facts["stamps"]["/lab"]["late"] == 0
 
@@ -116,13 +116,13 @@ def test_a_clock_that_is_set_back_while_recording_is_refused(
     message = refused(path, source(time))
     assert "at message 101 of 200" in message
     assert "the clock was set while recording: its times cannot be used: record again, or exclude the trial" in message
-    assert is_sorted or "the clock was set while recording" in " ".join(inspect_mcap(path).remarks)
+    assert is_sorted or "the clock was set while recording" in " ".join(FORMATS["mcap"].inspect(path).remarks)
 
 
 def test_sequence_numbers_of_a_restarted_publisher_do_not_move_its_messages(tmp_path: Path) -> None:
     numbers = [*range(100, 130), *range(20)]
     path = write_log(tmp_path / "log.mcap", samples(), sequences=numbers)
-    recording = read_mcap_log(path, source())
+    recording = FORMATS["mcap"].read(path, source())
     np.testing.assert_allclose(recording.samples["theta"], np.arange(50) * DEGREE)
     assert recording.facts["stamps"]["/lab"]["late"] == 0
 
@@ -131,14 +131,14 @@ def test_sequence_numbers_that_are_missing_are_remarked(tmp_path: Path) -> None:
     log = samples()
     path = write_log(tmp_path / "log.mcap", [*log[:20], *log[23:]], sequences=[*range(20), *range(23, 50)])
     remark = "log.mcap: the sequence numbers of topic '/lab' say that 3 messages beside its 47 are not in the file"
-    assert remark in read_mcap_log(path, source()).warnings
+    assert remark in FORMATS["mcap"].read(path, source()).warnings
     every_other = write_log(tmp_path / "log.mcap", log, sequences=list(range(0, 100, 2)))
-    assert read_mcap_log(every_other, source()).warnings == []
+    assert FORMATS["mcap"].read(every_other, source()).warnings == []
 
 
 def test_no_single_flipped_bit_changes_what_is_read_unnoticed(tmp_path: Path) -> None:
     path = write_log(tmp_path / "log.mcap", samples(), chunk_size=800)
-    intact, content = read_mcap_log(path, source()).samples, path.read_bytes()
+    intact, content = FORMATS["mcap"].read(path, source()).samples, path.read_bytes()
     random = np.random.default_rng(0)
     lossy = source(loss=0.9)
     noticed = 0
@@ -146,7 +146,7 @@ def test_no_single_flipped_bit_changes_what_is_read_unnoticed(tmp_path: Path) ->
         damaged = bytearray(content)
         damaged[random.integers(len(content))] ^= 1 << random.integers(8)
         path.write_bytes(damaged)
-        recording = read_mcap_log(path, lossy)
+        recording = FORMATS["mcap"].read(path, lossy)
         same = recording.samples.equals(intact)
         assert same or not recording.facts["damage"]["complete"]
         stamps = (recording.samples["time"] * 1000).round().cast(int) + recording.facts["time"]["start_ns"] // 10**6
@@ -173,7 +173,7 @@ def test_a_changed_value_outside_of_chunks_fails_the_data_checksum(tmp_path: Pat
     ],
 )
 def test_messages_that_no_checksum_covers_are_reported(tmp_path: Path, options: dict[str, Any], covered: bool) -> None:
-    recording = read_mcap_log(write_log(tmp_path / "log.mcap", samples(), **options), source())
+    recording = FORMATS["mcap"].read(write_log(tmp_path / "log.mcap", samples(), **options), source())
     report = "log.mcap: not verifiable: no checksum covers 50 of 50 messages"
     assert recording.warnings == ([] if covered else [report])
     assert recording.facts["damage"]["crc"] == ("checked" if covered else "absent")
@@ -185,7 +185,7 @@ def test_failed_readings_are_counted_and_refused_beyond_the_stated_share(tmp_pat
     path = write_log(tmp_path / "log.mcap", log)
     message = refused(path, source())
     assert "topic /lab, field angle: NaN in 1 of 50 samples, first at 0.017 s; at most 1.0% may be" in message
-    read = read_mcap_log(path, source().model_copy(update={"most_missing": 0.1}))
+    read = FORMATS["mcap"].read(path, source().model_copy(update={"most_missing": 0.1}))
     assert read.facts["missing"]["theta"] == read.samples["theta"].is_nan().sum() == 1
     assert "log.mcap: theta is NaN in 1 of 50 rows" in read.warnings
 
@@ -195,17 +195,17 @@ def test_a_bad_schema_hurts_its_own_topic_only() -> None:
     if not path.exists():
         pytest.skip("real data are not here")
     good = source("log", theta={"topic": "/good/data", "field": "data", "unit": "rad"})
-    assert len(read_mcap_log(path, good).samples) == 10
+    assert len(FORMATS["mcap"].read(path, good).samples) == 10
     bad = source("log", theta={"topic": "/bad/data", "field": "data", "unit": "rad"})
     with pytest.raises(InputError, match="schema broken_msgs/Garbage"):
-        read_mcap_log(path, bad)
+        FORMATS["mcap"].read(path, bad)
 
 
 def test_a_device_s_counter_is_read_beside_its_channel(tmp_path: Path) -> None:
     log = [(time, {**fields, "seq": 7 + 2 * row}) for row, (time, fields) in enumerate(samples())]
     path = write_log(tmp_path / "log.mcap", log, SAMPLE.replace("bool sync", "bool sync\nuint32 seq"))
     counted = source(theta={"topic": "/lab", "field": "angle", "unit": "rad", "counter": "seq"})
-    read = read_mcap_log(path, counted)
+    read = FORMATS["mcap"].read(path, counted)
     assert read.samples["theta_counter"].to_list() == [7 + 2 * row for row in range(len(log))]
     assert read.columns["theta"]["counter"] == "seq"
     assert "no field 'count'" in refused(
@@ -246,7 +246,7 @@ def test_a_truth_value_is_a_level_and_no_angle(tmp_path: Path, kind: str) -> Non
     schema = f"std_msgs/Header header\n{kind} on\n" + HEADER
     log = [stamped(i, on=i % 2) for i in range(3)]
     path = write_log(tmp_path / "log.mcap", log, schema, SAMPLE_NAME)
-    level = read_mcap_log(path, source(sync={"topic": "/lab", "field": "on", "unit": "V"}))
+    level = FORMATS["mcap"].read(path, source(sync={"topic": "/lab", "field": "on", "unit": "V"}))
     assert level.samples["sync"].to_list() == [0.0, 1.0, 0.0]
     angle = source(theta={"topic": "/lab", "field": "on", "unit": "rad"})
     if kind == "bool":
@@ -254,7 +254,7 @@ def test_a_truth_value_is_a_level_and_no_angle(tmp_path: Path, kind: str) -> Non
             path, angle
         )
     else:
-        assert read_mcap_log(path, angle).samples["theta"].to_list() == [0.0, 1.0, 0.0]
+        assert FORMATS["mcap"].read(path, angle).samples["theta"].to_list() == [0.0, 1.0, 0.0]
 
 
 def infinite(log: list[tuple[int, dict[str, Any]]]) -> list[tuple[int, dict[str, Any]]]:
@@ -292,13 +292,13 @@ def messages(stamps: Iterable[int], **fields: float) -> list[tuple[int, dict[str
 
 
 def of_stamps(folder: Path, stamps: Iterable[int]) -> Recording:
-    return read_mcap_log(write_log(folder / "log.mcap", messages(stamps)), source(**RADIANS))
+    return FORMATS["mcap"].read(write_log(folder / "log.mcap", messages(stamps)), source(**RADIANS))
 
 
 def of_topics(folder: Path, topics: dict[str, Any], **channels: dict[str, Any]) -> pl.DataFrame:
     """The samples of topics, written as (type, schema, messages) or as messages of the usual type."""
     full = {name: (SAMPLE_NAME, SAMPLE, one) if isinstance(one, list) else one for name, one in topics.items()}
-    return read_mcap_log(write_topics(folder / "log.mcap", full), source(**(channels or RADIANS))).samples
+    return FORMATS["mcap"].read(write_topics(folder / "log.mcap", full), source(**(channels or RADIANS))).samples
 
 
 OTHER = {"field": "angle", "unit": "rad", "topic": "/other"}
@@ -329,18 +329,18 @@ def test_stamps_that_stand_still_are_refused_and_are_not_taken_for_rounded(tmp_p
     log = messages([*range(100), *[100] * 10, *range(110, COUNT)])
     log = [(t, {**m, "angle": float(i)}) for i, (t, m) in enumerate(log)]
     with pytest.raises(InputError, match="9 of 200 messages have the stamp of an earlier one"):
-        read_mcap_log(write_log(tmp_path / "log.mcap", log), source(**RADIANS))
+        FORMATS["mcap"].read(write_log(tmp_path / "log.mcap", log), source(**RADIANS))
 
 
 def test_of_messages_that_contradict_each_other_the_first_holds_as_long_as_they_are_few(tmp_path: Path) -> None:
     log = messages(range(COUNT))
     log[17][1]["header"] = log[16][1]["header"]
     path = write_log(tmp_path / "log.mcap", log)
-    read = read_mcap_log(path, source(**RADIANS))
+    read = FORMATS["mcap"].read(path, source(**RADIANS))
     assert read.samples["theta"].to_list() == [float(i) for i in range(COUNT) if i != 17]
     assert read.facts["stamps"]["/lab"]["contradicted"] == 1
     with pytest.raises(InputError, match="1 of 200 messages have the stamp of an earlier one"):
-        read_mcap_log(path, source(loss=0.0, **RADIANS))
+        FORMATS["mcap"].read(path, source(loss=0.0, **RADIANS))
 
 
 def test_two_channels_of_a_topic_are_one_also_where_each_holds_one_field(tmp_path: Path) -> None:
@@ -371,7 +371,7 @@ def test_topics_of_different_rates_keep_their_own_rows_and_nothing_is_invented(t
 def test_stamps_rounded_to_more_than_a_sampling_step_are_kept_for_the_time_base(tmp_path: Path) -> None:
     stamps = [round(1000 * i / 1024) for i in range(COUNT)]
     logs = [[(t, {**m, "angle": float(i)}) for i, (t, m) in enumerate(messages(s))] for s in (stamps, stamps[:-1])]
-    read = read_mcap_log(write_log(tmp_path / "log.mcap", logs[0]), source(loss=0.0, **RADIANS))
+    read = FORMATS["mcap"].read(write_log(tmp_path / "log.mcap", logs[0]), source(loss=0.0, **RADIANS))
     assert read.samples["theta"].to_list() == list(range(COUNT))
     assert (read.samples["time"].diff() == 0).sum() == 5  # 200 messages on 195 ticks
     samples = of_topics(tmp_path, {"/lab": logs[0], "/other": logs[1]}, theta=RADIANS["theta"], theta_m=OTHER)
@@ -385,4 +385,4 @@ def test_log_time_is_not_publish_time() -> None:
     with path.open("rb") as file:
         logged = [message.log_time for _, _, message in make_reader(file).iter_messages()]
     logs = source("log", theta={"topic": "/sensor/value", "field": "data", "unit": "rad"})
-    assert read_mcap_log(path, logs).facts["time"]["start_ns"] == min(logged)
+    assert FORMATS["mcap"].read(path, logs).facts["time"]["start_ns"] == min(logged)

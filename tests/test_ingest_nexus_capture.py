@@ -8,8 +8,8 @@ import pytest
 from c3d_builder import REAL_DATA
 from recognised_files import refusal_by
 
-from osl_analysis.ingest.known_formats import read_source
-from osl_analysis.ingest.text_captures import NexusSource, read_nexus_capture
+from osl_analysis.ingest.known_formats import FORMATS, read_source
+from osl_analysis.ingest.source import Source
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
 SAMPLES = sorted((REAL_DATA / "nexus_csv").glob("*.csv"))
@@ -42,20 +42,20 @@ Frame,Sub Frame,X,Y,Z
 CORNERS = [[500, 600, 0], [0, 600, 0], [0, 0, 0], [500, 0, 0]]
 
 
-def source(**fields: object) -> NexusSource:
+def source(**fields: object) -> Source:
     usual = {
         "format": "nexus_csv",
         "analogs": {"sync": {"device": "Sync - Voltage", "component": "1"}},
         "outputs": {"reference_ankle_moment_left": {"label": "LAnkleMoment", "component": "x", "unit": "N*mm/kg"}},
         "plates": {1: {"device": "AMTI #1", "corners": CORNERS, "sign": -1}},
     }
-    return NexusSource.model_validate({**usual, **fields})
+    return FORMATS["nexus_csv"].source.model_validate({**usual, **fields})
 
 
 def read(tmp_path: Path, text: str, **fields: object) -> pl.DataFrame:
     path = tmp_path / "trial.csv"
     path.write_text(text)
-    return read_nexus_capture(path, source(**fields)).samples
+    return FORMATS["nexus_csv"].read(path, source(**fields)).samples
 
 
 def padded(text: str) -> str:
@@ -120,14 +120,13 @@ def test_what_does_not_fit_is_refused_with_the_reason(
 ) -> None:
     path = tmp_path / "trial.csv"
     path.write_text(text)
-    assert problem in refusal_by(read_nexus_capture, path, source(**fields))
+    assert problem in refusal_by(FORMATS["nexus_csv"].read, path, source(**fields))
 
 
 @pytest.mark.parametrize("path", SAMPLES, ids=lambda path: path.stem)
 def test_real_exports_are_read_as_they_are_written(path: Path) -> None:
     shipped = read_source(SOURCES / "nexus_csv.yaml")
-    assert isinstance(shipped, NexusSource)
-    samples = read_nexus_capture(path, shipped).samples
+    samples = FORMATS["nexus_csv"].read(path, shipped).samples
     np.testing.assert_allclose(samples["marker_HV_x"], [0.209331, 0.209475])
     assert samples["marker_CL_E_z"].to_list() == pytest.approx([0.496721, 0.496729])
 

@@ -171,7 +171,7 @@ def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> Non
         "column 'ankle_angle_r': '1,2,3' is not a number; export it as scalars": text.replace("\t3\t", "\t1,2,3\t"),
         "inf": text.replace("\t3\t", "\tinf\t"),
         "time goes from": text.replace("0.53000000", "0.51000000"),
-        "NaN in 1 of 50 samples": text.replace("\t3\t", "\tnan\t"),
+        "NaN in 1 of 50 rows": text.replace("\t3\t", "\tnan\t"),
         "column 'ankle_angle_r' is missing": text.replace("ankle_angle_r", "ankle_angle_l"),
         "column 'ankle_moment' occurs 2 times": text.replace("ground_force_vy", "ankle_moment"),
         "holds no rows": text.partition("0.50000000")[0].replace("nRows=50", "nRows=0"),

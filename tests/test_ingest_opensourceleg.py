@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.csv_log import CsvSource, read_csv_log
-from osl_analysis.ingest.known_formats import read_source, recognise
+from osl_analysis.ingest.known_formats import FORMATS, read_source, recognise
+from osl_analysis.ingest.source import Source
 
 osl_logging = pytest.importorskip("opensourceleg.logging", reason="the package opensourceleg is not installed")
 osl_base = pytest.importorskip("opensourceleg.actuators.base")
@@ -80,16 +80,15 @@ def record(tmp_path: Path) -> Iterator[Callable[..., Path]]:
     logger.reset()
 
 
-def shipped(**options: Any) -> CsvSource:
+def shipped(**options: Any) -> Source:
     source = read_source(SHIPPED)
-    assert isinstance(source, CsvSource)
     return source.model_copy(update=options)
 
 
 def test_the_shipped_source_file_reads_what_the_logger_wrote(record: Callable[..., Path]) -> None:
     path = record()
     assert recognise(path) == "csv"
-    recording = read_csv_log(path, shipped())
+    recording = FORMATS["csv"].read(path, shipped())
     k = np.arange(ROWS)
     np.testing.assert_allclose(recording.samples["time"], k * 1e-3, atol=1e-12)
     np.testing.assert_allclose(recording.samples["theta"], np.cos(k / 50), atol=1e-12)
@@ -104,15 +103,15 @@ def test_a_truth_value_is_a_level_and_nothing_else(record: Callable[..., Path]) 
     wrong = {**source.channels, "theta": source.channels["sync"].model_copy(update={"unit": "rad"})}
     del wrong["sync"]
     with pytest.raises(InputError, match="'True' is not a number; name a column of numbers; a truth value can only be"):
-        read_csv_log(record(), shipped(channels=wrong))
+        FORMATS["csv"].read(record(), shipped(channels=wrong))
 
 
 def test_a_variable_that_the_logger_dropped_does_not_shift_the_others(record: Callable[..., Path]) -> None:
     """After five failures in a row the logger leaves the column out and keeps its header."""
     path = record(lambda k: k >= 1180, rows=1200)
-    with pytest.raises(InputError, match=r"column 'motor_current' is missing in 20 of 1200 rows"):
-        read_csv_log(path, shipped())
-    recording = read_csv_log(path, shipped(most_missing=0.02))
+    with pytest.raises(InputError, match=r"column 'motor_current': missing in 20 of 1200 rows"):
+        FORMATS["csv"].read(path, shipped())
+    recording = FORMATS["csv"].read(path, shipped(most_missing=0.02))
     k = np.arange(1200)
     np.testing.assert_array_equal(recording.samples["sync"], k % 100 < 50)
     np.testing.assert_allclose(recording.samples["theta"], np.cos(k / 50), atol=1e-12)
@@ -124,9 +123,9 @@ def test_a_variable_that_was_dropped_before_the_header_was_written_has_no_name(r
     path = record(lambda k: k >= 380)
     assert "motor_current" not in path.read_text()
     with pytest.raises(InputError, match="column 'motor_current' is missing"):
-        read_csv_log(path, shipped())
+        FORMATS["csv"].read(path, shipped())
     channels = {name: one for name, one in shipped().channels.items() if name != "current"}
-    recording = read_csv_log(path, shipped(channels=channels))
+    recording = FORMATS["csv"].read(path, shipped(channels=channels))
     k = np.arange(ROWS)
     np.testing.assert_array_equal(recording.samples["sync"], k % 100 < 50)
     np.testing.assert_allclose(recording.samples["theta_m"], np.sin(k / 50), atol=1e-12)
@@ -139,4 +138,4 @@ def test_rows_from_before_the_header_that_no_failure_explains_are_refused(record
     for content in (text.replace("ERROR", "0.0"), text.replace("0.384,", "ERROR,")):  # none failed, or two did
         path.write_text(content)
         with pytest.raises(InputError, match="line 2 has 6 cells where 5 were"):
-            read_csv_log(path, shipped())
+            FORMATS["csv"].read(path, shipped())

@@ -118,7 +118,7 @@ GOOD_ANGLE, GOOD_TORQUE = ("Angle", ANGLE, DEG), ("Torque", TORQUE, timing())
         ([GOOD_ANGLE, ("Torqe", TORQUE, timing())], "did you mean 'Torqe'?"),
         ([("Angle", ANGLE, timing(unit_string="furlongs")), GOOD_TORQUE], "measures [m]"),
         ([("Angle", ANGLE, timing()), GOOD_TORQUE], "'Bench/Angle': the unit is empty"),
-        ([("Angle", np.where(ANGLE > 9, np.nan, ANGLE), DEG), GOOD_TORQUE], "NaN in 5 of 100 samples"),
+        ([("Angle", np.where(ANGLE > 9, np.nan, ANGLE), DEG), GOOD_TORQUE], "NaN in 5 of 100 rows"),
         ([("Angle", np.where(ANGLE > 9, np.inf, ANGLE), DEG), GOOD_TORQUE], "inf in sample 96 of 100"),
     ],
 )

@@ -16,10 +16,8 @@ from osl_analysis.columns import COLUMNS
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.commands.new_campaign import draft_campaign, left_to_decide, new_campaign
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.csv_log import CsvSource, read_csv_log
 from osl_analysis.ingest.draft import channel_lines, draft_source, likely_column
-from osl_analysis.ingest.known_formats import read_source
-from osl_analysis.ingest.message_log import McapSource, read_mcap_log
+from osl_analysis.ingest.known_formats import FORMATS, read_source
 from osl_analysis.ingest.overview import RecordedChannel, likely_clock, open_places
 
 NASTY = 'a\x1b[2J": {x\n# y\u202eb'
@@ -97,8 +95,7 @@ def test_joints_are_listed_by_name_with_types_and_lengths_and_a_draft_reads_one(
     kept = [line for line in draft_source(overview, "a.mcap").splitlines() if "NAME_" not in line or "NAME_2" in line]
     (tmp_path / "a.yaml").write_text("\n".join(kept).replace("NAME_2", "theta").replace("UNKNOWN", "rad"))
     source = read_source(tmp_path / "a.yaml")
-    assert isinstance(source, McapSource)
-    np.testing.assert_array_equal(read_mcap_log(path, source).samples["theta"], 0.2 * np.arange(20))
+    np.testing.assert_array_equal(FORMATS["mcap"].read(path, source).samples["theta"], 0.2 * np.arange(20))
 
 
 PARTS = """\
@@ -162,8 +159,7 @@ def test_a_csv_file_lists_columns_units_gaps_words_and_odd_rows_and_its_draft_re
     content = draft_source(inspect_file(path), "a.csv").replace("NAME_1", "theta")
     (tmp_path / "a.yaml").write_text("\n".join(line for line in content.splitlines() if "NAME_2" not in line))
     source = read_source(tmp_path / "a.yaml")
-    assert isinstance(source, CsvSource)
-    np.testing.assert_allclose(read_csv_log(path, source).samples["time"], [0, 0.01, 0.02])
+    np.testing.assert_allclose(FORMATS["csv"].read(path, source).samples["time"], [0, 0.01, 0.02])
 
 
 def test_a_drafted_c3d_source_is_complete(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from osl_analysis.campaign import check_quality, open_campaign
 from osl_analysis.config import campaign_config, read_section
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.ingest.c3d_capture import C3dSource, read_c3d_capture
+from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.judge.channels import length_of_longest
 from osl_analysis.judge.recording import CHECKS, examine, quality_table, validate_rules
 from osl_analysis.judge.table import CheckResult, Commanded, QualityRules
@@ -310,7 +310,7 @@ def test_the_plate_at_minus_713_n_of_a_real_recording_is_caught() -> None:
     path = REAL_DATA / "c3d/qtm_JH_01_300_1200_plate_offset.c3d"
     if not path.is_file():
         pytest.skip("no real data")
-    recording = read_c3d_capture(path, C3dSource(format="c3d"))
+    recording = FORMATS["c3d"].read(path, FORMATS["c3d"].source(format="c3d"))
     found = results(recording.samples, "ingest_only")
     assert found["unzeroed_plate"].value == pytest.approx(702, abs=1)  # its quietest; its median is 713 N
     assert "plate1 -702.0 N" in found["unzeroed_plate"].remark

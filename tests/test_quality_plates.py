@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from c3d_builder import REAL_DATA, write_c3d
 
-from osl_analysis.ingest.c3d_capture import C3dSource, read_c3d_capture
+from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.judge.recording import examine
 from osl_analysis.judge.table import CheckResult, Commanded
 from osl_analysis.plateaus import run_at_extreme
@@ -58,7 +58,7 @@ def trial_of(path: Path, kind: int, channels: Array, unit: str = "Nm", **source:
         FORCE_PLATFORM__ORIGIN=(1e3 * np.array(SENSORS) if kind == 3 else np.zeros(3))[:, None],
         FORCE_PLATFORM__CHANNEL=np.arange(1, count + 1)[:, None],
     )
-    recording = read_c3d_capture(path, C3dSource(format="c3d", **source))
+    recording = FORMATS["c3d"].read(path, FORMATS["c3d"].source(format="c3d", **source))
     return Trial("walk", recording.samples, recording.facts)
 
 
@@ -155,7 +155,7 @@ def test_the_peak_of_a_coarsely_sampled_signal_is_no_rail() -> None:
 @pytest.mark.skipif(not (REAL_DATA / "c3d").is_dir(), reason="real data are not here")
 def test_real_plates_pass() -> None:
     for name in ("btk_PiG_Motion3_FF.c3d", "opensim_jogging_300_1500.c3d", "c3dorg_s10_TYPE-4.C3D"):
-        recording = read_c3d_capture(REAL_DATA / "c3d" / name, C3dSource(format="c3d", markers=()))
+        recording = FORMATS["c3d"].read(REAL_DATA / "c3d" / name, FORMATS["c3d"].source(format="c3d", markers=()))
         found = checked(Trial(name, recording.samples, recording.facts), "overground")
         assert found["pressure_centre"].value == pytest.approx(0, abs=0.01), name
         assert (found["saturation"].value or 0) < 5, name

@@ -7,7 +7,7 @@ from bench_synthetic import second_order, stepped_sine
 
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.source_fields import Conversion
+from osl_analysis.ingest.source import Conversion
 from osl_analysis.judge.channels import (
     is_command,
     longest_at_stated,

@@ -164,7 +164,8 @@ def docstrings(model: type[BaseModel]) -> dict[str, str]:
     for one in reversed(model.__mro__):
         if not issubclass(one, BaseModel) or one is BaseModel:
             continue
-        (body,) = ast.parse(textwrap.dedent(inspect.getsource(one))).body
+        written = one.__dict__.get("CATALOGUE", one)  # a source file's fields stand in the catalogue of all formats
+        (body,) = ast.parse(textwrap.dedent(inspect.getsource(written))).body
         for field, text in pairwise(getattr(body, "body", [])):
             if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(text, ast.Expr):
                 texts[field.target.id] = " ".join(str(ast.literal_eval(text.value)).split())

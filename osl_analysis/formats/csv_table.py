@@ -266,7 +266,7 @@ def table_of(path: Path, lines: Lines, layout: CsvLayout) -> CsvTable:
         raise InputError(f"{path}: no rows of data; record it again, or exclude the trial")
     cut = len(rows) > 1 and len(rows[-1][1]) < min(len(names), len(rows[-2][1]))  # as by an interrupted recorder
     if cut:
-        notes.append(f"{path.name}: the last line, {rows[-1][0]}, is cut off and was skipped")
+        notes.append(f"the last line, {rows[-1][0]}, is cut off and was skipped")
         rows = rows[:-1]
     fitting, repairs = fitting_rows(path, rows, len(names), layout)
     if not fitting:
@@ -346,7 +346,7 @@ def without_extra_cells(path: Path, rows: Rows, width: int, layout: CsvLayout) -
         )
     first = layout.extra_cells == "first"
     kept = [(line, cells[count:] if first else cells[:width]) for line, cells in rows]
-    return kept, [f"{path.name}: the {layout.extra_cells} {count} cells of every row have no name and were left out"]
+    return kept, [f"the {layout.extra_cells} {count} cells of every row have no name and were left out"]
 
 
 def unpadded(cells: list[str], width: int) -> list[str]:
@@ -371,7 +371,7 @@ def fitting_rows(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple
             f"{path}: line {odd[0][0]} has {odd[0][1]} cells under {width} names, and {len(odd)} of {len(rows)} rows "
             f"do not fit; repair these lines, or write `ragged: skip`{more} in the source file to leave them out"
         )
-    note = f"{path.name}: {len(odd)} of {len(rows)} rows do not fit the header and were skipped"
+    note = f"{len(odd)} of {len(rows)} rows do not fit the header and were skipped"
     return [(line, list(cells)) for line, cells in rows if len(cells) == width], [note] * bool(odd)
 
 
@@ -391,7 +391,7 @@ def without_unnamed(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tu
         return rows, []
     kept = [(line, [cell for place, cell in enumerate(cells) if place not in unnamed]) for line, cells in rows[:first]]
     which = ", ".join(str(place + 1) for place in unnamed)
-    note = f"{path.name}: up to line {rows[first - 1][0]}, cells {which} of every row have no name and were left out"
+    note = f"up to line {rows[first - 1][0]}, cells {which} of every row have no name and were left out"
     return [*kept, *rows[first:]], [note]
 
 
@@ -413,7 +413,7 @@ def dropped_variables(path: Path, rows: Rows, width: int, layout: CsvLayout) -> 
                 )
             columns = [column for column in columns if column not in failed]
             which = ", ".join(str(column + 1) for column in failed)
-            notes.append(f"{path.name}: from line {line} on, columns {which} are missing")
+            notes.append(f"from line {line} on, columns {which} are missing")
         by_column: dict[int, str] = dict(zip(columns, cells, strict=True))
         filled.append((line, [by_column.get(column) for column in range(width)]))
     return filled, notes

@@ -111,7 +111,7 @@ def read_json_lines(path: Path) -> JsonLines:
     if not filled.any():
         raise InputError(f"{path}: holds no lines; record it again, or exclude the trial")
     if not data.endswith(b"\n") and not is_whole(lines.line(-1)):
-        note = f"{path.name}: the last line, {lines.numbers[-1]}, breaks off and was left out"
+        note = f"the last line, {lines.numbers[-1]}, breaks off and was left out"
         lines = JsonLines(path, data, lines.starts[:-1], lines.lengths[:-1], lines.numbers[:-1], (note,))
     if not lines.starts.size:
         raise InputError(f"{path}: its only line breaks off; record it again, or exclude the trial")

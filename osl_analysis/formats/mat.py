@@ -379,6 +379,21 @@ def parsed(text: str, inside: bool = False) -> Address:
     return Address(text.strip(), tuple(steps))
 
 
+def checked_address(text: str, inside: bool = True) -> str:
+    """The text of an address as it is; refused if it is none."""
+    parsed(text, inside)
+    return text
+
+
+def no_variable(file: MatFile, address: Address) -> InputError:
+    """The refusal of an address whose variable the file does not have."""
+    return InputError(
+        f"no variable '{address.variable}'; it has {listing(file.names, LISTED)}"
+        f"{nearest(address.variable, file.names)}; if one of these holds it, name this one as `log_part`, "
+        "in the sample sheet where it differs from trial to trial"
+    )
+
+
 def find(variables: Mapping[str, Value], names: Sequence[str], address: Address) -> Value:
     """What stands at an address. `names` are those of all variables of the file, for messages."""
     first, *steps = address.steps

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from osl_analysis.columns import marker_columns
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.source_fields import SharedAngle
+from osl_analysis.ingest.source import SharedAngle
 from osl_analysis.trial import Array
 
 MINIMUM_EDGES = 6

@@ -1,13 +1,14 @@
-"""The known formats: how a file is recognised, described by a source file, read, and listed."""
+"""The known formats: how a file is recognised, which keys its source files have, how it is read and listed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
 
 from pydantic import ConfigDict, field_validator
 
-from osl_analysis.errors import InputError, nearest
+from osl_analysis.errors import InputError, nearest, printable
 from osl_analysis.formats.c3d import is_c3d
 from osl_analysis.formats.csv_table import is_text
 from osl_analysis.formats.json_lines import is_json_lines
@@ -19,72 +20,99 @@ from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
 from osl_analysis.formats.rosbag import ANY_BAG1, SQLITE, folder_format
 from osl_analysis.formats.tdms import is_tdms
 from osl_analysis.formats.trc import is_trc
-from osl_analysis.ingest.c3d_capture import C3dSource, inspect_c3d, read_c3d_capture
-from osl_analysis.ingest.csv_log import CsvSource, inspect_csv, read_csv_log
-from osl_analysis.ingest.json_log import JsonSource, inspect_json, read_json_log
-from osl_analysis.ingest.log_overview import inspect_mcap, inspect_rosbag1, inspect_rosbag2
-from osl_analysis.ingest.mat_log import MatSource, inspect_mat, read_mat_log
-from osl_analysis.ingest.message_log import (
-    McapSource,
-    Rosbag1Source,
-    Rosbag2Source,
-    read_mcap_log,
-    read_rosbag1_log,
-    read_rosbag2_log,
+from osl_analysis.ingest.captures import read_c3d_capture, read_nexus_capture, read_trc_capture
+from osl_analysis.ingest.inspect_captures import inspect_c3d, inspect_nexus, inspect_trc
+from osl_analysis.ingest.inspect_logs import (
+    inspect_csv,
+    inspect_json,
+    inspect_mat,
+    inspect_messages,
+    inspect_opensim,
+    inspect_tdms,
 )
-from osl_analysis.ingest.opensim_log import OpenSimSource, inspect_opensim, read_opensim_log
+from osl_analysis.ingest.message_log import read_message_log
 from osl_analysis.ingest.overview import Overview, refuse_draft
 from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.source_fields import CaptureSource, LogSource
-from osl_analysis.ingest.tdms_log import TdmsSource, inspect_tdms, read_tdms_log
-from osl_analysis.ingest.text_captures import (
-    NexusSource,
-    TrcSource,
-    inspect_nexus,
-    inspect_trc,
-    read_nexus_capture,
-    read_trc_capture,
-)
+from osl_analysis.ingest.source import KEYS, Keys, Source, model_of
+from osl_analysis.ingest.table_log import read_table_log
 from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml
 
-Source = LogSource | CaptureSource
+
+@contextmanager
+def named(path: Path) -> Iterator[None]:
+    """Every refusal names the file."""
+    try:
+        yield
+    except InputError as error:
+        if printable(str(path)) in str(error):
+            raise
+        raise InputError(f"{path}: {error}") from error
 
 
 @dataclass(frozen=True)
 class KnownFormat:
     """One format of logs or captures."""
 
+    name: str  # its name in source files
     begins: Callable[[bytes], bool]  # whether a file that begins with these bytes is of this format
     suffixes: tuple[str, ...]
     """Endings of files of this format, for files that are not recognised by their first bytes."""
-    source: type[LogSource] | type[CaptureSource]  # model of the source files that describe such files
-    read: Callable[[Path, Any], Recording]  # reads a file by its source file
-    inspect: Callable[[Path], Overview]  # lists what a file holds, without a source file
+    reader: Callable[[Path, Source], Recording]  # reads a file by its source file
+    lister: Callable[[Path], Overview]  # lists what a file holds, without a source file
+    own_keys: Keys | None = None  # keys of its source files, where `KEYS` has none
+
+    @property
+    def keys(self) -> Keys:
+        """The keys of its source files."""
+        return self.own_keys or KEYS[self.name]
 
     @property
     def is_capture(self) -> bool:
         """Whether its files come from a motion-capture laboratory."""
-        return issubclass(self.source, CaptureSource)
+        return "channels" not in self.keys.source.split()
+
+    @cached_property
+    def source(self) -> type[Source]:
+        """The model of its source files."""
+        return model_of(self.name, self.keys)
+
+    def read(self, path: Path, source: Source) -> Recording:
+        """A file as canonical columns in SI units, by its source file. Raises InputError, which names the file."""
+        with named(path):
+            return self.reader(path, source)
+
+    def inspect(self, path: Path) -> Overview:
+        """What a file holds. Raises InputError, which names the file."""
+        with named(path):
+            return self.lister(path)
 
 
 FORMATS = {
     "mcap": KnownFormat(
-        lambda begin: begin[: len(MAGIC)] == MAGIC, (".mcap",), McapSource, read_mcap_log, inspect_mcap
+        "mcap", lambda begin: begin.startswith(MAGIC), (".mcap",), read_message_log, partial(inspect_messages, "mcap")
     ),
     "rosbag1": KnownFormat(
-        lambda begin: begin.startswith(ANY_BAG1), (".bag",), Rosbag1Source, read_rosbag1_log, inspect_rosbag1
+        "rosbag1",
+        lambda begin: begin.startswith(ANY_BAG1),
+        (".bag",),
+        read_message_log,
+        partial(inspect_messages, "rosbag1"),
     ),
     "rosbag2": KnownFormat(
-        lambda begin: begin.startswith(SQLITE), (".db3",), Rosbag2Source, read_rosbag2_log, inspect_rosbag2
+        "rosbag2",
+        lambda begin: begin.startswith(SQLITE),
+        (".db3",),
+        read_message_log,
+        partial(inspect_messages, "rosbag2"),
     ),
-    "c3d": KnownFormat(is_c3d, (".c3d",), C3dSource, read_c3d_capture, inspect_c3d),
-    "nexus_csv": KnownFormat(is_nexus, (), NexusSource, read_nexus_capture, inspect_nexus),
-    "mat": KnownFormat(is_mat, (".mat",), MatSource, read_mat_log, inspect_mat),
-    "tdms": KnownFormat(is_tdms, (".tdms",), TdmsSource, read_tdms_log, inspect_tdms),
-    "trc": KnownFormat(is_trc, (".trc",), TrcSource, read_trc_capture, inspect_trc),
-    "opensim": KnownFormat(is_opensim, (".mot", ".sto"), OpenSimSource, read_opensim_log, inspect_opensim),
-    "json_lines": KnownFormat(is_json_lines, (".jsonl", ".ndjson"), JsonSource, read_json_log, inspect_json),
-    "csv": KnownFormat(is_text, (".csv",), CsvSource, read_csv_log, inspect_csv),
+    "c3d": KnownFormat("c3d", is_c3d, (".c3d",), read_c3d_capture, inspect_c3d),
+    "nexus_csv": KnownFormat("nexus_csv", is_nexus, (), read_nexus_capture, inspect_nexus),
+    "mat": KnownFormat("mat", is_mat, (".mat",), read_table_log, inspect_mat),
+    "tdms": KnownFormat("tdms", is_tdms, (".tdms",), read_table_log, inspect_tdms),
+    "trc": KnownFormat("trc", is_trc, (".trc",), read_trc_capture, inspect_trc),
+    "opensim": KnownFormat("opensim", is_opensim, (".mot", ".sto"), read_table_log, inspect_opensim),
+    "json_lines": KnownFormat("json_lines", is_json_lines, (".jsonl", ".ndjson"), read_table_log, inspect_json),
+    "csv": KnownFormat("csv", is_text, (".csv",), read_table_log, inspect_csv),
 }
 SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)
 """Endings of recordings that are read."""
@@ -111,9 +139,9 @@ class NamedFormat(Settings):
 
 def read_source(path: Path) -> Source:
     """A source file, checked: columns are canonical, every unit converts to its column's."""
-    named = read_yaml(path, NamedFormat).format
+    name = read_yaml(path, NamedFormat).format
     refuse_draft(path, read_mapping(path))
-    source = read_yaml(path, FORMATS[named].source)
+    source = read_yaml(path, FORMATS[name].source)
     source.written_in(path)
     return source
 

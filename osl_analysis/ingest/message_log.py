@@ -1,13 +1,11 @@
-"""Logs of messages by topic, in MCAP or a bag of ROS: their source files, and the columns that these ask for."""
+"""Logs of messages by topic, in MCAP or a bag of ROS, as canonical columns."""
 
 from collections import defaultdict
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import polars as pl
-from pydantic import Field
 
 from osl_analysis.columns import counter_column, unit_of
 from osl_analysis.errors import InputError
@@ -15,109 +13,31 @@ from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.messages import Decoded, MessageFile, RefusedFileError, WrongFieldError, decode_topics
 from osl_analysis.formats.object_messages import Indices
 from osl_analysis.formats.rosbag import read_rosbag1, read_rosbag2, siblings
-from osl_analysis.ingest.recording import Recording, check_values
-from osl_analysis.ingest.source_fields import Conversion, LogSource, Stamps
-from osl_analysis.ingest.stamps import SECOND, Ordering, in_order, log_times_of, stamp_fields, stamps_of
-from osl_analysis.ingest.units import Unit
+from osl_analysis.ingest.recording import LEVEL, Recording, canonical_series, checked_numbers
+from osl_analysis.ingest.source import Channel, Source
+from osl_analysis.ingest.stamps import (
+    SECOND,
+    Ordering,
+    in_order,
+    joined_on_stamp,
+    log_times_of,
+    stamp_fields,
+    stamps_of,
+)
 from osl_analysis.trial import Array
-from osl_analysis.yaml_settings import Settings
 
 LOG_TIME = "write source: log in the source file, or exclude the trial"
 NO_OTHER_CLOCK = "its times cannot be used: record again, or exclude the trial"
-LEVEL = "V"
-"""Unit of the columns that may be read from truth values: levels of `sync` and `trigger`."""
 EXACT = 2.0**53
 """Size below which a float64 counts exactly."""
+FILES: Mapping[str, Callable[[Path], MessageFile]] = {
+    "mcap": read_mcap,
+    "rosbag1": read_rosbag1,
+    "rosbag2": read_rosbag2,
+}
 
 
-class LogChannel(Conversion):
-    """One field of one topic."""
-
-    topic: str
-    """Name of the topic."""
-    field: str
-    """Dotted path of the field, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`,
-    `position[name=ankle]`."""
-    unit: Unit
-    """Unit of the field; messages state none."""
-    counter: str | None = None
-    """Path of the field in which the device counts its samples, such as `seq`. It tells which samples are missing."""
-
-    @property
-    def fields(self) -> list[str]:
-        """Paths of the fields to read."""
-        return [self.field] if self.counter is None else [self.field, self.counter]
-
-
-class TimeSource(Settings):
-    """Where the time of a message comes from."""
-
-    source: Literal["header", "log"]
-    """`header`: the stamp in the message. `log`: when the recorder logged it."""
-    field: str = "header.stamp"
-    """Path of the stamp in the message."""
-    stamps: Stamps = "auto"
-    """How the stamps are taken."""
-
-    def origin(self) -> dict[str, str]:
-        """Source and use of the stamps, for the trial's provenance."""
-        return {"source": self.source if self.source == "log" else self.field, "stamps": self.stamps}
-
-
-class MessageSource(LogSource):
-    """A log of messages."""
-
-    time: TimeSource
-    """Where the time of a message comes from."""
-    largest_loss: float = Field(default=0.01, ge=0.0, le=1.0)
-    """Largest share of a topic's messages that may be lost; a log that has lost more is refused."""
-    most_missing: float = Field(default=0.01, ge=0.0, le=1.0)
-    """Largest share of a field's values that may be NaN: readings that failed. More where a field has a lower rate."""
-    channels: dict[str, LogChannel] = Field(min_length=1)
-    """The field of each canonical column."""
-
-
-class McapSource(MessageSource):
-    """A log in MCAP."""
-
-    format: Literal["mcap"]
-    """Format of the file."""
-
-
-class Rosbag1Source(MessageSource):
-    """A log in a bag of ROS 1, or in the bags of a split recording, whose folder is named."""
-
-    format: Literal["rosbag1"]
-    """Format of the file or folder."""
-
-
-class Rosbag2Source(MessageSource):
-    """A log in a bag of ROS 2: a database of sqlite3, or the folder of a recording with its `metadata.yaml`."""
-
-    format: Literal["rosbag2"]
-    """Format of the file or folder."""
-
-
-def read_mcap_log(path: Path, source: McapSource) -> Recording:
-    """The columns that the source file maps, in SI units; raises InputError as `read_mcap`, `read_message_log`."""
-    file = read_mcap(path)
-    remark = siblings(path)[1]
-    if remark:
-        file.damage.remark(remark)
-    return read_message_log(file, source)
-
-
-def read_rosbag1_log(path: Path, source: Rosbag1Source) -> Recording:
-    """The same for a bag of ROS 1; raises InputError as `read_rosbag1`, `read_message_log`."""
-    return read_message_log(read_rosbag1(path), source)
-
-
-def read_rosbag2_log(path: Path, source: Rosbag2Source) -> Recording:
-    """The same for a bag of ROS 2; raises InputError as `read_rosbag2`, `read_message_log`."""
-    return read_message_log(read_rosbag2(path), source)
-
-
-def read_message_log(file: MessageFile, source: MessageSource) -> Recording:
+def read_message_log(path: Path, source: Source) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first stamp.
 
     Topics with different stamps have rows of their own, null in the columns of the other topics. Nothing is
@@ -125,23 +45,20 @@ def read_message_log(file: MessageFile, source: MessageSource) -> Recording:
     Refused is what cannot be decoded, a loss above `source.largest_loss`, a value that is infinite, and stamps that
     contradict each other or go back (`stamps.py`).
     """
-    by_topic: dict[str, dict[str, LogChannel]] = defaultdict(dict)
+    file = FILES[source.format](path)
+    if source.format == "mcap" and (remark := siblings(path)[1]):
+        file.damage.remark(remark)
+    by_topic: dict[str, dict[str, Channel]] = defaultdict(dict)
     for column, channel in source.channels.items():
         by_topic[channel.topic][column] = channel
-    path = file.path
-    try:
-        decoded = decode_wanted(file, by_topic, source)
-        tables = {topic: read_topic(topic, by_topic[topic], decoded[topic], source) for topic in decoded}
-    except InputError as error:
-        if str(path) in str(error):
-            raise
-        raise InputError(f"{path}: {error}") from error
+    decoded = decode_wanted(file, by_topic, source)
+    tables = {topic: read_topic(topic, by_topic[topic], decoded[topic], source) for topic in decoded}
     joined = joined_on_stamp([table for table, _ in tables.values()])
     missing = {column: int(joined[column].is_nan().sum()) for column in source.channels}
-    start = int(joined["stamp"][0])
+    start, stamp = int(joined["stamp"][0]), str(source.time.field if source.time.source == "header" else "log")
     time = ((joined.drop_in_place("stamp") - start) / SECOND).alias("time")
     facts = {
-        "time": {**source.time.origin(), "start_ns": start},
+        "time": {"source": stamp, "stamps": source.time.stamps, "start_ns": start},
         "rates_hz": {topic: median_rate(table["stamp"].to_numpy()) for topic, (table, _) in tables.items()},
         "decoding": {topic: one.how for topic, one in decoded.items()},
         "stamps": {topic: order.report() for topic, (_, order) in tables.items()},
@@ -153,23 +70,18 @@ def read_message_log(file: MessageFile, source: MessageSource) -> Recording:
     remarks += [text for topic, (_, order) in tables.items() for text in order.says(topic)]
     remarks += [text for topic, one in decoded.items() for text in absent_values(topic, by_topic[topic], one)]
     remarks += [f"{column} is NaN in {n} of {len(joined)} rows" for column, n in missing.items() if n]
-    try:
-        samples = pl.DataFrame([time, *joined])
-        return Recording(samples, columns, facts, [f"{path.name}: {remark}" for remark in remarks])
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    return Recording(pl.DataFrame([time, *joined]), columns, facts, [f"{path.name}: {remark}" for remark in remarks])
 
 
 def decode_wanted(
-    file: MessageFile, by_topic: dict[str, dict[str, LogChannel]], source: MessageSource
+    file: MessageFile, by_topic: Mapping[str, Mapping[str, Channel]], source: Source
 ) -> dict[str, Decoded]:
     """The fields of each topic and of its stamp; a file that has lost too much is refused."""
-    stamps = [name for pair in stamp_fields(source.time.field) for name in pair]
-    first = stamps if source.time.source == "header" else []
-    wanted = {
-        topic: [*dict.fromkeys([*first, *(path for channel in channels.values() for path in channel.fields)])]
-        for topic, channels in by_topic.items()
-    }
+    stamps = [name for pair in stamp_fields(str(source.time.field)) for name in pair]
+    first, wanted = stamps if source.time.source == "header" else [], {}
+    for topic, channels in by_topic.items():
+        named = (name for channel in channels.values() for name in (channel.field, channel.counter) if name)
+        wanted[topic] = [*dict.fromkeys([*first, *named])]
     try:
         decoded = decode_topics(file, wanted, optional=stamps)
     except (RefusedFileError, WrongFieldError):
@@ -203,20 +115,18 @@ def check_loss(file: MessageFile, topics: Collection[str], most: float) -> None:
 
 
 def read_topic(
-    topic: str, channels: dict[str, LogChannel], decoded: Decoded, source: MessageSource
+    topic: str, channels: Mapping[str, Channel], decoded: Decoded, source: Source
 ) -> tuple[pl.DataFrame, Ordering]:
     """Stamps [ns] and columns of one topic in the order of the stamps, and counts of the sorting."""
     from_header = source.time.source == "header"
-    stamp = stamps_of(topic, decoded, source.time.field) if from_header else log_times_of(topic, decoded)
+    stamp = stamps_of(topic, decoded, str(source.time.field)) if from_header else log_times_of(topic, decoded)
     counters = [
         pl.Series(counter_column(column), counts_of(topic, channel.counter, decoded))
         for column, channel in channels.items()
-        if channel.counter is not None
+        if channel.counter
     ]
     time = (stamp - stamp[0]) / SECOND
-    columns = [
-        canonical_series(column, channel, decoded, time, source.most_missing) for column, channel in channels.items()
-    ]
+    columns = [series_of(column, channel, decoded, time, source.most_missing) for column, channel in channels.items()]
     table = pl.DataFrame([pl.Series("stamp", stamp), *columns, *counters])
     logged, number = decoded.log_time, decoded.channel
     logged_in_order = (logged[1:] >= logged[:-1]) | (number[1:] != number[:-1])
@@ -224,7 +134,7 @@ def read_topic(
     return in_order(topic, table, decoded.channel, source.largest_loss, advice)
 
 
-def canonical_series(column: str, channel: LogChannel, decoded: Decoded, time: Array, most_missing: float) -> pl.Series:
+def series_of(column: str, channel: Channel, decoded: Decoded, time: Array, most_missing: float) -> pl.Series:
     """One column in SI units; null where a message lacks the field, NaN where its value is."""
     values, present, unit = decoded.values[channel.field], decoded.present[channel.field], unit_of(column)
     if values.dtype == bool and unit != LEVEL:
@@ -233,11 +143,8 @@ def canonical_series(column: str, channel: LogChannel, decoded: Decoded, time: A
             f"topic '{channel.topic}': field '{channel.field}' is {str(bool(values[row])).lower()} in message "
             f"{row + 1}, a truth value and no number in {unit}; name a number as `field` in the source file"
         )
-    with np.errstate(invalid="ignore"):  # a signalling NaN is one, too
-        raw = values.astype(np.float64)
-    check_values(f"topic {channel.topic}, field {channel.field}", raw, time, most_missing)
-    series = pl.Series(column, channel.to_si(raw, unit))
-    return series if present.all() else series.set(pl.Series(~present), None)
+    numbers = checked_numbers(f"topic {channel.topic}, field {channel.field}", values, time, most_missing)
+    return canonical_series(column, channel, numbers, ~present)
 
 
 def counts_of(topic: str, path: str, decoded: Decoded) -> Indices:
@@ -257,7 +164,7 @@ def counts_of(topic: str, path: str, decoded: Decoded) -> Indices:
     return values.astype(np.int64)
 
 
-def absent_values(topic: str, channels: dict[str, LogChannel], decoded: Decoded) -> list[str]:
+def absent_values(topic: str, channels: Mapping[str, Channel], decoded: Decoded) -> list[str]:
     """A warning for each field that some messages lack."""
     present = {channel.field: decoded.present[channel.field] for channel in channels.values()}
     return [
@@ -266,27 +173,6 @@ def absent_values(topic: str, channels: dict[str, LogChannel], decoded: Decoded)
         for path, one in present.items()
         if not one.all()
     ]
-
-
-def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
-    """One table with a row per stamp of any of the tables, which are sorted by it.
-
-    Where stamps are rounded and equal, the tables have rows of their own.
-    """
-    if len(tables) == 1:
-        return tables[0].clone()
-    if any((np.diff(table["stamp"].to_numpy()) == 0).any() for table in tables):
-        return pl.concat(tables, how="diagonal").sort("stamp", maintain_order=True)
-    stamps = [table["stamp"].to_numpy() for table in tables]
-    every = np.sort(np.concatenate(stamps), kind="stable")  # fast, as the stamps of each table rise
-    every = every[np.append(True, every[1:] != every[:-1])]
-    columns = [pl.Series("stamp", every)]
-    for table, stamp in zip(tables, stamps, strict=True):
-        rows = np.full(every.size, -1)
-        rows[np.searchsorted(every, stamp)] = np.arange(stamp.size)
-        taken = pl.Series(rows).set(pl.Series(rows < 0), None)
-        columns += [column.gather(taken) for column in table.drop("stamp")]
-    return pl.DataFrame(columns)
 
 
 def median_rate(stamp: Indices) -> float | None:

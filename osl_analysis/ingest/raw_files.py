@@ -11,12 +11,12 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.errors import InputError, printable
+from osl_analysis.errors import InputError
 from osl_analysis.formats.rosbag import files_in
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
-from osl_analysis.ingest.known_formats import FORMATS, Source, check_format, read_source
+from osl_analysis.ingest.known_formats import FORMATS, check_format, named, read_source
 from osl_analysis.ingest.recording import Recording, check_sizes
-from osl_analysis.ingest.source_fields import CaptureSource, LogSource, SharedAngle
+from osl_analysis.ingest.source import SharedAngle, Source
 from osl_analysis.trial import Trial
 
 COARSEST_CLOCK = 2_000_000_000
@@ -46,7 +46,8 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         check_file(path)
         before = identity_of(path, given, source)
         described = read_source(sources_folder / f"{source}.yaml")
-        if isinstance(described, LogSource):
+        is_capture = FORMATS[described.format].is_capture
+        if not is_capture:
             described = described.of_part(text(row, "log_part"))
         check_format(path, described)
         if len(files) == 2:
@@ -55,7 +56,7 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             recordings[role] = recording_from(path, described)
         finally:
             check_unchanged(path, before)  # also where it cannot be read: it may have changed in between
-        shared = described.shared if isinstance(described, CaptureSource) else shared
+        shared = described.shared if is_capture else shared
         identities[role] = before.report
     try:
         return assemble(name, recordings, identities, shared)
@@ -65,19 +66,15 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
 
 def recording_from(path: Path, source: Source) -> Recording:
     """One recording by its source file, with values that can be; every refusal names the file."""
-    try:
+    with named(path):
         recording = FORMATS[source.format].read(path, source)
         check_sizes(recording)
-    except InputError as error:
-        if printable(str(path)) in str(error):
-            raise
-        raise InputError(f"{path}: {error}") from error
     return recording
 
 
 def check_alignment(source: Source, source_path: Path) -> None:
     """Refuse a log with motion capture if its source file does not say how the clocks are aligned."""
-    if isinstance(source, LogSource) and source.clock == "master":
+    if not FORMATS[source.format].is_capture and source.clock == "master":
         raise InputError(
             f"{source_path}: clock: {source.clock}, but the trial has motion capture too; write clock: sync and map "
             "the column sync (or clock: shared, with `shared` in motion capture's source file)"

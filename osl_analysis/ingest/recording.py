@@ -6,9 +6,13 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
+from osl_analysis.formats.csv_table import share_above
+from osl_analysis.formats.table import Table
+from osl_analysis.ingest.source import Conversion
 from osl_analysis.trial import Array
 
 
@@ -34,15 +38,39 @@ class Recording:
                 )
 
 
-def check_values(what: str, values: Array, time: Array, most_missing: float) -> None:
-    """Refuse infinity in a channel, (n,), and NaN, a reading that failed, in more than a share of it."""
+LEVEL = "V"
+"""Unit of the columns that may be read from truth values: levels of `sync` and `trigger`."""
+
+
+def canonical_series(
+    column: str, channel: Conversion, values: Array, lacking: NDArray[np.bool_], unit_of_file: str = ""
+) -> pl.Series:
+    """One column in SI units, from its numbers, (n,); null where one is `lacking`."""
+    series = pl.Series(column, channel.to_si(values, unit_of(column), unit_of_file))
+    return series.set(pl.Series(lacking), None) if lacking.any() else series
+
+
+def checked_numbers(
+    what: str, raw: NDArray[Any], time: Array, most_missing: float, table: Table | None = None
+) -> Array:
+    """The numbers of a channel, (n,): NaN where a reading failed, and 0 where it is masked.
+
+    Refused is infinity, and a share of failed readings above `most_missing`.
+    """
+    with np.errstate(invalid="ignore"):  # a signalling NaN is one, too
+        values: Array = np.ma.getdata(raw).astype(np.float64)
+    values[np.ma.getmaskarray(raw)] = 0.0
     missing = np.isnan(values)
     check_finite(what, np.where(missing, 0.0, values) if missing.any() else values, time)
-    if missing.sum() > most_missing * values.size:
+    count = int(missing.sum())
+    if count > most_missing * values.size:
+        row, noun, failed = int(np.argmax(missing)), table.noun if table else "sample", table.failed if table else "NaN"
+        place = f"in {table.place(row)}" if table and table.lines is not None else f"at {time[row]:.3f} s"
         raise InputError(
-            f"{what}: NaN in {missing.sum()} of {values.size} samples, first at {time[np.argmax(missing)]:.3f} s; at "
-            f"most {most_missing:.1%} may be: repair the recording, or raise `most_missing` in the source file"
+            f"{what}: {failed} in {count} of {values.size} {noun}s, first {place}; at most {most_missing:.1%} may be: "
+            f"repair the recording, or write `most_missing: {share_above(count, values.size):g}` in the source file"
         )
+    return values
 
 
 def check_finite(what: str, values: Array, time: Array) -> None:

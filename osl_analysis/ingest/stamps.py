@@ -8,6 +8,7 @@ more repeated stamps within one channel, because its clock stands still. Stamps 
 to a sampling step or more are kept as they are. The counts are reported.
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -184,3 +185,24 @@ def contradictions(table: pl.DataFrame, once: pl.DataFrame) -> int:
     beside = table.join(once, on="stamp", how="left", suffix=" kept", maintain_order="left")
     differs = [(pl.col(name) != pl.col(f"{name} kept")).fill_null(value=False) for name in columns]
     return int(beside.select(pl.any_horizontal(differs).sum()).item())
+
+
+def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
+    """One table with a row per stamp of any of the tables, which are sorted by it.
+
+    Where stamps are rounded and equal, the tables have rows of their own.
+    """
+    if len(tables) == 1:
+        return tables[0].clone()
+    if any((np.diff(table["stamp"].to_numpy()) == 0).any() for table in tables):
+        return pl.concat(tables, how="diagonal").sort("stamp", maintain_order=True)
+    stamps = [table["stamp"].to_numpy() for table in tables]
+    every = np.sort(np.concatenate(stamps), kind="stable")  # fast, as the stamps of each table rise
+    every = every[np.append(True, every[1:] != every[:-1])]
+    columns = [pl.Series("stamp", every)]
+    for table, stamp in zip(tables, stamps, strict=True):
+        rows = np.full(every.size, -1)
+        rows[np.searchsorted(every, stamp)] = np.arange(stamp.size)
+        taken = pl.Series(rows).set(pl.Series(rows < 0), None)
+        columns += [column.gather(taken) for column in table.drop("stamp")]
+    return pl.DataFrame(columns)

@@ -132,6 +132,11 @@ def base_units(spelling: str) -> tuple[float, str] | None:
     return float(one.magnitude), str(one.units)
 
 
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit that is known."""
+    return base_units(normalised(text)) is not None
+
+
 @cache
 def dimension(canonical: str) -> str:
     found = base_units(canonical)

@@ -1,0 +1,603 @@
+"""Captures of a motion-capture laboratory, in C3D, TRC or the CSV export of Nexus, as canonical columns.
+
+FORCE_PLATFORM:ZERO, the frames of a baseline to subtract, is applied only if the source file asks for it: most files
+name their first ten frames there, whether the plates were empty or not.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.columns import AXES, marker_columns, plate_columns, unit_of
+from osl_analysis.errors import InputError, listing, nearest, printable
+from osl_analysis.formats.c3d import C3DRecording, read_c3d
+from osl_analysis.formats.nexus_csv import NexusSection, read_sections, without_subject
+from osl_analysis.formats.table import Table
+from osl_analysis.formats.trc import read_trc
+from osl_analysis.ingest.plates import CHANNELS, ForcePlate, channel_facts
+from osl_analysis.ingest.recording import Recording, check_finite
+from osl_analysis.ingest.source import Conversion, Plate, PlateUnits, Source
+from osl_analysis.ingest.units import si_factor
+from osl_analysis.trial import Array
+
+Columns = dict[str, Array]
+Origins = dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class MarkerTrack:
+    """One marker's positions, in the axes of the file."""
+
+    label: str  # label in the file
+    name: str  # the label without its subject, which names the columns
+    positions: Array  # (frames, 3) in `unit`; NaN where the marker was not seen
+    unit: str  # unit of the positions, as the file or the source file spells it
+
+
+@dataclass(frozen=True)
+class PlateLoad:
+    """Recording of one force plate, in the axes of the file."""
+
+    number: int
+    type: int  # type 1 to 4 of the C3D manual; 2 where forces and moments were exported
+    corners: Array  # (4, 3) [m]
+    force: Array  # (samples, 3) [N], on the foot
+    moment: Array  # (samples, 3) [N*m], on the foot, about the centre of the corners
+    origin: Mapping[str, Any]  # source channels, for the provenance
+    channels: Sequence[Mapping[str, Any]] = ()
+    """What each raw channel shows, as `raw_channels.channel_facts` gives it."""
+
+
+@dataclass(frozen=True)
+class Capture:
+    """The signals of a capture that a source file names, before conversion of units, signs and axes."""
+
+    frames: int  # number of frames; frame 0 and analog sample 0 are at 0 s
+    frame_rate: float  # [Hz]
+    samples_per_frame: int  # samples of the analog channels and plates per frame
+    first_frame: int  # number of the first frame, as the laboratory counts
+    markers: Sequence[MarkerTrack] = ()  # the markers that are asked for
+    outputs: Mapping[str, Array] = field(default_factory=dict)
+    """By canonical column the model output's component, (frames,)."""
+    analogs: Mapping[str, tuple[Array, str]] = field(default_factory=dict)
+    """By canonical column the channel, (samples,), and the unit that the file states."""
+    plates: Sequence[PlateLoad] = ()  # the force plates that are asked for
+    facts: Mapping[str, Any] = field(default_factory=dict)  # further facts, for the provenance
+    warnings: Sequence[str] = ()  # warnings, a sentence each
+
+
+def recording_of(capture: Capture, source: Source) -> Recording:
+    """The columns that the source file asks for, in SI units and our axes.
+
+    Markers and model outputs have a sample per frame, plates and analogs several: a row per analog sample, and null
+    where a frame has none. A marker that was not seen is NaN.
+    """
+    markers, marker_origins = marker_signals(capture, source)
+    outputs, output_origins = output_signals(capture, source)
+    analogs, analog_origins = analog_signals(capture, source)
+    plates, plate_origins = plate_signals(capture.plates, source.rotation)
+    fast, slow = {**plates, **analogs}, {**markers, **outputs}
+    if not fast and not slow:
+        raise InputError(
+            "the source file names nothing that the file has: no marker, plate, analog channel or model output; name "
+            "what to read in the source file, or export the trial again with it"
+        )
+    ratio = capture.samples_per_frame if fast else 1
+    time = np.arange(capture.frames * ratio) / (capture.frame_rate * ratio)
+    for column, values in fast.items():
+        check_finite(column, values, time)
+    facts = {
+        "frame_rate_hz": capture.frame_rate,
+        "samples_per_frame": capture.samples_per_frame,
+        "first_frame": capture.first_frame,
+        "axes": source.axes,
+        "plates": [geometry(plate, source.rotation) for plate in capture.plates],
+        **capture.facts,
+    }
+    origins = {**plate_origins, **analog_origins, **marker_origins, **output_origins}
+    hidden = f"none of the {len(capture.markers)} markers was seen in any of the {capture.frames} frames"
+    seen = not capture.markers or any(np.isfinite(marker.positions).any() for marker in capture.markers)
+    warnings = [*capture.warnings, *[hidden] * (not seen)]
+    return Recording(interleaved(time, fast, slow, ratio), origins, facts, warnings)
+
+
+def interleaved(time: Array, fast: Columns, slow: Columns, ratio: int) -> pl.DataFrame:
+    """Columns of both rates under one time [s]; every `ratio`-th row has a sample of the slow ones."""
+    index = pl.Series("index", np.arange(time.size))
+    rows = pl.DataFrame([index, pl.Series("time", time), *(pl.Series(name, values) for name, values in fast.items())])
+    frames = pl.DataFrame([index.gather_every(ratio), *(pl.Series(name, values) for name, values in slow.items())])
+    return rows.join(frames, on="index", how="left", maintain_order="left").drop("index")
+
+
+def marker_signals(capture: Capture, source: Source) -> tuple[Columns, Origins]:
+    """Three columns [m] per marker, (frames,) each."""
+    columns: Columns = {}
+    origins: Origins = {}
+    for marker in capture.markers:
+        factor = si_factor(marker.unit, "m")
+        turned = marker.positions @ source.rotation.T * factor
+        for axis, column in enumerate(marker_columns(printable(marker.name))):
+            if column in columns:
+                raise InputError(f"marker '{marker.name}' occurs twice; list those to read under `markers`")
+            columns[column] = turned[:, axis]
+            origin = {"label": marker.label, "component": source.axes[axis], "unit": marker.unit}
+            origins[column] = {**origin, "factor": factor, "si_unit": unit_of(column)}
+    return columns, origins
+
+
+def output_signals(capture: Capture, source: Source) -> tuple[Columns, Origins]:
+    """Model outputs, (frames,) each. The unit of the source file is used, never that of the file."""
+    columns = {c: source.outputs[c].to_si(values, unit_of(c)) for c, values in capture.outputs.items()}
+    return columns, {column: source.outputs[column].origin(column) for column in columns}
+
+
+def analog_signals(capture: Capture, source: Source) -> tuple[Columns, Origins]:
+    """Analog channels, (samples,) each."""
+    columns: Columns = {}
+    origins: Origins = {}
+    for column, (values, unit) in capture.analogs.items():
+        try:
+            columns[column] = source.analogs[column].to_si(values, unit_of(column), unit)
+        except InputError as error:
+            raise InputError(f"{column}: {error}, as {source.place('analogs', column, 'unit')}") from error
+        origins[column] = source.analogs[column].origin(column, unit)
+    return columns, origins
+
+
+def plate_signals(plates: Sequence[PlateLoad], rotation: Array) -> tuple[Columns, Origins]:
+    """Force [N] and moment [N*m] columns per plate in our axes, (samples,) each."""
+    columns: Columns = {}
+    origins: Origins = {}
+    for plate in plates:
+        for quantity, values in (("force", plate.force), ("moment", plate.moment)):
+            turned = values @ rotation.T
+            for axis, column in enumerate(plate_columns(plate.number, quantity)):
+                columns[column] = turned[:, axis]
+                origins[column] = {"plate": plate.number, **plate.origin, "si_unit": unit_of(column)}
+    return columns, origins
+
+
+def geometry(plate: PlateLoad, rotation: Array) -> dict[str, Any]:
+    """A plate's number, type, corners [m] in our axes and raw channels, for the trial's provenance."""
+    return {
+        "plate": plate.number,
+        "type": plate.type,
+        "corners": (plate.corners @ rotation.T).tolist(),
+        "channels": list(plate.channels),
+    }
+
+
+def is_labelled(name: str) -> bool:
+    """Whether a marker has a name of its own: Nexus calls those that it did not label `*1`, `*2`, ..."""
+    return bool(name) and not name.startswith("*")
+
+
+def read_c3d_capture(path: Path, source: Source) -> Recording:
+    """The columns that the source file asks for, in SI units; frame 0 and analog sample 0 are at 0 s."""
+    return recording_of(c3d_capture(read_c3d(path, source.counts), source), source)
+
+
+def c3d_capture(recording: C3DRecording, source: Source) -> Capture:
+    """The signals that the source file names, before conversion to SI units."""
+    header, plates = recording.header, plate_loads(recording, source)
+    markers = [c3d_track(recording, label, source) for label in c3d_markers(recording, source)]
+    analogs = {column: analog_channel(recording, analog.channel) for column, analog in source.analogs.items()}
+    return Capture(
+        frames=header.frames,
+        frame_rate=header.rate,
+        samples_per_frame=header.samples_per_frame,
+        first_frame=header.first_frame,
+        markers=markers,
+        outputs={column: point(recording, o.label, o.component) for column, o in source.outputs.items()},
+        analogs=analogs,
+        plates=plates,
+        facts={
+            "plate_zero_frames": baseline_frames(recording, source) if plates else None,
+            "body_mass_kg": next(iter(header.numbers("PROCESSING:BODYMASS").tolist()), None),
+        },
+        warnings=c3d_warnings(recording, source),
+    )
+
+
+def unit_of_length(recording: C3DRecording, source: Source) -> str:
+    """The source file's unit of length, or else the recording's."""
+    unit = source.point_unit or recording.point_unit()
+    try:
+        si_factor(unit, "m")
+    except InputError as error:
+        raise InputError(f"unit of length: {error}, as {source.place('point_unit')}") from error
+    return unit
+
+
+def c3d_markers(recording: C3DRecording, source: Source) -> tuple[str, ...]:
+    """Labels of the markers to read; "all" excludes model outputs and what has no label."""
+    if source.markers != "all":
+        return source.markers
+    outputs, count = recording.model_outputs, recording.header.points
+    if count and not any(recording.point_labels):
+        how = "empty" if "POINT:LABELS" in recording.header.parameters else "missing"
+        raise InputError(
+            f"POINT:LABELS is {how}: none of its {count} points has a name; label them and export the trial again, or "
+            f"leave them out with `markers: none`, as {source.place('markers')}"
+        )
+    return tuple(label for label in recording.point_labels if is_labelled(label) and label not in outputs)
+
+
+def c3d_track(recording: C3DRecording, label: str, source: Source) -> MarkerTrack:
+    place = place_of(label, recording.point_labels, "marker")
+    return MarkerTrack(label, label, recording.points[:, place], unit_of_length(recording, source))
+
+
+def point(recording: C3DRecording, label: str, component: str) -> Array:
+    """One component of a model output, (frames,)."""
+    place = place_of(label, recording.point_labels, "model output")
+    return recording.points[:, place, AXES.index(component)]
+
+
+def analog_channel(recording: C3DRecording, label: str) -> tuple[Array, str]:
+    """One analog channel, (samples,), and the unit that the file states."""
+    place = place_of(label, recording.analog_labels, "analog channel")
+    return recording.analogs[:, place], recording.analog_unit(place)
+
+
+def place_of(label: str, labels: list[str], what: str) -> int:
+    """Index of a label that must occur exactly once."""
+    count = Counter(labels)[label]
+    if count == 0:
+        raise InputError(
+            f"no {what} '{label}'; the file has {listing(sorted(set(labels)))}"
+            f"{nearest(label, labels) or '; correct the name in the source file'}"
+        )
+    if count > 1:
+        raise InputError(f"{what} '{label}' occurs {count} times; rename them, or list others in the source file")
+    return labels.index(label)
+
+
+def c3d_warnings(recording: C3DRecording, source: Source) -> list[str]:
+    found, name, header = [], printable(recording.path.name), recording.header
+    if header.remark:
+        found.append(f"{name}: {printable(header.remark)}")
+    rate = header.numbers("ANALOG:RATE")
+    actual = header.rate * header.samples_per_frame
+    if header.channels and rate.size and abs(rate[0] - actual) > 1e-3 * actual:
+        found.append(f"{name}: ANALOG:RATE is {rate[0]} Hz, the frames hold samples at {actual} Hz; the latter is used")
+    upward = "".join(header.texts("POINT:Y_SCREEN")[:1]).upper()
+    if source.axes == ("x", "y", "z") and upward not in ("", "+Z", "-Z", "Z"):
+        found.append(f"{name}: its vertical axis seems to be {printable(upward)}; state `axes` in the source file")
+    return found
+
+
+QUANTITIES = {1: ("N",) * 3 + ("m",) * 2 + ("N*m",), 2: ("N",) * 3 + ("N*m",) * 3, 3: ("N",) * 8}
+
+MOST_PLATES = 99
+
+
+def plate_count(recording: C3DRecording) -> int:
+    used = recording.header.numbers("FORCE_PLATFORM:USED")
+    if used.size and not 0 <= used[0] <= MOST_PLATES:
+        raise InputError(f"FORCE_PLATFORM:USED is {used[0]:g}; correct it, or write plates: none")
+    return int(used[0]) if used.size else 0
+
+
+def plates_of(recording: C3DRecording, source: Source) -> list[tuple[ForcePlate, Array]]:
+    """The plates that the source file asks for, each with its channels (samples, channels) for `ForcePlate.wrench`."""
+    count = plate_count(recording)
+    wanted = range(1, count + 1) if source.plates == "all" else source.plates
+    plates = []
+    for number in wanted:
+        if not 1 <= number <= count:
+            raise InputError(
+                f"no force plate {number}; the file has {count}, counted from 1; correct `plates` in the source file"
+            )
+        try:
+            plate = c3d_plate(recording, source, number)
+            plates.append((plate, channels_in_si(recording, source, plate)))
+        except InputError as error:
+            others = [other for other in range(1, count + 1) if other != number] or "none"
+            raise InputError(f"{error} (or leave this plate out: `plates: {others}`)") from error
+    return plates
+
+
+def plate_loads(recording: C3DRecording, source: Source) -> list[PlateLoad]:
+    """What the plates that the source file asks for recorded, and from which channels."""
+    loads = []
+    for plate, channels in plates_of(recording, source):
+        numbers = channel_numbers(recording, plate)
+        units = [recording.analog_unit(number) for number in numbers]
+        origin = {"type": plate.type, "analogs": [n + 1 for n in numbers], "units": units}
+        force, moment = plate.wrench(channels)
+        rate = recording.header.rate * recording.header.samples_per_frame
+        raw = channel_facts(channel_labels(recording, numbers), recording.analogs[:, numbers], force, rate)
+        loads.append(PlateLoad(plate.number, plate.type, plate.corners, force, moment, origin, raw))
+    return loads
+
+
+def channel_labels(recording: C3DRecording, numbers: Sequence[int]) -> list[str]:
+    """Labels of analog channels counted from 0; the number from 1 of a channel without a label."""
+    labels = recording.analog_labels
+    named = {number: printable(labels[number]) for number in numbers if number < len(labels)}
+    return [named.get(number) or f"analog {number + 1}" for number in numbers]
+
+
+def c3d_plate(recording: C3DRecording, source: Source, number: int) -> ForcePlate:
+    """Geometry of one plate in SI units, in the axes of the file."""
+    metre = si_factor(unit_of_length(recording, source), "m")
+    kind = int(plate_parameter(recording, "TYPE", number))
+    return ForcePlate(
+        number,
+        kind,
+        plate_parameter(recording, "CORNERS", number, (3, 4)).T * metre,
+        plate_parameter(recording, "ORIGIN", number, (3,)) * metre,
+        calibration(recording, source, number) if kind == 4 else None,
+    )
+
+
+def calibration(recording: C3DRecording, source: Source, number: int) -> Array:
+    """Matrix of a type 4 plate; its moments are in N times the file's unit of length unless overridden."""
+    matrix = plate_parameter(recording, "CAL_MATRIX", number, (6, 6))
+    if recording.header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
+        matrix = matrix.T
+    units = source.plate_units
+    moment = units.moment if units else f"N*{unit_of_length(recording, source)}"
+    force_factor = si_factor(units.force, "N") if units else 1.0
+    return np.asarray(matrix * np.repeat([force_factor, si_factor(moment, "N*m")], 3)[:, None])
+
+
+def channel_numbers(recording: C3DRecording, plate: ForcePlate) -> list[int]:
+    """The plate's analog channels, counted from 0."""
+    needed = CHANNELS[plate.type]
+    numbers = plate_parameter(recording, "CHANNEL", plate.number, (0,)).astype(int)[:needed]
+    if numbers.size < needed or (numbers < 1).any() or (numbers > recording.header.channels).any():
+        raise InputError(
+            f"plate {plate.number} of type {plate.type} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives "
+            f"{numbers.tolist()} of the file's {recording.header.channels}; correct it"
+        )
+    return [int(number) - 1 for number in numbers]
+
+
+def channels_in_si(recording: C3DRecording, source: Source, plate: ForcePlate) -> Array:
+    """The plate's samples (samples, channels) in SI units; for type 4 as they are, for the calibration."""
+    numbers = channel_numbers(recording, plate)
+    values = recording.analogs[:, numbers]
+    if not np.isfinite(values).all():
+        row, column = np.argwhere(~np.isfinite(values))[0]
+        raise InputError(
+            f"plate {plate.number}: {values[row, column]} in sample {row + 1} of analog channel {numbers[column] + 1}; "
+            "correct ANALOG:SCALE and GEN_SCALE, or export the trial again"
+        )
+    unloaded = baseline(values, recording, source)
+    if plate.type == 1:
+        unloaded[3:5] = 0.0  # an unloaded plate has no centre of pressure
+    values = values - unloaded
+    if plate.type == 4:
+        return values
+    units = [
+        plate_factor(recording, source, n, quantity, plate.type)
+        for n, quantity in zip(numbers, QUANTITIES[plate.type], strict=True)
+    ]
+    return np.asarray(values * np.array(units))
+
+
+def baseline(values: Array, recording: C3DRecording, source: Source) -> Array:
+    """Mean of the channels (samples, channels) over the frames of the baseline, (channels,); zero without one."""
+    frames = baseline_frames(recording, source)
+    if frames is None:
+        return np.zeros(values.shape[1])
+    ratio = recording.header.samples_per_frame
+    return np.asarray(values[(frames[0] - 1) * ratio : frames[1] * ratio].mean(axis=0))
+
+
+def baseline_frames(recording: C3DRecording, source: Source) -> tuple[int, int] | None:
+    """First and last frame, counted from 1, in which the plates are assumed to be unloaded; None without a baseline."""
+    if source.plate_zero == "none":
+        return None
+    given = recording.header.numbers("FORCE_PLATFORM:ZERO") if source.plate_zero == "file" else source.plate_zero
+    first, last = (int(given[0]), int(given[1])) if len(given) >= 2 and np.isfinite(given[:2]).all() else (0, 0)
+    if not 1 <= first <= last <= recording.header.frames:
+        raise InputError(
+            f"the baseline of the plates is frames {first} to {last} of {recording.header.frames}; state two frames "
+            "in which the plates are unloaded as `plate_zero`, or none"
+        )
+    return first, last
+
+
+def plate_factor(recording: C3DRecording, source: Source, channel: int, quantity: str, kind: int) -> float:
+    """Factor of a channel, counted from 0, of a plate of type `kind` to the SI unit of its quantity."""
+    unit = recording.analog_unit(channel)
+    if source.plate_units:
+        unit = stated_unit(source.plate_units, quantity) or unit
+    try:
+        return si_factor(unit, quantity)
+    except InputError as error:
+        fields = "{force: N, moment: N*mm, length: mm}" if kind == 1 else "{force: N, moment: N*mm}"
+        raise InputError(
+            f"analog channel {channel + 1}: {error}; or state the units that hold for all plates, as in "
+            f"`plate_units: {fields}`, in {source.place('plate_units').partition(' in ')[2]}"
+        ) from error
+
+
+def stated_unit(units: PlateUnits, quantity: str) -> str | None:
+    """The unit that the source file states for channels of a quantity, given by its SI unit."""
+    return {"N": units.force, "N*m": units.moment, "m": units.length}[quantity]
+
+
+def plate_parameter(recording: C3DRecording, name: str, number: int, shape: tuple[int, ...] = ()) -> Array:
+    """One plate's part, of the given shape (0: any), of a FORCE_PLATFORM parameter.
+
+    The last dimension counts plates. Some writers omit it if there is a single plate.
+    """
+    table = recording.header.table(f"FORCE_PLATFORM:{name}")
+    whole = table[..., None] if table.ndim == len(shape) else table
+    fits = whole.ndim == len(shape) + 1 and all(
+        want in (0, size) for want, size in zip(shape, whole.shape, strict=False)
+    )
+    if not np.isfinite(table).all():
+        raise InputError(f"plate {number}: FORCE_PLATFORM:{name} holds a value that is not finite; correct it")
+    if not fits or whole.shape[-1] < number:
+        raise InputError(f"plate {number}: FORCE_PLATFORM:{name} has dimensions {table.shape}; correct or remove it")
+    return np.asarray(whole[..., number - 1])
+
+
+MILLIMETRE = 1e-3
+SLOW = ("Trajectories", "Model Outputs")
+FLAT = 0.5
+"""Largest ratio of the motion of markers along an axis to their distance along it, where the axis may be vertical."""
+
+Sections = dict[str, NexusSection]
+
+
+def read_nexus_capture(path: Path, source: Source) -> Recording:
+    """The columns that the source file asks for, in SI units; the first frame is at 0 s."""
+    return recording_of(nexus_capture(read_sections(path, source.delimiter, source.decimal), source), source)
+
+
+def nexus_capture(sections: Sections, source: Source) -> Capture:
+    """The signals that the source file names, before conversion to SI units."""
+    markers = [nexus_track(sections, label) for label in nexus_markers(sections, source)]
+    outputs = {
+        column: section_of(sections, "Model Outputs").column(output.label, output.component)[0]
+        for column, output in source.outputs.items()
+    }
+    analogs = {
+        column: section_of(sections, "Devices").column(analog.device, analog.component)
+        for column, analog in source.analogs.items()
+    }
+    plates = [nexus_plate(sections, number, plate) for number, plate in source.plates.items()]
+    first, rate, ratio, frames = timing(sections, bool(markers or outputs), bool(analogs or plates))
+    return Capture(frames, rate, ratio, first, markers, outputs, analogs, plates)
+
+
+def timing(sections: Sections, slow: bool, fast: bool) -> tuple[int, float, int, int]:
+    """First frame, frame rate [Hz], samples per frame and number of frames, of the sections that are used."""
+    used = [sections[title] for title in SLOW if slow and title in sections]
+    devices = [sections["Devices"]] if fast else []
+    if not used and not devices:
+        raise InputError("nothing to read; name markers, outputs, analogs or plates in the source file")
+    spans = set()
+    for section in [*used, *devices]:
+        first, ratio = section.counts()
+        spans.add((first, len(section.rows) / ratio, round(section.rate / ratio, 6)))
+    if len(spans) != 1:
+        raise InputError(
+            f"its sections differ in first frame, number of frames or frame rate: {sorted(spans)}; export all "
+            "of the same frames"
+        )
+    first, frames, rate = spans.pop()
+    if frames != int(frames):
+        raise InputError("the last frame lacks sub frames; export the trial again")
+    return first, rate, devices[0].counts()[1] if devices else 1, int(frames)
+
+
+def section_of(sections: Sections, title: str) -> NexusSection:
+    if title not in sections:
+        raise InputError(f"no section {title}; the file has {', '.join(sections)}; export it too")
+    return sections[title]
+
+
+def nexus_markers(sections: Sections, source: Source) -> tuple[str, ...]:
+    """Labels of the markers to read; "all" excludes `*1`, a subject alone (`Anna:`) and nothing."""
+    if source.markers != "all":
+        return source.markers
+    names = sections["Trajectories"].names if "Trajectories" in sections else []
+    return tuple(dict.fromkeys(name for name in names if is_labelled(without_subject(name))))
+
+
+def nexus_track(sections: Sections, label: str) -> MarkerTrack:
+    """One marker by its label; it was not seen where the cells are empty, or at the exact origin."""
+    columns = [section_of(sections, "Trajectories").column(label, axis) for axis in AXES]
+    positions = np.column_stack([values for values, _ in columns])
+    positions[(positions == 0).all(axis=1)] = np.nan
+    return MarkerTrack(label, without_subject(label), positions, columns[0][1])
+
+
+def nexus_plate(sections: Sections, number: int, plate: Plate) -> PlateLoad:
+    """Force and moment about the centre of the plate, on the foot."""
+    force, exported = triple(sections, plate, "Force", "N"), triple(sections, plate, "Moment", "N*m")
+    centre = np.mean(plate.corners, axis=0)
+    about = centre if plate.moment_about is None else np.array(plate.moment_about)
+    moment = exported + np.cross((about - centre) * MILLIMETRE, force)
+    origin = {"device": plate.device, "sign": plate.sign}
+    labels = [f"{plate.device} {kind[0]}{axis}" for kind in ("Force", "Moment") for axis in AXES]
+    raw = channel_facts(labels, np.hstack([force, exported]), force, section_of(sections, "Devices").rate)
+    return PlateLoad(number, 2, np.array(plate.corners) * MILLIMETRE, force, moment, origin, raw)
+
+
+def triple(sections: Sections, plate: Plate, kind: str, si_unit: str) -> Array:
+    """Force [N] or moment [N*m] of a plate on the foot, (samples, 3)."""
+    conversion, devices = Conversion(sign=plate.sign), section_of(sections, "Devices")
+    columns = [devices.column(f"{plate.device} - {kind}", f"{kind[0]}{axis}") for axis in AXES]
+    return np.column_stack([conversion.to_si(values, si_unit, unit) for values, unit in columns])
+
+
+def read_trc_capture(path: Path, source: Source) -> Recording:
+    """The markers that the source file asks for [m]; the first frame is at 0 s."""
+    file = read_trc(path)
+    unit = source.point_unit or file.unit
+    try:
+        si_factor(unit, "m")
+    except InputError as error:
+        raise InputError(f"Units: {error}, as {source.place('point_unit')}") from error
+    labels = [one for one in file.labels if is_labelled(one)] if source.markers == "all" else source.markers
+    frames = file.positions.shape[0]
+    facts = {"time": {"start": file.start}}
+    upward = f"{path.name}: its vertical axis seems to be y; state `axes: [x, -z, y]` in the source file"
+    warnings = [upward] * (source.axes == ("x", "y", "z") and vertical_axis(file.positions) == "y")
+    warnings += [f"{path.name}: {note}" for note in file.notes]
+    tracks = [file.positions[:, place_of(label, file.labels, "marker")] for label in labels]
+    markers = [MarkerTrack(label, label, track, unit) for label, track in zip(labels, tracks, strict=True)]
+    capture = Capture(frames, file.rate, 1, file.first_frame, markers, facts=facts, warnings=warnings)
+    return recording_of(capture, source)
+
+
+def vertical_axis(positions: Array) -> str:
+    """The axis along which the markers, (frames, markers, 3), keep their order: up, for somebody who stands or walks.
+
+    Empty where the file does not tell: there are few markers, or they stay where they are.
+    """
+    seen = positions[:, ~np.isnan(positions).any(axis=(0, 2))]
+    if seen.shape[1] < 4:
+        return ""
+    apart = np.median(seen, axis=0).std(axis=0)
+    moved = np.median(seen.std(axis=0), axis=0)
+    candidates = np.flatnonzero((apart == apart.max()) & (moved < FLAT * apart))
+    return "xyz"[candidates[0]] if candidates.size and moved.max() > moved[candidates[0]] else ""
+
+
+def exported_plates(table: Table, recording: Recording, source: Source) -> Recording:
+    """A recording of a table of OpenSim with the plates that the source file names.
+
+    OpenSim's files of ground reactions have, per plate, the force on the foot, the point at which it acts, and the
+    moment about this point.
+    """
+    time = recording.samples["time"].to_numpy()
+    if time.size != table.rows:
+        raise InputError(
+            "rows that repeat a stamp were left out, but the plates need all; remove `repeated: drop`, as "
+            f"{source.place('time', 'repeated')}"
+        )
+    loads = []
+    for number, plate in source.plates.items():
+        names = exported_columns(plate)
+        columns = np.column_stack([table.columns[name] for name in names])
+        for name, values in zip(names, columns.T, strict=True):
+            check_finite(f"column '{name}'", values, time)
+        force, point, moment = plate.sign * columns[:, :3], columns[:, 3:6], plate.sign * columns[:, 6:]
+        about = moment + np.cross(point - np.mean(plate.corners, axis=0), force)
+        origin = plate.model_dump(include={"force", "point", "moment", "sign"})
+        rate = float(1 / np.median(np.diff(time))) if time.size > 1 else 1.0
+        raw = channel_facts([*names[:3], *names[6:]], columns[:, [0, 1, 2, 6, 7, 8]], force, rate)
+        loads.append(PlateLoad(number, 2, np.array(plate.corners), force, about, origin, raw))
+    signals, origins = plate_signals(loads, source.rotation)
+    samples = recording.samples.with_columns(**{name: pl.Series(values) for name, values in signals.items()})
+    facts = {**recording.facts, "plates": [geometry(load, source.rotation) for load in loads]}
+    return replace(recording, samples=samples, columns={**recording.columns, **origins}, facts=facts)
+
+
+def exported_columns(plate: Plate) -> list[str]:
+    """Names of the columns of a plate in a table of OpenSim: force, point of application and moment."""
+    return [f"{begin}{axis}" for begin in (plate.force, plate.point, plate.moment) for axis in AXES]

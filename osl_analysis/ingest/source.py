@@ -1,0 +1,601 @@
+"""The one model of a source file, which describes recordings of one recorder: its keys, and which of them a format has.
+
+The fields of `Source`, `Channel`, `Time` and `Plate` are those of all formats. `Keys` says which of them files of one
+format have, and `model_of` makes the model from it, so that a key of another format is refused by name.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from types import GenericAlias
+from typing import Annotated, Any, ClassVar, Literal, Self, cast, get_type_hints
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PositiveFloat,
+    PositiveInt,
+    PrivateAttr,
+    create_model,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError, PydanticUndefined
+
+from osl_analysis.columns import AXES, COLUMNS, unit_of
+from osl_analysis.errors import InputError, nearest
+from osl_analysis.formats.mat import checked_address
+from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
+from osl_analysis.trial import Array
+from osl_analysis.yaml_settings import Settings, line_of
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Stamps = Literal["auto", "exact", "even"]
+"""How stamps are taken (docs/time_base.md). `exact`: each sample was taken at its stamp. `even`: the device samples
+evenly, and only the stamps scatter. `auto`: stamps and signals decide."""
+HIGHEST_ORDER = 8  # highest order of a sensor's low-pass that is accepted
+LARGEST = 1e12  # largest size of a scale or an offset: what is larger is a slip
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+Point = tuple[float, float, float]
+
+
+def misplaced(reason: str, *place: str) -> PydanticCustomError:
+    """An error of a check that sees several fields; `place` is the field below them that is wrong."""
+    return PydanticCustomError("misplaced", "{reason}", {"reason": reason, "place": place})
+
+
+class SensorFilter(Settings):
+    """The low-pass of a sensor or its amplifier, an analogue Butterworth that ran once while recording."""
+
+    cutoff: str
+    """Cut-off with its unit, as `100 Hz`."""
+    order: int = Field(default=1, ge=1, le=HIGHEST_ORDER)
+    """Order."""
+
+    @field_validator("cutoff")
+    @classmethod
+    def _positive(cls, value: str) -> str:
+        if quantity(value, "Hz") <= 0:
+            raise ValueError("a cut-off must be above zero, as `100 Hz`")
+        return value
+
+
+class Conversion(Settings):
+    """How recorded numbers become SI units, sign * scale * factor * (raw + offset), and what is known of the sensor."""
+
+    SENSOR: ClassVar[set[str]] = {"delay", "low_pass", "resolution", "bits", "range"}
+
+    delay: str | None = None
+    """Age of a sample at its stamp, such as `2 ms`. It is subtracted from the channel's stamps."""
+    low_pass: SensorFilter | None = None
+    """The sensor's own low-pass: analyses put all other signals of the trial through the same filter."""
+    resolution: str | None = None
+    """Smallest step of the recorded values with its unit, as `0.02 deg`."""
+    bits: int | None = Field(default=None, ge=4, le=32)
+    """Bits of an encoder per revolution, in place of `resolution`."""
+    range: str | tuple[str, str] | None = None
+    """Range of the sensor with its unit, before `sign` and `offset`: `60 N*m` for +-60 N*m, or both ends, as
+    `[0 deg, 300 deg]`."""
+    unit: Unit | None = None
+    """Unit of the numbers, as laboratories spell it. Without it, the unit that the file states is used."""
+    sign: Literal[1, -1] = 1
+    """-1 if the recorder has the opposite direction as positive."""
+    scale: float = Field(default=1.0, ge=-LARGEST, le=LARGEST)
+    """Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits."""
+    offset: float = Field(default=0.0, ge=-LARGEST, le=LARGEST)
+    """Offset that is added to the raw numbers before the scale, in the raw unit."""
+
+    @field_validator("delay")
+    @classmethod
+    def _is_time(cls, value: str | None) -> str | None:
+        if value is not None:
+            quantity(value, "s")
+        return value
+
+    @field_validator("sign", mode="before")
+    @classmethod
+    def _number(cls, value: Any) -> Any:
+        if isinstance(value, bool):
+            raise ValueError("write 1 or -1")
+        return value
+
+    @field_validator("scale")
+    @classmethod
+    def _not_zero(cls, value: float) -> float:
+        if value == 0:
+            raise ValueError("a scale of zero makes every number zero; write the size of one count")
+        return value
+
+    def stated_unit(self, unit_of_file: str) -> str:
+        """The source file's unit, or else the recording's."""
+        return unit_of_file if self.unit is None else self.unit
+
+    def to_si(self, raw: Array, si_unit: str, unit_of_file: str = "") -> Array:
+        """Recorded numbers, of any shape, in the SI unit."""
+        factor = si_factor(self.stated_unit(unit_of_file), si_unit)
+        with np.errstate(over="ignore"):  # what overflows is refused with what is too large
+            found = np.asarray(raw + self.offset)
+            return np.multiply(self.sign * self.scale * factor, found, out=found)
+
+    def origin(self, column: str, unit_of_file: str = "") -> dict[str, Any]:
+        """Where a canonical column comes from, how it was converted, and what is stated of its sensor in SI units.
+
+        For the trial's provenance. `range` is what the column can reach, after `sign` and `offset`.
+        """
+        unit, si_unit = self.stated_unit(unit_of_file), unit_of(column)
+        factor, stated = si_factor(unit, si_unit), dict[str, Any]()
+        if self.delay is not None:
+            stated["delay"] = quantity(self.delay, "s")
+        if self.low_pass is not None:
+            stated["low_pass"] = {"cutoff_hz": quantity(self.low_pass.cutoff, "Hz"), "order": self.low_pass.order}
+        if self.resolution is not None or self.bits is not None:
+            stated["resolution"] = self.step(si_unit)
+        if self.range is not None:
+            ends = (self.sign * (end + self.scale * factor * self.offset) for end in self.ends(si_unit))
+            stated["range"] = sorted(ends)
+        address = self.model_dump(exclude=self.SENSOR)
+        return {**address, "unit": unit, "factor": factor, "si_unit": si_unit, **stated}
+
+    def ends(self, si_unit: str) -> tuple[float, float]:
+        """Both ends of the stated range [si_unit]; raises InputError if there is nothing between them."""
+        assert self.range is not None
+        texts = (self.range,) if isinstance(self.range, str) else self.range
+        ends = [quantity(text, si_unit) for text in texts]
+        low, high = (-ends[0], ends[0]) if len(ends) == 1 else ends
+        if low >= high:
+            raise InputError(
+                f"a range from {low:g} to {high:g} {si_unit} is empty; write the lower end first, or one number"
+            )
+        return low, high
+
+    def step(self, si_unit: str) -> float:
+        """Smallest step of the recorded values [si_unit]; raises InputError if that cannot be."""
+        if self.resolution is not None and self.bits is not None:
+            raise InputError("state `resolution` or `bits`, not both")
+        if self.resolution is not None:
+            step = quantity(self.resolution, si_unit)
+        elif si_unit == "rad":
+            step = 2 * np.pi / 2 ** (self.bits or 0)
+        else:
+            raise InputError("`bits` are those of an encoder per revolution; state `resolution` with its unit instead")
+        if step <= 0:
+            raise InputError(f"a resolution of {self.resolution} is not positive; write a positive one, or remove it")
+        return step
+
+
+class Addressed(Settings):
+    """What names one channel of a recording."""
+
+    ADDRESS: ClassVar[str] = ""
+    """The key that names it: `column`, `field`, `channel` or `variable`."""
+
+    @property
+    def name(self) -> str:
+        """The channel, as the source file writes it; empty if it names none."""
+        return getattr(self, self.ADDRESS) or ""
+
+    @property
+    def title(self) -> str:
+        """The channel, for messages."""
+        return f"{self.ADDRESS} '{self.name}'"
+
+
+def text_of_number(value: Any) -> Any:
+    """A column's number as text; anything else as it is."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+ColumnName = Annotated[str, BeforeValidator(text_of_number)]
+AddressText = Annotated[str, AfterValidator(checked_address)]
+
+
+class Channel(Conversion, Addressed):
+    """Where a recording has a canonical column, and the conversion."""
+
+    topic: str
+    """Name of the topic."""
+    field: str
+    """Dotted path of the number, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`,
+    `position[name=ankle]`; in JSON a name with a dot in it in quotes, `functions["loadcell.mz"]`."""
+    column: ColumnName
+    """Name in the header, with or without its unit (`torque` finds `torque [Nm]`); a pattern in which `*` stands for
+    any text, which must fit one column (`"*.output_position"`); or the column's number, counted from 1."""
+    channel: str
+    """Label of the channel in the file; in TDMS group and name, as `Measured Data/Torque`, or the name alone where one
+    group only has it."""
+    variable: AddressText
+    """Its address in MATLAB's notation: `torque`, `Test.run(2).torque`, `data(:,3)`, `runs{2}.torque`. It is within
+    `log_part`, unless it begins with `/`."""
+    device: str
+    """Name of the device's output, such as `EMG2000 - Voltage`."""
+    component: str
+    """Name of the column under it."""
+    counter: ColumnName | None = None
+    """Where the device counts its samples, named as the signal is. It tells which samples are missing."""
+
+
+class Time(Addressed):
+    """Where the time of a row or message comes from: the recording has it, or the rate at which rows were written."""
+
+    IN_FILE: ClassVar[bool] = False
+    """Whether the format itself tells when a sample was taken."""
+
+    source: Literal["header", "log"]
+    """`header`: the stamp in the message. `log`: when the recorder logged it."""
+    unit: TimeUnit | None = None
+    """Unit of the numbers that are time. Without it, the file's unit is used."""
+    rate: PositiveFloat | None = None
+    """Rows per second [Hz], for a file without time."""
+    repeated: Literal["keep", "drop"] = "keep"
+    """Rows whose stamp is that of the row before. `keep`: they are samples whose stamps were rounded. `drop`: the
+    recorder read a device faster than it sampled; only the first row of each stamp is used."""
+    stamps: Stamps = "auto"
+    """How the stamps are taken."""
+    column: ColumnName | None = None
+    """Name of the column that holds time."""
+    field: str | None = None
+    """Path of the number that holds time, or of a stamp: an object of seconds and nanoseconds, without `unit`."""
+    channel: str | None = None
+    """The channel that holds time. LabVIEW's time stamps need no unit. Without it: the channels' own timing."""
+    variable: AddressText | None = None
+    """Address of the variable that holds time, as in `channels`."""
+
+
+class RowTime(Addressed):
+    """Checks of `Time` where a recording is a table of rows."""
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        stated = cast(Time, self)
+        if (stated.name and stated.rate is not None) or not (stated.name or stated.rate is not None or stated.IN_FILE):
+            raise ValueError(f"state either the {self.ADDRESS} that holds time or the rate of the rows [Hz]")
+        if stated.unit is not None and not stated.name and self.ADDRESS != "column":
+            raise ValueError(f"`unit` is that of the {self.ADDRESS} of time; name the {self.ADDRESS}, or remove it")
+        return self
+
+
+class Plate(Settings):
+    """A force plate that was exported as numbers. The file does not say where it lies."""
+
+    device: str
+    """The plate's outputs are called `<device> - Force` and `<device> - Moment`."""
+    force: str
+    """Beginning of the names of the force's columns [N]: `R_ground_force_v`."""
+    point: str
+    """Beginning of the names of the columns of the point of application [m]: `R_ground_force_p`."""
+    moment: str
+    """Beginning of the names of the columns of the moment about this point [N*m]: `R_ground_torque_`."""
+    corners: tuple[Point, Point, Point, Point]
+    """Corners of the surface in the file's axes [m], in an export of Nexus [mm]."""
+    moment_about: Point | None = None
+    """Point about which the file's moment is taken [mm]; without it the centre of the corners."""
+    sign: Literal[1, -1] = 1
+    """-1 if the file has the force on the plate instead of the force on the foot."""
+
+
+class PlateUnits(Settings):
+    """Units of the plates' channels where the file's ANALOG:UNITS are absent or wrong."""
+
+    force: ForceUnit
+    """Unit of the force channels."""
+    moment: MomentUnit
+    """Unit of the moment channels."""
+    length: LengthUnit | None = None
+    """Unit of the centre of pressure of a type 1 plate; null: the file's."""
+
+
+class SharedAngle(Settings):
+    """An angle that log and motion capture both recorded, which aligns their clocks where no sync edges do."""
+
+    column: str
+    """Column of the log with the angle. Its scale, sign and offset do not matter."""
+    markers: tuple[str, str, str]
+    """Three markers of motion capture. The angle is at the second marker."""
+
+
+class ModelOutput(Conversion):
+    """One component of a model output, such as a joint moment of Plug-in Gait, that is stored like a marker."""
+
+    label: str
+    """Label of the output in the file."""
+    component: Literal["x", "y", "z"]
+    """Component of the output."""
+    unit: Unit
+    """Unit that the software computes in, which the file may misstate: moments of Plug-in Gait are always N*mm/kg."""
+
+
+def rotation_of(axes: tuple[Axis, Axis, Axis]) -> Array:
+    """From a file's axes to ours, (3, 3), by the file's axes that point forward, to the left and up."""
+    return np.array([[(-1.0 if name[0] == "-" else 1.0) * (name[-1] == axis) for axis in AXES] for name in axes])
+
+
+def right_handed(axes: tuple[Axis, Axis, Axis]) -> tuple[Axis, Axis, Axis]:
+    """The axes as they are; raises ValueError if they are none of a right-handed laboratory."""
+    if round(float(np.linalg.det(rotation_of(axes)))) != 1:
+        raise ValueError("forward, left and up must be three different axes of a right-handed laboratory")
+    return axes
+
+
+def all_none_or_list(value: Any) -> Any:
+    """A choice among a file's things: `none` is the empty list."""
+    if value == "none":
+        return ()
+    if value == "all" or isinstance(value, list | tuple):
+        return value
+    raise ValueError("write all, none or a list")
+
+
+Axes = Annotated[tuple[Axis, Axis, Axis], AfterValidator(right_handed)]
+Choice = BeforeValidator(all_none_or_list)
+
+
+class SourceFile(Settings):
+    """What source files of all formats have in common."""
+
+    _path: Path | None = PrivateAttr(default=None)
+
+    def written_in(self, path: Path) -> None:
+        self._path = path
+
+    def place(self, *keys: str) -> str:
+        """A field, for messages: its keys, and the file and line in which they stand."""
+        if self._path is None:
+            return f"`{'.'.join(keys)}` in the source file"
+        line = line_of(self._path, keys)
+        return f"`{'.'.join(keys)}` in {self._path}{f', line {line}' if line else ''}"
+
+    def of_part(self, part: str) -> Self:
+        """The source file for one part of a log that holds several trials, as the sample sheet names it."""
+        if not part:
+            return self
+        if "log_part" not in type(self).model_fields:
+            name = cast(Source, self).format
+            raise InputError(f"log_part '{part}' in the sheet: a log in {name} holds one trial; clear the cell")
+        return self.model_copy(update={"log_part": part})
+
+    @property
+    def rotation(self) -> Array:
+        """From the file's axes to ours, (3, 3): our coordinates are `rotation @ (x, y, z)`."""
+        return rotation_of(cast(Source, self).axes)
+
+    @field_validator("channels", "analogs", "outputs", check_fields=False)
+    @classmethod
+    def _canonical(cls, channels: Mapping[str, Conversion]) -> Mapping[str, Conversion]:
+        for column, channel in channels.items():
+            check_canonical(column, channel)
+        return channels
+
+    @field_validator("log_part", check_fields=False)
+    @classmethod
+    def _is_part(cls, text: str) -> str:
+        return checked_address(text, inside=False) if text else text
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        has, stated = type(self).model_fields, cast(Source, self)
+        if "clock" in has and stated.clock == "sync" and "sync" not in stated.channels:
+            raise misplaced("sync needs the column sync under channels; map it, or write clock: master", "clock")
+        if "units_row" in has and stated.units_row and stated.header != "row":
+            raise ValueError("a row of units needs a header row above it")
+        if {"channels", "plates"} <= {*has} and not stated.channels and not stated.plates:
+            raise misplaced("name the columns to read under `channels`, or plates under `plates`", "channels")
+        if "clock" in has and str(stated.clock) == "common" and (not stated.time.name or stated.time.unit != "s"):
+            raise misplaced("`clock: common` needs the column of time in s, as {column: time, unit: s}", "time")
+        return self
+
+
+class Source(SourceFile):
+    """A source file of a log (the file of a recorder with a clock of its own) or of a motion-capture laboratory."""
+
+    format: str
+    """Format of the file."""
+    description: str = ""
+    """For readers; nothing is computed from it."""
+    clock: Literal["master", "sync", "shared"] = "master"
+    """How the log's clock is aligned to motion capture's.
+
+    `master`: no alignment; the log is the trial's only file. `sync`: by the edges of the column `sync`. `shared`: by
+    the signal that motion capture's source file names under `shared`. `common` (OpenSim): its times are those of the
+    capture in TRC, which was exported with it.
+    """
+    channels: dict[str, Channel]
+    """The recorded channel of each canonical column."""
+    time: Time
+    """Where the time of a row or message comes from."""
+    most_missing: Share = 0.01
+    """Largest share of a channel's numbers that may be NaN or missing, and of the rows that may be skipped. More where
+    a channel has a lower rate than the rows."""
+    largest_loss: Share = 0.01
+    """Largest share of a topic's messages that may be lost; a log that has lost more is refused."""
+    log_part: str = ""
+    """Address of the struct or cell that holds the trial, where the file holds several. That of the sample
+    sheet replaces it."""
+    delimiter: Literal["auto", ",", ";", "tab", "space", "|"] = "auto"
+    """Sign between cells; `auto` takes the first of tab, `;`, `|` and `,` that all lines have."""
+    decimal: Literal[".", ","] = "."
+    """Decimal sign."""
+    comment: str = "#"
+    """Sign at the beginning of comment lines; empty if there are none."""
+    header: Literal["row", "comment", "none"] = "row"
+    """Place of the columns' names: the first row, the last comment line, or none."""
+    units_row: bool = False
+    """Whether a row of units follows the header."""
+    missing: tuple[str, ...] = ("", "nan", "NaN")
+    """Cells that become NaN: what the logger writes where a reading failed."""
+    extra_cells: Literal["refuse", "first", "last"] = "refuse"
+    """Cells without a name: what every row has more than the header. `first` or `last`, as they stand there, leaves
+    them out (R writes the rows' names first). A log whose rows fit its header is read as it is."""
+    ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
+    """Treatment of rows whose length differs from the header's.
+
+    `refuse`: the file is refused. `skip`: they are skipped and counted. `dropped_variable`, for a logger that omits a
+    variable after it failed: from there on, the columns that were missing in the last complete row are NaN. A row that
+    this does not explain is refused.
+    """
+    markers: Annotated[Literal["all"] | tuple[str, ...], Choice] = "all"
+    """The markers to read: all (every labelled point except model outputs), none or a list of labels."""
+    axes: Axes = ("x", "y", "z")
+    """The file's axes that point forward, to the left and up: `[z, x, y]` or `[x, -z, y]` where y is up."""
+    shared: SharedAngle | None = None
+    """What aligns the clock of a log that says `clock: shared`."""
+    analogs: dict[str, Channel] = Field(default={})
+    """The recorded channel of each canonical column."""
+    outputs: dict[str, ModelOutput] = Field(default={})
+    """The model output of each canonical column."""
+    counts: Literal["refuse", "header", "parameters"] = "refuse"
+    """Which counts of points and analog channels hold where the file's header and its parameters contradict each other:
+    header, parameters, or refuse."""
+    point_unit: LengthUnit | None = None
+    """Unit of length, where the one that the file states (POINT:UNITS, Units) is absent or wrong."""
+    plates: Any = Field(default={})
+    """Force plates by number, counted from 1; in C3D those to read: all, none or a list counted from 1."""
+    plate_units: PlateUnits | None = None
+    """Units of the plates' channels, where the file's ANALOG:UNITS are absent or wrong."""
+    plate_zero: Literal["none", "file"] | tuple[PositiveInt, PositiveInt] = "none"
+    """Baseline to subtract from the plates' channels: none, file (the frames of FORCE_PLATFORM:ZERO) or two frames,
+    counted from 1, between which the plates were unloaded."""
+
+
+def check_canonical(column: str, channel: Conversion) -> None:
+    """Refuse a column that is not in the nomenclature, or a unit that cannot become the column's."""
+    names = [name for name in COLUMNS if name != "time"]
+    try:
+        canonical = unit_of(column)
+    except KeyError:
+        advice = f"the columns are {', '.join(names)}{nearest(column, names)}"
+        raise misplaced(f"'{column}' is not a canonical column; {advice}", column) from None
+    if column == "time":
+        raise misplaced("time is not a channel; state its source under `time`", column)
+    checks: dict[str, Callable[[], object]] = {
+        "unit": lambda: si_factor(str(channel.unit), canonical),
+        "resolution": lambda: channel.step(canonical),
+        "bits": lambda: channel.step(canonical),
+        "range": lambda: channel.ends(canonical),
+    }
+    for key, check in checks.items():
+        value = getattr(channel, key)
+        try:
+            if value is not None:
+                check()
+        except ValueError as error:
+            raise misplaced(f"{value!r} is not allowed: {error}", column, key) from None
+
+
+@dataclass(frozen=True)
+class Keys:
+    """The keys that source files of one format have, besides `format` and `description`."""
+
+    source: str
+    """Its own keys: of `Source`."""
+    channel: str = ""
+    """Keys of an entry under `channels` or `analogs`, besides those of `Conversion`. The first names the channel."""
+    time: str = ""
+    plate: str = ""
+    kinds: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)
+    """Type and default of a key where they are not those of the catalogue; that of `time.unit` under this name. Named
+    `time` or `channels` are keys that the source file may leave out."""
+    time_in_file: bool = False  # whether the format itself tells when a sample was taken
+
+    @cached_property
+    def address(self) -> str:
+        """The key that names a channel: `column`, `field`, `channel` or `variable`."""
+        return self.channel.split()[0] if self.channel else ""
+
+
+OPTIONAL = (None, None)  # marks `time` and `channels` as keys that a source file may leave out
+UNIT = {"channel.unit": (Unit, ...)}  # of formats that state no units
+ROWS = "unit rate repeated stamps"
+MESSAGES = Keys(
+    "clock channels time largest_loss most_missing",
+    "field topic counter unit",
+    "source field stamps",
+    kinds={**UNIT, "time.field": (str, "header.stamp")},
+)
+KEYS: Mapping[str, Keys] = {
+    "mcap": MESSAGES,
+    "rosbag1": MESSAGES,
+    "rosbag2": MESSAGES,
+    "csv": Keys(
+        "clock channels delimiter decimal comment header units_row missing most_missing extra_cells ragged time",
+        "column counter",
+        f"column {ROWS}",
+    ),
+    "json_lines": Keys("clock channels most_missing time", "field counter unit", f"field {ROWS}", kinds=UNIT),
+    "mat": Keys(
+        "clock channels log_part most_missing time",
+        "variable counter unit",
+        f"variable {ROWS}",
+        kinds={**UNIT, "channel.counter": (AddressText | None, None)},
+    ),
+    "tdms": Keys(
+        "clock channels most_missing time",
+        "channel counter",
+        f"channel {ROWS}",
+        kinds={"time": OPTIONAL},
+        time_in_file=True,
+    ),
+    "opensim": Keys(
+        "clock channels most_missing time plates axes",
+        "column counter unit",
+        f"column {ROWS}",
+        "force point moment corners sign",
+        {
+            **UNIT,
+            "clock": (Literal["master", "sync", "shared", "common"], "master"),
+            "channels": OPTIONAL,
+            "time": OPTIONAL,
+            "time.column": (ColumnName | None, "time"),
+            "time.unit": (TimeUnit | None, "s"),
+            "axes": (Axes, ("x", "-z", "y")),
+        },
+    ),
+    "c3d": Keys(
+        "markers axes shared analogs outputs counts point_unit plates plate_units plate_zero",
+        "channel",
+        kinds={"plates": (Annotated[Literal["all"] | tuple[int, ...], Choice], "all")},
+    ),
+    "nexus_csv": Keys(
+        "markers axes shared analogs outputs delimiter decimal plates",
+        "device component",
+        plate="device corners moment_about sign",
+    ),
+    "trc": Keys("markers axes shared point_unit"),
+}
+
+
+def model_of(name: str, keys: Keys) -> type[Source]:
+    """The model of source files of one format."""
+
+    def narrowed(part: str, base: tuple[type[Settings], ...], catalogue: type[Settings], chosen: str) -> Any:
+        """A model of the chosen keys of a catalogue; `part` is their place, as `time.`."""
+        hints, fields = get_type_hints(catalogue, include_extras=True), dict[str, Any]()
+        for key in chosen.split():
+            kind, default = keys.kinds.get(f"{part}{key}") or (hints[key], catalogue.model_fields[key].default)
+            fields[key] = (kind, ... if default is PydanticUndefined else default)
+        fields |= {} if part else below
+        title = f"{name}_{part.rstrip('.') or 'source'}"
+        model = cast(Any, create_model)(title, __base__=base, __doc__=catalogue.__doc__, **fields)
+        model.CATALOGUE = catalogue
+        return model
+
+    below: dict[str, Any] = {}
+    if keys.channel:
+        channel = narrowed("channel.", (Conversion, Addressed), Channel, keys.channel)
+        channel.ADDRESS = keys.address
+        if "channels" in keys.source.split():
+            many: Any = GenericAlias(dict, (str, channel))
+            needed = "channels" not in keys.kinds
+            below["channels"] = (Annotated[many, Field(min_length=1)], ...) if needed else (many, {})
+        else:
+            below["analogs"] = (GenericAlias(dict, (str, channel)), {})
+    if keys.time:
+        time = narrowed("time.", (Addressed if "source" in keys.time.split() else RowTime,), Time, keys.time)
+        time.ADDRESS, time.IN_FILE = keys.address, keys.time_in_file
+        below["time"] = (time, Field(default_factory=time) if "time" in keys.kinds else ...)
+    if keys.plate:
+        plate = narrowed("plate.", (Settings,), Plate, keys.plate)
+        below["plates"] = (GenericAlias(dict, (PositiveInt, plate)), {})
+    return cast(type[Source], narrowed("", (SourceFile,), Source, f"format description {keys.source}"))

@@ -35,6 +35,17 @@ settings.register_profile(
 settings.load_profile("seeded")
 
 
+def is_numerical(path: Path) -> bool:
+    return any(fnmatch(path.stem, pattern) for pattern in NUMERICAL)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Where numerical modules alone are asked for, the others are not imported, which takes as long as the tests."""
+    return (
+        config.option.markexpr == "numerics" and collection_path.is_file() and not is_numerical(collection_path)
+    ) or None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Give the tests of numerical modules the marker `numerics`, and put the longest modules first.
 
@@ -42,7 +53,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
     for item in items:
-        if any(fnmatch(item.path.stem, pattern) for pattern in NUMERICAL):
+        if is_numerical(item.path):
             item.add_marker(pytest.mark.numerics)
 
 

@@ -70,7 +70,6 @@ def test_any_motion_gives_the_impedance_that_made_the_torque(name):
     assert 5 < row["band_high_hz"] < 6.6
 
 
-@pytest.mark.numerics
 def test_intervals_of_noise_cover_the_truth_as_often_as_they_say():
     """25 records: 95 % within 93 and 97 needs hundreds (docs/any_excitation.md); here z has RMS 1 within 4 SE of 0.08,
     over three parameters."""

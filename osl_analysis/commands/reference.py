@@ -3,8 +3,9 @@
 import ast
 import inspect
 import json
-import textwrap
+import sys
 from collections.abc import Iterable, Mapping
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -158,6 +159,13 @@ def models_in(annotation: Any) -> list[type[BaseModel]]:
     return [model for inner in getattr(annotation, "__args__", ()) for model in models_in(inner)]
 
 
+@cache
+def classes_of(module: str) -> dict[str, ast.ClassDef]:
+    """The classes in the source of a module, by name."""
+    tree = ast.parse(inspect.getsource(sys.modules[module]))
+    return {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+
+
 def docstrings(model: type[BaseModel]) -> dict[str, str]:
     """The texts below the fields of a model and of its bases."""
     texts: dict[str, str] = {}
@@ -165,8 +173,7 @@ def docstrings(model: type[BaseModel]) -> dict[str, str]:
         if not issubclass(one, BaseModel) or one is BaseModel:
             continue
         written = one.__dict__.get("CATALOGUE", one)  # a source file's fields stand in the catalogue of all formats
-        (body,) = ast.parse(textwrap.dedent(inspect.getsource(written))).body
-        for field, text in pairwise(getattr(body, "body", [])):
+        for field, text in pairwise(classes_of(written.__module__)[written.__name__].body):
             if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(text, ast.Expr):
                 texts[field.target.id] = " ".join(str(ast.literal_eval(text.value)).split())
     return texts

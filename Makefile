@@ -44,7 +44,7 @@ docs: $(READY)
 net: $(READY)
 	$(BIN)/python benchmarks/net.py
 
-# A campaign of 30 trials through a SLURM that exists for this test alone: Debian, as root.
+# A campaign of 24 trials through a SLURM that exists for this test alone: Debian, as root.
 test-slurm: $(READY)
 	tests/slurm/one_node.sh $(BIN)/python -m pytest -m slurm -n0 -s tests/slurm
 

@@ -61,8 +61,7 @@ def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
 
 def reference_positions(cluster: Mapping[str, Array], names: Sequence[str], trial: str) -> Array:
     """Positions (m, 3) [m] of the named markers in the static trial; `trial` is for messages."""
-    absent = [name for name in names if name not in cluster]
-    if absent:
+    if absent := [name for name in names if name not in cluster]:
         raise InputError(
             f"trial {trial}: marker {absent[0]} is not in the static calibration, which has {', '.join(cluster)}; "
             "calibrate with the static trial again"
@@ -80,13 +79,17 @@ def segment_poses(
     return time, bridge_gaps(time, poses, settings.longest_gap_s)
 
 
+def unseen(n: int, reference: Array) -> Poses:
+    """Poses in n frames, all NaN, of markers at the reference positions (m, 3) [m]."""
+    rotation, position, residual = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), np.full(n, np.nan)
+    return Poses(rotation, position, reference.mean(axis=0), residual, np.zeros(n, dtype=bool))
+
+
 def cluster_poses(reference: Array, observed: Array, largest_residual: float = np.inf) -> Poses:
     """Least-squares pose of markers (n, m, 3) [m] against their reference positions (m, 3) [m]. A frame is NaN where
     fewer than three markers that span a plane were seen, or where the residual exceeds `largest_residual` [m], as with
     swapped or displaced markers."""
-    n = len(observed)
-    rotation, position, residual = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), np.full(n, np.nan)
-    poses = Poses(rotation, position, reference.mean(axis=0), residual, np.zeros(n, dtype=bool))
+    poses = unseen(len(observed), reference)
     patterns, member = np.unique(np.isfinite(observed).all(axis=2), axis=0, return_inverse=True)
     for index, pattern in enumerate(patterns):
         if spans_a_plane(reference[pattern]):
@@ -105,7 +108,7 @@ def spans_a_plane(points: Array) -> bool:
     return bool(spread[1] > COLLINEAR * spread[0])
 
 
-def fit_rows(poses: Poses, rows: NDArray[np.intp], reference: Array, observed: Array) -> None:
+def fit_rows(poses: Poses, rows: NDArray[np.intp] | slice, reference: Array, observed: Array) -> None:
     """Write the poses of markers (k, m, 3) [m] into `rows` of new poses (Kabsch, Acta Cryst. A32, 1976)."""
     local, centroid = reference - reference.mean(axis=0), observed.mean(axis=1)
     centred = observed - centroid[:, None]
@@ -123,20 +126,18 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
     """Interpolate gaps of up to `longest` [s] between frames that were seen, and flag them: by the cubic of least
     squares through the frames of `BESIDE_S` on either side. A spline through all frames has the slope of two noisy
     ones, and leaves a motion of stance by 1 to 10 deg over gaps of 60 to 190 ms; this cubic by 0.1 to 3 deg."""
-    if len(time) < 2:
-        return poses
-    steps = np.diff(time)
+    steps, seen = np.diff(time), np.flatnonzero(poses.seen())
     if not (steps > 0).all():
         row = int(np.argmin(steps > 0))
         raise InputError(
             f"frame {row + 1} is stamped {time[row + 1]:.6f} s, not later than the one before; record again, or cut "
             "the capture there"
         )
-    seen, step = np.flatnonzero(poses.seen()), float(steps[0])
+    if len(seen) < 4:
+        return poses
+    step = float(steps[0])
     hidden = (np.diff(seen) - 1) * step
     ends = np.flatnonzero((hidden > 0) & (hidden < longest + step / 2))
-    if not len(ends) or len(seen) < 4:
-        return poses
     rotation, position, bridged = poses.rotation.copy(), poses.position.copy(), poses.bridged.copy()
     count = max(round(BESIDE_S / step), FEWEST_BESIDE)
     for k in ends:
@@ -160,10 +161,9 @@ def gap_duration(time: Array, gap: slice) -> float:
 def filtered_poses(poses: Poses, reference: Array, low_pass: LowPass, rate: float) -> Poses:
     """Poses (n,), none NaN, from marker positions that passed the low-pass: their filter is linear and the wrench's
     too."""
-    n = len(poses.rotation)
-    filtered = Poses(np.empty((n, 3, 3)), np.empty((n, 3)), reference.mean(axis=0), np.empty(n), poses.bridged)
-    fit_rows(filtered, np.arange(n), reference, low_pass(poses.points(reference), rate))
-    return replace(filtered, residual=poses.residual)
+    filtered = unseen(len(poses.rotation), reference)
+    fit_rows(filtered, slice(None), reference, low_pass(poses.points(reference), rate))
+    return replace(filtered, residual=poses.residual, bridged=poses.bridged)
 
 
 @dataclass(frozen=True)
@@ -348,12 +348,8 @@ def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: Sta
     principal direction of the relative rotation vectors. The centre is the point that has the same path in both
     segments (Ehrig et al., J. Biomech. 40, 2007); in directions in which the motion does not determine it, the
     anatomical one."""
-    feet, shanks = [], []
-    for foot_poses, shank_poses in recordings:
-        seen = foot_poses.seen() & shank_poses.seen()
-        feet.append(foot_poses[seen])
-        shanks.append(shank_poses[seen])
-    foot, shank = (np.concatenate([p.rotation for p in poses]) for poses in (feet, shanks))
+    both = [(f[f.seen() & s.seen()], s[f.seen() & s.seen()]) for f, s in recordings]
+    foot, shank = (np.concatenate([poses[k].rotation for poses in both]) for k in (0, 1))
     if len(foot) < 3:
         raise InputError(
             f"foot and shank are seen together in {len(foot)} frames, expected 3 or more; "
@@ -369,9 +365,8 @@ def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: Sta
             "more for a functional axis; record a range-of-motion trial, or set hinge to anatomical"
         )
     axis = directions[0] * np.sign(directions[0] @ calibration.ankle_axis)
-    pairs, start = list(zip(feet, shanks, strict=True)), calibration.ankle_centre
-    turned = np.concatenate([f.rotation - s.rotation for f, s in pairs])
-    apart = np.concatenate([f.point(start) - s.point(start) for f, s in pairs])
+    start, turned = calibration.ankle_centre, foot - shank
+    apart = np.concatenate([f.point(start) - s.point(start) for f, s in both])
     shift = np.linalg.lstsq(turned.reshape(-1, 3), -apart.reshape(-1), rcond=FLAT)[0]
     centre, gap = start + shift, float(np.sqrt(np.mean(np.sum((apart + turned @ shift) ** 2, axis=1))))
     angle = float(np.arccos(np.clip(axis @ calibration.ankle_axis, -1, 1)))

@@ -27,13 +27,11 @@ from osl_analysis.walking.gait import UnperturbedGait
 from osl_analysis.walking.response import (
     BEHAVIOUR,
     PerturbationResponse,
+    estimate_changes,
     fit_without_offset,
-    gait_errors,
     gait_torque,
     isolate_response,
     jackknife_covariance,
-    plate_errors,
-    window_samples,
 )
 from osl_analysis.walking.settings import EnsembleSettings
 
@@ -42,6 +40,7 @@ CANDIDATES: tuple[Predictors, ...] = ((), ("angle_slope",), ("angle", "torque"),
 """Sets of predictors among which cross-validation chooses; with none the prediction is the mean."""
 CROSSINGS_PER_PREDICTOR, CROSSINGS_BESIDE = 3, 4
 """A set of q predictors needs 3 q + 4 unperturbed crossings: fewer leave the bootstrap's regressions undetermined."""
+SEED = 20  # Seed of the bootstrap: the same data give the same interval
 
 
 @dataclass(frozen=True)
@@ -52,80 +51,6 @@ class Prediction:
 
     predictors: Predictors = ()
     share: float = 0.0
-
-
-@dataclass(frozen=True)
-class Stacked:
-    """The n responses of an ensemble to c unperturbed crossings, k samples: theta and torque (n, c, k), behaviour (n,
-    4, c) as in `PerturbationResponse`, and the direction of each response, signs (n,)."""
-
-    theta: Array
-    torque: Array
-    behaviour: Array
-    signs: NDArray[np.int_]
-
-    @classmethod
-    def of(cls, responses: Sequence[PerturbationResponse], signs: NDArray[np.int_]) -> "Stacked":
-        theta, torque, behaviour = (
-            np.array([getattr(r, name) for r in responses]) for name in ("thetas", "torques", "behaviour")
-        )
-        return cls(theta, torque, behaviour, signs)
-
-    def joined(self, weights: Array, unperturbed: Array, predictors: Predictors = ()) -> tuple[Array, Array]:
-        """Angle and torque (k,) each, of the responses joined with `weights` (n,), whose baseline is the mean of the
-        unperturbed crossings with weights (c,), or what the predictors tell for each direction."""
-        if not predictors:
-            theta, torque = (np.tensordot(weights, curves, 1) for curves in (self.theta, self.torque))
-            return unperturbed @ theta, unperturbed @ torque
-        chosen, parts = [BEHAVIOUR.index(name) for name in predictors], []
-        for sign in np.unique(self.signs[weights != 0]):
-            own = np.where(self.signs == sign, weights, 0.0)
-            behaviour = np.tensordot(own, self.behaviour, 1)[chosen]
-            baseline = predicting_weights(behaviour, unperturbed)
-            parts.append((baseline @ np.tensordot(own, self.theta, 1), baseline @ np.tensordot(own, self.torque, 1)))
-        theta, torque = np.sum(parts, axis=0)
-        return theta, torque
-
-
-def predicting_weights(behaviour: Array, weights: Array) -> Array:
-    """Weights (c,) of c unperturbed crossings in what a perturbed one would have done: of the regression of their
-    curves, with `weights` (c,), on `behaviour` (q, c), the perturbed one's minus theirs before the onset, with an
-    intercept, at a difference of 0. `weights` where too few are not 0."""
-    used = weights > 0
-    if not len(behaviour) or used.sum() < len(behaviour) + 2:
-        return weights
-    root = np.sqrt(weights)
-    sizes = np.sqrt(np.mean(behaviour**2, axis=1, keepdims=True))
-    columns = np.column_stack([np.ones_like(weights), (behaviour / np.where(sizes > 0, sizes, 1.0)).T])
-    return np.asarray(root * np.linalg.pinv(root[:, None] * columns)[0])
-
-
-def cross_validated(responses: Sequence[PerturbationResponse], impedance: ImpedanceFit) -> Prediction:
-    """The predictors that predict best what each unperturbed crossing adds to the residual, from the others; none is
-    the mean. `impedance` is the fit to the mean response."""
-    rows = responses[0].window
-    left = np.mean([gait_torque(r, impedance)[:, rows] for r in responses], axis=0)
-    behaviour = np.mean([r.behaviour for r in responses], axis=0)
-    missed = {}
-    for predictors in CANDIDATES:
-        if len(left) < CROSSINGS_PER_PREDICTOR * len(predictors) + CROSSINGS_BESIDE * bool(predictors):
-            continue
-        missed[predictors] = left_out_error(behaviour[[BEHAVIOUR.index(name) for name in predictors]], left)
-    best = min(missed, key=lambda predictors: missed[predictors])
-    return Prediction(best, 1 - missed[best] / missed[()] if best else 0.0)
-
-
-def left_out_error(behaviour: Array, curves: Array) -> float:
-    """Mean square error of the regression of curves (c, k) on `behaviour` (q, c), for each curve without itself."""
-    columns = np.column_stack([np.ones(len(curves)), (behaviour - behaviour.mean(axis=1, keepdims=True)).T])
-    sizes = np.sqrt(np.mean(columns**2, axis=0))
-    columns = columns / np.where(sizes > 0, sizes, 1.0)
-    hat = columns @ np.linalg.pinv(columns)
-    alone = np.maximum(1 - np.diag(hat), 1e-9)  # a curve that alone determines a coefficient cannot be predicted
-    return float(np.mean(((curves - hat @ curves) / alone[:, None]) ** 2))
-
-
-SEED = 20  # Seed of the bootstrap: the same data give the same interval
 
 
 @dataclass(frozen=True)
@@ -178,24 +103,94 @@ def joining_weights(signs: NDArray[np.int_]) -> Array:
     return np.asarray(signs / count / len(np.unique(signs)))
 
 
-def ensemble_response(responses: Sequence[PerturbationResponse], predictors: Predictors = ()) -> EnsembleResponse:
-    """Mean response, or half the difference of two directions, and its fit in the common window. With predictors, what
-    the crossings would have done is predicted from their behaviour before the onset."""
-    check_alike(responses)
-    signs, first, crossings = signs_of(responses), responses[0], len(responses[0].thetas)
-    alike = np.full(crossings, 1 / crossings)
-    theta, torque = Stacked.of(responses, signs).joined(joining_weights(signs), alike, predictors)
-    motion = differentiate(first.time, theta)
-    rows = first.window
-    return EnsembleResponse(len(responses), first.time, motion, torque, fit_without_offset(motion[rows], torque[rows]))
-
-
 def freedom_of(signs: NDArray[np.int_]) -> float:
     """Degrees of freedom of a mean of perturbations, or of a difference of two means (Welch, equal variances)."""
     counts = np.unique(signs, return_counts=True)[1].tolist()
     if len(counts) == 1:
         return float(counts[0] - 1)
     return float(welch_satterthwaite([1 / n for n in counts], [n - 1 for n in counts]))
+
+
+def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
+    """Weights (samples, n) of n items in the mean of n - 1 items drawn with replacement: the mean of n draws has a
+    variance that is too small by (n - 1)/n (Hesterberg, The American Statistician 69, 2015). A single item has the
+    weight 1."""
+    if n < 2:
+        return np.ones((samples, n))
+    return random.multinomial(n - 1, np.full(n, 1 / n), size=samples) / (n - 1)
+
+
+class Ensemble:
+    """The n responses of a group to c unperturbed crossings, k samples, stacked: theta and torque (n, c, k), behaviour
+    (n, 4, c) as in `PerturbationResponse`, the direction of each response, signs (n,), and the influence (n, m, k) of
+    each of m plate trials on the torque. Refused if they cannot be averaged."""
+
+    def __init__(self, responses: Sequence[PerturbationResponse]) -> None:
+        check_alike(responses)
+        self.theta, self.torque, self.behaviour, plate = (
+            np.array([getattr(r, name) for r in responses])
+            for name in ("thetas", "torques", "behaviour", "plate_errors")
+        )
+        self.signs, self.time, self.window = signs_of(responses), responses[0].time, responses[0].window
+        trials = plate.shape[1]
+        self.influence = -(trials - 1) * (plate - plate.mean(axis=1, keepdims=True)) if trials > 1 else plate
+
+    def joined(self, weights: Array, unperturbed: Array, predictors: Predictors = ()) -> tuple[Array, Array]:
+        """Angle and torque (k,) each, of the responses joined with `weights` (n,), whose baseline is the mean of the
+        unperturbed crossings with weights (c,), or what the predictors tell for each direction."""
+        if not predictors:
+            theta, torque = (np.tensordot(weights, curves, 1) for curves in (self.theta, self.torque))
+            return unperturbed @ theta, unperturbed @ torque
+        chosen, parts = [BEHAVIOUR.index(name) for name in predictors], []
+        for sign in np.unique(self.signs[weights != 0]):
+            own = np.where(self.signs == sign, weights, 0.0)
+            baseline = predicting_weights(np.tensordot(own, self.behaviour, 1)[chosen], unperturbed)
+            parts.append((baseline @ np.tensordot(own, self.theta, 1), baseline @ np.tensordot(own, self.torque, 1)))
+        theta, torque = np.sum(parts, axis=0)
+        return theta, torque
+
+    def fitted(self, predictors: Predictors = ()) -> EnsembleResponse:
+        """Mean response, or half the difference of two directions, and its fit in the common window."""
+        crossings = self.theta.shape[1]
+        alike = np.full(crossings, 1 / crossings)
+        theta, torque = self.joined(joining_weights(self.signs), alike, predictors)
+        motion = differentiate(self.time, theta)
+        fit = fit_without_offset(motion[self.window], torque[self.window])
+        return EnsembleResponse(len(self.signs), self.time, motion, torque, fit)
+
+    def resampled(
+        self, samples: int, predictors: Predictors = (), sign: int = 0, freedom: float | None = None
+    ) -> Bootstrap:
+        """The ensemble refitted with perturbations, within their direction, unperturbed crossings and plate trials
+        resampled with replacement: the errors of the mean unperturbed gait and of the plate's model are common to all
+        responses and do not show in the scatter between perturbations. The plate's model is resampled to first order.
+        With a `sign` the mean of that direction alone, from the same draws."""
+        random, signs = np.random.default_rng(SEED), self.signs
+        perturbed = np.empty((samples, len(signs)))
+        for each in np.unique(signs)[::-1]:
+            perturbed[:, signs == each] = resampling_weights(random, samples, int(np.sum(signs == each)))
+        of_gait, of_plate = (
+            resampling_weights(random, samples, each.shape[1]) for each in (self.theta, self.influence)
+        )
+        weights = perturbed * (signs == sign) if sign else perturbed * signs / len(np.unique(signs))
+        angles, torques = np.empty((2, len(self.time), samples))
+        for i, (w, unperturbed, unloaded) in enumerate(zip(weights, of_gait, of_plate, strict=True)):
+            angles[:, i], torques[:, i] = self.joined(w, unperturbed, predictors)
+            torques[:, i] += unloaded @ np.tensordot(w, self.influence, 1)
+        own = freedom_of(signs[signs == sign] if sign else signs)
+        freedom = min(own, self.theta.shape[1] - 1 - len(predictors))
+        return Bootstrap(*fits_of_samples(differentiate(self.time, angles)[self.window], torques[self.window]), freedom)
+
+
+def ensemble_response(responses: Sequence[PerturbationResponse], predictors: Predictors = ()) -> EnsembleResponse:
+    """Mean response, or half the difference of two directions, and its fit in the common window. With predictors, what
+    the crossings would have done is predicted from their behaviour before the onset."""
+    return Ensemble(responses).fitted(predictors)
+
+
+def bootstrap(responses: Sequence[PerturbationResponse], samples: int, predictors: Predictors = ()) -> Bootstrap:
+    """`ensemble_response` of resampled perturbations, unperturbed crossings and plate trials."""
+    return Ensemble(responses).resampled(samples, predictors)
 
 
 def check_alike(responses: Sequence[PerturbationResponse]) -> None:
@@ -221,51 +216,6 @@ def check_alike(responses: Sequence[PerturbationResponse]) -> None:
             )
 
 
-def bootstrap(responses: Sequence[PerturbationResponse], samples: int, predictors: Predictors = ()) -> Bootstrap:
-    """Refit the ensemble with perturbations, within their direction, unperturbed crossings and plate trials resampled
-    with replacement: the errors of the mean unperturbed gait and of the plate's model are common to all responses and
-    do not show in the scatter between perturbations. The plate's model is resampled to first order."""
-    check_alike(responses)
-    signs = signs_of(responses)
-    draws = Draws.of(responses, samples)
-    return draws.refitted(draws.perturbed * signs / len(np.unique(signs)), freedom_of(signs), predictors)
-
-
-@dataclass(frozen=True)
-class Draws:
-    """Resampled perturbations (samples, n), unperturbed crossings (samples, crossings) and plate trials (samples, m) of
-    a bootstrap; the weights of perturbations have a sum of 1 within each direction."""
-
-    responses: Sequence[PerturbationResponse]
-    perturbed: Array
-    unperturbed: Array
-    unloaded: Array
-
-    @classmethod
-    def of(cls, responses: Sequence[PerturbationResponse], samples: int) -> "Draws":
-        """Draws of checked responses, with the seed of every bootstrap."""
-        random, signs = np.random.default_rng(SEED), signs_of(responses)
-        perturbed = np.empty((samples, len(signs)))
-        for sign in np.unique(signs)[::-1]:
-            perturbed[:, signs == sign] = resampling_weights(random, samples, int(np.sum(signs == sign)))
-        crossings, trials = len(responses[0].thetas), len(responses[0].plate_errors)
-        return cls(responses, perturbed, *(resampling_weights(random, samples, n) for n in (crossings, trials)))
-
-    def refitted(self, weights: Array, perturbations_freedom: float, predictors: Predictors = ()) -> Bootstrap:
-        """Fits to the responses joined with `weights` (samples, n), which follow from `perturbed`."""
-        stacked = Stacked.of(self.responses, signs_of(self.responses))
-        plate = np.array([r.plate_errors for r in self.responses])
-        trials, first = plate.shape[1], self.responses[0]
-        influence = -(trials - 1) * (plate - plate.mean(axis=1, keepdims=True)) if trials > 1 else plate
-        angles, torques = np.empty((2, len(first.time), len(weights)))
-        for i, (w, unperturbed, unloaded) in enumerate(zip(weights, self.unperturbed, self.unloaded, strict=True)):
-            angles[:, i], torques[:, i] = stacked.joined(w, unperturbed, predictors)
-            torques[:, i] += unloaded @ np.tensordot(w, influence, 1)
-        rows = window_samples(first.time, first.timing)
-        freedom = min(perturbations_freedom, self.unperturbed.shape[1] - 1 - len(predictors))
-        return Bootstrap(*fits_of_samples(differentiate(first.time, angles)[rows], torques[rows]), freedom)
-
-
 def fits_of_samples(motion: Motion, torques: Array) -> tuple[Array, Array, Array, Array]:
     """K, B, I and VAF (`variance_accounted_for`), (samples,) each, of motions and torques (k, samples):
     `fit_without_offset` of all at once."""
@@ -278,28 +228,52 @@ def fits_of_samples(motion: Motion, torques: Array) -> tuple[Array, Array, Array
     return estimates[:, 0, 0], estimates[:, 1, 0], estimates[:, 2, 0], 100 * (1 - share)
 
 
+def predicting_weights(behaviour: Array, weights: Array) -> Array:
+    """Weights (c,) of c unperturbed crossings in what a perturbed one would have done: of the regression of their
+    curves, with `weights` (c,), on `behaviour` (q, c), the perturbed one's minus theirs before the onset, with an
+    intercept, at a difference of 0. `weights` where too few are not 0."""
+    used = weights > 0
+    if not len(behaviour) or used.sum() < len(behaviour) + 2:
+        return weights
+    root = np.sqrt(weights)
+    sizes = np.sqrt(np.mean(behaviour**2, axis=1, keepdims=True))
+    columns = np.column_stack([np.ones_like(weights), (behaviour / np.where(sizes > 0, sizes, 1.0)).T])
+    return np.asarray(root * np.linalg.pinv(root[:, None] * columns)[0])
+
+
+def cross_validated(responses: Sequence[PerturbationResponse], impedance: ImpedanceFit) -> Prediction:
+    """The predictors that predict best what each unperturbed crossing adds to the residual, from the others; none is
+    the mean. `impedance` is the fit to the mean response."""
+    curves = np.mean([gait_torque(r, impedance)[:, responses[0].window] for r in responses], axis=0)
+    behaviour, missed = np.mean([r.behaviour for r in responses], axis=0), {}
+    for predictors in CANDIDATES:
+        if len(curves) < CROSSINGS_PER_PREDICTOR * len(predictors) + CROSSINGS_BESIDE * bool(predictors):
+            continue
+        some = behaviour[[BEHAVIOUR.index(name) for name in predictors]]
+        columns = np.column_stack([np.ones(len(curves)), (some - some.mean(axis=1, keepdims=True)).T])
+        sizes = np.sqrt(np.mean(columns**2, axis=0))
+        columns = columns / np.where(sizes > 0, sizes, 1.0)
+        hat = columns @ np.linalg.pinv(columns)
+        alone = np.maximum(1 - np.diag(hat), 1e-9)  # a curve that alone determines a coefficient cannot be predicted
+        missed[predictors] = float(np.mean(((curves - hat @ curves) / alone[:, None]) ** 2))
+    best = min(missed, key=lambda predictors: missed[predictors])
+    return Prediction(best, 1 - missed[best] / missed[()] if best else 0.0)
+
+
 def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[CommonError]]:
     """Errors of K, B and I that all perturbations share, as variances: of a mean of n unperturbed crossings, and of the
     plate's model, the jackknife's over the plate trials."""
     check_alike(responses)
-    shares = np.abs(joining_weights(signs_of(responses)))
-    fits = [fit_without_offset(r.fitted_motion, r.fitted_torque) for r in responses]
-    gait = np.average([gait_errors(*each) for each in zip(responses, fits, strict=True)], axis=0, weights=shares)
-    plate = np.average([plate_errors(r) for r in responses], axis=0, weights=shares)
+    shares, changes = np.abs(joining_weights(signs_of(responses))), []
+    for r in responses:
+        impedance = fit_without_offset(r.fitted_motion, r.fitted_torque)
+        changes.append((estimate_changes(gait_torque(r, impedance), r), estimate_changes(r.plate_errors, r)))
+    gait, plate = (np.average(each, axis=0, weights=shares) for each in zip(*changes, strict=True))
     gait_variances, plate_variances = np.var(gait, axis=0, ddof=1) / len(gait), np.diag(jackknife_covariance(plate))
     return {
         name: [CommonError(float(g), len(gait) - 1), CommonError(float(p), max(len(plate) - 1, 1))]
         for name, g, p in zip("KBI", gait_variances, plate_variances, strict=True)
     }
-
-
-def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
-    """Weights (samples, n) of n items in the mean of n - 1 items drawn with replacement: the mean of n draws has a
-    variance that is too small by (n - 1)/n (Hesterberg, The American Statistician 69, 2015). A single item has the
-    weight 1."""
-    if n < 2:
-        return np.ones((samples, n))
-    return random.multinomial(n - 1, np.full(n, 1 / n), size=samples) / (n - 1)
 
 
 @dataclass(frozen=True)
@@ -342,39 +316,29 @@ class Headline:
 def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, settings: EnsembleSettings) -> Headline:
     """The result of the perturbed crossings of one group, whose mean unperturbed gait is `gait`."""
     responses = [isolate_response(c, gait, settings.timing, settings.perturbed_stance) for c in perturbed]
-    samples = settings.bootstrap_samples
-    mean_gait = ensemble_response(responses), bootstrap(responses, samples)
+    ensemble, samples = Ensemble(responses), settings.bootstrap_samples
+    mean_gait = ensemble.fitted(), ensemble.resampled(samples)
     prediction = cross_validated(responses, mean_gait[0].fit)
     names = prediction.predictors
-    predicted_gait = (ensemble_response(responses, names), bootstrap(responses, samples, names)) if names else mean_gait
-    return Headline(
-        responses,
-        common_errors(responses),
-        compare_directions(responses, samples),
-        settings.baseline,
-        prediction,
-        mean_gait,
-        predicted_gait,
-    )
+    predicted_gait = (ensemble.fitted(names), ensemble.resampled(samples, names)) if names else mean_gait
+    symmetry = compare_directions(responses, samples)
+    common = common_errors(responses)
+    return Headline(responses, common, symmetry, settings.baseline, prediction, mean_gait, predicted_gait)
 
 
 def compare_directions(responses: Sequence[PerturbationResponse], samples: int) -> Symmetry | None:
     """Fits to the mean responses up and down, and their difference; None if the platform always turned one way. Both
     are resampled together: the error of the mean unperturbed gait does not cancel in the difference."""
-    signs = signs_of(responses)
-    if len(np.unique(signs)) < 2:
+    ensemble, fits = Ensemble(responses), []
+    if len(np.unique(ensemble.signs)) < 2:
         return None
-    draws = Draws.of(responses, samples)
-    fits: list[ImpedanceFit] = []
-    resampled: list[Bootstrap] = []
     for sign in (1, -1):
-        some = signs == sign
-        chosen = [r for r, one in zip(responses, some, strict=True) if one]
+        chosen = [r for r in responses if r.sign == sign]
         motion = differentiate(chosen[0].time, np.mean([r.motion.theta for r in chosen], axis=0))
         torque, rows = np.mean([r.torque for r in chosen], axis=0), chosen[0].window
         fits.append(fit_without_offset(motion[rows], torque[rows]))
-        resampled.append(draws.refitted(draws.perturbed * some, float(len(chosen) - 1)))
-    up, down = resampled
+    up, down = (ensemble.resampled(samples, sign=sign) for sign in (1, -1))
     K, B, I, VAF = (getattr(up, name) - getattr(down, name) for name in ("K", "B", "I", "VAF"))
     difference = Bootstrap(K, B, I, VAF, min(up.degrees_of_freedom, down.degrees_of_freedom))
-    return Symmetry(fits[0], fits[1], up, down, difference, (int(np.sum(signs > 0)), int(np.sum(signs < 0))))
+    counts = int(np.sum(ensemble.signs > 0)), int(np.sum(ensemble.signs < 0))
+    return Symmetry(fits[0], fits[1], up, down, difference, counts)

@@ -413,8 +413,8 @@ def aligned(track: PlatformTrack, guess: Alignment, template: PlatformTemplate, 
         columns = [shape, -slope * amplitude / a.duration, -slope * since[near, None] * amplitude / a.duration]
         moving = np.stack([c.T.ravel() for c in columns[: 3 if scaled else 2]], axis=1)
         design = np.hstack([moving, np.repeat(np.eye(r), near.sum(), axis=0)])
-        missed: Array = (measured[near] - amplitude * shape).T.ravel()
-        change = np.linalg.lstsq(design, missed)[0]
+        missed = (measured[near] - amplitude * shape).T.ravel()
+        change: Array = np.asarray(np.linalg.lstsq(design, missed)[0], dtype=float)
         a = replace(
             a,
             amplitude=amplitude + float(change[0]),

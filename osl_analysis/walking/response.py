@@ -18,6 +18,10 @@ from osl_analysis.walking.settings import StanceSource, Timing
 MARGIN = 8  # Additional samples at both ends of a response. A spline's derivatives are less accurate at its ends.
 BEHAVIOUR = ("angle", "torque", "angle_slope", "torque_slope")
 """What a crossing does before the onset, up to where the filter spreads the response: mean and slope of its curves."""
+FROM_GAIT, FROM_GAIT_AND_PLATE = "unperturbed crossings", "unperturbed crossings + plate trials"
+"""Sources of the interval of a single perturbation. With a single plate trial the plate's part is unknown."""
+LARGEST_LAG_S, LAG_STEP_S = 0.01, 0.001
+"""Largest lag and step [s] of the search. All lags lie within the response's margin of 8 frames, 27 ms at 300 Hz."""
 
 
 @dataclass(frozen=True)
@@ -62,13 +66,9 @@ def window_samples(time: Array, timing: Timing) -> slice:
 def isolate_response(
     crossing: Crossing, gait: UnperturbedGait, timing: Timing, perturbed_stance: StanceSource = "own"
 ) -> PerturbationResponse:
-    """The crossing's response to its perturbation.
-
-    Phase is the time since heel strike over a duration of stance (docs/stance_phase.md): with `own` the crossing's,
-    with `unperturbed` the mean of the unperturbed ones, with `matched` the one at which its angle before the onset is
-    most like the mean unperturbed angle. The baseline ends before the onset, because the filter spreads the response to
-    earlier times: a response zeroed at the onset itself gives K = 321 N*m/rad for a true 340.
-    """
+    """The crossing's response to its perturbation. Phase is the time since heel strike over a duration of stance, as of
+    `aligned_gait`. The baseline ends before the onset, because the filter spreads the response to earlier times: a
+    response zeroed at the onset itself gives K = 321 N*m/rad for a true 340."""
     if crossing.onset is None:
         raise InputError(
             f"trial {crossing.name}: no onset, expected a perturbed crossing; mark it as unperturbed in the sheet"
@@ -88,7 +88,9 @@ def isolate_response(
     thetas = signal_at(crossing, crossing.theta, own_time) - aligned.curves(gait.theta, phase)
     torques = signal_at(crossing, crossing.torque, own_time) - aligned.curves(gait.torque, phase)
     errors = signal_at(crossing, crossing.plate_errors, own_time) - at_phases(gait.plate_errors.mean(axis=1), phase)
-    behaviour = behaviour_before(time, thetas, torques)
+    before = time <= -BEFORE_ONSET_S
+    x, curves = time[before] - time[before].mean(), np.array([thetas, torques])[..., before]
+    behaviour = np.concatenate([curves.mean(axis=-1), curves @ x / max(float(x @ x), np.finfo(float).tiny)])
     baseline = slice(MARGIN, MARGIN + round(timing.baseline * sampling_rate(time)))
     thetas, torques, errors = (c - c[..., baseline].mean(axis=-1, keepdims=True) for c in (thetas, torques, errors))
     return PerturbationResponse(
@@ -108,56 +110,30 @@ def isolate_response(
     )
 
 
-def behaviour_before(time: Array, thetas: Array, torques: Array) -> Array:
-    """`BEHAVIOUR` (4, crossings) of angles [rad] and torques [N*m] (crossings, k) at times (k,) from the onset."""
-    rows = time <= -BEFORE_ONSET_S
-    x = time[rows] - time[rows].mean()
-    curves = np.array([thetas, torques])[..., rows]
-    return np.concatenate([curves.mean(axis=-1), curves @ x / max(float(x @ x), np.finfo(float).tiny)])
-
-
-FROM_GAIT, FROM_GAIT_AND_PLATE = "unperturbed crossings", "unperturbed crossings + plate trials"
-"""Sources of the interval of a single perturbation. With a single plate trial the plate's part is unknown."""
-LARGEST_LAG_S, LAG_STEP_S = 0.01, 0.001
-"""Largest lag and step [s] of the search. All lags lie within the response's margin of 8 frames, 27 ms at 300 Hz."""
-
-
 def fit_response(response: PerturbationResponse) -> ImpedanceFit:
-    """Fit Eq. 15 without an offset in the window after the onset. The zero is the mean over the baseline.
-
-    An offset would absorb the part of the response that is not of second order: on the exact response of the simulated
-    drivetrain it gives K = 321 N*m/rad instead of 334. The covariance comes from the variation of gait (`gait_errors`)
-    and from the plate trials; the residual, a few correlated samples, shows neither.
-    """
+    """Fit Eq. 15 without an offset in the window after the onset. The zero is the mean over the baseline: an offset
+    would absorb the part of the response that is not of second order. On the exact response of the simulated drivetrain
+    it gives K = 321 N*m/rad instead of 334. The covariance comes from the variation of gait (the perturbed crossing
+    deviates from the mean as each unperturbed one does; the mean of n has 1/n of their variance) and from the plate
+    trials; the residual, a few correlated samples, shows neither."""
     try:
         impedance = fit_without_offset(response.fitted_motion, response.fitted_torque)
     except OslAnalysisError as error:
         raise type(error)(f"trial {response.name}: {error}") from error
-    gait, plate = gait_errors(response, impedance), plate_errors(response)
-    n = len(gait)
-    gait_covariance, plate_covariance = (1 + 1 / n) * np.cov(gait, rowvar=False), jackknife_covariance(plate)
-    freedom = welch_satterthwaite(
-        [np.diag(gait_covariance), np.diag(plate_covariance)], [n - 1, max(len(plate) - 1, 1)]
-    )
-    regression = replace(
-        impedance.fit,
-        covariance=gait_covariance + plate_covariance,
-        degrees_of_freedom=freedom,
-        interval_method=FROM_GAIT_AND_PLATE if len(plate) > 1 else FROM_GAIT,
-    )
-    return replace(impedance, fit=regression)
+    gait = estimate_changes(gait_torque(response, impedance), response)
+    plate, n = estimate_changes(response.plate_errors, response), len(gait)
+    of_gait, of_plate = (1 + 1 / n) * np.cov(gait, rowvar=False), jackknife_covariance(plate)
+    freedom = welch_satterthwaite([np.diag(of_gait), np.diag(of_plate)], [n - 1, max(len(plate) - 1, 1)])
+    method = FROM_GAIT_AND_PLATE if len(plate) > 1 else FROM_GAIT
+    covariance = of_gait + of_plate
+    fit = replace(impedance.fit, covariance=covariance, degrees_of_freedom=freedom, interval_method=method)
+    return replace(impedance, fit=fit)
 
 
 def fit_without_offset(motion: Motion, torque: Array) -> ImpedanceFit:
     """K, B, I of a motion (n,) and torque (n,) [N*m] whose zeros are known."""
     fit = linear_fit(torque, {"K": motion.theta, "B": motion.omega, "I": motion.alpha})
     return ImpedanceFit(fit["K"], fit["B"], fit["I"], 0.0, fit)
-
-
-def gait_errors(response: PerturbationResponse, impedance: ImpedanceFit) -> Array:
-    """Errors (crossings, 3) of K, B, I, to first order, if each unperturbed crossing's deviation from their mean were
-    in the response. The perturbed crossing deviates as they do; the mean of n has 1/n of their variance."""
-    return estimate_changes(gait_torque(response, impedance), response)
 
 
 def gait_torque(response: PerturbationResponse, impedance: ImpedanceFit) -> Array:
@@ -168,13 +144,9 @@ def gait_torque(response: PerturbationResponse, impedance: ImpedanceFit) -> Arra
     return np.asarray(((response.torque - response.torques).T - explained).T)
 
 
-def plate_errors(response: PerturbationResponse) -> Array:
-    """Changes (m, 3) of K, B, I, to first order, if the plate's model is identified without each of m plate trials."""
-    return estimate_changes(response.plate_errors, response)
-
-
 def estimate_changes(torques: Array, response: PerturbationResponse) -> Array:
-    """Changes (m, 3) of K, B, I when each of m torques (m, k) [N*m] is added to the response's own."""
+    """Changes (m, 3) of K, B, I, to first order, when each of m torques (m, k) [N*m] is added to the response's own: of
+    `gait_torque`, or without one plate trial each."""
     rows, motion = response.window, response.motion
     columns = np.column_stack([motion.theta, motion.omega, motion.alpha])
     return np.asarray(np.linalg.lstsq(columns[rows], torques.T[rows])[0].T)
@@ -203,11 +175,13 @@ def response_lag(response: PerturbationResponse) -> tuple[float, float] | None:
     if it is 10 ms or more. A lag changes the damping by -K times the lag, and otherwise shows only in the residual. A
     response that is not of second order also shifts it: use it to compare crossings and sessions, and do not correct
     the torque with it."""
+    motion, stamps = response.fitted_motion, response.time[response.window]
+    later = make_interp_spline(response.time, response.torque, k=5)
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + LAG_STEP_S / 2, LAG_STEP_S)
-    motion, misfit = response.fitted_motion, np.empty(len(lags))
+    misfit = np.empty(len(lags))
     try:
-        for i, later in enumerate(lags):
-            torque = later_torque(response, float(later))
+        for i, lag in enumerate(lags):
+            torque = np.asarray(later(stamps + lag))
             misfit[i] = np.sum((torque - fit_without_offset(motion, torque).torque(motion)) ** 2)
     except OslAnalysisError:
         return None
@@ -217,12 +191,6 @@ def response_lag(response: PerturbationResponse) -> tuple[float, float] | None:
     before, least, after = misfit[best - 1 : best + 2]
     curvature = (before - 2 * least + after) / LAG_STEP_S**2
     lag = float(lags[best] + 0.5 * LAG_STEP_S * (before - after) / (before - 2 * least + after))
-    fit = fit_without_offset(motion, later_torque(response, lag)).fit
+    fit = fit_without_offset(motion, np.asarray(later(stamps + lag))).fit
     freedom = max(fit.samples / fit.correlation_samples - 4, 1.0)
     return lag, float(np.sqrt(2 * least / freedom / curvature))
-
-
-def later_torque(response: PerturbationResponse, lag: float) -> Array:
-    """Torque (n,) [N*m] in the window, read a lag [s] later."""
-    spline = make_interp_spline(response.time, response.torque, k=5)
-    return np.asarray(spline(response.time[response.window] + lag))

@@ -6,13 +6,12 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from osl_analysis.stats.fit_row import covariance_row, diagnostics_row, estimates_row, lag_damping_row
-from osl_analysis.stats.repeats import CommonError, over_repeats
+from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse, Headline, Symmetry, signs_of
+from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse, Headline, signs_of
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
 from osl_analysis.walking.groups import ALL, STATED, Cells, Sheet, pooled
 from osl_analysis.walking.headline_doubts import single_facts
@@ -26,6 +25,16 @@ from osl_analysis.walking.response import (
 )
 from osl_analysis.walking.settings import ResponseSettings, Timing
 from osl_analysis.walking.setup import DOWN, UP
+
+QUANTITIES = ("K", "B", "I", "VAF")
+MEAN, ENSEMBLE, UP_MINUS_DOWN = "mean of perturbations", "ensemble", "up minus down"
+OTHER_BASELINE = {"predicted": "ensemble, mean gait", "mean": "ensemble, predicted gait"}
+"""The ensemble with the baseline that the configuration does not name, by the one that it names."""
+WITH_COMMON_ERRORS = "Student + shared errors"
+"""Interval of a mean over perturbations: from their scatter, and from the errors that all of them share."""
+PHASE_STEP = 4  # Step between the plotted `PHASES`: a hundred points of stance are enough for a curve
+COMMANDED = "commanded"  # Series of the curve that the controller commands
+FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
 
 
 @dataclass(frozen=True)
@@ -42,35 +51,32 @@ class Group:
 
 
 def groups_of(selection: pl.DataFrame, sheet: Sheet | None) -> list[Group]:
-    """Groups of `walking_crossings.csv` in the order of their conditions, then of their timing. A gait none of whose
-    perturbed crossings is used is a group without trials."""
+    """Groups of `walking_crossings.csv` in the order of their conditions, numbers as numbers, then by direction where
+    groups have one each, then by phase. A gait none of whose perturbed crossings is used is a group without trials."""
     perturbed, found = selection.filter(pl.col("perturbed")), []
     rows = {trial: (sheet or {}).get(trial, {}) for trial in perturbed["trial"]}
+
+    def shared_cells(trials: Sequence[str]) -> dict[str, object]:
+        """The stated conditions that are the same in all trials; None where they differ."""
+        values = {key: {rows[trial].get(key) for trial in trials} for key in STATED}
+        return {key: value.pop() if len(value) == 1 else None for key, value in values.items()}
+
+    def order(group: Group) -> tuple[object, ...]:
+        cells = [group.cells[key] for key in STATED]
+        parts = [(value is None, isinstance(value, str), "" if value is None else value) for value in cells]
+        turned = str(group.directions[0]) if "direction " in group.name else ""
+        return (*parts, turned, float(np.mean(group.phases)) if group.phases else np.inf, group.name)
+
     for members in perturbed.filter(pl.col("group").is_not_null()).partition_by("group", maintain_order=True):
         trials, directions, phases = (tuple(members[column]) for column in ("trial", "direction", "onset_phase"))
-        cells = shared_cells([rows[trial] for trial in trials])
         group, gait = members["group"][0], members["gait"][0]
-        found.append(Group(group, gait, trials, directions, phases, cells, pooled(trials, rows)))
+        found.append(Group(group, gait, trials, directions, phases, shared_cells(trials), pooled(trials, rows)))
     known = {group.gait for group in found}
     for gait in perturbed["gait"].unique(maintain_order=True):
         if gait not in known:
-            cells = shared_cells([rows[trial] for trial in perturbed.filter(pl.col("gait") == gait)["trial"]])
+            cells = shared_cells(perturbed.filter(pl.col("gait") == gait)["trial"].to_list())
             found.append(Group(gait or ALL, gait or ALL, (), (), (), cells, ""))
-    return sorted(found, key=sorting_key)
-
-
-def shared_cells(rows: Sequence[Cells]) -> dict[str, object]:
-    """The stated conditions that are the same in all rows; None where they differ."""
-    values = {key: {row.get(key) for row in rows} for key in STATED}
-    return {key: value.pop() if len(value) == 1 else None for key, value in values.items()}
-
-
-def sorting_key(group: Group) -> tuple[object, ...]:
-    """By conditions, numbers as numbers, then by direction where groups have one each, then by phase."""
-    cells = [group.cells[key] for key in STATED]
-    parts = [(value is None, isinstance(value, str), "" if value is None else value) for value in cells]
-    turned = str(group.directions[0]) if "direction " in group.name else ""
-    return (*parts, turned, float(np.mean(group.phases)) if group.phases else np.inf, group.name)
+    return sorted(found, key=order)
 
 
 def group_row(group: Group, gait: UnperturbedGait | None, window: float) -> dict[str, object]:
@@ -106,15 +112,6 @@ def fitted_time(ensemble: EnsembleResponse, timing: Timing) -> float:
     return float(np.linalg.pinv(columns)[0] @ (motion.theta[rows] * ensemble.time[rows]))
 
 
-QUANTITIES = ("K", "B", "I", "VAF")
-MEAN, ENSEMBLE, UP_MINUS_DOWN = "mean of perturbations", "ensemble", "up minus down"
-OTHER_BASELINE = {"predicted": "ensemble, mean gait", "mean": "ensemble, predicted gait"}
-"""The ensemble with the baseline that the configuration does not name, by the one that it names."""
-WITH_COMMON_ERRORS = "Student + shared errors"
-"""Interval of a mean over perturbations: from their scatter, and from the errors that all of them share."""
-PHASE_STEP = 4  # Step between the plotted `PHASES`: a hundred points of stance are enough for a curve
-
-
 def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings) -> dict[str, object]:
     """One row of `walking.csv`: the fit of Eq. 15 to the isolated response of one crossing. `lag_out_of_reach` is 1 if
     the best lag is at or beyond the limit of the search, for example if the torque is two frames late, else 0."""
@@ -141,44 +138,36 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
 
 def headline_rows(headline: Headline, fits: pl.DataFrame, doubtful: Mapping[str, int]) -> list[dict[str, object]]:
     """Rows of `walking_summary.csv` of one group; `fits` are its rows of `walking.csv`, `doubtful` the number of
-    doubtful ones."""
-    rows = [{**row, **doubtful} for row in mean_rows(fits, headline.common, signs_of(headline.responses))]
+    doubtful ones. First mean and scatter of the estimates per perturbation, of two directions the mean of both means,
+    whose `se` and interval include the errors that are common; then the ensembles; then each direction alone."""
+    common, signs = headline.common, signs_of(headline.responses)
+    rows: list[dict[str, object]] = []
+    for name in QUANTITIES:
+        method = WITH_COMMON_ERRORS if name in common else "Student"
+        mean = asdict(over_repeats(fits[name].to_numpy(), common.get(name, ()), signs))
+        rows.append({"quantity": name, "estimator": MEAN, "interval_method": method} | mean | dict(doubtful))
     rows += ensemble_rows(headline.ensemble, headline.resampled)
     other = headline.mean_gait if headline.baseline == "predicted" else headline.predicted_gait
     rows += ensemble_rows(*other, OTHER_BASELINE[headline.baseline])
-    return rows if headline.symmetry is None else rows + symmetry_rows(headline.symmetry)
-
-
-def mean_rows(
-    fits: pl.DataFrame, common: Mapping[str, Sequence[CommonError]], signs: NDArray[np.int_] | None = None
-) -> list[dict[str, object]]:
-    """Mean and scatter of the estimates per perturbation, with two directions' `signs` (n,) the mean of both means;
-    `se` and interval include the errors that are `common`."""
-    return [
-        {"quantity": name, "estimator": MEAN, "interval_method": WITH_COMMON_ERRORS if name in common else "Student"}
-        | asdict(over_repeats(fits[name].to_numpy(), common.get(name, ()), signs))
-        for name in QUANTITIES
-    ]
-
-
-def symmetry_rows(symmetry: Symmetry) -> list[dict[str, object]]:
-    """K, B and I of each direction alone, and of up minus down, with intervals from the bootstrap."""
-    up, down = symmetry.up, symmetry.down
-    rows: list[dict[str, object]] = []
+    if (both := headline.symmetry) is None:
+        return rows
     for quantity in "KBI":
-        values = getattr(up, quantity), getattr(down, quantity)
-        parts = (
-            (UP, values[0], symmetry.up_draws, symmetry.counts[0]),
-            (DOWN, values[1], symmetry.down_draws, symmetry.counts[1]),
-            (UP_MINUS_DOWN, values[0] - values[1], symmetry.difference, sum(symmetry.counts)),
-        )
-        for estimator, value, drawn, n in parts:
-            low, high = drawn.interval(quantity)
+        up, down = getattr(both.up, quantity), getattr(both.down, quantity)
+        for estimator, value, drawn, n in (
+            (UP, up, both.up_draws, both.counts[0]),
+            (DOWN, down, both.down_draws, both.counts[1]),
+            (UP_MINUS_DOWN, up - down, both.difference, sum(both.counts)),
+        ):
             rows.append(
-                {"quantity": quantity, "estimator": estimator, "n": n, "mean": value, "se": drawn.se(quantity)}
-                | {"low": low, "high": high, "interval_method": "bootstrap"}
+                {"quantity": quantity, "estimator": estimator, "n": n, "mean": value} | drawn_row(drawn, quantity)
             )
     return rows
+
+
+def drawn_row(drawn: Bootstrap, quantity: str) -> dict[str, object]:
+    """Standard error and 95 % interval of a quantity from the bootstrap."""
+    low, high = drawn.interval(quantity)
+    return {"se": drawn.se(quantity), "low": low, "high": high, "interval_method": "bootstrap"}
 
 
 def ensemble_rows(
@@ -187,16 +176,12 @@ def ensemble_rows(
     """Estimates from the mean response; `se`, 95 % interval and covariances with K, B, I (`cov_K`, ...) from the
     bootstrap. There is no `sd`."""
     fit = ensemble.fit
-    estimates = {"K": fit.K, "B": fit.B, "I": fit.I, "VAF": fit.fit.vaf}
-    rows: list[dict[str, object]] = []
-    for quantity, estimate in estimates.items():
-        low, high = resampled.interval(quantity)
-        rows.append(
-            {"quantity": quantity, "estimator": estimator, "n": ensemble.n, "mean": estimate, "sd": None}
-            | {"se": resampled.se(quantity), "low": low, "high": high, "interval_method": "bootstrap"}
-            | {f"cov_{other}": resampled.cov(quantity, other) for other in "KBI"}
-        )
-    return rows
+    return [
+        {"quantity": quantity, "estimator": estimator, "n": ensemble.n, "mean": estimate, "sd": None}
+        | drawn_row(resampled, quantity)
+        | {f"cov_{other}": resampled.cov(quantity, other) for other in "KBI"}
+        for quantity, estimate in {"K": fit.K, "B": fit.B, "I": fit.I, "VAF": fit.fit.vaf}.items()
+    ]
 
 
 def excluded_crossings(selection: pl.DataFrame, unfitted: pl.DataFrame) -> pl.DataFrame:
@@ -210,9 +195,8 @@ def excluded_crossings(selection: pl.DataFrame, unfitted: pl.DataFrame) -> pl.Da
 def response_table(group: str, responses: Sequence[PerturbationResponse], ensemble: EnsembleResponse) -> pl.DataFrame:
     """Isolated responses of a group around the onset: trial (or 'ensemble'), time [s], angle [deg], torque [N*m] and
     its fit, null outside the window."""
-    window = responses[0].window
+    window, frames = responses[0].window, []
     named: list[tuple[str, PerturbationResponse | EnsembleResponse]] = [(r.name, r) for r in responses]
-    frames = []
     for name, response in [*named, (ENSEMBLE, ensemble)]:
         fit = response.fit if isinstance(response, EnsembleResponse) else fit_response(response)
         model = np.full(len(response.time), np.nan)
@@ -242,13 +226,9 @@ def walking_page_points(
 
 def interval_points(crossings: Sequence[Crossing], timing: Timing) -> pl.DataFrame:
     """Ends of the fitted window and of the baseline: mean phases of stance [%], and times from the onset [ms]."""
-    frames = []
+    frames, turned = [], [(c.onset, c.stance) for c in crossings if c.onset is not None]
     for curve, ends in (("window", (0.0, timing.window)), ("baseline", (-timing.lead, -timing.guard))):
-        phases = [
-            [100 * (c.onset + late - c.stance.heel_strike) / c.stance.duration for late in ends]
-            for c in crossings
-            if c.onset is not None
-        ]
+        phases = [[100 * (onset + late - s.heel_strike) / s.duration for late in ends] for onset, s in turned]
         for panel, x in (("angle", np.mean(phases, axis=0)), ("response angle", 1e3 * np.array(ends))):
             frames.append(pl.DataFrame({"panel": panel, "curve": curve, "x": x}))
     return pl.concat(frames)
@@ -268,28 +248,21 @@ def response_points(responses: pl.DataFrame) -> pl.DataFrame:
     return pl.concat(frames, how="diagonal")
 
 
-PLOTTED = ("K", "B", "I")
-COMMANDED = "commanded"  # Series of the curve that the controller commands
-FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
-PLACE = ("joint", "side")
-
-
 def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.DataFrame:
     """Rows of `impedance_over_stance.csv`: K, B and I of every group with a result, by quantity and phase of stance.
     `summary` is `walking_summary.csv`, `groups` is `walking_groups.csv`. `phase` is the one that the fit reads
     (`fitted_time`). A series has the groups that differ in their timing only. `commanded` is what the sheet states."""
-    ensemble = summary.filter(
-        (pl.col("estimator") == ENSEMBLE) & pl.col("quantity").is_in(PLOTTED) & pl.col("mean").is_not_null()
-    )
+    wanted = pl.col("quantity").is_in(["K", "B", "I"]) & pl.col("mean").is_not_null()
+    ensemble = summary.filter((pl.col("estimator") == ENSEMBLE) & wanted)
     rows = ensemble.join(groups.select(FACTS), on="group", how="left", maintain_order="left")
     named = [re.sub(r"timing [-\d]+ %(, )?", "", name).removesuffix(", ") or ALL for name in rows["group"]]
     series = pl.Series("series", named, dtype=pl.String)  # groups without their timing
-    order = pl.col("quantity").replace_strict({q: i for i, q in enumerate(PLOTTED)}, return_dtype=pl.Int64)
+    order = pl.col("quantity").replace_strict({"K": 0, "B": 1, "I": 2}, return_dtype=pl.Int64)
     table = rows.with_columns(series).sort(order, "series", "fitted_phase", maintain_order=True)
-    place = [name for name in PLACE if name in table.columns]
+    place = [name for name in ("joint", "side") if name in table.columns]
     return table.select(
         "group", *place, "series", "quantity", pl.col("fitted_phase").alias("phase"), "onset_phase", "end_phase", "n",
-        pl.col("mean").alias("estimate"), "se", "low", "high", pl.col("commanded").cast(pl.Float64),
+        pl.col("mean").alias("estimate"), "se", "low", "high", pl.col(COMMANDED).cast(pl.Float64),
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from mcap_builder import HEADER, assert_decoded, stamped, write_log
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.cdr import MessageType, message_type, messages_at, template_of, walk_of
+from osl_analysis.formats.cdr import MessageType, message_type, messages_at, shape_of
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.messages import decode_topics
 
@@ -148,7 +148,7 @@ def alone(payload: bytes) -> Any:
     ],
 )
 def test_big_endian_messages_and_characters_are_numbers(schema: str, payload: bytes, expected: list[float]) -> None:
-    read = template_of(walk_of(kind_of(schema), payload), "abcd").read(alone(payload))
+    read = shape_of(kind_of(schema), payload).want("abcd").read(alone(payload))
     assert [read[path][0] for path in "abcd"] == expected
 
 
@@ -180,17 +180,17 @@ ONE = struct.pack("<4sd", b"\0\1\0\0", 1.0)
 )
 def test_a_message_or_a_schema_that_cannot_be_read_is_refused_by_name(schema: str, payload: bytes, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        walk_of(kind_of(schema), payload)
+        shape_of(kind_of(schema), payload)
 
 
 def test_a_message_with_more_than_its_schema_describes_is_refused_and_padding_is_not() -> None:
     kind = kind_of("float64 a")
     for padding in (b"\xff", b"\xff" * 3, bytes(4), bytes(7)):  # to four bytes with any content, to eight with zeros
-        assert walk_of(kind, ONE + padding).leaves["a"].offset == 4
+        assert shape_of(kind, ONE + padding).leaves["a"].offset == 4
     for more in (b"\0\0\0\1", struct.pack("<d", 2.0), bytes(8)):
         with pytest.raises(InputError, match=f"a message of {12 + len(more)} bytes has {len(more)} more than its"):
-            walk_of(kind, ONE + more)
-    padded = template_of(walk_of(kind, ONE + bytes(4)), ["a"])
+            shape_of(kind, ONE + more)
+    padded = shape_of(kind, ONE + bytes(4))
     assert not padded.fits(alone(ONE + b"\0\0\0\7"))[0]  # zeros there do not let another with content pass
 
 

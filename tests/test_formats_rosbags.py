@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
-from osl_analysis.formats.cdr import message_type, messages_at, template_of, walk_of
+from osl_analysis.formats.cdr import message_type, messages_at, shape_of
 from osl_analysis.formats.rosbag import record_at
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import trial_from_files
@@ -384,15 +384,15 @@ def test_a_ros_1_message_has_the_length_of_its_definition() -> None:
     kind = message_type(Schema(1, (own + header).encode(), "ros1msg", "lab/Odd"), ros1=True)
     assert [(one.name, one.type) for one in kind.definitions["lab/Odd"]][1:3] == [("level", "int8"), ("letter", "char")]
     payload = (7).to_bytes(4, "little") + bytes(8) + bytes(4) + b"\xff\xfe" + bytes(8) + bytes(16)
-    walk = walk_of(kind, payload)
-    found = template_of(walk, ["header.seq", "level", "letter"]).read(
+    shape = shape_of(kind, payload)
+    found = shape.want(["header.seq", "level", "letter"]).read(
         messages_at(payload, np.zeros(1, np.int64), len(payload))
     )
     assert {path: values[0] for path, values in found.items()} == {"header.seq": 7, "level": -1, "letter": 254}
-    assert "took[1].nsecs" in walk.leaves
+    assert "took[1].nsecs" in shape.leaves
     for wrong in (payload + b"\0", payload[:-1]):
         with pytest.raises(InputError):
-            walk_of(kind, wrong)
+            shape_of(kind, wrong)
 
 
 def test_no_file_appears_beside_a_database_that_had_a_write_ahead_log(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ of the same length and with the same bytes where it says how long its strings an
 
 import re
 import struct
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
@@ -33,15 +33,16 @@ ROS1_AS_ROS2 = {"time": "ros1/Time", "duration": "ros1/Duration", "Header": "std
 ROS1_STAMPS = "\n===\nMSG: ros1/Time\nuint32 secs\nuint32 nsecs\n===\nMSG: ros1/Duration\nint32 secs\nint32 nsecs\n"
 PADDING = 3  # bytes of any content after the last field: DDS pads a message to four bytes (RTPS 2.5, 9.4.1)
 ZERO_PADDING = 7  # bytes after the last field if they are zero: to eight
-GUARDS = {2: "<u2", 4: "<u4"}  # what compares guards of these lengths fastest
 MOST_SHAPES = 200  # of one channel and message length; what varies more is read message by message
 INDEXED = re.compile(r"(?P<array>.+)\[(?P<index>\d+)\]")
 NAMED = re.compile(r"(?P<parent>.*\.)?(?P<array>\w+)\[(?P<names>\w+)=(?P<name>[^\]]+)\]")
 LATER_ELEMENT = re.compile(r"\[(?!0\])\d+\]")
 
+Messages = np.ndarray[tuple[int], np.dtype[np.void]]
+"""Messages of one length, one after the other."""
 
-@dataclass(frozen=True)
-class MessageField:
+
+class MessageField(NamedTuple):
     """One field of a message type."""
 
     name: str
@@ -57,19 +58,16 @@ def parse_schema(name: str, text: str) -> Definitions:
     """Definitions of the message `name` (`package/msg/Name`) and of all that it holds, by `package/Name`."""
     stamp = [MessageField("sec", "int32"), MessageField("nanosec", "uint32")]
     definitions: Definitions = {"builtin_interfaces/Time": stamp, "builtin_interfaces/Duration": stamp}
-    own, *parts = SEPARATOR.split(text)
-    definitions[short_name(name)] = list(parse_fields(short_name(name), own))
-    for part in parts:
-        head = HEAD.match(part)
-        if not head:
+    for number, part in enumerate(SEPARATOR.split(text)):
+        head = HEAD.match(part) if number else None
+        if number and not head:
             raise InputError(f"schema {name}: a line 'MSG: package/Name' is missing after a separator")
-        full_name = short_name(head.group(1))
-        definitions[full_name] = list(parse_fields(full_name, part[head.end() :]))
+        full_name = short_name(head[1] if head else name)
+        definitions[full_name] = list(parse_fields(full_name, part[head.end() :] if head else part))
     for full_name, fields in definitions.items():
-        twice = [name for name, count in Counter(one.name for one in fields).items() if count > 1]
-        if twice:
-            raise InputError(f"schema {full_name}: field '{twice[0]}' is defined twice")
-        for one in fields:
+        for number, one in enumerate(fields):
+            if one.name in [other.name for other in fields[:number]]:
+                raise InputError(f"schema {full_name}: field '{one.name}' is defined twice")
             if one.type not in definitions and one.type not in PRIMITIVES and one.type not in STRINGS:
                 raise InputError(f"schema {full_name}: type '{one.type}' of field '{one.name}' is not defined")
     return definitions
@@ -124,8 +122,8 @@ class Leaf:
 
 
 @dataclass
-class MessageWalk:
-    """The walk through one message, which finds where its numbers are."""
+class Shape:
+    """Where the numbers of a message are, which a walk through one finds, and how to read those of its likes."""
 
     payload: bytes
     kind: MessageType
@@ -135,6 +133,9 @@ class MessageWalk:
     texts: dict[str, range] = field(default_factory=dict)  # extents of the strings in arrays of strings, by path
     guards: list[range] = field(default_factory=list)
     """Extents of the bytes that another message must share to have the same shape."""
+    wanted: dict[str, Leaf] = field(default_factory=dict)  # the numbers to read, by path
+
+    # --- the walk
 
     def align(self, size: int) -> None:
         """Go on to the next multiple of `size` bytes, counted from the encapsulation header's end."""
@@ -157,88 +158,121 @@ class MessageWalk:
         self.position += not fields and not self.kind.ros1
         for item in fields:
             path = f"{prefix}{item.name}"
-            if item.type in PRIMITIVES:
-                self.numbers(item, path)
-                continue
             if item.type == "wstring":
                 raise InputError(f"field '{path}' is a wstring, which has no portable encoding; record it as string")
-            for index in range(self.count(item, 4 if item.type == "string" else 1)):
+            number = PRIMITIVES.get(item.type)
+            size = np.dtype(number).itemsize if number else 4 if item.type == "string" else 1  # at least
+            count = self.length() if item.array == "sequence" else 1 if item.array is None else item.array
+            if item.array is not None and count * size > len(self.payload) - self.position:
+                raise self.too_short()  # a damaged length would make a loop without end
+            if number:
+                if count:
+                    self.align(size)
+                self.leaves[path] = Leaf(self.position, self.order + number, None if item.array is None else count)
+                self.position += count * size
+                continue
+            for index in range(count):
                 own = path if item.array is None else f"{path}[{index}]"
-                if item.type == "string":
-                    self.string(own, in_array=item.array is not None)
-                else:
+                if item.type != "string":
                     self.message(item.type, f"{own}.")
-
-    def count(self, item: MessageField, smallest: int) -> int:
-        """Number of elements of a field; a damaged length would make a loop without end."""
-        count = self.length() if item.array == "sequence" else 1 if item.array is None else item.array
-        if count * smallest > len(self.payload) - self.position + 4:
-            raise self.too_short()
-        return count
-
-    def string(self, path: str, *, in_array: bool) -> None:
-        length = self.length()
-        if in_array:
-            self.texts[path] = range(self.position, self.position + length)
-        self.position += length
-
-    def numbers(self, item: MessageField, path: str) -> None:
-        kind = PRIMITIVES[item.type]
-        size = np.dtype(kind).itemsize
-        count = self.length() if item.array == "sequence" else 1 if item.array is None else item.array
-        if count:
-            self.align(size)
-        self.leaves[path] = Leaf(self.position, self.order + kind, None if item.array is None else count)
-        self.position += count * size
-        if self.position > len(self.payload):
-            raise self.too_short()
+                    continue
+                length = self.length()
+                if item.array is not None:
+                    self.texts[own] = range(self.position, self.position + length)
+                self.position += length
 
     def too_short(self) -> InputError:
         return InputError(
             f"a message of {len(self.payload)} bytes is too short for its schema; the schema is not its own"
         )
 
+    # --- what is wanted, and messages of this shape
 
-def walk_of(kind: MessageType, payload: bytes | None) -> MessageWalk:
-    """The walk through one message; without one, through one of zeros, whose strings and sequences are empty."""
+    def want(self, paths: Sequence[str]) -> "Shape":
+        """Read the fields at `paths`, as far as the message has them."""
+        self.wanted = {path: leaf for path in paths if (leaf := self.leaf_at(path))}
+        return self
+
+    def leaf_at(self, path: str) -> Leaf | None:
+        """The single number at `path`; None where the message lacks the field or its array is too short."""
+        path = self.index_of_name(path)
+        direct = self.leaves.get(path)
+        if direct is not None and direct.count is not None:
+            raise WholeArrayError(f"field '{path}' is an array of {direct.count}, not one number")
+        match = INDEXED.fullmatch(path)
+        array = self.leaves.get(match["array"]) if match else None
+        if not match or array is None or array.count is None or int(match["index"]) >= array.count:
+            return direct
+        return Leaf(array.offset + int(match["index"]) * np.dtype(array.dtype).itemsize, array.dtype)
+
+    def index_of_name(self, path: str) -> str:
+        """The path with `[names=name]` replaced by the index of that name; the names up to it become guards."""
+        match = NAMED.fullmatch(path)
+        if not match:
+            return path
+        parent = match["parent"] or ""
+        names = f"{parent}{match['names']}["
+        for text, extent in self.texts.items():
+            if text.startswith(names):
+                self.guards.append(extent)
+                if self.payload[extent.start : extent.stop].rstrip(b"\0") == match["name"].encode():
+                    return f"{parent}{match['array']}[{text.removeprefix(names)}"
+        return path
+
+    def fits(self, messages: Messages) -> NDArray[np.bool_]:
+        """Which messages of this length have this shape, (messages,)."""
+        same = np.ones(messages.size, bool)
+        for guard in filter(None, self.guards):
+            kind = np.dtype({2: "u2", 4: "u4"}.get(len(guard), f"S{len(guard)}"))
+            same &= members_at(messages, guard.start, kind) == np.frombuffer(self.payload, kind, 1, guard.start)
+        return same
+
+    def read(self, messages: Messages) -> Values:
+        """The wanted numbers of messages of this shape, by path."""
+        values = {}
+        for path, leaf in self.wanted.items():
+            kind = np.dtype(leaf.dtype.replace("?", "u1"))
+            native = members_at(messages, leaf.offset, kind).astype(kind.newbyteorder("="))
+            values[path] = native != 0 if "?" in leaf.dtype else native
+        return values
+
+
+def shape_of(kind: MessageType, payload: bytes | None) -> Shape:
+    """The shape of one message; without one, that of zeros, whose strings and sequences are empty."""
     if payload is None:
-        empty = MessageWalk(bytes((0, not kind.ros1, 0, 0)) + bytes(1 << 16), kind, position=0 if kind.ros1 else 4)
+        empty = Shape(bytes((0, not kind.ros1, 0, 0)) + bytes(1 << 16), kind, position=0 if kind.ros1 else 4)
         empty.message(kind.name, "")
         return empty
     if kind.ros1:
-        walk = MessageWalk(payload, kind)
-        walk.message(kind.name, "")
-        if walk.position != len(payload):
+        shape = Shape(payload, kind)
+        shape.message(kind.name, "")
+        if shape.position != len(payload):
             raise InputError(
-                f"a message of {len(payload)} bytes has {walk.position} by its definition, which is not its own; "
+                f"a message of {len(payload)} bytes has {shape.position} by its definition, which is not its own; "
                 "record the bag again with the definitions that its publisher was built with"
             )
-        return walk
+        return shape
     if len(payload) < 4 or payload[0] != 0 or payload[1] > 1:
         raise InputError(f"encapsulation {payload[:4].hex()} is not plain CDR; record with the default encoding")
-    walk = MessageWalk(payload, kind, "<" if payload[1] else ">", 4, guards=[range(2)])
-    walk.message(kind.name, "")
-    if walk.position > len(payload):
-        raise walk.too_short()
-    left = payload[walk.position :]
+    shape = Shape(payload, kind, "<" if payload[1] else ">", 4, guards=[range(2)])
+    shape.message(kind.name, "")
+    if shape.position > len(payload):
+        raise shape.too_short()
+    left = payload[shape.position :]
     if len(left) > (PADDING if left.strip(b"\0") else ZERO_PADDING):
         raise InputError(
             f"a message of {len(payload)} bytes has {len(left)} more than its schema describes; the schema is not its "
             "own: record the log again with the definitions that its publisher was built with"
         )
     if len(left) > PADDING:
-        walk.guards.append(range(walk.position, len(payload)))
-    return walk
+        shape.guards.append(range(shape.position, len(payload)))
+    return shape
 
 
 def numbers_at(buffer: bytes, places: Indices, kind: np.dtype[Any]) -> NDArray[Any]:
     """The numbers of one type at places in a buffer [bytes], which need not be aligned, (places,)."""
     everywhere = np.ndarray((len(buffer) - kind.itemsize + 1,), kind, buffer, 0, (1,))
     return everywhere[places]
-
-
-Messages = np.ndarray[tuple[int], np.dtype[np.void]]
-"""Messages of one length, one after the other."""
 
 
 def messages_at(buffer: bytes, starts: Indices, length: int) -> Messages:
@@ -251,73 +285,14 @@ def members_at(messages: Messages, offset: int, kind: np.dtype[Any]) -> NDArray[
     return np.ndarray(messages.shape, kind, messages, offset, messages.strides)
 
 
-@dataclass(frozen=True)
-class Template:
-    """How to read the wanted numbers of all messages of one shape."""
-
-    leaves: dict[str, Leaf]  # the numbers, by path
-    guards: dict[int, bytes]  # bytes by offset, which a message of the shape must have
-
-    def fits(self, messages: Messages) -> NDArray[np.bool_]:
-        """Which of the messages of this length have this shape, (messages,)."""
-        same = np.ones(messages.size, bool)
-        for offset, expected in self.guards.items():
-            kind = np.dtype(GUARDS.get(len(expected), f"S{len(expected)}"))
-            same &= members_at(messages, offset, kind) == np.frombuffer(expected, kind)
-        return same
-
-    def read(self, messages: Messages) -> Values:
-        """The numbers of messages of this shape by path."""
-        values = {}
-        for path, leaf in self.leaves.items():
-            kind = np.dtype(leaf.dtype.replace("?", "u1"))
-            native = members_at(messages, leaf.offset, kind).astype(kind.newbyteorder("="))
-            values[path] = native != 0 if "?" in leaf.dtype else native
-        return values
-
-
-def template_of(walk: MessageWalk, paths: Sequence[str]) -> Template:
-    """A template that reads the fields at `paths`, as far as the message has them."""
-    leaves = {path: leaf for path in paths if (leaf := leaf_at(walk, path))}
-    return Template(leaves, {one.start: walk.payload[one.start : one.stop] for one in walk.guards if one})
-
-
-def leaf_at(walk: MessageWalk, path: str) -> Leaf | None:
-    """The single number at `path`; None where the message lacks the field or its array is too short."""
-    path = index_of_name(walk, path)
-    direct = walk.leaves.get(path)
-    if direct is not None and direct.count is not None:
-        raise WholeArrayError(f"field '{path}' is an array of {direct.count}, not one number")
-    match = INDEXED.fullmatch(path)
-    array = walk.leaves.get(match["array"]) if match else None
-    if not match or array is None or array.count is None or int(match["index"]) >= array.count:
-        return direct
-    return Leaf(array.offset + int(match["index"]) * np.dtype(array.dtype).itemsize, array.dtype)
-
-
-def index_of_name(walk: MessageWalk, path: str) -> str:
-    """The path with `[names=name]` replaced by the index of that name; the names up to that one become guards."""
-    match = NAMED.fullmatch(path)
-    if not match:
-        return path
-    parent = match["parent"] or ""
-    names = f"{parent}{match['names']}["
-    for text, extent in walk.texts.items():
-        if text.startswith(names):
-            walk.guards.append(extent)
-            if walk.payload[extent.start : extent.stop].rstrip(b"\0") == match["name"].encode():
-                return f"{parent}{match['array']}[{text.removeprefix(names)}"
-    return path
-
-
 @dataclass
 class ShapeReader:
-    """Reads the messages of a channel by templates; it learns one from the first message of each shape."""
+    """Reads the messages of a channel by their shapes; it learns one from the first message of each."""
 
     kind: MessageType
     paths: Sequence[str]  # paths of the fields to read
-    templates: dict[int, list[Template]] = field(default_factory=lambda: defaultdict(list))
-    """The templates so far, by length of the message."""
+    shapes: dict[int, list[Shape]] = field(default_factory=lambda: defaultdict(list))
+    """The shapes so far, by length of the message."""
     read_alone: int = 0  # messages that were read one by one
     misfits: int = 0  # messages that do not fit their schema
     misfit: str = ""  # what is wrong with the first of the misfits
@@ -329,31 +304,28 @@ class ShapeReader:
         for length in lengths[:1].tolist() if alike else np.unique(lengths).tolist():
             mine = np.flatnonzero(lengths == length)
             rest = messages_at(buffer, starts[mine], length)
-            templates = self.templates[length]
-            for template in templates:
-                same = template.fits(rest)
-                if same.all():
-                    yield mine, template.read(rest)
-                elif same.any():
-                    yield mine[same], template.read(rest[same])
-                mine, rest = mine[~same], rest[~same]
+            known, tried = self.shapes[length], 0
             while mine.size:
-                learned = self.learned(rest[0].tobytes())
-                same = np.zeros(mine.size, bool)
-                same[0] = True
-                if learned is not None:
-                    if len(templates) < MOST_SHAPES:
-                        templates.append(learned)
-                        same = learned.fits(rest)
-                    else:
-                        self.read_alone += 1
-                    yield mine[same], learned.read(rest[same])
+                is_new = tried == len(known)
+                shape = self.learned(rest[0].tobytes()) if is_new else known[tried]
+                if shape is not None and tried < MOST_SHAPES:
+                    known += [shape] * is_new
+                    tried += 1
+                    same = shape.fits(rest)
+                else:
+                    self.read_alone += shape is not None
+                    same = np.arange(mine.size) == 0
+                if shape is not None and same.all():
+                    yield mine, shape.read(rest)
+                    break
+                if shape is not None and same.any():
+                    yield mine[same], shape.read(rest[same])
                 mine, rest = mine[~same], rest[~same]
 
-    def learned(self, payload: bytes) -> Template | None:
-        """The template of all messages that are laid out as this one; None if it does not fit its schema."""
+    def learned(self, payload: bytes) -> Shape | None:
+        """The shape of this message; None if it does not fit its schema."""
         try:
-            return template_of(walk_of(self.kind, payload), self.paths)
+            return shape_of(self.kind, payload).want(self.paths)
         except (InputError, RecursionError) as error:
             self.misfits += 1
             self.misfit = self.misfit or str(error)
@@ -362,13 +334,13 @@ class ShapeReader:
 
 def describe_ros(schema: Schema, payload: bytes | None, *, ros1: bool) -> list[FieldDescription]:
     """The fields of one message; without a message, those of one whose strings and sequences are empty."""
-    walk = walk_of(message_type(schema, ros1=ros1), payload)
+    shape = shape_of(message_type(schema, ros1=ros1), payload)
     texts: dict[str, list[str]] = defaultdict(list)
-    for path, extent in walk.texts.items():
-        text = walk.payload[extent.start : extent.stop].rstrip(b"\0").decode(errors="replace")
+    for path, extent in shape.texts.items():
+        text = shape.payload[extent.start : extent.stop].rstrip(b"\0").decode(errors="replace")
         texts[path.rpartition("[")[0]].append(text)
     return [
         FieldDescription(path, np.dtype(leaf.dtype).name, leaf.count, array_labels(path, leaf.count, texts))
-        for path, leaf in walk.leaves.items()
+        for path, leaf in shape.leaves.items()
         if not LATER_ELEMENT.search(path)
     ]

@@ -7,7 +7,6 @@ evidence of what was lost, beside the message indexes behind each chunk. Every i
 import re
 import struct
 import zlib
-from array import array
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -39,7 +38,6 @@ INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of the entries
 INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 STATISTICS = struct.Struct("<Q14xI16xI")  # messages, chunks, bytes of the map of messages by channel
 LONGEST_NAME = 32
-COMPRESSIONS = (b"zstd", b"lz4")
 NUMBERED = range(Opcode.HEADER, Opcode.DATA_END + 1)
 """Opcodes that the format defines. Records of higher ones are private or of a later version, and are skipped."""
 LENGTHS = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
@@ -47,8 +45,6 @@ RESUME_IN_CHUNKS = re.compile(rb"[\x06\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0
 RESUME_ANYWHERE = re.compile(rb"[\x03-\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL)
 """Beginnings of records at which reading can go on after damage, in files with and without chunks."""
 TWO_LOGS = "split them into two files there (`head -c`, `tail -c`) and give each a trial of its own"
-
-
 NOWHERE = np.empty(0, np.int64)
 
 
@@ -80,15 +76,14 @@ class ChunkHead(NamedTuple):
 class Section:
     """One part of a file's data section."""
 
-    kind: Literal["chunk", "loose", "lost chunk", "lost"]
-    """A chunk, loose messages outside of chunks, a chunk that is lost, or lost bytes of which nothing is known."""
+    kind: Literal["chunk", "loose", "lost chunk", "lost index", "lost"]
+    """A chunk, loose messages outside of chunks, a lost chunk or message index, or lost bytes of unknown content."""
     start: int  # first byte: of the content of a chunk, else of the section
     end: int
     walk: Walk | None = None  # the loose messages
     head: ChunkHead | None = None  # what a chunk declares of itself
     indexes: list[tuple[int, NDArray[Any]]] = field(default_factory=list)
     """Channel and entries of the message index records that follow a chunk."""
-    harmless: bool = False  # lost, but it held no message
 
     def indexed(self) -> Counter[int]:
         """How many messages of each channel its message indexes list."""
@@ -106,15 +101,11 @@ class McapFile(MessageFile):
     data_crc: Literal["", "right", "wrong"] = ""  # whether the checksum of the data section is right, if there is one
     described: list[tuple[int, bytes]] = field(default_factory=list)
     """Opcode and content of the schemas and channels in the summary."""
-    after_data: list[Section] = field(default_factory=list)
-    """The same as parts of the data, should these go on after all."""
     chunked: bool = False
     indexed_chunks: int = 0  # how many chunks the index of chunks in the summary has; a file may have none
     summary_begin: int = 0  # where the summary begins: after the record that ends the data
     summary_checked: bool = False  # a checksum covers the summary and is right
     summary_damaged: bool = False
-    unsure: set[tuple[type, int]] = field(default_factory=set)
-    """Schemas and channels that only a summary without a checksum has had so far."""
     searched: bool = False  # a second log was searched for
     missing: int = 0
     """Bytes by which the summary stands before the place at which the recorder put it; negative if after."""
@@ -130,25 +121,25 @@ class McapFile(MessageFile):
         last = self.sections[-1] if self.sections else None
         if not self.damage.finished and last and "lost" in last.kind and last.end == len(self.data):
             self.sections.pop()  # the record in which the file was cut off: nobody knows what it held
+        self.report_scan()
 
     def report_scan(self) -> None:
         """Note the damage that the scan of the top level found."""
         damage = self.damage
-        lost = any("lost" in section.kind for section in self.sections)
-        damage.gaps = self.summary_damaged or self.missing != 0 or lost
-        damage.bytes = self.data_end - len(MAGIC)
+        damage.gaps = self.summary_damaged or self.missing != 0 or any("lost" in one.kind for one in self.sections)
+        damage.bytes = self.data_end - len(MAGIC) + max(0, self.missing)
         if not damage.finished:
             damage.remark("no footer: the recorder did not finish, or the end is lost; how much is not known")
+        elif self.summary_damaged:
+            damage.remark("the summary is damaged")
+        if not damage.finished or self.summary_damaged:  # what they declare is not to be trusted
             damage.declared_messages, damage.declared, damage.declared_chunks = None, None, None
-        else:
-            if self.summary_damaged:
-                damage.remark("the summary is damaged")
-            damage.declared_chunks = max(damage.declared_chunks or 0, self.indexed_chunks) or damage.declared_chunks
+        elif self.indexed_chunks:
+            damage.declared_chunks = max(damage.declared_chunks or 0, self.indexed_chunks)
         if self.data_crc == "wrong":
             damage.remark("the checksum of the data section does not match")
         if self.missing > 0:
             damage.lose(f"{self.missing} bytes are missing before the summary", self.missing, None, 0)
-            damage.bytes += self.missing
         elif self.missing:
             damage.remark(f"{-self.missing} bytes were inserted before the summary")
 
@@ -160,29 +151,39 @@ class McapFile(MessageFile):
         opcode, length = RECORD.unpack_from(data, position)
         end = start + length
         if end <= len(data) and not self.data_end and self.record_follows(end):
-            if opcode != Opcode.CHUNK and is_disguised_chunk(data, start, end):
-                self.sections.append(Section("lost chunk", position, end))
-                return int(end)
-            if opcode != Opcode.MESSAGE_INDEX and self.is_disguised_index(start, end):
-                opcode = Opcode.MESSAGE_INDEX
+            opcode = self.opcode_by_content(opcode, start, end)
         if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
             walk = walk_records(data, position, len(data), in_chunk=False)
             if walk.end > position:
-                section = Section("loose", position, walk.end, walk)
-                (self.after_data if self.data_end else self.sections).append(section)
-                self.described += walk.others if self.data_end else []
+                if self.data_end:
+                    self.described += walk.others
+                else:
+                    self.sections.append(Section("loose", position, walk.end, walk))
                 return walk.end
         if end > len(data) or not self.is_sound(opcode, start, end):
             return self.take_lost(position)
         self.take_record(opcode, start, end)
         return int(end)
 
+    def opcode_by_content(self, opcode: int, start: int, end: int) -> int:
+        """The opcode of a record: another one, if a flipped bit has disguised a chunk or the message index of one.
+
+        Each entry of an index leads into the chunk: what stands there in a message is no such small number.
+        """
+        if is_disguised_chunk(self.data, start, end):
+            return Opcode.CHUNK
+        chunk = self.last_chunk()
+        if chunk is not None and is_message_index(self.data, start, end, exact=True):
+            size = chunk.head.size if chunk.head is not None else 1 << 32
+            if (index_entries(self.data, start)[1]["offset"] < np.uint64(size)).all():
+                return Opcode.MESSAGE_INDEX
+        return opcode
+
     def take_record(self, opcode: int, start: int, end: int) -> None:
-        data, damage = self.data, self.damage
+        data = self.data
         if opcode == Opcode.CHUNK:
             if self.data_end:  # a chunk after the end of the data shows that this was not the end
                 self.refuse_second_log()
-                self.sections += self.after_data
                 self.data_end, self.data_crc, self.summary_damaged = 0, "", True
             self.chunked = True
             self.sections.append(Section("chunk", start, end, head=chunk_head(data, start, end)))
@@ -201,14 +202,14 @@ class McapFile(MessageFile):
         elif opcode == Opcode.CHUNK_INDEX:
             self.indexed_chunks += 1
         elif opcode == Opcode.STATISTICS:
-            damage.declared_messages, damage.declared_chunks, size = STATISTICS.unpack_from(data, start)
+            messages, self.damage.declared_chunks, size = STATISTICS.unpack_from(data, start)
             entries = data[start + STATISTICS.size : min(start + STATISTICS.size + size, end)]
-            by_channel = Counter(dict(struct.iter_unpack("<HQ", entries))) if len(entries) % 10 == 0 else None
-            is_whole = by_channel is not None and by_channel.total() == damage.declared_messages
-            damage.declared = by_channel if is_whole else None  # the map may be left empty
+            by_channel = Counter(dict(struct.iter_unpack("<HQ", entries))) if len(entries) % 10 == 0 else Counter()
+            self.damage.declared_messages = messages
+            self.damage.declared = by_channel if by_channel.total() == messages else None  # the map may be left empty
 
     def take_footer(self, start: int, end: int) -> None:
-        """Check the summary by the footer, and that nothing follows; ignore what a damaged summary declares.
+        """Check the summary by the footer, and that nothing follows.
 
         The footer tells where the summary begins, and has its checksum unless that is 0. If the summary stands
         elsewhere, bytes are missing before it, or were inserted. It then still tells what the recorder wrote.
@@ -233,7 +234,6 @@ class McapFile(MessageFile):
             self.summary_checked = zlib.crc32(data[begin : start + 16]) == expected
             self.summary_damaged = not self.summary_checked
         if self.summary_damaged:
-            self.damage.declared_messages, self.damage.declared, self.damage.declared_chunks = None, None, None
             self.indexed_chunks, self.missing = 0, 0
 
     def take_lost(self, position: int) -> int:
@@ -245,15 +245,17 @@ class McapFile(MessageFile):
         data = self.data
         self.refuse_second_log()
         resume = self.resume_at(position + 1, RESUME_IN_CHUNKS)
-        is_chunk = data[position] == Opcode.CHUNK
-        self.chunked |= is_chunk or (resume < len(data) and data[resume] in (Opcode.CHUNK, Opcode.MESSAGE_INDEX))
+        self.chunked |= data[position] == Opcode.CHUNK
+        self.chunked |= resume < len(data) and data[resume] in (Opcode.CHUNK, Opcode.MESSAGE_INDEX)
         if not self.chunked:
             resume = self.resume_at(position + 1, RESUME_ANYWHERE)
         if self.data_end:
             self.summary_damaged = True
+        elif data[position] == Opcode.CHUNK:
+            self.sections.append(Section("lost chunk", position, resume))
         else:
-            harmless = data[position] == Opcode.MESSAGE_INDEX
-            self.sections.append(Section("lost chunk" if is_chunk else "lost", position, resume, harmless=harmless))
+            is_index = data[position] == Opcode.MESSAGE_INDEX
+            self.sections.append(Section("lost index" if is_index else "lost", position, resume))
         return resume
 
     def resume_at(self, begin: int, pattern: re.Pattern[bytes]) -> int:
@@ -292,17 +294,6 @@ class McapFile(MessageFile):
     def last_chunk(self) -> Section | None:
         return next((section for section in reversed(self.sections) if "chunk" in section.kind), None)
 
-    def is_disguised_index(self, start: int, end: int) -> bool:
-        """Whether a record of another opcode is the message index of the last chunk: a flipped bit makes it a message.
-
-        Each of its entries then leads into the chunk: what stands there in a message is no such small number.
-        """
-        chunk = self.last_chunk()
-        if chunk is None or not is_message_index(self.data, start, end, exact=True):
-            return False
-        size = chunk.head.size if chunk.head is not None else 1 << 32
-        return bool((index_entries(self.data, start)[1]["offset"] < np.uint64(size)).all())
-
     def refuse_second_log(self) -> None:
         """Refuse a damaged file in which another log begins: `cat a.mcap b.mcap`, or a recorder that appends.
 
@@ -321,12 +312,11 @@ class McapFile(MessageFile):
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages of every intact chunk, and those outside of chunks, in the order of the file. Call it once."""
-        self.report_scan()
         damage = self.damage
-        if damage.finished and not self.summary_damaged:  # a wrong schema would be wrong values
-            self.adopt(self.described)
-            declared = [*((Schema, one) for one in self.schemas), *((Channel, one) for one in self.channels)]
-            self.unsure = set() if self.summary_checked else {*declared}
+        trusted = damage.finished and not self.summary_damaged  # a wrong schema would be wrong values
+        spare = self.parsed(self.described) if trusted else []
+        for one in spare if self.summary_checked else ():
+            self.declare(one)
         untrusted = self.data_crc == "wrong" and not any("lost" in section.kind for section in self.sections)
         for section in self.sections:
             walk = self.walk_of(section)
@@ -344,28 +334,28 @@ class McapFile(MessageFile):
             damage.chunks += section.kind == "chunk"
             damage.read.update(block.counts)
             damage.verified += starts.size if covered or self.data_crc == "right" else 0
-            self.adopt(found.others)
+            for one in self.parsed(found.others):
+                self.declare(one)
+            self.declare_absent(spare)
             yield self.of_declared_channels(block)
+        self.declare_absent(spare)
         is_missed = (damage.declared_chunks or 0) > damage.chunks + damage.chunks_lost
         damage.uncounted |= damage.declared_messages is None and is_missed
 
     def walk_of(self, section: Section) -> tuple[bytes, Walk, bool] | None:
         """The buffer of a section, its records, and whether a checksum of their own covers them; None if lost."""
-        if "lost" in section.kind:
-            where = f"{section.end - section.start} bytes from byte {section.start} on"
-            what = "a damaged chunk" if "chunk" in section.kind else "not a readable record"
-            self.lose(section, f"{where} are {what}")
-            return None
         if section.walk is not None:
             return self.data, section.walk, False
-        assert section.head is not None
+        if section.head is None:
+            where = f"{section.end - section.start} bytes from byte {section.start} on"
+            self.lose(
+                section, f"{where} are {'a damaged chunk' if 'chunk' in section.kind else 'not a readable record'}"
+            )
+            return None
         listed = [entries["offset"].astype(np.int64) for _, entries in section.indexes]
-        offsets = np.sort(np.concatenate([np.empty(0, np.int64), *listed]), kind="stable")
-        checked = section.head.crc != 0
+        offsets = np.sort(np.concatenate([NOWHERE, *listed]), kind="stable")
         try:
             content = unpacked(self.data, section.head)
-            if checked and zlib.crc32(content) != section.head.crc:
-                raise DamagedChunkError("does not match its checksum")
             walk = walk_records(content, 0, len(content), in_chunk=True, listed=offsets)
             if walk.end != len(content):
                 raise DamagedChunkError(f"holds no record at byte {walk.end} of its {len(content)} bytes")
@@ -373,37 +363,38 @@ class McapFile(MessageFile):
             self.refuse_second_log()  # a cut chunk may reach into the next log
             self.lose(section, f"the chunk at byte {section.start} is damaged: it {error}")
             return None
-        right = not section.indexes or np.array_equal(offsets, walk.starts)
+        checked, right = section.head.crc != 0, not section.indexes or np.array_equal(offsets, walk.starts)
         cut_off = section is self.sections[-1] and not self.damage.finished  # so is its index
         if not right and not cut_off:
             self.damage.remark(f"the index of the chunk at byte {section.start} is wrong; the chunk was walked")
-        if not checked and walk.unknown and not right:  # without a checksum a flipped opcode passes for a private one
+        if not checked and walk.unknown:  # without a checksum a flipped opcode passes for a private one
             lost = section.indexed() - counts_of(walk)
+            text = f"{lost.total()} messages of the chunk at byte {section.start} are records of unknown opcodes"
             if lost:
-                text = f"{lost.total()} messages of the chunk at byte {section.start} are records of unknown opcodes"
                 self.damage.lose(text, 0, lost, 0)
         return content, walk, checked
 
     def lose(self, section: Section, remark: str, messages: Counter[int] | None = None) -> None:
-        """Count a section as lost, with as many messages as its index lists."""
-        if messages is None and section.indexes:
+        """Count a section as lost, with as many messages as its index lists; a lost index held none."""
+        if messages is None and (section.indexes or section.kind == "lost index"):
             messages = section.indexed()
-        chunks = int("chunk" in section.kind)
-        self.damage.lose(remark, section.end - section.start, Counter() if section.harmless else messages, chunks)
+        self.damage.lose(remark, section.end - section.start, messages, int("chunk" in section.kind))
 
-    def adopt(self, records: Sequence[tuple[int, bytes]]) -> None:
-        """Take in schemas and channels; the library raises many kinds of errors on damaged bytes."""
+    def parsed(self, records: Sequence[tuple[int, bytes]]) -> list[Schema | Channel]:
+        """Schemas and channels of records; the library raises many kinds of errors on damaged bytes."""
+        parsed: list[Schema | Channel] = []
         for opcode, content in dict.fromkeys(records):
-            kind = Schema if opcode == Opcode.SCHEMA else Channel
             try:
-                one = kind.read(ReadDataStream(BytesIO(content)))
+                parsed.append((Schema if opcode == Opcode.SCHEMA else Channel).read(ReadDataStream(BytesIO(content))))
             except Exception:
                 self.damage.remark("a schema or a channel cannot be read")
-                continue
-            if (kind, one.id) in self.unsure:
-                self.unsure.remove((kind, one.id))
-                del (self.schemas if kind is Schema else self.channels)[one.id]
-            self.declare(one)
+        return parsed
+
+    def declare_absent(self, spare: Sequence[Schema | Channel]) -> None:
+        """Take in schemas and channels of the summary whose own record is lost."""
+        for one in spare:
+            if one.id not in (self.channels if isinstance(one, Channel) else self.schemas):
+                self.declare(one)
 
     def of_declared_channels(self, block: MessageBlock) -> MessageBlock:
         """The block without messages of undeclared channels, whose content is unknown."""
@@ -428,12 +419,12 @@ def read_mcap(path: Path) -> McapFile:
             f"{path}: not an MCAP file (it begins with {data[:8]!r}); check the path and the source's format"
         )
     opened = McapFile(path, len(data), data=data)
+    if data[:8] != MAGIC:
+        opened.damage.remark("the magic at the beginning is damaged")
     try:
         opened.scan()
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    if data[:8] != MAGIC:
-        opened.damage.remark("the magic at the beginning is damaged")
     return opened
 
 
@@ -442,18 +433,18 @@ def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool, listed:
 
     `listed` is where messages may be, in order. Where they follow each other, the walk leaps over them.
     """
-    found: list[Indices] = []
-    messages, unknown, position = array("q"), 0, begin
-    others: list[tuple[int, bytes]] = []
-    unpack, last = RECORD.unpack_from, end - RECORD.size
     leaps = leaps_over(buffer, listed, end)
+    found: list[Indices] = [NOWHERE]
+    messages: list[int] = []
+    others: list[tuple[int, bytes]] = []
+    unknown, position, last = 0, begin, end - RECORD.size
     while position <= last:
         if position in leaps:
-            first, after, position = leaps[position]
-            found += [np.array(messages, np.int64), listed[first:after]]
-            messages = array("q")
+            stretch, position = leaps[position]
+            found += [np.array(messages, np.int64), stretch]
+            messages = []
             continue
-        opcode, length = unpack(buffer, position)
+        opcode, length = RECORD.unpack_from(buffer, position)
         start, stop = position + RECORD.size, position + RECORD.size + length
         if stop > end:
             break
@@ -471,8 +462,8 @@ def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool, listed:
     return Walk(heads, starts, others, position, unknown)
 
 
-def leaps_over(buffer: bytes, listed: Indices, end: int) -> dict[int, tuple[int, int, int]]:
-    """The stretches of listed messages that follow each other without a gap: first and last row, and end, by place."""
+def leaps_over(buffer: bytes, listed: Indices, end: int) -> dict[int, tuple[Indices, int]]:
+    """The stretches of listed messages that follow each other without a gap, and their ends, by where they begin."""
     if not listed.size or listed[0] < 0 or listed[-1] > end - MESSAGE.itemsize:
         return {}
     lengths = numbers_at(buffer, listed + 1, np.dtype("<u8")).astype(np.int64)  # what is too large becomes negative
@@ -481,10 +472,10 @@ def leaps_over(buffer: bytes, listed: Indices, end: int) -> dict[int, tuple[int,
         return {}
     if (numbers_at(buffer, listed, np.dtype("u1")) != Opcode.MESSAGE).any():
         return {}
-    firsts = np.flatnonzero(np.append(True, stops[:-1] != listed[1:]))
-    afters = np.append(firsts[1:], listed.size)
-    places, ends = listed[firsts].tolist(), stops[afters - 1].tolist()
-    return dict(zip(places, zip(firsts.tolist(), afters.tolist(), ends, strict=True), strict=True))
+    cuts = np.flatnonzero(stops[:-1] != listed[1:]) + 1
+    stretches = np.split(listed, cuts)
+    ends = stops[np.append(cuts, stops.size) - 1].tolist()
+    return {int(one[0]): (one, stop) for one, stop in zip(stretches, ends, strict=True)}
 
 
 def counts_of(walk: Walk) -> Counter[int]:
@@ -511,11 +502,11 @@ def is_disguised_chunk(data: bytes, start: int, end: int) -> bool:
     head = chunk_head(data, start, end)
     if head is None or head.end != end:
         return False
-    return head.name in COMPRESSIONS or (head.name == b"" and head.size == end - head.begin > 0)
+    return head.name in (b"zstd", b"lz4") or (head.name == b"" and head.size == end - head.begin > 0)
 
 
 def unpacked(data: bytes, head: ChunkHead) -> bytes:
-    """The content of a chunk, which must be of the declared size."""
+    """The content of a chunk, which must be of the declared size and match its checksum."""
     body = memoryview(data)[head.begin : head.end]
     try:
         if head.name == b"zstd":
@@ -531,6 +522,8 @@ def unpacked(data: bytes, head: ChunkHead) -> bytes:
         raise DamagedChunkError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
     if len(content) != head.size:
         raise DamagedChunkError(f"holds {len(content)} of {head.size} bytes")
+    if head.crc and zlib.crc32(content) != head.crc:
+        raise DamagedChunkError("does not match its checksum")
     return content
 
 

@@ -4,6 +4,7 @@ A container (`mcap.py`, `rosbag.py`) gives its messages in blocks, and counts wh
 become columns, from all channels of a topic, in the order of recording.
 """
 
+import json
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,11 +24,9 @@ from osl_analysis.formats.object_messages import (
     ObjectReader,
     Values,
     WholeArrayError,
-    describe_json,
-    describe_protobuf,
+    described,
     json_reader,
     protobuf_decoder,
-    protobuf_number,
 )
 
 MOST_REMARKS = 20
@@ -77,8 +76,9 @@ class Damage:
 
     finished: bool = False  # the recorder closed the file. If it did not, nobody knows what is missing.
     gaps: bool = False  # some part of the file cannot be read or is missing; the summary counts as a part
-    declared_messages: int | None = None
-    """Messages in the file as it says itself; None if it does not, or cannot be trusted."""
+    declared_messages: int | None = (
+        None  # messages in the file as it says itself; None if it does not, or is not trusted
+    )
     declared: Counter[int] | None = None  # the same for each channel
     declared_chunks: int | None = None  # chunks in the file as it says itself
     read: Counter[int] = field(default_factory=Counter)
@@ -87,12 +87,10 @@ class Damage:
     """Messages of each channel that were read and do not fit their own schema; they count as lost."""
     chunks: int = 0
     chunks_lost: int = 0  # chunks that were found and could not be read
-    indexed_lost: Counter[int] = field(default_factory=Counter)
-    """Lost messages of each channel, as far as an index lists them."""
+    indexed_lost: Counter[int] = field(default_factory=Counter)  # lost messages of each channel that an index lists
     uncounted: bool = False  # something was lost, and no index tells how many messages it held
     bytes: int = 0  # bytes of the file's data section
-    bytes_lost: int = 0
-    """Bytes of the data section that could not be read, without those at the end of a file that was cut off."""
+    bytes_lost: int = 0  # bytes of it that could not be read, without those at the end of a file that was cut off
     remarks: list[str] = field(default_factory=list)  # faults of the file, a sentence each: the first `MOST_REMARKS`
     more_remarks: int = 0
 
@@ -125,14 +123,13 @@ class Damage:
             return max(0, self.declared_messages - self.messages) + self.misfits.total()
         if self.declared is not None and channels is not None:
             return sum(max(0, self.declared[one] - self.read[one]) + self.misfits[one] for one in channels)
-        if self.declared_messages is not None and self.declared_messages == self.messages:
-            return self.known_lost(channels)
-        return None if self.uncounted or self.declared_messages is not None else self.known_lost(channels)
+        told = self.declared_messages == self.messages or (self.declared_messages is None and not self.uncounted)
+        return self.known_lost(channels) if told else None
 
     def known_lost(self, channels: Collection[int] | None) -> int:
         """Messages of some channels, of all if none are named, that are certainly lost."""
-        chosen = self.indexed_lost.keys() | self.misfits.keys() if channels is None else channels
-        return sum(self.indexed_lost[one] + self.misfits[one] for one in chosen)
+        lost = self.indexed_lost + self.misfits
+        return lost.total() if channels is None else sum(lost[one] for one in channels)
 
     def share_lost(self, channels: Collection[int] | None = None) -> float:
         """Lost share of the messages of some channels, of all if none are named.
@@ -143,13 +140,13 @@ class Damage:
         """
         lost = self.messages_lost(channels)
         certain = self.known_lost(channels) if lost is None else lost
-        channels = self.read.keys() if channels is None else channels
-        sound = sum(self.read[one] - self.misfits[one] for one in channels)
-        share = certain / max(1, sound + certain)
+        sound = self.read - self.misfits
+        own = sound.total() if channels is None else sum(sound[one] for one in channels)
+        share = certain / max(1, own + certain)
         if lost is not None or not (self.uncounted or self.finished):
             return share
-        total = self.messages_lost()
-        others = 0.0 if total is None else total / max(1, self.messages - self.misfits.total() + total)
+        total = self.messages_lost() or 0
+        others = total / max(1, sound.total() + total)
         return min(1.0, max(share, others, self.bytes_lost / max(1, self.bytes)))
 
     def all_chunks_lost(self) -> int | None:
@@ -177,26 +174,20 @@ class Damage:
             "messages_lost": lost,
             "share_lost": max((self.share_lost(channels) for channels in topics.values()), default=self.share_lost()),
             "topics": {
-                topic: {
-                    "messages": sum(self.read[one] for one in channels),
-                    "messages_lost": self.messages_lost(channels),
-                }
-                for topic, channels in topics.items()
+                topic: {"messages": sum(self.read[c] for c in own), "messages_lost": self.messages_lost(own)}
+                for topic, own in topics.items()
             },
             "remarks": self.all_remarks(),
         }
 
     def all_remarks(self) -> list[str]:
         """The remarks, with those that follow from the counts of the whole file."""
-        remarks = list(self.remarks)
-        if self.more_remarks:
-            remarks.append(f"and {self.more_remarks} more remarks")
+        remarks = [*self.remarks, *([f"and {self.more_remarks} more remarks"] if self.more_remarks else [])]
         if self.declared_messages is not None and self.declared_messages != self.messages:
             remarks.append(f"it declares {self.declared_messages} messages and holds {self.messages}")
         if self.crc() != "checked" and self.messages:
-            remarks.append(
-                f"not verifiable: no checksum covers {self.messages - self.verified} of {self.messages} messages"
-            )
+            uncovered = self.messages - self.verified
+            remarks.append(f"not verifiable: no checksum covers {uncovered} of {self.messages} messages")
         return remarks
 
 
@@ -249,7 +240,8 @@ class SplitLog(MessageFile):
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages of all parts. Call it once; raises InputError if a part cannot be read."""
-        self.damage.finished = True
+        damage = self.damage
+        damage.finished = True
         for part in self.parts:
             for block in part.blocks():
                 number_of = np.zeros(1 << 16, np.uint16)
@@ -259,13 +251,13 @@ class SplitLog(MessageFile):
             self.count(part)
         own = [part.damage for part in self.parts]
         if self.counts is not None:
-            self.damage.declared_messages = self.counts.total()
+            damage.declared_messages = self.counts.total()
             if len({channel.topic for channel in self.channels.values()}) == len(self.channels):
-                self.damage.declared = Counter({c.id: self.counts[c.topic] for c in self.channels.values()})
+                damage.declared = Counter({c.id: self.counts[c.topic] for c in self.channels.values()})
         elif all(one.declared is not None and one.declared_chunks is not None for one in own):
-            self.damage.declared_messages = sum(one.declared_messages or 0 for one in own)
-            self.damage.declared_chunks = sum(one.declared_chunks or 0 for one in own)
-            self.damage.declared = sum((self.renumbered(part, part.damage.declared) for part in self.parts), Counter())
+            damage.declared = sum((self.renumbered(one, one.damage.declared) for one in self.parts), Counter())
+            damage.declared_messages = sum(one.declared_messages or 0 for one in own)
+            damage.declared_chunks = sum(one.declared_chunks or 0 for one in own)
 
     def number(self, part: MessageFile, own: int) -> int:
         """The channel, in all parts, of a part's own channel."""
@@ -273,10 +265,9 @@ class SplitLog(MessageFile):
         schema = part.schemas.get(channel.schema_id)
         meaning = meaning_of(replace(channel, schema_id=0)), meaning_of(schema) if schema else ()
         number = self.numbers.setdefault(meaning, len(self.numbers))
-        if number not in self.channels:
-            if schema:
-                self.declare(replace(schema, id=number + 1))
-            self.declare(replace(channel, id=number, schema_id=number + 1 if schema else 0))
+        if schema:
+            self.declare(replace(schema, id=number + 1))
+        self.declare(replace(channel, id=number, schema_id=number + 1 if schema else 0))
         return number
 
     def renumbered(self, part: MessageFile, counts: Counter[int] | None) -> Counter[int]:
@@ -393,7 +384,7 @@ def reader_of(file: MessageFile, number: int, paths: Sequence[str]) -> ChannelRe
         return ChannelReader(channel, schema, json_reader(paths))
     try:
         if channel.message_encoding == "protobuf":
-            return ChannelReader(channel, schema, ObjectReader(paths, protobuf_decoder(schema), protobuf_number))
+            return ChannelReader(channel, schema, ObjectReader(paths, protobuf_decoder(schema)))
         kind = message_type(schema, ros1=channel.message_encoding == "ros1")
         return ChannelReader(channel, schema, ShapeReader(kind, paths))
     except InputError as error:
@@ -407,9 +398,9 @@ def describe_message(channel: Channel, schema: Schema | None, payload: bytes | N
     """The fields of a channel's message; without a message, the fields of its schema."""
     check_encoding(channel, schema)
     if channel.message_encoding == "json" or schema is None:
-        return describe_json(payload) if payload is not None else []
+        return [] if payload is None else list(described(json.loads(payload), ""))
     if channel.message_encoding == "protobuf":
-        return describe_protobuf(schema, payload)
+        return list(described(protobuf_decoder(schema)(payload or b""), ""))
     return describe_ros(schema, payload, ros1=channel.message_encoding == "ros1")
 
 

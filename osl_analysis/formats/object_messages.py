@@ -25,6 +25,7 @@ PART = re.compile(
 PLAIN = re.compile(r"[^.\[\]]+")  # a name that needs no quotes
 MOST_SHOWN = 40  # characters of a value in a message to the user
 AT_ONCE = 1 << 14  # messages that are held as objects at once
+NO_TEXTS: Mapping[str, Any] = {}
 
 Indices = NDArray[np.int64]
 Values = dict[str, NDArray[Any]]
@@ -113,8 +114,6 @@ class ObjectReader:
     paths: Sequence[str]  # paths of the fields to read
     decode: Callable[[bytes], Any]
     """Makes an object of a message; raises ValueError (InputError) if it does not fit its type."""
-    number_at: Callable[[Any, str], float | bool | None]
-    """The number at a path of an object; None where it has none, NoNumberError where something else stands."""
     read_alone: int = 0  # messages that were read one by one
     misfits: int = 0  # messages that are not what their type says, write a field twice, or have no number in a field
     misfit: str = ""  # what is wrong with the first of these
@@ -128,12 +127,10 @@ class ObjectReader:
             for row in range(first, min(first + AT_ONCE, starts.size)):
                 try:
                     message = self.decode(buffer[starts[row] : starts[row] + lengths[row]])
-                    found = {path: self.number_at(message, path) for path in self.paths}
+                    found = {path: number_at(message, path) for path in self.paths}
                 except NoNumberError as error:
                     self.no_numbers += 1
                     self.note(f"{error} in message {self.before + row + 1}")
-                except WholeArrayError:
-                    raise
                 except (ValueError, RecursionError) as error:
                     self.note(str(error))
                 else:
@@ -195,67 +192,95 @@ def json_reader(paths: Sequence[str]) -> ObjectReader:
         except (ValueError, RecursionError) as error:
             raise InputError(f"a message of {len(text)} bytes is not JSON: {error}") from error
 
-    return ObjectReader(paths, decode, json_number)
+    return ObjectReader(paths, decode)
 
 
-def json_number(message: Any, path: str) -> float | bool | None:
-    """The number at a path; None where a key is absent or `null`, or an array too short."""
+def number_at(message: Any, path: str) -> float | bool | None:
+    """The number at a path of an object; None where a field is absent, `null` or not written, or an array too short.
+
+    Raises NoNumberError where something else stands.
+    """
     value, parent = message, None
     for key, way in steps_of(path):
         if value is None:
             return None
         if isinstance(key, str):
-            if not isinstance(value, dict):
+            if not is_record(value):
                 raise no_number(value, way, "an object with fields")
-            parent, value = value, value.get(key)
+            parent, value = value, member(value, key)
             continue
-        if not isinstance(value, list):
+        if not is_array(value):
             raise no_number(value, way, "an array")
         if isinstance(key, tuple):
-            names = parent.get(key[0]) if isinstance(parent, dict) else None
-            if names is not None and not isinstance(names, list):
+            names = member(parent, key[0]) if is_record(parent) else None
+            if names is not None and not is_array(names):
                 raise no_number(names, key[0], "an array of names")
             key = names.index(key[1]) if names and key[1] in names else len(value)
         value = value[key] if key < len(value) else None
     if value is None or isinstance(value, int | float):
         return value
-    if isinstance(value, list):
+    if not is_array(value):
+        raise no_number(value, path, "a number")
+    if len(value):
         raise NoNumberError(f"field '{path}' is an array of {len(value)}, not one number,")
-    raise no_number(value, path, "a number")
+    return None
 
 
 def no_number(value: Any, way: str, expected: str) -> NoNumberError:
-    shown = json.dumps(value, ensure_ascii=False)
+    shown = json.dumps(value, ensure_ascii=False, default=lambda one: " ".join(str(one).split()))
     shown = shown if len(shown) <= MOST_SHOWN else f"{shown[:MOST_SHOWN]}..."
     what = f"field '{way}'" if way else "the whole"
     return NoNumberError(f"{what} is {shown}, not {expected},")
 
 
-def describe_json(text: bytes) -> list[FieldDescription]:
-    return list(described_value(json.loads(text), "", {}))
+def is_record(value: Any) -> bool:
+    return isinstance(value, dict) or hasattr(value, "DESCRIPTOR")
 
 
-def described_value(value: Any, path: str, texts: Mapping[str, Sequence[str]]) -> Iterator[FieldDescription]:
-    """The fields of one JSON value; `texts` are the arrays of text beside it."""
-    if isinstance(value, dict):
-        inner = {path_to(path, name): one for name, one in value.items()}
-        beside = {name: one for name, one in inner.items() if is_array_of(one, str)}
-        for name, one in inner.items():
-            yield from described_value(one, name, beside)
-    elif is_array_of(value, int | float):
-        yield FieldDescription(path, np.dtype(type(value[0])).name, len(value), array_labels(path, len(value), texts))
-    elif isinstance(value, list):
-        yield from described_value(value[0], f"{path}[0]", {}) if value else ()
-    elif isinstance(value, int | float):
-        yield FieldDescription(path, np.dtype(type(value)).name)
+def is_array(value: Any) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
 
 
 def is_array_of(value: Any, kind: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(one, kind) for one in value)
+    return is_array(value) and len(value) > 0 and all(isinstance(one, kind) for one in value)
+
+
+def member(record: Any, name: str) -> Any:
+    """A field of an object of JSON or a message of protobuf; None where it is absent, or optional and not written."""
+    if isinstance(record, dict):
+        return record.get(name)
+    item = record.DESCRIPTOR.fields_by_name.get(name)
+    if item is None or (item.has_presence and not record.HasField(name)):
+        return None
+    return getattr(record, name)
+
+
+def described(value: Any, path: str, kind: str = "", texts: Mapping[str, Any] = NO_TEXTS) -> Iterator[FieldDescription]:
+    """The numbers of one value, of the type `kind` if its schema names one; `texts` are arrays of text beside it."""
+    if is_record(value):
+        inner = {path_to(path, name): (member(value, name), of) for name, of in types_of(value).items()}
+        beside = {name: list(one) for name, (one, _) in inner.items() if is_array_of(one, str)}
+        for name, (one, of) in inner.items():
+            yield from described(one, name, of, beside)
+    elif is_array_of(value, int | float):
+        labels = array_labels(path, len(value), texts)
+        yield FieldDescription(path, kind or np.dtype(type(value[0])).name, len(value), labels)
+    elif is_array(value):
+        yield from described(value[0], f"{path}[0]") if value else ()
+    elif isinstance(value, int | float):
+        yield FieldDescription(path, kind or np.dtype(type(value)).name)
 
 
 PROTOBUF_TYPES = ("", "int32", "int64", "uint32", "uint64", "float64", "float32", "bool", "int32")
 """Types of numbers by `FieldDescriptor.cpp_type`; the last one is an enumeration."""
+
+
+def types_of(record: Any) -> dict[str, str]:
+    """The fields of an object with their types, as far as a schema names these; maps of protobuf are none."""
+    if isinstance(record, dict):
+        return dict.fromkeys(record, "")
+    fields = [f for f in record.DESCRIPTOR.fields if not f.message_type or not f.message_type.GetOptions().map_entry]
+    return {one.name: PROTOBUF_TYPES[one.cpp_type] if one.cpp_type < len(PROTOBUF_TYPES) else "" for one in fields}
 
 
 def protobuf_decoder(schema: Schema) -> Callable[[bytes], Any]:
@@ -280,55 +305,3 @@ def protobuf_decoder(schema: Schema) -> Callable[[bytes], Any]:
             raise InputError(text) from None
 
     return checked
-
-
-def protobuf_number(message: Any, path: str) -> float | bool | None:
-    """The number at a path; None where there is none, also where a field that is optional is not written."""
-    value, parent = message, None
-    for key, _ in steps_of(path):
-        if isinstance(key, str):
-            parent, value = value, protobuf_field(value, key)
-            continue
-        if isinstance(key, tuple):
-            names = list(protobuf_field(parent, key[0]) or ())
-            key = names.index(key[1]) if key[1] in names else -1
-        is_array = hasattr(value, "__getitem__") and not isinstance(value, str | bytes | Mapping)
-        value = value[key] if is_array and 0 <= key < len(value) else None
-    if value is None or isinstance(value, int | float):
-        return value
-    if hasattr(value, "__len__") and not isinstance(value, str | bytes | Mapping) and len(value):
-        raise WholeArrayError(f"field '{path}' is an array of {len(value)}, not one number")
-    return None
-
-
-def protobuf_field(message: Any, name: str) -> Any:
-    descriptor = getattr(message, "DESCRIPTOR", None)
-    item = descriptor.fields_by_name.get(name) if descriptor is not None else None
-    if item is None or (item.has_presence and not message.HasField(name)):
-        return None
-    return getattr(message, name)
-
-
-def describe_protobuf(schema: Schema, payload: bytes | None) -> list[FieldDescription]:
-    return list(described_message(protobuf_decoder(schema)(payload or b""), ""))
-
-
-def described_message(message: Any, prefix: str) -> Iterator[FieldDescription]:
-    """The fields of one message: numbers that are always there first, then what is written."""
-    fields = message.DESCRIPTOR.fields
-    texts = {
-        prefix + item.name: list(getattr(message, item.name)) for item in fields if item.is_repeated and item.type == 9
-    }
-    plain = [f for f in fields if not f.is_repeated and not f.has_presence and f.cpp_type < len(PROTOBUF_TYPES)]
-    for item in [*plain, *sorted((one for one in fields if one not in plain), key=lambda one: one.number)]:
-        path, value = prefix + item.name, protobuf_field(message, item.name)
-        if item.message_type is not None and item.message_type.GetOptions().map_entry:
-            continue
-        if value is None or (item.is_repeated and not value):
-            continue
-        if item.message_type is not None:
-            yield from described_message(value[0] if item.is_repeated else value, f"{path}{'[0]' * item.is_repeated}.")
-        elif item.cpp_type < len(PROTOBUF_TYPES):
-            length = len(value) if item.is_repeated else None
-            labels = array_labels(path, length, texts) if item.is_repeated else ()
-            yield FieldDescription(path, PROTOBUF_TYPES[item.cpp_type], length, labels)

@@ -9,11 +9,11 @@ import re
 import sqlite3
 import struct
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from contextlib import closing
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import lz4.frame
@@ -22,11 +22,11 @@ import yaml
 import zstandard
 from mcap.records import Channel, Schema
 
-from osl_analysis.errors import InputError, OslAnalysisError, listing
+from osl_analysis.errors import InputError, listing
 from osl_analysis.formats.cdr import parse_schema
 from osl_analysis.formats.extras import optional_module
 from osl_analysis.formats.mcap import MAGIC as MCAP
-from osl_analysis.formats.mcap import read_mcap
+from osl_analysis.formats.mcap import DamagedChunkError, read_mcap
 from osl_analysis.formats.messages import NOT_DEFINED, MessageBlock, MessageFile, RefusedFileError, SplitLog
 
 BAG1 = b"#ROSBAG V2.0\n"
@@ -42,12 +42,7 @@ DESCRIPTION = "metadata.yaml"
 # --- ROS 1
 
 
-class DamagedError(Exception):
-    """A chunk cannot be read. The message completes the sentence "it ..."."""
-
-
-@dataclass(frozen=True)
-class Record:
+class Record(NamedTuple):
     """One record: a header of named fields, and data."""
 
     fields: dict[bytes, bytes]
@@ -133,20 +128,21 @@ class Bag1(MessageFile):
 
     def take_index(self, position: int, head: Record) -> bool:
         """Take in the connections and chunks that the index lists; whether it is whole."""
-        connections, chunks = head.number(b"conn_count"), head.number(b"chunk_count")
+        expected = head.number(b"conn_count"), head.number(b"chunk_count")
+        connections, chunks = 0, 0
         while position < len(self.data):
             record = record_at(self.data, position)
             if record is None or record.op not in (CONNECTION, CHUNK_INFO):
                 return False
             if record.op == CONNECTION:
                 self.connect(self.data, record)
-                connections -= 1
+                connections += 1
             else:
                 pairs = np.frombuffer(self.data, "<u4", (record.end - record.start) // 8 * 2, record.start)
                 self.counts[record.number(b"chunk_pos", 8)] = Counter(dict(pairs.reshape(-1, 2).tolist()))
-                chunks -= 1
+                chunks += 1
             position = record.end
-        return connections == 0 and chunks == 0
+        return (connections, chunks) == expected
 
     def find_chunks(self, position: int, end: int) -> None:
         """Find the chunks between two bytes. After bytes that are no record, the next chunk is where the index says."""
@@ -159,14 +155,13 @@ class Bag1(MessageFile):
                     self.connect(self.data, record)
                 position = record.end
                 continue
-            if self.data[position : position + len(BAG1)] == BAG1:
+            if self.data.startswith(BAG1, position):
                 raise RefusedFileError(
                     f"two bags were joined: a second one begins at byte {position}; give each a file"
                 )
             after = min((at for at in self.counts if at > position), default=end)
-            is_empty = not self.data[position:after].strip(b"\0")  # some writers leave room before the index
             expected = not self.damage.finished and after == end and is_cut_off(self.data, position)
-            if not is_empty and not expected:
+            if not expected and self.data[position:after].strip(b"\0"):  # some writers leave room before the index
                 self.sections.append((position, after, None))
             position = after
 
@@ -187,7 +182,7 @@ class Bag1(MessageFile):
                 continue
             try:
                 block = self.block_of(self.unpacked(record), start)
-            except DamagedError as error:
+            except DamagedChunkError as error:
                 lost = self.counts.get(start)
                 text = f"the chunk at byte {start} is damaged: it {error}"
                 self.damage.lose(text, end - start, lost and self.by_channel(lost), 1)
@@ -200,21 +195,21 @@ class Bag1(MessageFile):
         return Counter({self.numbers[one]: count for one, count in counts.items() if one in self.numbers})
 
     def unpacked(self, chunk: Record) -> bytes:
-        size, packed = chunk.number(b"size"), self.data[chunk.start : chunk.end]
-        compression = chunk.fields.get(b"compression", b"")
-        if compression == b"none":
-            return packed
-        if compression not in (b"bz2", b"lz4"):
-            raise DamagedError(
-                f"says it is compressed with {compression[:20].decode('latin1')!a}; bz2 and lz4 are read"
-            )
-        unpacker = bz2.BZ2Decompressor() if compression == b"bz2" else lz4.frame.LZ4FrameDecompressor()
+        content, compression = self.data[chunk.start : chunk.end], chunk.fields.get(b"compression", b"")
+        unpackers: dict[bytes, Callable[[bytes], bytes]] = {
+            b"none": bytes,
+            b"bz2": lambda packed: bz2.BZ2Decompressor().decompress(packed),
+            b"lz4": lambda packed: lz4.frame.LZ4FrameDecompressor().decompress(packed),
+        }
+        if compression not in unpackers:
+            shown = compression[:20].decode("latin1")
+            raise DamagedChunkError(f"says it is compressed with {shown!a}; bz2 and lz4 are read")
         try:
-            content: bytes = unpacker.decompress(packed)
+            content = unpackers[compression](content)
         except (OSError, RuntimeError, EOFError, ValueError) as error:
-            raise DamagedError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
-        if len(content) != size:
-            raise DamagedError(f"holds {len(content)} of {size} bytes")
+            raise DamagedChunkError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
+        if compression != b"none" and len(content) != chunk.number(b"size"):
+            raise DamagedChunkError(f"holds {len(content)} of {chunk.number(b'size')} bytes")
         return content
 
     def block_of(self, content: bytes, start: int) -> MessageBlock:
@@ -224,7 +219,7 @@ class Bag1(MessageFile):
         while position < len(content):
             record = record_at(content, position)
             if record is None:
-                raise DamagedError(f"holds no record at byte {position} of its {len(content)} bytes")
+                raise DamagedChunkError(f"holds no record at byte {position} of its {len(content)} bytes")
             if record.op == MESSAGE and len(record.fields.get(b"time", b"")) == 8 and b"conn" in record.fields:
                 seconds, rest = struct.unpack("<II", record.fields[b"time"])
                 time = seconds * 1_000_000_000 + rest
@@ -241,7 +236,7 @@ class Bag1(MessageFile):
         connection, time, starts, lengths = np.array(found, np.int64).reshape(-1, 4).T
         strangers = set(connection.tolist()) - self.numbers.keys()
         if strangers:
-            raise DamagedError(f"has messages of connection {min(strangers)}, which is not declared")
+            raise DamagedChunkError(f"has messages of connection {min(strangers)}, which is not declared")
         channel = np.array([self.numbers[one] for one in connection.tolist()], np.uint16)
         return MessageBlock(content, channel, np.zeros(channel.size, np.uint32), time, starts, lengths)
 
@@ -274,26 +269,28 @@ ONE_BAG = "keep the files of one recording in the folder, or name one bag as the
 
 def split_parts(folder: Path) -> list[Path]:
     """The bags of one recording of ROS 1 in order; `rosbag record --max-splits` may have deleted earlier ones."""
+    numbered, strangers, names = dict[int, Path](), [], set()
     bags = bags_in(folder)
-    named = {path: PART.fullmatch(path.name) for path in bags}
-    strangers = [path.name for path, name in named.items() if name is None]
+    for path in bags:
+        if part := PART.fullmatch(path.name):
+            numbered[int(part["number"])] = path
+            names.add(DATE.sub("DATE", part["name"]))
+        else:
+            strangers.append(path.name)
     if strangers:
         raise InputError(
             f"{folder}: {listing(strangers)} cannot be a file of a split recording of ROS 1, which are called "
             f"NAME_0.bag, NAME_1.bag; {ONE_BAG}"
         )
-    number_of = {path: int(name["number"]) for path, name in named.items() if name}
-    numbers = sorted(number_of.values())
-    names = sorted({DATE.sub("DATE", name["name"]) for name in named.values() if name})
-    if len(names) > 1 or len(set(numbers)) < len(numbers):
+    if len(names) > 1 or len(numbered) < len(bags):
         raise InputError(f"{folder}: files of several recordings ({listing([path.name for path in bags])}); {ONE_BAG}")
-    missing = sorted(set(range(numbers[0], numbers[-1] + 1)) - set(numbers))
+    missing = [f"{min(names)}_{one}.bag" for one in range(min(numbered), max(numbered)) if one not in numbered]
     if missing:
         raise InputError(
-            f"{folder}: the file{'s' * (len(missing) > 1)} {listing([f'{names[0]}_{one}.bag' for one in missing])} of "
-            f"the recording cannot be found; copy what is missing there, or name one bag as the trial's log"
+            f"{folder}: the file{'s' * (len(missing) > 1)} {listing(missing)} of the recording cannot be found; copy "
+            "what is missing there, or name one bag as the trial's log"
         )
-    return sorted(bags, key=lambda path: number_of[path])
+    return [numbered[one] for one in sorted(numbered)]
 
 
 def bags_in(folder: Path) -> list[Path]:
@@ -328,8 +325,7 @@ TABLES = {
 """Tables of a bag, with the columns that are read."""
 
 
-@dataclass(frozen=True)
-class Description:
+class Description(NamedTuple):
     """What `metadata.yaml` says of a bag."""
 
     parts: tuple[str, ...]  # names of its files, in the order of recording, without their folder
@@ -383,13 +379,10 @@ def siblings(path: Path) -> tuple[Description | None, str]:
         described = read_description(path.parent)
     except InputError:
         return None, ""
+    count, folder = len(described.parts), path.parent.name
     if path.name not in described.parts:
         return None, ""
-    if len(described.parts) == 1:
-        return described, ""
-    return described, (
-        f"one of the {len(described.parts)} files of a recording; name the folder '{path.parent.name}' to read all"
-    )
+    return described, f"one of the {count} files of a recording; name the folder '{folder}' to read all" * (count > 1)
 
 
 def read_rosbag2(path: Path) -> MessageFile:
@@ -426,40 +419,33 @@ class Database(MessageFile):
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages in the order of recording. Call it once."""
         strangers = 0
-        try:
-            with closing(opened(self.path)) as connection:
-                cursor = connection.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
-                while rows := cursor.fetchmany(AT_ONCE):
-                    known = [one for row in rows if (one := self.checked(row)) is not None]
-                    strangers += len(rows) - len(known)
-                    if known:
-                        yield self.block(known)
-        except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
-            raise unreadable(self.path, error) from error
+        with opened(self.path) as connection:
+            cursor = connection.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
+            while rows := cursor.fetchmany(AT_ONCE):
+                known = [row for row in rows if self.is_message(*row)]
+                strangers += len(rows) - len(known)
+                if known:
+                    yield self.block(known)
         if strangers:
             self.damage.lose(f"{strangers} messages belong to topics that are not in the bag", 0, None, 0)
 
-    def checked(self, row: tuple[Any, Any, Any]) -> tuple[int, int, bytes] | None:
-        """Channel, time [ns] and bytes of one message; None if its topic is not in the bag."""
-        topic, time, data = row
+    def is_message(self, topic: Any, time: Any, data: Any) -> bool:
+        """Whether a row is a message of a topic that is in the bag."""
         if not (isinstance(topic, int) and isinstance(time, int) and isinstance(data, bytes)):
             raise RefusedFileError(
                 f"{self.path}: a row of the table 'messages' holds {type(data).__name__} at {time!r:.40} and no "
                 f"message; {RECOVER}"
             )
-        if topic not in self.numbers:
-            return None
-        return self.numbers[topic], time, unpacked_message(data) if data[:4] == ZSTD else data
+        return topic in self.numbers
 
     def block(self, rows: list[tuple[int, int, bytes]]) -> MessageBlock:
-        channels, times, payloads = zip(*rows, strict=True)
-        lengths = np.array([len(payload) for payload in payloads], np.int64)
-        self.damage.read.update(Counter(channels))
-        none = np.zeros(len(rows), np.uint32)
-        starts = np.cumsum(lengths) - lengths
-        return MessageBlock(
-            b"".join(payloads), np.array(channels, np.uint16), none, np.array(times, np.int64), starts, lengths
-        )
+        channel = np.array([self.numbers[topic] for topic, _, _ in rows], np.uint16)
+        payloads = [unpacked_message(data) if data[:4] == ZSTD else data for _, _, data in rows]
+        lengths, time = np.array([len(one) for one in payloads]), np.array([time for _, time, _ in rows], np.int64)
+        starts, none = np.cumsum(lengths) - lengths, np.zeros(len(rows), np.uint32)
+        block = MessageBlock(b"".join(payloads), channel, none, time, starts, lengths)
+        self.damage.read.update(block.counts)
+        return block
 
 
 def unpacked_message(data: bytes) -> bytes:
@@ -485,12 +471,8 @@ def read_database(path: Path, described: Description | None = None) -> Database:
             )
     description, remark = siblings(path) if described is None else (described, "")
     bag = Database(path, path.stat().st_size)
-    try:
-        with closing(opened(path)) as connection:
-            check_tables(path, connection)
-            declare_topics(bag, connection, description.distribution if description else "")
-    except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
-        raise unreadable(path, error) from error
+    with opened(path) as connection:
+        declare_topics(bag, connection, description.distribution if description else "")
     if remark:
         bag.damage.remark(remark)
     elif description is None:
@@ -502,74 +484,70 @@ def read_database(path: Path, described: Description | None = None) -> Database:
     return bag
 
 
-def opened(path: Path) -> sqlite3.Connection:
-    return sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1", uri=True)
-
-
-def check_tables(path: Path, connection: sqlite3.Connection) -> None:
-    tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")}
-    for name, columns in TABLES.items():
-        if name not in tables:
-            raise InputError(f"{path}: a database without the table '{name}': no bag of ROS 2; name the bag itself")
-        found = {str(row[1]) for row in connection.execute(f"PRAGMA table_info({name})")}
-        if not columns <= found:
-            lacking = ", ".join(sorted(columns - found))
-            raise InputError(f"{path}: its table '{name}' lacks {lacking}: no bag of ROS 2; name the bag itself")
+@contextmanager
+def opened(path: Path) -> Iterator[sqlite3.Connection]:
+    """A database, read-only and as it stands, so that sqlite writes no file beside it."""
+    try:
+        with closing(
+            sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1", uri=True)
+        ) as connection:
+            yield connection
+    except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
+        said = " ".join(str(error).split())[:120]
+        raise InputError(f"{path}: the database is damaged or cut off ({said}); {RECOVER}") from error
 
 
 def declare_topics(bag: Database, connection: sqlite3.Connection, distribution: str) -> None:
+    tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")}
+    for table, columns in TABLES.items():
+        if table not in tables:
+            raise InputError(
+                f"{bag.path}: a database without the table '{table}': no bag of ROS 2; name the bag itself"
+            )
+        lacking = sorted(columns - {str(row[1]) for row in connection.execute(f"PRAGMA table_info({table})")})
+        if lacking:
+            raise InputError(
+                f"{bag.path}: its table '{table}' lacks {', '.join(lacking)}: no bag of ROS 2; name the bag itself"
+            )
     own: dict[str, tuple[str, str]] = {}
-    if connection.execute("SELECT 1 FROM sqlite_schema WHERE name = 'message_definitions'").fetchone():
+    if "message_definitions" in tables:
         query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
         own = {str(kind): (str(encoding), str(text)) for kind, encoding, text in connection.execute(query)}
     for topic in connection.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id"):
         number, name, kind, encoding = int(topic[0]), *map(str, topic[1:])
         channel = bag.numbers.setdefault(number, len(bag.numbers))
-        metadata, schema = {}, 0
-        try:
-            definition = definition_of(kind, own, distribution)
-            schema = channel + 1
-            bag.declare(Schema(schema, definition, "ros2msg", kind))
-        except NoDefinitionError as error:
-            metadata = {NOT_DEFINED: str(error)}
+        definition, reason = definition_of(kind, own, distribution)
+        if not reason:
+            bag.declare(Schema(channel + 1, definition, "ros2msg", kind))
+        metadata, schema = ({NOT_DEFINED: reason}, 0) if reason else ({}, channel + 1)
         bag.declare(Channel(id=channel, topic=name, message_encoding=encoding, metadata=metadata, schema_id=schema))
 
 
-def unreadable(path: Path, error: Exception) -> InputError:
-    return InputError(f"{path}: the database is damaged or cut off ({' '.join(str(error).split())[:120]}); {RECOVER}")
-
-
-class NoDefinitionError(OslAnalysisError):
-    """The definition of a message cannot be found. The message says why, and what to do."""
-
-
-def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: str) -> bytes:
-    """The definition of messages of type `kind` (`package/msg/Name`): in the bag, or of a standard type in `rosbags`.
+def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: str) -> tuple[bytes, str]:
+    """The definition of messages of type `kind` (`package/msg/Name`): in the bag, or of a standard type in `rosbags`;
+    or why there is none, and what to do.
 
     own: encoding and text of the definitions in the bag, which has them since ROS 2 Iron, by type.
     """
     encoding, text = own.get(kind, ("", ""))
     if encoding == "ros2msg" and text.strip():
-        return text.encode()
+        return text.encode(), ""
     if encoding == "ros2idl" and text.strip():
-        raise NoDefinitionError(f"type '{kind}' is defined in IDL, which is not read; {CONVERT}")
+        return b"", f"type '{kind}' is defined in IDL, which is not read; {CONVERT}"
     lacking = f"the bag has no definition of type '{kind}'"
     try:
         types = optional_module("rosbags.typesys", "ros", "a bag without definitions of its messages")
     except InputError as error:
-        raise NoDefinitionError(f"{lacking}: {error}") from error
-    found = {}
-    for store in types.Stores:
-        known = types.get_typestore(store) if store.name.startswith("ROS2_") else None
-        if known is not None and kind in known.types:
-            found[store.name] = str(known.generate_msgdef(kind, ros_version=2)[0])
-    if distribution and f"ROS2_{distribution.upper()}" in found:
-        return found[f"ROS2_{distribution.upper()}"].encode()
+        return b"", f"{lacking}: {error}"
+    stores = {store.name: types.get_typestore(store) for store in types.Stores if store.name.startswith("ROS2_")}
+    stores = {name: store for name, store in stores.items() if kind in store.types}
+    found = {name: str(store.generate_msgdef(kind, ros_version=2)[0]) for name, store in stores.items()}
+    own_distribution = f"ROS2_{distribution.upper()}"
     if not found:
-        raise NoDefinitionError(f"{lacking}, which is no standard one; {CONVERT}")
-    if len({repr(parse_schema(kind, one)) for one in found.values()}) > 1:
-        raise NoDefinitionError(f"{lacking}, which differs between the distributions of ROS 2; {CONVERT}")
-    return next(iter(found.values())).encode()
+        return b"", f"{lacking}, which is no standard one; {CONVERT}"
+    if own_distribution not in found and len({repr(parse_schema(kind, one)) for one in found.values()}) > 1:
+        return b"", f"{lacking}, which differs between the distributions of ROS 2; {CONVERT}"
+    return found.get(own_distribution, next(iter(found.values()))).encode(), ""
 
 
 # --- a recording that is a folder

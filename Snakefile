@@ -32,7 +32,7 @@ from osl_analysis.judge.usable import Judge
 from osl_analysis.files import check_working_folder
 from osl_analysis.fingerprint import code, code_of
 from osl_analysis.jobs.request import Requests
-from osl_analysis.jobs.run import at_end_of_run
+from osl_analysis.jobs.run import at_end_of_run, run_job
 from osl_analysis.refusal import is_refused
 from osl_analysis.refusal import refusal_report, refusals_in
 from osl_analysis.report import TEMPLATES
@@ -84,8 +84,8 @@ def make_rule(rule_name: str, job, output, log: str, constraints) -> None:
             RESULTS / f"logs/{log}.log",
         wildcard_constraints:
             **constraints,
-        shell:
-            '"$OSL_PYTHON" -I -S "$OSL_CLIENT" {input.request}'
+        run:
+            run_job(input.request)
 
 
 def step(command: str, output, log: str, name: str = "", **constraints):

@@ -35,14 +35,14 @@ import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag
 import osl_analysis.about, osl_analysis.campaign, osl_analysis.judge.findings, osl_analysis.refusal
 import osl_analysis.commands.simulate, osl_analysis.campaign, osl_analysis.figures, osl_analysis.study
 from osl_analysis import fingerprint
-from osl_analysis.jobs import client, request, run
+from osl_analysis.jobs import request, run, server
 
 snakemake.cli.get_argument_parser()  # imports the plug-ins
 for path in fingerprint.PACKAGE.rglob("*.py"):
     fingerprint.imported_names(path)
 folder = tempfile.mkdtemp()
-os.environ |= {client.JOBS: f"{folder}/jobs", client.OWNER: str(os.getpid())}
-client.start(f"{folder}/jobs")
+os.environ |= {server.JOBS: f"{folder}/jobs", server.OWNER: str(os.getpid())}
+run.start(f"{folder}/jobs")
 gc.freeze()
 
 for line in sys.stdin:

@@ -3,8 +3,6 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,11 +15,10 @@ from osl_analysis.commands.walking_files import read_json
 from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import temporary_path
 from osl_analysis.job_log import JobLog, read_log, read_logs, run_report, write_log
-from osl_analysis.jobs import client
-from osl_analysis.jobs import run as jobs_run
 from osl_analysis.jobs.job import died, perform, reason_and_remedy
 from osl_analysis.jobs.request import Job, write_request
-from osl_analysis.jobs.server import PRELOADED
+from osl_analysis.jobs.run import run_job, start_server
+from osl_analysis.jobs.server import JOBS, OWNER, PRELOADED, SPARED
 from osl_analysis.judge.findings import exclusion_report, findings_report, left_behind_report
 from osl_analysis.judge.table import QualityRules
 from osl_analysis.judge.usable import Judge, without_excluded, without_refused
@@ -176,7 +173,7 @@ def test_a_killed_job_is_named_with_its_trial_and_leaves_nothing_half(tmp_path: 
     left = temporary_path(output, 12345)
     left.parent.mkdir()
     left.write_text("half a table")
-    assert died(str(request), 12345, signal.SIGKILL) == 0
+    died(str(request), 12345, signal.SIGKILL)
     assert not left.exists()
     (cause,) = read_refusals(output)
     assert (cause.trial, cause.outcome) == ("b_7", "died")
@@ -184,16 +181,17 @@ def test_a_killed_job_is_named_with_its_trial_and_leaves_nothing_half(tmp_path: 
 
 
 @pytest.mark.parametrize("server", [True, False])
-def test_a_job_that_is_killed_is_named_by_its_client(tmp_path: Path, monkeypatch, server: bool) -> None:
-    """With the warm server and without one. The client itself ends well, so that Snakemake goes on."""
+def test_a_job_that_is_killed_is_named(tmp_path: Path, monkeypatch, server: bool) -> None:
+    """With the warm server and without one; Snakemake goes on."""
     (tmp_path / "site").mkdir()
     (tmp_path / "site/sitecustomize.py").write_text(KILLED_AT_ITS_TRIAL)
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path / 'site'}:{ROOT}")
     request = written(tmp_path)
     place = f"/tmp/osl-test-{os.getpid()}-{server}/jobs" if server else ""
-    own = {client.JOBS: place, client.OWNER: str(os.getpid()), client.SPARED: " ".join(PRELOADED)}
-    command = [sys.executable, "-I", "-S", client.__file__, str(request)]
-    assert subprocess.run(command, env=os.environ | own, cwd=tmp_path, check=False).returncode == 0
+    for name, value in {JOBS: place, OWNER: str(os.getpid()), SPARED: " ".join(PRELOADED)}.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.chdir(tmp_path)
+    run_job(str(request))
     assert read_refusals(tmp_path / "fits/b_7.csv")[0].reason.endswith("was killed (signal 9, SIGKILL)")
 
 
@@ -288,13 +286,13 @@ def test_a_long_TMPDIR_does_not_keep_jobs_from_starting(tmp_path: Path, monkeypa
     long.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(long))
     monkeypatch.setattr("sys.argv", ["snakemake", "-n"])
-    for name in (client.JOBS, client.OWNER, client.SPARED, "OSL_PYTHON", "OSL_CLIENT"):
+    for name in (JOBS, OWNER, SPARED):
         monkeypatch.setenv(name, "")
-    jobs_run.start_server({})
-    assert os.environ[client.JOBS].startswith("/tmp/")
+    start_server({})
+    assert os.environ[JOBS].startswith("/tmp/")
     monkeypatch.setattr("os.access", lambda *_: False)
-    jobs_run.start_server({})
-    assert os.environ[client.JOBS] == ""  # each job starts Python anew
+    start_server({})
+    assert os.environ[JOBS] == ""  # each job starts Python anew
 
 
 def test_a_full_disk_is_no_fault_of_the_input_and_is_tried_again_with_the_advice_to_make_room(tmp_path, monkeypatch):

@@ -23,7 +23,8 @@ from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
 from osl_analysis.fingerprint import imported_names, sources
 from osl_analysis.job_log import read_log
-from osl_analysis.jobs import client
+from osl_analysis.jobs.run import run_job
+from osl_analysis.jobs.server import JOBS
 from osl_analysis.refusal import is_refused
 from osl_analysis.summary.headlines import all_labels
 
@@ -643,15 +644,15 @@ def test_the_log_of_a_job_says_what_was_done_with_what_and_how_long_it_took(work
     assert log["settings"] == {"settings": settings | limits}
 
 
-def test_a_job_without_a_server_leaves_the_same_result(workspace):
+def test_a_job_without_a_server_leaves_the_same_result(workspace, monkeypatch):
     """As on a system without sockets: each job is a Python of its own."""
     fit = workspace.folder / "results/fits/belt/belt_02.csv"
     before = fit.read_bytes()
     fit.unlink()
-    request = str(workspace.folder / "results/requests/belt/belt_02/job.json")
-    command = [sys.executable, "-I", "-S", client.__file__, request]
-    done = subprocess.run(command, cwd=workspace.folder, env=os.environ | {client.JOBS: ""}, check=False)
-    assert (done.returncode, fit.read_bytes()) == (0, before)
+    monkeypatch.chdir(workspace.folder)
+    monkeypatch.setenv(JOBS, "")
+    run_job("results/requests/belt/belt_02/job.json")
+    assert fit.read_bytes() == before
     assert read_log(workspace.folder / "results/logs/belt/belt_02.log").outcome == "done"
 
 

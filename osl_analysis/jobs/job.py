@@ -185,14 +185,13 @@ def files_read(job: Job) -> list[str]:
     return [str(file) for file in (*raw, inputs.get("trial"), inputs.get("crossing")) if file]
 
 
-def died(request: str, pid: int, number: int) -> int:
-    """End a job whose process was killed by a signal: leave records, so that other jobs go on; the exit code."""
+def died(request: str, pid: int, number: int) -> None:
+    """End a job whose process was killed by a signal: leave records, so that other jobs go on."""
     job = read_request(Path(request))
     forget(request, pid)
     known = {int(one): one.name for one in signal.Signals}
     by = f"signal {number}, {known[number]}" if number in known else "from outside"
     end(job, JobLog(job.command, "died", error=f"the process of this job was killed ({by})"))
-    return 0
 
 
 def forget(request: str, pid: int) -> None:

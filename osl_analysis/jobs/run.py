@@ -1,8 +1,14 @@
-"""A run of the workflow: the server of its jobs at its begin, and what is said at its end."""
+"""A run of the workflow: the server of its jobs at its begin, each job, and what is said at the end.
+
+A thread of Snakemake hands a job to the warm server of the run (`server.py`), and waits. Where there is no server, the
+job runs in a Python of its own, which takes 0.8 s of imports more. If Snakemake is killed, the server kills its jobs.
+"""
 
 import atexit
 import os
 import signal
+import socket
+import subprocess
 import sys
 import tempfile
 import threading
@@ -12,8 +18,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.jobs import client
-from osl_analysis.jobs.server import OF_DRAWINGS, OF_SIMULATOR
+from osl_analysis.errors import OslAnalysisError
+from osl_analysis.jobs import server
 
 NO_JOBS = {"--lint", "--dag", "--rulegraph", "--filegraph", "--d3dag", "--summary", "--unlock", "--report", "--list"}
 NO_JOBS |= {"-n", "--dry-run", "--dryrun", "--touch", "--delete-all-output", "--archive", "--print-compilation"}
@@ -29,24 +35,27 @@ STARTED = time.time()
 """Start of this run [s]. Its report covers the logs that were written after this time."""
 
 
+class JobError(OslAnalysisError):
+    """A job could write neither a result nor a record of why there is none."""
+
+
 def start_server(config: Mapping[str, Any]) -> None:
     """Name the server of this run's jobs, and start it while the workflow is still read: its imports take another core.
 
     Where Snakemake runs no job, it is only named. `config` are the fields that override the default. A run that a test
     starts uses the server of this test.
     """
-    os.environ["OSL_PYTHON"], os.environ["OSL_CLIENT"] = sys.executable, client.__file__
-    if os.environ.get(client.OWNER) == str(os.getppid()):
+    if os.environ.get(server.OWNER) == str(os.getppid()):
         return
     places = [place for place in (tempfile.gettempdir(), "/tmp", "/var/tmp", "/dev/shm") if os.access(place, os.W_OK)]
     short = [place for place in places if len(os.fsencode(place)) <= LONGEST_PLACE]
-    os.environ[client.JOBS] = f"{short[0]}/osl-jobs-{os.getuid()}-{os.getpid()}/jobs" if short else ""
-    os.environ[client.OWNER] = str(os.getpid())
-    os.environ[client.SPARED] = " ".join(rarely_used(config, sys.argv))
+    os.environ[server.JOBS] = f"{short[0]}/osl-jobs-{os.getuid()}-{os.getpid()}/jobs" if short else ""
+    os.environ[server.OWNER] = str(os.getpid())
+    os.environ[server.SPARED] = " ".join(rarely_used(config, sys.argv))
     if short and NO_JOBS.isdisjoint(sys.argv):
         with suppress(OSError):
-            if client.is_ours(os.environ[client.JOBS]):
-                client.start(os.environ[client.JOBS])
+            if is_ours(os.environ[server.JOBS]):
+                start(os.environ[server.JOBS])
 
 
 def rarely_used(config: Mapping[str, Any], arguments: Sequence[str]) -> list[str]:
@@ -56,8 +65,88 @@ def rarely_used(config: Mapping[str, Any], arguments: Sequence[str]) -> list[str
     """
     simulates = config.get("simulation", True) is not None or not STUDY.isdisjoint(arguments)
     draws = not any(Path(one).suffix in TABLES and "=" not in one for one in arguments)
-    unused = [(simulates, OF_SIMULATOR), (draws, OF_DRAWINGS)]
+    unused = [(simulates, server.OF_SIMULATOR), (draws, server.OF_DRAWINGS)]
     return [name for used, names in unused if not used for name in names]
+
+
+def run_job(request: str) -> None:
+    """Have the job of a request done. A killed one leaves records, as one does that refuses its input.
+
+    Raises JobError where there is neither a result nor a record, as on a full disk; the job itself has said why.
+    """
+    code, number, pid = served(request)
+    if code is None:
+        code, number, pid = alone(request, pid)
+    if number:
+        from osl_analysis.jobs.job import died
+
+        died(request, pid, number)
+    elif code:
+        raise JobError(f"{request}: this job could write no result; see above, and run again")
+
+
+def served(request: str) -> tuple[int | None, int, int]:
+    """Exit code of the job in the server, the signal that killed it (0: none) and its process; no code without one."""
+    pid, path = 0, os.environ.get(server.JOBS)
+    try:
+        if not path or not is_ours(path):
+            return None, 0, 0
+        with connected(path) as link:
+            body = "\0".join([os.getcwd(), request]).encode()
+            socket.send_fds(link, [len(body).to_bytes(4, "big")], [0, 1, 2])
+            link.sendall(body)
+            pid = int.from_bytes(link.recv(4), "big")
+            said = link.recv(2)
+        return (said[0], said[1], pid) if len(said) == 2 else (None, 0, pid)
+    except (OSError, AttributeError):  # no server can be had, or a system without such sockets
+        return None, 0, pid
+
+
+def connected(path: str) -> socket.socket:
+    """A connection to the server, which is started if need be."""
+    link = socket.socket(socket.AF_UNIX)
+    try:
+        link.connect(path)
+    except OSError:
+        start(path)
+        link.connect(path)
+    return link
+
+
+def is_ours(path: str) -> bool:
+    """Whether the socket's folder, which is made, belongs to this user alone: another one could answer there."""
+    folder = os.path.dirname(path)
+    os.makedirs(folder, 0o700, exist_ok=True)
+    found = os.stat(folder)
+    return found.st_uid == os.getuid() and not found.st_mode & 0o077
+
+
+def start(path: str) -> None:
+    """Start the server if there is none. It listens when this returns, and does its imports while jobs wait."""
+    import fcntl
+
+    with open(f"{path}.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        try:
+            with socket.socket(socket.AF_UNIX) as probe:
+                probe.connect(path)
+            return
+        except OSError:
+            pass
+        with open(f"{path}.log", "ab") as log:  # who reads the run's lines to their end shall not wait for the server
+            apart("--serve", path, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=log).wait()
+
+
+def apart(*arguments: str, **files: Any) -> subprocess.Popen[bytes]:
+    """Start `server.py` in a session of its own: Ctrl-C in a terminal is for Snakemake, which lets begun jobs end."""
+    return subprocess.Popen([sys.executable, server.__file__, *arguments], start_new_session=True, **files)
+
+
+def alone(request: str, pid: int) -> tuple[int, int, int]:
+    """As `served`, in a Python of its own. `pid` is a process that died over the job."""
+    job = apart("--job", request, str(pid))
+    code = job.wait()
+    return (0, -code, job.pid) if code < 0 else (code, 0, job.pid)
 
 
 def noticed_interrupt() -> threading.Event:

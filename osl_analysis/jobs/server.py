@@ -1,8 +1,8 @@
 """The warm server of a run: it imports once, forks once per job, and ends with the run. It has no threads.
 
 A job begins with its work 0.8 s earlier than in a Python of its own, and is still a process of its own.
-`server.py --serve SOCKET` serves, `--job REQUEST PID` runs one job, `--died REQUEST PID SIGNAL` records a killed one;
-PID is a process that died over the job, whose temporary files are deleted.
+`server.py --serve SOCKET` serves, `--job REQUEST PID` runs one job; PID is a process that died over it, whose temporary
+files are deleted.
 """
 
 import ctypes
@@ -20,8 +20,8 @@ from typing import NoReturn
 if __name__ == "__main__":  # started by its path
     sys.path[0] = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 
-from osl_analysis.jobs.client import OWNER, SPARED
-
+JOBS, OWNER, SPARED = "OSL_JOBS", "OSL_JOBS_OWNER", "OSL_JOBS_SPARED"
+"""Variables of the environment: the server's socket, the process it ends with, and modules that it need not import."""
 IDLE_S = 30.0
 """Time without a job after which a server that belongs to no run ends [s]."""
 LOOK_S = 2.0
@@ -216,24 +216,20 @@ class Server:
             link.close()
 
 
-def main(what: str, argument: str, *numbers: str) -> int:
+def main(what: str, argument: str, pid: str = "0") -> int:
     """Serve, or do one job."""
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if what == "--serve":
         server = Server(argument, int(os.environ.get(OWNER, "0")))
-        os.write(1, b"+")
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        warm()
-        server.serve()
+        if not os.fork():  # who has started this process waits for its end: from now on it listens
+            warm()
+            server.serve()
         return 0
     from osl_analysis.jobs import job
 
-    pid, *signals = map(int, numbers)
     dies_with(os.getppid())
-    if what == "--died":
-        return job.died(argument, pid, signals[0])
-    job.forget(argument, pid)
+    job.forget(argument, int(pid))
     return job.run(argument)
 
 

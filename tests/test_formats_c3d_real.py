@@ -91,8 +91,9 @@ def test_one_trial_stored_in_five_ways_is_one_trial() -> None:
 
 @needs_real_data
 def test_unsigned_offsets_of_a_real_plate_are_read_as_unsigned() -> None:
-    recording = read_c3d(C3D / "vicon_shd01_unsigned_offsets_missing_plate2.c3d")
-    content, header = (C3D / recording.path.name).read_bytes(), recording.header
+    path = C3D / "vicon_shd01_unsigned_offsets_missing_plate2.c3d"
+    recording, content = read_c3d(path), path.read_bytes()
+    header = recording.header
     width = 4 * header.points + header.channels * header.samples_per_frame
     raw = np.frombuffer(content, "<f4", header.frames * width, header.data_start).reshape(header.frames, width)
     samples = raw[:, 4 * header.points :].reshape(-1, header.channels).astype(float)

@@ -196,7 +196,7 @@ def test_samples_of_scipy_are_read_as_by_scipy_or_refused():
     for path in SCIPYS:
         try:
             file = open_mat(path)
-            values = {name: one.load() for name, one in file.read(file.names).items() if one.load is not None}
+            values = {name: one.numbers for name, one in file.read(file.names).items() if one.numbers is not None}
         except InputError:
             refused.add(path.stem)
             continue

@@ -198,24 +198,22 @@ def is_c3d(begin: bytes) -> bool:
     return begin[1:2] == bytes([KEY]) and b"\0" in begin
 
 
-def parse_file(path: Path, data: bytes, counts: Counts = "refuse") -> C3DHeader:
+def parse_file(data: bytes, counts: Counts = "refuse") -> C3DHeader:
     if len(data) < 2 * BLOCK or data[1] != KEY:
-        raise InputError(
-            f"{path}: not a C3D file (it begins with {data[:4]!r}); check the path and the source's format"
-        )
+        raise InputError(f"not a C3D file (it begins with {data[:4]!r}); check the path and the source's format")
     start = (data[0] - 1) * BLOCK
     processor = PROCESSORS.get(data[start + 3]) if 0 < start < len(data) - 3 else None
     if processor is None:
         raise InputError(
-            f"{path}: written for a processor of an unknown type; {', '.join(ENDIAN)} are read: export the trial again"
+            f"written for a processor of an unknown type; {', '.join(ENDIAN)} are read: export the trial again"
         )
     try:
         header = parse_header(data, start, processor)
         check_section(header)
     except (struct.error, ValueError, IndexError) as error:
-        raise InputError(f"{path}: damaged C3D file: {error}; export the trial again") from error
-    header = with_counts(path, header, len(data), counts)
-    check_size(path, header, len(data))
+        raise InputError(f"damaged C3D file: {error}; export the trial again") from error
+    header = with_counts(header, len(data), counts)
+    check_size(header, len(data))
     return header
 
 
@@ -269,7 +267,7 @@ def check_section(header: C3DHeader) -> None:
             raise InputError(f"{header.remark}, before {group}:{lost[0]}")
 
 
-def with_counts(path: Path, header: C3DHeader, size: int, counts: Counts) -> C3DHeader:
+def with_counts(header: C3DHeader, size: int, counts: Counts) -> C3DHeader:
     """The header with the counts of points and channels that hold; raises as `parse_file`."""
     used = {group: header.numbers(f"{group}:USED") for group in ESSENTIAL}
     stated = {"POINT": header.points, "ANALOG": header.channels}
@@ -285,7 +283,7 @@ def with_counts(path: Path, header: C3DHeader, size: int, counts: Counts) -> C3D
     }
     fitting = tuple(name for name, one in choices.items() if fits(one, size))
     group = next(group for group in stated if stated[group] != other[group])
-    contradiction = f"{path}: the header counts {stated[group]}, {group}:USED is {other[group]}"
+    contradiction = f"the header counts {stated[group]}, {group}:USED is {other[group]}"
     says = f"the file's size fits {' and '.join(fitting) or 'neither'}"
     if counts == "refuse":
         raise CountsError(
@@ -302,22 +300,20 @@ def fits(header: C3DHeader, size: int) -> bool:
     return 0 <= more < 2 * BLOCK
 
 
-def check_size(path: Path, header: C3DHeader, size: int) -> None:
+def check_size(header: C3DHeader, size: int) -> None:
     """Refuse a file that holds no frames, or more or fewer frames than it declares."""
     frame = header.frame_bytes
     if header.frames < 1 or frame == 0 or not 0 < header.rate < math.inf:
         raise InputError(
-            f"{path}: declares {header.frames} frames of {frame} bytes at {header.rate} Hz: nothing to read; export "
+            f"declares {header.frames} frames of {frame} bytes at {header.rate} Hz: nothing to read; export "
             "the trial again"
         )
     there = max(size - header.data_start, 0) // frame
     if there < header.frames:
-        raise InputError(
-            f"{path}: truncated: it declares {header.frames} frames and holds {there}; copy or export it again"
-        )
+        raise InputError(f"truncated: it declares {header.frames} frames and holds {there}; copy or export it again")
     if header.first_frame + header.frames > MOST_FRAMES and there > header.frames + BLOCK // frame:
         raise InputError(
-            f"{path}: holds {there} frames, more than the {MOST_FRAMES} that a C3D header can count; export it in parts"
+            f"holds {there} frames, more than the {MOST_FRAMES} that a C3D header can count; export it in parts"
         )
 
 
@@ -325,7 +321,6 @@ def check_size(path: Path, header: C3DHeader, size: int) -> None:
 class C3DRecording:
     """Content of a C3D file, in the file's units. Frame 0 and analog sample 0 are at 0 s."""
 
-    path: Path
     header: C3DHeader  # counts and parameters
     points: Array  # positions and model outputs, (frames, points, 3); NaN where a point was not seen
     analogs: Array  # analog channels, (samples, channels), with `header.samples_per_frame` samples per frame
@@ -359,13 +354,12 @@ def read_c3d(path: Path, counts: Counts = "refuse") -> C3DRecording:
     hold, InputError if it is no C3D, damaged or truncated.
     """
     data = path.read_bytes()
-    header = parse_file(path, data, counts)
+    header = parse_file(data, counts)
     points, analogs = np.split(frames_of(data, header), [4 * header.points], axis=1)
     with np.errstate(
         invalid="ignore", over="ignore"
     ):  # a damaged sample that is not finite is refused where it is used
         return C3DRecording(
-            path,
             header,
             positions(points.reshape(header.frames, header.points, 4), header),
             physical(analogs.reshape(header.frames * header.samples_per_frame, header.channels), header),

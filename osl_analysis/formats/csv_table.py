@@ -38,7 +38,7 @@ def read_lines(path: Path) -> Lines:
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         raise InputError(
-            f"{path}: line {line} holds zero bytes, as a loss of power leaves them; delete the file from there on, or "
+            f"line {line} holds zero bytes, as a loss of power leaves them; delete the file from there on, or "
             "name a text file"
         )
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
@@ -74,24 +74,24 @@ def delimiter_of(lines: Lines, given: str) -> str:
     return everywhere[0] if everywhere else " " if spaced else ","
 
 
-def split_rows(path: Path, lines: Lines, delimiter: str) -> Rows:
+def split_rows(lines: Lines, delimiter: str) -> Rows:
     """Cells of every line, stripped, without lines of empty cells; refused where a quote is not closed on its line."""
     reader = csv.reader((text for _, text in lines), delimiter=delimiter, skipinitialspace=True)
     rows: Rows = []
     try:
         for count, cells in enumerate(reader, start=1):
             if reader.line_num != count:
-                raise InputError(f"{path}: line {lines[count - 1][0]}: a quote is not closed; remove it")
+                raise InputError(f"line {lines[count - 1][0]}: a quote is not closed; remove it")
             if len(cells) > MOST_CELLS:
                 raise InputError(
-                    f"{path}: line {lines[count - 1][0]} has {len(cells)} cells, at most {MOST_CELLS} are read; write "
+                    f"line {lines[count - 1][0]} has {len(cells)} cells, at most {MOST_CELLS} are read; write "
                     "a row per sample, each on its own line"
                 )
             stripped = [cell.strip() for cell in cells]
             if any(stripped):
                 rows.append((lines[count - 1][0], stripped))
     except csv.Error as error:
-        raise InputError(f"{path}: line {lines[reader.line_num - 1][0]}: {error}; repair it") from error
+        raise InputError(f"line {lines[reader.line_num - 1][0]}: {error}; repair it") from error
     return rows
 
 
@@ -165,7 +165,6 @@ class CsvLayout:
 class CsvTable:
     """The rows of a log in CSV, as text."""
 
-    path: Path
     names: list[str]  # names of the columns, as in the header
     units: list[str]
     """Units of the columns, from a row of units or from brackets behind the name; empty where none is given."""
@@ -184,7 +183,7 @@ class CsvTable:
         places = places_of(name, self.names)
         if len(places) == 1:
             return places[0]
-        where = f"{self.path}: column '{name[:80]}'"
+        where = f"column '{name[:80]}'"
         if places:
             which = listing([f"{place + 1} ('{self.names[place]}')" for place in places])
             advice = "write a pattern or a name that only one has, or its number"
@@ -217,17 +216,17 @@ def places_of(name: str, names: Sequence[str]) -> list[int]:
 def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
     """The rows of a log in CSV; InputError if it has no header, or rows that the layout does not allow."""
     lines = read_lines(path)
-    return plain_table(path, lines, layout) or table_of(path, lines, layout)
+    return plain_table(lines, layout) or table_of(lines, layout)
 
 
-def plain_table(path: Path, lines: Lines, layout: CsvLayout) -> CsvTable | None:
+def plain_table(lines: Lines, layout: CsvLayout) -> CsvTable | None:
     """The table of lines that are all alike below the first ones, split by polars; None of others.
 
     A list of rows takes a hundred bytes per cell, and an hour at 1 kHz would not fit into memory.
     """
     below = [text for _, text in lines[HEAD_LINES:]]
     try:
-        table = table_of(path, lines[:HEAD_LINES], layout) if below else None
+        table = table_of(lines[:HEAD_LINES], layout) if below else None
     except InputError:  # the whole file tells what is wrong
         return None
     if table is None or table.notes or table.delimiter == " ":
@@ -247,57 +246,55 @@ def plain_table(path: Path, lines: Lines, layout: CsvLayout) -> CsvTable | None:
     return replace(table, lines=np.concatenate([table.lines, numbered]), body=pl.concat([table.body, rest]))
 
 
-def table_of(path: Path, lines: Lines, layout: CsvLayout) -> CsvTable:
+def table_of(lines: Lines, layout: CsvLayout) -> CsvTable:
     sign = layout.comment
     comments: Lines = [(n, t.strip()[len(sign) :].strip()) for n, t in lines if sign and t.lstrip().startswith(sign)]
     content = [(n, text) for n, text in lines if not (sign and text.lstrip().startswith(sign))]
     delimiter = delimiter_of(content, layout.delimiter)
-    rows = split_rows(path, content, delimiter)
-    names = header_of(path, rows, comments, delimiter, layout)
+    rows = split_rows(content, delimiter)
+    names = header_of(rows, comments, delimiter, layout)
     units = [name_and_unit(name)[1] for name in names]
     if layout.header == "row":
-        check_header_place(path, rows[0], rows[1:])
+        check_header_place(rows[0], rows[1:])
         rows = rows[1:]
     rows = [(line, unpadded(cells, len(names))) for line, cells in rows]
-    rows, notes = without_extra_cells(path, rows, len(names), layout) if rows else (rows, [])
+    rows, notes = without_extra_cells(rows, len(names), layout) if rows else (rows, [])
     if layout.units_row and rows:
         units, rows = ([*map(without_brackets, rows[0][1]), *units[len(rows[0][1]) :]], rows[1:])
     if not rows:
-        raise InputError(f"{path}: no rows of data; record it again, or exclude the trial")
+        raise InputError("no rows of data; record it again, or exclude the trial")
     cut = len(rows) > 1 and len(rows[-1][1]) < min(len(names), len(rows[-2][1]))  # as by an interrupted recorder
     if cut:
         notes.append(f"the last line, {rows[-1][0]}, is cut off and was skipped")
         rows = rows[:-1]
-    fitting, repairs = fitting_rows(path, rows, len(names), layout)
+    fitting, repairs = fitting_rows(rows, len(names), layout)
     if not fitting:
-        raise InputError(
-            f"{path}: none of its rows fits the header's {len(names)} names; state `delimiter` or `header`"
-        )
+        raise InputError(f"none of its rows fits the header's {len(names)} names; state `delimiter` or `header`")
     cells = [pl.Series(str(k), [row[k] for _, row in fitting], dtype=pl.String) for k in range(len(names))]
     numbered, said = np.array([line for line, _ in fitting]), [text for _, text in comments]
-    return CsvTable(path, names, units, numbered, pl.DataFrame(cells), said, [*notes, *repairs], delimiter, not cut)
+    return CsvTable(names, units, numbered, pl.DataFrame(cells), said, [*notes, *repairs], delimiter, not cut)
 
 
-def header_of(path: Path, rows: Rows, comments: Lines, delimiter: str, layout: CsvLayout) -> list[str]:
+def header_of(rows: Rows, comments: Lines, delimiter: str, layout: CsvLayout) -> list[str]:
     """Names of the columns; their numbers, counted from 1, where the file has no header."""
     if layout.header == "comment":
-        named = split_rows(path, comments[-1:], delimiter)
+        named = split_rows(comments[-1:], delimiter)
         if not named:
-            raise InputError(f"{path}: no line begins with '{layout.comment}'; write `header: row` or `header: none`")
+            raise InputError(f"no line begins with '{layout.comment}'; write `header: row` or `header: none`")
         return named[0][1]
     if not rows:
-        raise InputError(f"{path}: holds no rows; record it again, or exclude the trial")
+        raise InputError("holds no rows; record it again, or exclude the trial")
     line, first = rows[0]
     if layout.header == "none":
         return [str(i + 1) for i in range(len(first))]
     if all(is_number_cell(cell.replace(",", ".")) for cell in first if cell):
         raise InputError(
-            f"{path}: line {line} holds numbers, not the columns' names; write `header: none` and the columns' numbers"
+            f"line {line} holds numbers, not the columns' names; write `header: none` and the columns' numbers"
         )
     return unpadded(first, 0)
 
 
-def check_header_place(path: Path, header: tuple[int, list[str]], rows: Rows) -> None:
+def check_header_place(header: tuple[int, list[str]], rows: Rows) -> None:
     """Refuse a table below lines of other text, whose first line is taken for the names of its columns.
 
     It is so where most rows have more cells than the header, and the first such row below it holds no number. One cell
@@ -312,13 +309,12 @@ def check_header_place(path: Path, header: tuple[int, list[str]], rows: Rows) ->
     sign = next((sign for sign in ";|\t," if len(names) == 1 and len(names[0].split(sign)) == width), "")
     if sign:
         raise InputError(
-            f"{path}: line {header[0]} separates the names by '{sign}', the rows below it do not; write the same sign "
-            "in all"
+            f"line {header[0]} separates the names by '{sign}', the rows below it do not; write the same sign in all"
         )
     far = rows[0][0] != line or width > len(names) + 1
     if far and not any(is_number_cell(cell.replace(",", ".")) for cell in cells):
         raise InputError(
-            f"{path}: line {header[0]} has {len(names)} cells and most rows have {width}: the names of the columns "
+            f"line {header[0]} has {len(names)} cells and most rows have {width}: the names of the columns "
             f"seem to stand in line {line}; delete the lines above it, or begin each with `#`"
         )
 
@@ -328,7 +324,7 @@ def share_above(count: int, total: int) -> float:
     return math.ceil(1000 * count / total) / 1000
 
 
-def without_extra_cells(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[str]]:
+def without_extra_cells(rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[str]]:
     """Rows without the cells that every row has more than the header, and what was left out.
 
     A log whose rows fit the header is left as it is, so that one source file serves logs with and without such cells.
@@ -340,7 +336,7 @@ def without_extra_cells(path: Path, rows: Rows, width: int, layout: CsvLayout) -
     line, cells = rows[0]
     if layout.extra_cells == "refuse":
         raise InputError(
-            f"{path}: every row has {count} more cells than the header has names: line {line} begins with "
+            f"every row has {count} more cells than the header has names: line {line} begins with "
             f"'{cells[0][:40]}' and ends with '{cells[-1][:40]}'; write `extra_cells: first` or `extra_cells: last` in "
             "the source file to leave out those without a name"
         )
@@ -357,25 +353,25 @@ def unpadded(cells: list[str], width: int) -> list[str]:
     return cells[:end]
 
 
-def fitting_rows(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[list[Omitting], list[str]]:
+def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[Omitting], list[str]]:
     """The rows that fit, with None for omitted columns, and what was repaired."""
     if layout.ragged == "dropped_variable":
-        rows, unnamed = without_unnamed(path, rows, width, layout)
-        filled, dropped = dropped_variables(path, rows, width, layout)
+        rows, unnamed = without_unnamed(rows, width, layout)
+        filled, dropped = dropped_variables(rows, width, layout)
         return filled, unnamed + dropped
     odd = [(line, len(cells)) for line, cells in rows if len(cells) != width]
     if odd and (layout.ragged == "refuse" or len(odd) > layout.most_missing * len(rows)):
         share = share_above(len(odd), len(rows))
         more = f" and `most_missing: {share:g}`" if share > layout.most_missing else ""
         raise InputError(
-            f"{path}: line {odd[0][0]} has {odd[0][1]} cells under {width} names, and {len(odd)} of {len(rows)} rows "
+            f"line {odd[0][0]} has {odd[0][1]} cells under {width} names, and {len(odd)} of {len(rows)} rows "
             f"do not fit; repair these lines, or write `ragged: skip`{more} in the source file to leave them out"
         )
     note = f"{len(odd)} of {len(rows)} rows do not fit the header and were skipped"
     return [(line, list(cells)) for line, cells in rows if len(cells) == width], [note] * bool(odd)
 
 
-def without_unnamed(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[str]]:
+def without_unnamed(rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[str]]:
     """Rows without the cells of variables that failed before the logger wrote its header, which lacks their names.
 
     The logger of `opensourceleg` writes the header with the first thousand rows, after these variables were omitted.
@@ -395,7 +391,7 @@ def without_unnamed(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tu
     return [*kept, *rows[first:]], [note]
 
 
-def dropped_variables(path: Path, rows: Rows, width: int, layout: CsvLayout) -> tuple[list[Omitting], list[str]]:
+def dropped_variables(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[Omitting], list[str]]:
     """The rows of a logger that omits failed variables, with None from there on: those missing in the row before.
 
     Refused is a row that is longer than the row before it, or omits another number of cells than were missing before:
@@ -408,7 +404,7 @@ def dropped_variables(path: Path, rows: Rows, width: int, layout: CsvLayout) -> 
             failed = [column for column, cell in zip(columns, before, strict=False) if cell in layout.missing]
             if len(cells) > len(columns) or len(columns) - len(cells) != len(failed):
                 raise InputError(
-                    f"{path}: line {line} has {len(cells)} cells where {len(columns)} were, and {len(failed)} were "
+                    f"line {line} has {len(cells)} cells where {len(columns)} were, and {len(failed)} were "
                     "missing in the line before: it is unknown which column was omitted; cut the file off there"
                 )
             columns = [column for column in columns if column not in failed]

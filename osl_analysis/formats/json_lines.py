@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -17,12 +18,6 @@ from osl_analysis.trial import Array
 
 MOST_ELEMENTS = 64
 """Elements of an array that are listed. Longer ones are images or whole recordings, and no signals of one sample."""
-
-
-def addresses_in_line(text: bytes, most: int) -> tuple[list[str], dict[str, int]]:
-    """The addresses of the first `most` numbers in a line, and the length of each array that is not listed whole."""
-    cut: dict[str, int] = {}
-    return list(islice(addresses_in(json.loads(text), "", {}, cut), most)), cut
 
 
 def addresses_in(value: Any, path: str, beside: Mapping[str, Any], cut: dict[str, int]) -> Iterator[str]:
@@ -63,7 +58,6 @@ NUMBER = "name a number as `field` in the source file; for time, or state the ra
 class JsonLines:
     """The lines of one file that are not blank."""
 
-    path: Path
     data: bytes  # its bytes, in UTF-8
     starts: Indices  # where each line begins [bytes]
     lengths: Indices  # its length [bytes], without the line break
@@ -90,12 +84,7 @@ def is_json_lines(begin: bytes) -> bool:
     if begin[:2] in UTF_16_MARKS:
         begin = begin.decode("utf-16", errors="replace").encode()
     first, _, rest = begin.removeprefix(b"\xef\xbb\xbf").lstrip().partition(b"\n")
-    if not first.startswith(b"{") or not rest.lstrip().startswith(b"{"):
-        return False
-    try:
-        return isinstance(json.loads(first), dict)
-    except (ValueError, RecursionError):
-        return False
+    return first.startswith(b"{") and rest.lstrip().startswith(b"{") and is_whole(first)
 
 
 def read_json_lines(path: Path) -> JsonLines:
@@ -107,14 +96,14 @@ def read_json_lines(path: Path) -> JsonLines:
     starts = np.concatenate([[3 if data.startswith(b"\xef\xbb\xbf") else 0], breaks + 1])
     ends = np.concatenate([breaks, [len(data)]])
     filled = np.array([bool(data[a:b].strip(BLANK)) for a, b in zip(starts.tolist(), ends.tolist(), strict=True)])
-    lines = JsonLines(path, data, starts[filled], (ends - starts)[filled], np.flatnonzero(filled) + 1)
+    lines = JsonLines(data, starts[filled], (ends - starts)[filled], np.flatnonzero(filled) + 1)
     if not filled.any():
-        raise InputError(f"{path}: holds no lines; record it again, or exclude the trial")
+        raise InputError("holds no lines; record it again, or exclude the trial")
     if not data.endswith(b"\n") and not is_whole(lines.line(-1)):
         note = f"the last line, {lines.numbers[-1]}, breaks off and was left out"
-        lines = JsonLines(path, data, lines.starts[:-1], lines.lengths[:-1], lines.numbers[:-1], (note,))
+        lines = JsonLines(data, lines.starts[:-1], lines.lengths[:-1], lines.numbers[:-1], (note,))
     if not lines.starts.size:
-        raise InputError(f"{path}: its only line breaks off; record it again, or exclude the trial")
+        raise InputError("its only line breaks off; record it again, or exclude the trial")
     return lines
 
 
@@ -133,7 +122,7 @@ def decode_lines(lines: JsonLines, paths: Sequence[str]) -> DecodedLines:
     misfit = reader.misfit or mixed
     misfits = lines.starts.size - sum(rows.size for rows, _ in parts)
     if not parts:
-        raise InputError(f"{lines.path}: {in_lines(misfit, lines)}; {NUMBER}")
+        raise InputError(f"{in_lines(misfit, lines)}; {NUMBER}")
     order = np.argsort(np.concatenate([rows for rows, _ in parts]))
     values, present = {}, {}
     sized = [(rows.size, numbers) for rows, numbers in parts]
@@ -143,17 +132,16 @@ def decode_lines(lines: JsonLines, paths: Sequence[str]) -> DecodedLines:
             check_misfit(lines, path, misfit)
             names, _ = addresses_of(lines)
             advice = nearest(path, names) or "; correct `field` in the source file"
-            raise InputError(f"{lines.path}: no line has a field '{path}'; there are {listing(names)}{advice}")
+            raise InputError(f"no line has a field '{path}'; there are {listing(names)}{advice}")
     rows = np.concatenate([rows for rows, _ in parts])[order]
     return DecodedLines(rows, values, present, misfits, in_lines(misfit, lines))
 
 
 def check_misfit(lines: JsonLines, path: str, misfit: str) -> None:
     """Blame the lines that cannot be used where only these have a number at the path."""
-    alone = json_reader([path])
-    if misfit and any(path in values for _, values in alone.read(lines.data, lines.starts, lines.lengths)):
+    if misfit and any(path in one for _, one in json_reader([path]).read(lines.data, lines.starts, lines.lengths)):
         raise InputError(
-            f"{lines.path}: every line with a field '{path}' has something else than a number in another field: "
+            f"every line with a field '{path}' has something else than a number in another field: "
             f"{in_lines(misfit, lines)}; {NUMBER}"
         )
 
@@ -177,12 +165,8 @@ def addresses_of(lines: JsonLines) -> tuple[list[str], dict[str, int]]:
     found: dict[str, None] = {}
     long: dict[str, int] = {}
     for row in np.unique(np.concatenate([first, others])).tolist():
-        try:
-            addresses, cut = addresses_in_line(lines.line(row), MOST_FIELDS)
-        except (ValueError, RecursionError):
-            continue
-        found.update(dict.fromkeys(addresses))
-        long.update(cut)
+        with suppress(ValueError, RecursionError):
+            found.update(dict.fromkeys(islice(addresses_in(json.loads(lines.line(row)), "", {}, long), MOST_FIELDS)))
         if len(found) > MOST_FIELDS:
             break
     return list(found)[:MOST_FIELDS], long

@@ -8,11 +8,13 @@ references; the attribute `MATLAB_class` says what a dataset or group is.
 """
 
 import io
+import math
 import re
 import struct
 import zlib
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.formats.extras import optional_module
 from osl_analysis.trial import Array
 
 MARK5, MARK73 = b"MATLAB 5.0 MAT", b"MATLAB 7."
@@ -53,17 +56,17 @@ class Value:
 
     kind: str  # its class in MATLAB, such as `double`, `struct`, `cell`, `table`; `sparse` for a sparse matrix
     shape: tuple[int, ...] = (1, 1)
+    numbers: Array | None = None  # of its shape; None for anything but real numbers
     is_complex: bool = False
-    load: Callable[[], Array] | None = None  # reads its numbers, of its shape; None for anything but real numbers
     text: str = ""  # its text, for one row of characters
     fields: tuple[str, ...] = ()
-    elements: Sequence[Mapping[str, "Value"]] = field(default=())
+    elements: Sequence[Mapping[str, "Value"]] = ()
     """Fields of each element of a struct, in MATLAB's order."""
-    cells: Sequence["Value"] = field(default=())  # elements of a cell, in MATLAB's order
+    cells: Sequence["Value"] = ()  # elements of a cell, in MATLAB's order
 
     @property
     def size(self) -> int:
-        return int(np.prod(self.shape, dtype=np.int64)) if self.shape else 1
+        return math.prod(self.shape)
 
     def described(self) -> str:
         """Size and class for messages, as `12000x1 double`."""
@@ -75,25 +78,37 @@ class Value:
 
 def real_numbers(place: str, value: Value) -> Array:
     """The real numbers of a value, of its shape; refused if it is empty or something else. `place` is for messages."""
+    is_a = f"{place} is a {value.described()}, not"
     if value.kind == "struct":
-        inside = f"name one of its fields ({listing(value.fields, 8)})"
-        raise InputError(f"{place} is a {value.described()}, not numbers; {inside}")
+        raise InputError(f"{is_a} numbers; name one of its fields ({listing(value.fields, 8)})")
     if value.kind == "cell":
-        raise InputError(f"{place} is a {value.described()}, not numbers; name one of its cells, as `{{1}}`")
-    if value.load is None:
-        raise InputError(f"{place} is a {value.described()}, not real numbers; {value.remedy()}")
+        raise InputError(f"{is_a} numbers; name one of its cells, as `{{1}}`")
+    if value.numbers is None:
+        raise InputError(f"{is_a} real numbers; {value.remedy()}")
     if not value.size:
         raise InputError(f"{place} is empty ({value.described()}); name another variable, or record the trial again")
-    return value.load()
+    return value.numbers
 
 
 def is_mat(begin: bytes) -> bool:
     return begin.startswith((MARK5, MARK73)) and b"\0" in begin[:128]
 
 
+@contextmanager
+def told_in_one_line() -> Iterator[None]:
+    """What h5py, and a walk through the parts of a file, raise on damaged files, as one refusal."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, struct.error) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"cannot be read ({type(error).__name__}: {reason}); {DAMAGED}") from error
+
+
 @dataclass(frozen=True)
 class MatFile:
-    """A MATLAB file whose variables are read when they are asked for; every refusal names the file."""
+    """A MATLAB file whose variables are read when they are asked for. Raises InputError if it is damaged."""
 
     path: Path
     data: bytes  # its bytes, for version 5; the header alone for version 7.3
@@ -108,42 +123,27 @@ class MatFile:
 
     @property
     def names(self) -> list[str]:
-        """Names of the variables, in the order of the file; InputError if the file is damaged."""
+        """Names of the variables, in the order of the file."""
         return list(self.classes)
 
     @cached_property
     def classes(self) -> Mapping[str, str]:
         """By name the class of a variable of version 5 that only MATLAB can read; else empty."""
-        try:
+        with told_in_one_line():
             if self.version == "5":
                 return variable_classes(self.data)
             with opened73(self.path) as file:
                 return dict.fromkeys((name for name in file if name not in HIDDEN), "")
-        except READING_ERRORS as error:
-            raise damaged(self.path, error) from error
 
     def read(self, wanted: Collection[str]) -> Mapping[str, Value]:
-        """The wanted variables that it has; InputError if the file is damaged."""
+        """The wanted variables that it has."""
         known = [name for name in self.names if name in wanted]
-        try:
+        with told_in_one_line():
             if self.version == "7.3":
                 with opened73(self.path) as file:
-                    return {name: value73(self.path, file[name]) for name in known}
+                    return {name: value73(file[name]) for name in known}
             objects = {name: Value(self.classes[name]) for name in known if self.classes[name]}
             return objects | read_version5(self.data, [name for name in known if name not in objects])
-        except READING_ERRORS as error:
-            raise damaged(self.path, error) from error
-
-
-READING_ERRORS = (OSError, RuntimeError, KeyError, ValueError, TypeError, struct.error)
-"""What h5py, and a walk through the parts of a file, raise on damaged files. InputError is one of them."""
-
-
-def damaged(path: Path, error: Exception) -> InputError:
-    if isinstance(error, InputError):
-        return error if str(path) in str(error) else InputError(f"{path}: {error}")
-    reason = " ".join(str(error).split())
-    return InputError(f"{path}: cannot be read ({type(error).__name__}: {reason}); {DAMAGED}")
 
 
 def open_mat(path: Path) -> MatFile:
@@ -241,53 +241,42 @@ def value5(raw: Any) -> Value:
     if isinstance(raw, MatlabObject):
         return Value(str(raw.classname), raw.shape)
     array: NDArray[Any] = np.asarray(raw)
+    in_order = array.ravel(order="F")
     if array.dtype.names is not None:
-        elements = [{name: value5(one[name]) for name in array.dtype.names} for one in in_order(array)]
+        elements = [{name: value5(one[name]) for name in array.dtype.names} for one in in_order]
         return Value("struct", array.shape, fields=array.dtype.names, elements=elements)
     if array.dtype == object:
-        return Value("cell", array.shape, cells=[value5(one) for one in in_order(array)])
+        return Value("cell", array.shape, cells=[value5(one) for one in in_order])
     if array.dtype.kind == "U":
         rows = array.ravel().tolist()
         width = max((len(row) for row in rows), default=0)
         return Value("char", (len(rows), width), text=rows[0] if len(rows) == 1 else "")
     names = {"float64": "double", "float32": "single", "bool": "logical", "complex128": "double", "complex64": "single"}
-    kind, is_complex = names.get(array.dtype.name, array.dtype.name), array.dtype.kind == "c"
-    return Value(kind, array.shape, is_complex, None if is_complex else lambda: np.asarray(array, dtype=np.float64))
-
-
-def in_order(array: NDArray[Any]) -> Iterator[Any]:
-    return iter(array.ravel(order="F"))
+    kind = names.get(array.dtype.name, array.dtype.name)
+    if array.dtype.kind == "c":
+        return Value(kind, array.shape, is_complex=True)
+    return Value(kind, array.shape, np.asarray(array, dtype=np.float64))
 
 
 def opened73(path: Path) -> Any:
     """A file of version 7.3, open; h5py is an optional extra and takes a fifth of a second to import."""
-    try:
-        import h5py
-    except ModuleNotFoundError as error:
-        if error.name != "h5py":
-            raise
-        raise InputError(
-            "a MATLAB file of version 7.3 needs h5py, which is not installed; pip install 'osl-analysis[mat73]', or "
-            "save the file with `-v7`"
-        ) from error
-    return h5py.File(path, "r")
+    return optional_module("h5py", "mat73", "a MATLAB file of version 7.3 (not one saved with `-v7`)").File(path, "r")
 
 
-def value73(path: Path, item: Any) -> Value:
-    """A dataset or a group of a file of version 7.3. Its numbers are read when they are asked for."""
+def value73(item: Any) -> Value:
+    """A dataset or a group of a file of version 7.3."""
     kind = item.attrs.get("MATLAB_class", "")
     kind = kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
     if "MATLAB_object_decode" in item.attrs:  # of what only MATLAB can read, such as tables
         return Value(kind or "object")
     if not hasattr(item, "dtype"):
-        return Value("sparse") if "MATLAB_sparse" in item.attrs else struct73(path, item)
+        return Value("sparse") if "MATLAB_sparse" in item.attrs else struct73(item)
     shape = tuple(reversed(item.shape)) or (1, 1)
     if "MATLAB_empty" in item.attrs:
         empty = tuple(int(size) for size in np.ravel(item[()])) if item.size <= 32 else (0, 0)
-        return Value(kind or "double", empty, load=lambda: np.zeros(empty) if 0 in empty else np.zeros((0, 0)))
+        return Value(kind or "double", empty, np.zeros(empty) if 0 in empty else np.zeros((0, 0)))
     if holds_references(item):
-        cells = [value73(path, item.file[one]) for one in np.ravel(item[()])]
-        return Value("cell", shape, cells=cells)
+        return Value("cell", shape, cells=[value73(item.file[one]) for one in np.ravel(item[()])])
     if kind == "char":
         short = item.size <= LONGEST_TEXT and item.dtype.kind == "u" and 1 in shape
         return Value("char", shape, text="".join(map(chr, np.ravel(item[()]))) if short else "")
@@ -295,11 +284,11 @@ def value73(path: Path, item: Any) -> Value:
         return Value(kind or "double", shape, is_complex=True)
     if item.dtype.kind not in "fiub":
         return Value(kind or "object", shape)
-    name = item.name
-    return Value(kind if kind in NUMBERS else "double", shape, load=lambda: numbers73(path, name))
+    numbers: NDArray[Any] = np.atleast_2d(item[()])
+    return Value(kind if kind in NUMBERS else "double", shape, np.asarray(numbers.T, dtype=np.float64))
 
 
-def struct73(path: Path, group: Any) -> Value:
+def struct73(group: Any) -> Value:
     """A group as a struct; members that are all datasets of references without a class make it an array."""
     fields = tuple(group)
     shapes = {
@@ -307,10 +296,9 @@ def struct73(path: Path, group: Any) -> Value:
         for item in (group[name] for name in fields)
     }
     if len(shapes) != 1 or None in shapes:
-        elements = [{name: value73(path, group[name]) for name in fields}]
-        return Value("struct", (1, 1), fields=fields, elements=elements)
+        return Value("struct", fields=fields, elements=[{name: value73(group[name]) for name in fields}])
     (shape,) = shapes
-    columns = [[value73(path, group.file[one]) for one in np.ravel(group[name][()])] for name in fields]
+    columns = [[value73(group.file[one]) for one in np.ravel(group[name][()])] for name in fields]
     rows = [dict(zip(fields, row, strict=True)) for row in zip(*columns, strict=True)]
     return Value("struct", tuple(reversed(shape or ())), fields=fields, elements=rows)
 
@@ -320,17 +308,6 @@ def holds_references(item: Any) -> bool:
     import h5py
 
     return isinstance(item, h5py.Dataset) and h5py.check_ref_dtype(item.dtype) is h5py.Reference
-
-
-def numbers73(path: Path, name: str) -> Array:
-    """The numbers of the dataset at a place in a file of version 7.3, in MATLAB's shape."""
-    try:
-        with opened73(path) as file:
-            raw: NDArray[Any] = np.atleast_2d(file[name][()])
-    except (OSError, RuntimeError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: '{name}' cannot be read ({reason}); {DAMAGED}") from error
-    return np.asarray(raw.T, dtype=np.float64)
 
 
 STEP = re.compile(
@@ -397,13 +374,12 @@ def no_variable(file: MatFile, address: Address) -> InputError:
 def find(variables: Mapping[str, Value], names: Sequence[str], address: Address) -> Value:
     """What stands at an address. `names` are those of all variables of the file, for messages."""
     first, *steps = address.steps
-    value = variables.get(first["name"])
-    if value is None:
+    if first["name"] not in variables:
         raise InputError(no_such(address, "the file", first["name"], "variable", names))
-    so_far = first["name"]
+    value, place = variables[first["name"]], first["name"]
     for step in steps:
-        value = one_step(value, step, so_far, address)
-        so_far += written(step)
+        value = one_step(value, step, place, address)
+        place += written(step)
     return value
 
 
@@ -421,47 +397,49 @@ def no_such(address: Address, place: str, name: str, what: str, known: Sequence[
 
 def one_step(value: Value, step: Mapping[str, str], place: str, address: Address) -> Value:
     """What one step leads to from the value at a place; raises as `find`."""
+    here = f"{address.text}: {place}"
+    is_a = f"{here} is a {value.described()}"
     if "name" in step:
-        return field_of(value, step["name"], place, address)
+        if value.kind != "struct":
+            remedy = f"; {value.remedy()}" if value.numbers is None and value.kind != "cell" else ""
+            raise InputError(f"{is_a}, no struct with fields{remedy}")
+        if step["name"] not in value.fields:
+            raise InputError(no_such(address, place, step["name"], "field", value.fields))
+        if len(value.elements) != 1:
+            choice = f"choose one, as {place}(1), or {place}(field=value)"
+            raise InputError(f"{here} is an array of {len(value.elements)} structs; {choice}")
+        return value.elements[0][step["name"]]
     if "column" in step or "row" in step:
-        return line_of(value, step, place, address)
-    if "cell" in step:
-        if value.kind != "cell":
-            raise InputError(f"{address.text}: {place} is a {value.described()}, no cell; leave out {written(step)}")
-        cell: Value = element(value.cells, int(step["cell"]), place, address)
-        return cell
+        numbers = real_numbers(here, value)
+        axis, number = (1, int(step["column"])) if "column" in step else (0, int(step["row"]))
+        if numbers.ndim != 2 or number > numbers.shape[axis]:
+            raise InputError(f"{is_a}; it has no {written(step)}")
+        line: Array = np.take(numbers, number - 1, axis=axis)
+        return Value(value.kind, (line.size, 1), line[:, np.newaxis])
     if "field" in step:
         return chosen(value, step, place, address)
-    if value.kind == "struct":
-        fields = element(value.elements, int(step["number"]), place, address)
-        return Value("struct", fields=value.fields, elements=[fields])
-    if value.kind == "cell":
-        raise InputError(f"{address.text}: {place} is a cell; write {{{step['number']}}} for ({step['number']})")
-    raise InputError(f"{address.text}: {place} is a {value.described()}; write (:,{step['number']}) for its column")
-
-
-def field_of(value: Value, name: str, place: str, address: Address) -> Value:
-    if value.kind != "struct":
-        remedy = f"; {value.remedy()}" if value.load is None and value.kind != "cell" else ""
-        raise InputError(f"{address.text}: {place} is a {value.described()}, no struct with fields{remedy}")
-    if name not in value.fields:
-        raise InputError(no_such(address, place, name, "field", value.fields))
-    if len(value.elements) != 1:
-        raise InputError(
-            f"{address.text}: {place} is an array of {len(value.elements)} structs; choose one, as {place}(1), or "
-            f"{place}(field=value)"
-        )
-    return value.elements[0][name]
-
-
-def element(elements: Sequence[Any], number: int, place: str, address: Address) -> Any:
-    if number > len(elements):
-        raise InputError(f"{address.text}: {place} has {len(elements)} elements; choose one of 1 to {len(elements)}")
-    return elements[number - 1]
+    if "cell" in step and value.kind != "cell":
+        raise InputError(f"{is_a}, no cell; leave out {written(step)}")
+    if "number" in step and value.kind != "struct":
+        if value.kind == "cell":
+            raise InputError(f"{here} is a cell; write {{{step['number']}}} for ({step['number']})")
+        raise InputError(f"{is_a}; write (:,{step['number']}) for its column")
+    number, count = int(step.get("cell") or step["number"]), len(value.cells or value.elements)
+    if number > count:
+        raise InputError(f"{here} has {count} elements; choose one of 1 to {count}")
+    if "cell" in step:
+        return value.cells[number - 1]
+    return Value("struct", fields=value.fields, elements=[value.elements[number - 1]])
 
 
 def chosen(value: Value, step: Mapping[str, str], place: str, address: Address) -> Value:
     """The one element of an array of structs whose field has a value."""
+
+    def label_of(one: Value) -> str:
+        if one.kind == "char":
+            return one.text.strip()
+        return f"{one.numbers.item():g}" if one.numbers is not None and one.size == 1 else ""
+
     if value.kind != "struct" or step["field"] not in value.fields:
         raise InputError(no_such(address, place, step["field"], "field", value.fields))
     labels = [label_of(fields[step["field"]]) for fields in value.elements]
@@ -472,21 +450,6 @@ def chosen(value: Value, step: Mapping[str, str], place: str, address: Address) 
             f"{listing(labels, LISTED)}"
         )
     return Value("struct", fields=value.fields, elements=fitting)
-
-
-def label_of(value: Value) -> str:
-    if value.kind == "char":
-        return value.text.strip()
-    return f"{value.load().item():g}" if value.load is not None and value.size == 1 else ""
-
-
-def line_of(value: Value, step: Mapping[str, str], place: str, address: Address) -> Value:
-    numbers = real_numbers(f"{address.text}: {place}", value)
-    axis, number = (1, int(step["column"])) if "column" in step else (0, int(step["row"]))
-    if numbers.ndim != 2 or number > numbers.shape[axis]:
-        raise InputError(f"{address.text}: {place} is a {value.described()}; it has no {written(step)}")
-    line: Array = np.take(numbers, number - 1, axis=axis)
-    return Value(value.kind, (line.size, 1), load=lambda: line[:, np.newaxis])
 
 
 def vector(address: Address, value: Value) -> Array:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,6 @@ class Loss:
 class Table:
     """A recording, or a part of one, that has one time."""
 
-    path: Path
     rows: int
     columns: Mapping[str, NDArray[Any]]
     """By the address that asked for it, as a source file writes it: (rows,) in the type of the file. NaN where a

@@ -61,7 +61,6 @@ class TdmsChannel:
 class TdmsFile:
     """The channels of one file."""
 
-    path: Path
     data: bytes
     channels: list[TdmsChannel]  # its channels, in the order of the file
     properties: Mapping[str, str] = field(default_factory=dict)  # what the file says about itself
@@ -76,23 +75,21 @@ class TdmsFile:
             return found[0]
         names = [one.address for one in self.channels]
         if found:
-            raise InputError(
-                f"{self.path}: channel '{address[:80]}' is in {len(found)} groups; name it as group/channel"
-            )
+            raise InputError(f"channel '{address[:80]}' is in {len(found)} groups; name it as group/channel")
         advice = (
             nearest(address, [*names, *(one.name for one in self.channels)]) or "; correct the name in the source file"
         )
-        raise InputError(f"{self.path}: no channel '{address[:80]}'; the file has {listing(names)}{advice}")
+        raise InputError(f"no channel '{address[:80]}'; the file has {listing(names)}{advice}")
 
     def values(self, wanted: Sequence[TdmsChannel]) -> dict[str, NDArray[Any]]:
         """The numbers of some channels, scaled as the file says, by address; time stamps as seconds since the first."""
         for one in wanted:
             if not one.count:
-                raise InputError(f"{self.path}: channel '{one.address}' is empty; take another one, or record again")
+                raise InputError(f"channel '{one.address}' is empty; take another one, or record again")
             if not (one.holds_numbers or one.holds_times):
                 kind = np.dtype(one.kind)
                 what = WORDS.get(kind.kind, kind.name)
-                raise InputError(f"{self.path}: channel '{one.address}' holds {what} and no numbers; take another one")
+                raise InputError(f"channel '{one.address}' holds {what} and no numbers; take another one")
         try:
             with (
                 overheard(),
@@ -100,7 +97,7 @@ class TdmsFile:
             ):
                 return {one.address: as_numbers(file[one.group][one.name].read_data()) for one in wanted}
         except Exception as error:  # the library raises many kinds of errors on damaged bytes
-            raise unreadable(self.path, error) from error
+            raise unreadable(error) from error
 
 
 def is_tdms(begin: bytes) -> bool:
@@ -137,9 +134,9 @@ def read_tdms(path: Path) -> TdmsFile:
     """The channels of a file with their timing; InputError if npTDMS is not installed, or the file is damaged."""
     data = path.read_bytes()
     if data[:4] == INDEX:
-        raise InputError(f"{path}: the index of a TDMS file; name the .tdms file beside it")
+        raise InputError("the index of a TDMS file; name the .tdms file beside it")
     if data[:4] != MAGIC:
-        raise InputError(f"{path}: no TDMS file (it begins with {data[:8]!r}); check the path and the source's format")
+        raise InputError(f"no TDMS file (it begins with {data[:8]!r}); check the path and the source's format")
     tdms = optional_module("nptdms", *NEEDED)
     try:
         with overheard() as said, tdms.TdmsFile.read_metadata(BytesIO(data)) as file:
@@ -147,13 +144,13 @@ def read_tdms(path: Path) -> TdmsFile:
             status = file.file_status
             about = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
     except Exception as error:  # as above
-        raise unreadable(path, error) from error
+        raise unreadable(error) from error
     odd = [text for text in said if "not a multiple" in text]
     if len(odd) > status.incomplete_final_segment:  # the library would give one channel the bytes of the next
-        raise InputError(f"{path}: the length of a segment contradicts that of its channels ({odd[0][:80]}); {RECOVER}")
+        raise InputError(f"the length of a segment contradicts that of its channels ({odd[0][:80]}); {RECOVER}")
     if not channels:
-        raise InputError(f"{path}: the TDMS file holds no channels, or is cut off before them; {RECOVER}")
-    return TdmsFile(path, data, channels, about, tuple(losses(data, status)))
+        raise InputError(f"the TDMS file holds no channels, or is cut off before them; {RECOVER}")
+    return TdmsFile(data, channels, about, tuple(losses(data, status)))
 
 
 def losses(data: bytes, status: Any) -> list[str]:
@@ -185,8 +182,8 @@ def channel_of(one: Any) -> TdmsChannel:
     return TdmsChannel(one.group_name, one.name, len(one), kind, unit, float(step) if timed else None, begin, offset)
 
 
-def unreadable(path: Path, error: Exception) -> InputError:
+def unreadable(error: Exception) -> InputError:
     if isinstance(error, InputError):
         return error
     reason = " ".join(f"{type(error).__name__} {error}".split())[:160]
-    return InputError(f"{path}: the TDMS file is damaged or of a kind that is not read ({reason}); {RECOVER}")
+    return InputError(f"the TDMS file is damaged or of a kind that is not read ({reason}); {RECOVER}")

@@ -16,12 +16,11 @@ import polars as pl
 from osl_analysis.columns import AXES, marker_columns, plate_columns, unit_of
 from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.formats.c3d import C3DRecording, read_c3d
-from osl_analysis.formats.nexus_csv import NexusSection, read_sections, without_subject
+from osl_analysis.formats.gait_text import NexusSection, read_sections, read_trc, without_subject
 from osl_analysis.formats.table import Table
-from osl_analysis.formats.trc import read_trc
 from osl_analysis.ingest.plates import CHANNELS, ForcePlate, channel_facts
 from osl_analysis.ingest.recording import Recording, check_finite
-from osl_analysis.ingest.source import Conversion, Plate, PlateUnits, Source
+from osl_analysis.ingest.source import Plate, Source
 from osl_analysis.ingest.units import si_factor
 from osl_analysis.trial import Array
 
@@ -116,8 +115,7 @@ def interleaved(time: Array, fast: Columns, slow: Columns, ratio: int) -> pl.Dat
 
 def marker_signals(capture: Capture, source: Source) -> tuple[Columns, Origins]:
     """Three columns [m] per marker, (frames,) each."""
-    columns: Columns = {}
-    origins: Origins = {}
+    columns, origins = Columns(), Origins()
     for marker in capture.markers:
         factor = si_factor(marker.unit, "m")
         turned = marker.positions @ source.rotation.T * factor
@@ -138,8 +136,7 @@ def output_signals(capture: Capture, source: Source) -> tuple[Columns, Origins]:
 
 def analog_signals(capture: Capture, source: Source) -> tuple[Columns, Origins]:
     """Analog channels, (samples,) each."""
-    columns: Columns = {}
-    origins: Origins = {}
+    columns, origins = Columns(), Origins()
     for column, (values, unit) in capture.analogs.items():
         try:
             columns[column] = source.analogs[column].to_si(values, unit_of(column), unit)
@@ -151,8 +148,7 @@ def analog_signals(capture: Capture, source: Source) -> tuple[Columns, Origins]:
 
 def plate_signals(plates: Sequence[PlateLoad], rotation: Array) -> tuple[Columns, Origins]:
     """Force [N] and moment [N*m] columns per plate in our axes, (samples,) each."""
-    columns: Columns = {}
-    origins: Origins = {}
+    columns, origins = Columns(), Origins()
     for plate in plates:
         for quantity, values in (("force", plate.force), ("moment", plate.moment)):
             turned = values @ rotation.T
@@ -179,29 +175,28 @@ def is_labelled(name: str) -> bool:
 
 def read_c3d_capture(path: Path, source: Source) -> Recording:
     """The columns that the source file asks for, in SI units; frame 0 and analog sample 0 are at 0 s."""
-    return recording_of(c3d_capture(read_c3d(path, source.counts), source), source)
-
-
-def c3d_capture(recording: C3DRecording, source: Source) -> Capture:
-    """The signals that the source file names, before conversion to SI units."""
-    header, plates = recording.header, plate_loads(recording, source)
-    markers = [c3d_track(recording, label, source) for label in c3d_markers(recording, source)]
-    analogs = {column: analog_channel(recording, analog.channel) for column, analog in source.analogs.items()}
-    return Capture(
-        frames=header.frames,
-        frame_rate=header.rate,
-        samples_per_frame=header.samples_per_frame,
-        first_frame=header.first_frame,
-        markers=markers,
-        outputs={column: point(recording, o.label, o.component) for column, o in source.outputs.items()},
-        analogs=analogs,
-        plates=plates,
-        facts={
-            "plate_zero_frames": baseline_frames(recording, source) if plates else None,
-            "body_mass_kg": next(iter(header.numbers("PROCESSING:BODYMASS").tolist()), None),
-        },
-        warnings=c3d_warnings(recording, source),
-    )
+    recording = read_c3d(path, source.counts)
+    header, points, labels = recording.header, recording.points, recording.point_labels
+    plates = plate_loads(recording, source)
+    markers = [
+        MarkerTrack(one, one, points[:, place_of(one, labels, "marker")], unit_of_length(recording, source))
+        for one in c3d_markers(recording, source)
+    ]
+    outputs = {
+        column: points[:, place_of(one.label, labels, "model output"), AXES.index(one.component)]
+        for column, one in source.outputs.items()
+    }
+    analogs = {}
+    for column, one in source.analogs.items():
+        place = place_of(one.channel, recording.analog_labels, "analog channel")
+        analogs[column] = recording.analogs[:, place], recording.analog_unit(place)
+    facts = {
+        "plate_zero_frames": baseline_frames(recording, source) if plates else None,
+        "body_mass_kg": next(iter(header.numbers("PROCESSING:BODYMASS").tolist()), None),
+    }
+    warnings = [f"{printable(path.name)}: {text}" for text in c3d_warnings(recording, source)]
+    counts = (header.frames, header.rate, header.samples_per_frame, header.first_frame)
+    return recording_of(Capture(*counts, markers, outputs, analogs, plates, facts, warnings), source)
 
 
 def unit_of_length(recording: C3DRecording, source: Source) -> str:
@@ -228,23 +223,6 @@ def c3d_markers(recording: C3DRecording, source: Source) -> tuple[str, ...]:
     return tuple(label for label in recording.point_labels if is_labelled(label) and label not in outputs)
 
 
-def c3d_track(recording: C3DRecording, label: str, source: Source) -> MarkerTrack:
-    place = place_of(label, recording.point_labels, "marker")
-    return MarkerTrack(label, label, recording.points[:, place], unit_of_length(recording, source))
-
-
-def point(recording: C3DRecording, label: str, component: str) -> Array:
-    """One component of a model output, (frames,)."""
-    place = place_of(label, recording.point_labels, "model output")
-    return recording.points[:, place, AXES.index(component)]
-
-
-def analog_channel(recording: C3DRecording, label: str) -> tuple[Array, str]:
-    """One analog channel, (samples,), and the unit that the file states."""
-    place = place_of(label, recording.analog_labels, "analog channel")
-    return recording.analogs[:, place], recording.analog_unit(place)
-
-
 def place_of(label: str, labels: list[str], what: str) -> int:
     """Index of a label that must occur exactly once."""
     count = Counter(labels)[label]
@@ -259,16 +237,16 @@ def place_of(label: str, labels: list[str], what: str) -> int:
 
 
 def c3d_warnings(recording: C3DRecording, source: Source) -> list[str]:
-    found, name, header = [], printable(recording.path.name), recording.header
+    found, header = [], recording.header
     if header.remark:
-        found.append(f"{name}: {printable(header.remark)}")
+        found.append(printable(header.remark))
     rate = header.numbers("ANALOG:RATE")
     actual = header.rate * header.samples_per_frame
     if header.channels and rate.size and abs(rate[0] - actual) > 1e-3 * actual:
-        found.append(f"{name}: ANALOG:RATE is {rate[0]} Hz, the frames hold samples at {actual} Hz; the latter is used")
+        found.append(f"ANALOG:RATE is {rate[0]} Hz, the frames hold samples at {actual} Hz; the latter is used")
     upward = "".join(header.texts("POINT:Y_SCREEN")[:1]).upper()
     if source.axes == ("x", "y", "z") and upward not in ("", "+Z", "-Z", "Z"):
-        found.append(f"{name}: its vertical axis seems to be {printable(upward)}; state `axes` in the source file")
+        found.append(f"its vertical axis seems to be {printable(upward)}; state `axes` in the source file")
     return found
 
 
@@ -307,21 +285,16 @@ def plate_loads(recording: C3DRecording, source: Source) -> list[PlateLoad]:
     """What the plates that the source file asks for recorded, and from which channels."""
     loads = []
     for plate, channels in plates_of(recording, source):
-        numbers = channel_numbers(recording, plate)
+        numbers, labels = channel_numbers(recording, plate), recording.analog_labels
+        named = [printable(labels[n]) if n < len(labels) else "" for n in numbers]
         units = [recording.analog_unit(number) for number in numbers]
         origin = {"type": plate.type, "analogs": [n + 1 for n in numbers], "units": units}
         force, moment = plate.wrench(channels)
         rate = recording.header.rate * recording.header.samples_per_frame
-        raw = channel_facts(channel_labels(recording, numbers), recording.analogs[:, numbers], force, rate)
+        shown = [name or f"analog {n + 1}" for name, n in zip(named, numbers, strict=True)]
+        raw = channel_facts(shown, recording.analogs[:, numbers], force, rate)
         loads.append(PlateLoad(plate.number, plate.type, plate.corners, force, moment, origin, raw))
     return loads
-
-
-def channel_labels(recording: C3DRecording, numbers: Sequence[int]) -> list[str]:
-    """Labels of analog channels counted from 0; the number from 1 of a channel without a label."""
-    labels = recording.analog_labels
-    named = {number: printable(labels[number]) for number in numbers if number < len(labels)}
-    return [named.get(number) or f"analog {number + 1}" for number in numbers]
 
 
 def c3d_plate(recording: C3DRecording, source: Source, number: int) -> ForcePlate:
@@ -370,26 +343,17 @@ def channels_in_si(recording: C3DRecording, source: Source, plate: ForcePlate) -
             f"plate {plate.number}: {values[row, column]} in sample {row + 1} of analog channel {numbers[column] + 1}; "
             "correct ANALOG:SCALE and GEN_SCALE, or export the trial again"
         )
-    unloaded = baseline(values, recording, source)
-    if plate.type == 1:
-        unloaded[3:5] = 0.0  # an unloaded plate has no centre of pressure
-    values = values - unloaded
+    frames = baseline_frames(recording, source)
+    if frames is not None:
+        ratio = recording.header.samples_per_frame
+        unloaded = values[(frames[0] - 1) * ratio : frames[1] * ratio].mean(axis=0)
+        if plate.type == 1:
+            unloaded[3:5] = 0.0  # an unloaded plate has no centre of pressure
+        values = values - unloaded
     if plate.type == 4:
         return values
-    units = [
-        plate_factor(recording, source, n, quantity, plate.type)
-        for n, quantity in zip(numbers, QUANTITIES[plate.type], strict=True)
-    ]
-    return np.asarray(values * np.array(units))
-
-
-def baseline(values: Array, recording: C3DRecording, source: Source) -> Array:
-    """Mean of the channels (samples, channels) over the frames of the baseline, (channels,); zero without one."""
-    frames = baseline_frames(recording, source)
-    if frames is None:
-        return np.zeros(values.shape[1])
-    ratio = recording.header.samples_per_frame
-    return np.asarray(values[(frames[0] - 1) * ratio : frames[1] * ratio].mean(axis=0))
+    quantities = zip(numbers, QUANTITIES[plate.type], strict=True)
+    return np.asarray(values * np.array([plate_factor(recording, source, n, q, plate.type) for n, q in quantities]))
 
 
 def baseline_frames(recording: C3DRecording, source: Source) -> tuple[int, int] | None:
@@ -408,9 +372,9 @@ def baseline_frames(recording: C3DRecording, source: Source) -> tuple[int, int] 
 
 def plate_factor(recording: C3DRecording, source: Source, channel: int, quantity: str, kind: int) -> float:
     """Factor of a channel, counted from 0, of a plate of type `kind` to the SI unit of its quantity."""
-    unit = recording.analog_unit(channel)
-    if source.plate_units:
-        unit = stated_unit(source.plate_units, quantity) or unit
+    unit, stated = recording.analog_unit(channel), source.plate_units
+    if stated:
+        unit = {"N": stated.force, "N*m": stated.moment, "m": stated.length}[quantity] or unit
     try:
         return si_factor(unit, quantity)
     except InputError as error:
@@ -419,11 +383,6 @@ def plate_factor(recording: C3DRecording, source: Source, channel: int, quantity
             f"analog channel {channel + 1}: {error}; or state the units that hold for all plates, as in "
             f"`plate_units: {fields}`, in {source.place('plate_units').partition(' in ')[2]}"
         ) from error
-
-
-def stated_unit(units: PlateUnits, quantity: str) -> str | None:
-    """The unit that the source file states for channels of a quantity, given by its SI unit."""
-    return {"N": units.force, "N*m": units.moment, "m": units.length}[quantity]
 
 
 def plate_parameter(recording: C3DRecording, name: str, number: int, shape: tuple[int, ...] = ()) -> Array:
@@ -453,12 +412,12 @@ Sections = dict[str, NexusSection]
 
 def read_nexus_capture(path: Path, source: Source) -> Recording:
     """The columns that the source file asks for, in SI units; the first frame is at 0 s."""
-    return recording_of(nexus_capture(read_sections(path, source.delimiter, source.decimal), source), source)
-
-
-def nexus_capture(sections: Sections, source: Source) -> Capture:
-    """The signals that the source file names, before conversion to SI units."""
-    markers = [nexus_track(sections, label) for label in nexus_markers(sections, source)]
+    sections = read_sections(path, source.delimiter, source.decimal)
+    labels = source.markers
+    if labels == "all":  # but for `*1`, a subject alone (`Anna:`) and nothing
+        names = sections["Trajectories"].names if "Trajectories" in sections else []
+        labels = tuple(dict.fromkeys(name for name in names if is_labelled(without_subject(name))))
+    markers = [nexus_track(sections, label) for label in labels]
     outputs = {
         column: section_of(sections, "Model Outputs").column(output.label, output.component)[0]
         for column, output in source.outputs.items()
@@ -468,12 +427,12 @@ def nexus_capture(sections: Sections, source: Source) -> Capture:
         for column, analog in source.analogs.items()
     }
     plates = [nexus_plate(sections, number, plate) for number, plate in source.plates.items()]
-    first, rate, ratio, frames = timing(sections, bool(markers or outputs), bool(analogs or plates))
-    return Capture(frames, rate, ratio, first, markers, outputs, analogs, plates)
+    counts = timing(sections, bool(markers or outputs), bool(analogs or plates))
+    return recording_of(Capture(*counts, markers, outputs, analogs, plates), source)
 
 
 def timing(sections: Sections, slow: bool, fast: bool) -> tuple[int, float, int, int]:
-    """First frame, frame rate [Hz], samples per frame and number of frames, of the sections that are used."""
+    """Number of frames, frame rate [Hz], samples per frame and first frame, of the sections that are used."""
     used = [sections[title] for title in SLOW if slow and title in sections]
     devices = [sections["Devices"]] if fast else []
     if not used and not devices:
@@ -490,21 +449,13 @@ def timing(sections: Sections, slow: bool, fast: bool) -> tuple[int, float, int,
     first, frames, rate = spans.pop()
     if frames != int(frames):
         raise InputError("the last frame lacks sub frames; export the trial again")
-    return first, rate, devices[0].counts()[1] if devices else 1, int(frames)
+    return int(frames), rate, devices[0].counts()[1] if devices else 1, first
 
 
 def section_of(sections: Sections, title: str) -> NexusSection:
     if title not in sections:
         raise InputError(f"no section {title}; the file has {', '.join(sections)}; export it too")
     return sections[title]
-
-
-def nexus_markers(sections: Sections, source: Source) -> tuple[str, ...]:
-    """Labels of the markers to read; "all" excludes `*1`, a subject alone (`Anna:`) and nothing."""
-    if source.markers != "all":
-        return source.markers
-    names = sections["Trajectories"].names if "Trajectories" in sections else []
-    return tuple(dict.fromkeys(name for name in names if is_labelled(without_subject(name))))
 
 
 def nexus_track(sections: Sections, label: str) -> MarkerTrack:
@@ -517,21 +468,17 @@ def nexus_track(sections: Sections, label: str) -> MarkerTrack:
 
 def nexus_plate(sections: Sections, number: int, plate: Plate) -> PlateLoad:
     """Force and moment about the centre of the plate, on the foot."""
-    force, exported = triple(sections, plate, "Force", "N"), triple(sections, plate, "Moment", "N*m")
-    centre = np.mean(plate.corners, axis=0)
+    devices, exported, labels = section_of(sections, "Devices"), [], []
+    for kind, si_unit in (("Force", "N"), ("Moment", "N*m")):
+        columns = [devices.column(f"{plate.device} - {kind}", f"{kind[0]}{axis}") for axis in AXES]
+        exported.append(np.column_stack([plate.sign * si_factor(unit, si_unit) * values for values, unit in columns]))
+        labels += [f"{plate.device} {kind[0]}{axis}" for axis in AXES]
+    force, centre = exported[0], np.mean(plate.corners, axis=0)
     about = centre if plate.moment_about is None else np.array(plate.moment_about)
-    moment = exported + np.cross((about - centre) * MILLIMETRE, force)
+    moment = exported[1] + np.cross((about - centre) * MILLIMETRE, force)
     origin = {"device": plate.device, "sign": plate.sign}
-    labels = [f"{plate.device} {kind[0]}{axis}" for kind in ("Force", "Moment") for axis in AXES]
-    raw = channel_facts(labels, np.hstack([force, exported]), force, section_of(sections, "Devices").rate)
+    raw = channel_facts(labels, np.hstack(exported), force, devices.rate)
     return PlateLoad(number, 2, np.array(plate.corners) * MILLIMETRE, force, moment, origin, raw)
-
-
-def triple(sections: Sections, plate: Plate, kind: str, si_unit: str) -> Array:
-    """Force [N] or moment [N*m] of a plate on the foot, (samples, 3)."""
-    conversion, devices = Conversion(sign=plate.sign), section_of(sections, "Devices")
-    columns = [devices.column(f"{plate.device} - {kind}", f"{kind[0]}{axis}") for axis in AXES]
-    return np.column_stack([conversion.to_si(values, si_unit, unit) for values, unit in columns])
 
 
 def read_trc_capture(path: Path, source: Source) -> Recording:
@@ -545,9 +492,9 @@ def read_trc_capture(path: Path, source: Source) -> Recording:
     labels = [one for one in file.labels if is_labelled(one)] if source.markers == "all" else source.markers
     frames = file.positions.shape[0]
     facts = {"time": {"start": file.start}}
-    upward = f"{path.name}: its vertical axis seems to be y; state `axes: [x, -z, y]` in the source file"
+    upward = "its vertical axis seems to be y; state `axes: [x, -z, y]` in the source file"
     warnings = [upward] * (source.axes == ("x", "y", "z") and vertical_axis(file.positions) == "y")
-    warnings += [f"{path.name}: {note}" for note in file.notes]
+    warnings = [f"{path.name}: {text}" for text in [*warnings, *file.notes]]
     tracks = [file.positions[:, place_of(label, file.labels, "marker")] for label in labels]
     markers = [MarkerTrack(label, label, track, unit) for label, track in zip(labels, tracks, strict=True)]
     capture = Capture(frames, file.rate, 1, file.first_frame, markers, facts=facts, warnings=warnings)

@@ -8,8 +8,7 @@ import numpy as np
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.formats.c3d import C3DRecording, CountsError, read_c3d
-from osl_analysis.formats.nexus_csv import NexusSection, read_sections
-from osl_analysis.formats.trc import read_trc
+from osl_analysis.formats.gait_text import NexusSection, read_sections, read_trc
 from osl_analysis.ingest.captures import plate_count, plate_loads, plate_parameter, vertical_axis
 from osl_analysis.ingest.overview import UNKNOWN, Overview, RecordedChannel
 from osl_analysis.ingest.source import KEYS, model_of

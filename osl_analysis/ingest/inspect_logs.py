@@ -25,6 +25,7 @@ from osl_analysis.formats.csv_table import (
     unpadded,
     without_brackets,
 )
+from osl_analysis.formats.gait_text import read_opensim
 from osl_analysis.formats.json_lines import (
     MOST_ELEMENTS,
     DecodedLines,
@@ -36,7 +37,6 @@ from osl_analysis.formats.json_lines import (
 from osl_analysis.formats.mat import Value, open_mat
 from osl_analysis.formats.messages import ChannelSurvey, MessageFile, describe_message, survey_channels
 from osl_analysis.formats.object_messages import FieldDescription, last_name
-from osl_analysis.formats.opensim_table import read_opensim
 from osl_analysis.formats.tdms import TdmsFile, read_tdms
 from osl_analysis.ingest.message_log import FILES
 from osl_analysis.ingest.overview import (
@@ -100,20 +100,20 @@ def inspect_csv(path: Path) -> Overview:
     comments = [text for _, text in lines if text.lstrip().startswith(COMMENT)]
     content = [(line, text) for line, text in lines if not text.lstrip().startswith(COMMENT)]
     delimiter = delimiter_of(content, "auto")
-    rows = split_rows(path, content, delimiter)
+    rows = split_rows(content, delimiter)
     if not rows:
-        raise InputError(f"{path}: holds no rows; check that it is a recording")
+        raise InputError("holds no rows; check that it is a recording")
     headed = not all(seems_number(cell) for cell in rows[0][1] if cell)
     first = unpadded(rows[0][1], 0)
     titles = first if headed else [str(place + 1) for place in range(len(first))]
     body = [(line, unpadded(cells, len(titles))) for line, cells in (rows[1:] if headed else rows)]
     if headed:
-        check_header_place(path, rows[0], body)
+        check_header_place(rows[0], body)
     has_units = headed and bool(body) and is_units_row(body[0][1])
     below, body = (body[0][1], body[1:]) if has_units else ([], body)
     if not body:
-        raise InputError(f"{path}: no rows of data below the header; check that it is a recording")
-    check_numbers(path, body)
+        raise InputError("no rows of data below the header; check that it is a recording")
+    check_numbers(body)
     cells = [
         pl.Series([row[k] if k < len(row) else "" for _, row in body], dtype=pl.String) for k in range(len(titles))
     ]
@@ -161,13 +161,13 @@ def is_units_row(cells: list[str]) -> bool:
     return not any(map(seems_number, cells)) and sum(known) > len(cells) / 2
 
 
-def check_numbers(path: Path, rows: Rows) -> None:
+def check_numbers(rows: Rows) -> None:
     """Refuse text that is no table: most of its rows hold no number."""
     prose = [row for row in rows if not any(map(seems_number, row[1]))]
     if len(prose) > (1 - LEAST_NUMBERS) * len(rows):
         line, cells = prose[0]
         raise InputError(
-            f"{path}: no table of numbers: {len(prose)} of {len(rows)} rows hold none, such as line {line}, "
+            f"no table of numbers: {len(prose)} of {len(rows)} rows hold none, such as line {line}, "
             f"'{' '.join(cells)[:40]}'; name a recording, or write a header and a row per sample"
         )
 
@@ -187,7 +187,7 @@ def inspect_json(path: Path) -> Overview:
     lines = read_json_lines(path)
     names, long = addresses_of(lines)
     if not names:
-        raise InputError(f"{path}: no line holds a number; name a recording")
+        raise InputError("no line holds a number; name a recording")
     decoded = decoded_for_list(lines, names)
     values = {name: one.values[name][one.present[name]] for name, one in decoded.items()}
     stamp, parts = next(iter(stamps_among(names).items()), ("", ("", "")))
@@ -256,13 +256,12 @@ class Leaf:
     @property
     def readings(self) -> NDArray[Any]:
         """Its numbers, (n,); none if it has none."""
-        value = self.value
-        return value.load().ravel() if value.load is not None and value.size else NO_NUMBERS
+        return NO_NUMBERS if self.value.numbers is None else self.value.numbers.ravel()
 
     @property
     def is_signal(self) -> bool:
         """Whether it may be a signal: a vector of real numbers, or a matrix of columns."""
-        return self.value.load is not None and len(self.value.shape) == 2 and max(self.value.shape) >= FEWEST
+        return self.value.numbers is not None and len(self.value.shape) == 2 and max(self.value.shape) >= FEWEST
 
     @property
     def seems_clock(self) -> bool:
@@ -285,7 +284,7 @@ def inspect_mat(path: Path) -> Overview:
     remarks = [
         f"{leaf.address} is a {leaf.value.described()}, which is not read; {leaf.value.remedy()}"
         for leaf in leaves
-        if leaf.value.load is None and leaf.value.kind not in ("char", "struct", "cell")
+        if leaf.value.numbers is None and leaf.value.kind not in ("char", "struct", "cell")
     ]
     if len(leaves) > MOST_LISTED:
         remarks.append(f"and {len(leaves) - MOST_LISTED} more variables")
@@ -376,7 +375,7 @@ def numbers_for_list(file: TdmsFile, remarks: list[str]) -> dict[str, NDArray[An
         try:
             found |= file.values([one])
         except InputError as error:
-            remarks.append(str(error).removeprefix(f"{file.path}: "))
+            remarks.append(str(error))
     return found
 
 
@@ -394,7 +393,7 @@ def inspect_opensim(path: Path) -> Overview:
         try:
             found = listed("column", name, table.column(name), name == clock)
         except InputError as error:
-            remarks.append(str(error).removeprefix(f"{table.path}: "))
+            remarks.append(str(error))
             continue
         guess = "" if name == clock else opensim_unit(name, table.angles)
         channels[name] = replace(found, likely_unit=guess)

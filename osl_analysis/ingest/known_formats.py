@@ -11,15 +11,13 @@ from pydantic import ConfigDict, field_validator
 from osl_analysis.errors import InputError, nearest, printable
 from osl_analysis.formats.c3d import is_c3d
 from osl_analysis.formats.csv_table import is_text
+from osl_analysis.formats.gait_text import is_nexus, is_opensim, is_trc
 from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.mat import is_mat
 from osl_analysis.formats.mcap import MAGIC
-from osl_analysis.formats.nexus_csv import is_nexus
-from osl_analysis.formats.opensim_table import is_opensim
 from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
 from osl_analysis.formats.rosbag import ANY_BAG1, SQLITE, folder_format
 from osl_analysis.formats.tdms import is_tdms
-from osl_analysis.formats.trc import is_trc
 from osl_analysis.ingest.captures import read_c3d_capture, read_nexus_capture, read_trc_capture
 from osl_analysis.ingest.inspect_captures import inspect_c3d, inspect_nexus, inspect_trc
 from osl_analysis.ingest.inspect_logs import (

@@ -24,9 +24,9 @@ from osl_analysis.formats.csv_table import (
     share_above,
     without_brackets,
 )
+from osl_analysis.formats.gait_text import OpenSimTable, read_opensim
 from osl_analysis.formats.json_lines import DecodedLines, JsonLines, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import find, no_variable, open_mat, parsed, vector
-from osl_analysis.formats.opensim_table import OpenSimTable, read_opensim
 from osl_analysis.formats.table import Loss, Table
 from osl_analysis.formats.tdms import TdmsChannel, TdmsFile, read_tdms
 from osl_analysis.ingest.captures import exported_columns, exported_plates
@@ -47,8 +47,8 @@ def read_table_log(path: Path, source: Source) -> Recording:
     Raises InputError: the recording is not what the source file says, or holds no numbers where it should.
     """
     tables = TABLES[source.format](path, source)
-    parts = [(start, recording_of(table, source)) for start, table in tables]
-    recording = parts[0][1] if len(parts) == 1 else joined(path, parts)
+    parts = [(start, recording_of(table, source, path.name)) for start, table in tables]
+    recording = parts[0][1] if len(parts) == 1 else joined(parts, path.name)
     if source.format == "opensim" and source.plates:
         return exported_plates(tables[0][1], recording, source)
     return recording
@@ -60,7 +60,7 @@ def wanted(source: Source) -> list[str]:
     return [*dict.fromkeys(name for name in [source.time.name, *named] if name)]
 
 
-def recording_of(table: Table, source: Source) -> Recording:
+def recording_of(table: Table, source: Source, file: str) -> Recording:
     """The channels of the source file that a table has."""
     channels = {column: one for column, one in source.channels.items() if one.name in table.columns}
     time, start = time_of(table, source)
@@ -68,7 +68,7 @@ def recording_of(table: Table, source: Source) -> Recording:
     columns, origins, missing, absent, units = [pl.Series("time", time)], {}, {}, [], []
     for column, channel in channels.items():
         what, raw, unit = (
-            f"{table.path}: {channel.title}",
+            f"{channel.title}",
             table.columns[channel.name],
             table.units.get(channel.name, ""),
         )
@@ -93,7 +93,7 @@ def recording_of(table: Table, source: Source) -> Recording:
     kept = fresh if source.time.repeated == "drop" else np.ones_like(fresh)
     facts = {
         "time": {**source.time.model_dump(exclude_none=True), "start": start},
-        "rates_hz": {table.path.name: median_rate(time[kept])},
+        "rates_hz": {file: median_rate(time[kept])},
         "repeated_stamps": int((~fresh).sum()),
         "missing": missing,
         **table.facts,
@@ -101,7 +101,7 @@ def recording_of(table: Table, source: Source) -> Recording:
     }
     failed = [f"{name} is {table.failed} in {n} of {time.size} {table.noun}s" for name, n in missing.items() if n]
     said = [*absent, *failed, *units, *repeats(fresh, table.noun, source)]
-    warnings = [f"{table.path.name}: {text}" for text in [*table.loss.notes, *said]]
+    warnings = [f"{file}: {text}" for text in [*table.loss.notes, *said]]
     return Recording(pl.DataFrame(columns).filter(pl.Series(kept)), origins, facts, warnings)
 
 
@@ -131,7 +131,7 @@ def time_of(table: Table, source: Source) -> tuple[Array, float]:
         own = np.arange(table.rows) / stated.rate if stated.rate is not None else table.time
         assert own is not None  # the model of the source file asks for a rate or a name where the file has no time
         return own - own[0], float(own[0])
-    what, raw = f"{table.path}: {stated.title}", np.ma.getdata(table.columns[stated.name])
+    what, raw = f"{stated.title}", np.ma.getdata(table.columns[stated.name])
     lacking = np.isnan(raw.astype(np.float64)) | np.ma.getmaskarray(table.columns[stated.name])
     if raw.dtype == bool or lacking.any():
         where = "but truth values" if raw.dtype == bool else f"in {table.place(int(np.argmax(lacking)))}"
@@ -155,7 +155,7 @@ def check_own_columns(table: Table, source: Source, channels: Mapping[str, Chann
         other = by_values.setdefault(id(table.columns[channel.name]), column)
         if unit_of(other) != unit_of(column):
             raise InputError(
-                f"{table.path}: {channel.title} is {other} and {column} in the source file; correct "
+                f"{channel.title} is {other} and {column} in the source file; correct "
                 f"{source.place('channels', column, channel.ADDRESS)}"
             )
 
@@ -168,21 +168,20 @@ def counter_of(table: Table, channel: Channel, time: Array) -> pl.Series:
     if wrong.any():
         row = int(np.argmax(wrong))
         raise InputError(
-            f"{table.path}: {channel.ADDRESS} '{channel.counter}': {raw[row]} in {table.place(row)}, at "
+            f"{channel.ADDRESS} '{channel.counter}': {raw[row]} in {table.place(row)}, at "
             f"{time[row]:.3f} s, is no count of samples; remove `counter` from the source file, or the {table.noun} "
             "from the log"
         )
     return pl.Series(np.ma.getdata(found).astype(np.int64))
 
 
-def joined(path: Path, parts: Sequence[tuple[float, Recording]]) -> Recording:
+def joined(parts: Sequence[tuple[float, Recording]], file: str) -> Recording:
     """Recordings of several timings as one, each with the time [s] by which it begins after the first."""
     last = max(start for start, _ in parts)
     lasts = min(start + float(one.samples["time"][-1]) for start, one in parts)
     if last > lasts:
         raise InputError(
-            f"{path}: its channels begin up to {last:.3f} s apart and do not overlap; name channels of one task, or "
-            f"{RATE}"
+            f"its channels begin up to {last:.3f} s apart and do not overlap; name channels of one task, or {RATE}"
         )
     stamps = []
     for start, one in parts:
@@ -191,7 +190,7 @@ def joined(path: Path, parts: Sequence[tuple[float, Recording]]) -> Recording:
     table = joined_on_stamp(stamps)
     time = ((table["stamp"] - int(table["stamp"][0])) / SECOND).alias("time")
     recordings = [one for _, one in parts]
-    rates = {", ".join(one.columns): one.facts["rates_hz"][path.name] for one in recordings}
+    rates = {", ".join(one.columns): one.facts["rates_hz"][file] for one in recordings}
     facts = {**recordings[0].facts, "rates_hz": rates}
     facts["missing"] = {name: count for one in recordings for name, count in one.facts["missing"].items()}
     warnings = list(dict.fromkeys(text for one in recordings for text in one.warnings))
@@ -216,7 +215,6 @@ def csv_tables(path: Path, source: Source) -> Tables:
     full = {name: text.names[place] for name, place in places.items()}
     found = {name: {"found": one} for name, one in full.items() if name_and_unit(one)[0] != name_and_unit(name)[0]}
     table = Table(
-        path,
         len(text.lines),
         {name: values[place] for name, place in places.items()},
         {name: text.units[place] for name, place in places.items()},
@@ -246,7 +244,7 @@ def cells_of(text: CsvTable, place: int, source: Source, level: bool, is_time: b
     except UnreadableCellError as error:
         cell = str(cells[error.place])
         raise InputError(
-            f"{text.path}: line {text.lines[error.place]}, column '{text.names[place]}': '{cell[:40]}' is not "
+            f"line {text.lines[error.place]}, column '{text.names[place]}': '{cell[:40]}' is not "
             f"a number; {remedy_for(cell, text.names[place], source, is_time, first=error.place == 0)}"
         ) from error
 
@@ -281,7 +279,7 @@ def json_tables(path: Path, source: Source) -> Tables:
     parts = stamps_among(addresses_of(lines)[0]).get(field) if field else None
     if parts and source.time.unit is not None:
         raise InputError(
-            f"{path}: field '{field}' is a stamp of '{parts[0]}' and '{parts[1]}', whose units are known; remove "
+            f"field '{field}' is a stamp of '{parts[0]}' and '{parts[1]}', whose units are known; remove "
             f"{source.place('time', 'unit')}"
         )
     names = [name for name in wanted(source) if not (parts and name == field)]
@@ -291,7 +289,7 @@ def json_tables(path: Path, source: Source) -> Tables:
         # with a rate, a line that is left out moves the rest
         advice = f", or write `most_missing: {share_above(count, total):g}` in the source file"
         raise InputError(
-            f"{path}: {count} of {total} lines cannot be used: {decoded.misfit}; repair the log"
+            f"{count} of {total} lines cannot be used: {decoded.misfit}; repair the log"
             f"{advice if source.time.rate is None else ''}"
         )
     notes = notes_on(lines, decoded)
@@ -307,7 +305,7 @@ def json_tables(path: Path, source: Source) -> Tables:
     share = count / max(1, decoded.rows.size + count)
     report = {"messages_lost": count, "share_lost": share} if count else {}
     numbered = lines.numbers[decoded.rows]
-    return [(0.0, Table(path, decoded.rows.size, columns, units, loss=Loss(notes, report), lines=numbered))]
+    return [(0.0, Table(decoded.rows.size, columns, units, loss=Loss(notes, report), lines=numbered))]
 
 
 def stamps_among(names: Collection[str]) -> Mapping[str, Parts]:
@@ -326,7 +324,7 @@ def stamp_column(lines: JsonLines, decoded: DecodedLines, parts: Parts) -> NDArr
         if wrong.any():
             row = int(np.argmax(wrong))
             raise InputError(
-                f"{lines.path}: field '{name}' is {values[row]} in line {lines.numbers[decoded.rows[row]]}, which is "
+                f"field '{name}' is {values[row]} in line {lines.numbers[decoded.rows[row]]}, which is "
                 f"no whole number from 0 to {most}; name another time, or {RATE}"
             )
     there = decoded.present[parts[0]] & decoded.present[parts[1]]
@@ -371,12 +369,12 @@ def mat_tables(path: Path, source: Source) -> Tables:
     for text, values in vectors.items():
         if values.size != rows:
             raise InputError(
-                f"{path}: {text} has {values.size} numbers and {reference} has {rows}; name variables of one "
+                f"{text} has {values.size} numbers and {reference} has {rows}; name variables of one "
                 "recording, or cut them to one length in MATLAB"
             )
     facts = {"version": file.version, "header": file.header, "log_part": source.log_part}
     found = {text: {"variable": address.text} for text, address in addresses.items()}
-    return [(0.0, Table(path, rows, vectors, facts=facts, found=found, noun="sample"))]
+    return [(0.0, Table(rows, vectors, facts=facts, found=found, noun="sample"))]
 
 
 def tdms_tables(path: Path, source: Source) -> Tables:
@@ -390,7 +388,7 @@ def tdms_tables(path: Path, source: Source) -> Tables:
             told = (0, 0.0, None, 0)
         elif channel.step is None:
             raise InputError(
-                f"{path}: channel '{channel.address}' has no timing (`wf_increment` among its properties); name the "
+                f"channel '{channel.address}' has no timing (`wf_increment` among its properties); name the "
                 f"channel of time, as `time: {{channel: GROUP/NAME, unit: s}}`, or {RATE}"
             )
         timings[told].append(one)
@@ -410,14 +408,14 @@ def tdms_table(file: TdmsFile, channels: Mapping[str, TdmsChannel]) -> Table:
     for one in some:
         if one.count != some[0].count:
             raise InputError(
-                f"{file.path}: channel '{one.address}' has {one.count} values and '{some[0].address}' has "
+                f"channel '{one.address}' has {one.count} values and '{some[0].address}' has "
                 f"{some[0].count}; name channels of one recording, or export those of each length on their own"
             )
     values = file.values(some)
     columns = {name: values[one.address] for name, one in channels.items()}
     units = {name: "s" if one.holds_times else one.unit for name, one in channels.items()}
     report = {"complete": False, "messages_lost": None, "remarks": list(file.notes)} if file.notes else {}
-    return Table(file.path, some[0].count, columns, units, loss=Loss(file.notes, report))
+    return Table(some[0].count, columns, units, loss=Loss(file.notes, report))
 
 
 ANGLES = {"rad": {"deg": "deg", "rad": "rad"}, "rad/s": {"deg": "deg/s", "rad": "rad/s"}}
@@ -430,7 +428,7 @@ def opensim_tables(path: Path, source: Source) -> Tables:
     facts = {"header": table.header, "clock": source.clock}
     plates = [name for plate in source.plates.values() for name in exported_columns(plate)]
     columns = {name: table.column(name) for name in dict.fromkeys([*wanted(source), *plates])}
-    return [(0.0, Table(path, len(table.rows), columns, facts=facts))]
+    return [(0.0, Table(len(table.rows), columns, facts=facts))]
 
 
 def check_angles(table: OpenSimTable, source: Source) -> None:
@@ -440,7 +438,7 @@ def check_angles(table: OpenSimTable, source: Source) -> None:
         own = ANGLES.get(canonical, {}).get(table.angles)
         if own is not None and not np.isclose(si_factor(str(channel.unit), canonical), si_factor(own, canonical)):
             raise InputError(
-                f"{table.path}: its header says inDegrees={table.header['indegrees']}, and column '{channel.column}' "
+                f"its header says inDegrees={table.header['indegrees']}, and column '{channel.column}' "
                 f"is read in {channel.unit}; write {own}, as {source.place('channels', column, 'unit')}"
             )
 

@@ -1,0 +1,294 @@
+"""Recordings of gait laboratories as text: the CSV export of Vicon Nexus, markers in TRC, and tables of OpenSim.
+
+Nexus writes sections in any order, each with a rate, a row of names, a header, a row of units, and samples, with or
+without commas that pad every line to the longest one. A name is written above the first of its columns only. TRC has a
+header of five lines, and a row per frame. OpenSim (.mot, .sto) has a header down to `endheader`, and names of columns.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.formats.csv_table import (
+    MOST_CELLS,
+    Rows,
+    UnreadableCellError,
+    decoded_text,
+    delimiter_of,
+    is_number_cell,
+    is_text,
+    number,
+    numbers,
+    read_lines,
+    split_rows,
+    unpadded,
+)
+from osl_analysis.trial import Array
+
+HEADER = ("frame", "sub frame")
+
+
+def column_of(rows: Rows, place: int, missing: tuple[str, ...], what: str, remedy: str, decimal: str = ".") -> Array:
+    """One column of rows, (rows,), NaN where a cell is one of the words in `missing` or the row is too short."""
+    cells = [cells[place] if place < len(cells) else "" for _, cells in rows]
+    try:
+        return numbers(cells, missing, decimal)[0]
+    except UnreadableCellError as error:
+        line, text = rows[error.place][0], cells[error.place]
+        remedy = "export it as scalars" if text.count(",") > 1 else remedy
+        raise InputError(f"line {line}, {what}: '{text[:40]}' is not a number; {remedy}") from error
+
+
+@dataclass(frozen=True)
+class NexusSection:
+    """One section of an export."""
+
+    title: str  # Devices, Trajectories or Model Outputs
+    rate: float  # rows per second [Hz]
+    names: list[str]  # name of every column: `Anna:LTOE`, `EMG2000 - Voltage`
+    components: list[str]  # component of every column: X, Y, Z, Fx ..
+    units: list[str]  # unit of every column, as Nexus spells it
+    rows: Rows  # number of the line in the file, and its cells; the first two are the numbers of frame and sub frame
+    decimal: str
+
+    def column(self, name: str, component: str) -> tuple[Array, str]:
+        """Values (rows,) and unit of the component of a name, with or without its subject."""
+        wanted = [i for i, c in enumerate(self.components) if c.casefold() == component.casefold()]
+        found = [i for i in wanted if self.names[i] == name] or [
+            i for i in wanted if without_subject(self.names[i]) == name
+        ]
+        if len(found) != 1:
+            have = sorted({f"{n} {c}" for n, c in zip(self.names, self.components, strict=True) if n})
+            count = f"occurs {len(found)} times" if found else "is missing"
+            raise InputError(
+                f"'{name}' {component} {count} under {self.title}; there are {listing(have)}; correct the name in the "
+                "source file"
+            )
+        return self.values(found[0]), self.units[found[0]]
+
+    def values(self, place: int) -> Array:
+        """One column (rows,), NaN where a cell is empty."""
+        what = f"{self.names[place]} {self.components[place]}"
+        return column_of(self.rows, place, ("",), what, "repair it, or state `decimal`", self.decimal)
+
+    def counts(self) -> tuple[int, int]:
+        """First frame, and samples per frame."""
+        frame, sub = (self.values(place) for place in (0, 1))
+        per_frame = float(np.nanmax(sub, initial=0.0)) + 1
+        goes_on = (frame - frame[0]) * per_frame + sub == np.arange(frame.size)
+        if not goes_on.all():
+            place = int(np.argmin(goes_on))
+            raise InputError(
+                f"line {self.rows[place][0]}: frame {frame[place]:g}, sub frame {sub[place]:g} does not follow the "
+                "line before; export the trial again with all its frames"
+            )
+        return int(frame[0]), int(per_frame)
+
+
+def is_nexus(begin: bytes) -> bool:
+    """Whether a file that begins with these bytes is an export of Nexus: it has the header of a section."""
+    lines = decoded_text(begin).casefold().replace('"', "").splitlines() if is_text(begin) else []
+    return any(line.startswith(HEADER[0]) and HEADER[1] in line for line in lines)
+
+
+def without_subject(name: str) -> str:
+    return name.rpartition(":")[2]
+
+
+def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> dict[str, NexusSection]:
+    """Sections by title; InputError if there is none, one has no samples, or stands twice."""
+    lines = read_lines(path)
+    header = [(n, text) for n, text in lines if text.lstrip('"').casefold().startswith("frame")]
+    rows = split_rows(lines, delimiter_of(header[:1], delimiter))
+    starts = []
+    for i in range(len(rows) - 3):  # a title alone, a rate alone, names, and the header
+        title, rate, above = (rows[i + k][1] for k in (0, 1, 3))
+        alone = bool(title[0]) and not any(title[1:]) and not any(rate[1:])
+        starts += [i] * (alone and tuple(cell.casefold() for cell in above[:2]) == HEADER)
+    if not starts:
+        raise InputError("no section of a Nexus export (Devices, Trajectories, ...); check the source's format")
+    found: dict[str, NexusSection] = {}
+    for start, end in zip(starts, [*starts[1:], len(rows)], strict=True):
+        section = nexus_section(rows[start:end], decimal)
+        if section.title in found:
+            raise InputError(f"line {rows[start][0]}: section {section.title} stands twice; export one of each")
+        found[section.title] = section
+    return found
+
+
+def nexus_section(rows: Rows, decimal: str) -> NexusSection:
+    (line, title), (_, rate), (_, names), (_, header) = rows[:4]
+    samples = rows[5:]
+    try:
+        hertz = number(rate[0].replace(",", "."), 0)
+    except UnreadableCellError as error:
+        raise InputError(f"line {line + 1}: '{rate[0][:40]}' is not a rate; export the trial again") from error
+    if not samples or not hertz > 0:
+        raise InputError(f"section {title[0][:40]} at {hertz:g} Hz has no samples; export without it")
+    width = max(i + 1 for i, cell in enumerate(header) if cell)
+    full = [""]  # the name of every column: the one above it, or else the nearest to the left
+    for place in range(width):
+        full.append((names[place] if place < len(names) else "") or full[-1])
+    units = (rows[4][1] + [""] * width)[:width]
+    return NexusSection(title[0], hertz, full[1:], header[:width], units, samples, decimal)
+
+
+BEGIN = "PathFileType"
+UNSEEN = ("", "nan", "NaN", "NAN")  # cells of a marker that was not seen
+ROUNDING = 0.6  # of the last decimal of a time: half of it by rounding, and a little for sums in single precision
+EXPORT = "export it again, or correct the header"
+
+
+@dataclass(frozen=True)
+class TrcFile:
+    """The markers of one file."""
+
+    labels: list[str]
+    positions: Array  # (frames, markers, 3) in `unit`; NaN where a marker was not seen
+    rate: float  # frames per second [Hz]
+    unit: str  # unit of length, as the file spells it; empty where it gives none
+    first_frame: int
+    start: float  # time of the first frame [s]
+    notes: tuple[str, ...] = ()  # oddities, a sentence each
+
+
+def is_trc(begin: bytes) -> bool:
+    return is_text(begin) and decoded_text(begin[:200]).lstrip().casefold().startswith(BEGIN.casefold())
+
+
+def read_trc(path: Path) -> TrcFile:
+    """The markers of a file; InputError if its header is not that of TRC, or contradicts the rows."""
+    lines = read_lines(path)
+    if not lines or not lines[0][1].lstrip().casefold().startswith(BEGIN.casefold()):
+        raise InputError(f"no TRC file: its first line does not begin with {BEGIN}; check the source's format")
+    if len(lines) < 6:
+        raise InputError(f"holds no frames, only {len(lines)} lines of a header; export it again")
+    cells = [[cell.strip() for cell in (text.split("\t") if "\t" in text else text.split())] for _, text in lines]
+    said, place = {key.casefold(): value for key, value in zip(*cells[1:3], strict=False) if key}, lines[2][0]
+    for key in ("NumFrames", "NumMarkers"):
+        text = said.get(key.casefold(), "")
+        if not (text.isascii() and text.isdigit() and 0 < int(text) < 10**8):
+            raise InputError(f"line {place}: {key} is {text[:40]!r} and no count above zero; {EXPORT}")
+    frames, markers = int(said["numframes"]), int(said["nummarkers"])
+    labels = [cell for cell in cells[3][2:] if cell]
+    if len(labels) < markers:
+        raise InputError(f"NumMarkers is {markers}, line {lines[3][0]} names {len(labels)}; {EXPORT}")
+    rows = [(line, row) for (line, _), row in zip(lines[5:], cells[5:], strict=True)]
+    if len(rows) != frames:
+        cut = ": the end is missing" if len(rows) < frames else ""
+        raise InputError(f"NumFrames is {frames}, the file holds {len(rows)} rows{cut}; {EXPORT}")
+    names = ["frame", "time", *(f"column {place + 3}" for place in range(3 * markers))]
+    columns = [column_of(rows, k, UNSEEN[:0] if k < 2 else UNSEEN, n, "export it again") for k, n in enumerate(names)]
+    check_widths(rows, len(names))
+    text = said.get("datarate", "")
+    rate = number(text, 0) if is_number_cell(text) else 0.0
+    if rate <= 0:
+        raise InputError(f"line {place}: DataRate is {text[:40]!r} and no rate in Hz; {EXPORT}")
+    first, start = check_frames(rows, columns[0], columns[1], rate)
+    positions = np.column_stack(columns[2:]).reshape(frames, markers, 3)
+    positions[(positions == 0).all(axis=2)] = np.nan
+    empty = f"{len(labels) - markers} names after the {markers} markers have no positions, such as {labels[-1][:40]}"
+    notes = (empty,) * (len(labels) > markers)  # Cortex names its virtual markers and leaves them out
+    return TrcFile(labels[:markers], positions, rate, said.get("units", ""), first, start, notes)
+
+
+def check_widths(rows: Rows, width: int) -> None:
+    """Refuse a row that has more coordinates than the header names, or a marker of which one or two are missing."""
+    for line, padded in rows:
+        count = len(unpadded(padded, 0))
+        if count > width:
+            raise InputError(
+                f"line {line} has {count - 2} coordinates, the header names {(width - 2) // 3} markers; {EXPORT}"
+            )
+        if count < width and (count - 2) % 3:
+            raise InputError(f"line {line} ends within a marker, after {count} cells; export it again")
+
+
+def check_frames(rows: Rows, frame: Array, time: Array, rate: float) -> tuple[int, float]:
+    """First frame and its time [s], of the frames and times of all rows; refused unless they go on evenly."""
+    count = np.arange(frame.size)
+    wrong = frame != frame[0] + count
+    if wrong.any() or frame[0] != np.rint(frame[0]):
+        row = int(np.argmax(wrong))
+        raise InputError(
+            f"line {rows[row][0]}: frame {frame[row]:g} does not follow the line before; export all frames"
+        )
+    decimals = max(len(row[1].partition(".")[2]) for _, row in rows[:100])
+    wrong = np.abs(time - time[0] - count / rate) > 2 * ROUNDING * 10.0**-decimals + (1e-3 + 1e-4 * count) / rate
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise InputError(
+            f"line {rows[row][0]}: time {time[row]:g} s does not fit DataRate {rate:g} Hz from {time[0]:g} s on; "
+            "correct DataRate or the times"
+        )
+    return int(frame[0]), float(time[0])
+
+
+END = re.compile(r"^[ \t]*endheader[ \t\r]*$", re.MULTILINE | re.IGNORECASE)
+FAILED = ("nan", "NaN", "NAN", "-nan", "nan(ind)", "-nan(ind)")
+"""How the C++ that OpenSim is compiled with writes a value that is none."""
+COUNTS = {"rows": ("nrows", "datarows"), "columns": ("ncolumns", "datacolumns")}
+"""How the header's versions call the size of the table."""
+
+
+@dataclass(frozen=True)
+class OpenSimTable:
+    """One table."""
+
+    header: dict[str, str]  # what the header says, by key in small letters; a line without a value stands under itself
+    names: list[str]
+    rows: Rows  # number of the line in the file, and its cells, of every row
+
+    @property
+    def angles(self) -> str:
+        """Unit of its angles, `deg` or `rad`; empty where the header does not tell."""
+        return {"yes": "deg", "no": "rad"}.get(self.header.get("indegrees", "").casefold(), "")
+
+    def column(self, name: str) -> Array:
+        """The numbers (rows,) of a column, NaN where the value is none."""
+        places = [place for place, one in enumerate(self.names) if one == name]
+        if len(places) != 1:
+            count = f"occurs {len(places)} times" if places else "is missing"
+            advice = ("" if places else nearest(name, self.names)) or "; correct the name in the source file"
+            raise InputError(f"column '{name[:80]}' {count}; the file has {listing(self.names)}{advice}")
+        return column_of(self.rows, places[0], FAILED, f"column '{name}'", "repair the line")
+
+
+def is_opensim(begin: bytes) -> bool:
+    return is_text(begin) and END.search(decoded_text(begin)) is not None
+
+
+def read_opensim(path: Path) -> OpenSimTable:
+    """A table; InputError if its header has no end, or contradicts the rows."""
+    lines = read_lines(path)
+    end = next((place for place, (_, text) in enumerate(lines) if text.strip().casefold() == "endheader"), None)
+    if end is None:
+        raise InputError("no line `endheader`: no table of OpenSim; check the source's format")
+    header = {}
+    for text in (text.strip() for _, text in lines[:end]):  # `nRows=12`, or as older versions write it `datarows 12`
+        key, _, value = text.partition("=" if "=" in text else " ")
+        header[key.strip().casefold()] = value.strip()
+    if len(lines) < end + 3:
+        raise InputError("holds no rows below its header; export it again, or exclude the trial")
+    (line, titles), rows = lines[end + 1], [(number, text.split()) for number, text in lines[end + 2 :]]
+    names = [name.strip() for name in titles.rstrip().split("\t")] if "\t" in titles.strip() else titles.split()
+    if len(names) > MOST_CELLS:
+        raise InputError(f"line {line} names {len(names)} columns, at most {MOST_CELLS} are read")
+    for what, found in (("rows", len(rows)), ("columns", len(names))):
+        stated = next((key for key in COUNTS[what] if key in header), None)
+        if stated is not None and header[stated] != str(found):
+            cut = ": the end is missing" if header[stated].isdigit() and int(header[stated]) > found else ""
+            raise InputError(
+                f"{stated} in its header is {header[stated][:20]}, the file holds {found} {what}{cut}; export it "
+                "again, or correct the header"
+            )
+    for line, cells in rows:
+        if len(cells) != len(names):
+            cut = ": the file is cut off" if line == rows[-1][0] and len(cells) < len(names) else ""
+            raise InputError(
+                f"line {line} has {len(cells)} cells under {len(names)} names{cut}; export it again, or repair it"
+            )
+    return OpenSimTable(header, names, rows)

@@ -161,9 +161,15 @@ def gap_duration(time: Array, gap: slice) -> float:
 def filtered_poses(poses: Poses, reference: Array, low_pass: LowPass, rate: float) -> Poses:
     """Poses (n,), none NaN, from marker positions that passed the low-pass: their filter is linear and the wrench's
     too."""
-    filtered = unseen(len(poses.rotation), reference)
-    fit_rows(filtered, slice(None), reference, low_pass(poses.points(reference), rate))
+    filtered = rigid_poses(reference, low_pass(poses.points(reference), rate))
     return replace(filtered, residual=poses.residual, bridged=poses.bridged)
+
+
+def rigid_poses(reference: Array, observed: Array) -> Poses:
+    """Poses of markers (n, m, 3) [m], none NaN, that span a plane."""
+    poses = unseen(len(observed), reference)
+    fit_rows(poses, slice(None), reference, observed)
+    return poses
 
 
 @dataclass(frozen=True)

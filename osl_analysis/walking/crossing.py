@@ -27,7 +27,6 @@ from osl_analysis.walking.bodies import (
 )
 from osl_analysis.walking.plate import (
     Load,
-    PlateInertia,
     PlateModel,
     Stance,
     ankle_torque,
@@ -154,8 +153,8 @@ def analysed(
         labels, cluster = getattr(settings.markers, segment), getattr(calibration, segment)
         frames, recorded[segment] = segment_poses(trial, labels, cluster, settings)
         reference[segment] = reference_positions(cluster, labels, name)
-    stamps, wrench, zero = zeroed_wrench(trial, settings)
-    read, rate, low_pass = wrench_reader(stamps, wrench, frames), sampling_rate(frames), settings.low_pass
+    stamps, zeroed, zero = zeroed_wrench(trial, settings)
+    read, rate, low_pass = wrench_reader(stamps, zeroed, frames), sampling_rate(frames), settings.low_pass
     force = read(plate.delay)[:, :3]
     check_vertical(force)
     limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
@@ -175,22 +174,27 @@ def analysed(
 
     def motion(template: PlatformTemplate | None) -> BodyMotion:
         """Motion of the plate's centre, by a shape that crossings share if this one follows it."""
-        return inertial_motion(track, corners.mean(axis=0), template, follows)[first : first + len(time)]
+        return inertial_motion(track, corners.mean(axis=0), template, follows, slice(first, first + len(time)))
 
-    def reaction(delay: float, inertia: PlateInertia, moving: BodyMotion) -> Array:
-        """Ground reaction (n, 6) on the foot in laboratory axes, about the plate's centre."""
-        own = low_pass(read(delay), rate)[rows] - inertia.wrench(moving)
-        return np.asarray(np.einsum("nij,nkj->nki", turned, own.reshape(-1, 2, 3)).reshape(-1, 6))
+    def wrench_at(delay: float) -> Array:
+        return low_pass(read(delay), rate)[rows]
 
-    def torque_of(delay: float, inertia: PlateInertia, moving: BodyMotion) -> Array:
-        return ankle_torque(reaction(delay, inertia, moving), centre, ankle, axis)
+    def reaction(wrench: Array, own: Array) -> Array:
+        """Ground reaction (n, 6) on the foot in laboratory axes, about the plate's centre, without the plate's own."""
+        parts = (wrench - own).reshape(-1, 2, 3)
+        return np.asarray(np.einsum("nij,nkj->nki", turned, parts).reshape(-1, 6))
 
-    moving = motion(platform.template)
-    on_foot = reaction(plate.delay, plate.inertia, moving)
+    def torque_of(wrench: Array, own: Array) -> Array:
+        return ankle_torque(reaction(wrench, own), centre, ankle, axis)
+
+    moving, wrench = motion(platform.template), wrench_at(plate.delay)
+    on_foot = reaction(wrench, plate.inertia.wrench(moving))
     torque = ankle_torque(on_foot, centre, ankle, axis)
-    without_plate = [torque_of(other.delay, other.inertia, moving) - torque for other in plate.leave_one_out]
+    without_plate = [
+        torque_of(wrench_at(other.delay), other.inertia.wrench(moving)) - torque for other in plate.leave_one_out
+    ]
     without_crossings = [  # the shape changes the motion of those alone that follow it
-        torque * 0 if follows is None else torque_of(plate.delay, plate.inertia, motion(other)) - torque
+        torque * 0 if follows is None else torque_of(wrench, plate.inertia.wrench(motion(other))) - torque
         for other in platform.leave_out
     ]
     if settings.foot is not None:

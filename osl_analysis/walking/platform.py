@@ -32,8 +32,8 @@ from osl_analysis.walking.bodies import (
     body_motion,
     calibration_of,
     cross_matrix,
-    filtered_poses,
     reference_positions,
+    rigid_poses,
     segment_poses,
 )
 from osl_analysis.walking.settings import PlatformMotionSettings, PlatformSettings
@@ -49,6 +49,10 @@ LONG_GAP_S = 0.015
 """Shortest gap [s] of the platform's markers that is bridged by a straight line. A turn is never hidden for as long."""
 BESIDE = 4  # Frames beside a gap whose mean is the end of that line
 FEWEST_FRAMES = 10  # Fewest frames from which a position at rest is read
+EVERY = slice(None)
+BESIDE_ROWS = 60
+"""Frames on either side of those in which a motion is asked for: the derivatives of its spline depend on each further
+sample by a factor 0.43 less, by nothing at 60."""
 
 
 def rotation_from_rest(platform: Poses) -> Array:
@@ -211,17 +215,20 @@ class PlatformTrack:
             before = self.time <= self.time[0] + self.spread
         return np.asarray(self.measured[before].mean(axis=0))
 
-    def own_motion(self, axes: Array, centre: Array) -> tuple[BodyMotion, Array]:
-        """Motion of the point that rests at `centre` (3,) [m], as measured along the directions (r, 6), and weights
-        (n,) that are 0 where the platform rests."""
-        motion = self.motion_of(self.rest + (self.measured - self.rest) @ axes.T @ axes, centre)
-        return motion, gate(self.time, self.moves(axes), self.spread)
+    def own_motion(self, axes: Array, centre: Array, rows: slice = EVERY) -> tuple[BodyMotion, Array]:
+        """In `rows`, motion of the point that rests at `centre` (3,) [m], as measured along the directions (r, 6), and
+        weights that are 0 where the platform rests."""
+        motion = self.motion_of(self.rest + (self.measured - self.rest) @ axes.T @ axes, centre, rows)
+        return motion, gate(self.time, self.moves(axes), self.spread)[rows]
 
-    def motion_of(self, coordinates: Array, centre: Array) -> BodyMotion:
-        """Motion (n,) of the point that rests at `centre` (3,) [m] for other coordinates (n, 6) [m], not filtered. The
-        markers of that pose pass the low-pass, as the wrench does; its coordinates do not."""
-        poses = screw_poses(self.reference, coordinates)
-        return body_motion(self.time, filtered_poses(poses, self.reference, self.low_pass, self.rate), centre)
+    def motion_of(self, coordinates: Array, centre: Array, rows: slice) -> BodyMotion:
+        """Motion in `rows` of the point that rests at `centre` (3,) [m] for other coordinates (n, 6) [m], not filtered.
+        The markers of that pose pass the low-pass, as the wrench does; its coordinates do not."""
+        first, last, _ = rows.indices(len(self.time))
+        start, stop = max(first - BESIDE_ROWS, 0), min(last + BESIDE_ROWS, len(self.time))
+        markers = self.low_pass(screw_poses(self.reference, coordinates).points(self.reference), self.rate)
+        poses = rigid_poses(self.reference, markers[start:stop])
+        return body_motion(self.time[start:stop], poses, centre)[first - start : last - start]
 
 
 def track_about(
@@ -716,12 +723,12 @@ FADE_S = 0.025  # Time [s] over which the shape gives way to a crossing's own mo
 
 
 def inertial_motion(
-    track: PlatformTrack, centre: Array, template: PlatformTemplate | None, follows: Alignment | None
+    track: PlatformTrack, centre: Array, template: PlatformTemplate | None, follows: Alignment | None, rows: slice
 ) -> BodyMotion:
-    """Motion (n,) of the plate's centre, at rest at `centre` (3,) [m], without accelerations where the platform rests:
-    by the shape that a crossing `follows`, until it ends; otherwise as measured, along its own directions."""
+    """Motion in `rows` of the plate's centre, at rest at `centre` (3,) [m], without accelerations where the platform
+    rests: by the shape that a crossing `follows`, until it ends; otherwise as measured, along its own directions."""
     if template is None or follows is None:
-        motion, weights = track.own_motion(shared_directions([track])[0], centre)
+        motion, weights = track.own_motion(shared_directions([track])[0], centre, rows)
         return motion.weighted(weights)
     since = (track.time - follows.start) / follows.duration
     end = float(template.time[-1]) - FADE_S
@@ -729,11 +736,11 @@ def inertial_motion(
     rest = track.rest - track.rest @ template.axes.T @ template.axes
     later = np.clip((since - end) / FADE_S, 0, 1)[:, None]
     measured = track.measured @ template.axes.T @ template.axes
-    motion = track.motion_of(rest + (1 - later) * shared + later * measured, centre)
+    motion = track.motion_of(rest + (1 - later) * shared + later * measured, centre, rows)
     curve = track.low_pass(template.curve(track.time, follows), track.rate)  # its noise is that of a mean
     mean = replace(track, filtered=curve, noise=track.noise / float(np.sqrt(template.crossings)))
     moves = np.where(since < end, mean.moves(np.eye(curve.shape[1])), track.moving)
-    return motion.weighted(gate(track.time, moves, track.spread))
+    return motion.weighted(gate(track.time, moves, track.spread)[rows])
 
 
 def platform_table(model: PlatformModel) -> pl.DataFrame:

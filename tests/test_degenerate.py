@@ -35,12 +35,11 @@ from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.groups import selection_rows
-from osl_analysis.walking.headline_doubts import group_facts, single_facts
 from osl_analysis.walking.plate import Stance, find_stances
 from osl_analysis.walking.platform import find_onset, trigger_edge
 from osl_analysis.walking.response import fit_response, isolate_response, response_lag
 from osl_analysis.walking.setup import compare_encoder
-from osl_analysis.walking.tables import ensemble_rows
+from osl_analysis.walking.tables import ensemble_rows, group_facts, single_facts
 
 STATED = {
     "degrees_of_freedom": math.isinf,  # where a variance is 0

@@ -51,10 +51,10 @@ def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn()
     assert result.ensemble.fit.K == pytest.approx(340.0, abs=6)
     assert (result.ensemble.fit.B, result.ensemble.fit.I) == pytest.approx((5.0, 0.03), abs=0.2)
     assert abs(result.ensemble.fit.K - 340.0) < 4 * result.resampled.se("K") < 20
-    symmetry = result.symmetry
-    assert symmetry.counts == (6, 4)
-    assert (symmetry.up.K, symmetry.down.K) == pytest.approx((340 + 12 / TURN, 340 - 12 / TURN), abs=12)
-    low, high = symmetry.difference.interval("K")
+    (up, _, ups), (down, _, downs), (_, difference, _) = result.directions.values()
+    assert (ups, downs) == (6, 4)
+    assert (up["K"], down["K"]) == pytest.approx((340 + 12 / TURN, 340 - 12 / TURN), abs=12)
+    low, high = difference.interval("K")
     assert 0 < low < 24 / TURN < high
     with pytest.raises(InputError, match="1 perturbation turns the toes down and 5 the other way, expected 2 or more"):
         headline(several("p", 5, MIDSTANCE) | several("d", 1, MIDSTANCE, sign=-1))
@@ -66,7 +66,7 @@ def test_a_joint_that_answers_alike_up_and_down_passes_the_test_of_symmetry():
     for k in range(30):
         gait = unperturbed_gait(crossings(several(f"u{k}_", 6, Walk())), 3)
         walks = several(f"a{k}_", 5, MIDSTANCE) | several(f"b{k}_", 5, MIDSTANCE, sign=-1)
-        low, high = group_headline(crossings(walks), gait, chosen).symmetry.difference.interval("K")
+        low, high = group_headline(crossings(walks), gait, chosen).directions["up minus down"][1].interval("K")
         missed += not low < 0 < high
     assert missed <= 5
 
@@ -85,10 +85,10 @@ def test_the_bootstrap_draws_within_directions():
     gait = unperturbed_gait(crossings(several("u", 4, Walk(noise=0.0))), 3)
     walks = several("a", 9, MIDSTANCE) | several("d", 9, MIDSTANCE, sign=-1, noise=0.0)
     result = group_headline(crossings(walks), gait, settings(bootstrap_samples=400))
-    assert result.symmetry.counts == (9, 9)
-    assert result.resampled.se("K") == pytest.approx(result.symmetry.up_draws.se("K") / 2, rel=0.1)
+    assert [n for _, _, n in result.directions.values()] == [9, 9, 18]
+    assert result.resampled.se("K") == pytest.approx(result.directions["up"][1].se("K") / 2, rel=0.1)
     fits = [fit_response(r).K for r in result.responses if r.sign > 0]
-    assert result.symmetry.up_draws.se("K") == pytest.approx(np.std(fits, ddof=1) / 3, rel=0.15)
+    assert result.directions["up"][1].se("K") == pytest.approx(np.std(fits, ddof=1) / 3, rel=0.15)
 
 
 def test_the_mean_of_perturbations_is_the_mean_of_both_directions_means(tmp_path):

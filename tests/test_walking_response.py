@@ -25,7 +25,6 @@ from osl_analysis.walking.ensemble import (
     resampling_weights,
 )
 from osl_analysis.walking.gait import UnperturbedGait, unperturbed_gait
-from osl_analysis.walking.headline_doubts import Facts, group_facts, single_facts
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.response import (
     BEHAVIOUR,
@@ -36,7 +35,7 @@ from osl_analysis.walking.response import (
     response_lag,
 )
 from osl_analysis.walking.settings import Timing
-from osl_analysis.walking.tables import headline_rows, interval_points
+from osl_analysis.walking.tables import Facts, group_facts, headline_rows, interval_points, single_facts
 
 K, B, I = 340.0, 5.0, 0.03
 TIMING = Timing(window=0.1, baseline=0.06, guard=0.04)

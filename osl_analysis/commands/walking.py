@@ -26,7 +26,6 @@ from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.gait import UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.groups import ALL, SEPARATOR, selection_rows, statements
-from osl_analysis.walking.headline_doubts import group_facts
 from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.settings import (
     EnsembleSettings,
@@ -40,6 +39,7 @@ from osl_analysis.walking.tables import (
     Group,
     excluded_crossings,
     fitted_time,
+    group_facts,
     group_row,
     groups_of,
     headline_rows,

@@ -86,9 +86,8 @@ def unseen(n: int, reference: Array) -> Poses:
 
 
 def cluster_poses(reference: Array, observed: Array, largest_residual: float = np.inf) -> Poses:
-    """Least-squares pose of markers (n, m, 3) [m] against their reference positions (m, 3) [m]. A frame is NaN where
-    fewer than three markers that span a plane were seen, or where the residual exceeds `largest_residual` [m], as with
-    swapped or displaced markers."""
+    """Least-squares pose of markers (n, m, 3) [m] against their reference positions (m, 3) [m]; NaN where fewer than
+    three that span a plane were seen, or the residual exceeds `largest_residual` [m], as with swapped markers."""
     poses = unseen(len(observed), reference)
     patterns, member = np.unique(np.isfinite(observed).all(axis=2), axis=0, return_inverse=True)
     for index, pattern in enumerate(patterns):
@@ -159,8 +158,7 @@ def gap_duration(time: Array, gap: slice) -> float:
 
 
 def filtered_poses(poses: Poses, reference: Array, low_pass: LowPass, rate: float) -> Poses:
-    """Poses (n,), none NaN, from marker positions that passed the low-pass: their filter is linear and the wrench's
-    too."""
+    """Poses (n,), none NaN, from low-passed marker positions: their filter is linear, and the wrench's too."""
     filtered = rigid_poses(reference, low_pass(poses.points(reference), rate))
     return replace(filtered, residual=poses.residual, bridged=poses.bridged)
 
@@ -306,9 +304,9 @@ def ankle_in_lab(foot: Poses, shank: Poses, calibration: StaticCalibration) -> t
 
 
 def foot_torque(foot: BodyMotion, ankle: Array, axis: Array, mass: float, inertia: float) -> Array:
-    """Torque (n,) [N*m] of the weight and inertia of all that moves with the foot, to be added to `ankle_torque`.
-    `foot` is its motion with its centre of mass c as the point, `inertia` [kg*m^2] about the axis through c that is
-    parallel to the ankle's: axis . ((c - a) x m (acceleration - g)) + I alpha . axis, with the ankle a."""
+    """Torque (n,) [N*m] of weight and inertia of all that moves with the foot: axis . ((c - a) x m (acceleration - g))
+    + I alpha . axis, with its centre of mass c, the point of `foot`, the ankle a, and I [kg*m^2] about the axis through
+    c."""
     lever = np.cross(foot.point - ankle, mass * (foot.acceleration - GRAVITY))
     return np.asarray(np.sum(axis * (lever + inertia * foot.alpha), axis=1))
 
@@ -350,10 +348,9 @@ def hinge_of_trials(trials: Sequence[Trial], static: StaticCalibration, settings
 
 
 def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: StaticCalibration) -> Hinge:
-    """The hinge from poses of foot and shank in recordings of a joint that moved; poses may be NaN. The axis is the
-    principal direction of the relative rotation vectors. The centre is the point that has the same path in both
-    segments (Ehrig et al., J. Biomech. 40, 2007); in directions in which the motion does not determine it, the
-    anatomical one."""
+    """The hinge from poses, which may be NaN, of foot and shank while the joint moved. The axis is the principal
+    direction of the relative rotation vectors, the centre the point with the same path in both segments (Ehrig et al.,
+    J. Biomech. 40, 2007); the anatomical one in directions in which the motion does not determine it."""
     both = [(f[f.seen() & s.seen()], s[f.seen() & s.seen()]) for f, s in recordings]
     foot, shank = (np.concatenate([poses[k].rotation for poses in both]) for k in (0, 1))
     if len(foot) < 3:
@@ -403,9 +400,8 @@ Positions = dict[str, Array]  # Positions by label: (n, 3) [m] in n frames, or (
 def exchanged_labels(
     trial: Trial, calibration: StaticCalibration, settings: MarkerSettings, segments: Sequence[str] = SEGMENTS
 ) -> str:
-    """Which labels are exchanged, for a message; empty if clusters are rigid as labelled, or no exchange brings the
-    median residual of every cluster below `largest_residual_mm`. Tried are two labels of any clusters, and those of
-    foot and shank."""
+    """Which labels are exchanged, two of any clusters or those of foot and shank, for a message; empty if clusters are
+    rigid as labelled, or no exchange brings the median residual of each below `largest_residual_mm`."""
     names = {segment: getattr(settings.markers, segment) for segment in segments}
     try:
         tracks = {label: marker_tracks(trial, [label])[1][:, 0] for labels in names.values() for label in labels}

@@ -34,6 +34,7 @@ from osl_analysis.walking.response import (
     jackknife_covariance,
 )
 from osl_analysis.walking.settings import EnsembleSettings
+from osl_analysis.walking.setup import DOWN, UP
 
 Predictors = tuple[str, ...]
 CANDIDATES: tuple[Predictors, ...] = ((), ("angle_slope",), ("angle", "torque"), BEHAVIOUR)
@@ -45,9 +46,8 @@ SEED = 20  # Seed of the bootstrap: the same data give the same interval
 
 @dataclass(frozen=True)
 class Prediction:
-    """The predictors that were chosen, names in `BEHAVIOUR`; none: the mean is at least as good. The share, as a mean
-    square of the torque that it adds to the residual of Eq. 15, of the deviations of crossings that is predicted
-    without them."""
+    """The predictors that were chosen, of `BEHAVIOUR`; none: the mean is at least as good. And the share, as a mean
+    square of the torque added to the residual of Eq. 15, of the crossings' deviations that they predict."""
 
     predictors: Predictors = ()
     share: float = 0.0
@@ -55,8 +55,7 @@ class Prediction:
 
 @dataclass(frozen=True)
 class EnsembleResponse:
-    """Mean over n perturbations, k samples from the onset [s]: angle [rad] with its derivatives, torque [N*m], and Eq.
-    15 in the window."""
+    """Mean over n perturbations, k samples from the onset [s]: angle [rad], torque [N*m], and Eq. 15 in the window."""
 
     n: int
     time: Array
@@ -113,8 +112,7 @@ def freedom_of(signs: NDArray[np.int_]) -> float:
 
 def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
     """Weights (samples, n) of n items in the mean of n - 1 items drawn with replacement: the mean of n draws has a
-    variance that is too small by (n - 1)/n (Hesterberg, The American Statistician 69, 2015). A single item has the
-    weight 1."""
+    variance that is too small by (n - 1)/n (Hesterberg, The American Statistician 69, 2015). A single item has 1."""
     if n < 2:
         return np.ones((samples, n))
     return random.multinomial(n - 1, np.full(n, 1 / n), size=samples) / (n - 1)
@@ -122,8 +120,7 @@ def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Arr
 
 class Ensemble:
     """The n responses of a group to c unperturbed crossings, k samples, stacked: theta and torque (n, c, k), behaviour
-    (n, 4, c) as in `PerturbationResponse`, the direction of each response, signs (n,), and the influence (n, m, k) of
-    each of m plate trials on the torque. Refused if they cannot be averaged."""
+    (n, 4, c), directions (n,), and the influence (n, m, k) of each of m plate trials on the torque."""
 
     def __init__(self, responses: Sequence[PerturbationResponse]) -> None:
         check_alike(responses)
@@ -161,10 +158,10 @@ class Ensemble:
     def resampled(
         self, samples: int, predictors: Predictors = (), sign: int = 0, freedom: float | None = None
     ) -> Bootstrap:
-        """The ensemble refitted with perturbations, within their direction, unperturbed crossings and plate trials
-        resampled with replacement: the errors of the mean unperturbed gait and of the plate's model are common to all
-        responses and do not show in the scatter between perturbations. The plate's model is resampled to first order.
-        With a `sign` the mean of that direction alone, from the same draws."""
+        """The ensemble refitted with perturbations, within their direction, unperturbed crossings and plate trials (to
+        first order) resampled with replacement: the errors of mean gait and plate are common to all responses and do
+        not show in the scatter between perturbations. With a `sign` the mean of that direction alone, from the same
+        draws."""
         random, signs = np.random.default_rng(SEED), self.signs
         perturbed = np.empty((samples, len(signs)))
         for each in np.unique(signs)[::-1]:
@@ -183,8 +180,8 @@ class Ensemble:
 
 
 def ensemble_response(responses: Sequence[PerturbationResponse], predictors: Predictors = ()) -> EnsembleResponse:
-    """Mean response, or half the difference of two directions, and its fit in the common window. With predictors, what
-    the crossings would have done is predicted from their behaviour before the onset."""
+    """Mean response, or half the difference of two directions, and its fit, with what predictors tell of the
+    baseline."""
     return Ensemble(responses).fitted(predictors)
 
 
@@ -229,9 +226,8 @@ def fits_of_samples(motion: Motion, torques: Array) -> tuple[Array, Array, Array
 
 
 def predicting_weights(behaviour: Array, weights: Array) -> Array:
-    """Weights (c,) of c unperturbed crossings in what a perturbed one would have done: of the regression of their
-    curves, with `weights` (c,), on `behaviour` (q, c), the perturbed one's minus theirs before the onset, with an
-    intercept, at a difference of 0. `weights` where too few are not 0."""
+    """Weights (c,) of c unperturbed crossings in what a perturbed one would have done: of the weighted regression of
+    their curves on `behaviour` (q, c), the perturbed one's minus theirs, at 0. `weights` where too few are not 0."""
     used = weights > 0
     if not len(behaviour) or used.sum() < len(behaviour) + 2:
         return weights
@@ -276,20 +272,10 @@ def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[C
     }
 
 
-@dataclass(frozen=True)
-class Symmetry:
-    """Both directions of one group, each fitted alone: fits to the mean responses, the same of the resampled ones and
-    of up minus down, and the numbers of perturbations up and down."""
-
-    up: ImpedanceFit
-    down: ImpedanceFit
-    up_draws: Bootstrap
-    down_draws: Bootstrap
-    difference: Bootstrap
-    counts: tuple[int, int]
-
-
 Result = tuple[EnsembleResponse, Bootstrap]
+UP_MINUS_DOWN = "up minus down"
+Direction = tuple[dict[str, float], Bootstrap, int]
+"""One direction of the platform, or up minus down: K, B and I, the same of resampled ones, number of perturbations."""
 
 
 @dataclass(frozen=True)
@@ -298,7 +284,7 @@ class Headline:
 
     responses: Sequence[PerturbationResponse]
     common: Mapping[str, Sequence[CommonError]]  # errors that all single fits share, by quantity
-    symmetry: Symmetry | None  # comparison of the directions; None if there is one only
+    directions: Mapping[str, Direction]  # `up`, `down` and `UP_MINUS_DOWN`; empty if there is one only
     baseline: str  # `mean` or `predicted`: which of both the settings name
     prediction: Prediction  # how the behaviour before the onset predicts the unperturbed course
     mean_gait: Result  # the ensemble and its bootstrap with this baseline
@@ -321,24 +307,23 @@ def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, setting
     prediction = cross_validated(responses, mean_gait[0].fit)
     names = prediction.predictors
     predicted_gait = (ensemble.fitted(names), ensemble.resampled(samples, names)) if names else mean_gait
-    symmetry = compare_directions(responses, samples)
-    common = common_errors(responses)
-    return Headline(responses, common, symmetry, settings.baseline, prediction, mean_gait, predicted_gait)
+    common, directions = common_errors(responses), compare_directions(responses, samples)
+    return Headline(responses, common, directions, settings.baseline, prediction, mean_gait, predicted_gait)
 
 
-def compare_directions(responses: Sequence[PerturbationResponse], samples: int) -> Symmetry | None:
-    """Fits to the mean responses up and down, and their difference; None if the platform always turned one way. Both
+def compare_directions(responses: Sequence[PerturbationResponse], samples: int) -> dict[str, Direction]:
+    """Fits to the mean responses up and down, and their difference; empty if the platform always turned one way. Both
     are resampled together: the error of the mean unperturbed gait does not cancel in the difference."""
-    ensemble, fits = Ensemble(responses), []
+    ensemble, found = Ensemble(responses), dict[str, Direction]()
     if len(np.unique(ensemble.signs)) < 2:
-        return None
-    for sign in (1, -1):
+        return found
+    for name, sign in ((UP, 1), (DOWN, -1)):
         chosen = [r for r in responses if r.sign == sign]
         motion = differentiate(chosen[0].time, np.mean([r.motion.theta for r in chosen], axis=0))
         torque, rows = np.mean([r.torque for r in chosen], axis=0), chosen[0].window
-        fits.append(fit_without_offset(motion[rows], torque[rows]))
-    up, down = (ensemble.resampled(samples, sign=sign) for sign in (1, -1))
-    K, B, I, VAF = (getattr(up, name) - getattr(down, name) for name in ("K", "B", "I", "VAF"))
-    difference = Bootstrap(K, B, I, VAF, min(up.degrees_of_freedom, down.degrees_of_freedom))
-    counts = int(np.sum(ensemble.signs > 0)), int(np.sum(ensemble.signs < 0))
-    return Symmetry(fits[0], fits[1], up, down, difference, counts)
+        fit = fit_without_offset(motion[rows], torque[rows])
+        found[name] = {"K": fit.K, "B": fit.B, "I": fit.I}, ensemble.resampled(samples, sign=sign), len(chosen)
+    (up, ups, n_up), (down, downs, n_down) = found.values()
+    K, B, I, VAF = (getattr(ups, name) - getattr(downs, name) for name in ("K", "B", "I", "VAF"))
+    difference = Bootstrap(K, B, I, VAF, min(ups.degrees_of_freedom, downs.degrees_of_freedom))
+    return found | {UP_MINUS_DOWN: ({name: up[name] - down[name] for name in up}, difference, n_up + n_down)}

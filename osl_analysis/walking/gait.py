@@ -101,19 +101,6 @@ STEPS, LONGEST_STEP, LAST_STEP = 15, 0.05, 1e-6
 """Largest number of steps to a scale, the longest step, and the step that ends the search."""
 
 
-def steadiest_scales(phase: Array, curve: Array, curves: Array) -> tuple[float, Array]:
-    """Scales of one curve at the first phases (k,), and of the unperturbed `curves` (n, m) at uniform phases 0 to 1.
-    The drift has the order at which the scales of the n curves scatter least, among those at which every curve has a
-    scale. All are NaN if there is no such order."""
-    both = np.vstack([curve, curves[:, : len(phase)]])[:, ::STRIDE]
-    found = matched_scales(phase[::STRIDE], both, curves.mean(axis=0), ORDERS)
-    scatters = np.where(np.isfinite(found).all(axis=1), np.std(found[:, 1:], axis=1), np.inf)
-    best = int(np.argmin(scatters))
-    if not np.isfinite(scatters[best]):
-        return float("nan"), np.full(len(curves), np.nan)
-    return float(found[best, 0]), found[best, 1:]
-
-
 def matched_scales(phase: Array, curves: Array, mean: Array, orders: Sequence[int] = ORDERS) -> Array:
     """The scales r (orders, m) at which curves (m, k) at phases p (k,), as functions of r p, are most like a multiple
     of the mean curve (n,), which is at uniform phases 0 to 1, plus a polynomial of one of the `orders`. By Gauss and
@@ -175,12 +162,18 @@ class AlignedGait:
 def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource) -> AlignedGait:
     """The alignment of a perturbed crossing, whose duration of stance comes from `source`."""
     own, usual = crossing.stance.duration, float(np.mean(gait.stance))
-    onset, scale, others = crossing.onset, float("nan"), np.full(len(gait.names), np.nan)
+    onset, scale, others = crossing.onset, np.nan, np.full(len(gait.names), np.nan)
     last = crossing.stance.toe_off if onset is None else onset
     phase = PHASES[(last - BEFORE_ONSET_S - crossing.stance.heel_strike) / own >= PHASES]
     if len(phase) >= FEWEST_PHASES:  # from heel strike to before the onset
         theta = signal_at(crossing, crossing.theta, stance_times(crossing, phase))
-        scale, others = steadiest_scales(phase, theta, gait.theta)
+        both = np.vstack([theta, gait.theta[:, : len(phase)]])[:, ::STRIDE]
+        found = matched_scales(phase[::STRIDE], both, gait.theta.mean(axis=0), ORDERS)
+        # The drift has the order at which the unperturbed scales scatter least, where every curve has a scale
+        scatters = np.where(np.isfinite(found).all(axis=1), np.std(found[:, 1:], axis=1), np.inf)
+        best = int(np.argmin(scatters))
+        if np.isfinite(scatters[best]):
+            scale, others = float(found[best, 0]), found[best, 1:]
     expected = own / scale * float(others.mean())
     if source != "matched":
         return AlignedGait(own if source == "own" else usual, np.ones(len(gait.names)), expected)

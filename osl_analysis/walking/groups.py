@@ -31,9 +31,8 @@ Sheet = Mapping[str, Cells]  # Cells of crossings, by trial
 
 
 def split_keys(sheet: Sheet, settings: GroupSettings) -> list[str]:
-    """Columns of the sheet by which a campaign is split, in the order of `STATED`: those that `group_by` names, and any
-    other in which crossings differ and that `pool` does not name. Refused if such a column is empty in a crossing, or
-    everywhere."""
+    """Columns of the sheet by which a campaign is split, in the order of `STATED`: those of `group_by`, and any other
+    in which crossings differ and that `pool` does not name. Refused if empty in a crossing, or everywhere."""
     keys = []
     for key in STATED:
         concerned = [name for name, cells in sheet.items() if key in OF_EVERY_CROSSING or cells[PERTURBED]]
@@ -75,8 +74,7 @@ def label(parts: Mapping[str, object]) -> str:
 
 
 def gaits_served(cells: Cells, gaits: Mapping[str, Cells], keys: Sequence[str]) -> list[str]:
-    """Names of the `gaits` (name to cells) to which an unperturbed crossing belongs; an empty cell matches every
-    value."""
+    """Names of the `gaits` (name to cells) that an unperturbed crossing serves; an empty cell matches every value."""
 
     def serves(wanted: Cells) -> bool:
         return all(cells.get(key) is None or cells.get(key) == wanted[key] for key in keys)
@@ -102,9 +100,8 @@ def pooled(names: Iterable[str], sheet: Sheet) -> str:
 
 
 def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
-    """Name of the static trial of a trial whose row is `cells`; `statics` are the rows of the static trials by name.
-    The row's column `static` decides; without it, of the static trials that contradict no stated subject, session or
-    side the one that agrees in the most. The only candidate of a sheet is taken even if nothing is stated."""
+    """Name of the static trial, of `statics` (name to row), of a trial whose row is `cells`: the one in its column
+    `static`; else, of those that contradict no stated subject, session or side, the one that agrees in the most."""
     named = cells.get(STATIC)
     if named is not None:
         if named not in statics:
@@ -208,9 +205,8 @@ class Compared:
 
 
 def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule) -> list[Feature]:
-    """Features by which crossings are compared, `early_features` and `later_features`, in which those that are unlike
-    the others before do not count. Nor does a crossing beyond the limit in medians and scatters, until no further one
-    is beyond it: four bad crossings of twelve widen the scatter so that none of them stands out."""
+    """Features by which crossings are compared; what differs before the onset does not count later. Nor does a crossing
+    beyond the limit, until no further one is: four bad ones of twelve widen the scatter so that none stands out."""
     every = np.ones(len(crossings), dtype=bool)
     early, sound = without_beyond(lambda mask: early_features(crossings, timing, rule, mask), every, rule.limit)
     later, within = without_beyond(lambda mask: later_features(crossings, rule, mask), sound, rule.limit)
@@ -221,9 +217,8 @@ def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: Outli
 
 
 def likelier_camp(crossings: Sequence[Crossing], sound: Mask, within: Mask) -> Mask | None:
-    """The sound crossings (n,) without those unperturbed ones that were `within` the limit, if the perturbed ones load
-    the plate as the others do; None if the majority stands. With a second foot on the plate in four of seven
-    unperturbed crossings, the sound three would be excluded."""
+    """The sound crossings (n,) without the unperturbed ones `within` the limit, if the perturbed ones load the plate as
+    the others do; else None. With a second foot on the plate in four of seven, the sound three would be excluded."""
     flat = np.array([c.onset is None for c in crossings])
     kept, other, turned = flat & within, flat & sound & ~within, ~flat & within
     if other.sum() < max(CAMP * (flat & sound).sum(), FEWEST_OF_CAMP) or turned.sum() < FEWEST_OF_CAMP:
@@ -355,9 +350,8 @@ def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings)
 
 
 def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
-    """The timing (n,) of each onset phase (n,), counted from 0 in the order of phase. Phases are cut at their largest
-    gap, then each part again, while `clear_gap` finds one. A part whose SD is still above `scatter` is cut into equal
-    bins."""
+    """The timing (n,) of each onset phase (n,), counted from 0 in the order of phase: parts between clear gaps. A part
+    whose SD is still above `scatter` is cut into equal bins."""
     check_finite("the phase of an onset", phases)
     numbers, count = np.empty(len(phases), dtype=np.intp), 0
     for rows in parted(phases, np.argsort(phases, kind="stable"), scatter):
@@ -373,9 +367,8 @@ def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
 
 
 def parted(phases: Array, order: NDArray[np.intp], scatter: float) -> list[NDArray[np.intp]]:
-    """The parts of phases (n,), whose indices are given in their `order` (k,), between the largest gaps above
-    `CLEAR_GAP`. If their SD is that of one timing, a gap needs `FEWEST_BESIDE_GAP` phases on either side: one crossing
-    alone is no timing."""
+    """The parts of phases (n,), by their indices in `order` (k,), between the largest gaps above `CLEAR_GAP`. If their
+    SD is that of one timing, a gap needs `FEWEST_BESIDE_GAP` phases on either side: one alone is no timing."""
     least = 1 if wide(phases[order], scatter) else FEWEST_BESIDE_GAP
     gaps = np.diff(phases[order])[least - 1 : max(len(order) - least, 0)]
     if not len(gaps) or gaps.max() <= CLEAR_GAP:
@@ -401,8 +394,7 @@ def selection_rows(
     sheet: Sheet | None = None,
 ) -> dict[str, dict[str, object]]:
     """Rows of `walking_crossings.csv` by crossing: its quality, its group and, if it is excluded, the reason. `sheet`
-    has the conditions of all crossings; None: there are none. Those that share all splitting conditions are compared.
-    """
+    has the conditions of all, None: there are none. Those that share all splitting conditions are compared."""
     if sheet is None:
         kinds = [(c.name, c.onset is not None) for c in crossings] + [(r.name, r.perturbed) for r in refused]
         sheet = {name: {PERTURBED: perturbed} for name, perturbed in kinds}

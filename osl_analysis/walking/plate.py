@@ -116,16 +116,14 @@ def recorded_wrench(trial: Trial, plate: int) -> tuple[Array, Array]:
 
 def wrench_reader(time: Array, wrench: Array, frames: Array) -> Callable[[float], Array]:
     """The wrench (n, 6) at marker frames (n,) [s] as a function of the plate's lag [s]: it is read that much later. A
-    zero-phase low-pass at a third of the marker rate prevents aliasing, and attenuates a fifteenth of that rate (20 Hz
-    at 300 Hz) by less than 1e-5."""
+    low-pass at a third of the marker rate prevents aliasing, and takes less than 1e-5 of 20 Hz at 300 Hz."""
     anti_alias = LowPass(sampling_rate(frames) * ANTI_ALIAS)
     spline = make_interp_spline(time, anti_alias(wrench, sampling_rate(time)), k=3)
     return lambda lag: np.asarray(spline(np.clip(frames + lag, time[0], time[-1])))
 
 
 def zeroed_wrench(trial: Trial, settings: CrossingSettings) -> tuple[Array, Array, float | None]:
-    """Stamps and wrench of the plate minus its zero, and the vertical force [N] of the zero; None if none is removed.
-    Refused where the force stays at the plate's limit."""
+    """Stamps and wrench of the plate minus its zero, and the zero's vertical force [N]; None if none is removed."""
     (time, wrench), zero_force = recorded_wrench(trial, settings.plate), None
     if settings.unloaded_s is not None:
         zero = unloaded_zero(time, wrench, settings.unloaded_s, settings.largest_zero_n)
@@ -239,10 +237,9 @@ def check_type_on_platform(trial: Trial, plate: int) -> None:
 
 
 def ankle_torque(reaction: Array, plate_centre: Array, ankle: Array, axis: Array) -> Array:
-    """Internal plantarflexion moment tau (n,) [N*m] from the ground reaction on the foot. tau = -(M + (c - a) x F) .
-    axis, with the force F and the moment M about the plate's centre c (n, 3) or (3,) [m] in a wrench (n, 6) in
-    laboratory axes, the ankle a (n, 3) [m], and the axis (n, 3) to the left. The centre of pressure is not used: an
-    unloaded plate has none."""
+    """Internal plantarflexion moment tau (n,) [N*m] = -(M + (c - a) x F) . axis, with force and moment in laboratory
+    axes about the plate's centre c (n, 3) or (3,) [m], the reaction (n, 6) on the foot, the ankle a (n, 3) [m], and the
+    axis (n, 3) to the left. The centre of pressure is not used: an unloaded plate has none."""
     about_ankle = reaction[:, 3:] + np.cross(plate_centre - ankle, reaction[:, :3])
     return np.asarray(-np.sum(about_ankle * axis, axis=1))
 
@@ -266,8 +263,7 @@ class Load:
 
 
 def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> Load:
-    """Load from the reaction (n, 6) about the plate's centre (n, 3) [m], the ankle (n, 3) [m] and its axis (n, 3) to
-    the left."""
+    """Load from the reaction (n, 6) about the plate's centre (n, 3) [m], the ankle (n, 3) [m] and its axis (n, 3)."""
     vertical, up = reaction[:, 2], np.array([0.0, 0.0, 1.0])
     pressed = vertical > PRESSED
     pressure = centre + np.cross(up, reaction[:, 3:]) / np.where(pressed, vertical, 1.0)[:, None]
@@ -333,16 +329,14 @@ def identify_plate_inertia(
     noise: Array | None = None,
     known: Array | None = None,
 ) -> PlateInertia:
-    """Parameters from unloaded recordings: motion of the plate's centre, and wrench (n, 6). The mean of each recording
-    is removed, because each has its own zero.
+    """Parameters from unloaded recordings: motion of the plate's centre, and wrench (n, 6), each with its own zero.
 
     `smooth` is the low-pass that the wrench passed and the motion did not. It is applied to the columns, which are
-    products of motions: with filtered motions, a filter of 8 Hz would make the plate's lag 0.05 ms too small.
-    `names` are those that may be identified, all if None or empty (as an exact fit, without errors, names); the others
-    are as in `known` (10,), 0 if None. Inertias about axes that are not excited are 0. If the rest cannot be told
-    apart, or some are seen with more noise than motion, only the four planar ones are identified. `noise` (10, 10) is
-    the sum of squares that marker noise alone causes in the columns, which makes every estimate too small.
-    """
+    products of motions: with filtered motions, a filter of 8 Hz would make the plate's lag 0.05 ms too small. `names`
+    may be identified, all if None or empty (as an exact fit, without errors, names); the others are as in `known`
+    (10,), 0 if None. Inertias about axes that are not excited are 0. If the rest cannot be told apart, or some are seen
+    with more noise than motion, only the planar ones are identified. `noise` (10, 10) are the columns' squares by
+    marker noise alone, which makes every estimate too small."""
     columns = np.concatenate([centred(smooth(regressors(motion))) for motion, _ in recordings])
     wrench = np.concatenate([centred(w) for _, w in recordings])
     excited = excited_parameters([motion for motion, _ in recordings])
@@ -369,8 +363,7 @@ def identify_plate_inertia(
 
 def noise_correction(stacked: Array, noise: Array) -> Array:
     """The matrix (p, p) that turns least-squares estimates into those without the bias from noise in the columns (n,
-    p). With the columns' squares G, of which N are noise, it is (G - N)^-1 G (Fuller, Measurement Error Models, 1987,
-    1.4)."""
+    p). With their squares G, of which N are noise, (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4)."""
     squares = stacked.T @ stacked
     share = np.linalg.eigvals(np.linalg.solve(squares, noise)).real.max()
     if share > LARGEST_NOISE_SHARE:
@@ -389,8 +382,7 @@ def stacked_columns(columns: Array, names: Sequence[str]) -> Array:
 
 
 def excited_parameters(motions: Sequence[BodyMotion]) -> tuple[str, ...]:
-    """Parameters that motions excite: mass, its moments, and the inertias of axes whose RMS acceleration is `EXCITED`
-    of the largest."""
+    """Mass, its moments, and the inertias of axes whose RMS acceleration is `EXCITED` of the largest."""
     size = rms(np.concatenate([motion.alpha for motion in motions]))
     excited = {axis for axis, one in zip("xyz", size, strict=True) if one > EXCITED * size.max()}
     return tuple(name for name in PARAMETERS if not name.startswith("I_") or excited & set(name[2:]))
@@ -412,9 +404,9 @@ LIGHT = 0.1
 
 
 def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: Callable[[Array], Array]) -> float:
-    """Lag [s] of the plate behind the markers in one unloaded recording, positive if the plate is late, that minimises
-    the misfit of `identify_plate_inertia`; NaN if it is too light. `wrench_at` returns the wrench read a lag [s] later,
-    filtered with `smooth`. The motion has not passed this filter."""
+    """Lag [s] of the plate behind the markers in one unloaded recording that minimises the misfit of
+    `identify_plate_inertia`; NaN if it is too light. `wrench_at` returns the wrench a lag [s] later, filtered with
+    `smooth`, the motion not."""
     lags = np.arange(-LARGEST_PLATE_LAG_S, LARGEST_PLATE_LAG_S + PLATE_LAG_STEP_S / 2, PLATE_LAG_STEP_S)
     readings = [wrench_at(float(lag)) for lag in lags]
     names = identify_plate_inertia([(motion, readings[len(lags) // 2])], smooth).identified
@@ -461,9 +453,9 @@ class UnloadedRecording:
         return self.plate_low_pass(values, sampling_rate(self.time))
 
     def along(self, axes: Array) -> tuple[BodyMotion, Array]:
-        """The motion of the plate's centre along the directions (r, 6), through the low-pass of the crossings, and the
-        weighted squares (10, 10) of the marker noise in the columns of its regression: of frames at rest before
-        `smooth`, after which they would hold the motions beside them too."""
+        """Motion of the plate's centre along the directions (r, 6), low-passed, and weighted squares (10, 10) of marker
+        noise in the columns of its regression: of frames at rest before `smooth`, which spreads the motions into
+        them."""
         motion, weights = self.track.own_motion(axes, self.centre)
         resting = [run for run in runs(weights == 0) if run.stop - run.start >= FEWEST_FRAMES]
         columns = regressors(motion)
@@ -513,9 +505,8 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
 
 
 def whole_motions(track: PlatformTrack) -> slice:
-    """The frames (n,) of a track without a motion that begins before or ends after it; empty if it never rests. Half a
-    motion has accelerations that the low-pass gets wrong: the lag is then off by milliseconds, the plate's mass by a
-    tenth."""
+    """The frames (n,) without a motion that begins before or ends after the track; empty if it never rests. Half a
+    motion is wrong after a low-pass: the lag is then off by milliseconds, the plate's mass by a tenth."""
     count, n = max(round(CUT_S * track.rate), 5), len(track.time)
     moves = track.moving.copy()
     for end in (slice(0, count), slice(n - count, n)):
@@ -637,8 +628,7 @@ def plate_model(
 
 
 def plate_table(model: PlateModel) -> pl.DataFrame:
-    """`plate.csv`: RMS [N, N*m] of each component before and after the plate's own wrench is removed, and the lag
-    [s]."""
+    """`plate.csv`: RMS [N, N*m] of each component before and after the plate's own wrench is removed, and lag [s]."""
     before, after = model.inertia.rms_before, model.inertia.rms_after
     remaining = [100 * a / b if b > 0 else None for b, a in zip(before.tolist(), after.tolist(), strict=True)]
     rows = {"component": COMPONENTS, "rms_before": before, "rms_after": after, "left_percent": remaining}

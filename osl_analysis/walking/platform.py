@@ -98,9 +98,8 @@ def screw_poses(reference: Array, coordinates: Array) -> Poses:
 
 
 def left_jacobian(turn: Array) -> Array:
-    """Matrices (n, 3, 3) that map the translation of a screw to the shift of the origin, for rotation vectors (n, 3). I
-    + (1 - cos a)/a^2 W + (a - sin a)/a^3 W^2, with the angle a and the cross-product matrix W (Sola et al., A micro Lie
-    theory for state estimation in robotics, 2018, Eq. 145)."""
+    """Matrices (n, 3, 3) that map the translation of a screw to the shift of the origin, for rotation vectors (n, 3): I
+    + (1 - cos a)/a^2 W + (a - sin a)/a^3 W^2 with angle a and cross-product matrix W (Sola et al., 2018, Eq. 145)."""
     angle = np.linalg.norm(turn, axis=1)
     near = angle < 1e-4
     a = np.where(near, 1.0, angle)
@@ -120,10 +119,9 @@ def noise_gain(low_pass: LowPass, rate: float, derivative: int = 0) -> float:
 
 
 def gated_noise(weights: Array, rate: float, low_pass: LowPass, further: LowPass) -> float:
-    """Sum of squares of noise in an acceleration, over its mean square before it is weighted and filtered again. White
-    noise of markers passes `low_pass`, is differentiated twice, multiplied by the weights (n,) and passes the `further`
-    filter. With the autocorrelations r of the acceleration (1 at lag 0), q of the further filter's response and A of
-    the weights, it is the sum of A r q over all lags."""
+    """Sum of squares of noise in an acceleration, over its mean square before it is weighted by (n,) and filtered
+    again: the sum over all lags of A r q, with the autocorrelations r of low-passed noise that is differentiated twice
+    (1 at lag 0), q of the further filter's response and A of the weights."""
     n = 2 * len(weights)
     f = np.fft.rfftfreq(n, 1 / rate)
     passed = [1 / (1 + (f / one.cutoff_hz) ** (2 * one.order)) ** 2 for one in (low_pass, further)]
@@ -146,9 +144,8 @@ def gate(time: Array, moves: Mask, spread: float) -> Array:
 
 
 def directions(coordinates: Sequence[Array], noise: float, low_pass: LowPass, rate: float) -> Array:
-    """Orthonormal directions (r, 6) of motions (n, 6) [m] from rest, each of one trial, filtered: one, and all whose
-    mean square is above the largest that filtered noise alone would show. `noise` [m] is that of one frame before the
-    low-pass."""
+    """Orthonormal directions (r, 6) of motions (n, 6) [m] from rest, filtered: one, and all whose mean square is above
+    the largest that filtered noise, of `noise` [m] in one frame before the low-pass, would show."""
     stacked = np.concatenate(list(coordinates))
     _, size, axes = np.linalg.svd(stacked, full_matrices=False)
     gain = noise_gain(low_pass, rate)
@@ -172,9 +169,8 @@ class PlatformTrack:
 
     @classmethod
     def of(cls, name: str, time: Array, poses: Poses, reference: Array, low_pass: LowPass) -> "PlatformTrack":
-        """The track of a platform's poses (n,), none NaN, whose markers were at the reference (m, 3) [m] at rest. Its
-        noise is that of second differences: their median is blind to the few frames in which the platform accelerates.
-        """
+        """The track of a platform's poses (n,), none NaN, whose markers were at the reference (m, 3) [m] at rest. The
+        median of second differences, the noise, is blind to the few frames in which the platform accelerates."""
         measured = straight_over_gaps(screw_coordinates(reference, poses), poses.bridged, sampling_rate(time))
         second = np.diff(measured[~poses.bridged], n=2, axis=0)
         noise = 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0) if second.size else 0.0
@@ -260,9 +256,8 @@ def straight_over_gaps(coordinates: Array, bridged: Mask, rate: float) -> Array:
 
 
 def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
-    """Directions (r, 6) of the motion in each trial, from its frames in motion: those of all trials together, where
-    these are no more than each trial has alone. A platform that turns in one trial and shifts in another has others in
-    each."""
+    """Directions (r, 6) of the motion in each trial: those of all together, where these are no more than each has
+    alone. A platform that turns in one trial and shifts in another has others in each."""
     low_pass, rate = tracks[0].low_pass, tracks[0].rate
     moved = [(t.filtered - t.rest)[gate(t.time, t.moving, t.spread) > 0] for t in tracks]
     noise, none = float(np.sqrt(np.mean([t.noise**2 for t in tracks]))), np.zeros((0, COORDINATES))
@@ -285,9 +280,8 @@ START_STEP_S = 0.0002  # Resolution [s] of the onset
 
 def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
     """Time [s] at which a platform starts to rotate; None if it never rotates by `threshold` [rad]. `rotation` (n,)
-    [rad] is positive in the direction of the perturbation, and has not passed the low-pass, which spreads the start to
-    earlier times. The first part is fitted as c (t - onset)^p: a straight line through a smooth start is too late by a
-    fifth of the ramp."""
+    [rad] is positive in the direction of the perturbation, and not low-passed, which would spread the start. The first
+    part is fitted as c (t - onset)^p: a straight line through a smooth start is too late by a fifth of the ramp."""
     seen = np.isfinite(rotation)
     time, rotation = time[seen], rotation[seen]
     above = np.flatnonzero(rotation > threshold)
@@ -471,9 +465,9 @@ class RiseStart:
 
 
 def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
-    """The start of a mean motion (n, r) [m] from rest, along its largest displacement: of the smooth step, of minimum
-    jerk unless another one is far more likely, fitted to `FITTED` of the rise. `noise` [m] is the standard deviation of
-    each sample, as if it were independent of the others."""
+    """The start of a mean motion (n, r) [m] from rest, along its largest displacement: of the smooth step, minimum jerk
+    unless another is far more likely, that fits `FITTED` of the rise. `noise` [m] is that of each sample, as if
+    independent."""
     size = np.linalg.norm(coordinates, axis=1)
     largest = int(np.argmax(size))
     turned = coordinates @ coordinates[largest] / size[largest]
@@ -503,9 +497,8 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
 
 
 def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[PlatformTemplate, list[Alignment]]:
-    """The shape of the motions in two or more crossings, and how each follows it; one that does not follow it has no
-    part in it. The shape ends 50 ms after a `window` [s] that begins in the middle of its rise; its zero of time is its
-    own start."""
+    """The shape of the motions in two or more crossings, and how each follows it; one that does not has no part in it.
+    It ends 50 ms after a `window` [s] that begins in the middle of its rise; its zero of time is its own start."""
     if len(tracks) < FEWEST:
         raise InputError(f"{len(tracks)} motions of the platform, expected {FEWEST} or more to find what they share")
     ends, middles = (-LEAD_S, window + 0.05), [middle_of_rise(track) for track in tracks]
@@ -574,9 +567,8 @@ def without_groups(pairs: Pairs, template: PlatformTemplate) -> tuple[PlatformTe
 
 
 def jackknife_rows(plate: Sequence[Array], platform: Sequence[Array]) -> Array:
-    """Rows (m, n) [N*m] whose jackknife has the sum of the variances of two independent sources: the changes without
-    each plate trial, and without each group of crossings in the shape. The jackknife's variance of k rows is (k - 1)/k
-    times their sum of squares about the mean."""
+    """Rows (m, n) [N*m] whose jackknife, (k - 1)/k times the squares of k rows about their mean, is the sum of the
+    variances of two sources: the changes without each plate trial, and without each group of crossings in the shape."""
     sources = [np.array(rows) for rows in (plate, platform) if len(rows) > 1]
     if not len(platform) or not sources:
         return np.array(plate)
@@ -649,9 +641,9 @@ class PlatformModel:
     leave_out: tuple[PlatformTemplate, ...] = ()  # the shape without each of up to ten groups of crossings
 
     def onset(self, trial: str, own: float) -> float:
-        """Onset [s] of a trial's perturbation, `own` [s] if it shows it alone. From the trigger, where its latency is
-        constant and it is sampled more finely than the shape tells the start, or the trial does not follow the shape;
-        else from the shape."""
+        """Onset [s] of a trial's perturbation, `own` [s] if it shows it alone: from the trigger, where its latency is
+        constant and it is finer than the shape tells the start, or the trial does not follow the shape; else from the
+        shape."""
         a, late = self.followed(trial), self.latency
         if late is not None and late.used and trial in self.triggers and (not a or late.resolution < late.template_se):
             return self.triggers[trial] + late.mean

@@ -26,9 +26,8 @@ LARGEST_LAG_S, LAG_STEP_S = 0.01, 0.001
 
 @dataclass(frozen=True)
 class PerturbationResponse:
-    """Isolated response to one perturbation, k samples; angle and torque are zero on average over the baseline. Row i
-    of `thetas` and `torques` is the response with the i-th unperturbed crossing subtracted instead of the mean: their
-    scatter shows how gait varies."""
+    """Isolated response to one perturbation, k samples, zero on average over the baseline. Row i of `thetas` and
+    `torques` has the i-th unperturbed crossing subtracted instead of the mean: their scatter shows how gait varies."""
 
     name: str
     time: Array  # time (k,) [s] from the onset
@@ -111,11 +110,10 @@ def isolate_response(
 
 
 def fit_response(response: PerturbationResponse) -> ImpedanceFit:
-    """Fit Eq. 15 without an offset in the window after the onset. The zero is the mean over the baseline: an offset
-    would absorb the part of the response that is not of second order. On the exact response of the simulated drivetrain
-    it gives K = 321 N*m/rad instead of 334. The covariance comes from the variation of gait (the perturbed crossing
-    deviates from the mean as each unperturbed one does; the mean of n has 1/n of their variance) and from the plate
-    trials; the residual, a few correlated samples, shows neither."""
+    """Fit Eq. 15 without an offset in the window. The zero is the mean over the baseline: an offset would absorb what
+    is not of second order (on the exact response of the simulated drivetrain, K = 321 N*m/rad instead of 334). The
+    covariance comes from gait (the perturbed crossing deviates as each unperturbed one does, the mean of n with 1/n of
+    their variance) and from the plate trials; the residual, a few correlated samples, shows neither."""
     try:
         impedance = fit_without_offset(response.fitted_motion, response.fitted_torque)
     except OslAnalysisError as error:
@@ -160,9 +158,8 @@ def jackknife_covariance(changes: Array) -> Array:
 
 
 def offset_comparison(motion: Motion, torque: Array, K: float) -> dict[str, float | None]:
-    """A fit to a motion and torque (n,) with an offset [N*m]: a large difference shows that the response is not of
-    second order. `offset_share` is the relative decrease of K [N*m/rad] with it. All are null if that fit is
-    impossible."""
+    """A fit to a motion and torque (n,) with an offset [N*m], null if impossible: a large `offset_share`, the relative
+    decrease of K [N*m/rad] with it, shows that the response is not of second order."""
     try:
         free = fit_impedance(motion, torque)
     except IdentifiabilityError:
@@ -171,10 +168,9 @@ def offset_comparison(motion: Motion, torque: Array, K: float) -> dict[str, floa
 
 
 def response_lag(response: PerturbationResponse) -> tuple[float, float] | None:
-    """Lag [s] at which the residual of Eq. 15 is smallest, positive if the torque is late, and its standard error; None
-    if it is 10 ms or more. A lag changes the damping by -K times the lag, and otherwise shows only in the residual. A
-    response that is not of second order also shifts it: use it to compare crossings and sessions, and do not correct
-    the torque with it."""
+    """Lag [s] at which the residual of Eq. 15 is smallest, positive if the torque is late, with its standard error;
+    None from 10 ms on. It changes the damping by -K times the lag, and else shows only in the residual. A response that
+    is not of second order shifts it too: compare sessions with it, and do not correct the torque."""
     motion, stamps = response.fitted_motion, response.time[response.window]
     later = make_interp_spline(response.time, response.torque, k=5)
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + LAG_STEP_S / 2, LAG_STEP_S)

@@ -89,9 +89,8 @@ def compare_encoder(
     low_pass: LowPass,
     usable: NDArray[np.bool_] | None = None,
 ) -> EncoderCheck | None:
-    """Compare the angle (n,) [rad] at `time` [s] with the encoder's (k,) at uniform stamps, where it is `usable` (k,),
-    through the angle's low-pass. Least squares of theta_encoder(t + delay) = theta(t) + offset by Gauss and Newton;
-    None if they overlap in fewer than 30 samples."""
+    """The angle (n,) [rad] at `time` [s] and the encoder's (k,) at uniform stamps, where `usable` (k,), through one
+    low-pass: least squares of theta_encoder(t + delay) = theta(t) + offset; None if fewer than 30 samples overlap."""
     check_measured("the angle from markers", theta)
     check_measured("the encoder's angle", encoder)
     spare = LARGEST_DELAY_S + 1 / sampling_rate(time)
@@ -130,8 +129,7 @@ UP, DOWN = "up", "down"  # Names of the directions in sheet and tables: toes up 
 
 def platform_turn(time: Array, platform: Poses, axis: Array, window: tuple[float, float]) -> float:
     """Largest turn [rad] of the platform about the ankle's axis (n, 3), toes up positive, within a `window` [s], from
-    the last of its n poses before the window: how the platform stood in the static trial, or which way the person
-    walks, does not matter."""
+    the last of its n poses before it: where it stood in the static trial does not matter."""
     start = max(int(np.searchsorted(time, window[0])) - 1, 0)
     rows = slice(start, int(np.searchsorted(time, window[1], side="right")))
     since = platform.rotation[rows] @ platform.rotation[start].T
@@ -155,8 +153,7 @@ BEFORE_S = 0.1  # Length [s] of the interval before heel strike in which the pla
 
 def check_translation(time: Array, platform: Poses, stance: Stance, largest: float) -> None:
     """Refuse a platform that does not turn, but shifts by more than `largest` [m] in stance, from its mean place just
-    before heel strike, or, hidden there, from its place at the start of stance. It is no unperturbed crossing, and not
-    a perturbed one either: the ankle turns by what the leg does, late and little."""
+    before, or, hidden there, at its start: it is no unperturbed crossing, and the ankle turns late and little."""
     seen, centre = platform.seen(), platform.position
     inside = seen & (time >= stance.heel_strike) & (time <= stance.toe_off)
     if not inside.any():

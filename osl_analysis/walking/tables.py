@@ -1,4 +1,8 @@
-"""The walking tables, as rows and frames: single perturbations, groups, their headline, and what the figures show."""
+"""The walking tables, as rows and frames: single perturbations, groups, their headline, what limits may stand on, and
+what the figures show.
+
+The residual of a fit is compared with what ordinary gait leaves: each unperturbed crossing's deviation from their mean,
+fitted with the same columns. One that is a small share of the torque does not count, however regular the gait."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -7,6 +11,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import polars as pl
 
+from osl_analysis.second_order import ImpedanceFit
+from osl_analysis.signals import Motion
 from osl_analysis.stats.fit_row import covariance_row, diagnostics_row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array
@@ -14,20 +20,20 @@ from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse, Headline, signs_of
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
 from osl_analysis.walking.groups import ALL, STATED, Cells, Sheet, pooled
-from osl_analysis.walking.headline_doubts import single_facts
 from osl_analysis.walking.response import (
     PerturbationResponse,
     fit_response,
+    gait_torque,
     isolate_response,
     offset_comparison,
     response_lag,
     window_samples,
 )
 from osl_analysis.walking.settings import ResponseSettings, Timing
-from osl_analysis.walking.setup import DOWN, UP
+from osl_analysis.walking.setup import DOWN
 
 QUANTITIES = ("K", "B", "I", "VAF")
-MEAN, ENSEMBLE, UP_MINUS_DOWN = "mean of perturbations", "ensemble", "up minus down"
+MEAN, ENSEMBLE = "mean of perturbations", "ensemble"
 OTHER_BASELINE = {"predicted": "ensemble, mean gait", "mean": "ensemble, predicted gait"}
 """The ensemble with the baseline that the configuration does not name, by the one that it names."""
 WITH_COMMON_ERRORS = "Student + shared errors"
@@ -105,8 +111,7 @@ def group_row(group: Group, gait: UnperturbedGait | None, window: float) -> dict
 
 def fitted_time(ensemble: EnsembleResponse, timing: Timing) -> float:
     """Time [s] after the onset at which the fit reads a stiffness that changes linearly within the window: K is a sum
-    of the torques with weights w, w . theta = 1, so that it is K(t) at t = sum of w theta t, later than the window's
-    middle."""
+    of torques with weights w, w . theta = 1, so that it is K(t) at t = sum of w theta t, later than the middle."""
     rows, motion = window_samples(ensemble.time, timing), ensemble.motion
     columns = np.column_stack([motion.theta, motion.omega, motion.alpha])[rows]
     return float(np.linalg.pinv(columns)[0] @ (motion.theta[rows] * ensemble.time[rows]))
@@ -136,10 +141,114 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
     }
 
 
+SMALL_RESIDUAL = 0.03  # share of the torque's RMS below which a residual does not count
+SMALL_OFFSET = 0.15  # relative change of K by an offset below which the offset does not count
+SMALL_DIFFERENCE = 0.03  # share of the mean stiffness by which single ones may differ
+ROUNDING_SHARE = 1e-9  # width of an interval, as a share of the estimate, from which on it is more than rounding
+CERTAIN_T = 3.0  # value of t from which a change of stance is certain
+Facts = dict[str, float | None]
+
+
+def single_facts(response: PerturbationResponse, impedance: ImpedanceFit) -> Facts:
+    """Columns of `walking.csv`: residual and offset of one fit over those that ordinary gait causes, change of stance.
+    Null where the residual is a small share of the torque, the offset hardly changes K, or no stance is expected."""
+    motion, torque = response.fitted_motion, response.fitted_torque
+    left = gait_torque(response, impedance)[:, response.window]
+    compared = offset_comparison(motion, torque, impedance.K)
+    columns = np.column_stack([motion.theta, motion.omega, motion.alpha, np.ones_like(motion.theta)])
+    scatter = float(np.std(np.linalg.lstsq(columns, left.T, rcond=None)[0][-1], ddof=1))
+    counts = abs(compared["offset_share"] or 0.0) > SMALL_OFFSET and scatter > 0
+    return {
+        "residual_over_gait": residual_over_gait(motion, torque, left),
+        "offset_over_gait": abs(compared["offset"] or 0.0) / scatter if counts else None,
+        "stance_change": response.stance_change if np.isfinite(response.stance_change) else None,
+    }
+
+
+def group_facts(headline: Headline) -> Facts:
+    """Columns of `walking_groups.csv` on which limits may stand; the dictionary of tables says what each is."""
+    ensemble, responses = headline.ensemble, headline.responses
+    rows, fit = responses[0].window, headline.ensemble.fit
+    motion, torque = ensemble.motion[rows], ensemble.torque[rows]
+    left = np.mean([gait_torque(r, fit)[:, rows] for r in responses], axis=0)
+    values = {name: float(getattr(fit, name)) for name in "KBI"}
+    intervals = {name: headline.resampled.interval(name) for name in "KBI"}
+    singles = [fit_response(r) for r in responses]
+    outside = sum(not low <= values[name] <= high for name, (low, high) in intervals.items())
+    angles = np.array([r.sign * r.fitted_motion.theta for r in responses])
+    return {
+        "coherence": rms(angles.mean(axis=0)) / rms(angles),  # 1 for equal responses, 0 if they cancel
+        "VAF": fit.fit.vaf,
+        "residual_over_gait": residual_over_gait(motion, torque, left),
+        "offset_share": offset_comparison(motion, torque, fit.K)["offset_share"],
+        "outside_interval": float(outside),
+        "estimator_difference": estimator_difference(headline, singles, values, intervals),
+        "heterogeneity": heterogeneity(singles),
+        "K": values["K"],
+        "K_se_share": headline.resampled.se("K") / abs(values["K"]) if values["K"] else None,
+        "B_high": intervals["B"][1],
+        "I_high": intervals["I"][1],
+        **stance_facts(responses),
+        "predicted_share": headline.prediction.share,
+    }
+
+
+def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | None:
+    """RMS residual of Eq. 15 over the RMS residual of what ordinary gait leaves (crossings, k). Null if the residual is
+    below 3 % of the torque, or gait leaves none."""
+    columns = np.column_stack([motion.theta, motion.omega, motion.alpha])
+    own, gait = (rms(y - (columns @ np.linalg.lstsq(columns, y.T, rcond=None)[0]).T) for y in (torque[None], left))
+    return own / gait if own > SMALL_RESIDUAL * rms(torque) and gait > 0 else None
+
+
+def rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def estimator_difference(
+    headline: Headline,
+    singles: Sequence[ImpedanceFit],
+    values: Mapping[str, float],
+    intervals: Mapping[str, tuple[float, float]],
+) -> float:
+    """Largest distance of ensemble and mean of perturbations, over the sum of the halves of both intervals. Intervals
+    without width, of crossings that are all equal, do not count."""
+    distances, signs = [], signs_of(headline.responses)
+    for name, (low, high) in intervals.items():
+        mean = over_repeats([getattr(fit, name) for fit in singles], headline.common.get(name, ()), signs)
+        width = high - low + mean.high - mean.low
+        if width > ROUNDING_SHARE * abs(values[name]):
+            distances.append(2 * abs(values[name] - mean.mean) / width)
+    return max(distances, default=0.0)
+
+
+def heterogeneity(singles: Sequence[ImpedanceFit]) -> float | None:
+    """Scatter of single stiffnesses over that of their standard errors, at least 3 % of the mean each: Cochran's Q over
+    its degrees of freedom. None of fewer than two stiffnesses, or where all are 0."""
+    K, se = np.array([fit.K for fit in singles]), np.array([fit.fit.se("K") for fit in singles])
+    variance = se**2 + (SMALL_DIFFERENCE * K.mean()) ** 2
+    if len(K) < 2 or not np.isfinite(se).all() or not (variance > 0).all():
+        return None
+    weight = 1 / variance
+    return float(np.sum(weight * (K - np.average(K, weights=weight)) ** 2) / (len(K) - 1))
+
+
+def stance_facts(responses: Sequence[PerturbationResponse]) -> Facts:
+    """Mean change of stance by the perturbation, as a share; and how far the stance by which phase is computed differs
+    from the one that the gait before the onset leads to expect, if that is certain."""
+    changes = np.array([r.stance_change for r in responses])
+    errors = np.array([r.stance_error for r in responses])[np.isfinite(changes)]
+    changes = changes[np.isfinite(changes)]
+    if len(changes) < 2:
+        return {"stance_change": None, "uncorrected_stance_change": None}
+    left = float(errors.mean())
+    certain = abs(left) > CERTAIN_T * float(errors.std(ddof=1)) / np.sqrt(len(errors))
+    return {"stance_change": float(changes.mean()), "uncorrected_stance_change": left if certain else None}
+
+
 def headline_rows(headline: Headline, fits: pl.DataFrame, doubtful: Mapping[str, int]) -> list[dict[str, object]]:
-    """Rows of `walking_summary.csv` of one group; `fits` are its rows of `walking.csv`, `doubtful` the number of
-    doubtful ones. First mean and scatter of the estimates per perturbation, of two directions the mean of both means,
-    whose `se` and interval include the errors that are common; then the ensembles; then each direction alone."""
+    """Rows of `walking_summary.csv` of one group, from its rows of `walking.csv`, `fits`, and their number of doubtful
+    ones: mean per perturbation (of both directions' means), with the errors that are common; ensembles; directions."""
     common, signs = headline.common, signs_of(headline.responses)
     rows: list[dict[str, object]] = []
     for name in QUANTITIES:
@@ -149,18 +258,10 @@ def headline_rows(headline: Headline, fits: pl.DataFrame, doubtful: Mapping[str,
     rows += ensemble_rows(headline.ensemble, headline.resampled)
     other = headline.mean_gait if headline.baseline == "predicted" else headline.predicted_gait
     rows += ensemble_rows(*other, OTHER_BASELINE[headline.baseline])
-    if (both := headline.symmetry) is None:
-        return rows
     for quantity in "KBI":
-        up, down = getattr(both.up, quantity), getattr(both.down, quantity)
-        for estimator, value, drawn, n in (
-            (UP, up, both.up_draws, both.counts[0]),
-            (DOWN, down, both.down_draws, both.counts[1]),
-            (UP_MINUS_DOWN, up - down, both.difference, sum(both.counts)),
-        ):
-            rows.append(
-                {"quantity": quantity, "estimator": estimator, "n": n, "mean": value} | drawn_row(drawn, quantity)
-            )
+        for estimator, (values, drawn, n) in headline.directions.items():
+            row = {"quantity": quantity, "estimator": estimator, "n": n, "mean": values[quantity]}
+            rows.append(row | drawn_row(drawn, quantity))
     return rows
 
 
@@ -211,9 +312,8 @@ def response_table(group: str, responses: Sequence[PerturbationResponse], ensemb
 def walking_page_points(
     perturbed: Sequence[Crossing], gaits: Mapping[str, UnperturbedGait], responses: pl.DataFrame, timing: Timing
 ) -> pl.DataFrame:
-    """Points of the walking page: both gaits over stance [%], angle in deg, torque in N*m, mean and SD over crossings;
-    responses over time [ms]. `perturbed` are the crossings whose window and baseline are shown, `gaits` the mean gaits
-    by curve, `responses` is `walking_responses.csv` with the column `doubtful` of `walking.csv`."""
+    """Points of the walking page: gaits by curve over stance [%], angle in deg, torque in N*m, mean and SD; responses
+    over time [ms], of `walking_responses.csv` with the column `doubtful`; window and baseline of the `perturbed`."""
     frames, x = [], 100 * PHASES[::PHASE_STEP]
     for curve, gait in gaits.items():
         for panel, every in (("angle", np.rad2deg(gait.theta)), ("torque", gait.torque)):
@@ -267,8 +367,7 @@ def impedance_over_stance(summary: pl.DataFrame, groups: pl.DataFrame) -> pl.Dat
 
 
 def with_trajectory(table: pl.DataFrame, phase: Array, K_d: Array, B_d: Array) -> pl.DataFrame:
-    """The table with what a trajectory commands, K_d and B_d (n,) at phases of stance (n,), where the sheet says
-    nothing."""
+    """The table with K_d and B_d (n,) of a trajectory at phases of stance (n,), where the sheet says nothing."""
     for quantity, values in (("K", K_d), ("B", B_d)):
         at = np.interp(table["phase"].to_numpy(), phase, values, left=np.nan, right=np.nan)
         here = (pl.col("quantity") == quantity) & pl.col(COMMANDED).is_null()

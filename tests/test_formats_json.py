@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from mcap_builder import assert_decoded, write_payloads
 
@@ -63,22 +62,6 @@ def test_a_field_that_nobody_wants_may_be_written_twice(tmp_path: Path) -> None:
     assert decoded.values["a"].tolist() == [1] * 9
 
 
-def test_stamps_in_json_are_exact_and_what_is_no_json_is_left_out(tmp_path: Path) -> None:
-    stamps = [{"sec": 1_700_000_000, "nsec": 999_999_990 + i} for i in range(9)]
-    texts = [json.dumps({"timestamp": one, "angle": i, "j": [{}, {"q": 9}]}) for i, one in enumerate(stamps)]
-    path = write(tmp_path / "log.mcap", [*texts, "no json"])
-    channels = {
-        "theta": {"topic": "/lab", "field": "angle", "unit": "rad"},
-        "theta_m": {"topic": "/lab", "field": "j[1].q", "unit": "rad"},
-    }
-    content = {"format": "mcap", "time": {"source": "header", "field": "timestamp"}, "channels": channels}
-    recording = FORMATS["mcap"].read(path, FORMATS["mcap"].source.model_validate({**content, "largest_loss": 0.1}))
-    assert recording.facts["time"]["start_ns"] == 1_700_000_000_999_999_990
-    np.testing.assert_allclose(recording.samples["time"], np.arange(9) * 1e-9, rtol=1e-12)
-    assert recording.samples["theta_m"].to_list() == [9.0] * 9
-    assert recording.facts["damage"]["messages_lost"] == 1
-
-
 def ingested(path: Path, **channel: str) -> Any:
     channels = {"theta": {"topic": "/lab", "field": "x", "unit": "rad", **channel}}
     described = {"format": "mcap", "time": {"source": "log"}, "largest_loss": 0.3, "channels": channels}
@@ -88,6 +71,7 @@ def ingested(path: Path, **channel: str) -> Any:
 @pytest.mark.parametrize(
     ("field", "wrong", "said"),
     [
+        ("x", "no json", "a message of 7 bytes is not JSON: Expecting value"),
         ("x", '{"x": "a"}', "field 'x' is \"a\", not a number, in message 2"),
         ("x", '{"x": true}', "field 'x' is true, not a number as elsewhere, in message 2"),
         ("z", '{"z": true}', "field 'z' is true, not a number as elsewhere, in message 2"),
@@ -109,7 +93,8 @@ def test_a_message_without_a_number_in_a_field_is_lost_and_said(
         recording = ingested(path, field=field)
         assert recording.samples["theta"].to_list() == [1.5] * 10
         assert recording.facts["damage"]["topics"]["/lab"] == {"messages": 11, "messages_lost": 1}
-        assert f"1 of 11 messages of topic '/lab' are lost: {said}" in recording.facts["damage"]["remarks"]
+        (remark,) = recording.facts["damage"]["remarks"][:1]
+        assert remark.startswith(f"1 of 11 messages of topic '/lab' are lost: {said}")
     else:
         with pytest.raises(InputError) as caught:
             ingested(path, field=field)

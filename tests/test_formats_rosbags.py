@@ -13,7 +13,6 @@ from bag_builder import START, STEP, edited, write_bag1, write_bag2, write_split
 from c3d_builder import REAL_DATA
 from mcap.records import Schema
 from recognised_files import read_recognised, refusal_of
-from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -333,21 +332,6 @@ def test_the_draft_of_a_bag_names_its_topic_and_fields(tmp_path: Path) -> None:
         draft = yaml.safe_load(draft_source(inspect_file(path), path.name))
         assert (draft["format"], draft["time"]) == (name, {"source": "header"})
         assert {"topic": "/lab", "field": "angle", "unit": "UNKNOWN"} in draft["channels"].values()
-
-
-@pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")
-def test_a_real_ros_1_bag_is_read_as_the_library_reads_it() -> None:
-    path = REAL_DATA / "bag" / "fake_joint_state.bag"
-    field = {"topic": "/fake_joints_state", "unit": "rad"}
-    channels = {"theta": field | {"field": "position[name=joint_2]"}, "theta_m": field | {"field": "position[0]"}}
-    samples = read(path, channels=channels, time={"source": "log"}).samples
-    store = get_typestore(Stores.ROS1_NOETIC)
-    with Reader1(path) as reader:
-        messages = [(time, store.deserialize_ros1(raw, one.msgtype)) for one, time, raw in reader.messages()]
-    np.testing.assert_allclose(samples["time"], [(t - messages[0][0]) * 1e-9 for t, _ in messages], atol=1e-12)
-    places = [list(message.name).index("joint_2") for _, message in messages]  # type: ignore[attr-defined]
-    expected = [message.position[at] for (_, message), at in zip(messages, places, strict=True)]  # type: ignore[attr-defined]
-    np.testing.assert_array_equal(samples["theta"], expected)
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")

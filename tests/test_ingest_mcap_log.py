@@ -40,20 +40,6 @@ def refused(path: Path, log_source: Source) -> str:
     return refusal_by(FORMATS["mcap"].read, path, log_source)
 
 
-def test_values_are_converted_by_offset_unit_and_sign(tmp_path: Path) -> None:
-    path = write_log(tmp_path / "log.mcap", samples())
-    log_source = source(
-        theta={"field": "angle", "unit": "deg", "offset": 2.0, "sign": -1},
-        torque={"field": "torque", "unit": "N·mm"},
-        sync={"field": "sync", "unit": "V"},
-    )
-    recording = FORMATS["mcap"].read(path, log_source)
-    i = np.arange(50)
-    np.testing.assert_allclose(recording.samples["theta"], -(i + 2) * DEGREE, rtol=1e-15)
-    np.testing.assert_allclose(recording.samples["torque"], i**2 / 8000, rtol=1e-15)
-    np.testing.assert_array_equal(recording.samples["sync"], i % 7 == 0)
-
-
 def test_time_is_the_header_stamp_from_its_first_exact_to_the_nanosecond(tmp_path: Path) -> None:
     stamps = [0, 1, 2_000_000, 999_999_999, 1_000_000_001]
     path = write_log(tmp_path / "log.mcap", [stamped(START + s, angle=0.0) for s in stamps])
@@ -177,17 +163,6 @@ def test_messages_that_no_checksum_covers_are_reported(tmp_path: Path, options: 
     report = "log.mcap: not verifiable: no checksum covers 50 of 50 messages"
     assert recording.warnings == ([] if covered else [report])
     assert recording.facts["damage"]["crc"] == ("checked" if covered else "absent")
-
-
-def test_failed_readings_are_counted_and_refused_beyond_the_stated_share(tmp_path: Path) -> None:
-    log = samples()
-    log[17][1]["angle"] = math.nan
-    path = write_log(tmp_path / "log.mcap", log)
-    message = refused(path, source())
-    assert "topic /lab, field angle: NaN in 1 of 50 samples, first at 0.017 s; at most 1.0% may be" in message
-    read = FORMATS["mcap"].read(path, source().model_copy(update={"most_missing": 0.1}))
-    assert read.facts["missing"]["theta"] == read.samples["theta"].is_nan().sum() == 1
-    assert "log.mcap: theta is NaN in 1 of 50 rows" in read.warnings
 
 
 def test_a_bad_schema_hurts_its_own_topic_only() -> None:

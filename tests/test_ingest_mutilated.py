@@ -45,9 +45,13 @@ WRITERS: dict[str, tuple[Any, dict[str, Any]]] = {
 def mutilated(content: bytes, chance: random.Random) -> bytes:
     """The content with one kind of damage."""
     place, other = chance.randrange(len(content)), chance.randrange(len(content))
-    kind = chance.randrange(4)
+    kind = chance.randrange(5)
     if kind == 0:
         return content[:place]
+    if kind == 4:  # where it stands for a length, an absurd one
+        return (
+            content[:place] + chance.choice([0, 2**31, 2**63, 2**64 - 1]).to_bytes(8, "little") + content[place + 8 :]
+        )
     if kind == 1:
         return content[:place] + content[place + chance.randrange(1, 40) :]
     if kind == 2:

@@ -134,6 +134,8 @@ class Shape:
     guards: list[range] = field(default_factory=list)
     """Extents of the bytes that another message must share to have the same shape."""
     wanted: dict[str, Leaf] = field(default_factory=dict)  # the numbers to read, by path
+    words: list[tuple[int, Any, Any]] = field(default_factory=list)
+    """The guards in words of eight bytes, to compare fewer: offset, mask and what a message must have there."""
 
     # --- the walk
 
@@ -191,6 +193,15 @@ class Shape:
     def want(self, paths: Sequence[str]) -> "Shape":
         """Read the fields at `paths`, as far as the message has them."""
         self.wanted = {path: leaf for path in paths if (leaf := self.leaf_at(path))}
+        mask, payload = np.zeros(len(self.payload), np.uint8), np.frombuffer(self.payload, np.uint8)
+        for guard in self.guards:
+            mask[guard.start : guard.stop] = 0xFF
+        word = np.dtype("u8" if mask.size >= 8 else "u1")
+        while mask.any():
+            offset = min(int(np.argmax(mask)), mask.size - word.itemsize)
+            part = slice(offset, offset + word.itemsize)
+            self.words.append((offset, mask[part].view(word)[0], (payload[part] & mask[part]).view(word)[0]))
+            mask = np.where(np.arange(mask.size) < part.stop, 0, mask).astype(np.uint8)
         return self
 
     def leaf_at(self, path: str) -> Leaf | None:
@@ -222,9 +233,8 @@ class Shape:
     def fits(self, messages: Messages) -> NDArray[np.bool_]:
         """Which messages of this length have this shape, (messages,)."""
         same = np.ones(messages.size, bool)
-        for guard in filter(None, self.guards):
-            kind = np.dtype({2: "u2", 4: "u4"}.get(len(guard), f"S{len(guard)}"))
-            same &= members_at(messages, guard.start, kind) == np.frombuffer(self.payload, kind, 1, guard.start)
+        for offset, mask, expected in self.words:
+            same &= members_at(messages, offset, mask.dtype) & mask == expected
         return same
 
     def read(self, messages: Messages) -> Values:
@@ -276,13 +286,19 @@ def numbers_at(buffer: bytes, places: Indices, kind: np.dtype[Any]) -> NDArray[A
 
 
 def messages_at(buffer: bytes, starts: Indices, length: int) -> Messages:
-    """Messages of one length that begin at places in a buffer [bytes], (starts,)."""
-    return numbers_at(buffer, starts, np.dtype(f"V{length}"))
+    """Messages of one length that begin at places in a buffer [bytes], (starts,): a view where these are even."""
+    steps = np.diff(starts)
+    if not length or not steps.size or (steps != steps[0]).any():
+        return numbers_at(buffer, starts, np.dtype(f"V{length}"))
+    return np.ndarray(starts.shape, f"V{length}", buffer, int(starts[0]), (int(steps[0]),))
 
 
 def members_at(messages: Messages, offset: int, kind: np.dtype[Any]) -> NDArray[Any]:
     """A view of the numbers of one type at a place [bytes] in each message, (messages,)."""
-    return np.ndarray(messages.shape, kind, messages, offset, messages.strides)
+    itemsize = messages.itemsize
+    return messages.view(np.dtype({"names": ["it"], "formats": [kind], "offsets": [offset], "itemsize": itemsize}))[
+        "it"
+    ]
 
 
 @dataclass

@@ -433,7 +433,7 @@ def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool, listed:
 
     `listed` is where messages may be, in order. Where they follow each other, the walk leaps over them.
     """
-    leaps = leaps_over(buffer, listed, end)
+    leaps, listed_heads = leaps_over(buffer, listed, end)
     found: list[Indices] = [NOWHERE]
     messages: list[int] = []
     others: list[tuple[int, bytes]] = []
@@ -458,24 +458,36 @@ def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool, listed:
             break
         position = stop
     starts = np.concatenate([*found, np.array(messages, np.int64)])
-    heads = numbers_at(buffer, starts, MESSAGE) if starts.size else np.empty(0, MESSAGE)
+    known = starts.size == listed_heads.size and not messages and len(found) == 2 * len(leaps) + 1
+    heads = listed_heads if known else message_heads(buffer, starts)
     return Walk(heads, starts, others, position, unknown)
 
 
-def leaps_over(buffer: bytes, listed: Indices, end: int) -> dict[int, tuple[Indices, int]]:
-    """The stretches of listed messages that follow each other without a gap, and their ends, by where they begin."""
+def leaps_over(buffer: bytes, listed: Indices, end: int) -> tuple[dict[int, tuple[Indices, int]], NDArray[Any]]:
+    """The stretches of listed messages that follow each other without a gap, and their ends, by where they begin.
+
+    None where the list is wrong. Also gives the heads of the listed messages.
+    """
     if not listed.size or listed[0] < 0 or listed[-1] > end - MESSAGE.itemsize:
-        return {}
-    lengths = numbers_at(buffer, listed + 1, np.dtype("<u8")).astype(np.int64)  # what is too large becomes negative
+        return {}, np.empty(0, MESSAGE)
+    heads = message_heads(buffer, listed)
+    lengths = heads["length"].astype(np.int64)  # what is too large becomes negative
     stops = listed + RECORD.size + lengths
-    if lengths.min() < MESSAGE_HEAD or lengths.max() > end or stops.max() > end:
-        return {}
-    if (numbers_at(buffer, listed, np.dtype("u1")) != Opcode.MESSAGE).any():
-        return {}
+    if (
+        (heads["opcode"] != Opcode.MESSAGE).any()
+        or lengths.min() < MESSAGE_HEAD
+        or max(lengths.max(), stops.max()) > end
+    ):
+        return {}, np.empty(0, MESSAGE)
     cuts = np.flatnonzero(stops[:-1] != listed[1:]) + 1
-    stretches = np.split(listed, cuts)
     ends = stops[np.append(cuts, stops.size) - 1].tolist()
-    return {int(one[0]): (one, stop) for one, stop in zip(stretches, ends, strict=True)}
+    return {int(one[0]): (one, stop) for one, stop in zip(np.split(listed, cuts), ends, strict=True)}, heads
+
+
+def message_heads(buffer: bytes, starts: Indices) -> NDArray[Any]:
+    if not starts.size:
+        return np.empty(0, MESSAGE)
+    return numbers_at(buffer, starts, np.dtype(f"V{MESSAGE.itemsize}")).view(MESSAGE)  # bytes are taken fastest
 
 
 def counts_of(walk: Walk) -> Counter[int]:

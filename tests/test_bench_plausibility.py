@@ -167,6 +167,24 @@ def test_a_belt_whose_torque_is_late_has_a_negative_damping_and_is_doubtful(way,
 
 
 @BOTH
+@pytest.mark.parametrize("experiment", ["impedance", "transmission"])
+@pytest.mark.parametrize("more", [0.0, 1.5], ids=["sound", "friction"])
+def test_no_verdict_depends_on_the_zero_of_the_angle(way, experiment, more, tmp_path):
+    """In 0.2.0 a perfect spring was doubtful from a mean of 4 degrees on: K and the offset looked alike."""
+    recording = dict(RECORDINGS[experiment])
+    recording["torque"] = recording["torque"] + more * np.sign(np.gradient(recording["theta"]))
+    (own, *others) = (
+        way(tmp_path, experiment, recording | {"theta": recording["theta"] + np.deg2rad(zero)}) for zero in (0, 12, -30)
+    )
+    assert bool(own["doubtful"]) == bool(more)
+    for other in others:
+        for name in ("doubtful", "not_checked"):
+            assert other[name] == own[name]
+        for name in ("condition_number", "largest_correlation"):
+            assert other[name] == pytest.approx(own[name], rel=1e-3)
+
+
+@BOTH
 def test_a_torque_beyond_the_load_cell_s_range_is_refused(way, tmp_path):
     stated = BENCH.model_copy(update={"load_cell_range": 20.0})
     with pytest.raises(InputError, match=r"torque reaches 2.* N\*m, more than the 20 N\*m of `load_cell_range`"):

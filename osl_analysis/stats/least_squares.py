@@ -32,8 +32,24 @@ def refined(X: Array, y: Array, inverse: Array) -> Array:
     return np.asarray(estimates + inverse @ (X.T @ (y - X @ estimates)))
 
 
+def beside_offset(X: Array, inverse: Array) -> Array:
+    """Inverse of the normal equations of the columns X (n, p) about their means, where one is constant: the part of the
+    others in `inverse` (p, p). It does not depend on the zeros of the signals."""
+    varies = [k for k, column in enumerate(X.T) if column[0] != column[-1] or np.ptp(column)]
+    return inverse[np.ix_(varies, varies)]
+
+
+def scaled_condition(inverse: Array) -> float:
+    """Condition number of columns scaled to unit length, from the inverse (p, p) of their normal equations."""
+    gram = np.linalg.inv(inverse)
+    squares = np.linalg.eigvalsh(gram / np.sqrt(np.outer(np.diag(gram), np.diag(gram))))
+    return float(np.sqrt(squares[-1] / max(squares[0], np.finfo(float).tiny)))
+
+
 def largest_correlation(covariance: Array) -> float:
     """Largest absolute correlation in a covariance (p, p); 0 for a single estimate."""
+    if len(covariance) < 2:
+        return 0.0
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     correlation = np.abs(covariance / np.outer(scale, scale))
     np.fill_diagonal(correlation, 0.0)

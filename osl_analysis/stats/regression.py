@@ -10,18 +10,21 @@ from scipy.special import stdtrit
 from osl_analysis.measured import check_finite, check_measured, rounding_of
 from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
 from osl_analysis.stats.least_squares import (
+    beside_offset,
     check_not_zero,
     checked_columns,
     decomposed,
     largest_correlation,
     refined,
     refuse_unidentifiable,
+    scaled_condition,
 )
 from osl_analysis.trial import Array
 
 CONDITION_LIMIT = 1e3
 """Largest scaled condition number that is accepted. At this limit an error of 0.1 % in a column can cause an error of
 100 % in an estimate."""
+ROUNDED = 1e6  # condition number from which the inverse of the normal equations is lost in rounding
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class LinearFit:
     covariance: Array  # covariance of the estimates (p, p)
     vaf: float  # 100 (1 - var(residual)/var(y)) [percent]. An offset does not change it.
     r_squared: float  # coefficient of determination about zero. An offset does change it.
-    condition_number: float  # condition number of the columns, each scaled to unit length
+    condition_number: float  # of the columns, each scaled to unit length, about their means beside an offset
     correlation_samples: int  # number of samples over which the residuals were allowed to be correlated
     samples: int  # number of samples n that were fitted
     interval_method: str
@@ -41,8 +44,8 @@ class LinearFit:
     degrees_of_freedom: Array  # degrees of freedom (p,) of the estimates' variances, for Student's quantile
     residual: Array  # y minus the fit (n,) [unit of y]
     largest_correlation: float
-    """Largest absolute correlation of two estimates under white noise: from the columns, so that a few noisy cycles do
-    not change it; 0 if there is only one. Near 1 only a combination of the two is known."""
+    """Largest absolute correlation of two estimates under white noise, but for an offset's: from the columns, so that a
+    few noisy cycles do not change it; 0 if there is only one. Near 1 only a combination of the two is known."""
 
     def __getitem__(self, name: str) -> float:
         return float(self.estimates[self.names.index(name)])
@@ -105,10 +108,13 @@ class Regressors:
     singular: Array  # singular values (p,), the largest first
     Vt: Array  # right singular vectors (p, p), a row each
 
-    @property
+    @cached_property
     def condition(self) -> float:
-        """Scaled condition number."""
-        return float(self.singular[0] / max(self.singular[-1], np.finfo(float).tiny))
+        """Scaled condition number, beside an offset that of the columns about their means: where the angle has its zero
+        does not matter."""
+        condition = float(self.singular[0] / max(self.singular[-1], np.finfo(float).tiny))
+        inverse = self.inverse if condition < ROUNDED else np.empty((0, 0))
+        return scaled_condition(beside_offset(self.X, inverse)) if len(inverse) > 1 else condition
 
     @cached_property
     def inverse(self) -> Array:
@@ -143,7 +149,7 @@ class Regressors:
             method,
             degrees_of_freedom,
             residual,
-            largest_correlation(inverse),
+            largest_correlation(beside_offset(self.X, inverse)),
         )
 
 

@@ -153,7 +153,7 @@ SUMMARY = {"summary_json": RESULTS / "summary.json", "numbers_tex": RESULTS / "n
 def headline_numbers(_):
     return {
         "modules": ("commands.summarise",),
-        "input": {"excluded": tabled("excluded")},
+        "input": {"excluded": tabled("excluded"), "verdicts": tabled("quality")},
         "after": result_tables(),
         "read": {"table_paths": by_stem(result_tables())},
         "settings": {

@@ -44,7 +44,7 @@ def test_doubtful_trials_are_counted_and_named_and_of_many_the_first():
     table = pl.DataFrame({"trial": [f"t_{k}" for k in range(12)], "doubtful": ["VAF 80"] * 10 + ["", None]})
     said = doubtful_fits(table, "drawn open")
     assert said.startswith(r"Doubtful, drawn open: 10 of 12 fits (t\_0, t\_1,")
-    assert said.endswith(r"t\_5 and 4 more).")
+    assert said.endswith(r"t\_5 and 4 more), for VAF.")
     assert doubtful_fits(table.tail(1), "drawn open") == "No fit is doubtful."
     assert listed(["a", "b", "a"]) == "a, b"
 

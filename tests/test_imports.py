@@ -28,8 +28,8 @@ MAY_IMPORT = {
     "judge": COMMON
     | {"judge", "plate_surface", "plateaus", "protocol", "columns", "experiments", "files", "parameters", "refusal"}
     | {"signals", "stats", "table", "timebase", "uniform", "yaml_settings"},
-    "figures": COMMON | {"figures"},
-    "report": COMMON | {"report", "experiments", "dictionary", "summary", "about"},
+    "figures": COMMON | {"figures", "judge"},
+    "report": COMMON | {"report", "experiments", "dictionary", "summary", "about", "judge"},
 }
 
 

@@ -129,7 +129,7 @@ def test_names_and_macros_of_any_controllers_are_letters_and_no_two_are_alike():
     assert all(macro.isascii() and macro.isalpha() for macro in macros)
     assert len({h.name for h in found}) == len(found)
     assert {"PDOneVAFMedian", "PDOneVAFMedianB", "AlphaVAFMedian"} <= {h.macro for h in found}
-    assert {h.meaning for h in found if not h.meaning.endswith(", knee") and h.unit != "fits"} == set()
+    assert {h.meaning for h in found if not h.meaning.endswith(", knee") and h.unit != "trials"} == set()
 
 
 def campaign(tmp_path: Path, rows: str, **settings):

@@ -43,7 +43,6 @@ from osl_analysis.report.panels import (
 )
 from osl_analysis.report.trial_page import (
     ReportedTrial,
-    doubt_texts,
     doubts_of,
     left_out_trials,
     provenance_of,
@@ -114,6 +113,7 @@ def page_of(trials, largest_mb=40.0, tables=None):
         "counts": trial_page.counts(trials),
         "choices": trial_page.choices(trials),
         "headlines": [],
+        "findings": [{"verdict": "doubtful", "line": f"doubtful, 1 of 2 trials: {HOSTILE}"}],
         "figures": [],
         "not_made": [],
         "quantities": trial_page.QUANTITIES,
@@ -205,8 +205,12 @@ def test_verdicts_and_counts():
         trial("c", left_out=["gap 1 s"]),
         trial("d", left_out=["x"], refused=True),
     ]
-    assert [one.verdict for one in trials] == ["used", "doubtful", "excluded", "refused"]
-    assert trial_page.counts(trials) == dict.fromkeys(("used", "doubtful", "excluded", "refused"), 1)
+    checks = {"trial": ["e"], "check": ["gap"], "verdict": ["flag"], "remark": ["torque"]}
+    trials.insert(1, trial("e", quality=pl.DataFrame(checks)))
+    verdicts = ["used", "flagged", "doubtful", "excluded", "refused"]
+    assert [one.verdict for one in trials] == verdicts
+    assert trial_page.counts(trials) == dict.fromkeys(verdicts, 1)
+    assert trial_page.trial_row(trials.pop(1), set())["doubt"].startswith("gap in the recording: torque. look for a")
     row = trial_page.trial_row(trials[1], {"K_d"})
     assert row["doubt"] == "all amplitudes: VAF 3 is below 90"
     assert row["numbers"][1] == {"sort": "299.51", "text": "299.51", "interval": "[299.20, 299.80]", "column": "K"}
@@ -215,16 +219,12 @@ def test_verdicts_and_counts():
 
 
 def test_doubts_are_split_and_explained():
-    cell = (
-        "odd_harmonics 0.291 is above 0.25; coulomb_share 1.03 is above 0.5 (this share of B is Coulomb friction; not "
-        "damping); impedance.csv: VAF 89.9 is below 90; R2 is not a number"
-    )
-    assert [part.split()[0] for part in doubt_texts(cell)] == ["odd_harmonics", "coulomb_share", "impedance.csv:", "R2"]
-    assert "; ".join(doubt_texts(cell)) == cell
-    found = doubts_of({"impedance": fitted_rows(cell)}, {"impedance": IMPEDANCE})
-    assert [one["where"] for one in found] == ["all amplitudes"] * 4
-    names = ("odd_harmonics", "coulomb_share", "VAF", "R2")
-    assert [one["meaning"] for one in found] == [IMPEDANCE.columns[name].meaning for name in names]
+    friction = "friction: it does. Use this [odd_harmonics 0.291 is above 0.25, coulomb_share 1.03 is above 0.5]"
+    found = doubts_of({"impedance": fitted_rows(f"{friction}; R2 is not a number")}, {"impedance": IMPEDANCE})
+    assert [one["where"] for one in found] == ["all amplitudes"] * 2
+    assert [one["text"] for one in found] == [friction, "R2 is not a number"]
+    said = [f"{name} is {IMPEDANCE.columns[name].meaning}" for name in ("odd_harmonics", "coulomb_share", "R2")]
+    assert [one["meaning"] for one in found] == ["; ".join(said[:2]), said[2]]
 
 
 def test_provenance_says_file_hash_channel_and_conversion():
@@ -278,7 +278,7 @@ def test_cells_are_sorted_by_the_unrounded_value_and_conditions_are_those_that_d
 
 def test_doubts_say_whether_they_are_about_the_whole_trial():
     table = fitted_rows().with_columns(doubtful=pl.Series(["R2 0.1 is below 0.9", "VAF 3 is below 90"]))
-    cell = "x 2 is above 1; impedance.csv: R2 0.1 is below 0.9; VAF 3 is below 90"
+    cell = "x 2 is above 1; impedance.csv: R2 0.1 is below 0.9; impedance.csv: VAF 3 is below 90"
     phasors = pl.DataFrame({"amplitude_deg": [2.0], "frequency_hz": [3.0], "doubtful": [cell]})
     found = doubts_of({"impedance": table, "phasors": phasors}, {"impedance": IMPEDANCE})
     assert [(one["where"], one["of"]) for one in found] == [

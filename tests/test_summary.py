@@ -12,6 +12,7 @@ from osl_analysis.commands.summarise import format_results_table, later_failures
 from osl_analysis.commands.tables import list_excluded
 from osl_analysis.errors import InputError
 from osl_analysis.job_log import JobLog, write_log
+from osl_analysis.judge.findings import findings
 from osl_analysis.refusal import Refusal
 from osl_analysis.summary.headlines import (
     BOOTSTRAP,
@@ -130,9 +131,19 @@ def test_doubtful_fits_are_counted_by_table_and_rows_without_a_fit_are_none():
     assert (found["doubtful_impedance"].value, found["doubtful_impedance"].n) == (2, 6)
     assert (found["doubtful_walking"].value, found["doubtful_walking"].n) == (0, 2)
     assert "doubtful_belt" not in found
-    assert "| doubtful fits in impedance.csv, whose column says why | 2 fits |  | 6 |  |" in format_results_table(
-        json.loads(to_json(MADE, list(found.values())))
-    )
+    said = format_results_table(json.loads(to_json(MADE, list(found.values()))))
+    assert "| doubtful trials in impedance.csv, whose column says why | 2 trials |  | 6 |  |" in said
+
+
+def test_a_table_that_shares_the_doubts_of_another_counts_trials_with_a_cause_of_their_own():
+    shared, own = "impedance.csv: friction: x", "distorted motion: x"
+    phasors = {"trial": ["a", "a", "b"], "doubtful": [shared, "friction: y", f"{own}; {shared}"]}
+    fits = pl.DataFrame({"trial": ["a", "b"], "doubtful": ["friction: x"] * 2})
+    found = by_name({"phasors": pl.DataFrame(phasors), "torque_angle": fits.head(0), "impedance": impedance()})
+    assert (found["doubtful_phasors"].value, found["doubtful_phasors"].n) == (2, 2)
+    tables = {"impedance": impedance().with_columns(pl.Series("trial", list("aaabbb")), doubtful=pl.lit("friction: x"))}
+    found = by_name(tables | {"phasors": pl.DataFrame(phasors)})
+    assert (found["doubtful_phasors"].value, found["doubtful_impedance"].value) == (1, 2)
     assert r"\newcommand{\oslDoubtfulImpedance}{2}%" in to_tex(MADE, list(found.values()))
 
 
@@ -218,7 +229,10 @@ def test_files_are_written_from_the_tables_that_exist_and_read_back(tmp_path):
     files = {"summary_json": tmp_path / "summary.json", "numbers_tex": tmp_path / "numbers.tex"}
     write_summary(about=MADE, table_paths=paths, **files)
     summary = read_summary(tmp_path / "summary.json")
-    complete = {"trials": {}, "missing_results": {}}
+    no_checks = pl.DataFrame(schema=["check", "verdict"])
+    said = [json.loads(json.dumps(one.content())) for one in findings(no_checks, all_tables())]
+    complete = {"trials": {}, "missing_results": {}, "findings": said}
+    assert said[0]["line"] in format_results_table(summary)
     assert summary == json.loads(to_json(MADE, headline_numbers(all_tables()))) | complete
     assert (tmp_path / "numbers.tex").read_text() == to_tex(MADE, headline_numbers(all_tables()))
 
@@ -292,7 +306,8 @@ def test_the_table_for_people_has_a_row_per_number_and_no_stray_bars():
     lines = table.splitlines()
     assert lines[0].startswith("Simulated data: campaign made, osl-analysis 1.2.3, configuration 0a1b2c3d, made with")
     lines = lines[2:]
-    assert len(lines) == 2 + len(headline_numbers(all_tables()))
+    numbers = [h for h in headline_numbers(all_tables()) if not h.name.startswith("doubtful_") or h.value]
+    assert len(lines) == 2 + len(numbers)
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {6}
     interval = "679.3 to 693.1, 95 % of the mean (Student)"
     assert f"| belt stiffness while loading, mean of trials | 686.2 N*m/rad | {interval} | 10 | 685.6 |" in lines

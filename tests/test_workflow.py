@@ -249,7 +249,7 @@ def test_a_changed_limit_marks_the_table_and_what_shows_it_anew_and_fits_nothing
     assert {"table", "derived_table", "headline_numbers", "draw_figure"} <= set(copy.planned())
     result = copy.run("results/summary.json")
     assert result.returncode == 0, result.stdout
-    assert "doubtful fits (the column `doubtful` of each table says why): belt 2 of 2" in result.stdout
+    assert "doubtful, 2 of 2 belt trials: samples: samples " in result.stdout
     assert "Rule: fit_" not in result.stdout
     reasons = pl.read_csv(copy.folder / "results/tables/belt.csv")["doubtful"]
     assert reasons.str.contains("^samples .* is above 10$").all()

@@ -72,7 +72,9 @@ def summary_section() -> str:
         "that of osl-analysis, `configuration` the first digits of the SHA-256 of the configuration and of the files "
         "that it names, `recorded` the date of the data. `trials` has for every experiment how many trials are `used`, "
         "of how many (`of`), and the reason of each that is `missing`. `missing_results` has the reason of each result "
-        "over several trials that could not be computed. `numbers` has an entry per headline number, with these fields:"
+        "over several trials that could not be computed. `findings` has what to know of the results, as the end of a "
+        "run says it in `line`: causes of doubt, flags, and what could not be checked, with the `trials` that each "
+        "concerns. `numbers` has an entry per headline number, with these fields:"
     )
     return f"## `summary.json`\n\n{text}\n\n{fields}\nThe entries:\n\n{entries}"
 

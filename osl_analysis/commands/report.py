@@ -19,6 +19,7 @@ from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import panels, trial_page
 from osl_analysis.report.page import PageTrial, captions_by_title, inline_png, inline_svg, written_page
 from osl_analysis.report.trial_page import LeftOut, ReportedTrial, left_out_trials, trial_content, without_result
+from osl_analysis.summary.headlines import COUNT
 from osl_analysis.table import read_table
 from osl_analysis.trial import read_provenance, read_trial
 
@@ -65,13 +66,18 @@ def write_report(
         reported.append(reported_trial(name, row, own, files, judged.get((name,)), left_out))
     checks = {name: check.meaning for name, check in CHECKS.items()}
     pages = [PageTrial(one.name, trial_content(one, described, checks), one.pictures.tables) for one in reported]
-    numbers = {} if is_refused(summary) else read_summary(summary)["numbers"]
+    found = {} if is_refused(summary) else read_summary(summary)
     said = captions_by_title(captions.read_text(encoding="utf-8")) if captions and not is_refused(captions) else {}
     content = {
         "about": about,
         "counts": trial_page.counts(reported),
         "choices": trial_page.choices(reported),
-        "headlines": [trial_page.headline_row(number) for number in numbers.values()],
+        "headlines": [
+            trial_page.headline_row(number)
+            for number in found.get("numbers", {}).values()
+            if number["interval"] != COUNT  # the findings say it, with the causes
+        ],
+        "findings": found.get("findings", []),
         "figures": [
             {"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawing(path, name, title)}
             for name, path in figures.items()

@@ -6,15 +6,18 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
+import polars as pl
 from pydantic import Field
 
 from osl_analysis.about import About
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.job_log import read_log
+from osl_analysis.judge.findings import findings
 from osl_analysis.refusal import Refusal, check_not_refused
 from osl_analysis.summary.headlines import DRAFT_EXAMPLE, Example, headline_numbers, needed_columns
 from osl_analysis.summary.text import (
+    finding_lines,
     missing_lines,
     missing_results,
     to_columns,
@@ -41,13 +44,15 @@ def write_summary(
     numbers_tex: Path,
     trials: Mapping[str, Sequence[str]] | None = None,
     excluded: Path | None = None,
+    verdicts: Path | None = None,
     refused: Sequence[Refusal] = (),
     example: Example | None = None,
 ) -> None:
     """Write headline numbers of a campaign from the tables that it has, by their names.
 
     `about` says what they are made of, `example` which desired impedance Fig. 4 shows, `trials` has those of each
-    experiment, `excluded` is the table of those that are not used, `refused` are the causes of missing tables.
+    experiment, `excluded` is the table of those that are not used, `verdicts` is `quality.csv`, `refused` are the
+    causes of missing tables.
 
     Raises InputError: a table is missing, lacks a column, or has no finite mean where it lists one; neither file is
     written then.
@@ -56,9 +61,11 @@ def write_summary(
     tables = {name: read_table(table_paths[name], required=columns) for name, columns in needed.items() if columns}
     headlines = headline_numbers(tables, example or DRAFT_EXAMPLE)
     used = trials_content(trials or {}, read_table(excluded, NEEDED)) if excluded else {}
+    judged = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
+    said = {"findings": [one.content() for one in findings(judged, tables)]}
     missing = {"trials": used, "missing_results": missing_results(refused)}
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
-        json_path.write_text(to_json(about, headlines, missing), encoding="utf-8")
+        json_path.write_text(to_json(about, headlines, missing | said), encoding="utf-8")
         tex_path.write_text(to_tex(about, headlines, missing_lines(missing, reasons=False)), encoding="utf-8")
 
 
@@ -114,6 +121,7 @@ class Summary(Settings):
     recorded: str = ""
     trials: dict[str, Trials] = Field(default_factory=dict)
     missing_results: dict[str, str] = Field(default_factory=dict)
+    findings: list[dict[str, Any]] = Field(default_factory=list)
     numbers: dict[str, Number]
 
 
@@ -144,10 +152,11 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
 
 
 def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> str:
-    """What a summary is made of, a table of its numbers (quantity, value, interval, n, the draft's value), and which
-    trials and results are missing. The table is Markdown, or in aligned columns.
+    """What a summary is made of, a table of its numbers (quantity, value, interval, n, the draft's value), what to know
+    of them, and which trials and results are missing. The table is Markdown, or in aligned columns.
     """
-    missing = "".join(f"\n{line}\n" for line in missing_lines(summary, reasons=True))
+    lines = [*finding_lines(summary), *missing_lines(summary, reasons=True)]
+    missing = "".join(f"\n{line}\n" for line in lines)
     said = About(**{field.name: summary.get(field.name, "") for field in fields(About)}).sentence()
     table = (to_markdown if markdown else to_columns)(summary["numbers"])
     return f"{said}\n\n{table}{missing}"

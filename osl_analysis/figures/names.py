@@ -15,6 +15,7 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.transforms import Bbox
 
 from osl_analysis.figures.style import GREY, IS_DOUBTFUL, LOOKS, PAPER, Dash, Look, paper_style, width_of
+from osl_analysis.judge.doubts import reasons_in
 
 DRAFT = ("compensated", "uncompensated")  # the controllers of the draft, whose looks are fixed
 LONGEST = 28  # characters of a name in a figure; a longer one is shortened in its middle
@@ -173,11 +174,14 @@ def counted(n: int, one: str, several: str = "") -> str:
 
 
 def doubtful_fits(table: pl.DataFrame, look: str, fit: str = "fit") -> str:
-    """Which of the drawn fits are doubtful and how they `look`, as `Doubtful, drawn open: 2 of 32 fits (a, b).`"""
+    """Which of the drawn fits are doubtful, how they `look`, and why, as `Doubtful, drawn open: 2 of 32 fits (a, b),
+    for friction.`"""
     found = table.filter(IS_DOUBTFUL)
     if found.is_empty():
         return f"No {fit} is doubtful."
-    return f"Doubtful, {look}: {len(found)} of {counted(len(table), fit)} ({listed(found['trial'])})."
+    causes = dict.fromkeys(one.cause for cell in found["doubtful"] for one in reasons_in(cell))
+    drawn = f"{len(found)} of {counted(len(table), fit)} ({listed(found['trial'])})"
+    return f"Doubtful, {look}: {drawn}, for {as_text(', '.join(causes))}."
 
 
 SMALL, LINE, LETTERS_PER_INCH = 5.5, 0.1, 28  # size [pt], height of a line [in] and letters per inch

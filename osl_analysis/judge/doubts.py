@@ -105,7 +105,7 @@ def late_or_yielding(row: AnyRow) -> Cause:
 FRICTION = Cause(
     "friction",
     "it does not grow with the motion, so that B, and K of small motions, depend on the amplitude",
-    "use the rows of single amplitudes, and take off B what friction adds to it, which `coulomb_damping` estimates",
+    "use the rows of single amplitudes, or B less what friction adds to it (coulomb_damping)",
     explains=True,
 )
 CLIPPED = Cause(
@@ -406,6 +406,20 @@ def reasons_in(cell: str | None) -> list[Reason]:
         own = INHERITED.sub("", PLACED.sub("", text, count=1), count=1)
         name = own.partition(": ")[0]
         found.append(Reason(name if name in CAUSES else own.partition(" ")[0], text, bool(INHERITED.search(text))))
+    return found
+
+
+def causes_by_trial(table: pl.DataFrame, of: pl.DataFrame | None = None) -> dict[object, dict[str, str]]:
+    """Per trial, or group, with a fit its causes of doubt, each with a text; without those that the table `of`, whose
+    doubts its rows share, has for the same trial."""
+    known = {} if of is None else causes_by_trial(of)
+    key = next((name for name in ("trial", "group") if name in table.columns), None)
+    found: dict[object, dict[str, str]] = {}
+    for number_of_row, row in enumerate(table.iter_rows(named=True)):
+        if row[DOUBTFUL] is not None:
+            trial = number_of_row if key is None else row[key]
+            causes = {one.cause: one.text for one in reasons_in(row[DOUBTFUL]) if one.cause not in known.get(trial, {})}
+            found[trial] = causes | found.get(trial, {})
     return found
 
 

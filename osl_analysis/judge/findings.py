@@ -11,8 +11,9 @@ import polars as pl
 
 from osl_analysis.errors import listing
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.judge.doubts import CAUSES, DOUBTFUL, LATENESS, is_whole, not_checked_of, reasons_in
+from osl_analysis.judge.doubts import CAUSES, DOUBTFUL, LATENESS, causes_by_trial, is_whole, not_checked_of
 from osl_analysis.judge.recording import CHECKS
+from osl_analysis.judge.table import Cause
 from osl_analysis.judge.usable import REMEDY, exclusions
 from osl_analysis.refusal import is_refused
 from osl_analysis.table import read_table
@@ -57,23 +58,24 @@ def findings(verdicts: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> list
 
 
 def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[Finding]:
-    """The causes of doubt by experiment; a table of groups is one of its own."""
+    """The causes of doubt by experiment; those of its other tables, and of tables of groups, are their own."""
     for name, facts in EXPERIMENTS.items():
-        fitted = [table.name for table in facts.tables if table.judged]
-        for of, several in ((f"{name} trials", fitted), *((one, [one]) for one in facts.judged_further)):
-            found = [tables[one] for one in several if one in tables and DOUBTFUL in tables[one].columns]
-            trials: dict[str, dict[str, str]] = {}
-            judged: dict[str, None] = {}
-            for table in found:
-                key = "trial" if "trial" in table.columns else "group"
-                for trial, cell in table.select(key, DOUBTFUL).drop_nulls().iter_rows():
-                    judged[trial] = None
-                    for reason in reasons_in(cell):
-                        trials.setdefault(reason.cause, {}).setdefault(trial, reason.text)
-            for cause, texts in trials.items():
-                known = CAUSES.get(cause)
-                says, remedy = (known.says, known.remedy) if known else (next(iter(texts.values())), "")
-                yield Finding("doubtful", of.replace("_", " "), cause, says, remedy, tuple(texts), tuple(judged))
+        fitted = {table.name: table.doubts_of for table in facts.tables if table.judged}
+        for table, of in (fitted | dict.fromkeys(facts.judged_further, "")).items():
+            if DOUBTFUL not in tables.get(table, pl.DataFrame()).columns:
+                continue
+            causes = causes_by_trial(tables[table], tables.get(of))
+            by_cause: dict[str, dict[str, str]] = {}
+            for trial, texts in causes.items():
+                for cause, text in texts.items():
+                    by_cause.setdefault(cause, {})[str(trial)] = text
+            judged = f"{name} trials" if table in fitted else table.replace("_", " ")
+            judged += f", in {table}.csv alone" if of else ""
+            for cause, trials in by_cause.items():
+                known = CAUSES.get(cause) or Cause(cause, next(iter(trials.values())), "")
+                yield Finding(
+                    "doubtful", judged, cause, known.says, known.remedy, tuple(trials), tuple(map(str, causes))
+                )
 
 
 def flags_in(verdicts: pl.DataFrame) -> Iterator[Finding]:

@@ -5,12 +5,14 @@ import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import polars as pl
 
 from osl_analysis.dictionary import DescribedTable
 from osl_analysis.experiments import EXPERIMENTS
+from osl_analysis.judge.doubts import not_checked_of, reasons_in
+from osl_analysis.judge.recording import CHECKS
 from osl_analysis.report.panels import Pictures
 from osl_analysis.summary.text import AMPLITUDES, decimals, fixed, rounded_by, told_apart, trials_text
 
@@ -58,6 +60,9 @@ def without_result(causes: list[str]) -> LeftOut:
     return LeftOut(True, [f"it has no result{because}"])
 
 
+Verdict = Literal["used", "flagged", "doubtful", "excluded", "refused"]
+
+
 @dataclass(frozen=True)
 class ReportedTrial:
     """One trial, as far as the campaign's results know it."""
@@ -83,10 +88,17 @@ class ReportedTrial:
         return self.main.filter(pl.col("doubtful").fill_null("") != "") if judged else self.main.clear()
 
     @property
-    def verdict(self) -> Literal["used", "doubtful", "excluded", "refused"]:
+    def flags(self) -> list[str]:
+        """The checks of its recording that it does not pass although it is used, each with its cause and what to do."""
+        rows = self.quality.filter(pl.col("verdict") == "flag").to_dicts() if self.quality is not None else []
+        flagged = [(CHECKS[row["check"]].cause, row["remark"]) for row in rows]
+        return [f"{cause.name}: {remark or cause.says}. {cause.remedy}" for cause, remark in flagged]
+
+    @property
+    def verdict(self) -> Verdict:
         if self.left_out:
             return "refused" if self.refused else "excluded"
-        return "doubtful" if len(self.doubtful) else "used"
+        return "doubtful" if len(self.doubtful) else "flagged" if self.flags else "used"
 
     def condition(self, columns: Collection[str] | None = None) -> str:
         """Its conditions in one line, or those of them in these columns of the sheet."""
@@ -107,9 +119,6 @@ def trial_content(
     """All text of a trial for the page; `checks` has the meaning of each check of quality control."""
     tables = {name: table for name, table in trial.tables.items() if len(table)}
     name = next(iter(tables), "")
-    main, unchecked = trial.main, pl.Series(dtype=pl.String)
-    if "not_checked" in main.columns:
-        unchecked = main["not_checked"].drop_nulls().unique(maintain_order=True)
     last = tables[name].row(-1, named=True) if tables else {}  # the fit to all of it
     filled = {column: value for column, value in last.items() if value not in (None, "")}
     return {
@@ -120,7 +129,8 @@ def trial_content(
         "verdict": trial.verdict,
         "left_out": list(trial.left_out),
         "doubts": doubts_of(tables, described),
-        "not_checked": [str(reason) for reason in unchecked],
+        "flags": trial.flags,
+        "not_checked": [f"{what}: {why}" for what, why in not_checked_of(trial.main).items()],
         "table": name,
         "estimates": estimate_rows(tables[name], described.get(name)) if tables else None,
         "columns": [[one, shown(v), *unit_and_meaning(one, described.get(name)).values()] for one, v in filled.items()],
@@ -185,20 +195,15 @@ def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, Descri
             at = ", ".join(f"{row[column]:g} {unit}" for column, unit in parts.items() if row.get(column) is not None)
             place = at or ("all amplitudes" if "amplitude_deg" in row else "whole trial")
             of = "other" if number else "part" if row.get("amplitude_deg") is not None else "all"
-            for text in doubt_texts(row.get("doubtful") or ""):
-                if number and re.match(r"\w+\.csv: ", text):
-                    break  # the rest of the cell is the other table's
-                named = re.match(r"(?:\w+\.csv: )?(\w+) ", text)
-                said = unit_and_meaning(named[1], described.get(name))["meaning"] if named else ""
+            for doubt in reasons_in(row.get("doubtful")):
+                if number and doubt.inherited:
+                    continue
+                names = re.findall(r"(\w+) (?:\S+ is (?:above|below) |is not a number)", doubt.text)
+                meanings = {one: unit_and_meaning(one, described.get(name))["meaning"] for one in names}
+                said = "; ".join(f"{one} is {meaning}" for one, meaning in meanings.items() if meaning)
                 where = f"{name}.csv, {place}" if number else place
-                found.append({"where": where, "of": of, "text": text, "meaning": said})
+                found.append({"where": where, "of": of, "text": doubt.text, "meaning": said})
     return found
-
-
-def doubt_texts(cell: str) -> list[str]:
-    """The doubts of a cell, each as `doubtful.doubts` begins it."""
-    beginning = r"(?:^|; )(?=(?:\w+\.csv: )?\w+ (?:\S+ is (?:above|below) |is not a number))"
-    return [part for part in re.split(beginning, cell) if part]
 
 
 def quality_rows(quality: pl.DataFrame | None, checks: Mapping[str, str]) -> Texts:
@@ -286,16 +291,19 @@ def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any
         known = isinstance(value, int | float) and math.isfinite(value)
         text, interval = value_and_interval(estimates, column) if known else (NO_VALUE, "")
         numbers.append({"column": column, "sort": repr(value) if known else "", "text": text, "interval": interval})
-    parts = ["whole trial"] * len(trial.doubtful)
-    if "amplitude_deg" in trial.doubtful.columns:
-        parts = ["all amplitudes" if deg is None else f"{deg:g} deg" for deg in trial.doubtful["amplitude_deg"]]
-    doubts = trial.doubtful["doubtful"] if parts else ()
+    by_cause: dict[str, tuple[str, list[str]]] = {}  # the text of the last row, which is of all of the trial, and where
+    for row in trial.doubtful.to_dicts():
+        part = "all amplitudes" if row.get("amplitude_deg") is None else f"{row['amplitude_deg']:g} deg"
+        for doubt in reasons_in(row["doubtful"]):
+            places = by_cause.get(doubt.cause, ("", []))[1]
+            by_cause[doubt.cause] = (doubt.text, [*places, part if "amplitude_deg" in row else "whole trial"])
+    doubts = [f"{', '.join(places)}: {text}" for text, places in by_cause.values()] or trial.flags
     return {
         "name": trial.name,
         "experiment": trial.row["experiment"],
         "condition": trial.condition(differing),
         "verdict": trial.verdict,
-        "doubt": next(iter(trial.left_out), "; ".join(f"{p}: {text}" for p, text in zip(parts, doubts, strict=True))),
+        "doubt": next(iter(trial.left_out), "; ".join(doubts)),
         "numbers": numbers,
     }
 
@@ -328,7 +336,7 @@ def left_out(trials: Sequence[ReportedTrial]) -> list[dict[str, Any]]:
 
 def counts(trials: Sequence[ReportedTrial]) -> dict[str, int]:
     found = Counter(trial.verdict for trial in trials)
-    return {verdict: found[verdict] for verdict in ("used", "doubtful", "excluded", "refused")}
+    return {verdict: found[verdict] for verdict in get_args(Verdict)}
 
 
 def choices(trials: Sequence[ReportedTrial]) -> dict[str, list[str]]:

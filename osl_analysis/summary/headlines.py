@@ -12,8 +12,8 @@ import polars as pl
 
 from osl_analysis.about import ABOUT_MACROS
 from osl_analysis.errors import InputError
-from osl_analysis.experiments import judged_tables
-from osl_analysis.judge.doubts import DOUBTFUL, counted, doubtful_count
+from osl_analysis.experiments import EXPERIMENTS, judged_tables
+from osl_analysis.judge.doubts import DOUBTFUL, causes_by_trial, counted, doubtful_count
 from osl_analysis.trial import Array
 
 CONTROLLERS = ("compensated", "uncompensated")  # the controllers of the draft
@@ -159,8 +159,10 @@ def latin(sign: str) -> str:
 
 
 def doubtful_label(table: str) -> Label:
-    meaning = f"doubtful fits in {table}.csv, whose column says why"
-    return Label(f"doubtful_{table}", "fits", None, f"Doubtful{letters(table)}", meaning)
+    of, counted_are = DOUBTS_OF.get(table), "groups" if table == "walking_groups" else "trials"
+    why = f"for another cause than in {of}.csv" if of else "whose column says why"
+    meaning = f"doubtful {counted_are} in {table}.csv, {why}"
+    return Label(f"doubtful_{table}", counted_are, None, f"Doubtful{letters(table)}", meaning)
 
 
 def all_labels() -> list[Label]:
@@ -312,6 +314,8 @@ TABLES = {
     "walking": ("VAF",),
 }  # fmt: skip
 """The tables with headline numbers, and the columns that these need."""
+DOUBTS_OF = {table.name: table.doubts_of for facts in EXPERIMENTS.values() for table in facts.tables if table.doubts_of}
+"""Per table, the table of the same trials whose doubts its rows share."""
 
 
 def needed_columns(table: str) -> tuple[str, ...] | None:
@@ -331,7 +335,11 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example = DRAF
         number for name, of_table in BENCH if name in tables for number in by_place(tables[name], of_table, example)
     ]
     numbers += [number for name, of_table in WALKING if name in tables for number in of_table(tables[name])]
-    doubts = [doubtful_fits(name, table) for name, table in tables.items() if name in judged_tables()]
+    doubts = [
+        doubtful_trials(name, table, tables.get(DOUBTS_OF.get(name, "")))
+        for name, table in tables.items()
+        if name in judged_tables()
+    ]
     return with_own_names([*numbers, *doubts])
 
 
@@ -420,9 +428,12 @@ def torque_angle_headlines(table: pl.DataFrame) -> list[Headline]:
     return numbers
 
 
-def doubtful_fits(name: str, table: pl.DataFrame) -> Headline:
-    doubtful, n = doubtful_count(table)
-    return Headline(**asdict(doubtful_label(name)), value=doubtful, low=None, high=None, interval=COUNT, n=n)
+def doubtful_trials(name: str, table: pl.DataFrame, of: pl.DataFrame | None) -> Headline:
+    """How many trials are doubtful, of those with a fit; a table whose rows share the doubts of another one, `of`,
+    counts those with a cause of their own."""
+    causes = causes_by_trial(table, of)
+    doubtful = sum(map(bool, causes.values()))
+    return Headline(**asdict(doubtful_label(name)), value=doubtful, low=None, high=None, interval=COUNT, n=len(causes))
 
 
 BENCH: tuple[tuple[str, Callable[[pl.DataFrame, Example], list[Headline]]], ...] = (

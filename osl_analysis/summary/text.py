@@ -34,6 +34,11 @@ def missing_results(refused: Iterable[Refusal]) -> dict[str, str]:
     return {one.file: one.reason.removeprefix(f"{one.file}: ") for one in refused if not one.trial}
 
 
+def finding_lines(content: Mapping[str, Any]) -> list[str]:
+    """What a reader must know of the campaign: its doubts and flags, and what could not be checked, a line each."""
+    return [str(one["line"]) for one in content.get("findings", ())]
+
+
 def missing_lines(content: Mapping[str, Any], reasons: bool) -> list[str]:
     """A line per experiment with missing trials, with their `reasons` or without, and per missing result."""
     lines = []
@@ -113,8 +118,10 @@ def to_columns(numbers: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def rows(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
-    """The cells of each number: what it is, value, interval, trials, the draft's value."""
+    """The cells of each number: what it is, value, interval, trials, the draft's value. Counts of 0 are left out."""
     for number in numbers.values():
+        if number["interval"] == COUNT and not number["value"]:
+            continue
         digits = decimals(number["value"], *rounded_by(number))
         value = f"{fixed(number['value'], digits)} {number['unit']}"
         interval, draft = "", "" if number["draft"] is None else f"{number['draft']:g}"

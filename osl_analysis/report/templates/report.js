@@ -237,7 +237,7 @@
     if (!content.doubts.length) return null;
     const items = (doubts) => element("ul", { class: "doubts" }, ...doubts.map((doubt) => element(
       "li", {}, element("b", {}, `${doubt.where}: `), doubt.text,
-      doubt.meaning ? element("span", { class: "meaning" }, `What this number is: ${doubt.meaning}`) : null,
+      doubt.meaning ? element("span", { class: "meaning" }, `What the numbers are: ${doubt.meaning}`) : null,
     )));
     const whole = content.doubts.filter((doubt) => doubt.of === "all");
     const single = content.doubts.filter((doubt) => doubt.of === "part");
@@ -331,6 +331,7 @@
       content.condition ? element("p", {}, content.condition) : null,
       ...content.left_out.map((reason) => element("p", {}, element("b", {}, `${content.verdict}: `), reason)),
       doubtList(content),
+      ...content.flags.map((flag) => element("p", {}, element("b", {}, "Flagged: "), flag)),
       estimates(content),
       ...content.not_checked.map((what) => element("p", { class: "note" }, `Not checked: ${what}`)),
       content.panels.length ? section("Signals", element("p", { class: "note" }, content.remark, thinned(every)), plots) : null,

@@ -36,6 +36,10 @@ class Line:
         """Times [s] of the slave on the master's clock [s]."""
         return self.offset + (1.0 + self.drift) * time
 
+    def rms(self, first: Array, second: Array) -> float:
+        """RMS [s] of what is left of pairs of times, (n,) each."""
+        return float(np.sqrt(((second - self.to_master(first)) ** 2).mean()))
+
 
 @dataclass(frozen=True)
 class ClockFit(Line):
@@ -92,7 +96,7 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
     noise = float(np.hypot(slave.step, master.step)) / np.sqrt(12)
     first, second = extended(slave, master, *first_pairs(slave, master), noise)
     line, used = robust_line(first, second, noise)
-    rms = float(np.sqrt(((second - line.to_master(first))[used] ** 2).mean()))
+    rms = line.rms(first[used], second[used])
     limit = max(slave.step, master.step)
     if rms > limit:
         raise InputError(
@@ -219,25 +223,20 @@ def correlate_clocks(slave: Course, master: Course) -> ClockFit:
     """
     if min(slave.time.size, master.time.size) < 4 * SECTIONS:
         raise InputError(f"fewer than {4 * SECTIONS} samples of the shared signal; record longer")
-    step = min(slave.step, master.step)
+    step, limit = min(slave.step, master.step), max(slave.step, master.step)
     ours, theirs = slave.on_grid(step), master.on_grid(step)
     if not min(np.ptp(ours), np.ptp(theirs)) > 0:
         raise InputError("the shared signal of one recorder is constant; check the channel and its sensor")
-    lag = whole_lag(ours, theirs)
-    first, second = section_lags(ours, theirs, lag)
+    first, second = section_lags(ours, theirs, whole_lag(ours, theirs))
     if first.size < MINIMUM_EDGES:
         raise InputError(
             f"the shared signal moves in {first.size} of {SECTIONS} sections of the recording, at least "
             f"{MINIMUM_EDGES} are needed; move the joint throughout"
         )
-    return lag_line(slave.time[0] + step * first, master.time[0] + step * second, max(slave.step, master.step), step)
-
-
-def lag_line(first: Array, second: Array, limit: float, step: float) -> ClockFit:
-    """Line through pairs of times [s], (n,) each; the residual of a first fit is the noise of the second."""
+    first, second = slave.time[0] + step * first, master.time[0] + step * second
     line, used = robust_line(first, second, step)
-    for _ in range(2):
-        rms = float(np.sqrt(((second - line.to_master(first))[used] ** 2).mean()))
+    for _ in range(2):  # the residual of the fit before is the noise of the next
+        rms = line.rms(first[used], second[used])
         line, used = robust_line(first, second, max(rms, 0.01 * step))
     if rms > limit:
         raise InputError(
@@ -270,25 +269,20 @@ def whole_lag(ours: Array, theirs: Array) -> int:
 
 def correlation_by_lag(ours: Array, theirs: Array) -> tuple[NDArray[np.intp], Array]:
     """Lags [samples] with enough overlap, and the absolute correlation coefficient over the overlap at each lag."""
+    from scipy.signal import fftconvolve  # half a second, which other trials need not wait for
+
     flipped, one, other = ours[::-1], np.ones(ours.size), np.ones(theirs.size)
-    overlap = np.maximum(np.rint(convolved(other, one)), 1)
-    sum_ours, sum_theirs = convolved(other, flipped), convolved(theirs, one)
-    covariance = convolved(theirs, flipped) - sum_ours * sum_theirs / overlap
-    scatter_ours = convolved(other, flipped**2) - sum_ours**2 / overlap
-    scatter_theirs = convolved(theirs**2, one) - sum_theirs**2 / overlap
+    overlap = np.maximum(np.rint(fftconvolve(other, one)), 1)
+    sum_ours, sum_theirs = fftconvolve(other, flipped), fftconvolve(theirs, one)
+    covariance = fftconvolve(theirs, flipped) - sum_ours * sum_theirs / overlap
+    scatter_ours = fftconvolve(other, flipped**2) - sum_ours**2 / overlap
+    scatter_theirs = fftconvolve(theirs**2, one) - sum_theirs**2 / overlap
     # over a quiet overlap the coefficient would be noise: its scatter counts as at least QUIET of the whole
     floor_ours, floor_theirs = (max(QUIET * float((x**2).sum()), np.finfo(float).tiny) for x in (ours, theirs))
     scatter = np.maximum(scatter_ours, floor_ours) * np.maximum(scatter_theirs, floor_theirs)
     enough = overlap >= OVERLAP * min(ours.size, theirs.size)
     lags = np.arange(overlap.size) - (ours.size - 1)
     return lags[enough], (abs(covariance) / np.sqrt(scatter))[enough]
-
-
-def convolved(first: Array, second: Array) -> Array:
-    """Full convolution, (n + m - 1,)."""
-    count = first.size + second.size - 1
-    size = 1 << (count - 1).bit_length()
-    return np.asarray(np.fft.irfft(np.fft.rfft(first, size) * np.fft.rfft(second, size), size)[:count])
 
 
 def section_lags(ours: Array, theirs: Array, lag: int) -> tuple[Array, Array]:
@@ -332,58 +326,55 @@ def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) 
     `shared`, or else of the two sync voltages. A log that says `clock: common` has the times of that file.
     """
     if log.facts.get("clock") == "common":
-        return common_clock(log, mocap), []
+        starts = [one.facts.get("time", {}).get("start") for one in (log, mocap)]
+        if None in starts:
+            raise InputError(
+                "the log says `clock: common`, but the capture's file states no times, as only TRC does; write `clock: "
+                "sync` and map the column sync"
+            )
+        return ClockFit(starts[0] - starts[1], 0.0, 0.0, 0.0, 0, 0, "common"), []
     try:
-        return fit_clock(edges_of(log, "log"), edges_of(mocap, "motion capture")), []
+        edges = [find_edges(*sync_of(one, who)) for one, who in ((log, "log"), (mocap, "motion capture"))]
+        return fit_clock(*edges), []
     except InputError as error:
         refused = error
     if shared is None and not all("sync" in one.samples.columns for one in (log, mocap)):
         raise refused
     what = f"'{shared.column}' and the angle at marker {shared.markers[1]}" if shared else "the sync level"
     try:
-        ours = course_of(log, shared.column if shared else "sync", "log")
-        theirs = marker_angle(mocap, shared.markers) if shared else course_of(mocap, "sync", "motion capture")
+        column = shared.column if shared else "sync"
+        if column not in log.samples.columns:
+            raise InputError(f"no column '{column}' from log; map the channel in its source file")
+        ours = Course(*values_of(log, column))
+        theirs = marker_angle(mocap, shared.markers) if shared else Course(*values_of(mocap, "sync"))
         fit = correlate_clocks(ours, theirs)
     except InputError as error:
         raise InputError(f"{refused}; cross-correlation of {what} does not align them either: {error}") from error
     return fit, [f"clocks aligned by cross-correlation of {what}, because of the sync edges: {refused}"]
 
 
-def common_clock(log: Recording, mocap: Recording) -> ClockFit:
-    """The clock of a log whose times [s] are those of the capture's file, by the time of each one's first row."""
-    starts = [one.facts.get("time", {}).get("start") for one in (log, mocap)]
-    if None in starts:
-        raise InputError(
-            "the log says `clock: common`, but the capture's file states no times, as only TRC does; write `clock: "
-            "sync` and map the column sync"
-        )
-    return ClockFit(starts[0] - starts[1], 0.0, 0.0, 0.0, 0, 0, "common")
-
-
-def course_of(recording: Recording, column: str, who: str) -> Course:
-    if column not in recording.samples.columns:
-        raise InputError(f"no column '{column}' from {who}; map the channel in its source file")
+def values_of(recording: Recording, column: str) -> tuple[Array, Array]:
+    """Times [s] and values of a column, where it has any."""
     rows = recording.samples.select("time", column).drop_nulls()
-    return Course(rows["time"].to_numpy(), rows[column].to_numpy())
+    return rows["time"].to_numpy(), rows[column].to_numpy()
+
+
+def sync_of(recording: Recording, who: str) -> tuple[Array, Array]:
+    if "sync" not in recording.samples.columns:
+        raise InputError(
+            f"no column 'sync' from {who}: the clocks cannot be aligned; map the channel in its source file"
+        )
+    return values_of(recording, "sync")
 
 
 def marker_angle(mocap: Recording, labels: Sequence[str]) -> Course:
     """Angle [rad] at the second of three markers, where all of them are seen."""
-    absent = [label for label in labels if marker_columns(label)[0] not in mocap.samples.columns]
+    columns = [marker_columns(label) for label in labels]
+    absent = [label for label, three in zip(labels, columns, strict=True) if three[0] not in mocap.samples.columns]
     if absent:
         raise InputError(f"no marker '{absent[0]}', which `shared` names; correct the source file of motion capture")
-    columns = [marker_columns(label) for label in labels]
     seen = mocap.samples.select("time", *(name for three in columns for name in three)).fill_nan(None).drop_nulls()
     first, vertex, last = (seen.select(three).to_numpy() for three in columns)
     one, other = first - vertex, last - vertex
     angle = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
     return Course(seen["time"].to_numpy(), np.asarray(angle))
-
-
-def edges_of(recording: Recording, who: str) -> Edges:
-    if "sync" not in recording.samples.columns:
-        raise InputError(
-            f"no column 'sync' from {who}: the clocks cannot be aligned; map the channel in its source file"
-        )
-    rows = recording.samples.select("time", "sync").drop_nulls()
-    return find_edges(rows["time"].to_numpy(), rows["sync"].to_numpy())

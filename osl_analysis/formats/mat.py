@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest
-from osl_analysis.formats.extras import optional_module
+from osl_analysis.formats import optional_module
 from osl_analysis.trial import Array
 
 MARK5, MARK73 = b"MATLAB 5.0 MAT", b"MATLAB 7."

@@ -23,8 +23,8 @@ import zstandard
 from mcap.records import Channel, Schema
 
 from osl_analysis.errors import InputError, listing
+from osl_analysis.formats import optional_module
 from osl_analysis.formats.cdr import parse_schema
-from osl_analysis.formats.extras import optional_module
 from osl_analysis.formats.mcap import MAGIC as MCAP
 from osl_analysis.formats.mcap import DamagedChunkError, read_mcap
 from osl_analysis.formats.messages import NOT_DEFINED, MessageBlock, MessageFile, RefusedFileError, SplitLog

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.formats import optional_module
 from osl_analysis.formats.csv_table import CONTROL
-from osl_analysis.formats.extras import optional_module
 
 MAGIC = b"TDSm"
 INDEX = b"TDSh"

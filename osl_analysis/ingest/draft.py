@@ -7,7 +7,7 @@ character as an escape. Nothing is taken as told that is not: a trial that no na
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,7 +16,7 @@ import numpy as np
 from osl_analysis.columns import COLUMNS
 from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.ingest.overview import NAME_OF_TIME, UNKNOWN, Overview, RecordedChannel
-from osl_analysis.ingest.units import base_units, dimension, normalised
+from osl_analysis.ingest.units import base_units, dimension, is_unit, normalised
 
 MOTOR = r"\b(motor|actuator|act|output|gear|mot)\b"
 COMMAND = r"\b(command|commanded|cmd|desired|des|ref|reference|target|setpoint|goal)\b"
@@ -148,11 +148,27 @@ def channel_lines(channels: Sequence[RecordedChannel], named: bool = False) -> I
     times = Counter(guesses)
     comment_others = any(guesses) and (named or len(channels) > MOST_ACTIVE)
     for number, (channel, guess) in enumerate(zip(channels, guesses, strict=True), start=1):
-        line = channel_line(number, channel, guess)
-        if named and guess and times[guess] == 1 and unit_of(channel) != UNKNOWN and is_certain(channel, guess):
-            said = "# guessed from its name" + ";" * bool(channel.likely_unit and not channel.unit)
-            line = line.replace(f"NAME_{number}:", f"{guess}:", 1).replace(f"# {guess}?", said, 1)
+        sure = bool(guess) and times[guess] == 1 and unit_of(channel) != UNKNOWN and is_certain(channel, guess)
+        line = channel_line(number, channel, guess, named and sure)
         yield f"# {line}" if comment_others and not guess else line
+
+
+def channel_line(number: int, channel: RecordedChannel, guess: str = "", sure: bool = False) -> str:
+    """One entry under `channels`; `guess` is the canonical column that it may be, or if that is `sure` is."""
+    unit = unit_of(channel)
+    is_guessed = bool(channel.likely_unit and not channel.unit)
+    said = [("guessed from its name" + ";" * is_guessed) if sure else f"{guess}?"] * bool(guess)
+    said += [f"no known unit: {json.dumps(channel.unit)}"] * (bool(channel.unit) and unit == UNKNOWN)
+    said += ["the unit is guessed: check it"] * is_guessed
+    entry = ", ".join(f"{key}: {json.dumps(value)}" for key, value in {**channel.address, "unit": unit}.items())
+    comment = f"  # {' '.join(said)}" if said else ""
+    return f"  {guess if sure else f'NAME_{number}'}: {{{entry}}}{comment}"
+
+
+def unit_of(channel: RecordedChannel) -> str:
+    """The unit of a channel as the file or its name tells it, where it is a known one."""
+    unit = channel.unit or channel.likely_unit
+    return unit if unit and is_unit(unit) else UNKNOWN
 
 
 def capture_lines(overview: Overview) -> list[str]:
@@ -163,23 +179,7 @@ def capture_lines(overview: Overview) -> list[str]:
         channels = [c for c in overview.channels if c.kind in kinds]
         lines += [f"# {key}:"] if channels else []
         lines += [f"# {channel_line(number, channel)}" for number, channel in enumerate(channels, start=1)]
-    return [*lines, *draft_walking(overview)]
-
-
-def channel_line(number: int, channel: RecordedChannel, guess: str = "") -> str:
-    """One entry under `channels`; `guess` is the canonical column that it may be."""
-    address = {**channel.address, "unit": unit_of(channel)}
-    guessed = [f"{guess}?"] * bool(guess)
-    guessed += [f"no known unit: {json.dumps(channel.unit)}"] * (bool(channel.unit) and unit_of(channel) == UNKNOWN)
-    guessed += ["the unit is guessed: check it"] * bool(channel.likely_unit and not channel.unit)
-    comment = f"  # {' '.join(guessed)}" if guessed else ""
-    return f"  NAME_{number}: {{{', '.join(f'{key}: {json.dumps(value)}' for key, value in address.items())}}}{comment}"
-
-
-def unit_of(channel: RecordedChannel) -> str:
-    """The unit of a channel as the file or its name tells it, where it is a known one."""
-    unit = channel.unit or channel.likely_unit
-    return unit if unit and base_units(normalised(unit)) is not None else UNKNOWN
+    return [*lines, *(f"# {line}" for line in draft_walking(overview))]
 
 
 CLUSTERS = {
@@ -197,27 +197,35 @@ TITLE = "Draft of the section `walking` of the configuration, guessed from the n
 
 
 def draft_walking(overview: Overview) -> list[str]:
-    """Lines of YAML as comments, so that they can stand below the draft of a source file.
+    """Lines of YAML, which stand as comments below the draft of a source file. What names do not tell is UNKNOWN.
 
-    None unless markers are named as a platform's and as a foot's or shank's. What names do not tell is UNKNOWN.
+    None unless markers are named as a platform's and as a foot's or shank's.
     """
+
+    def contains(label: str, word: str) -> bool:
+        """Whether a label contains the pattern; the name of the subject before a colon does not count."""
+        return re.search(word, label.rpartition(":")[2].upper()) is not None
+
     labels = list(dict.fromkeys(c.address["label"] for c in overview.channels if c.kind == "marker"))
     malleoli = {key: [n for n in labels if contains(n, ANKLE) and contains(n, word)] for key, word in SIDES.items()}
     free = [name for name in labels if not any(name in names for names in malleoli.values())]
     clusters = {key: [name for name in free if contains(name, word)] for key, word in CLUSTERS.items()}
     if not clusters["platform"] or not (clusters["foot"] or clusters["shank"]):
         return []
-    few = f"  # UNKNOWN: a cluster has {FEWEST} or more"
-    lines = [
+    few, markers = f"  # UNKNOWN: a cluster has {FEWEST} or more", []
+    for key, names in clusters.items():
+        markers.append(f"    {key}: {json.dumps(names)}{few * (len(names) < FEWEST)}")
+    for key, names in malleoli.items():
+        several = f"one of {', '.join(json.dumps(name) for name in names)}" if names else "named in the static trial"
+        markers.append(f"    {key}: {json.dumps(names[0]) if len(names) == 1 else f'UNKNOWN  # {several}'}")
+    return [
         TITLE,
         "walking:",
         "  side: UNKNOWN  # left or right: the leg that steps on the platform",
         f"  plate: {plate_text(overview, clusters['platform'])}",
         "  markers:",
-        *(f"    {key}: {json.dumps(names)}{few * (len(names) < FEWEST)}" for key, names in clusters.items()),
-        *(f"    {key}: {malleolus_text(names)}" for key, names in malleoli.items()),
+        *markers,
     ]
-    return [f"# {line}" for line in lines]
 
 
 def plate_text(overview: Overview, platform: Sequence[str]) -> str:
@@ -240,19 +248,6 @@ def plate_text(overview: Overview, platform: Sequence[str]) -> str:
         guess = max(loaded, key=lambda plate: plate.load or 0.0)
         why = "the one with the load"
     return f"{guess.address['plate']}  # a guess, to be confirmed: of {len(plates)} force plates {why}"
-
-
-def contains(label: str, word: str) -> bool:
-    """Whether a label contains the pattern; the name of the subject before a colon does not count."""
-    return re.search(word, label.rpartition(":")[2].upper()) is not None
-
-
-def malleolus_text(names: list[str]) -> str:
-    """The label of one malleolus in YAML, or what is to be stated."""
-    if len(names) == 1:
-        return json.dumps(names[0])
-    several = f"one of {', '.join(json.dumps(name) for name in names)}" if names else "named in the static trial"
-    return f"UNKNOWN  # {several}"
 
 
 EXPERIMENTS = {
@@ -297,7 +292,12 @@ def draft_trials(recordings: Sequence[Recorded]) -> list[DraftedTrial]:
     """The trials that recordings are: a log and a capture of the same name are one. Sorted by name."""
     several: dict[str, list[Recorded]] = {}
     for one in sorted(recordings, key=lambda recorded: recorded.path.as_posix()):
-        several.setdefault(free_name(trial_name(one.path), one, several), []).append(one)
+        number, name = 1, trial_name(one.path)
+        free = name
+        while any(other.is_capture == one.is_capture for other in several.get(free, ())):
+            number += 1
+            free = f"{name}_{number}"
+        several.setdefault(free, []).append(one)
     return [drafted(name, files) for name, files in several.items()]
 
 
@@ -311,64 +311,45 @@ def own_name(path: Path) -> str:
     return path.stem if path.suffix else path.name
 
 
-def free_name(name: str, one: Recorded, taken: Mapping[str, list[Recorded]]) -> str:
-    """The name itself where no other file of this kind has it, else with a number."""
-    number, free = 1, name
-    while any(other.is_capture == one.is_capture for other in taken.get(free, ())):
-        number += 1
-        free = f"{name}_{number}"
-    return free
-
-
 def drafted(name: str, files: Sequence[Recorded]) -> DraftedTrial:
-    cells = {"trial": name}
+    """The trial of the files, by what the words of the first one's name tell.
+
+    A stated stiffness tells an impedance trial, but for one who walks.
+    """
+    cells, said = {"trial": name}, own_name(files[0].path)
     for one in files:
         role = "mocap" if one.is_capture else "log"
         cells |= {role: one.path.as_posix(), f"{role}_source": one.source}
-    trial, said = DraftedTrial(cells), own_name(files[0].path)
-    told = experiments_in(said)
+    trial, words, stiffness = DraftedTrial(cells), words_of(said.replace("_", " ")), stated(STIFFNESS, said, SOFTEST)
+    told = [known for known, wanted in EXPERIMENTS.items() if re.search(wanted, words)]
+    told += ["impedance"] * (stiffness is not None and not {"walking", "impedance"} & {*told})
     cells["experiment"] = told[0] if len(told) == 1 else UNNAMED
     if cells["experiment"] == UNNAMED:
         what = f"the name may tell {' or '.join(told)}" if told else "the name tells none"
         trial.open.append(f"experiment: {what}; it stands as {UNNAMED}, which is not analysed")
     if cells["experiment"] == "impedance":
-        state_impedance(said, trial)
+        for column, number in (("K_d", stiffness), ("B_d", stated(DAMPING, said))):
+            if number is not None:
+                cells[column] = number
+            else:
+                trial.open.append(f"{column}: the name does not tell; empty, nothing is compared with it")
+        controller = CONTROLLER.search(said)
+        if controller:
+            cells["controller"] = "uncompensated" if controller[1] else "compensated"
     if cells["experiment"] == "walking":
-        state_perturbed(words_of(said.replace("_", " ")), trial)
+        crossing = [
+            is_so for pattern, is_so in ((UNPERTURBED, "false"), (PERTURBED, "true")) if re.search(pattern, words)
+        ]
+        if crossing:
+            cells["perturbed"] = crossing[0]
+        else:
+            cells["experiment"] = UNNAMED
+            remedy = "write walking, and true or false"
+            trial.open.append(f"perturbed: the name does not tell; it stands as {UNNAMED}: {remedy}")
     return trial
-
-
-def experiments_in(name: str) -> list[str]:
-    """The experiments that a name may tell. A stated stiffness tells an impedance trial, but for one who walks."""
-    words = words_of(name.replace("_", " "))
-    told = [known for known, wanted in EXPERIMENTS.items() if re.search(wanted, words)]
-    stiff = "walking" not in told and stated(STIFFNESS, name, SOFTEST) is not None
-    return [*told, *["impedance"] * (stiff and "impedance" not in told)]
 
 
 def stated(pattern: re.Pattern[str], name: str, smallest: float = 0.0) -> str | None:
     """The one number that a name has behind a letter, as text; None without one, with several, or with a small one."""
     found = set(pattern.findall(name))
     return next((text for text in found if float(text) >= smallest), None) if len(found) == 1 else None
-
-
-def state_impedance(name: str, trial: DraftedTrial) -> None:
-    """K_d, B_d and the controller, where the name has them."""
-    for column, number in (("K_d", stated(STIFFNESS, name, SOFTEST)), ("B_d", stated(DAMPING, name))):
-        if number is not None:
-            trial.cells[column] = number
-        else:
-            trial.open.append(f"{column}: the name does not tell; empty, nothing is compared with it")
-    controller = CONTROLLER.search(name)
-    if controller:
-        trial.cells["controller"] = "uncompensated" if controller[1] else "compensated"
-
-
-def state_perturbed(words: str, trial: DraftedTrial) -> None:
-    """Whether a crossing is perturbed, where the name says so."""
-    for pattern, said in ((UNPERTURBED, "false"), (PERTURBED, "true")):
-        if re.search(pattern, words):
-            trial.cells["perturbed"] = said
-            return
-    trial.cells["experiment"] = UNNAMED
-    trial.open.append(f"perturbed: the name does not tell; it stands as {UNNAMED}: write walking, and true or false")

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing, printable
 from osl_analysis.formats.csv_table import (
     DELIMITERS,
-    Rows,
     check_header_place,
     delimiter_of,
     is_number_cell,
@@ -28,16 +27,14 @@ from osl_analysis.formats.csv_table import (
 from osl_analysis.formats.gait_text import read_opensim
 from osl_analysis.formats.json_lines import (
     MOST_ELEMENTS,
-    DecodedLines,
-    JsonLines,
     addresses_of,
     decode_lines,
     read_json_lines,
 )
 from osl_analysis.formats.mat import Value, open_mat
-from osl_analysis.formats.messages import ChannelSurvey, MessageFile, describe_message, survey_channels
+from osl_analysis.formats.messages import ChannelSurvey, describe_message, survey_channels
 from osl_analysis.formats.object_messages import FieldDescription, last_name
-from osl_analysis.formats.tdms import TdmsFile, read_tdms
+from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest.message_log import FILES
 from osl_analysis.ingest.overview import (
     NAME_OF_TIME,
@@ -109,11 +106,18 @@ def inspect_csv(path: Path) -> Overview:
     body = [(line, unpadded(cells, len(titles))) for line, cells in (rows[1:] if headed else rows)]
     if headed:
         check_header_place(rows[0], body)
-    has_units = headed and bool(body) and is_units_row(body[0][1])
-    below, body = (body[0][1], body[1:]) if has_units else ([], body)
+    below = body[0][1] if headed and body else []
+    known = [bool(cell) and is_unit(without_brackets(cell)) and cell != "1" for cell in below]
+    has_units = not any(map(seems_number, below)) and sum(known) > len(below) / 2
+    below, body = (below, body[1:]) if has_units else ([], body)
     if not body:
         raise InputError("no rows of data below the header; check that it is a recording")
-    check_numbers(body)
+    prose = [row for row in body if not any(map(seems_number, row[1]))]
+    if len(prose) > (1 - LEAST_NUMBERS) * len(body):
+        raise InputError(
+            f"no table of numbers: {len(prose)} of {len(body)} rows hold none, such as line {prose[0][0]}, "
+            f"'{' '.join(prose[0][1])[:40]}'; name a recording, or write a header and a row per sample"
+        )
     cells = [
         pl.Series([row[k] if k < len(row) else "" for _, row in body], dtype=pl.String) for k in range(len(titles))
     ]
@@ -147,36 +151,17 @@ def inspect_csv(path: Path) -> Overview:
     }
     facts = {"rows": str(len(body)), "delimiter": repr(delimiter), "header": "yes" if headed else "none"}
     facts |= {f"comment {i + 1}": text.strip() for i, text in enumerate(comments[:MOST_COMMENTS])}
-    remarks = [*odd_rows(body, len(titles)), *guessed_units(channels, "column")]
+    remarks = []
+    for length, count in Counter(len(row) for _, row in body).items():
+        if length != len(titles):
+            line = next(line for line, row in body if len(row) == length)
+            remarks.append(f"{count} rows have {length} cells under {len(titles)} names, the first in line {line}")
+    remarks += guessed_units(channels, "column")
     return Overview("csv", facts, channels, remarks, settings, open=left_open)
 
 
 def seems_number(cell: str) -> bool:
     return is_number_cell(cell.replace(",", "."))
-
-
-def is_units_row(cells: list[str]) -> bool:
-    """Whether a row below the header holds units: no number, and a unit in most of its cells."""
-    known = [bool(cell) and is_unit(without_brackets(cell)) and cell != "1" for cell in cells]
-    return not any(map(seems_number, cells)) and sum(known) > len(cells) / 2
-
-
-def check_numbers(rows: Rows) -> None:
-    """Refuse text that is no table: most of its rows hold no number."""
-    prose = [row for row in rows if not any(map(seems_number, row[1]))]
-    if len(prose) > (1 - LEAST_NUMBERS) * len(rows):
-        line, cells = prose[0]
-        raise InputError(
-            f"no table of numbers: {len(prose)} of {len(rows)} rows hold none, such as line {line}, "
-            f"'{' '.join(cells)[:40]}'; name a recording, or write a header and a row per sample"
-        )
-
-
-def odd_rows(rows: Rows, width: int) -> Iterator[str]:
-    for length, count in Counter(len(cells) for _, cells in rows).items():
-        if length != width:
-            first = next(line for line, cells in rows if len(cells) == length)
-            yield f"{count} rows have {length} cells under {width} names, the first in line {first}"
 
 
 MOST_ALONE = 100  # largest number of fields that are read one by one to be listed
@@ -188,7 +173,9 @@ def inspect_json(path: Path) -> Overview:
     names, long = addresses_of(lines)
     if not names:
         raise InputError("no line holds a number; name a recording")
-    decoded = decoded_for_list(lines, names)
+    decoded = dict.fromkeys(names, decode_lines(lines, names))
+    if decoded[names[0]].misfits and len(names) <= MOST_ALONE:  # a line has something else than a number in one of them
+        decoded = {name: decode_lines(lines, [name]) for name in names}
     values = {name: one.values[name][one.present[name]] for name, one in decoded.items()}
     stamp, parts = next(iter(stamps_among(names).items()), ("", ("", "")))
     shortest_first = sorted((name for name in names if name not in parts), key=lambda name: name.count("."))
@@ -206,31 +193,18 @@ def inspect_json(path: Path) -> Overview:
     if stamp and not called:
         time = {"field": stamp}
         try:
-            whole = stamp_channel(lines, decode_lines(lines, parts), stamp, parts)
+            column = stamp_column(lines, decode_lines(lines, parts), parts)
+            there = np.ma.getdata(column)[~np.ma.getmaskarray(column)]
+            seconds = (there - there[:1].sum()) / SECOND
+            notes = ["a stamp of seconds and nanoseconds", gaps_text(seconds)]
+            notes += [f"in {seconds.size} of {column.size} lines"] * bool(seconds.size < column.size)
+            note, rate = ", ".join(filter(None, notes)), rate_of(seconds)
+            whole = RecordedChannel("field", {"field": stamp}, "", seconds.size, rate, note, "int64")
             channels = {stamp: whole, **{name: one for name, one in channels.items() if name not in parts}}
         except InputError as error:
             remarks.append(str(error))
     facts, settings = {"rows": str(lines.starts.size)}, {"clock": "master", "time": time}
     return Overview("json_lines", facts, list(channels.values()), remarks, settings, open=left_open)
-
-
-def decoded_for_list(lines: JsonLines, names: Sequence[str]) -> dict[str, DecodedLines]:
-    """Every field for the list; each on its own where a line has something else than a number in one of them."""
-    decoded = decode_lines(lines, names)
-    if not decoded.misfits or len(names) > MOST_ALONE:
-        return dict.fromkeys(names, decoded)
-    return {name: decode_lines(lines, [name]) for name in names}
-
-
-def stamp_channel(lines: JsonLines, decoded: DecodedLines, name: str, parts: tuple[str, str]) -> RecordedChannel:
-    """A stamp of seconds and nanoseconds, as one clock."""
-    column = stamp_column(lines, decoded, parts)
-    there = np.ma.getdata(column)[~np.ma.getmaskarray(column)]
-    seconds = (there - there[:1].sum()) / SECOND
-    notes = ["a stamp of seconds and nanoseconds", gaps_text(seconds)]
-    notes += [f"in {seconds.size} of {column.size} lines"] * bool(seconds.size < column.size)
-    note = ", ".join(filter(None, notes))
-    return RecordedChannel("field", {"field": name}, "", int(seconds.size), rate_of(seconds), note, "int64")
 
 
 MOST_LISTED = 500  # largest number of variables that are listed
@@ -298,8 +272,12 @@ def inspect_mat(path: Path) -> Overview:
         left_open = [f"{what}: {parts}", *left_open]
     time = time_setting("variable", clocks[clock].listed(clock) if clock else None)
     settings = {"clock": "master", **({"log_part": part} if part else {}), "time": time}
-    channels = [leaf.listed(leaf.address) for leaf in leaves[:MOST_LISTED]]
-    return Overview("mat", facts, channels, remarks, settings, list(draft_channels(drafted)), left_open)
+    channels, signals = [leaf.listed(leaf.address) for leaf in leaves[:MOST_LISTED]], []
+    for leaf in drafted:  # each column of a matrix, or row if it has more columns
+        rows, columns = leaf.value.shape
+        lines = [f"(:,{k + 1})" for k in range(columns)] if rows >= columns else [f"({k + 1},:)" for k in range(rows)]
+        signals += [leaf.listed(f"{leaf.name}{line}") for line in (lines if min(rows, columns) > 1 else [""])]
+    return Overview("mat", facts, channels, remarks, settings, signals, left_open)
 
 
 def leaves_of(part: str, name: str, value: Value) -> Iterator[Leaf]:
@@ -329,20 +307,19 @@ def parts_alike(leaves: Sequence[Leaf]) -> Mapping[str, list[Leaf]]:
     return max(groups.values(), key=lambda group: sum(map(len, group.values())), default={})
 
 
-def draft_channels(drafted: Sequence[Leaf]) -> Iterator[RecordedChannel]:
-    """The signals of one part by their names within it; each column of a matrix, or row if it has more columns."""
-    for leaf in drafted:
-        rows, columns = leaf.value.shape
-        lines = [f"(:,{k + 1})" for k in range(columns)] if rows >= columns else [f"({k + 1},:)" for k in range(rows)]
-        for line in lines if min(rows, columns) > 1 else [""]:
-            yield leaf.listed(f"{leaf.name}{line}")
-
-
 def inspect_tdms(path: Path) -> Overview:
     """Channels with unit, range and rate by their own timing."""
-    file, remarks = read_tdms(path), list[str]()
-    remarks += file.notes
-    numbers = numbers_for_list(file, remarks)
+    file = read_tdms(path)
+    remarks, numbers = list(file.notes), dict[str, NDArray[Any]]()
+    readable = [one for one in file.channels if one.count and (one.holds_numbers or one.holds_times)]
+    try:
+        numbers = file.values(readable)
+    except InputError:
+        for one in readable:
+            try:
+                numbers |= file.values([one])
+            except InputError as error:
+                remarks.append(str(error))
     stamps = [one.address for one in file.channels if one.holds_times and one.count]
     timed = any(one.step is not None for one in file.channels)
     paths = {one.address.replace(".", "_").replace("/", "."): one.address for one in file.channels}
@@ -358,25 +335,9 @@ def inspect_tdms(path: Path) -> Overview:
     settings: dict[str, object] = {"clock": "master"}
     if not timed:
         settings["time"] = time_setting("channel", channels[clock] if clock else None)
-        left_open = list(left_open)
     facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no", **file.properties}
     drafted = [channels[one.address] for one in file.channels if one.count and one.holds_numbers]
     return Overview("tdms", facts, list(channels.values()), remarks, settings, drafted, [] if timed else left_open)
-
-
-def numbers_for_list(file: TdmsFile, remarks: list[str]) -> dict[str, NDArray[Any]]:
-    """The numbers and stamps of each channel that has any; what cannot be read is remarked."""
-    readable = [one for one in file.channels if one.count and (one.holds_numbers or one.holds_times)]
-    try:
-        return file.values(readable)
-    except InputError:
-        found = dict[str, NDArray[Any]]()
-    for one in readable:
-        try:
-            found |= file.values([one])
-        except InputError as error:
-            remarks.append(str(error))
-    return found
 
 
 ENDINGS = {r"force.*_v[xyz]": "N", r"force.*_p[xyz]": "m", r"(torque|moment).*_[xyz]|_moment": "N*m", r"_t[xyz]": "m"}
@@ -395,20 +356,15 @@ def inspect_opensim(path: Path) -> Overview:
         except InputError as error:
             remarks.append(str(error))
             continue
-        guess = "" if name == clock else opensim_unit(name, table.angles)
-        channels[name] = replace(found, likely_unit=guess)
+        known = [unit for pattern, unit in ENDINGS.items() if re.search(f"({pattern})$", name, re.IGNORECASE)]
+        guess = likely_unit(name) or (known[0] if known else table.angles)  # of a coordinate by `inDegrees`
+        channels[name] = replace(found, likely_unit="" if name == clock else guess)
     guessed = [f"{name} [{one.likely_unit}]" for name, one in channels.items() if one.likely_unit]
     remarks += [f"units guessed from the names, to be checked: {', '.join(guessed)}"] * bool(guessed)
     facts = {"rows": str(len(table.rows))} | {key: value for key, value in table.header.items() if value}
     settings = {"clock": "master", "time": {"column": clock or NAME_OF_TIME, "unit": "s" if clock else UNKNOWN}}
     note = plates_text(table.names)
     return Overview("opensim", facts, list(channels.values()), remarks, settings, open=left_open, draft_note=note)
-
-
-def opensim_unit(name: str, angles: str) -> str:
-    """The unit that a column's name tells: of a force, a position, a moment; of a coordinate by `inDegrees`."""
-    known = [unit for pattern, unit in ENDINGS.items() if re.search(f"({pattern})$", name, re.IGNORECASE)]
-    return likely_unit(name) or (known[0] if known else angles)
 
 
 def plates_text(names: Sequence[str]) -> str:
@@ -449,37 +405,25 @@ def inspect_messages(name: str, path: Path) -> Overview:
     file = FILES[name](path)
     surveys = survey_channels(file)
     remarks = list(file.damage.all_remarks())
-    remarks += [remark for survey in surveys for remark in clock_remarks(survey)]
+    for survey in surveys:
+        table = pl.DataFrame({"stamp": survey.log_time, "message": np.arange(survey.log_time.size)})
+        try:  # what ingest will say of a channel's log times, if they go back
+            check_not_set(survey.channel.topic, table, "its log times cannot be used")
+        except InputError as error:
+            remarks.append(str(error))
     described = [(survey, fields_of(survey, remarks)) for survey in surveys]
     channels = [channel for survey, fields in described for channel in channels_of(survey, fields)]
     stamped = any(field.path.startswith(f"{STAMP}stamp") for _, fields in described for field in fields)
     settings = {"clock": "master", "time": {"source": "header" if stamped else "log"}}
-    return Overview(name, facts_of(file), channels, remarks, settings)
-
-
-def facts_of(file: MessageFile) -> dict[str, str]:
-    """Size, what was read, what was lost, and whether checksums cover it."""
-    damage = file.damage
-    lost = damage.messages_lost()
-    return {
+    damage, lost = file.damage, file.damage.messages_lost()
+    facts = {
         "bytes": str(file.size),
         "chunks": str(damage.chunks),
         "messages": str(damage.messages),
         "messages lost": "the file does not tell" if lost is None else str(lost),
         "checksums": damage.crc(),
     }
-
-
-def clock_remarks(survey: ChannelSurvey) -> Iterator[str]:
-    """What ingest will say of a channel's log times, if they go back."""
-    if survey.log_time.size < 2:
-        return
-    log_time = survey.log_time
-    table = pl.DataFrame({"stamp": log_time, "message": np.arange(log_time.size)})
-    try:
-        check_not_set(survey.channel.topic, table, "its log times cannot be used")
-    except InputError as error:
-        yield str(error)
+    return Overview(name, facts, channels, remarks, settings)
 
 
 def fields_of(survey: ChannelSurvey, remarks: list[str]) -> list[FieldDescription]:
@@ -500,6 +444,7 @@ def channels_of(survey: ChannelSurvey, fields: list[FieldDescription]) -> Iterat
     """A topic's numbers, one by one as a source file names them; the topic alone where there are none."""
     topic, encoding = survey.channel.topic, survey.channel.message_encoding
     kind = f"{survey.schema.name} ({encoding})" if survey.schema else encoding
+    units = UNITS.get(survey.schema.name.replace("/msg/", "/"), {}) if survey.schema else {}
     log_time = survey.log_time
     stamps = (log_time - log_time[:1].sum()) / SECOND
     rate = rate_of(stamps)
@@ -509,15 +454,9 @@ def channels_of(survey: ChannelSurvey, fields: list[FieldDescription]) -> Iterat
         array = "" if field.length is None else f"[{field.length}]"
         address = {"topic": topic, "field": path}
         samples = 0 if field.length == 0 else survey.log_time.size
-        unit = standard_unit(survey.schema.name if survey.schema else "", path)
+        unit = next((unit for begin, unit in units.items() if path.startswith(begin)), "")
         own_rate = rate if samples else None
         yield RecordedChannel(kind, address, "", samples, own_rate, timing, f"{field.type}{array}", likely_unit=unit)
     if len(numbers) > MOST_FIELDS or not numbers:
         more = f"and {len(numbers) - MOST_FIELDS} more numbers" if numbers else ""
         yield RecordedChannel(kind, {"topic": topic}, "", survey.log_time.size, rate, timing, more)
-
-
-def standard_unit(kind: str, path: str) -> str:
-    """The unit of a field of a standard message; empty for any other one."""
-    units = UNITS.get(kind.replace("/msg/", "/"), {})
-    return next((unit for field, unit in units.items() if path.startswith(field)), "")

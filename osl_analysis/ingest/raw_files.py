@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import polars as pl
 
@@ -16,7 +16,7 @@ from osl_analysis.formats.rosbag import files_in
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.known_formats import FORMATS, check_format, named, read_source
 from osl_analysis.ingest.recording import Recording, check_sizes
-from osl_analysis.ingest.source import SharedAngle, Source
+from osl_analysis.ingest.source import SharedAngle
 from osl_analysis.trial import Trial
 
 COARSEST_CLOCK = 2_000_000_000
@@ -44,41 +44,29 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         if not source:
             raise InputError(f"trial {name}: {role}_source is empty; name the file in {sources_folder} for {given}")
         check_file(path)
-        before = identity_of(path, given, source)
+        before = identities_of(path)
         described = read_source(sources_folder / f"{source}.yaml")
         is_capture = FORMATS[described.format].is_capture
         if not is_capture:
             described = described.of_part(text(row, "log_part"))
         check_format(path, described)
-        if len(files) == 2:
-            check_alignment(described, sources_folder / f"{source}.yaml")
+        if len(files) == 2 and not is_capture and described.clock == "master":
+            raise InputError(
+                f"{sources_folder / f'{source}.yaml'}: clock: master, but the trial has motion capture too; write "
+                "clock: sync and map the column sync (or clock: shared, with `shared` in motion capture's source file)"
+            )
         try:
-            recordings[role] = recording_from(path, described)
+            with named(path):
+                recordings[role] = FORMATS[described.format].read(path, described)
+                check_sizes(recordings[role])
         finally:
-            check_unchanged(path, before)  # also where it cannot be read: it may have changed in between
+            check_unchanged(before)  # also where it cannot be read: it may have changed in between
         shared = described.shared if is_capture else shared
-        identities[role] = before.report
+        identities[role] = {**identified(path, before), "path": given, "source": source}
     try:
         return assemble(name, recordings, identities, shared)
     except InputError as error:
         raise InputError(f"trial {name} ({', '.join(files.values())}): {error}") from error
-
-
-def recording_from(path: Path, source: Source) -> Recording:
-    """One recording by its source file, with values that can be; every refusal names the file."""
-    with named(path):
-        recording = FORMATS[source.format].read(path, source)
-        check_sizes(recording)
-    return recording
-
-
-def check_alignment(source: Source, source_path: Path) -> None:
-    """Refuse a log with motion capture if its source file does not say how the clocks are aligned."""
-    if not FORMATS[source.format].is_capture and source.clock == "master":
-        raise InputError(
-            f"{source_path}: clock: {source.clock}, but the trial has motion capture too; write clock: sync and map "
-            "the column sync (or clock: shared, with `shared` in motion capture's source file)"
-        )
 
 
 def check_columns(trial: Trial, experiment: str | None, needed: Sequence[str]) -> None:
@@ -124,34 +112,25 @@ def text(row: Mapping[str, Any], column: str) -> str:
 
 @dataclass(frozen=True)
 class Identity:
-    """A raw file, or the files of a folder, at the moment at which it was hashed."""
+    """A raw file at the moment at which it was hashed."""
 
-    report: dict[str, Any]
-    """What identifies it in the provenance: name in the sheet, size, SHA-256, and the source file that describes it."""
+    path: Path
+    size: int  # [bytes]
+    sha256: str
     state: tuple[int, ...]
     """Device, number, size and times [ns] of the file; another value means another file or other bytes."""
     hashed: int  # when it was hashed [ns]
-    parts: "tuple[tuple[Path, Identity], ...]" = ()
 
+    @classmethod
+    def of(cls, path: Path) -> Self:
+        with path.open("rb") as file:
+            state, now = state_of(os.fstat(file.fileno())), time.time_ns()
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            return cls(path, file.tell(), digest, state, now)
 
-def identity_of(path: Path, given: str, source: str) -> Identity:
-    """Hash a raw file, or every file of a folder, before it is read."""
-    if not path.is_dir():
-        return identity(path, given, source)
-    parts = tuple((file, identity(file, file.name, source)) for file in files_in(path))
-    reports = [{key: one.report[key] for key in ("path", "bytes", "sha256")} for _, one in parts]
-    together = hashlib.sha256("".join(report["sha256"] for report in reports).encode()).hexdigest()
-    size = sum(report["bytes"] for report in reports)
-    report = {"path": given, "bytes": size, "sha256": together, "source": source, "parts": reports}
-    return Identity(report, (), 0, parts)
-
-
-def identity(path: Path, given: str, source: str) -> Identity:
-    with path.open("rb") as file:
-        state, now = state_of(os.fstat(file.fileno())), time.time_ns()
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-        size = file.tell()
-    return Identity({"path": given, "bytes": size, "sha256": digest, "source": source}, state, now)
+    @property
+    def report(self) -> dict[str, Any]:
+        return {"path": self.path.name, "bytes": self.size, "sha256": self.sha256}
 
 
 def state_of(stat: os.stat_result) -> tuple[int, ...]:
@@ -159,25 +138,35 @@ def state_of(stat: os.stat_result) -> tuple[int, ...]:
     return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns
 
 
-def check_unchanged(path: Path, before: Identity) -> None:
+def identities_of(path: Path) -> list[Identity]:
+    """A raw file, or every file of a folder, before it is read."""
+    return [Identity.of(file) for file in (files_in(path) if path.is_dir() else [path])]
+
+
+def identified(path: Path, parts: Sequence[Identity]) -> dict[str, Any]:
+    """What identifies a recording in the provenance: size and SHA-256; of a folder, those of its files too."""
+    if not path.is_dir():
+        return parts[0].report
+    together = hashlib.sha256("".join(one.sha256 for one in parts).encode()).hexdigest()
+    return {"bytes": sum(one.size for one in parts), "sha256": together, "parts": [one.report for one in parts]}
+
+
+def check_unchanged(parts: Sequence[Identity]) -> None:
     """Refuse a file that is not the one that was hashed, now that it has been read.
 
     The times of a file that was written shortly before do not tell two writes apart. Such a file is hashed again.
     """
-    for part, one in before.parts:
-        check_unchanged(part, one)
-    if before.parts:
-        return
-    try:
-        same = state_of(path.stat()) == before.state and before.report["bytes"] == before.state[2]
-        if same and before.hashed - max(before.state[3:]) < COARSEST_CLOCK:
-            same = identity(path, "", "").report["sha256"] == before.report["sha256"]
-    except OSError:
-        same = False
-    if not same:
-        raise InputError(
-            f"{path}: the file changed while it was read; wait until it is recorded or copied, then run again"
-        )
+    for one in parts:
+        try:
+            same = state_of(one.path.stat()) == one.state and one.size == one.state[2]
+            if same and one.hashed - max(one.state[3:]) < COARSEST_CLOCK:
+                same = Identity.of(one.path).sha256 == one.sha256
+        except OSError:
+            same = False
+        if not same:
+            raise InputError(
+                f"{one.path}: the file changed while it was read; wait until it is recorded or copied, then run again"
+            )
 
 
 NANOSECOND = 1e-9

@@ -129,12 +129,12 @@ def test_a_chunk_that_fails_its_checksum_is_left_out_and_counted(tmp_path: Path)
     assert "does not match its checksum" in damage["remarks"][0]
 
 
-@pytest.mark.parametrize("wrong", [b"\0" * 8, b"\xff" * 8, b"\x01" + b"\0" * 7])
+@pytest.mark.parametrize("wrong", [b"\0" * 8, b"\xff" * 8, b"\x01" + b"\0" * 7, bytes(8 + 16 * 3)])
 def test_a_wrong_message_index_changes_nothing_and_is_remarked(tmp_path: Path, wrong: bytes) -> None:
     content = written(tmp_path)
     index = next(start for opcode, start, _ in top_level(content) if opcode == Opcode.MESSAGE_INDEX)
     entry = index + 9 + 6 + 16 + 8  # the second message's offset
-    samples, damage = read(tmp_path, content[:entry] + wrong + content[entry + 8 :], 0.0)
+    samples, damage = read(tmp_path, content[:entry] + wrong + content[entry + len(wrong) :], 0.0)
     assert len(samples) == MESSAGES
     assert damage["complete"]
     assert "the index of the chunk" in damage["remarks"][0]

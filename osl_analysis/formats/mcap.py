@@ -458,8 +458,7 @@ def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool, listed:
             break
         position = stop
     starts = np.concatenate([*found, np.array(messages, np.int64)])
-    known = starts.size == listed_heads.size and not messages and len(found) == 2 * len(leaps) + 1
-    heads = listed_heads if known else message_heads(buffer, starts)
+    heads = listed_heads if leaps and np.array_equal(starts, listed) else message_heads(buffer, starts)
     return Walk(heads, starts, others, position, unknown)
 
 

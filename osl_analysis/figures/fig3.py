@@ -12,17 +12,12 @@ COLUMNS = (
     "joint", "side", "trial", "branch", "theta_s_deg", "torque", "deviation", "K_s", "K_s_low", "K_s_high",
     "hysteresis_area", "hysteresis_area_low", "hysteresis_area_high", "doubtful",
 )  # fmt: skip
-MOST_ACROSS = 2  # joints and sides side by side
-MOST_NAMED = 12  # trials of a panel that have their names at the ends of their loops
-LONGEST = 12  # characters of such a name
+MOST_LOOPS = 12  # trials of a panel that have their names at the ends of their loops
 MEAN_SLOPE = "mean slope"  # name that takes the place of the trial in the two rows that carry the mean slope
-DASHES: dict[str, style.Dash] = {"loading": "-", "unloading": (0, (6, 3))}
+BRANCHES: dict[str, style.Dash] = {"loading": "-", "unloading": (0, (6, 3))}
 """Line styles of the branches of sound trials."""
-COLOURS = (style.BLACK, "#3F8FBF", "#6B3A0A")
-"""Colours of loops with ends beside one another, which differ in lightness: 0, 57 and 30 of 100."""
 PALE = "#B4B4B4"
 """Grey of the trials behind the mean slope."""
-DASHED = (0, (3, 2))
 
 
 def caption(table: pl.DataFrame) -> str:
@@ -32,7 +27,7 @@ def caption(table: pl.DataFrame) -> str:
         "mean slope while loading, dashed. Below, what each trial's torque differs by from the mean slope, solid while "
         "loading and dashed while unloading: the width of a loop is its hysteresis."
     ]
-    if max(part["trial"].n_unique() for _, part in placed_rows(table)) <= MOST_NAMED + 1:
+    if max(part["trial"].n_unique() for _, part in placed_rows(table)) <= MOST_LOOPS + 1:
         said.append("The names of the trials stand at the ends of their loops.")
     for name, part in placed_rows(table):
         mean = part.filter(pl.col("trial") == MEAN_SLOPE)
@@ -51,7 +46,7 @@ def caption(table: pl.DataFrame) -> str:
 def draw(table: pl.DataFrame) -> Figure:
     """Above, torque over deflection, the mean slope dashed; below, torque minus that of the mean slope."""
     parts = placed_rows(table)
-    across = min(len(parts), MOST_ACROSS)
+    across = min(len(parts), 2)
     rows = -(-len(parts) // across)
     width = style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN
     above = [2 * across * (number // across) + number % across for number in range(len(parts))]
@@ -67,25 +62,30 @@ def draw(table: pl.DataFrame) -> Figure:
     for ax in axes:
         if not ax.has_data():
             ax.remove()
-    legend(figure, table)
+    entries = line_labels(table)
+    figure.legend(handles=entries, loc="outside upper center", ncols=2 if len(figure.axes) == 2 else len(entries))
     for number, (_, part) in zip(above, parts, strict=True):
-        name_loops(axes[number + across], part)
+        trials = coloured(part)
+        if len(trials) <= MOST_LOOPS:
+            names, ends = [trial["trial"][0] for trial, _ in trials], [end_of(trial) for trial, _ in trials]
+            drawn = [drawn_name(name, 12) for name in names]
+            texts = style.name_ends(axes[number + across], ends, drawn, [colour for _, colour in trials])
+            style.link_to_trials(texts, names)
     return figure
 
 
-def legend(figure: Figure, table: pl.DataFrame) -> None:
+def line_labels(table: pl.DataFrame) -> list[Line2D]:
     trials = trials_of(table)
     doubtful = [trial for trial in trials if len(trial.filter(style.IS_DOUBTFUL))]
     entries = [Line2D([], [], color=PALE, label=f"Trials ($n$ = {len(trials)})")]
     if doubtful:
         label = f"Doubtful fit ($n$ = {len(doubtful)})"
         entries.append(Line2D([], [], color=style.BLACK, linestyle=style.DOTTED, linewidth=0.9, label=label))
-    entries.append(
-        Line2D([], [], color=style.MAGENTA, linestyle=DASHED, linewidth=1.3, label="Mean slope while loading")
-    )
-    for branch, dash in DASHES.items():
+    mean = {"color": style.MAGENTA, "linestyle": style.DASHED, "linewidth": 1.3}
+    entries.append(Line2D([], [], **mean, label="Mean slope while loading"))  # type: ignore[arg-type]
+    for branch, dash in BRANCHES.items():
         entries.append(Line2D([], [], color=style.BLACK, linestyle=dash, linewidth=0.5, label=branch.capitalize()))
-    figure.legend(handles=entries, loc="outside upper center", ncols=2 if len(figure.axes) == 2 else len(entries))
+    return entries
 
 
 def trials_of(table: pl.DataFrame) -> list[pl.DataFrame]:
@@ -98,17 +98,21 @@ def draw_belts(ax: Axes, table: pl.DataFrame) -> None:
         ax.plot(trial["theta_s_deg"], trial["torque"], color=PALE, linewidth=0.9)
     for trial in (trial for trial in trials if len(trial.filter(style.IS_DOUBTFUL))):
         ax.plot(trial["theta_s_deg"], trial["torque"], color=style.BLACK, linestyle=style.DOTTED, linewidth=0.9)
-    ax.plot(mean["theta_s_deg"], mean["torque"], color=style.MAGENTA, linestyle=DASHED, linewidth=1.3)
+    ax.plot(mean["theta_s_deg"], mean["torque"], color=style.MAGENTA, linestyle=style.DASHED, linewidth=1.3)
     ax.tick_params(labelbottom=False)
     ax.set_ylabel("Joint torque (N·m)")
-    ax.text(0.99, 0.04, stiffness_text(mean), transform=ax.transAxes, ha="right", va="bottom", linespacing=1.4)
+    if len(mean):
+        K_s, low, high = (mean[column][0] for column in ("K_s", "K_s_low", "K_s_high"))
+        text = rf"$\hat{{K}}_s = {K_s:.1f}$ N·m/rad"
+        text += "" if low is None or high is None else f"\n95 % interval {low:.1f} to {high:.1f} N·m/rad"
+        ax.text(0.99, 0.04, text, transform=ax.transAxes, ha="right", va="bottom", linespacing=1.4)
 
 
 def draw_loops(ax: Axes, table: pl.DataFrame) -> None:
-    ax.axhline(0, color=style.MAGENTA, linestyle=DASHED, linewidth=1.3)
+    ax.axhline(0, color=style.MAGENTA, linestyle=style.DASHED, linewidth=1.3)
     for trial, colour in coloured(table):
         doubtful = len(trial.filter(style.IS_DOUBTFUL)) > 0
-        for branch, dash in DASHES.items():
+        for branch, dash in BRANCHES.items():
             rows = trial.filter(pl.col("branch") == branch)
             line = style.DOTTED if doubtful else dash
             ax.plot(rows["theta_s_deg"], rows["deviation"], color=colour, linestyle=line, linewidth=0.5)
@@ -120,27 +124,12 @@ def draw_loops(ax: Axes, table: pl.DataFrame) -> None:
 
 
 def coloured(table: pl.DataFrame) -> list[tuple[pl.DataFrame, str]]:
-    """The rows of each trial with a colour that trials with ends beside its own do not have."""
-    ordered = sorted(trials_of(table), key=lambda trial: end_of(trial)[1])
-    return [(trial, COLOURS[number % len(COLOURS)]) for number, trial in enumerate(ordered)]
+    """The rows of each trial with a colour that trials with ends beside its own do not have. The colours differ in
+    lightness: 0, 57 and 30 of 100."""
+    ordered, colours = sorted(trials_of(table), key=lambda trial: end_of(trial)[1]), (style.BLACK, "#3F8FBF", "#6B3A0A")
+    return [(trial, colours[number % len(colours)]) for number, trial in enumerate(ordered)]
 
 
 def end_of(trial: pl.DataFrame) -> tuple[float, float]:
     """Deflection [deg] and deviation [N*m] at the far end of a loop."""
     return trial.select("theta_s_deg", "deviation").row(int(trial["theta_s_deg"].abs().arg_max() or 0))
-
-
-def name_loops(ax: Axes, table: pl.DataFrame) -> None:
-    trials = coloured(table)
-    if len(trials) <= MOST_NAMED:
-        names = [trial["trial"][0] for trial, _ in trials]
-        ends, drawn = [end_of(trial) for trial, _ in trials], [drawn_name(name, LONGEST) for name in names]
-        style.link_to_trials(style.name_ends(ax, ends, drawn, [colour for _, colour in trials]), names)
-
-
-def stiffness_text(mean: pl.DataFrame) -> str:
-    if mean.is_empty():
-        return ""
-    K_s, low, high = (mean[column][0] for column in ("K_s", "K_s_low", "K_s_high"))
-    text = rf"$\hat{{K}}_s = {K_s:.1f}$ N·m/rad"
-    return text if low is None or high is None else f"{text}\n95 % interval {low:.1f} to {high:.1f} N·m/rad"

@@ -9,10 +9,6 @@ from osl_analysis.figures.names import as_text, doubtful_fits, drawn_name, place
 from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, IS_DOUBTFUL, MAGENTA, panels, paper_style
 
 COLUMNS = ("joint", "side", "trial", "chosen", "time", "theta_deg", "torque", "torque_model", "doubtful")
-SIGNALS = ("theta_deg", "torque", "torque_model")
-LONGEST = 60  # characters of the trial's name above the figure
-MEASURED, LEFT_OUT = "#B4B4B4", "#E8E8E8"
-"""Greys of the measured torque, and behind samples that the fit leaves out."""
 
 
 def caption(table: pl.DataFrame) -> str:
@@ -41,12 +37,12 @@ def caption(table: pl.DataFrame) -> str:
 def draw(table: pl.DataFrame) -> Figure:
     """(a) Angle; (b) torque, the fit dashed magenta, which the draft calls blue in its caption; (c) residual."""
     joint, side, trial = table.select("joint", "side", "trial").row(0)
-    place = f"{place_name(joint, side)}, trial {drawn_name(trial, LONGEST)}"
+    place = f"{place_name(joint, side)}, trial {drawn_name(trial, 60)}"
     figure, (angle, torque, residual) = panels(DOUBLE_COLUMN, 3.9, rows=3, names=[place, "", ""])
     lines = with_breaks(table)
     time = lines["time"]
     angle.plot(time, lines["theta_deg"], color=BLACK, linewidth=0.9)
-    torque.plot(time, lines["torque"], color=MEASURED, linewidth=2.2, label="Measured")
+    torque.plot(time, lines["torque"], color="#B4B4B4", linewidth=2.2, label="Measured")
     label = "Best-fit second-order system" + " (doubtful)" * (len(table.filter(IS_DOUBTFUL)) > 0)
     torque.plot(time, lines["torque_model"], color=MAGENTA, linestyle=(0, (2.5, 1.5)), linewidth=1.0, label=label)
     residual.axhline(0, color=BLACK, linewidth=0.4)
@@ -72,12 +68,12 @@ def shade_left_out(ax: Axes, table: pl.DataFrame) -> None:
     spans = left_out.agg(first=pl.col("time").first(), last=pl.col("time").last())
     for number, (_, first, last) in enumerate(spans.iter_rows()):
         label = "Not fitted" if number == 0 else None
-        ax.axvspan(first, last, color=LEFT_OUT, linewidth=0, zorder=0, label=label)
+        ax.axvspan(first, last, color="#E8E8E8", linewidth=0, zorder=0, label=label)
 
 
 def with_breaks(table: pl.DataFrame) -> pl.DataFrame:
     """The table with a row of NaN before each step in time [s] that is longer than two ordinary ones."""
     step = pl.col("time").diff()
     broken = table.with_row_index("row").filter(step > 2 * step.median())
-    ends = broken.with_columns(pl.lit(np.nan).alias(name) for name in SIGNALS)
+    ends = broken.with_columns(pl.lit(np.nan).alias(name) for name in ("theta_deg", "torque", "torque_model"))
     return pl.concat([ends, table.with_row_index("row")]).sort("row", maintain_order=True).drop("row")

@@ -20,6 +20,7 @@ from osl_analysis.figures.names import (
     look_numbers,
     looks_in,
     number,
+    of_controller,
     of_place,
     placed_rows,
     with_sd,
@@ -35,16 +36,6 @@ COLUMNS = (
     "trial", "joint", "side", "controller", "look", "K_d", "B_d", "K", "K_low", "K_high", "B", "B_low", "B_high",
     *WHERE_THEY_ARE, "doubtful",
 )  # fmt: skip
-
-NOT_STATED = "not stated"
-GAPS = (0.7, 1.6)
-"""Distances between two trials of different B_d, and of different K_d, beyond the 1 between trials of one condition."""
-FEWEST = 8  # trials side by side for which an axis has room at least
-LIGHT = "#B8B8B8"
-"""Colour of the lines between desired stiffnesses."""
-BELOW = 13  # distance [pt] of the desired stiffnesses below the desired dampings
-LARGEST, SMALLEST = 1.0, 0.3
-"""Sizes of the markers, as shares of those of the controllers: where trials have room, and where they have none."""
 
 
 def points(impedance: pl.DataFrame) -> pl.DataFrame:
@@ -77,7 +68,8 @@ def draw(table: pl.DataFrame) -> Figure:
         rows = side_by_side(part, looks)
         for ax, symbol in ((stiffness, "K"), (damping, "B")):
             draw_quantity(ax, rows, symbol, looks)
-            part_by_stiffness(ax, rows)
+            for left, right in pairwise(rows.partition_by("K_d", maintain_order=True)):
+                ax.axvline((left["x"][-1] + right["x"][0]) / 2, color="#B8B8B8", linewidth=0.5, zorder=0)
         stiffness.set_xticks([])
         letter_conditions(damping, rows)
         stiffness.set_ylabel(r"Stiffness $\hat{K}$ (N·m/rad)")
@@ -90,13 +82,14 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def side_by_side(table: pl.DataFrame, looks: dict[str | None, style.Look]) -> pl.DataFrame:
-    """Rows in the order of K_d, B_d and controller, with their place `x`; values that are not stated come last."""
+    """Rows in the order of K_d, B_d and controller, with their place `x`; values that are not stated come last. Trials
+    of one condition are 1 apart, those of another B_d 0.7 more, and of another K_d 1.6 more."""
     order = {controller: number for number, controller in enumerate(looks)}
     ranks = pl.Series("rank", [order[controller] for controller in table["controller"]])
     rows = table.with_columns(ranks).sort("K_d", "B_d", "rank", nulls_last=True, maintain_order=True)
     steps, before = [0.0], rows.select("K_d", "B_d").rows()
     for (K_before, B_before), (K_d, B_d) in pairwise(before):
-        steps.append(1 + (GAPS[1] if K_d != K_before else GAPS[0] if B_d != B_before else 0.0))
+        steps.append(1 + (1.6 if K_d != K_before else 0.7 if B_d != B_before else 0.0))
     return rows.with_columns(x=pl.Series(np.cumsum(steps)))
 
 
@@ -104,33 +97,18 @@ def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | N
     for wanted in rows.drop_nulls(f"{symbol}_d").partition_by("K_d", "B_d", maintain_order=True):
         reach = float(wanted["x"].min()) - 0.6, float(wanted["x"].max()) + 0.6  # type: ignore[arg-type]
         ax.hlines(wanted[f"{symbol}_d"][0], *reach, color=style.BLACK, linewidth=0.8)
-    share = size_share(ax, rows)
+    last = float(rows["x"].max())  # type: ignore[arg-type]
+    # at this share of their usual size, and not below 0.3, the markers of neighbours do not touch
+    share = float(np.clip(72 * ax.figure.figure.get_figwidth() / (last + 8) / 4.5, 0.3, 1.0))
     for controller, look in looks.items():
-        fits = rows.filter(pl.col("controller").eq_missing(pl.lit(controller)))
+        fits = of_controller(rows, controller)
         style.draw_spread(ax, fits, "x", symbol, look.colour)
         ax.plot(fits["x"], fits[f"{symbol}_predicted"], "_", color=look.colour, markersize=7 * share, mew=0.7)
-        fill = [style.WHITE if doubtful else look.colour for doubtful in fits.select(style.IS_DOUBTFUL).to_series()]
-        drawn = ax.scatter(
-            fits["x"], fits[symbol], (share * look.size) ** 2, marker=look.marker, facecolors=fill,
-            edgecolors=look.colour, linewidths=0.8, label=look.label, zorder=3,
-        )  # fmt: skip
-        style.link_to_trials(drawn, fits["trial"])
+        shape: dict[str, Any] = {"marker": look.marker, "linewidths": 0.8, "label": look.label, "zorder": 3}
+        style.draw_fits(ax, fits, fits["x"], fits[symbol], look.colour, share * look.size, **shape)
     ax.ticklabel_format(axis="y", useOffset=False)
-    last = float(rows["x"].max())  # type: ignore[arg-type]
-    edge = max(1.0, (FEWEST - last) / 2)
+    edge = max(1.0, (8 - last) / 2)  # an axis has room for eight trials at least
     ax.set_xlim(-edge, last + edge)
-
-
-def size_share(ax: Axes, rows: pl.DataFrame) -> float:
-    """Size of the markers, as a share of the usual one, at which neighbours do not touch."""
-    points = 72 * ax.figure.figure.get_figwidth() / (float(rows["x"].max()) + 8)  # type: ignore[arg-type]
-    return float(np.clip(points / 4.5, SMALLEST, LARGEST))
-
-
-def part_by_stiffness(ax: Axes, rows: pl.DataFrame) -> None:
-    parts = rows.partition_by("K_d", maintain_order=True)
-    for left, right in pairwise(parts):
-        ax.axvline((left["x"][-1] + right["x"][0]) / 2, color=LIGHT, linewidth=0.5, zorder=0)
 
 
 def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
@@ -139,7 +117,7 @@ def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
     for minor, keys in ((False, ["K_d", "B_d"]), (True, ["K_d"])):
         places = rows.group_by(keys, maintain_order=True).agg(pl.col("x").mean())
         name, equals = ("$K_d$ ", "= ") if minor else ("", "")
-        words = [name + (NOT_STATED if value is None else f"{equals}{value:g}") for value in places[keys[-1]]]
+        words = [name + ("not stated" if value is None else f"{equals}{value:g}") for value in places[keys[-1]]]
         shown, end = [], -np.inf
         for place, word in zip(places["x"], words, strict=True):
             half = style.width_of(word) / inches / 2
@@ -149,7 +127,7 @@ def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
         ax.set_xticks([place for place, _ in shown], [word for _, word in shown], minor=minor)
     ax.xaxis.remove_overlapping_locs = False
     ax.tick_params(axis="x", which="both", length=0)
-    ax.tick_params(axis="x", which="minor", pad=BELOW)
+    ax.tick_params(axis="x", which="minor", pad=13)
     ax.set_xlabel("Desired $B_d$ (N·m·s/rad) for each desired $K_d$ (N·m/rad)")
 
 
@@ -163,23 +141,18 @@ def caption(table: pl.DataFrame) -> str:
         said.append("A short line in the colour of a marker is what linear theory predicts for its gains.")
     if table["K_amplitudes_low"].count() or table["B_amplitudes_low"].count():
         said.append("Thin bars are the range of the fits to single amplitudes.")
-    widths = [largest_half_width(table, symbol) for symbol in "KB"]
-    if None not in widths:
-        ends = " and ".join(f"±{width:.2g} {UNIT_OF[s]}" for s, width in zip("KB", widths, strict=True))
+    widths = {symbol: (table[f"{symbol}_high"] - table[f"{symbol}_low"]).drop_nulls() for symbol in "KB"}
+    if all(map(len, widths.values())):
+        ends = " and ".join(f"±{width.to_numpy().max() / 2:.2g} {UNIT_OF[s]}" for s, width in widths.items())
         said.append(f"Thick bars, where they are longer than the markers, are 95 % intervals of noise, at most {ends}.")
     parts = placed_rows(table)
     for _, part in parts:
         place = part.select("joint", "side").row(0) if len(parts) > 1 else ()
         for controller, look in looks_in(part).items():
-            fits = part.filter(pl.col("controller").eq_missing(pl.lit(controller)))
+            fits = of_controller(part, controller)
             name = ", ".join(filter(None, [*place, controller or look.label.lower()]))
             said.append(f"{as_text(name[:1].upper() + name[1:])} ($n$ = {len(fits)}): {errors_said(fits)}.")
     return " ".join([*said, doubtful_fits(table, "drawn open")])
-
-
-def largest_half_width(table: pl.DataFrame, symbol: str) -> float | None:
-    widths = (table[f"{symbol}_high"] - table[f"{symbol}_low"]).drop_nulls()
-    return float(widths.max()) / 2 if len(widths) else None  # type: ignore[arg-type]
 
 
 def errors_said(fits: pl.DataFrame) -> str:

@@ -1,6 +1,7 @@
 """Fig. 6: variance accounted for by a second-order system, one point per trial and amplitude."""
 
 import textwrap
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -19,6 +20,7 @@ from osl_analysis.figures.names import (
     look_numbers,
     looks_in,
     number,
+    of_controller,
     of_place,
     place_name,
 )
@@ -27,19 +29,10 @@ from osl_analysis.trial import Array
 TABLE_COLUMNS = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "VAF")
 COLUMNS = (*TABLE_COLUMNS, *PLACE, "look", "x", "x_centre", "median_VAF", "doubtful")
 
-HEIGHT = 2.4
-LEFT, RIGHT, BOTTOM, PANEL_HEIGHT = 0.66, 0.06, 0.26, 2.08
+LEFT, RIGHT, BOTTOM, PANEL = 0.66, 0.06, 0.26, 2.08
 """Margins and height [in] of the panel: fixed, because the swarm's positions depend on its size."""
-LETTERS_PER_INCH = 17
-LINE = 0.17  # height [in] of a further line of the names below the panel
-DIAMETER = 4.9 / 72  # diameter [in] of each point in the swarm: the marker and a small gap
 BESIDE = 2  # swarms up to which the median stands beside each, in a single column; of more it stands below each
 LARGEST_VAF = 99.9999  # larger ones [percent] are drawn here
-TICKS = (
-    -900, -400, -100, 0, 50, 80, 90, 95, 98, 99, 99.5, 99.8, 99.9, 99.95, 99.98, 99.99, 99.995, 99.998, 99.999, 99.9995,
-    99.9998, 99.9999,
-)  # fmt: skip
-MOST_TICKS = 12  # of more ticks, those stay at which the unexplained share is a power of ten
 
 
 def vaf_scale(vaf: Array) -> Array:
@@ -56,9 +49,14 @@ def drawn_vaf(rows: pl.DataFrame) -> Array:
 
 
 def axis_ticks(low: float, high: float) -> list[float]:
-    ticks = [tick for tick in TICKS if low <= vaf_scale(np.array(tick)) <= high]
+    """Round VAFs between two heights; of more than twelve, those at which the unexplained share is a power of ten."""
+    every = (
+        -900, -400, -100, 0, 50, 80, 90, 95, 98, 99, 99.5, 99.8, 99.9, 99.95, 99.98, 99.99, 99.995, 99.998, 99.999,
+        99.9995, 99.9998, 99.9999,
+    )  # fmt: skip
+    ticks = [tick for tick in every if low <= vaf_scale(np.array(tick)) <= high]
     decades = [tick for tick in ticks if abs(np.log10(100 - tick) % 1 - 0.5) > 0.499]
-    return decades if len(ticks) > MOST_TICKS else ticks
+    return decades if len(ticks) > 12 else ticks
 
 
 def said_vaf(vaf: float) -> str:
@@ -97,8 +95,8 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
     width, pitch = panel_width(len(groups)), 1 / len(groups)
     swarms = []
     for place, rows in enumerate(groups):
-        inches = (vaf_scale(drawn_vaf(rows)) - low) / (high - low) * PANEL_HEIGHT
-        offsets = style.swarm_positions(inches, DIAMETER) / width
+        inches = (vaf_scale(drawn_vaf(rows)) - low) / (high - low) * PANEL
+        offsets = style.swarm_positions(inches, 4.9 / 72) / width  # the marker and a small gap
         centre = pitch * (0.92 * place + 0.46 if len(groups) <= BESIDE else place + 0.5)
         swarms.append(
             rows.with_columns(
@@ -115,7 +113,7 @@ def swarms_of(table: pl.DataFrame) -> list[pl.DataFrame]:
         rows
         for part in table.partition_by(PLACE, maintain_order=True)
         for controller in looks_in(part)
-        if len(rows := part.filter(pl.col("controller").eq_missing(pl.lit(controller))))
+        if len(rows := of_controller(part, controller))
     ]
 
 
@@ -129,10 +127,10 @@ def draw(table: pl.DataFrame) -> Figure:
     swarms, looks = swarms_of(table), looks_in(table)
     several = len(table.select(PLACE).unique()) > 1
     lines = [swarm_name(rows, looks[rows["controller"][0]].label, several, len(swarms)) for rows in swarms]
-    below = LINE * max(line.count("\n") for line in lines)
-    width, height = panel_width(len(swarms)) + LEFT + RIGHT, HEIGHT + below
+    below = 0.17 * max(line.count("\n") for line in lines)
+    width, height = panel_width(len(swarms)) + LEFT + RIGHT, 2.4 + below
     figure = Figure(figsize=(width, height))
-    place = (LEFT, BOTTOM + below, width - LEFT - RIGHT, PANEL_HEIGHT)
+    place = (LEFT, BOTTOM + below, width - LEFT - RIGHT, PANEL)
     ax = figure.add_axes((place[0] / width, place[1] / height, place[2] / width, place[3] / height))
     ax.set_yscale("function", functions=(vaf_scale, vaf_from_scale))
     for rows in swarms:
@@ -151,12 +149,8 @@ def draw(table: pl.DataFrame) -> Figure:
 
 
 def draw_swarm(ax: Axes, rows: pl.DataFrame, look: style.Look, swarms: int) -> None:
-    fill = [style.WHITE if doubtful else look.colour for doubtful in rows.select(style.IS_DOUBTFUL).to_series()]
-    drawn = ax.scatter(
-        rows["x"], drawn_vaf(rows), look.size**2, marker=look.marker, facecolors=fill, edgecolors=look.colour,
-        linewidths=0.8, label=look.label,
-    )  # fmt: skip
-    style.link_to_trials(drawn, rows["trial"])
+    shape: dict[str, Any] = {"marker": look.marker, "linewidths": 0.8, "label": look.label}
+    style.draw_fits(ax, rows, rows["x"], drawn_vaf(rows), look.colour, look.size, **shape)
     centre, median, half = rows["x_centre"][0], min(rows["median_VAF"][0], LARGEST_VAF), 0.3 / swarms
     ax.hlines(median, centre - half, centre + half, color=style.BLACK, linewidth=1.2, zorder=0.5)
     if swarms <= BESIDE:
@@ -167,7 +161,7 @@ def swarm_name(rows: pl.DataFrame, controller: str, several: bool, swarms: int) 
     """What stands below a swarm, in lines of the width that each of so many `swarms` has."""
     place = place_name(rows["joint"][0], rows["side"][0]) if several or swarms > BESIDE else ""
     median = f"median {said_vaf(rows['median_VAF'][0])}" if swarms > BESIDE else ""
-    letters = max(int(LETTERS_PER_INCH * panel_width(swarms) / swarms), 6)
+    letters = max(int(17 * panel_width(swarms) / swarms), 6)
     named = (controller.strip(), place, fits_and_trials(rows), median)
     return "\n".join(part for line in named if line for part in textwrap.wrap(line, letters))
 

@@ -1,6 +1,6 @@
 """Fig. 7: observed and desired frequency response of the joint."""
 
-from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -17,6 +17,7 @@ from osl_analysis.figures.names import (
     doubtful_fits,
     look_numbers,
     looks_in,
+    of_controller,
     of_place,
     placed_rows,
 )
@@ -37,7 +38,6 @@ CURVE_TYPES = {
 }  # fmt: skip
 """Columns, with their types, of the curves that `points` takes."""
 OBSERVED, DESIRED, LINEAR_MODEL = "observed", "desired", "linear model"  # kinds of `curve`
-MOST_TICKS = (8, 5)  # ticks of frequency at most, of a single panel and of several side by side
 
 
 def points(response: pl.DataFrame, curves: pl.DataFrame) -> pl.DataFrame:
@@ -128,21 +128,20 @@ def draw(table: pl.DataFrame) -> Figure:
         shown |= {magnitude: "magnitude", phase: "phase"}
         for ax, column, bounds in ((magnitude, "magnitude", "magnitude"), (phase, "phase_deg", "phase")):
             for controller, look in looks.items():
-                rows = part.filter(pl.col("controller").eq_missing(pl.lit(controller)))
-                draw_controller(ax, rows, look, column, bounds)
+                draw_controller(ax, of_controller(part, controller), look, column, bounds)
             curve = part.filter(pl.col("curve") == DESIRED)
             if len(curve):
-                ax.plot(
-                    curve["frequency_hz"],
-                    curve[column],
-                    color=style.BLACK,
-                    label=style.LOOKS["desired"].label,
-                    zorder=1,
-                )
-        label_axes(magnitude, phase, part["frequency_hz"].to_numpy(), MOST_TICKS[len(parts) > 1])
+                wanted: dict[str, Any] = {"color": style.BLACK, "label": style.LOOKS["desired"].label}
+                ax.plot(curve["frequency_hz"], curve[column], zorder=1, **wanted)
+        label_axes(magnitude, phase, part["frequency_hz"].to_numpy(), most=8 if len(parts) == 1 else 5)
     axes[0].set_ylabel("Magnitude\n" r"(10$^{-3}$ rad/(N·m))")
     axes[len(parts)].set_ylabel("Phase (deg)")
-    legend(figure, table, shown)
+    named = style.legend_entries(shown)
+    handles = [*named.values(), *style.spread_entries(shown, table)]
+    handles += [style.OPEN_MARKER] * len(table.filter(style.IS_DOUBTFUL).head(1))
+    labels = [*named, *(str(handle.get_label()) for handle in handles[len(named) :])]
+    columns = style.legend_columns(labels, figure.get_figwidth(), most=2 if len(shown) == 2 else 4)
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.5)
     figure.align_ylabels()
     return figure
 
@@ -159,25 +158,12 @@ def label_axes(magnitude: Axes, phase: Axes, frequency_hz: np.ndarray, most: int
     phase.set_xlabel("Frequency (Hz)")
 
 
-def legend(figure: Figure, table: pl.DataFrame, shown: Mapping[Axes, str]) -> None:
-    named = {label: handle for ax in shown for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    handles = [*named.values(), *style.spread_entries(shown, table)[0]]
-    handles += [style.OPEN_MARKER] * len(table.filter(style.IS_DOUBTFUL).head(1))
-    labels = [*named, *(str(handle.get_label()) for handle in handles[len(named) :])]
-    columns = style.legend_columns(labels, figure.get_figwidth(), most=2 if len(shown) == 2 else 4)
-    figure.legend(handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.5)
-
-
 def draw_controller(ax: Axes, rows: pl.DataFrame, look: style.Look, column: str, bounds: str) -> None:
     observed, curve = (rows.filter(pl.col("curve") == kind) for kind in (OBSERVED, LINEAR_MODEL))
     if len(observed):
         style.draw_spread(ax, observed, "frequency_hz", bounds, look.colour)
-        fill = [style.WHITE if doubtful else look.colour for doubtful in observed.select(style.IS_DOUBTFUL).to_series()]
-        drawn = ax.scatter(
-            observed["frequency_hz"], observed[column], look.size**2, marker=look.marker, facecolors=fill,
-            edgecolors=look.colour, linewidths=0.8, label=look.label, zorder=2.5,
-        )  # fmt: skip
-        style.link_to_trials(drawn, observed["trial"])
+        shape: dict[str, Any] = {"marker": look.marker, "linewidths": 0.8, "label": look.label, "zorder": 2.5}
+        style.draw_fits(ax, observed, observed["frequency_hz"], observed[column], look.colour, look.size, **shape)
     if len(curve):
         x, y = curve["frequency_hz"], curve[column]
         ax.plot(x, y, color=look.colour, linewidth=0.9, linestyle=look.dash, label=f"{look.label}, {LINEAR_MODEL}")

@@ -9,16 +9,14 @@ from osl_analysis.figures.style import BLACK, ORANGE, SINGLE_COLUMN, panels, pap
 
 GAINS = ("K_1_joint", "B_1_joint")
 TABLE_COLUMNS = COLUMNS = ("phase", "trajectory", "K_d", "B_d", *GAINS)
-STANCE_SHARE = 0.62  # end of stance, as a share of the gait cycle, where it is not stated
-SYNTHETIC = "synthetic"
 NO_GAINS = "There are no gains, because the configuration names no parameter file."
 
 
-def points(gains: pl.DataFrame, stance_share: float = STANCE_SHARE) -> pl.DataFrame:
+def points(gains: pl.DataFrame, stance_share: float = 0.62) -> pl.DataFrame:
     """Desired impedance, and gains times the square of the belt's ratio, over `phase` of the gait cycle in stance.
 
-    Stance is the first `stance_share` of the cycle. In swing the walking controller renders no impedance (Section IV):
-    what the trajectory's file has there is not shown.
+    Stance is the first `stance_share` of the cycle, 0.62 where it is not stated. In swing the walking controller
+    renders no impedance (Section IV): what the trajectory's file has there is not shown.
     """
     return gains.select(COLUMNS).filter(pl.col("phase") <= stance_share + 1e-9)
 
@@ -53,7 +51,7 @@ def caption(table: pl.DataFrame) -> str:
     kind, end = table["trajectory"][0], 100 * float(table["phase"].max())  # type: ignore[arg-type]
     whose = {
         None: "The trajectory's file does not say of what kind it is.",
-        SYNTHETIC: "The trajectory is synthetic: neither measured nor that of a published walking controller.",
+        "synthetic": "The trajectory is synthetic: neither measured nor that of a published walking controller.",
     }.get(kind, f"Kind of the trajectory: {as_text(kind or '')}.")
     said = (
         f"Desired stiffness $K_d$ (a) and damping $B_d$ (b) of the joint over stance, the first {end:.0f} % of the "

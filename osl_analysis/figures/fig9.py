@@ -29,14 +29,9 @@ LABELS = {
 PER_PERTURBATION, ENSEMBLE = "mean of perturbations", "ensemble"
 """Estimators whose mean and scatter, and whose interval, are drawn."""
 LEGEND = ("One perturbation", "Mean ± SD", "Fit of mean response, 95 %", "Commanded")
-REACH, MEAN_AT, ENSEMBLE_AT, GROUP_WIDTH = 0.32, 0.55, 0.85, 1.8
+FROM_MIDDLE, MEAN_AT, ENSEMBLE_AT, GROUP_WIDTH = 0.32, 0.55, 0.85, 1.8
 """Distances on the axis: of single estimates from their middle, of the mean and of the ensemble's estimate from there,
 and from group to group."""
-LETTERED, PANEL_HEIGHT = 0.45, 1.2
-"""Width [in] of what is written beside a panel, and the height [in] of a panel over which single estimates spread."""
-LETTERS_PER_INCH = 17
-SIZE, DIAMETER = 2.6, 3.4 / 72  # size [pt] of the points of single estimates, and the diameter [in] that each takes
-MOST_GROUPS = 6  # groups whose numbers stand in the caption
 
 
 def points(
@@ -103,7 +98,7 @@ def draw(table: pl.DataFrame) -> Figure:
     else:
         figure, axes = style.panels(style.DOUBLE_COLUMN, 4.8, rows=3)
     span = (len(groups) - 1) * GROUP_WIDTH + 1.6
-    width = style.SINGLE_COLUMN / 3 - LETTERED if single else style.DOUBLE_COLUMN - LETTERED
+    width = (style.SINGLE_COLUMN / 3 if single else style.DOUBLE_COLUMN) - 0.45  # beside what is written [in]
     for ax, quantity in zip(axes, QUANTITIES, strict=True):
         rows = table.filter(pl.col("quantity") == quantity)
         for place, group in enumerate(groups):
@@ -115,10 +110,10 @@ def draw(table: pl.DataFrame) -> Figure:
         ax.set_xlim(-0.5, span - 0.5)
         ax.set_xticks([] if single else [n * GROUP_WIDTH + MEAN_AT / 2 for n in range(len(groups))])
         if not single:
-            letters = int(LETTERS_PER_INCH * width / len(groups))
+            letters = int(17 * width / len(groups))
             ax.set_xticklabels([tick(r, letters) for r in rows.filter(pl.col("trial").is_null()).iter_rows(named=True)])
         ax.set_ylabel(LABELS[quantity])
-    found = dict(zip(*reversed(axes[0].get_legend_handles_labels()), strict=True))
+    found = style.legend_entries(axes[:1])
     labels = {name: found[name] for name in LEGEND if name in found}
     if len(table.filter(style.IS_DOUBTFUL)):
         labels[str(style.OPEN_MARKER.get_label())] = style.OPEN_MARKER
@@ -133,30 +128,20 @@ def tick(row: dict[str, object], letters: int) -> str:
 
 
 def draw_single(ax: Axes, at: float, fits: pl.DataFrame, shown: pl.Series, inches: float) -> None:
-    """The single estimates of one group, side by side where they would overlap; `inches`: length of a unit in x."""
-    heights = (fits["estimate"] / max(float(np.ptp(shown.to_numpy())), 1e-9) * PANEL_HEIGHT).to_numpy()
-    x = at + style.squeezed(style.swarm_positions(heights, DIAMETER) / inches, REACH)
-    fill = [style.WHITE if doubtful else style.GREY for doubtful in fits.select(style.IS_DOUBTFUL).to_series()]
-    drawn = ax.scatter(
-        x, fits["estimate"], SIZE**2, facecolors=fill, edgecolors=style.GREY, linewidths=0.6, label=LEGEND[0]
-    )
-    style.link_to_trials(drawn, fits["trial"])
+    """The single estimates of one group, side by side where they would overlap; `inches`: length of a unit in x. They
+    spread over 1.2 in of a panel, and each takes 3.4 pt."""
+    heights = (fits["estimate"] / max(float(np.ptp(shown.to_numpy())), 1e-9) * 1.2).to_numpy()
+    x = at + style.squeezed(style.swarm_positions(heights, 3.4 / 72) / inches, FROM_MIDDLE)
+    style.draw_fits(ax, fits, x, fits["estimate"], style.GREY, 2.6, linewidths=0.6, label=LEGEND[0])
 
 
 def draw_group(ax: Axes, at: float, row: dict[str, Any]) -> None:
     """Mean and SD of one group, the fit to its mean response with its interval, and the commanded value, as far as they
     are known. The interval's bounds are percentiles: the estimate may lie outside."""
     if row["commanded"] is not None:
-        ends = [at - REACH - 0.1, at + ENSEMBLE_AT + 0.15]
-        ax.plot(
-            ends,
-            [row["commanded"]] * 2,
-            color=style.BLACK,
-            linestyle=(0, (3, 2)),
-            linewidth=0.8,
-            zorder=0,
-            label=LEGEND[3],
-        )
+        ends = [at - FROM_MIDDLE - 0.1, at + ENSEMBLE_AT + 0.15]
+        look: dict[str, Any] = {"color": style.BLACK, "linestyle": style.DASHED, "linewidth": 0.8, "zorder": 0}
+        ax.plot(ends, [row["commanded"]] * 2, **look, label=LEGEND[3])
     if row["mean"] is None:
         return
     sd = None if row["sd"] is None else [row["sd"]]
@@ -183,12 +168,13 @@ def caption(table: pl.DataFrame) -> str:
     ]
     if table["commanded"].count():
         said.append("Dashed: what the walking controller commanded.")
-    for group in groups[:MOST_GROUPS]:
+    most = 6
+    for group in groups[:most]:
         name = "" if len(groups) == 1 else f"{as_text(group)}: "
         of_group = rows.filter(group=group).iter_rows(named=True)
         said.append(f"{name}{'; '.join(said_of(row) for row in of_group)}.")
-    if len(groups) > MOST_GROUPS:
-        said.append(f"The numbers of {len(groups) - MOST_GROUPS} more groups stand in fig9.csv.")
+    if len(groups) > most:
+        said.append(f"The numbers of {len(groups) - most} more groups stand in fig9.csv.")
     return " ".join([*said, doubtful_fits(fits, "drawn open")])
 
 

@@ -8,16 +8,25 @@ from matplotlib.lines import Line2D
 
 from osl_analysis.figures.fig9 import LABELS, QUANTITIES
 from osl_analysis.figures.names import UNIT_OF, as_text, counted, drawn_name, with_interval
-from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, ORANGE, PURPLE, legend_columns, panels, paper_style
+from osl_analysis.figures.style import (
+    BLACK,
+    DASHED,
+    DOUBLE_COLUMN,
+    ORANGE,
+    PURPLE,
+    legend_columns,
+    legend_entries,
+    panels,
+    paper_style,
+)
 
 COLUMNS = (
     "series", "quantity", "phase", "onset_phase", "end_phase", "estimate", "low", "high", "commanded"
 )  # fmt: skip
-LOOKS = ((PURPLE, "o"), (ORANGE, "D"), ("#3F8FBF", "s"), ("#6B3A0A", "^"))
+SERIES = ((PURPLE, "o"), (ORANGE, "D"), ("#3F8FBF", "s"), ("#6B3A0A", "^"))
 """Colours and markers of the series."""
 COMMANDED = "commanded"  # series of the curve that the controller commands; all other series are estimates
-DASHED = (0, (3, 2))
-THICK, THIN = 1.2, 0.6  # widths [pt] of intervals and of fitted windows
+WIDTHS = {"interval": 1.2, "window": 0.6}  # of lines [pt]
 
 
 def caption(table: pl.DataFrame) -> str:
@@ -55,14 +64,13 @@ def draw(table: pl.DataFrame) -> Figure:
             ax.plot(100 * curve["phase"], curve["commanded"], color=BLACK, linestyle=DASHED, label="Commanded")
         for number, name in enumerate(names):
             label = "Fit of mean response" if len(names) == 1 else drawn_name(name)
-            draw_series(ax, rows.filter(pl.col("series") == name), *LOOKS[number % len(LOOKS)], label)
+            draw_series(ax, rows.filter(pl.col("series") == name), *SERIES[number % len(SERIES)], label)
         ax.axhline(0, color=BLACK, linewidth=0.4, zorder=0)
         ax.set_xlim(0, 100)
         ax.set_xlabel("Stance (%)")
         ax.set_ylabel(LABELS[quantity])
-    named = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    bars = (("|", THICK, "95 % interval"), ("_", THIN, "Fitted window"))
-    for marker, width, label in bars:
+    named = legend_entries(axes)
+    for marker, width, label in zip("|_", WIDTHS.values(), ("95 % interval", "Fitted window"), strict=True):
         named[label] = Line2D([], [], color=BLACK, linestyle="", marker=marker, markersize=8, mew=width)
     figure.legend(
         named.values(), named.keys(), loc="outside upper center", ncols=legend_columns([*named], DOUBLE_COLUMN, 6)
@@ -75,6 +83,7 @@ def draw_series(ax: Axes, rows: pl.DataFrame, colour: str, marker: str, label: s
     x, estimate, low, high = (rows[name].to_numpy() for name in ("phase", "estimate", "low", "high"))
     ends = np.array([rows["phase"] - rows["onset_phase"], rows["end_phase"] - rows["phase"]])
     ax.plot(100 * x, rows["commanded"].to_numpy(), "_", color=BLACK, markersize=9, mew=1.2, zorder=1.5)
-    ax.vlines(100 * x, low, high, color=colour, linewidth=THICK)
-    ax.errorbar(100 * x, estimate, xerr=100 * np.abs(ends), fmt="none", color=colour, linewidth=THIN, capsize=1.5)
+    ax.vlines(100 * x, low, high, color=colour, linewidth=WIDTHS["interval"])
+    window = {"linewidth": WIDTHS["window"], "capsize": 1.5}
+    ax.errorbar(100 * x, estimate, xerr=100 * np.abs(ends), fmt="none", color=colour, **window)  # type: ignore[arg-type]
     ax.plot(100 * x, estimate, marker, color=colour, markersize=3.5, mew=0, label=label)

@@ -25,9 +25,6 @@ MODELS = {
 }
 """Names of each experiment and of its models, the draft's model first."""
 REPEATS = style.Look(style.GREY, "o", 2.6, "Repeat")
-FEW = 2  # models of which a panel would show no more than a sentence says
-MOST_TICKS = 8
-SMALLEST = 1e-6  # smallest share [percent] of the variance on the axis. Smaller shares are drawn at this value.
 
 
 def points(scores: pl.DataFrame) -> pl.DataFrame:
@@ -53,23 +50,18 @@ def caption(table: pl.DataFrame) -> str:
         for trials in rows.partition_by(*PLACE, "controller", maintain_order=True):
             of = (title, *trials.select(*PLACE, "controller").row(0))
             left = geometric_means(trials, list(models))
-            told = "; ".join(
-                f"{words(name)} {share:.2g} %" for name, share in zip(models.values(), left, strict=True) if share > 0
-            )
+            names = (name.replace("\n", " ") for name in models.values())
+            told = "; ".join(f"{name} {share:.2g} %" for name, share in zip(names, left, strict=True) if share > 0)
             where = "" if experiment in drawn else " (no panel: two models alone)"
             named = as_text(", ".join(filter(None, of)))
             said.append(f"{named}{where}, mean of {counted(trials['trial'].n_unique(), 'trial')}: {told}.")
     return " ".join(said)
 
 
-def words(model: str) -> str:
-    return model.replace("\n", " ")
-
-
 def drawn_experiments(table: pl.DataFrame) -> list[str]:
     """Those with three models or more, or all if there is none: the caption says the numbers of two models."""
     present = [experiment for experiment in MODELS if experiment in table["experiment"]]
-    return [experiment for experiment in present if len(MODELS[experiment][1]) > FEW] or present
+    return [experiment for experiment in present if len(MODELS[experiment][1]) > 2] or present
 
 
 @style.paper_style()
@@ -102,9 +94,9 @@ def draw(table: pl.DataFrame) -> Figure:
         ax.set_xticks(range(len(models)), list(models.values()))
         ax.tick_params(axis="x", length=0)
         ax.set_xlim(-0.5, len(models) - 0.5)
-    style.label_log_axis(axes[0].yaxis, axes[0].get_ylim(), MOST_TICKS)
+    style.label_log_axis(axes[0].yaxis, axes[0].get_ylim(), most=8)
     axes[0].set_ylabel("Held-out variance\nnot accounted for (%)")
-    handles = {label: h for ax in axes for h, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    handles = style.legend_entries(axes)
     columns = style.legend_columns(list(handles), width, most=4)
     figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=columns)
     return figure
@@ -124,11 +116,12 @@ def draw_trials(ax: Axes, rows: pl.DataFrame, models: list[str], shift: float, l
 
 
 def shares_left(rows: pl.DataFrame, models: list[str]) -> tuple[list[str], Array]:
-    """The trials (n,), and the share [percent] of held-out variance that each model (m,) leaves of them, (n, m)."""
+    """The trials (n,), and the share [percent] of held-out variance that each model (m,) leaves of them, (n, m). The
+    smallest share on the axis is 1e-6."""
     wide = rows.pivot("model", index="trial", values="VAF_held_out")
     absent = [pl.lit(None, pl.Float64).alias(name) for name in models if name not in wide.columns]
     left = 100 - wide.with_columns(absent).select(models).to_numpy()
-    return wide["trial"].to_list(), np.asarray(np.maximum(left, SMALLEST))
+    return wide["trial"].to_list(), np.asarray(np.maximum(left, 1e-6))
 
 
 def geometric_means(rows: pl.DataFrame, models: list[str]) -> Array:

@@ -24,12 +24,7 @@ COLOURS = ("#3F8FBF", "#6B3A0A", "#2F5555", "#B98860", "#2B46F0")
 """Colours of controllers other than those of the draft: with these two and black 20 or more apart (CIE 1976) for
 readers without long- or medium-wavelength cones."""
 MARKERS = ("s", "^", "v", "P", "X", "p", "h")
-DASHES: tuple[Dash, ...] = (
-    (0, (2, 1.2)), (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (6, 1, 2, 1)), (0, (12, 1.5, 1.5, 1.5)),
-)  # fmt: skip
-"""Line styles of their models."""
-SIZE = 3.6  # size [pt] of their markers
-NO_CONTROLLER = Look("#757575", ">", SIZE, "No controller", (0, (1, 0.8)))
+NO_CONTROLLER = Look("#757575", ">", 3.6, "No controller", (0, (1, 0.8)))
 PLACE = ("joint", "side")
 
 
@@ -100,9 +95,16 @@ def looks_in(table: pl.DataFrame) -> dict[str | None, Look]:
     numbers = dict(table.select("controller", "look").unique().iter_rows())
     others = sorted(name for name in numbers if name is not None and name not in DRAFT)
     names = [*(name for name in DRAFT if name in numbers), *others]
-    looks: dict[str | None, Look] = {
-        name: LOOKS[name] if name in DRAFT else other_look(name, numbers[name]) for name in names
-    }
+    dashes: tuple[Dash, ...] = (
+        (0, (2, 1.2)), (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (6, 1, 2, 1)), (0, (12, 1.5, 1.5, 1.5)),
+    )  # fmt: skip
+
+    def other_look(controller: str) -> Look:
+        number = numbers[controller] or 0
+        colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
+        return Look(colour, marker, NO_CONTROLLER.size, drawn_name(controller), dashes[number % len(dashes)])
+
+    looks: dict[str | None, Look] = {name: LOOKS[name] if name in DRAFT else other_look(name) for name in names}
     if None in numbers:
         looks[None] = NO_CONTROLLER
     labels = [look.label for look in looks.values()]
@@ -112,38 +114,32 @@ def looks_in(table: pl.DataFrame) -> dict[str | None, Look]:
     return looks
 
 
-def other_look(controller: str, number: int | None) -> Look:
-    number = number or 0
-    colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
-    return Look(colour, marker, SIZE, drawn_name(controller), DASHES[number % len(DASHES)])
+def of_controller(table: pl.DataFrame, controller: str | None) -> pl.DataFrame:
+    return table.filter(pl.col("controller").eq_missing(pl.lit(controller)))
 
 
 UNIT_OF = {"K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²"}
 """Units of stiffness, damping and inertia as they are printed."""
-MOST_NAMED = 6  # trials that a caption names; the tables have all of them
-DIGITS = 2  # significant digits of half the width of an interval, and of a standard deviation
-MOST_DIGITS = 5  # significant digits of an estimate, whatever its interval
-SPECIAL = re.compile(r"[\\`*_{}\[\]<>#|~$&!^@\"']|:(?=//)|(?<=-)-|(?<=\.)\.|(?<=www)\.")
-"""Signs that mean something in Markdown, as its dialects have it: repeated hyphens and dots are joined by some."""
 
 
 def as_text(name: str) -> str:
-    """A name from a file, of which Markdown shows every sign: no HTML, link, mathematics, emphasis or line break."""
-    return SPECIAL.sub(lambda sign: f"\\{sign[0]}", " ".join(re.sub(r"[\x00-\x1f\x7f\u2028\u2029]", " ", name).split()))
+    """A name from a file, of which Markdown shows every sign: no HTML, link, mathematics, emphasis or line break.
+    Some of its dialects join repeated hyphens and dots."""
+    special = r"[\\`*_{}\[\]<>#|~$&!^@\"']|:(?=//)|(?<=-)-|(?<=\.)\.|(?<=www)\."
+    plain = " ".join(re.sub(r"[\x00-\x1f\x7f\u2028\u2029]", " ", name).split())
+    return re.sub(special, lambda sign: f"\\{sign[0]}", plain)
 
 
-def listed(names: Iterable[str], most: int = MOST_NAMED) -> str:
-    """Names from files, each once; of more than `most` the first ones and how many more."""
+def listed(names: Iterable[str], most: int = 6) -> str:
+    """Names from files, each once; of more than `most` the first ones and how many more: the tables have all."""
     found = [as_text(name) for name in dict.fromkeys(names)]
     return ", ".join(found[:most]) + (f" and {len(found) - most} more" if len(found) > most else "")
 
 
 def decimals_of(spread: float, largest: float = 0.0) -> int:
-    """Digits behind the point at which a half width or standard deviation has `DIGITS` significant ones.
-
-    A number of the size `largest` has no more than `MOST_DIGITS`: rounding leaves a spread where there is none.
-    """
-    sizes = ((spread, DIGITS), (largest, MOST_DIGITS))
+    """Digits behind the point at which a half width or standard deviation has two significant ones. A number of the
+    size `largest` has no more than five: rounding leaves a spread where there is none."""
+    sizes = ((spread, 2), (largest, 5))
     digits = [most - 1 - math.floor(math.log10(abs(size))) for size, most in sizes if size and math.isfinite(size)]
     return max(min(digits, default=0), 0)
 
@@ -184,14 +180,10 @@ def doubtful_fits(table: pl.DataFrame, look: str, fit: str = "fit") -> str:
     return f"Doubtful, {look}: {drawn}, for {as_text(', '.join(causes))}."
 
 
-SMALL, LINE, LETTERS_PER_INCH = 5.5, 0.1, 28  # size [pt], height of a line [in] and letters per inch
-EDGE = 0.02  # distance [in] of the line from the figure above it and from the edge of the page
-MOST_MISSING = 4  # missing trials that are named; the caption names more, the table `excluded.csv` all of them
-
-
 def said_of_missing(trials: Sequence[str]) -> str:
-    more = f" and {len(trials) - MOST_MISSING} more" if len(trials) > MOST_MISSING else ""
-    return f"Without {len(trials)} refused: {', '.join(trials[:MOST_MISSING])}{more}" if trials else ""
+    """Four missing trials; the caption names more, the table `excluded.csv` all of them."""
+    more = f" and {len(trials) - 4} more" if len(trials) > 4 else ""
+    return f"Without {len(trials)} refused: {', '.join(trials[:4])}{more}" if trials else ""
 
 
 @paper_style()
@@ -200,16 +192,9 @@ def write_footer(figure: Figure, text: str) -> Bbox:
 
     The figure itself keeps its size and its layout: the line stands below its lower edge.
     """
-    width, height = figure.get_size_inches()
-    lines = textwrap.wrap(text, int(width * LETTERS_PER_INCH))
-    look: dict[str, Any] = {
-        "fontsize": SMALL,
-        "color": GREY,
-        "ha": "center",
-        "va": "top",
-        "linespacing": 1.1,
-        "parse_math": False,
-    }
-    words = figure.text(0.5, -EDGE / height, with_glyphs("\n".join(lines)), **look)
+    (width, height), size, line, edge = figure.get_size_inches(), 5.5, 0.1, 0.02  # [in]; size of the letters [pt]
+    lines = textwrap.wrap(text, int(width * 28))  # letters per inch
+    look: dict[str, Any] = {"fontsize": size, "color": GREY, "ha": "center", "va": "top", "linespacing": 1.1}
+    words = figure.text(0.5, -edge / height, with_glyphs("\n".join(lines)), parse_math=False, **look)
     words.set_in_layout(False)
-    return Bbox.from_extents(0.0, -(LINE * len(lines) + 2 * EDGE), width, height)
+    return Bbox.from_extents(0.0, -(line * len(lines) + 2 * edge), width, height)

@@ -5,7 +5,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import zip_longest
-from typing import Any, Literal
+from string import ascii_lowercase
+from typing import Any, Literal, cast
 from urllib.parse import quote
 
 import matplotlib as mpl
@@ -33,12 +34,9 @@ OPEN_MARKER = Line2D(
     [], [], linestyle="", marker="o", color=GREY, mfc=WHITE, markersize=3.8, mew=0.8, label="Open: doubtful"
 )
 """For the legend of markers that are open where the fit is doubtful."""
-HANDLE = 0.45  # width [in] of the handle of a legend's entry with its spaces
-REPORT = "../report.html"  # the report of a run as its figures' SVG files reach it
 SIZE_OF_TEXT = 8  # size [pt] of all lettering
-LETTERS = 26  # panels that have letters
 THIN, THICK = 0.7, 1.8  # widths [pt] of bars over amplitudes, and of intervals
-DOTTED = (0, (1, 1.5))  # line style of doubtful fits
+DOTTED, DASHED = (0, (1, 1.5)), (0, (3, 2))  # line styles of doubtful fits, and of means and what is desired
 
 IS_DOUBTFUL = pl.col("doubtful").fill_null("") != ""
 """Rows whose fit is doubtful: a number is beyond a limit of the configuration."""
@@ -121,8 +119,8 @@ def panels(
     share = rows > 1 and not names
     grid = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=bool(shares), width_ratios=shares)
     axes = [ax for row in grid for ax in row]
-    letters = [f"({chr(ord('a') + k)})" if k < LETTERS else "" for k in range(len(axes))]
-    titles = [f"{letter} {name}" for letter, name in zip_longest(letters * (len(axes) > 1), names, fillvalue="")]
+    letters = [f"({letter})" for letter in ascii_lowercase[: len(axes)]] * (len(axes) > 1)
+    titles = [f"{letter} {name}" for letter, name in zip_longest(letters, names, fillvalue="")]
     for ax, title in zip(axes, titles, strict=False):
         ax.set_title(title.strip(), loc="left")
     return figure, axes
@@ -144,15 +142,27 @@ def width_of(label: str) -> float:
 
 
 def legend_columns(labels: Sequence[str], width: float, most: int) -> int:
-    """Columns, `most` or fewer, of a legend that is no wider than the page of `width` [in]."""
-    widths = np.array([width_of(label) for label in labels])
+    """Columns, `most` or fewer, of a legend that is no wider than the page of `width` [in]. The handle of an entry with
+    its spaces takes 0.45 in."""
+    widths = np.array([width_of(label) + 0.45 for label in labels])
     for columns in range(min(most, len(labels)), 1, -1):
         rows, longer = divmod(len(labels), columns)
         ends = np.cumsum([rows + (k < longer) for k in range(columns)])
-        parts = np.split(widths, ends[:-1])
-        if sum(max(part) + HANDLE for part in parts) < width:
+        if sum(max(part) for part in np.split(widths, ends[:-1])) < width:
             return columns
     return 1
+
+
+def legend_entries(axes: Iterable[Axes]) -> dict[str, Any]:
+    """The handles of what was drawn with a label, by label."""
+    return {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+
+
+def draw_fits(ax: Axes, rows: pl.DataFrame, x: Any, y: Any, colour: str, size: float, **looks: Any) -> None:
+    """A marker of this size [pt] per row at (x, y), open where its fit is doubtful. It leads to its trial."""
+    fill = [WHITE if doubtful else colour for doubtful in rows.select(IS_DOUBTFUL).to_series()]
+    drawn = ax.scatter(x, y, size**2, facecolors=fill, edgecolors=colour, **looks)
+    link_to_trials(drawn, rows["trial"])
 
 
 def link_to_trials(drawn: Collection | Sequence[Text], trials: Iterable[str]) -> None:
@@ -166,7 +176,8 @@ def link_to_trials(drawn: Collection | Sequence[Text], trials: Iterable[str]) ->
 
 
 def place_in_report(trial: str) -> str:
-    return f"{REPORT}#trial={quote(trial, safe='')}"
+    """A trial in the report of a run, as the figures' SVG files reach it."""
+    return f"../report.html#trial={quote(trial, safe='')}"
 
 
 def draw_spread(ax: Axes, rows: pl.DataFrame, x: str, quantity: str, colour: str) -> None:
@@ -179,11 +190,9 @@ def draw_spread(ax: Axes, rows: pl.DataFrame, x: str, quantity: str, colour: str
         ax.vlines(complete[x], complete[low], complete[high], color=colour, linewidth=width)
 
 
-def spread_entries(panels: Mapping[Axes, str], table: pl.DataFrame) -> tuple[list[Line2D], str]:
-    """Legend of the bars of `draw_spread`: handles, and a remark where the bars are too short to be seen.
-
-    `panels` are the axes with the quantity that each shows.
-    """
+def spread_entries(panels: Mapping[Axes, str], table: pl.DataFrame) -> list[Line2D]:
+    """Legend of the bars of `draw_spread`, of those that are long enough to be seen beside the markers. `panels` are the
+    axes with the quantity that each shows."""
 
     def bar(width: float, label: str) -> Line2D:
         return Line2D([], [], color=BLACK, marker="|", markersize=8, mew=width, linestyle="", label=label)
@@ -192,43 +201,34 @@ def spread_entries(panels: Mapping[Axes, str], table: pl.DataFrame) -> tuple[lis
     if any(table[f"{quantity}_amplitudes_low"].count() for quantity in panels.values()):
         handles.append(bar(THIN, "Range over amplitudes"))
     if not any(table[f"{quantity}_low"].count() for quantity in panels.values()):
-        return handles, ""
-    longest = max(longest_bar(ax, table[f"{q}_low"], table[f"{q}_high"]) for ax, q in panels.items())
-    if longest <= min(look.size for look in LOOKS.values() if look.marker):
-        return handles, "95 % intervals of noise are shorter than the markers"
-    return [*handles, bar(THICK, "95 % interval of noise")], ""
+        return handles
 
+    def longest_bar(ax: Axes, quantity: str) -> float:
+        """Length [pt] on paper of the longest interval."""
+        figure = ax.figure.figure
+        figure.draw_without_rendering()
+        ends = (table[f"{quantity}_{end}"].drop_nulls() for end in ("low", "high"))
+        low, high = (ax.transData.transform(np.column_stack([np.zeros(len(y)), y]))[:, 1] for y in ends)
+        return float(np.max(np.abs(high - low), initial=0)) * 72 / figure.dpi
 
-def longest_bar(ax: Axes, low: pl.Series, high: pl.Series) -> float:
-    """Length [pt] on paper of the longest vertical bar between bounds (n,) in the axis' unit; 0 without any."""
-    figure = ax.figure.figure
-    figure.draw_without_rendering()
-    values = (low.drop_nulls(), high.drop_nulls())
-    bottom, top = (ax.transData.transform(np.column_stack([np.zeros(len(y)), y]))[:, 1] for y in values)
-    return float(np.max(np.abs(top - bottom), initial=0)) * 72 / figure.dpi
-
-
-STEPS = ((1,), (1, 2, 5), (1, 2, 3, 5), (1, 2, 3, 4, 5, 6, 8), (1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9))
-"""Ticks within a decade, from few to many."""
-FEWEST, ENOUGH = 3, 5
-"""Ticks of a decade's steps that an axis has at least; the fewest steps that give enough are taken."""
-DEGREES = (0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 45, 90, 180)  # steps between ticks of an axis in degrees
-ROOM = 1.1  # distance of names at the ends of curves, in heights of a letter
+    smallest = min(look.size for look in LOOKS.values() if look.marker)
+    if any(longest_bar(ax, quantity) > smallest for ax, quantity in panels.items()):
+        handles.append(bar(THICK, "95 % interval of noise"))
+    return handles
 
 
 def log_ticks(low: float, high: float, most: int) -> list[float]:
-    """Round values from `low` to `high` > 0 for a logarithmic axis, `most` or fewer.
-
-    Within a span in which no decade's steps give three, they are evenly spaced.
-    """
+    """Round values from `low` to `high` > 0 for a logarithmic axis, `most` or fewer: of the fewest steps in a decade
+    that give five, else of those that give most. In a span in which none give three, they are evenly spaced."""
+    within_decade = ((1,), (1, 2, 5), (1, 2, 3, 5), (1, 2, 3, 4, 5, 6, 8), (1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9))
     decades = 10.0 ** np.arange(np.floor(np.log10(low)) - 1, np.ceil(np.log10(high)) + 1)
     slack = 1e-9
-    candidates = ([decade * step for decade in decades for step in steps] for steps in STEPS)
+    candidates = ([decade * step for decade in decades for step in steps] for steps in within_decade)
     found = [[tick for tick in ticks if low * (1 - slack) <= tick <= high * (1 + slack)] for ticks in candidates]
     wide = [float(decade) for decade in decades if low <= decade <= high]
-    fitting = [ticks for ticks in found if FEWEST <= len(ticks) <= most]
+    fitting = [ticks for ticks in found if 3 <= len(ticks) <= most]
     if fitting:
-        return [float(tick) for tick in next((f for f in fitting if len(f) >= ENOUGH), max(fitting, key=len))]
+        return [float(tick) for tick in next((f for f in fitting if len(f) >= 5), max(fitting, key=len))]
     if len(wide) > most:
         return wide[:: -(-len(wide) // most)]
     even = MaxNLocator(nbins=max(most - 1, 2), steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
@@ -256,7 +256,8 @@ def label_phase_axis(ax: Axes) -> None:
     ax.set_ylim(min(low, -margin), max(high, margin))
     ax.axhline(0, color=BLACK, linewidth=0.4, zorder=0)
     span = float(np.ptp(ax.get_ylim()))
-    ax.yaxis.set_major_locator(MultipleLocator(next((step for step in DEGREES if step >= span / 5), DEGREES[-1])))
+    steps = (0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 45, 90)
+    ax.yaxis.set_major_locator(MultipleLocator(next((step for step in steps if step >= span / 5), 180)))
 
 
 def apart(places: Sequence[float], gap: float, limits: tuple[float, float] = (-np.inf, np.inf)) -> Array:
@@ -290,7 +291,7 @@ def name_ends(
     figure = ax.figure.figure
     figure.draw_without_rendering()
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
-    height = ROOM * SIZE_OF_TEXT / 72 * figure.dpi / ax.get_window_extent().height * (high - low)
+    height = 1.1 * SIZE_OF_TEXT / 72 * figure.dpi / ax.get_window_extent().height * (high - low)
     places = apart([y for _, y in ends], height, (low, high))
     written: list[Text] = []
     for end, name, colour, place in zip(ends, names, colours, places, strict=True):
@@ -325,15 +326,12 @@ def squeezed(offsets: Array, reach: float) -> Array:
     return np.asarray(offsets * min(1.0, reach / max(float(np.max(np.abs(offsets), initial=0)), 1e-9)))
 
 
-SHARPNESS = 150  # resolution on the screen [dots per inch]
-
-
 class NotebookFigure(Figure):
     """A matplotlib `Figure` that a notebook shows without `pyplot`, and saves in the style of the paper."""
 
     def _repr_png_(self) -> bytes:
         page = BytesIO()
-        self.savefig(page, format="png", dpi=SHARPNESS)
+        self.savefig(page, format="png", dpi=150)
         return page.getvalue()
 
     def savefig(self, fname: Any, **kwargs: Any) -> None:
@@ -343,6 +341,4 @@ class NotebookFigure(Figure):
 
 def on_screen(figure: Figure) -> NotebookFigure:
     figure.__class__ = NotebookFigure
-    if not isinstance(figure, NotebookFigure):
-        raise TypeError(type(figure).__name__)
-    return figure
+    return cast(NotebookFigure, figure)

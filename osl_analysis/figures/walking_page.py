@@ -13,12 +13,7 @@ from osl_analysis.figures.names import as_text, counted, decimals_of, doubtful_f
 
 COLUMNS = ("group", "panel", "curve", "trial", "x", "mean", "sd", "doubtful")
 GAIT = {"unperturbed": (style.PURPLE, "-", "Unperturbed"), "perturbed": (style.ORANGE, (0, (5, 1.5)), "Perturbed")}
-STANCE = "Stance (%)"
-AFTER_ONSET = "Time from the platform’s onset (ms)"
 RESPONSES = {"response angle": "deg", "response torque": "N·m"}
-HATCHED = "#C4C4C4"
-"""Colour of the baseline's hatching."""
-MOST_GROUPS = 4  # groups whose numbers stand in the caption
 
 
 @style.paper_style()
@@ -31,17 +26,13 @@ def draw(table: pl.DataFrame) -> Figure:
         if len(groups) > 1:
             part.suptitle(drawn_name(rows["group"][0], 60), fontsize=8)
         axes = part.subplots(2, 2)
-        draw_group(axes, rows)
-        found = {
-            label: handle
-            for ax in (axes[0, 1], axes[1, 1])
-            for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)
-        }
+        draw_panels(axes, rows)
+        found = style.legend_entries((axes[0, 1], axes[1, 1]))
         part.legend(list(found.values()), list(found), loc="outside upper center", ncols=4)
     return figure
 
 
-def draw_group(axes: NDArray[np.object_], table: pl.DataFrame) -> None:
+def draw_panels(axes: NDArray[np.object_], table: pl.DataFrame) -> None:
     for ax, letter in zip(axes.ravel(), "abcd", strict=True):
         ax.set_title(f"({letter})", loc="left")
     for ax, panel in zip(axes[0], ("angle", "torque"), strict=True):
@@ -62,7 +53,7 @@ def curve(table: pl.DataFrame, panel: str, name: str) -> pl.DataFrame:
 
 def draw_intervals(ax: Axes, table: pl.DataFrame, panel: str) -> None:
     looks: dict[str, dict[str, Any]] = {
-        "baseline": {"facecolor": "none", "edgecolor": HATCHED, "hatch": "////", "label": "Baseline"},
+        "baseline": {"facecolor": "none", "edgecolor": "#C4C4C4", "hatch": "////", "label": "Baseline"},
         "window": {"color": style.PALE_ORANGE, "alpha": 0.5, "label": "Fitted window"},
     }
     for name, look in looks.items():
@@ -78,7 +69,7 @@ def draw_gait(ax: Axes, rows: pl.DataFrame) -> None:
         ax.fill_between(x, mean - sd, mean + sd, color=colour, alpha=0.25, linewidth=0)
         ax.plot(x, mean, color=colour, linestyle=dashes, label=f"{label} ($n$ = {int(one['n'][0])})")
     ax.set_xlim(0, 100)
-    ax.set_xlabel(STANCE)
+    ax.set_xlabel("Stance (%)")
 
 
 def draw_response(ax: Axes, table: pl.DataFrame, panel: str) -> None:
@@ -102,11 +93,11 @@ def draw_response(ax: Axes, table: pl.DataFrame, panel: str) -> None:
     ax.plot(mean["x"], mean["mean"], color=style.BLACK, linewidth=1.4, label="Mean")
     if not fit.is_empty():
         label = r"Fit of $K\theta + B\dot\theta + I\ddot\theta$"
-        ax.plot(fit["x"], fit["mean"], color=style.ORANGE, linewidth=1.4, linestyle=(0, (3, 2)), label=label)
+        ax.plot(fit["x"], fit["mean"], color=style.ORANGE, linewidth=1.4, linestyle=style.DASHED, label=label)
     ax.axhline(0, color=style.BLACK, linewidth=0.4)
     ax.axvline(0, color=style.BLACK, linewidth=0.4)
     ax.set_xlim(float(every["x"].min()), float(every["x"].max()))  # type: ignore[arg-type]
-    ax.set_xlabel(AFTER_ONSET)
+    ax.set_xlabel("Time from the platform’s onset (ms)")
 
 
 def caption(table: pl.DataFrame) -> str:
@@ -124,21 +115,25 @@ def caption(table: pl.DataFrame) -> str:
             "from the mean one, and the zero-phase filter spreads the platform's motion to times before the onset. The "
             "fit has no offset, so that both are in it."
         )
-    for rows in groups[:MOST_GROUPS]:
+    most = 4
+    for rows in groups[:most]:
         name = f"{as_text(rows['group'][0])}: " if len(groups) > 1 else ""
-        said.append(f"{name}{crossings_said(rows)}; {onset_said(rows)}.")
-    if len(groups) > MOST_GROUPS:
-        said.append(f"The numbers of {len(groups) - MOST_GROUPS} more groups stand in walking_page.csv.")
+        counts = {name: int(curve(rows, "angle", name)["n"][0]) for name in GAIT}
+        crossings = f"{counted(counts['unperturbed'], 'unperturbed crossing')} and {counts['perturbed']} perturbed"
+        said.append(f"{name}{crossings}; {onset_said(rows)}.")
+    if len(groups) > most:
+        said.append(f"The numbers of {len(groups) - most} more groups stand in walking_page.csv.")
     fits = table.filter(pl.col("curve") == "each").unique("trial", maintain_order=True)
     return " ".join([*said, doubtful_fits(fits, "dotted")])
 
 
-def crossings_said(rows: pl.DataFrame) -> str:
-    counts = {name: int(curve(rows, "angle", name)["n"][0]) for name in GAIT}
-    return f"{counted(counts['unperturbed'], 'unperturbed crossing')} and {counts['perturbed']} perturbed"
-
-
 def onset_said(rows: pl.DataFrame) -> str:
+
+    def at_onset(of: pl.DataFrame) -> pl.Series:
+        """The value of each curve nearest to the onset."""
+        nearest = of.sort(pl.col("x").abs(), maintain_order=True).group_by("trial", maintain_order=True).first()
+        return nearest["mean"]
+
     said = []
     for panel, unit in RESPONSES.items():
         mean, each = (at_onset(curve(rows, panel, name)) for name in ("mean", "each"))
@@ -146,9 +141,3 @@ def onset_said(rows: pl.DataFrame) -> str:
         digits = decimals_of(sd or 0.1 * float(mean[0]))
         said.append(f"{number(float(mean[0]), digits)} {unit}" + (f" (SD {number(sd, digits)})" if sd else ""))
     return f"at the onset the mean response is {' and '.join(said)}"
-
-
-def at_onset(rows: pl.DataFrame) -> pl.Series:
-    """The value of each curve nearest to the onset."""
-    nearest = rows.sort(pl.col("x").abs(), maintain_order=True).group_by("trial", maintain_order=True).first()
-    return nearest["mean"]

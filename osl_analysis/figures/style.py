@@ -191,8 +191,8 @@ def draw_spread(ax: Axes, rows: pl.DataFrame, x: str, quantity: str, colour: str
 
 
 def spread_entries(panels: Mapping[Axes, str], table: pl.DataFrame) -> list[Line2D]:
-    """Legend of the bars of `draw_spread`, of those that are long enough to be seen beside the markers. `panels` are the
-    axes with the quantity that each shows."""
+    """Legend of the bars of `draw_spread`, of those that are long enough to be seen beside the markers. `panels` are
+    the axes with the quantity that each shows."""
 
     def bar(width: float, label: str) -> Line2D:
         return Line2D([], [], color=BLACK, marker="|", markersize=8, mew=width, linestyle="", label=label)

@@ -49,19 +49,15 @@ class About:
         )
 
 
-PLACES = {"raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded"}
-"""Settings that say where files are, how a run ends, or what stands beside the hash: others give the same results."""
-DIGITS = 8
-"""Hexadecimal digits of the configuration's hash that are written."""
-
-
 def about(campaign: Campaign, simulation: list[Path]) -> About:
     """What the results of a campaign are made of; `simulation` are the files of its simulation's settings."""
     config = campaign.config
     files = {path for path in (config.parameters, config.impedance_trajectory, *simulation) if path is not None}
-    settings = config.model_dump(mode="json", exclude=PLACES)  # with the defaults
+    # these say where files are, how a run ends, or what stands beside the hash: others give the same results
+    places = {"raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded"}
+    settings = config.model_dump(mode="json", exclude=places)  # with the defaults
     text = json.dumps([settings, sorted(str(digest(path)) for path in files)], sort_keys=True)
-    configuration = hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
+    configuration = hashlib.sha256(text.encode()).hexdigest()[:8]
     return About(config.campaign, campaign.data, version("osl-analysis"), configuration, date_of(campaign))
 
 

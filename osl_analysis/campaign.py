@@ -26,7 +26,6 @@ from osl_analysis.walking.groups import PERTURBED, SHARED, STATED, STATIC, side_
 from osl_analysis.yaml_settings import read_mapping
 
 TRUTH = "truth"  # folder that the simulator writes beside its recordings
-RECORDING_COLUMNS = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")
 
 
 @dataclass(frozen=True)
@@ -180,8 +179,8 @@ class Campaign:
 
     def recording(self, trial: str) -> Mapping[str, Any]:
         """The cells of a trial's row that ingest uses. A change of other cells does not cause a new ingest."""
-        row = self.row(trial)
-        return {column: row[column] for column in RECORDING_COLUMNS}
+        used = ("trial", "experiment", "log", "log_source", "log_part", "mocap", "mocap_source")
+        return {column: self.row(trial)[column] for column in used}
 
     def accepted(self, trial: str) -> list[str]:
         """The quality checks whose failure the sheet accepts for a trial."""
@@ -215,15 +214,20 @@ def cells(row: Iterable[tuple[Hashable, Any]]) -> dict[str, Any]:
 
 
 def check_campaign(campaign: Campaign) -> None:
-    """Refuse a configuration that names a missing file, and walking trials whose analysis lacks other trials."""
-    check_files(campaign)
-    check_quality(campaign)
-    check_walking(campaign)
+    """Refuse a configuration that names a missing file, quality rules and names under `accept` that match no checks,
+    and walking trials whose analysis lacks other trials."""
+    check_files(campaign.config)
+    validate_rules(campaign.config.quality)
+    for trial in campaign.sheet.index:
+        unknown = [name for name in campaign.accepted(trial) if name not in CHECKS]
+        if unknown:
+            raise InputError(f"{campaign.config.sheet}: trial '{trial}', accept: {unknown_check(unknown[0])}")
+    if campaign.trials("walking"):
+        check_walking(campaign)
 
 
-def check_files(campaign: Campaign) -> None:
+def check_files(config: Config) -> None:
     """Refuse a missing file, or a file for the results' folder. Raw files are checked when they are ingested."""
-    config = campaign.config
     for folder in (config.results, *config.results.parents):
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{folder}: is a file; name a folder under `results` in the configuration")
@@ -240,19 +244,8 @@ def check_files(campaign: Campaign) -> None:
             raise InputError(f"{path}: no such file; correct {field} in the configuration{none}")
 
 
-def check_quality(campaign: Campaign) -> None:
-    """Refuse quality rules that do not match the checks, and names under `accept` that are not checks."""
-    validate_rules(campaign.config.quality)
-    for trial in campaign.sheet.index:
-        unknown = [name for name in campaign.accepted(trial) if name not in CHECKS]
-        if unknown:
-            raise InputError(f"{campaign.config.sheet}: trial '{trial}', accept: {unknown_check(unknown[0])}")
-
-
 def check_walking(campaign: Campaign) -> None:
     """Refuse walking trials without the static, plate and other trials that their analysis needs."""
-    if not campaign.trials("walking"):
-        return
     fewest = campaign.config.walking.fewest_unperturbed
     needs = {
         "trial of experiment 'static'": (len(campaign.trials("static")), 1),
@@ -277,10 +270,6 @@ def check_walking(campaign: Campaign) -> None:
         split_keys(campaign.conditions(), campaign.config.walking)
 
 
-FIRST = "the first impedance trial of the sheet"
-NEITHER = "the example of the configuration is not in this campaign"
-
-
 @dataclass(frozen=True)
 class ImpedanceExample:
     """The trial of Fig. 4."""
@@ -298,14 +287,14 @@ def time_series_example(campaign: Campaign) -> ImpedanceExample | None:
     stated, trials = campaign.config.figures.time_series, campaign.trials("impedance")
     if not trials:
         return None
-    name, amplitude_deg, chosen = trials[0], None, FIRST
+    name, amplitude_deg, chosen = trials[0], None, "the first impedance trial of the sheet"
     if stated is not None:
         asked = {"controller": stated.controller, "K_d": stated.K_d, "B_d": stated.B_d}
         if found := matching(campaign, asked):
             name, amplitude_deg, chosen = found[0], stated.amplitude_deg, ""
         else:
             check_default(campaign, "time_series", asked)
-            chosen = f"{FIRST}; {NEITHER}"
+            chosen += "; the example of the configuration is not in this campaign"
     duration_s = stated.duration_s if stated else 10.0
     return ImpedanceExample(
         name, **campaign.places[name], amplitude_deg=amplitude_deg, duration_s=duration_s, chosen=chosen

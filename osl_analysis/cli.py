@@ -50,8 +50,6 @@ class NumberList(click.ParamType[list[float]]):
 
 
 FILE = click.Path(path_type=Path)
-WRITTEN = {"output", "plot", "draft_path"}  # parameters of commands that name a file to write
-READ = ("log", "mocap", "file", "trial")  # parameters of commands that name a recording or a trial
 SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "design": ".csv"}
 """Suffix of what a command writes, where it writes one kind of file."""
 INTERRUPTED = 130  # exit code after Ctrl-C or SIGTERM
@@ -107,9 +105,8 @@ class KeepsItsInput(click.Command):
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command, unless the file of an option that writes is in use, of another kind, or no file."""
         command = str(ctx.info_name)
-        for name in sorted(WRITTEN & ctx.params.keys()):
-            path = ctx.params[name]
-            if path is None:
+        for name, path in ctx.params.items():
+            if name not in ("output", "plot", "draft_path") or path is None:
                 continue
             others = {other: value for other, value in ctx.params.items() if other != name}
             if any(same_file(used, path) for used in files_used(others)):
@@ -118,7 +115,8 @@ class KeepsItsInput(click.Command):
             if path.suffix != suffix:  # it may be a source file, a log or a configuration
                 raise click.UsageError(f"{path}: `{command}` writes {suffix} files; choose this suffix")
             check_output(path)
-        with limited_memory([ctx.params[name] for name in READ if isinstance(ctx.params.get(name), Path)]):
+        read = (ctx.params.get(name) for name in ("log", "mocap", "file", "trial"))
+        with limited_memory([path for path in read if isinstance(path, Path)]):
             return super().invoke(ctx)
 
 

@@ -15,8 +15,7 @@ from osl_analysis.shared_choices import FOLLOWED, FollowedProtocol, SharedChoice
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
 from osl_analysis.yaml_settings import Degrees, Model, Positive, Settings, ShippedPath, read_mapping, validated
 
-MOST = 1_000_000
-"""Largest number of trials, campaigns or crossings of a study; more is a slip of the keyboard."""
+Some = Annotated[int, Field(ge=0, le=1_000_000)]  # trials, campaigns or crossings; more is a slip of the keyboard
 
 
 class FrequencyResponseFigure(Settings):
@@ -73,13 +72,13 @@ class StudySettings(Settings):
     """Settings of the simulated campaign."""
     seed: Annotated[int, Field(ge=0)]
     """Seed of every random number."""
-    trials: Annotated[int, Field(ge=2, le=MOST)]
+    trials: Annotated[Some, Field(ge=2)]
     """Number of trials of each bench experiment."""
-    campaigns: Annotated[int, Field(ge=0, le=MOST)]
+    campaigns: Some
     """Number of campaigns of walking, and of repeated belt and transmission trials."""
-    recorded: Annotated[int, Field(ge=0, le=MOST)]
+    recorded: Some
     """Number of further walking campaigns that are written to files and ingested."""
-    crossings: Annotated[int, Field(ge=3, le=MOST)]
+    crossings: Annotated[Some, Field(ge=3)]
     """Number of perturbed crossings in a campaign, which has the same number of unperturbed crossings."""
     batch: Annotated[int, Field(ge=1)]
     """Smallest number of bench trials in a job. A large study takes more, so that it has fewer than a hundred jobs."""

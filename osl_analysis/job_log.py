@@ -20,8 +20,6 @@ from osl_analysis.files import atomic_path
 Outcome = Literal["done", "refused", "failed", "died", "skipped"]
 REQUEST = ("input", "output", "settings")
 """The last entries of a log: the request."""
-UNLIMITED = 10**9
-MOST_WARNINGS = 10  # in the report at the end of a run
 
 
 @dataclass(frozen=True)
@@ -40,14 +38,10 @@ class JobLog:
     traceback: str = ""  # of an error of the program
 
 
-FROM_ENTRIES = TypeAdapter(JobLog)
-"""Builds a log from its entries, with the types of its fields."""
-
-
 def log_yaml() -> YAML:
     """Reads and writes logs: a line per entry, in the order in which they are given."""
     yaml = YAML(typ="safe", pure=True, plug_ins=[])
-    yaml.default_flow_style, yaml.allow_unicode, yaml.width = False, True, UNLIMITED
+    yaml.default_flow_style, yaml.allow_unicode, yaml.width = False, True, 10**9
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     return yaml
 
@@ -68,7 +62,7 @@ def read_log(path: Path) -> JobLog | None:
         head = path.read_text(encoding="utf-8")
         for name in REQUEST:
             head = head.split(f"\n{name}:", 1)[0]
-        return FROM_ENTRIES.validate_python(log_yaml().load(head))
+        return TypeAdapter(JobLog).validate_python(log_yaml().load(head))
     except (OSError, ValueError, YAMLError):
         return None
 
@@ -94,13 +88,14 @@ def run_report(logs: Sequence[JobLog]) -> str:
     """The report at the end of a run: each warning once, with the number of jobs that gave it, and the wall time of
     the jobs of each stage, summed over the cores. Failures are in `refusal_report`.
     """
+    most = 10  # warnings
     counts = Counter(warning for log in logs for warning in log.warnings)
     lines = [f"warning: {text}" + (f" ({count} jobs)" if count > 1 else "") for text, count in counts.items()]
-    more = [f"{len(lines) - MOST_WARNINGS} more warnings stand in the logs"] if len(lines) > MOST_WARNINGS else []
+    more = [f"{len(lines) - most} more warnings stand in the logs"] if len(lines) > most else []
     spent: dict[str, list[float]] = defaultdict(list)
     for log in logs:
         spent[log.job.partition(".")[0]].append(log.seconds)
     rows = sorted(spent.items(), key=lambda stage: -sum(stage[1]))
     times = [f"{stage:<16}{len(seconds):>6} jobs{sum(seconds):>9.1f} s" for stage, seconds in rows]
     title = ["where the time went (summed over cores):"] if times else []
-    return "\n".join([*lines[:MOST_WARNINGS], *more, *title, *times])
+    return "\n".join([*lines[:most], *more, *title, *times])

@@ -14,8 +14,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
 GROUP = 4  # number of neighbouring odd lines of which one is left out
-FEWEST_LINES = 3
-"""Smallest number of excited lines: each gives two equations for K, B and I, and one alone leaves K and I together."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,7 @@ def odd_lines(period_s: float, band_hz: tuple[float, float], seed: int) -> tuple
         for start in range(0, len(odd) - GROUP + 1, GROUP)
     ]
     lines, detection = np.setdiff1d(odd, left_out), np.array(left_out, dtype=np.intp)
-    if len(lines) < FEWEST_LINES:
+    if len(lines) < 3:  # each gives two equations for K, B and I, and one alone leaves K and I together
         raise InputError(
             f"{len(lines)} odd lines of a period of {period_s:g} s lie within {low:g} to {high:g} Hz; "
             "take a longer period or a wider band"

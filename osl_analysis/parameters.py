@@ -16,9 +16,6 @@ UNITS = {
     "k_tau": "N*m/A", "n_m": "1", "B_m": "N*m*s/rad", "J_m": "kg*m^2", "f_C": "N*m", "f_G": "N*m/A",
     "n_T": "1", "K_s": "N*m/rad", "K_s2": "N*m/rad^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2",
 }  # fmt: skip
-MUST_BE_POSITIVE = ("k_tau", "n_m", "J_m", "n_T", "K_s")
-SMALLEST, LARGEST = 1e-9, 1e9
-"""Limits of every parameter that is not 0, in its unit. A value outside has a wrong exponent."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +41,10 @@ class DrivetrainParameters:
                 "would exceed the motor's torque; correct the parameter file"
             )
         for name, unit in UNITS.items():
-            value, may_be_0 = getattr(self, name), name not in MUST_BE_POSITIVE
-            if not (SMALLEST <= value <= LARGEST or (value == 0 and may_be_0)):
-                bound = f"{'zero or ' * may_be_0}positive, {SMALLEST:g} to {LARGEST:g}"
+            value, may_be_0 = getattr(self, name), name not in ("k_tau", "n_m", "J_m", "n_T", "K_s")
+            least, most = 1e-9, 1e9  # a value outside has a wrong exponent
+            if not (least <= value <= most or (value == 0 and may_be_0)):
+                bound = f"{'zero or ' * may_be_0}positive, {least:g} to {most:g}"
                 raise InputError(f"parameter {name} = {value} {unit} must be {bound}; correct the parameter file")
 
 

@@ -34,10 +34,6 @@ NOISE = re.compile(
     r"Elapsed time|host: |Finished job|SNAKEMAKE|\s*$"
 )
 """What lines of Snakemake begin with that tell a user nothing."""
-BETWEEN_LINES_S = 10.0
-"""Time between two lines on a stage where there is no terminal [s]."""
-BETWEEN_DRAWINGS_S = 0.1
-"""Time between two drawings of the last line of a terminal [s]."""
 CLEARED = "\r\x1b[K"
 
 
@@ -108,16 +104,16 @@ class Progress:
 
     def show(self, name: str, stage: Stage) -> None:
         """Draw what runs on the last line of a terminal; elsewhere, a line now and then, and one for a whole stage."""
-        now = time.monotonic()
+        now, spent = time.monotonic(), time.monotonic() - self.last
         if stage.done == stage.total:
             self.line(stage.text(name, now))
-        elif self.is_terminal and now - self.last > BETWEEN_DRAWINGS_S:
+        elif self.is_terminal and spent > 0.1:
             running = {stage for stage, _ in self.jobs.values()} | {name}
             text = " | ".join(
                 self.stages[one].text(one, now) for one in STAGES if one in running and one in self.stages
             )
             self.write(f"{CLEARED}{text[: shutil.get_terminal_size().columns - 1]}")
-        elif not self.is_terminal and now - self.last > BETWEEN_LINES_S:
+        elif not self.is_terminal and spent > 10:
             self.line(stage.text(name, now))
 
     def line(self, text: str) -> None:

@@ -15,9 +15,6 @@ from osl_analysis.files import atomic_path
 
 MAGIC = "osl_analysis_refused"
 """First column of a record. No other file begins with it."""
-VERSION = "1"
-LARGEST = 1 << 20
-"""Size [bytes] above which a file is not a record."""
 TRIED_AGAIN = ("died", "failed")
 """Outcomes after which a job is tried again in the next run. `refused` stays until inputs or settings change."""
 
@@ -48,14 +45,14 @@ def write_refusals(refusals: Iterable[Refusal], path: Path) -> None:
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        writer.writerows((VERSION, *astuple(refusal)) for refusal in refusals)
+        writer.writerows(("1", *astuple(refusal)) for refusal in refusals)
 
 
 def is_refused(path: Path | str) -> bool:
-    """Whether a file is a refusal record, by its first bytes. A file that is missing or unreadable is none."""
+    """Whether a file is a refusal record, by its first bytes. One above 1 MB, missing or unreadable is none."""
     try:
         with open(path, "rb") as file:
-            return file.read(len(MAGIC)) == MAGIC.encode() and os.fstat(file.fileno()).st_size < LARGEST
+            return file.read(len(MAGIC)) == MAGIC.encode() and os.fstat(file.fileno()).st_size < 1 << 20
     except OSError:
         return False
 
@@ -96,10 +93,6 @@ def refused_trials(refusals: Iterable[Refusal]) -> dict[str, Refusal]:
 ACCEPTED = "accepted: `failed_trials: accept` in the configuration"
 MOST_NAMED = 12
 """Largest number of trials, or of results, that are named in one line."""
-WAYS_OUT = (
-    "Correct these and run again. To go on without a trial, give a reason under `exclude` in the sample sheet; without "
-    "all of these, write `failed_trials: accept` in the configuration."
-)
 
 
 def records_in(files: Iterable[str]) -> tuple[str, ...]:
@@ -124,7 +117,7 @@ def refusal_report(
     refusals: Sequence[Refusal],
     recordings: Mapping[str, Sequence[str]],
     accept: bool,
-    records: Iterable[Path | str] = (),
+    records: Collection[Path | str] = (),
 ) -> str:
     """A line per cause with trial, file, reason and remedy, what else has no result, and what to do; empty without
     refusals.
@@ -134,7 +127,11 @@ def refusal_report(
     if not refusals:
         return ""
     missing = {refusal.trial for refusal in refusals if refusal.trial}
-    trials, results = deprived(records, missing, recordings)
+    stems = {Path(record).stem for record in records}
+    files = [Path(record) for record in records if Path(record).stem not in recordings]
+    named = {f.name for f in files if f.parent.name == "tables" or f.suffix in (".json", ".tex")}
+    drawn = {f"figure {f.stem}" for f in files if f.parent.name == "figures"}  # in several formats, named once
+    trials, results = sorted(stems & set(recordings) - missing), sorted(named) + sorted(drawn)
     first = f"{len(missing)} of {len(recordings)} trials" if missing else "some results"
     more = f", and for want of them {len(trials)} of {len(recordings)} trials" if trials and not missing else ""
     more = f", and for want of them {len(trials)} more" if trials and missing else more
@@ -142,21 +139,11 @@ def refusal_report(
     lines = [line(refusal, recordings.get(refusal.trial, ())) for refusal in refusals]
     lines += [f"  therefore without a result: {listing(trials, MOST_NAMED)}"] if trials else []
     lines += [f"  therefore not made: {listing(results, MOST_NAMED)}"] if results else []
-    return "\n".join(["", f"NOT ANALYSED: {first}{more}{rest}.", *lines, ACCEPTED if accept else WAYS_OUT])
-
-
-def deprived(
-    records: Iterable[Path | str], missing: Collection[str], recordings: Mapping[str, Sequence[str]]
-) -> tuple[list[str], list[str]]:
-    """What has no result though it is no cause itself: trials, and files of tables, figures and numbers.
-
-    `missing` are the trials that are causes. A figure in several formats is named once, by its numbers.
-    """
-    stems = {Path(record).stem for record in records}
-    files = [Path(record) for record in records if Path(record).stem not in recordings]
-    named = {f.name for f in files if f.parent.name == "tables" or f.suffix in (".json", ".tex")}
-    drawn = {f"figure {f.stem}" for f in files if f.parent.name == "figures"}
-    return sorted(stems & set(recordings) - set(missing)), sorted(named) + sorted(drawn)
+    ways_out = (
+        "Correct these and run again. To go on without a trial, give a reason under `exclude` in the sample sheet; "
+        "without all of these, write `failed_trials: accept` in the configuration."
+    )
+    return "\n".join(["", f"NOT ANALYSED: {first}{more}{rest}.", *lines, ACCEPTED if accept else ways_out])
 
 
 def line(refusal: Refusal, recordings: Sequence[str]) -> str:

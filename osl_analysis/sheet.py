@@ -17,8 +17,6 @@ from osl_analysis.model.compensator import CONTROLLERS
 
 INVISIBLE = {"Cf", "Zl", "Zp", "Cc"}
 """Unicode categories of characters that nobody sees: zero width, text direction, line separators, control."""
-FREE_TEXT = ("exclude",)
-"""Columns of sentences, in which any blank may stand."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,13 @@ def read_lines(path: Path) -> tuple[list[str], list[SheetLine]]:
             lines.append(SheetLine(number, dict(zip(columns, cells + [""] * len(columns), strict=False))))
     for line in lines:
         for column, cell in line.cells.items():
-            check_characters(cell if column not in FREE_TEXT else "", f"{path}: line {line.number}: column '{column}'")
+            for sign in cell if column != "exclude" else "":  # a sentence
+                if (sign.isspace() and sign != " ") or unicodedata.category(
+                    sign
+                ) in INVISIBLE:  # equal names would differ
+                    name = f"U+{ord(sign):04X} ({unicodedata.name(sign, 'a control character')})"
+                    said = f"column '{column}': {cell!r} contains {name}; type the cell again"
+                    raise InputError(f"{path}: line {line.number}: {said}")
     return columns, lines
 
 
@@ -89,14 +93,6 @@ def outer_blanks_off(cell: str) -> str:
     return cell[seen[0] : seen[-1] + 1] if seen else ""
 
 
-def check_characters(cell: str, place: str) -> None:
-    """Refuse characters within a cell that look like a blank or like nothing: two equal names would differ."""
-    for sign in cell:
-        if (sign.isspace() and sign != " ") or unicodedata.category(sign) in INVISIBLE:
-            name = f"U+{ord(sign):04X} ({unicodedata.name(sign, 'a control character')})"
-            raise InputError(f"{place}: {cell!r} contains {name}; type the cell again")
-
-
 JOINT = "ankle"
 """The joint of a trial whose row names none. The walkway measures this one."""
 LONGEST_NAME = 100
@@ -111,8 +107,6 @@ COLUMNS = {
     "joint": "string",
     **dict.fromkeys(CONDITIONS, "string"), "body_mass_kg": "float64", "static": "string",
 }  # fmt: skip
-WINDOWS = re.compile(r"\d+\.?\d*-\d+\.?\d*(\s+\d+\.?\d*-\d+\.?\d*)*")
-"""Windows of a trial: from-to in s, separated by blanks."""
 REQUIRED = ("trial", "experiment")
 
 
@@ -175,6 +169,10 @@ def check_rows(lines: Sequence[SheetLine], path: Path) -> None:
 
 def check_spelling(lines: Sequence[SheetLine], path: Path) -> None:
     """Refuse two names of a joint or controller that differ by capitals, or by how Unicode writes a letter, alone."""
+
+    def folded(name: str) -> str:
+        return unicodedata.normalize("NFKC", name).casefold()
+
     for column, known in (("joint", (JOINT,)), ("controller", CONTROLLERS)):
         first = {folded(name): name for name in known}
         for line in lines:
@@ -185,11 +183,6 @@ def check_spelling(lines: Sequence[SheetLine], path: Path) -> None:
                     f"{path}: line {line.number}: {column} '{name}' differs from '{before}' by capitals or accents "
                     f"alone, and would be another one; write '{before}' in both"
                 )
-
-
-def folded(name: str) -> str:
-    """A name without what a reader takes for the same: capitals, and other codes of the same letters."""
-    return unicodedata.normalize("NFKC", name).casefold()
 
 
 def typed(rows: Sequence[Mapping[str, str]]) -> pd.DataFrame:
@@ -259,7 +252,7 @@ def problem_with_needs(row: dict[str, str]) -> str:
     windows, experiment = row["windows"], row["experiment"]
     if windows and experiment != "impedance":
         return f"windows '{windows}' of experiment '{experiment}'; only 'impedance' fits windows, leave it"
-    if windows and not WINDOWS.fullmatch(windows):
+    if windows and not re.fullmatch(r"\d+\.?\d*-\d+\.?\d*(\s+\d+\.?\d*-\d+\.?\d*)*", windows):
         return f"windows '{windows}' are not from-to in s; write them as 2-30 40-62"
     if row["log_part"] and not row["log"]:
         return f"log_part '{row['log_part']}' without a log; fill in log, or clear log_part"

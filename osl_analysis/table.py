@@ -14,8 +14,6 @@ from osl_analysis.files import atomic_path
 from osl_analysis.refusal import check_not_refused
 
 SUFFIX = ".zip"
-SAME_DATE = (1980, 1, 1, 0, 0, 0)
-"""Of every part, so that the same tables make the same archive."""
 OPEN: ContextVar[dict[Path, dict[str, bytes]] | None] = ContextVar("open_archives", default=None)
 """The parts of the archives that are written at the end of the block, by archive and name."""
 
@@ -28,15 +26,10 @@ def archives() -> Iterator[None]:
         yield
         for path, parts in (OPEN.get() or {}).items():
             with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:  # without compression
-                for name, content in parts.items():
-                    archive.writestr(zipfile.ZipInfo(name, SAME_DATE), content)
+                for name, content in parts.items():  # with one date, so that the same tables make the same archive
+                    archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), content)
     finally:
         OPEN.reset(token)
-
-
-def is_part(path: Path) -> bool:
-    """Whether a path names a table in an archive."""
-    return path.parent.suffix == SUFFIX
 
 
 def add_part(path: Path, content: bytes) -> None:
@@ -88,7 +81,7 @@ def write_table(frame: pl.DataFrame, path: Path) -> None:
     """
     if data := OF_DATA.get():
         frame = frame.select(pl.exclude("data"), pl.lit(data, pl.String).alias("data"))
-    if is_part(path):
+    if path.parent.suffix == SUFFIX:  # a table in an archive
         add_part(path, frame.write_csv().encode())
         return
     with atomic_path(path) as temporary:

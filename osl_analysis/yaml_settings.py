@@ -21,7 +21,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from osl_analysis.errors import InputError, OslAnalysisError, nearest
+from osl_analysis.errors import InputError, nearest
 from osl_analysis.files import shipped
 
 Positive = Annotated[float, Field(gt=0)]
@@ -33,12 +33,6 @@ ShippedPath = Annotated[Path, AfterValidator(shipped)]
 Place = Sequence[int | str]
 """Keys and numbers of list entries that lead to a field, from the outermost."""
 
-MOST_VALUES = 100_000  # in a file, with every alias written out: 500 bytes of nested aliases stand for billions
-LONGEST = 60  # characters of a value in a message
-AS_YAML = {"True": "true", "False": "false", "None": "null"}  # values as YAML writes them
-YAML_1_1 = re.compile(r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)|[-+]?0[0-7_]+")
-"""What YAML 1.1, and so Snakemake, counts in sixties (1:30 is 90) or in eights (010 is 8)."""
-TRUTH = "write a number; YAML reads true, yes and on, false, no and off as truth values"
 ADVICE = {
     "string_type": "write text, in quotes if it looks like a number, a list or nothing",
     "float_type": "write a number, without a unit",
@@ -53,10 +47,6 @@ ADVICE = {
     "finite_number": "write a finite number",
 }
 """What to write, by the type of a problem that pydantic found."""
-
-
-class AmbiguousError(OslAnalysisError):
-    """A key stands twice in one mapping of a YAML file, or a number is not what it looks like."""
 
 
 class Settings(BaseModel):
@@ -76,7 +66,8 @@ class Settings(BaseModel):
         made = validate(value)
         place = counted_truth(value, made)
         if place is not None:
-            raise PydanticCustomError("truth_value", "{reason}", {"reason": TRUTH, "place": place})
+            reason = "write a number; YAML reads true, yes and on, false, no and off as truth values"
+            raise PydanticCustomError("truth_value", "{reason}", {"reason": reason, "place": place})
         return made
 
     def part(self, base: str) -> dict[str, Any]:
@@ -127,14 +118,15 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise InputError(f"{path}: line {line} is not UTF-8; save the file as UTF-8") from error
-    except AmbiguousError as error:
+    except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except RecursionError as error:
         raise InputError(f"{path}: its fields are nested too deeply; write them as in the shipped files") from error
     except (YAMLError, ValueError, AttributeError, KeyError, TypeError, OverflowError) as error:  # of a wrong tag
         raise InputError(f"{path}: not YAML: {not_yaml(error)}") from error
-    if extent(node, {}) > MOST_VALUES:
-        raise InputError(f"{path}: its aliases (`*name`) stand for more than {MOST_VALUES} values; write them out")
+    most = 100_000  # 500 bytes of nested aliases stand for billions
+    if extent(node, {}) > most:
+        raise InputError(f"{path}: its aliases (`*name`) stand for more than {most} values; write them out")
     if not isinstance(content, dict):
         raise InputError(f"{path}: has no fields; write `name: value` lines as in the shipped files")
     return content
@@ -142,11 +134,17 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
 
 @lru_cache(maxsize=16)
 def parsed(text: str) -> tuple[Node | None, Any]:
-    """The nodes of a YAML text, with their lines, and its content."""
+    """The nodes of a YAML text, with their lines, and its content. A key that stands twice in a mapping is refused."""
     yaml = YAML(typ="safe", pure=True, plug_ins=[])
     node = yaml.compose(text)
     for mapping in mappings(node):
-        check_keys(mapping)
+        lines: dict[Any, int] = {}
+        for key, _ in mapping.value:
+            name, line = (key.tag, key.value) if isinstance(key, ScalarNode) else id(key), key.start_mark.line + 1
+            if name in lines:
+                said = f"line {line}: key '{key.value}' stands twice, first in line {lines[name]}; remove one"
+                raise InputError(said)
+            lines[name] = line
     return node, yaml.constructor.construct_document(node) if node is not None else None
 
 
@@ -173,27 +171,17 @@ def mappings(node: Node | None) -> list[MappingNode]:
     return [one for one in found.values() if isinstance(one, MappingNode)]
 
 
-def check_keys(mapping: MappingNode) -> None:
-    """Refuse a key that stands twice in a mapping."""
-    lines: dict[Any, int] = {}
-    for key, _ in mapping.value:
-        name, line = (key.tag, key.value) if isinstance(key, ScalarNode) else id(key), key.start_mark.line + 1
-        if name in lines:
-            said = f"line {line}: key '{key.value}' stands twice, first in line {lines[name]}; remove one"
-            raise AmbiguousError(said)
-        lines[name] = line
-
-
 def check_read_alike(node: Node | None) -> None:
-    """Refuse the first number that YAML 1.1 counts otherwise than it looks."""
+    """Refuse the first number that YAML 1.1, and so Snakemake, counts in sixties (1:30 is 90) or eights (010 is 8)."""
+    otherwise = re.compile(r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)|[-+]?0[0-7_]+")
     for mapping in mappings(node):
         for key, value in mapping.value:
             for one in value.value if isinstance(value, SequenceNode) else [value]:
-                found = YAML_1_1.fullmatch(one.value) if isinstance(one, ScalarNode) and not one.style else None
+                found = otherwise.fullmatch(one.value) if isinstance(one, ScalarNode) and not one.style else None
                 if found is not None:
                     said = f"YAML counts {one.value} in {'sixties' if found['sixties'] else 'eights'}"
                     remedy = "write a plain decimal number, or text in quotes"
-                    raise AmbiguousError(f"line {one.start_mark.line + 1}: {key.value}: {said}; {remedy}")
+                    raise InputError(f"line {one.start_mark.line + 1}: {key.value}: {said}; {remedy}")
 
 
 def not_yaml(error: Exception) -> str:
@@ -269,8 +257,7 @@ def explain(error: ValidationError, model: type[BaseModel], content: Any, above:
     deeper = {place[:n] for place in found for n in range(len(place))}
     problems = [(place, each) for place, each in found.items() if place not in deeper or not place]
     for place, _ in problems:
-        said = renamed_or_gone(model, place, above)
-        if said:
+        if said := renamed_or_gone(model, place, above):
             return said, (*above, *place)
     first, each = next((one for one in problems if misspelt(*one, model)), problems[0])
     others = len(problems) - 1
@@ -337,8 +324,8 @@ def described(place: Place, problems: Sequence[Mapping[str, Any]], model: type[B
     reason = ", or ".join([first, *(other.removeprefix("write ") for other in others)])
     if isinstance(value, dict | list | BaseModel):
         return f"{name}: {reason}"
-    shown = AS_YAML.get(repr(value)) or repr(value)
-    return f"{name}: {shown if len(shown) <= LONGEST else f'{shown[:LONGEST]}...'} is not allowed: {reason}"
+    shown = {"True": "true", "False": "false", "None": "null"}.get(repr(value)) or repr(value)
+    return f"{name}: {shown if len(shown) <= 60 else f'{shown[:60]}...'} is not allowed: {reason}"
 
 
 def plain_reason(problem: Mapping[str, Any], place: Place, model: type[BaseModel]) -> str:

@@ -14,10 +14,6 @@ from packaging.requirements import Requirement
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.files import CAMPAIGN, root, shipped
 
-LEAST_SPACE_GB = 2.0
-"""Free space below which a campaign may not fit: the default one takes 0.4 GB, recordings not counted."""
-OLDEST_PYTHON = (3, 11)
-
 
 @dataclass(frozen=True)
 class Finding:
@@ -30,24 +26,20 @@ class Finding:
 
 def findings(folder: Path) -> Iterator[Finding]:
     """What this machine has and lacks, and whether the campaign in a folder can be read."""
-    too_old = sys.version_info[:2] < OLDEST_PYTHON
+    too_old = sys.version_info[:2] < (3, 11)
+    there = all(shipped(name).is_file() for name in ("Snakefile", "config/config.yaml"))
+    again = "" if there else "install osl-analysis again: the files of its workflow are missing"
     yield Finding("Python", platform.python_version(), "install Python 3.11 or newer" if too_old else "")
-    yield Finding("osl-analysis", f"{version('osl-analysis')}, workflow in {root()}", missing_files())
+    yield Finding("osl-analysis", f"{version('osl-analysis')}, workflow in {root()}", again)
     yield from packages()
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     yield Finding("cores", f"{cores}")
-    free = shutil.disk_usage(folder).free / 1e9
-    few = "make room, or work on another disk" if free < LEAST_SPACE_GB else ""
+    free = shutil.disk_usage(folder).free / 1e9  # the default campaign takes 0.4 GB, recordings not counted
+    few = "make room, or work on another disk" if free < 2 else ""
     yield Finding("free space", f"{free:.0f} GB in {folder.resolve()}", few)
     can = os.access(folder, os.W_OK)
     yield Finding("folder", "can be written to" if can else "cannot be written to", "" if can else "choose another one")
     yield campaign(folder)
-
-
-def missing_files() -> str:
-    """What to do if the shipped files are not there; empty if they are."""
-    there = all(shipped(name).is_file() for name in ("Snakefile", "config/config.yaml"))
-    return "" if there else "install osl-analysis again: the files of its workflow are missing"
 
 
 def packages() -> Iterator[Finding]:
@@ -94,7 +86,6 @@ def campaign(folder: Path) -> Finding:
 
 
 def as_text(found: list[Finding]) -> str:
-    """The findings as aligned lines; what needs something is marked."""
     width = max(len(one.what) for one in found)
     return "\n".join(
         f"{'!!' if one.remedy else 'ok'} {one.what:<{width}}  {one.found}{f': {one.remedy}' if one.remedy else ''}"

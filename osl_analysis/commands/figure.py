@@ -15,14 +15,9 @@ from osl_analysis.refusal import Refusal, is_refused, read_refusals
 from osl_analysis.table import read_table, write_table
 
 EMPTY = "no trial of the campaign has the numbers that this figure shows"
-DIGITS = 8
-"""Hexadecimal digits of the hash of the plotted numbers below a figure."""
-METADATA: dict[str, dict[str, Any]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}, ".png": {}}
-"""Formats that can be written, with the metadata that would hold the time removed: equal numbers give equal files."""
-
-SUBJECT = {".pdf": "Subject", ".svg": "Description", ".png": "Description"}
-"""By format, the entry of the metadata that says what the data are."""
-DOUBTS = "Why a fit is doubtful stands in the column `doubtful` of the figure's CSV file."
+METADATA = {".pdf": ("Subject", "CreationDate"), ".svg": ("Description", "Date"), ".png": ("Description", "Date")}
+"""Formats that can be written, each with the entries of its metadata that say what the data are, and the time. That is
+left out: equal numbers give equal files."""
 
 
 def figure_module(name: str) -> Any:
@@ -57,7 +52,7 @@ def draw_figure(
     Raises InputError: unknown figure or suffix; the table is missing or lacks a column.
     """
     if footer:
-        footer += f", numbers {str(digest(table_csv))[:DIGITS]}"
+        footer += f", numbers {str(digest(table_csv))[:8]}"
     if is_refused(table_csv):
         causes = [(cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
         draw_table("not_drawn", not_drawn(name, causes), outputs, footer=footer)
@@ -97,12 +92,11 @@ def draw_table(
     page_box = names.write_footer(figure, footer) if footer else None
     style.lay_out(figure)
     for path in outputs:
-        said = {SUBJECT[path.suffix]: footer} if footer else {}
+        subject, date = METADATA[path.suffix]
+        said = ({date: None} if path.suffix != ".png" else {}) | ({subject: footer} if footer else {})
         page = BytesIO()  # a writer that the disk interrupts would leave its file open
         with style.paper_style():
-            figure.savefig(
-                page, format=path.suffix.removeprefix("."), metadata=METADATA[path.suffix] | said, bbox_inches=page_box
-            )
+            figure.savefig(page, format=path.suffix.removeprefix("."), metadata=said, bbox_inches=page_box)
         with atomic_path(path) as temporary:
             temporary.write_bytes(page.getvalue())
 
@@ -123,7 +117,8 @@ def write_captions(
         for name, table in tables.items()
     ]
     with atomic_path(output) as path:
-        said = f"# Captions\n\n{names.as_text(footer)}. {DOUBTS}\n"
+        doubts = "Why a fit is doubtful stands in the column `doubtful` of the figure's CSV file."
+        said = f"# Captions\n\n{names.as_text(footer)}. {doubts}\n"
         path.write_text("\n".join([said, *sections]), encoding="utf-8")
 
 

@@ -27,8 +27,7 @@ from osl_analysis.parameters import DrivetrainParameters, FileOrNone, known_para
 from osl_analysis.shared_choices import read_impedance_trajectory
 from osl_analysis.table import finite_or_null, write_table
 
-TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)
-"""Frequencies of Section III-B, at which the fit of Eq. 15 is predicted."""
+TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)  # frequencies of Section III-B, at which the fit of Eq. 15 is predicted
 
 
 def gain_table(

@@ -30,8 +30,6 @@ from osl_analysis.judge.recording import CHECKS, examine, validate_rules
 from osl_analysis.judge.table import Commanded, QualityRules
 from osl_analysis.trial import Trial
 
-FAR = (0.6, 1.67)  # K over K_d beyond which a unit or K_d is probably wrong: a joint renders K_d to some 20 %
-
 
 @dataclass(frozen=True)
 class Look:
@@ -48,17 +46,12 @@ def first_look(folder: Path) -> Iterator[Look]:
     with chdir(folder):
         config = read_config(CAMPAIGN)
         campaign = open_campaign(config, None)
-        for trial in first_trials(campaign):
+        first: dict[tuple[str, str], str] = {}
+        for trial in campaign.trials(*(name for name, facts in EXPERIMENTS.items() if facts.place == "bench")):
+            row = campaign.row(trial)
+            first.setdefault((row["experiment"], row["log_source"] or row["mocap_source"]), trial)
+        for trial in first.values():
             yield look(campaign, trial, CAMPAIGN)
-
-
-def first_trials(campaign: Campaign) -> list[str]:
-    """The first bench trial of each experiment and source file."""
-    first: dict[tuple[str, str], str] = {}
-    for trial in campaign.trials(*(name for name, facts in EXPERIMENTS.items() if facts.place == "bench")):
-        row = campaign.row(trial)
-        first.setdefault((row["experiment"], row["log_source"] or row["mocap_source"]), trial)
-    return list(first.values())
 
 
 def off_desired(estimates: pl.DataFrame, row: Mapping[str, Any]) -> str:
@@ -67,7 +60,7 @@ def off_desired(estimates: pl.DataFrame, row: Mapping[str, Any]) -> str:
     if row["experiment"] != "impedance" or K_d is None:
         return ""
     ratio = float(estimates["K"][-1]) / float(K_d)
-    if FAR[0] <= ratio <= FAR[1]:
+    if 0.6 <= ratio <= 1.67:  # beyond, a unit or K_d is probably wrong: a joint renders K_d to some 20 %
         return ""
     return (
         f"K is {ratio:.3g} times the K_d = {float(K_d):g} N*m/rad of this trial: are K_d and the units of torque and "

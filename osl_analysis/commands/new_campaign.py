@@ -3,7 +3,7 @@
 import csv
 import os
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,13 +18,7 @@ from osl_analysis.ingest.known_formats import FORMATS, SUFFIXES
 from osl_analysis.ingest.overview import Overview, open_places
 from osl_analysis.yaml_settings import read_mapping
 
-SHEET_COLUMNS = (
-    "trial", "experiment", "controller", "K_d", "B_d", "perturbed", "log", "log_source", "mocap", "mocap_source",
-    "exclude",
-)  # fmt: skip
 SCHEMA = "# yaml-language-server: $schema=../schemas/source.schema.json\n"
-MOST_NAMED = 6  # largest number of trials that are named beside one remark
-MOST_SHOWN = 30  # largest number of drafted trials that are printed
 
 
 @dataclass
@@ -48,7 +42,9 @@ def new_campaign(
     recorders: names of shipped source files to begin from. recordings: a folder of recordings, for which sheet and
     source files are drafted; they stay where they are. example: a small simulated campaign instead.
     """
-    check_new(folder)
+    if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
+        what = "exists and is not empty" if folder.is_dir() else "is a file"
+        raise InputError(f"{folder}: {what}; name a new folder, nothing is overwritten")
     draft = Draft() if recordings is None else draft_campaign(recordings)
     where = "recordings" if recordings is None else os.path.relpath(recordings.resolve(), folder.resolve())
     raw_data = Path(where)
@@ -67,15 +63,6 @@ def new_campaign(
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another place") from error
     return draft
-
-
-def check_new(folder: Path) -> None:
-    """Refuse to write over what is there."""
-    if folder.is_dir() and not any(folder.iterdir()):
-        return
-    if os.path.lexists(folder):
-        what = "exists and is not empty" if folder.is_dir() else "is a file"
-        raise InputError(f"{folder}: {what}; name a new folder, nothing is overwritten")
 
 
 def known_recorder(name: str) -> str:
@@ -99,8 +86,21 @@ def write_campaign(folder: Path, name: str, raw_data: Path, draft: Draft, exampl
         return
     for source, content in draft.sources.items():
         (folder / f"sources/{source}.yaml").write_text(SCHEMA + content, encoding="utf-8")
+    columns = [
+        "trial",
+        "experiment",
+        "controller",
+        "K_d",
+        "B_d",
+        "perturbed",
+        "log",
+        "log_source",
+        "mocap",
+        "mocap_source",
+        "exclude",
+    ]
     with (folder / "trials.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, SHEET_COLUMNS, restval="", lineterminator="\n")
+        writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
         writer.writeheader()
         writer.writerows(trial.cells for trial in draft.trials)
 
@@ -181,7 +181,7 @@ def left_to_decide(folder: Path, draft: Draft) -> list[str]:
             alike.setdefault(f"{folder / 'trials.csv'}: {text}", []).append(trial.cells["trial"])
     for file, text in draft.open:
         alike.setdefault(text, []).append(str(file))
-    return [*lines, *(f"{text} ({listing(which, MOST_NAMED)})" for text, which in alike.items())]
+    return [*lines, *(f"{text} ({listing(which, 6)})" for text, which in alike.items())]
 
 
 def drafted_text(draft: Draft) -> str:
@@ -193,11 +193,8 @@ def drafted_text(draft: Draft) -> str:
         lines.append(f"sources/{name}.yaml: {len(files)} recordings, {named}")
         lines += [f"    {line}" for line in guessed_lines(text)]
     lines.append("trials.csv, from the names of the files:")
-    lines += [f"    {row_text(trial.cells)}" for trial in draft.trials[:MOST_SHOWN]]
-    lines += [f"    and {len(draft.trials) - MOST_SHOWN} more"] * (len(draft.trials) > MOST_SHOWN)
+    for cells in (trial.cells for trial in draft.trials[:30]):
+        more = [f"{name} {cells[name]}" for name in ("controller", "K_d", "B_d", "perturbed") if name in cells]
+        lines.append("    " + ", ".join([f"{cells['trial']}: {cells['experiment']}", *more]))
+    lines += [f"    and {len(draft.trials) - 30} more"] * (len(draft.trials) > 30)
     return "\n".join([*lines, *(f"not read: {text}" for text in draft.refused)])
-
-
-def row_text(cells: Mapping[str, str]) -> str:
-    more = [f"{name} {cells[name]}" for name in ("controller", "K_d", "B_d", "perturbed") if name in cells]
-    return ", ".join([f"{cells['trial']}: {cells['experiment']}", *more])

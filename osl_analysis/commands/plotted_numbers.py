@@ -33,8 +33,6 @@ from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.settings import TimingSettings
 from osl_analysis.walking.tables import trajectory_points, walking_page_points
 
-CHOSEN = "the desired impedance with the most trials"
-
 
 def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path) -> None:
     """The numbers of Fig. 3, from the trials' curves, `belt.csv` and `belt_summary.csv`."""
@@ -83,7 +81,10 @@ def fig7(
     K_d, B_d = (choice.K_d, choice.B_d) if choice else most_frequent(responses)
     shown = responses.filter(pl.col("K_d").eq_missing(pl.lit(K_d)), pl.col("B_d").eq_missing(pl.lit(B_d)))
     drawn = beside_theory(shown, parameters, weight)
-    write_table(drawn.with_columns(chosen=pl.lit(None if choice else CHOSEN, pl.String)), output)
+    write_table(
+        drawn.with_columns(chosen=pl.lit(None if choice else "the desired impedance with the most trials", pl.String)),
+        output,
+    )
 
 
 def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weight) -> pl.DataFrame:

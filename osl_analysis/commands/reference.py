@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from osl_analysis.config import Config
-from osl_analysis.dictionary import DescribedTable, described_tables
+from osl_analysis.dictionary import described_tables
 from osl_analysis.files import atomic_path
 from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.judge.recording import CHECKS
@@ -46,21 +46,17 @@ def write_page(output: Path, command: str) -> None:
 
 def page(command: str) -> str:
     """The page as Markdown; `command` is what the reader calls to make it again."""
-    parts = [INTRODUCTION.format(command=command), *map(table_section, described_tables())]
-    return "\n".join([*parts, checks_section(), summary_section()])
-
-
-def table_section(table: DescribedTable) -> str:
-    named = (path.replace("*/*", "EXPERIMENT/*").replace("*", "TRIAL") for path in (table.place, table.also))
-    place, also = (f"{path}.csv" for path in named)
-    gathered = f" `{also}` holds the rows of one trial." if table.also else ""
-    rows = ((f"`{column.name}`", column.unit, column.meaning) for column in table.columns.values())
-    return f"## `{place}`\n\nRows: {table.rows}.{gathered}\n\n{markdown(('column', 'unit', 'meaning'), rows)}"
-
-
-def checks_section() -> str:
+    parts = [INTRODUCTION.format(command=command)]
+    for table in described_tables():
+        named = (path.replace("*/*", "EXPERIMENT/*").replace("*", "TRIAL") for path in (table.place, table.also))
+        place, also = (f"{path}.csv" for path in named)
+        gathered = f" `{also}` holds the rows of one trial." if table.also else ""
+        rows = ((f"`{column.name}`", column.unit, column.meaning) for column in table.columns.values())
+        columns = markdown(("column", "unit", "meaning"), rows)
+        parts.append(f"## `{place}`\n\nRows: {table.rows}.{gathered}\n\n{columns}")
     rows = ((f"`{c.name}`", c.unit, f"{c.meaning}. Fails {c.fails} its threshold") for c in CHECKS.values())
-    return f"## Checks of quality control\n\n{markdown(('check', 'unit', 'meaning of its value'), rows)}"
+    checks = markdown(("check", "unit", "meaning of its value"), rows)
+    return "\n".join([*parts, f"## Checks of quality control\n\n{checks}", summary_section()])
 
 
 def summary_section() -> str:

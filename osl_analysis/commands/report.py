@@ -24,8 +24,6 @@ from osl_analysis.table import read_table
 from osl_analysis.trial import read_provenance, read_trial
 
 MOTIONS = {"belt": "Belt deflection", "actuator": "Motor motion"}  # what moves on a bench, where it is not the joint
-JOINT = "Joint angle"
-LARGEST_SVG = 1_500_000  # size [bytes] of the largest SVG that the page has. That of a hundred belts has some 2 MB.
 
 
 def write_report(
@@ -127,8 +125,9 @@ def lacks_result(experiment: str, tables: Mapping[str, pl.DataFrame], files: Map
 
 
 def drawing(svg: Path, name: str, title: str) -> Markup:
-    """A figure for the page: its SVG, whose points open trials, or its PNG where the SVG is too large for a page."""
-    if svg.stat().st_size <= LARGEST_SVG:
+    """A figure for the page: its SVG, whose points open trials, or its PNG where the SVG is too large for a page. That
+    of a hundred belts has some 2 MB."""
+    if svg.stat().st_size <= 1_500_000:
         return inline_svg(svg.read_text(encoding="utf-8"), name, title)
     return inline_png(svg.with_suffix(".png").read_bytes(), title)
 
@@ -138,7 +137,7 @@ def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping
     found = []
     if "series" in files:
         series = read_table(files["series"], of="series")
-        found.append(panels.bench_pictures(series, MOTIONS.get(experiment, JOINT), experiment == "belt"))
+        found.append(panels.bench_pictures(series, MOTIONS.get(experiment, "Joint angle"), experiment == "belt"))
     elif "crossing" in files and len(crossing := pl.read_parquet(files["crossing"])):
         found.append(panels.crossing_pictures(crossing))
     elif "trial" in files:

@@ -12,7 +12,7 @@ from osl_analysis.files import CAMPAIGN, check_working_folder, shipped
 from osl_analysis.yaml_settings import read_mapping
 
 STATES_ITS_OWN = ("--configfile", "--configfiles")  # options of Snakemake that name a configuration
-PROFILE = "--workflow-profile"  # that names a folder with options: one here, or a shipped one as `profiles/slurm`
+PROFILE = "--workflow-profile"  # names a folder with options: one here, or a shipped one as `profiles/slurm`
 
 
 def snakemake_arguments(arguments: Sequence[str]) -> list[str]:

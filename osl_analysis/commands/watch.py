@@ -15,7 +15,7 @@ import polars as pl
 
 from osl_analysis.campaign import Campaign, open_campaign
 from osl_analysis.commands.figure import draw_table
-from osl_analysis.commands.fit import FITS, UNITS, FittedTrial, estimated
+from osl_analysis.commands.fit import FITS, UNITS, estimated
 from osl_analysis.commands.inspect import fit_of_row, inspect_file, off_desired
 from osl_analysis.commands.new_campaign import recordings_in
 from osl_analysis.commands.trials import checked_trial
@@ -34,10 +34,7 @@ from osl_analysis.sheet import JOINT
 from osl_analysis.trial import Trial
 from osl_analysis.yaml_settings import dotted, read_mapping
 
-QUIET_S = 4.0  # A recording is complete if nothing was written to it for this long [s]
-LONGEST_QUIET_S = 20.0  # the same for one that paused before [s]
-WRITING = re.compile(r"^flags:\s*\d*[12]$", re.MULTILINE)
-"""How Linux says that a file is open for writing: the last digit of its flags."""
+QUIET_S = 4.0  # A recording is complete if nothing was written to it for this long [s]; up to 20 s if it paused before
 
 State = tuple[int, int]  # size [bytes] and date of the last change [ns] of all files of a recording
 
@@ -71,7 +68,7 @@ class Arrivals:
                 self.pauses[name] = max(self.pauses.get(name, 0.0), now - since if grew else 0.0)
                 since = now
             self.growing[name] = (state, since)
-            quiet = min(max(QUIET_S, 2 * self.pauses.get(name, 0.0)), LONGEST_QUIET_S)
+            quiet = min(max(QUIET_S, 2 * self.pauses.get(name, 0.0)), 20.0)
             if before == state and now - since >= quiet and not is_written(path):
                 found.append((path, state))
         return found
@@ -88,12 +85,13 @@ def state_of(path: Path) -> State | None:
 
 
 def is_written(path: Path) -> bool:
-    """Whether a process of this machine has a file of a recording open, as far as the system tells (Linux)."""
+    """Whether a process of this machine has a file of a recording open for writing, as far as the system tells (Linux,
+    by the last digit of the file's flags)."""
     files = {str(file.resolve()) for file in recorded_files(path)}
     for link in Path("/proc").glob("[0-9]*/fd/*"):
         with suppress(OSError):  # it is closed again, or belongs to somebody else
             flags = link.parents[1] / "fdinfo" / link.name
-            if os.readlink(link) in files and WRITING.search(flags.read_text()):
+            if os.readlink(link) in files and re.search(r"^flags:\s*\d*[12]$", flags.read_text(), re.MULTILINE):
                 return True
     return False
 
@@ -113,10 +111,7 @@ def write_notes(path: Path, seen: Mapping[str, State]) -> None:
         temporary.write_text(json.dumps(seen, indent=1) + "\n", encoding="utf-8")
 
 
-BETWEEN_LOOKS_S = 0.5  # time between two looks at the folder [s]
 MOST_NAMED = 4  # largest number of failed checks in a line
-TAKEN_FOR = "impedance"
-"""Experiment of a recording with angle and torque whose name and sheet tell none; its line says so."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +149,7 @@ def watch(folder: Path, bench: Bench) -> Iterator[str]:
             arrivals.seen[path.relative_to(folder).as_posix()] = state
             write_notes(notes, arrivals.seen)
             yield said
-        time.sleep(BETWEEN_LOOKS_S)
+        time.sleep(0.5)
 
 
 def line_of(path: Path, folder: Path, bench: Bench) -> str:
@@ -169,7 +164,7 @@ def line_of(path: Path, folder: Path, bench: Bench) -> str:
 
 
 def examined(path: Path, folder: Path, bench: Bench) -> str:
-    """The same, without the name."""
+    """The same, without the name. Measured and modelled torque are drawn."""
     with TemporaryDirectory() as place:
         row, sources, said = described(path, folder, bench, Path(place))
         trial = checked_trial(row, path.parent, sources)
@@ -177,25 +172,18 @@ def examined(path: Path, folder: Path, bench: Bench) -> str:
     said = [*said, quality_text(trial, str(row["experiment"]), bench.config, accepted)]
     if row["experiment"] not in FITS:
         return "; ".join(said)
-    fitted = fit_of_row(trial, row, device_of(row, bench.config), bench.config_path)
+    device = bench.config.parameters
+    if device is not None and joint_of(device) != (row.get("joint") or JOINT):  # as for a campaign's trial
+        device = None
+    fitted = fit_of_row(trial, row, device, bench.config_path)
     far = off_desired(fitted.estimates, row)
     said = [estimates_line(fitted.estimates), *[f"LOOK AT IT: {far}"] * bool(far), *said]
-    return "; ".join([*said, drawn(fitted, bench.output / f"{row['trial']}.png")])
-
-
-def device_of(row: Mapping[str, Any], config: Config) -> Path | None:
-    """The parameter file of the configuration where it is that of the row's joint, as for a campaign's trial."""
-    device = config.parameters
-    return device if device is not None and joint_of(device) == (row.get("joint") or JOINT) else None
-
-
-def drawn(fitted: FittedTrial, picture: Path) -> str:
-    """Draw measured and modelled torque, and name the file; or say why it cannot be written."""
+    picture = bench.output / f"{row['trial']}.png"
     try:
         draw_table("torque", fitted.series, [picture])
     except OslAnalysisError as error:
-        return f"no picture: {error}"
-    return str(picture)
+        return "; ".join([*said, f"no picture: {error}"])
+    return "; ".join([*said, str(picture)])
 
 
 def described(path: Path, folder: Path, bench: Bench, place: Path) -> tuple[Mapping[str, Any], Path, list[str]]:
@@ -214,9 +202,8 @@ def described(path: Path, folder: Path, bench: Bench, place: Path) -> tuple[Mapp
     (trial,) = draft_trials([Recorded(Path(path.name), source, is_capture=False)])
     row = dict.fromkeys(("log_part", "mocap", "mocap_source", "K_d", "B_d", "controller")) | trial.cells
     row["trial"] = trial_name(Path(relative.as_posix().replace("/", "_")))
-    if row["experiment"] == UNNAMED:
-        row["experiment"] = TAKEN_FOR
-        said = [*said, f"taken for an {TAKEN_FOR} trial"]
+    if row["experiment"] == UNNAMED:  # a recording with angle and torque whose name and sheet tell none
+        row["experiment"], said = "impedance", [*said, "taken for an impedance trial"]
     return row, sources, said
 
 

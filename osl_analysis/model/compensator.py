@@ -19,9 +19,6 @@ from osl_analysis.trial import Array
 
 CONTROLLERS = ("compensated", "uncompensated")  # The controllers whose gains the draft states
 PAPER_WEIGHT = Weight(cutoff_hz=1.0, order=3)
-SMALLEST, LARGEST = 1e-9, 1e6
-"""Limits of a desired stiffness [N*m/rad], and of a desired damping [N*m*s/rad] that is not 0."""
-TOLERANCE = 0.1  # Largest |Z - Z_d|/|Z_d| at which the rendered impedance counts as the desired one
 
 
 @dataclass(frozen=True)
@@ -49,8 +46,9 @@ def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> No
     ------
     UnreachableImpedanceError
         A K_d is not between 0 and K_s: the belt is in series, so no positive K_1 renders it. Or a B_d is negative or
-        not finite. Or a value other than B_d = 0 lies outside `SMALLEST` to `LARGEST`.
+        not finite. Or a value other than B_d = 0 lies outside 1e-9 to 1e6.
     """
+    least, most = 1e-9, 1e6
     K_d, B_d = (np.ravel(np.asarray(values, dtype=float)) for values in (K_d, B_d))
     for value in K_d[~((K_d > 0) & (K_d < p.K_s))]:
         nearest = f"less than {p.K_s:g} (99 % of it: {0.99 * p.K_s:.4g})" if value >= p.K_s else "more than 0"
@@ -64,9 +62,9 @@ def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> No
             "for 0 or more"
         )
     for name, unit, values in (("K_d", "N*m/rad", K_d), ("B_d", "N*m*s/rad", B_d)):
-        for value in values[((values < SMALLEST) | (values > LARGEST)) & (values != 0)]:
+        for value in values[((values < least) | (values > most)) & (values != 0)]:
             raise UnreachableImpedanceError(
-                f"{name} = {value:g} {unit} is outside the accepted range; ask for {SMALLEST:g} to {LARGEST:g} {unit}"
+                f"{name} = {value:g} {unit} is outside the accepted range; ask for {least:g} to {most:g} {unit}"
             )
 
 
@@ -176,7 +174,7 @@ def faithful_frequency(K_1: Array, B_1: Array, K_d: Array, B_d: Array, p: Drivet
         asked = np.convolve(Y.numerator, [damping, stiffness])
         size = max(len(asked), len(Y.denominator))
         asked, rendered = (np.pad(u, (size - len(u), 0)) for u in (asked, Y.denominator))
-        excess = magnitude_squared(rendered - asked) - TOLERANCE**2 * magnitude_squared(asked)
+        excess = magnitude_squared(rendered - asked) - 0.1**2 * magnitude_squared(asked)
         crossings = [v.real for v in np.roots(excess) if v.real > 0 and abs(v.imag) < 1e-9 * abs(v)]
         if crossings:
             frequency[i] = np.sqrt(min(crossings)) / (2 * np.pi)

@@ -51,10 +51,8 @@ def read_lines(path: Path) -> tuple[list[str], list[SheetLine]]:
             lines.append(SheetLine(number, dict(zip(columns, cells + [""] * len(columns), strict=False))))
     for line in lines:
         for column, cell in line.cells.items():
-            for sign in cell if column != "exclude" else "":  # a sentence
-                if (sign.isspace() and sign != " ") or unicodedata.category(
-                    sign
-                ) in INVISIBLE:  # equal names would differ
+            for sign in cell if column != "exclude" else "":  # two equal names would differ; that is a sentence
+                if (sign.isspace() and sign != " ") or unicodedata.category(sign) in INVISIBLE:
                     name = f"U+{ord(sign):04X} ({unicodedata.name(sign, 'a control character')})"
                     said = f"column '{column}': {cell!r} contains {name}; type the cell again"
                     raise InputError(f"{path}: line {line.number}: {said}")

@@ -37,8 +37,8 @@ from osl_analysis.refusal import is_refused
 from osl_analysis.refusal import refusal_report, refusals_in
 from osl_analysis.report import TEMPLATES
 from osl_analysis.files import default_config
-from osl_analysis.study import BENCH as STUDY_ON_BENCH, REPEATED as STUDY_OF_REPEATS, WALKING as STUDY_OF_WALKING
-from osl_analysis.study import Batch, batches as study_batches, planned
+from osl_analysis.study import BENCH_EXPERIMENTS, REPEATED as STUDY_OF_REPEATS, WALKING_EXPERIMENTS
+from osl_analysis.study import Batch, planned, study_batches
 from osl_analysis.yaml_settings import read_mapping
 
 try:

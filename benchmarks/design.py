@@ -17,7 +17,7 @@ import polars as pl
 from osl_analysis.commands.study import batch_rows
 from osl_analysis.config import Config, read_config
 from osl_analysis.design.plan import PeriodicMultisine, SteppedSine
-from osl_analysis.design.precision import ESTIMATED, Density, Distortion, Joint, Sensors, Spread, precision
+from osl_analysis.design.precision import KBI, Density, Distortion, Joint, Sensors, Spread, precision
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
@@ -65,7 +65,7 @@ def studied(experiment: str, inputs: StudyInputs, trials: int) -> Iterator[str]:
     )
     plan = SteppedSine(amplitudes, bench.frequencies_hz, cycles, bench.settle_cycles)
     predicted = precision(plan, JOINT, sensors, bench.low_pass).se
-    for name, expected in zip(ESTIMATED, predicted, strict=True):
+    for name, expected in zip(KBI, predicted, strict=True):
         row = found.filter(pl.col("quantity") == name)
         yield line(experiment, name, float(expected), (row["value"] - row["truth"]).to_numpy())
 
@@ -82,7 +82,7 @@ def multisine_trials(torque_of: Torque, trials: int, first: int) -> Array:
     for trial in range(trials):
         numbers = range(first + trial * PLAN.realisations, first + (trial + 1) * PLAN.realisations)
         fit = fit_periodic([realisation(number, torque_of, rng) for number in numbers], low_pass)
-        found.append([fit[name] for name in ESTIMATED])
+        found.append([fit[name] for name in KBI])
     return np.array(found)
 
 
@@ -116,7 +116,7 @@ def seen_before(torque_of: Torque, low_pass: LowPass) -> dict[str, Distortion]:
     spacing, band = float(np.min(np.diff(response.frequency_hz))), response.frequency_hz[[0, -1]]
     density = Density(response.frequency_hz, 0.5 * (response.odd_level * response.angle) ** 2 / spacing)
     fit = fit_periodic(earlier, low_pass)
-    variance = EARLIER * np.array([fit.se(name) for name in ESTIMATED]) ** 2
+    variance = EARLIER * np.array([fit.se(name) for name in KBI]) ** 2
     return {
         "no distortion stated": Distortion(),
         "level of another trial": Distortion(earlier=density),
@@ -130,7 +130,7 @@ def multisines(inputs: StudyInputs, trials: int) -> Iterator[str]:
     for friction in (0.0, 0.02, 0.5):
         found = multisine_trials(rubbing(friction), trials, 1)
         predicted = precision(PLAN, JOINT, SENSORS, low_pass, Distortion(coulomb=friction)).se
-        for k, name in enumerate(ESTIMATED):
+        for k, name in enumerate(KBI):
             yield line(f"exact joint, friction {friction:g} N·m stated", name, predicted[k], found[:, k])
     gains = compensated_gains(inputs.study.K_d, inputs.study.B_d, inputs.p)
     effects = drivetrain_effects(inputs.simulation)
@@ -141,7 +141,7 @@ def multisines(inputs: StudyInputs, trials: int) -> Iterator[str]:
     found = multisine_trials(drivetrain, trials, 1)
     for words, stated in seen_before(drivetrain, low_pass).items():
         predicted = precision(PLAN, JOINT, SENSORS, low_pass, stated).se
-        for k, name in enumerate(ESTIMATED):
+        for k, name in enumerate(KBI):
             yield line(f"drivetrain, {words}", name, predicted[k], found[:, k])
 
 

@@ -25,7 +25,7 @@ from osl_analysis.table import MEASURED, SIMULATED
 from osl_analysis.walking.groups import PERTURBED, SHARED, STATED, STATIC, side_of, split_keys, static_of
 from osl_analysis.yaml_settings import read_mapping
 
-TRUTH = "truth"  # folder that the simulator writes beside its recordings
+TRUTH_FOLDER = "truth"  # folder that the simulator writes beside its recordings
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ class Campaign:
     def data(self) -> str:
         """What the data are: `simulated` or `measured`, as the configuration says, or where the simulator's truth lies
         beside the recordings."""
-        made = self.config.simulation is not None or (self.config.raw_data / TRUTH).is_dir()
+        made = self.config.simulation is not None or (self.config.raw_data / TRUTH_FOLDER).is_dir()
         return self.config.data or (SIMULATED if made else MEASURED)
 
     @cached_property

@@ -50,11 +50,11 @@ class NumberList(click.ParamType[list[float]]):
 
 
 FILE = click.Path(path_type=Path)
-SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "design": ".csv"}
+WRITTEN_SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "design": ".csv"}
 """Suffix of what a command writes, where it writes one kind of file."""
-INTERRUPTED = 130  # exit code after Ctrl-C or SIGTERM
-NUMBERS = NumberList()
-PARAMETERS = click.option(
+EXIT_INTERRUPTED = 130  # exit code after Ctrl-C or SIGTERM
+NUMBER_LIST = NumberList()
+PARAMETERS_OPTION = click.option(
     "--parameters",
     type=FILE,
     default=shipped("config/parameters/default.yaml"),
@@ -111,7 +111,7 @@ class KeepsItsInput(click.Command):
             others = {other: value for other, value in ctx.params.items() if other != name}
             if any(same_file(used, path) for used in files_used(others)):
                 raise click.UsageError(f"{path} would be overwritten while it is used; name another file")
-            suffix = SUFFIXES.get(command, path.suffix)
+            suffix = WRITTEN_SUFFIXES.get(command, path.suffix)
             if path.suffix != suffix:  # it may be a source file, a log or a configuration
                 raise click.UsageError(f"{path}: `{command}` writes {suffix} files; choose this suffix")
             check_output(path)
@@ -133,7 +133,7 @@ def files_used(values: Mapping[str, Any]) -> Iterator[Path]:
     if "config_path" in values:
         yield default_config()
     if "folder" in values:
-        yield from (path for path in values["folder"].rglob("*") if path.suffix != SUFFIXES["samples"])
+        yield from (path for path in values["folder"].rglob("*") if path.suffix != WRITTEN_SUFFIXES["samples"])
 
 
 def same_file(one: Path, other: Path) -> bool:
@@ -170,7 +170,7 @@ class OneLineErrors(click.Group):
                 return super().invoke(ctx)
         except KeyboardInterrupt:
             click.echo("interrupted", err=True)
-            sys.exit(INTERRUPTED)
+            sys.exit(EXIT_INTERRUPTED)
         except click.UsageError as error:
             raise click.UsageError(printable(error.message), error.ctx) from error
         except OslAnalysisError as error:
@@ -373,12 +373,12 @@ def samples(folder: Path, output: Path | None, config_path: Path) -> None:
 @click.option("--output", type=FILE, help="Write the page to this file instead of printing it.")
 def describe_tables(output: Path | None) -> None:
     """Print meaning and unit of every column of every result table and every entry of the summary, as Markdown."""
-    from osl_analysis.commands.reference import page, write_page
+    from osl_analysis.commands.reference import page, write_tables_page
 
     if output is None:
         say(page("osl-analysis describe-tables"))
     else:
-        write_page(output, f"osl-analysis describe-tables --output {output}")
+        write_tables_page(output, f"osl-analysis describe-tables --output {output}")
         say(f"wrote {output}")
 
 
@@ -454,10 +454,10 @@ def run(arguments: tuple[str, ...]) -> None:
 @click.option("--look", is_flag=True, help="Also ingest and fit the first bench trial of each source file.")
 def doctor(look: bool) -> None:
     """Say whether this machine, and the campaign in this folder, can run, and what is missing."""
-    from osl_analysis.commands.doctor import as_text, findings
+    from osl_analysis.commands.doctor import findings, findings_text
 
     found = list(findings(Path()))
-    say(as_text(found))
+    say(findings_text(found))
     if look:
         print_first_look(Path())
     if any(one.remedy for one in found):
@@ -519,7 +519,7 @@ OPTIONS = {
 """Options that one kind of excitation has, by its name."""
 
 
-class Percent(click.ParamType[float]):
+class Percentage(click.ParamType[float]):
     """A share, as 1% or as 1: percent."""
 
     name = "percent"
@@ -536,18 +536,20 @@ class Percent(click.ParamType[float]):
         return share
 
 
-PERCENT, POSITIVE, NOT_NEGATIVE = Percent(), click.FloatRange(0, min_open=True), click.FloatRange(0)
+PERCENT, POSITIVE, NOT_NEGATIVE = Percentage(), click.FloatRange(0, min_open=True), click.FloatRange(0)
 
 
 @main.command(epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (or 100:400:50 and 0,5 for a grid)")
-@click.option("--stiffness", type=NUMBERS, help="Desired joint stiffness K_d [N·m/rad]: 300, 100,200 or 100:400:50.")
-@click.option("--damping", type=NUMBERS, help="Desired joint damping B_d [N·m·s/rad]: 5, 0,2.5,5 or 0:7.5:2.5.")
+@click.option(
+    "--stiffness", type=NUMBER_LIST, help="Desired joint stiffness K_d [N·m/rad]: 300, 100,200 or 100:400:50."
+)
+@click.option("--damping", type=NUMBER_LIST, help="Desired joint damping B_d [N·m·s/rad]: 5, 0,2.5,5 or 0:7.5:2.5.")
 @click.option(
     "--trajectory", type=FILE, help="CSV file with phase (0 to 1), K_d [N·m/rad] and B_d [N·m·s/rad] instead."
 )
 @click.option("--weight-hz", type=float, default=1.0, show_default=True, help="Cut-off of W in Eq. 14 [Hz].")
 @click.option("--weight-order", type=int, default=3, show_default=True, help="Order of W in Eq. 14.")
-@PARAMETERS
+@PARAMETERS_OPTION
 @AS_JSON
 @click.option("--output", type=FILE, help="Write the table to this file (.csv or .json).")
 @click.option("--plot", type=FILE, help="Draw response, gains or trajectory to this file (.pdf, .svg or .png).")
@@ -587,10 +589,10 @@ def gains(
     "--damping-within 3% --write multisine.csv",
 )
 @click.option("--excitation", type=click.Choice(list(OPTIONS)), default="stepped-sine", show_default=True)
-@click.option("--frequencies", type=NUMBERS, help="Of a stepped sine [Hz]; default: the configuration's.")
-@click.option("--amplitudes", type=NUMBERS, help="Of a stepped sine [deg]; default: the configuration's.")
+@click.option("--frequencies", type=NUMBER_LIST, help="Of a stepped sine [Hz]; default: the configuration's.")
+@click.option("--amplitudes", type=NUMBER_LIST, help="Of a stepped sine [deg]; default: the configuration's.")
 @click.option("--cycles", type=click.IntRange(1, 10_000), help="At each frequency; default: the configuration's.")
-@click.option("--band", type=NUMBERS, help="Lowest and highest frequency [Hz]; default: 0.5,6.")
+@click.option("--band", type=NUMBER_LIST, help="Lowest and highest frequency [Hz]; default: 0.5,6.")
 @click.option("--rms", type=POSITIVE, help="Root mean square of the angle [deg]; default: 2.")
 @click.option("--peak", type=POSITIVE, help="Largest angle [deg], instead of --rms.")
 @click.option("--period", type=click.FloatRange(0.1, 600), default=8.0, show_default=True, help="Of a multisine [s].")

@@ -8,20 +8,20 @@ from numpy.typing import ArrayLike
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
-LARGEST, SMALLEST = 1e30, 1e-30
+LARGEST_SIGNAL, SMALLEST_SIGNAL = 1e30, 1e-30
 """Largest size of a value, and smallest size of the largest value of a signal that is not 0 throughout, in SI units.
 
 No signal of a bench or gait laboratory comes near these. Within them the fourth power of a quotient of two signals, the
 largest that any estimate needs (a squared variance), neither overflows nor vanishes."""
 LARGEST_VARIANCE = 1e150
 """Largest variance; its square is finite."""
-ROUNDING = 1e-24
+ROUNDING_SHARE = 1e-24
 """Mean square of the rounding error of an exact fit, as a share of that of y. Whether an exact fit leaves 0 or 1e-16
 depends on the processor's kernels; nothing may depend on which."""
 NO_SENSOR = "no sensor gives that; check its channel and unit in the source file, and the bytes of the log"
 
 
-def check_finite(name: str, values: ArrayLike, limit: float = LARGEST) -> float:
+def check_finite(name: str, values: ArrayLike, limit: float = LARGEST_SIGNAL) -> float:
     """The largest size of some numbers, of any shape, 0 of none; `name` is for the message.
 
     Raises
@@ -45,24 +45,24 @@ def check_measured(name: str, values: ArrayLike) -> None:
     Raises
     ------
     InputError
-        As `check_finite`, or the values are below `SMALLEST` without being 0 throughout.
+        As `check_finite`, or the values are below `SMALLEST_SIGNAL` without being 0 throughout.
     """
     largest = check_finite(name, values)
-    if 0 < largest < SMALLEST:
-        raise InputError(f"{name} reaches {largest:.3g}, less than {SMALLEST:g} and not 0: {NO_SENSOR}")
+    if 0 < largest < SMALLEST_SIGNAL:
+        raise InputError(f"{name} reaches {largest:.3g}, less than {SMALLEST_SIGNAL:g} and not 0: {NO_SENSOR}")
 
 
 def check_all_measured(names: Sequence[str], signals: Array) -> None:
     """As `check_measured`, for signals (p, n) with a name each."""
     largest = np.maximum(signals.max(axis=1, initial=0.0), -signals.min(axis=1, initial=0.0))
-    if not np.all((largest == 0) | ((largest >= SMALLEST) & (largest <= LARGEST))):
+    if not np.all((largest == 0) | ((largest >= SMALLEST_SIGNAL) & (largest <= LARGEST_SIGNAL))):
         for name, signal in zip(names, signals, strict=True):
             check_measured(name, signal)
 
 
 def rounding_of(y: Array) -> float:
     """Mean square of what rounding alone leaves of an exact fit to y (n,), in its squared unit; 0 for no samples."""
-    return ROUNDING * float(y @ y) / len(y) if len(y) else 0.0
+    return ROUNDING_SHARE * float(y @ y) / len(y) if len(y) else 0.0
 
 
 def varies(y: Array) -> bool:

@@ -67,7 +67,7 @@ def desired_of(desired: DesiredImpedance | None) -> DesiredImpedance:
     return desired
 
 
-def trial_of(trial: Trial | File) -> Trial:
+def as_trial(trial: Trial | File) -> Trial:
     if isinstance(trial, Path | str):
         return read_trial_file(Path(trial))
     if not isinstance(trial, Trial):
@@ -153,12 +153,12 @@ class Fit:
 
     def _repr_html_(self) -> str:
         """The fit to all data as an HTML table, for a notebook. Text of the recording is escaped."""
-        row = self.row
-        rows = [
-            f"<tr><td>{name}</td><td>{number(row[name])}</td>"
-            f"<td>{number(row[f'{name}_low'])} to {number(row[f'{name}_high'])}</td><td>{UNITS[name]}</td></tr>"
-            for name in estimated(self.row)
-        ]
+        row, rows = self.row, []
+        for name in estimated(row):
+            value, low, high = (
+                "–" if row[cell] is None else f"{row[cell]:.5g}" for cell in (name, f"{name}_low", f"{name}_high")
+            )
+            rows.append(f"<tr><td>{name}</td><td>{value}</td><td>{low} to {high}</td><td>{UNITS[name]}</td></tr>")
         said = [f"Doubtful: {self.doubtful}"] * bool(self.doubtful) + self.not_checked.splitlines()
         title = f"{self.experiment}, {row['trial']}: VAF {row['VAF']:.2f} %"
         head = "<tr><th></th><th>estimate</th><th>95 % interval</th><th>unit</th></tr>"
@@ -166,10 +166,6 @@ class Fit:
             f"<table><caption>{escape(printable(title))}</caption>{head}{''.join(rows)}</table>"
             f"{''.join(f'<p>{escape(printable(line))}</p>' for line in said)}"
         )
-
-
-def number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.5g}"
 
 
 def fit_impedance(
@@ -253,7 +249,7 @@ def fitted_alone(experiment: str, trial: Trial | File, config: File | None, para
 
 
 def fitted(experiment: str, trial: Trial | File, request: FitRequest, parameters: Path | None) -> Fit:
-    return Fit(experiment, fit_trial(experiment, trial_of(trial), parameters, request))
+    return Fit(experiment, fit_trial(experiment, as_trial(trial), parameters, request))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -307,7 +303,7 @@ def frequency_response(
     from osl_analysis.figures.names import of_place
     from osl_analysis.figures.response import points as any_motion_points
 
-    path, read = config_of(config), trial_of(trial)
+    path, read = config_of(config), as_trial(trial)
     device = device_of(parameters, path)
     request = fit_request("impedance", path, desired_of(desired))
     fit = bench.fit_impedance(read, known_parameters(device), request.settings, request.asked, windows)
@@ -333,7 +329,7 @@ def read_trial(path: File) -> Trial:
 
     Raises InputError: the file is missing, is not Parquet, or is Parquet that ingest did not write.
     """
-    return trial_of(path_of(path, "path"))
+    return as_trial(path_of(path, "path"))
 
 
 def read_recording(path: File, source: File, part: str | None = None, name: str | None = None) -> Trial:
@@ -392,7 +388,7 @@ def check(trial: Trial | File, experiment: str = "impedance", config: File | Non
     if experiment not in EXPERIMENTS:
         known = ", ".join(EXPERIMENTS)
         raise InputError(f"no experiment '{experiment}'; it is one of {known}{nearest(experiment, EXPERIMENTS)}")
-    read, path = trial_of(trial), config_of(config)
+    read, path = as_trial(trial), config_of(config)
     rules = read_section(path, "quality", QualityRules)
     validate_rules(rules)
     bench = read_section(path, "dynamometer", DynamometerAnalysis)
@@ -438,11 +434,11 @@ def gains(K_d: Numbers, B_d: Numbers, parameters: File | None = OF_CONFIG, confi
     if device is None:
         raise InputError("gains need a parameter file; name the one of your device as `parameters`")
     return requested_gains(
-        Request(numbers("K_d", K_d), numbers("B_d", B_d), None, weight.cutoff_hz, weight.order), device
+        Request(finite_numbers("K_d", K_d), finite_numbers("B_d", B_d), None, weight.cutoff_hz, weight.order), device
     )
 
 
-def numbers(name: str, values: Numbers) -> list[float]:
+def finite_numbers(name: str, values: Numbers) -> list[float]:
     try:
         found = [float(value) for value in np.ravel(values)]
     except (TypeError, ValueError):

@@ -13,7 +13,7 @@ from pathlib import Path
 from osl_analysis.errors import InputError, listing
 from osl_analysis.files import atomic_path
 
-MAGIC = "osl_analysis_refused"
+RECORD_MARK = "osl_analysis_refused"
 """First column of a record. No other file begins with it."""
 TRIED_AGAIN = ("died", "failed")
 """Outcomes after which a job is tried again in the next run. `refused` stays until inputs or settings change."""
@@ -37,14 +37,14 @@ class Refusal:
     """What the user can do, on one line."""
 
 
-COLUMNS = (MAGIC, *(field.name for field in fields(Refusal)))
+RECORD_COLUMNS = (RECORD_MARK, *(field.name for field in fields(Refusal)))
 
 
 def write_refusals(refusals: Iterable[Refusal], path: Path) -> None:
     """Write a record with a row per cause, completely or not at all."""
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
+        writer.writerow(RECORD_COLUMNS)
         writer.writerows(("1", *astuple(refusal)) for refusal in refusals)
 
 
@@ -52,7 +52,7 @@ def is_refused(path: Path | str) -> bool:
     """Whether a file is a refusal record, by its first bytes. One above 1 MB, missing or unreadable is none."""
     try:
         with open(path, "rb") as file:
-            return file.read(len(MAGIC)) == MAGIC.encode() and os.fstat(file.fileno()).st_size < 1 << 20
+            return file.read(len(RECORD_MARK)) == RECORD_MARK.encode() and os.fstat(file.fileno()).st_size < 1 << 20
     except OSError:
         return False
 
@@ -63,7 +63,7 @@ def read_refusals(path: Path | str) -> tuple[Refusal, ...]:
         return ()
     with open(path, newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    return tuple(Refusal(*(row.get(column) or "" for column in COLUMNS[1:])) for row in rows)
+    return tuple(Refusal(*(row.get(column) or "" for column in RECORD_COLUMNS[1:])) for row in rows)
 
 
 def check_not_refused(path: Path) -> None:
@@ -73,7 +73,7 @@ def check_not_refused(path: Path) -> None:
         raise InputError(f"{path}: there is no result: {who}{refusal.reason}; {refusal.remedy}")
 
 
-def distinct(refusals: Iterable[Refusal]) -> tuple[Refusal, ...]:
+def distinct_causes(refusals: Iterable[Refusal]) -> tuple[Refusal, ...]:
     """Every cause once, in the order given: jobs that refuse the same trial for the same reason count once."""
     found: dict[tuple[str, str], Refusal] = {}
     for refusal in refusals:
@@ -90,8 +90,8 @@ def refused_trials(refusals: Iterable[Refusal]) -> dict[str, Refusal]:
     return found
 
 
-ACCEPTED = "accepted: `failed_trials: accept` in the configuration"
-MOST_NAMED = 12
+ACCEPTED_SAID = "accepted: `failed_trials: accept` in the configuration"
+MOST_LISTED = 12
 """Largest number of trials, or of results, that are named in one line."""
 
 
@@ -103,13 +103,13 @@ def records_in(files: Iterable[str]) -> tuple[str, ...]:
 def unfinished(files: Iterable[str]) -> str:
     """A line on results of a run that are not there, as of a job that was killed from outside; empty without."""
     missing = [file for file in files if not Path(file).exists()]
-    named = f"not made: {listing(missing, MOST_NAMED)}; run again, what is finished stays"
+    named = f"not made: {listing(missing, MOST_LISTED)}; run again, what is finished stays"
     return named if missing else ""
 
 
 def refusals_in(files: Iterable[Path | str], more: Iterable[Refusal] = ()) -> tuple[Refusal, ...]:
     """The causes in the records among these files and `more`, each once: trials in order of name, then others."""
-    found = distinct([*(refusal for file in files for refusal in read_refusals(file)), *more])
+    found = distinct_causes([*(refusal for file in files for refusal in read_refusals(file)), *more])
     return tuple(sorted(found, key=lambda refusal: (not refusal.trial, refusal.trial)))
 
 
@@ -137,13 +137,13 @@ def refusal_report(
     more = f", and for want of them {len(trials)} more" if trials and missing else more
     rest = "; results are of the others" if missing or trials else ""
     lines = [line(refusal, recordings.get(refusal.trial, ())) for refusal in refusals]
-    lines += [f"  therefore without a result: {listing(trials, MOST_NAMED)}"] if trials else []
-    lines += [f"  therefore not made: {listing(results, MOST_NAMED)}"] if results else []
+    lines += [f"  therefore without a result: {listing(trials, MOST_LISTED)}"] if trials else []
+    lines += [f"  therefore not made: {listing(results, MOST_LISTED)}"] if results else []
     ways_out = (
         "Correct these and run again. To go on without a trial, give a reason under `exclude` in the sample sheet; "
         "without all of these, write `failed_trials: accept` in the configuration."
     )
-    return "\n".join(["", f"NOT ANALYSED: {first}{more}{rest}.", *lines, ACCEPTED if accept else ways_out])
+    return "\n".join(["", f"NOT ANALYSED: {first}{more}{rest}.", *lines, ACCEPTED_SAID if accept else ways_out])
 
 
 def line(refusal: Refusal, recordings: Sequence[str]) -> str:

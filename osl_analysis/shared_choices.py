@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from osl_analysis.errors import InputError
-from osl_analysis.model.gain_selection import FASTEST_HZ, HIGHEST_ORDER, SLOWEST_HZ, Weight
+from osl_analysis.model.gain_selection import FASTEST_HZ, HIGHEST_ORDER_OF_W, SLOWEST_HZ, Weight
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import Positive, Settings
 
@@ -29,7 +29,7 @@ class WeightSettings(Settings):
 
     cutoff_hz: Annotated[float, Field(ge=SLOWEST_HZ, le=FASTEST_HZ)]
     """Cut-off [Hz]."""
-    order: Annotated[int, Field(ge=1, le=HIGHEST_ORDER)]
+    order: Annotated[int, Field(ge=1, le=HIGHEST_ORDER_OF_W)]
     """Order."""
 
     @property
@@ -37,7 +37,7 @@ class WeightSettings(Settings):
         return Weight(self.cutoff_hz, self.order)
 
 
-PAPER = WeightSettings(cutoff_hz=1.0, order=3)
+WEIGHT_OF_PAPER = WeightSettings(cutoff_hz=1.0, order=3)
 """W of the paper."""
 
 

@@ -27,7 +27,7 @@ class SheetLine:
     cells: dict[str, str]
 
 
-def read_lines(path: Path) -> tuple[list[str], list[SheetLine]]:
+def sheet_lines(path: Path) -> tuple[list[str], list[SheetLine]]:
     """Columns and rows of a CSV sheet in UTF-8, with or without byte order mark.
 
     Empty lines and lines that begin with `#` are skipped; elsewhere `#` is text. `NA` is text, too. An empty cell says
@@ -93,19 +93,19 @@ def outer_blanks_off(cell: str) -> str:
 
 JOINT = "ankle"
 """The joint of a trial whose row names none. The walkway measures this one."""
-LONGEST_NAME = 100
+LONGEST_WORD = 100
 """Largest number of characters of a joint or controller."""
 SIDES, DIRECTIONS = ("left", "right"), ("up", "down")
 CONDITIONS = ("group", "subject", "session", "side", "speed", "direction")
 """Columns that say under which conditions a crossing was walked. Walking results are split by them."""
-COLUMNS = {
+SHEET_COLUMNS = {
     "trial": "string", "experiment": "string", "controller": "string", "K_d": "float64", "B_d": "float64",
     "perturbed": "boolean", "log": "string", "log_source": "string", "mocap": "string", "mocap_source": "string",
     "log_part": "string", "desired": "string", "windows": "string", "exclude": "string", "accept": "string",
     "joint": "string",
     **dict.fromkeys(CONDITIONS, "string"), "body_mass_kg": "float64", "static": "string",
 }  # fmt: skip
-REQUIRED = ("trial", "experiment")
+REQUIRED_COLUMNS = ("trial", "experiment")
 
 
 def read_sheet(path: Path) -> pd.DataFrame:
@@ -135,16 +135,16 @@ def read_sheet(path: Path) -> pd.DataFrame:
     """
     if not path.is_file():
         raise InputError(f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`")
-    columns, lines = read_lines(path)
-    unknown = sorted(set(columns) - set(COLUMNS))
-    absent = sorted(set(REQUIRED) - set(columns))
+    columns, lines = sheet_lines(path)
+    unknown = sorted(set(columns) - set(SHEET_COLUMNS))
+    absent = sorted(set(REQUIRED_COLUMNS) - set(columns))
     if unknown or absent:
         sign = next((sign for sign in ";\t|" if len(columns) == 1 and sign in columns[0]), "")
         if sign:
             raise InputError(f"{path}: its cells are separated by '{sign}'; save the sheet with commas, as 'CSV UTF-8'")
         what = f"unknown column '{unknown[0]}'" if unknown else f"no column '{absent[0]}'"
-        like = nearest(unknown[0], set(COLUMNS) - set(columns)) if unknown else ""
-        raise InputError(f"{path}: {what}; the columns are {', '.join(COLUMNS)}{like}")
+        like = nearest(unknown[0], set(SHEET_COLUMNS) - set(columns)) if unknown else ""
+        raise InputError(f"{path}: {what}; the columns are {', '.join(SHEET_COLUMNS)}{like}")
     if not lines:
         raise InputError(f"{path}: no trials; add one row per trial")
     check_rows(lines, path)
@@ -155,7 +155,7 @@ def check_rows(lines: Sequence[SheetLine], path: Path) -> None:
     """Refuse a value that is not allowed, and a trial that stands twice; `path` is for messages."""
     seen: dict[str, int] = {}
     for line in lines:
-        row = dict.fromkeys(COLUMNS, "") | line.cells
+        row = dict.fromkeys(SHEET_COLUMNS, "") | line.cells
         trial, problem = row["trial"], problem_in(row)
         if not problem and trial in seen:
             problem = f"trial '{trial}' stands twice, first in line {seen[trial]}; give each row its own name"
@@ -185,10 +185,10 @@ def check_spelling(lines: Sequence[SheetLine], path: Path) -> None:
 
 def typed(rows: Sequence[Mapping[str, str]]) -> pd.DataFrame:
     """Valid rows with the types of their columns; NA where a cell is empty."""
-    sheet = pd.DataFrame(rows, columns=list(COLUMNS), dtype="string").replace("", pd.NA)
+    sheet = pd.DataFrame(rows, columns=list(SHEET_COLUMNS), dtype="string").replace("", pd.NA)
     booleans = sheet["perturbed"].str.lower().map({"true": True, "false": False})
     filled = sheet.assign(perturbed=booleans, joint=sheet["joint"].fillna(JOINT))
-    return filled.astype(COLUMNS).set_index("trial", drop=False)
+    return filled.astype(SHEET_COLUMNS).set_index("trial", drop=False)
 
 
 def problem_in(row: dict[str, str]) -> str:
@@ -201,10 +201,10 @@ def problem_in(row: dict[str, str]) -> str:
         like = nearest(row["experiment"], EXPERIMENTS)
         return f"experiment '{row['experiment']}' is none of {', '.join(EXPERIMENTS)}{like}"
     for column in ("joint", "controller"):
-        if (length := len(row[column])) > LONGEST_NAME:
-            return f"{column} '{row[column][:20]}...' has {length} characters; up to {LONGEST_NAME} are allowed"
+        if (length := len(row[column])) > LONGEST_WORD:
+            return f"{column} '{row[column][:20]}...' has {length} characters; up to {LONGEST_WORD} are allowed"
     for column in ("K_d", "B_d", "body_mass_kg"):
-        if row[column] and not is_number(row[column]):
+        if row[column] and not is_decimal(row[column]):
             return f"{column} '{row[column]}' is not a number; give it in SI units, without the unit"
     if row["body_mass_kg"] and not float(row["body_mass_kg"]) > 0:
         return f"body_mass_kg '{row['body_mass_kg']}' must be above 0, or empty"
@@ -257,6 +257,6 @@ def problem_with_needs(row: dict[str, str]) -> str:
     return ""
 
 
-def is_number(text: str) -> bool:
+def is_decimal(text: str) -> bool:
     """Whether the text is a finite decimal number."""
     return bool(re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", text)) and math.isfinite(float(text))

@@ -170,7 +170,7 @@ def streams(trial: Trial, rows: Mapping[str, bytes], silent: frozenset[str]) -> 
             stamps,
             dict(zip(names, values, strict=True)),
             choice=trial.provenance.get(origin(trial, first).get("file", ""), {}).get("time", {}).get("stamps", "auto"),
-            counter=counter_of(trial, names),
+            counter=device_counter(trial, names),
             silent=silent,
             delays={name: origin(trial, name).get("delay") or 0.0 for name in names},
         )
@@ -178,7 +178,7 @@ def streams(trial: Trial, rows: Mapping[str, bytes], silent: frozenset[str]) -> 
     return found
 
 
-def counter_of(trial: Trial, names: Sequence[str]) -> NDArray[np.int64] | None:
+def device_counter(trial: Trial, names: Sequence[str]) -> NDArray[np.int64] | None:
     """The device's count of the samples of columns that share their stamps; None where the log has none."""
     name = next((c for c in map(counter_column, names) if c in trial.columns), None)
     return None if name is None else np.asarray(trial.arrays(name)[1], dtype=np.int64)

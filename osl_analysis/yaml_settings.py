@@ -110,7 +110,7 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
     if not path.is_file():
         raise InputError(f"{path}: no such file; check the path, which is relative to the working directory")
     try:
-        node, content = parsed(path.read_text(encoding="utf-8-sig"))
+        node, content = parsed_yaml(path.read_text(encoding="utf-8-sig"))
         if by_snakemake:
             check_read_alike(node)
     except OSError as error:
@@ -133,7 +133,7 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=16)
-def parsed(text: str) -> tuple[Node | None, Any]:
+def parsed_yaml(text: str) -> tuple[Node | None, Any]:
     """The nodes of a YAML text, with their lines, and its content. A key that stands twice in a mapping is refused."""
     yaml = YAML(typ="safe", pure=True, plug_ins=[])
     node = yaml.compose(text)
@@ -198,10 +198,10 @@ def not_yaml(error: Exception) -> str:
     return f"{text}; {remedy}"
 
 
-def line_of(path: Path, place: Place) -> int | None:
+def field_line(path: Path, place: Place) -> int | None:
     """Line, counted from 1, of a field or of the innermost field above it in the file; None where there is none."""
     try:
-        node, _ = parsed(path.read_text(encoding="utf-8-sig"))
+        node, _ = parsed_yaml(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError, YAMLError):
         return None
     line = None
@@ -221,7 +221,7 @@ def line_of(path: Path, place: Place) -> int | None:
 def located(files: Sequence[Path], place: Place) -> str:
     """`line 12: ` in the last of the files that has the field, with its name if there are several; empty if none."""
     for file in reversed(files):
-        line = line_of(file, place)
+        line = field_line(file, place)
         if line is not None:
             return f"line {line}: " if len(files) == 1 else f"line {line} of {file.name}: "
     return ""
@@ -253,7 +253,7 @@ def explain(error: ValidationError, model: type[BaseModel], content: Any, above:
     # by place; where a field may have several kinds of values, pydantic finds a problem for each
     found: dict[Place, list[dict[str, Any]]] = {}
     for one in error.errors():
-        found.setdefault(place_of(one, content), []).append(dict(one))
+        found.setdefault(problem_place(one, content), []).append(dict(one))
     deeper = {place[:n] for place in found for n in range(len(place))}
     problems = [(place, each) for place, each in found.items() if place not in deeper or not place]
     for place, _ in problems:
@@ -262,10 +262,10 @@ def explain(error: ValidationError, model: type[BaseModel], content: Any, above:
     first, each = next((one for one in problems if misspelt(*one, model)), problems[0])
     others = len(problems) - 1
     more = f" (and {others} more problem{'s' if others > 1 else ''})" if others else ""
-    return described(first, each, model, above) + more, (*above, *first)
+    return described_problem(first, each, model, above) + more, (*above, *first)
 
 
-def place_of(problem: Mapping[str, Any], content: Any) -> tuple[int | str, ...]:
+def problem_place(problem: Mapping[str, Any], content: Any) -> tuple[int | str, ...]:
     """The field of a problem. A check of several fields states the one that it means as `place` in its context.
 
     What pydantic adds for itself, as the kind of value that it tried, is not in the content.
@@ -308,7 +308,7 @@ def misspelt(place: Place, problems: Sequence[Mapping[str, Any]], model: type[Ba
     return nearest(str(place[-1]), inner.model_fields if inner else ())
 
 
-def described(place: Place, problems: Sequence[Mapping[str, Any]], model: type[BaseModel], above: Place) -> str:
+def described_problem(place: Place, problems: Sequence[Mapping[str, Any]], model: type[BaseModel], above: Place) -> str:
     """The problems of one field as a sentence."""
     name, kind, value = dotted([*above, *place]) or "the file", problems[-1]["type"], problems[-1]["input"]
     if kind == "extra_forbidden":

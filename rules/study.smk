@@ -2,9 +2,9 @@
 
 STUDY = CONFIG.study
 STUDIED = (
-    {name: (STUDY.trials, STUDY.batch) for name in STUDY_ON_BENCH}
+    {name: (STUDY.trials, STUDY.batch) for name in BENCH_EXPERIMENTS}
     | {name: (STUDY.campaigns, batch) for name, batch in STUDY_OF_REPEATS.items()}
-    | {name: (getattr(STUDY, number), batch) for name, (number, batch) in STUDY_OF_WALKING.items()}
+    | {name: (getattr(STUDY, number), batch) for name, (number, batch) in WALKING_EXPERIMENTS.items()}
 )
 """Trials or campaigns of each experiment, and how many of them one job takes at least."""
 STUDIED_BY_FILE = {name.replace(",", "").replace(" ", "_"): name for name in STUDIED}

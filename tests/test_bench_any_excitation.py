@@ -40,7 +40,7 @@ from osl_analysis.judge.recording import measure_protocol
 from osl_analysis.judge.table import Commanded, Doubt, DoubtfulFits, Examined
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import read_parameters
-from osl_analysis.shared_choices import PAPER
+from osl_analysis.shared_choices import WEIGHT_OF_PAPER
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial, write_trial
 
@@ -126,7 +126,7 @@ def test_a_lag_between_the_channels_is_found_with_its_shares_of_damping_and_iner
 def test_the_lag_of_a_leg_is_found_beside_the_higher_dynamics_of_its_linear_model():
     """Torque of the linear drivetrain by its admittance at each line, and K, B and I of the joint beside it."""
     rng, p = np.random.default_rng(5), read_parameters(ROOT / "config/parameters/default.yaml")
-    gains = DesiredImpedance("uncompensated", 300.0, 5.0).gains(p, PAPER.weight)
+    gains = DesiredImpedance("uncompensated", 300.0, 5.0).gains(p, WEIGHT_OF_PAPER.weight)
     expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
     _, (theta, *_) = motion = noise(rng, (0.5, 10.0))
     s = 2j * np.pi * np.fft.rfftfreq(len(theta), 1 / 250)
@@ -293,7 +293,7 @@ def test_every_table_of_a_trial_without_sines_has_its_columns(tmp_path):
     tables = {name: tmp_path / f"{name}.csv" for name in names}
     desired = DesiredImpedance("mine", None, None)
     settings = {"settings": SETTINGS, "tables": tables}
-    fit_impedance_trial(tmp_path / "made.parquet", None, desired, PAPER.weight, **settings)
+    fit_impedance_trial(tmp_path / "made.parquet", None, desired, WEIGHT_OF_PAPER.weight, **settings)
     assert [len(read_table(tables[name])) for name in ("impedance", "phasors")] == [1, 0]
     gather([tables["phasors"]], tmp_path / "all.csv", Doubt(), [tables["impedance"]], Doubt())
     average_over_amplitudes(tmp_path / "all.csv", tmp_path / "response.csv")

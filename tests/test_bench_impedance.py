@@ -39,7 +39,7 @@ from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.protocol.runs import SteppedSineProtocol
-from osl_analysis.shared_choices import PAPER
+from osl_analysis.shared_choices import WEIGHT_OF_PAPER
 from osl_analysis.signals import LowPass, filtered_motion
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial, write_trial
@@ -191,7 +191,7 @@ def test_an_error_of_the_bench_s_stiffness_is_in_the_admittance_and_is_not_avera
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")
-UNKNOWN = AskedImpedance(DesiredImpedance("ours", None, None), PAPER.weight, (1.0, 3.0, 5.0))
+UNKNOWN = AskedImpedance(DesiredImpedance("ours", None, None), WEIGHT_OF_PAPER.weight, (1.0, 3.0, 5.0))
 FIT = {"K": 300.0, "B": 5.0, "I": 0.02}
 FREQUENCY, THETA = np.tile([1.0, 2, 3, 4, 5], 3), np.repeat([0.035, 0.07, 0.105], 5)
 S = 2j * np.pi * FREQUENCY
@@ -307,7 +307,7 @@ def test_whether_the_torque_is_late_is_said_in_the_rows_that_cannot_tell_and_in_
         reasons = table.select(UNKNOWN.left_unchecked(p))["not_checked"].to_list()
         assert ["late" in reason for reason in reasons] == [False, True, True]
         assert all("whether K is what the gains should give" in reason for reason in reasons)
-    known = AskedImpedance(DesiredImpedance("compensated", 300.0, 5.0), PAPER.weight, (1.0, 3.0, 5.0))
+    known = AskedImpedance(DesiredImpedance("compensated", 300.0, 5.0), WEIGHT_OF_PAPER.weight, (1.0, 3.0, 5.0))
     reasons = table.select(known.left_unchecked(P))["not_checked"].to_list()
     assert reasons[0] is None
     assert "whether the torque is late: a delay that matters would look like noise" in reasons[1]

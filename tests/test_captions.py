@@ -11,7 +11,7 @@ from osl_analysis.about import About
 from osl_analysis.commands.figure import caption_of, write_captions
 from osl_analysis.commands.summarise import write_table_metadata
 from osl_analysis.figures import FIGURES, fig3
-from osl_analysis.figures.names import as_text, doubtful_fits, listed, number, with_interval, with_sd
+from osl_analysis.figures.names import as_text, doubtful_said, listed, number, with_interval, with_sd
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import write_table
 
@@ -42,10 +42,10 @@ def test_numbers_have_the_digits_that_their_intervals_leave():
 
 def test_doubtful_trials_are_counted_and_named_and_of_many_the_first():
     table = pl.DataFrame({"trial": [f"t_{k}" for k in range(12)], "doubtful": ["VAF 80"] * 10 + ["", None]})
-    said = doubtful_fits(table, "drawn open")
+    said = doubtful_said(table, "drawn open")
     assert said.startswith(r"Doubtful, drawn open: 10 of 12 fits (t\_0, t\_1,")
     assert said.endswith(r"t\_5 and 4 more), for VAF.")
-    assert doubtful_fits(table.tail(1), "drawn open") == "No fit is doubtful."
+    assert doubtful_said(table.tail(1), "drawn open") == "No fit is doubtful."
     assert listed(["a", "b", "a"]) == "a, b"
 
 

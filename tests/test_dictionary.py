@@ -7,9 +7,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from osl_analysis.dictionary import columns_of, described_tables
+from osl_analysis.dictionary import described_columns, described_tables
 from osl_analysis.figures import FIGURES
-from osl_analysis.study.bench import Estimate
+from osl_analysis.study.bench import StudyEstimate
 from osl_analysis.study.performance import performance_table
 from osl_analysis.table import TEXT_COLUMNS
 from osl_analysis.trial import Trial
@@ -40,7 +40,7 @@ def test_endings_covariances_and_shared_columns_are_written_out():
     assert columns["cov_K_B"].unit == "(N*m/rad) * (N*m*s/rad)"
     assert {"cov_K_I", "cov_B_I", "VAF", "controller", "trial", "I_amplitudes_high"} <= set(columns)
     assert "cov_B_K" not in columns
-    (column,) = columns_of("x", "m | a length", {})
+    (column,) = described_columns("x", "m | a length", {})
     assert (column.name, column.unit, column.meaning) == ("x", "m", "a length")
 
 
@@ -51,7 +51,7 @@ def test_the_columns_that_a_figure_draws_are_described(name):
 
 def test_the_study_s_table_is_described():
     batches = described("study/batches/*")
-    assert {field.name for field in fields(Estimate)} < set(batches)
+    assert {field.name for field in fields(StudyEstimate)} < set(batches)
     numbers = {name: [1.0, 2.0, 4.0] for name in batches} | {"truth": [1.0, 1.0, 1.0]}
     estimates = pl.DataFrame(numbers | {name: ["x"] * 3 for name, column in batches.items() if column.unit == "text"})
     assert set(described("study/study")) - {"data"} == set(performance_table(estimates).columns)

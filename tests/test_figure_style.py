@@ -22,7 +22,7 @@ from osl_analysis.figures.style import (
     log_ticks,
     name_ends,
     paper_style,
-    widened,
+    with_margins,
 )
 
 
@@ -53,7 +53,7 @@ def test_a_logarithmic_axis_has_two_ticks_or_more_within_its_limits_and_not_too_
 
 
 def test_a_single_frequency_stands_in_the_middle_of_its_axis_with_a_tick():
-    low, high = widened(3.0, 3.0)
+    low, high = with_margins(3.0, 3.0)
     assert low < 3 < high
     assert 3 / low == pytest.approx(high / 3)
     ax = Figure().subplots()

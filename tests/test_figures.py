@@ -120,7 +120,7 @@ def walking_summary():
     """The ensemble reads a tenth more than the mean, give or take a hundredth below and two above."""
     mean, sd = np.array([338.0, 4.3, 0.012, 97.0]), [20.0, 0.7, 0.02, 1.0]
     fits = {"estimator": fig9.PER_PERTURBATION, "mean": mean, "sd": sd, "low": 0.9 * mean, "high": 1.1 * mean}
-    ensemble = {"estimator": fig9.ENSEMBLE, "mean": 1.1 * mean, "sd": None, "low": 1.09 * mean, "high": 1.12 * mean}
+    ensemble = {"estimator": fig9.BY_ENSEMBLE, "mean": 1.1 * mean, "sd": None, "low": 1.09 * mean, "high": 1.12 * mean}
     shared = {"group": "all", "quantity": ["K", "B", "I", "VAF"], "n": 31, "n_doubtful": 0, "commanded": None}
     return pl.concat([pl.DataFrame(shared | rows) for rows in (fits, ensemble)], how="vertical_relaxed")
 
@@ -286,7 +286,7 @@ def test_as_many_conditions_as_are_shown_fit_a_page_of_a_journal(number, grid):
 
 
 def test_conditions_stand_side_by_side_each_in_its_place(monkeypatch):
-    monkeypatch.setattr(response, "MOST", 4)
+    monkeypatch.setattr(response, "MOST_CONDITIONS", 4)
     table = conditions_of(5)
     figure = response.draw(table)
     assert len(figure.axes) == 3 * 4

@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 from osl_analysis.cli import main
 from osl_analysis.commands.doctor import findings
 from osl_analysis.commands.new_campaign import draft_campaign
-from osl_analysis.commands.reference import described, schemas
+from osl_analysis.commands.reference import definitions_of, schemas
 from osl_analysis.commands.run import asking_no_cluster, snakemake_arguments
 from osl_analysis.config import read_config
 from osl_analysis.errors import InputError
@@ -244,7 +244,7 @@ def test_a_schema_refuses_an_unknown_field_and_explains_the_known_ones(validator
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_wherever_a_source_file_states_a_unit_an_editor_flags_a_wrong_one(name):
-    made = described({"": FORMATS[name].source})[1]
+    made = definitions_of({"": FORMATS[name].source})[1]
     plates = list(made.get("PlateUnits", {"properties": {}})["properties"].values())
     fields = plates + [one["properties"][key] for one in made.values() for key in one["properties"] if key in UNITS]
     for field in fields:

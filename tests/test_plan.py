@@ -10,7 +10,7 @@ import yaml
 
 from osl_analysis.commands.simulate import simulate_campaign, simulate_trial, write_sheet
 from osl_analysis.errors import InputError
-from osl_analysis.sheet import COLUMNS, read_sheet
+from osl_analysis.sheet import SHEET_COLUMNS, read_sheet
 from osl_analysis.simulator.joint_motion import stepped_sine
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
@@ -63,7 +63,7 @@ def test_about_half_of_the_crossings_are_perturbed():
 def test_the_written_sheet_is_the_plan_and_passes_validation(tmp_path):
     write_sheet(DEFAULT, tmp_path / "trials.csv")
     sheet = read_sheet(tmp_path / "trials.csv").reset_index(drop=True)
-    assert list(sheet.columns) == list(COLUMNS)
+    assert list(sheet.columns) == list(SHEET_COLUMNS)
     pd.testing.assert_frame_equal(sheet, plan_trials(read_yaml(DEFAULT, SimulationSettings)))
 
 

@@ -16,7 +16,7 @@ from conftest import ROOT
 from osl_analysis.bench.actuator import actuator_trial
 from osl_analysis.bench.belt import belt_trial
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
-from osl_analysis.campaign import check_quality, open_campaign
+from osl_analysis.campaign import check_campaign, open_campaign
 from osl_analysis.config import campaign_config, read_section
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
@@ -427,4 +427,4 @@ def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path: Path) -> None
         content | {"sheet": tmp_path / "trials.csv", "simulation": None}, [ROOT / "config/config.yaml"]
     )
     with pytest.raises(InputError, match="trial 'b', accept: 'gaps' is no quality check; the checks are rate, jitter"):
-        check_quality(open_campaign(config, None))
+        check_campaign(open_campaign(config, None))

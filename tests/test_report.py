@@ -45,7 +45,7 @@ from osl_analysis.report.trial_page import (
     ReportedTrial,
     doubts_of,
     left_out_trials,
-    provenance_of,
+    provenance_content,
     trial_content,
     without_result,
 )
@@ -116,7 +116,7 @@ def page_of(trials, largest_mb=40.0, tables=None):
         "findings": [{"verdict": "doubtful", "line": f"doubtful, 1 of 2 trials: {HOSTILE}"}],
         "figures": [],
         "not_made": [],
-        "quantities": trial_page.QUANTITIES,
+        "quantities": trial_page.TABLE_NUMBERS,
         "trials": trial_page.trial_rows(trials),
         "left_out": trial_page.left_out(trials),
         "experiments": {"impedance": "one line"},
@@ -234,7 +234,7 @@ def test_provenance_says_file_hash_channel_and_conversion():
     columns |= {f"marker_A_{axis}": marker | {"component": axis} for axis in "xyz"}
     files = {"log": {"path": "a.mcap", "bytes": 12, "sha256": "ff", "source": "mine"}}
     clock = {"offset": 0.5, "edges": 18, "nothing": None, "parts": [{"a": 1, "b": 2}, {"a": 3}]}
-    found = provenance_of({"files": files, "columns": columns, "clock": clock})
+    found = provenance_content({"files": files, "columns": columns, "clock": clock})
     assert found["files"] == [["log", "a.mcap", "12", "ff", "mine"]]
     assert found["signals"] == [
         ["torque", "log", "/wrench torque.z", "Nm → N*m, sign -1, scale 2"],

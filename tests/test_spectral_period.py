@@ -9,7 +9,7 @@ from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.commands.plotted_numbers import response as plotted_response
 from osl_analysis.commands.tables import pool_responses
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.figures.response import points, words_of
+from osl_analysis.figures.response import condition_words, points
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.equation_error import fit_periodic
 from osl_analysis.spectral.realisations import LINES as COLUMNS
@@ -217,7 +217,7 @@ def test_trials_of_one_condition_are_pooled_where_their_motions_differ_in_phases
     write_table(response_tables(periodic("M1", 1, 2), None).response, tmp_path / "response.csv")
     plotted_response(tmp_path / "response.csv", pooled, tmp_path / "plotted.csv")
     (row,) = read_table(tmp_path / "plotted.csv").unique("trials").to_dicts()
-    assert words_of(row) == ["Knee, left", "M1 and 1 more", "4 realisations"]
+    assert condition_words(row) == ["Knee, left", "M1 and 1 more", "4 realisations"]
 
 
 def test_conditions_without_a_second_trial_are_not_pooled(tmp_path):

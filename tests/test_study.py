@@ -19,10 +19,18 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.study import BENCH, MOST_JOBS, REPEATED, WALKING, Batch, batches, planned
+from osl_analysis.study import (
+    BENCH_EXPERIMENTS,
+    MOST_JOBS,
+    REPEATED,
+    WALKING_EXPERIMENTS,
+    Batch,
+    planned,
+    study_batches,
+)
 from osl_analysis.study import walking as study_of_walking
-from osl_analysis.study.bench import StudyInputs, actuator, regression_bound, studied, trial_rows
-from osl_analysis.study.performance import page, performance
+from osl_analysis.study.bench import StudyInputs, actuator, regression_bound, studied, study_rows
+from osl_analysis.study.performance import performance, study_page
 from osl_analysis.table import read_table
 from osl_analysis.walking.settings import WalkingAnalysis
 from osl_analysis.yaml_settings import read_yaml
@@ -57,7 +65,7 @@ def bench(experiment):
 
 def rows(experiment, trials):
     table = pl.DataFrame(
-        trial_rows(bench(experiment), [f"{experiment}_{i}" for i in range(trials)], LowPass(15)),
+        study_rows(bench(experiment), [f"{experiment}_{i}" for i in range(trials)], LowPass(15)),
         infer_schema_length=None,
     )
     return table.with_columns(error=pl.col("value") - pl.col("truth"))
@@ -159,7 +167,7 @@ def test_the_page_has_a_line_for_each_interval_and_names_what_covers_too_little(
          row | {"experiment": "toy", "quantity": "K", "coverage": 0.92},
          row | {"experiment": "toy", "quantity": "B", "coverage": 0.95}]
     )  # fmt: skip
-    text = page(table)
+    text = study_page(table)
     assert "| toy | filtered, cycles | K, B | 400 | 0.10, 0.10 ± 0.05 | 1.01, 1.01 | –, – | 92.0, 95.0 ± 2.0 |" in text
     assert "3 coverages with a mean of 89.0 %; 1 lie between 93 and 97 %." in text
     assert "Monte Carlo errors: belt, K_s: 80.0 %." in text
@@ -201,7 +209,7 @@ def campaign(experiment, tmp_path, number=7):
     return read_table(tmp_path / f"{experiment}.csv")
 
 
-@pytest.mark.parametrize("experiment", WALKING)
+@pytest.mark.parametrize("experiment", WALKING_EXPERIMENTS)
 def test_walking_is_measured_against_the_perturbation_alone(experiment, tmp_path):
     """K rendered is 334 of the commanded 340, and the filtered estimate of it within 1 N*m/rad: a third-order leg."""
     K = campaign(experiment, tmp_path).filter(pl.col("quantity") == "K")
@@ -227,7 +235,7 @@ def test_walking_without_gait_scatter_and_noise_has_no_error(monkeypatch, tmp_pa
         return found
 
     monkeypatch.setattr(study_jobs, "read_yaml", ideal)
-    for experiment, close in zip(WALKING, (3e-4, 3e-3), strict=True):
+    for experiment, close in zip(WALKING_EXPERIMENTS, (3e-4, 3e-3), strict=True):
         table = campaign(experiment, tmp_path)
         inertia = pl.col("quantity") == "I"
         np.testing.assert_allclose(*table.filter(~inertia).select("value", "truth"), rtol=close)
@@ -281,8 +289,10 @@ def test_the_study_measures_bias_in_standard_deviations_and_coverage_as_a_share(
 
 def study(trials: int, campaigns: int, recorded: int) -> dict[str, tuple[int, int]]:
     """Numbers of trials or campaigns, and how many one job takes at least, as rules/study.smk has them."""
-    numbers = dict.fromkeys(BENCH, (trials, 50)) | {name: (campaigns, least) for name, least in REPEATED.items()}
-    return numbers | {"walking": (campaigns, WALKING["walking"][1]), "walking recorded": (recorded, 5)}
+    numbers = dict.fromkeys(BENCH_EXPERIMENTS, (trials, 50)) | {
+        name: (campaigns, least) for name, least in REPEATED.items()
+    }
+    return numbers | {"walking": (campaigns, WALKING_EXPERIMENTS["walking"][1]), "walking recorded": (recorded, 5)}
 
 
 @pytest.mark.parametrize(
@@ -290,7 +300,7 @@ def study(trials: int, campaigns: int, recorded: int) -> dict[str, tuple[int, in
 )
 def test_every_trial_is_in_one_job_and_there_are_fewer_than_a_hundred_with_table_page_and_figure(numbers):
     asked = study(*numbers)
-    found = batches(asked)
+    found = study_batches(asked)
     assert len(found) <= MOST_JOBS
     assert MOST_JOBS + 4 < 100
     for name, (number, _) in asked.items():

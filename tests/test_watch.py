@@ -15,7 +15,16 @@ from test_new_campaign import DAMPING, INERTIA, STIFFNESS, write_joint
 from osl_analysis.commands import inspect as inspect_command
 from osl_analysis.commands import watch as module
 from osl_analysis.commands.inspect import fit_of_row
-from osl_analysis.commands.watch import QUIET_S, Arrivals, bench_of, device_of, line_of, quality_text, read_notes, watch
+from osl_analysis.commands.watch import (
+    QUIET_S,
+    Arrivals,
+    bench_of,
+    device_of,
+    quality_text,
+    read_notes,
+    recording_line,
+    watch,
+)
 from osl_analysis.files import default_config
 
 
@@ -104,21 +113,21 @@ def test_what_was_not_examined_before_a_restart_is_examined_then_and_no_more(tmp
 def test_a_fault_in_one_recording_does_not_end_the_watch(tmp_path, bench, monkeypatch):
     write_joint(tmp_path / "in/k120_b2.csv")
     monkeypatch.setattr(module, "fit_of_row", lambda *_: 1 / 0)
-    said = line_of(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
+    said = recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
     assert "FAILED: unexpected ZeroDivisionError" in said
 
 
 def test_a_picture_that_cannot_be_written_does_not_take_the_numbers_away(tmp_path, bench):
     write_joint(tmp_path / "in/k120_b2.csv")
     bench.output.write_text("a file in place of the folder")
-    said = line_of(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
+    said = recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
     assert re.search(r"\bK 1[12]\d", said)
     assert "no picture: " in said
 
 
 def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     write_joint(tmp_path / "in/k300_b2.csv")
-    said = line_of(tmp_path / "in/k300_b2.csv", tmp_path / "in", bench)
+    said = recording_line(tmp_path / "in/k300_b2.csv", tmp_path / "in", bench)
     assert "LOOK AT IT: K is 0.4 times the K_d = 300" in said
 
 
@@ -128,14 +137,14 @@ def test_a_constant_torque_and_a_wrong_unit_of_time_are_refused_by_name(tmp_path
         lines = [f"{k / 250},{8 * (k % 50 - 25) * ((-1) ** (k // 50)) / 25},{scale * (k % 7)}" for k in range(3000)]
         (tmp_path / "in").mkdir(exist_ok=True)
         (tmp_path / "in" / name).write_text("\n".join([header, *lines]))
-    said = [line_of(tmp_path / f"in/{name}.csv", tmp_path / "in", bench) for name in ("k1", "k2")]
+    said = [recording_line(tmp_path / f"in/{name}.csv", tmp_path / "in", bench) for name in ("k1", "k2")]
     assert "torque is 0 N*m in all samples" in said[0]
     assert "samples are 4e-06 s apart" in said[1]
 
 
 def test_a_recording_of_an_unknown_recorder_gives_its_joint_and_what_was_guessed(tmp_path, bench):
     write_joint(tmp_path / "in/k120_b2.csv")
-    said = line_of(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
+    said = recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
     found = {name: float(value) for name, value in re.findall(r"\b([KBI]) (\S+) ±", said)}
     assert found == pytest.approx({"K": STIFFNESS, "B": DAMPING, "I": INERTIA}, rel=0.02)
     assert 'channels are guessed: theta: {column: "ankle_angle_deg"' in said
@@ -146,7 +155,7 @@ def test_a_recording_of_an_unknown_recorder_gives_its_joint_and_what_was_guessed
 def test_a_wrong_sign_and_a_damaged_file_are_one_line_each(tmp_path, bench):
     write_joint(tmp_path / "in/rec7.csv", sign=-1.0)
     (tmp_path / "in/x.csv").write_text("junk\n")
-    said = [line_of(path, tmp_path / "in", bench) for path in sorted((tmp_path / "in").iterdir())]
+    said = [recording_line(path, tmp_path / "in", bench) for path in sorted((tmp_path / "in").iterdir())]
     assert re.search(r"rec7.csv: REFUSED: .*turn the `sign` of the torque", said[0])
     assert re.search(r"x.csv: REFUSED: no rows", said[1])
     assert [line.count("\n") for line in said] == [0, 0]
@@ -162,7 +171,7 @@ def test_the_stated_source_file_decides(tmp_path):
         "  torque: {column: loadcell_torque_Nm, unit: N*m, sign: -1}\n"
     )
     bench = bench_of(Path("config/config.yaml"), source, tmp_path / "pictures")
-    said = line_of(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
+    said = recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
     assert "guessed" not in said
     assert float(re.search(r"\bK (\S+) ±", said)[1]) == pytest.approx(STIFFNESS, rel=0.01)
 

@@ -21,7 +21,7 @@ from osl_analysis.design.plan import (
     longest,
 )
 from osl_analysis.design.precision import (
-    ESTIMATED,
+    KBI,
     Density,
     Distortion,
     Joint,
@@ -88,7 +88,7 @@ def lag_errors(fit: PlannedFit, joint: Joint, lag_s: float) -> dict[str, float]:
     """What a torque that is late by `lag_s` [s] adds to K, B and I: the fit of Z exp(-j w lag) minus that of Z."""
     Z = joint.impedance(fit.sines.w)
     late = np.asarray(Z * np.exp(-1j * fit.sines.w * lag_s), dtype=np.complex128)
-    return dict(zip(ESTIMATED, (fit.fitted(late) - fit.fitted(Z)).tolist(), strict=True))
+    return dict(zip(KBI, (fit.fitted(late) - fit.fitted(Z)).tolist(), strict=True))
 
 
 def refuse_band(request: DesignRequest) -> None:
@@ -235,7 +235,7 @@ def out_of_reach(request: DesignRequest) -> str:
     values = np.maximum(np.abs(request.joint.values), tiny)
     reaches = (
         f"{name} ± {100 * found.half_width[k] / values[k]:.2g} % (variance by {causes[largest[k]]} {shares[k]:.0f} %)"
-        for k, name in enumerate(ESTIMATED)
+        for k, name in enumerate(KBI)
         if name in request.within
     )
     return (
@@ -280,7 +280,7 @@ def write_command(plan: Plan, rate_hz: float, output: Path) -> None:
 
 def design_request(chosen: Mapping[str, Any], config: Config) -> DesignRequest:
     """The plan and all that its intervals depend on, in SI units, from the options by name."""
-    check_finite(chosen)
+    refuse_infinite(chosen)
     low_pass, study = config.dynamometer.low_pass, config.study
     expected = {"stiffness": study.K_d, "damping": study.B_d, "inertia": study.I}
     joint = [expected[name] if chosen[name] is None else chosen[name] for name in expected]
@@ -296,7 +296,7 @@ def design_request(chosen: Mapping[str, Any], config: Config) -> DesignRequest:
     )
 
 
-def check_finite(chosen: Mapping[str, Any]) -> None:
+def refuse_infinite(chosen: Mapping[str, Any]) -> None:
     """Refuse options that are no finite numbers."""
     for name, value in chosen.items():
         numbers = value if isinstance(value, list) else [value]
@@ -307,7 +307,7 @@ def check_finite(chosen: Mapping[str, Any]) -> None:
 def plan_of(chosen: Mapping[str, Any], config: Config) -> Plan:
     """The protocol; without a stated band 0.5 to 6 Hz, without a stated size 2 deg rms."""
     if chosen["excitation"] == "stepped-sine":
-        return stepped_sine_of(chosen, config)
+        return planned_stepped_sine(chosen, config)
     band = tuple(chosen["band"] or (0.5, 6.0))
     rms = float(np.deg2rad(chosen["rms"] or 2.0))
     peak = None if chosen["peak"] is None else float(np.deg2rad(chosen["peak"]))
@@ -320,7 +320,7 @@ def plan_of(chosen: Mapping[str, Any], config: Config) -> Plan:
     return other if peak is None else replace(other, rms=rms * peak / other.peak[0])
 
 
-def stepped_sine_of(chosen: Mapping[str, Any], config: Config) -> SteppedSine:
+def planned_stepped_sine(chosen: Mapping[str, Any], config: Config) -> SteppedSine:
     """The stepped sine of the configuration, with what is chosen in its place."""
     bench = config.dynamometer
     frequencies = tuple(chosen["frequencies"] or bench.frequencies_hz)
@@ -393,7 +393,7 @@ def earlier_distortion(path: Path, trial: str | None) -> Distortion:
 
 def spread_of(rows: pl.DataFrame) -> Spread | None:
     """The spread of the realisations of a multisine, from its row of `impedance.csv`; None of any other trial."""
-    columns = ["realisations", "band_low_hz", "band_high_hz", "theta_rms_deg", *(f"{name}_se" for name in ESTIMATED)]
+    columns = ["realisations", "band_low_hz", "band_high_hz", "theta_rms_deg", *(f"{name}_se" for name in KBI)]
     if not set(columns) <= set(rows.columns):
         return None
     known = rows.filter(pl.col("interval_method") == REALISATIONS).select(pl.col(columns).cast(pl.Float64)).drop_nulls()
@@ -472,7 +472,7 @@ def interval_lines(request: DesignRequest, found: Precision) -> Iterator[str]:
     """A line per parameter, with what the variance is made of, and a line on the interval."""
     total, units = found.se**2, ("N·m/rad", "N·m·s/rad", "kg·m²")
     yield f"{'':4}{'expected':>10}{'95 % interval ±':>18}{'in %':>10}{'by noise alone ±':>18}   variance by"
-    for k, name in enumerate(ESTIMATED):
+    for k, name in enumerate(KBI):
         value = float(request.joint.values[k])
         percent = f"{100 * found.half_width[k] / abs(value):.3g}" if value else "-"
         shares = {cause: 100 * v[k] / total[k] for cause, v in found.causes.items() if total[k] > 0}
@@ -507,12 +507,12 @@ def design_json(made: Design) -> str:
     """All of it as JSON, in SI units; null for numbers that are infinite or undefined."""
     request = made.request
     content: dict[str, Any] = {
-        **described(request, request.plan, made.found),
+        **plan_content(request, request.plan, made.found),
         "friction_damping": request.distortion.added_damping(request.plan),
         "lag_s": request.lag_s,
         "lag_errors": dict(made.lag),
         "asked_within": dict(request.within),
-        "recommended": None if made.recommended is None else described(request, *made.recommended),
+        "recommended": None if made.recommended is None else plan_content(request, *made.recommended),
         "warnings": list(made.warnings),
     }
     return json.dumps(nested(content), indent=2, ensure_ascii=False)
@@ -523,7 +523,7 @@ def nested(content: Mapping[str, Any]) -> dict[str, Any]:
     return finite_or_null({name: nested(one) if isinstance(one, dict) else one for name, one in content.items()})
 
 
-def described(request: DesignRequest, plan: Plan, found: Precision) -> dict[str, Any]:
+def plan_content(request: DesignRequest, plan: Plan, found: Precision) -> dict[str, Any]:
     """A plan and its intervals, for JSON."""
     estimates = {
         name: {
@@ -534,7 +534,7 @@ def described(request: DesignRequest, plan: Plan, found: Precision) -> dict[str,
             "degrees_of_freedom": float(found.degrees_of_freedom[k]),
             "variance": {cause: float(values[k]) for cause, values in found.causes.items()},
         }
-        for k, name in enumerate(ESTIMATED)
+        for k, name in enumerate(KBI)
     }
     return {
         "protocol": plan.words,

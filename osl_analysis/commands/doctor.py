@@ -85,7 +85,7 @@ def campaign(folder: Path) -> Finding:
     return Finding("campaign", said, lack)
 
 
-def as_text(found: list[Finding]) -> str:
+def findings_text(found: list[Finding]) -> str:
     width = max(len(one.what) for one in found)
     return "\n".join(
         f"{'!!' if one.remedy else 'ok'} {one.what:<{width}}  {one.found}{f': {one.remedy}' if one.remedy else ''}"

@@ -14,7 +14,7 @@ from osl_analysis.files import atomic_path, digest
 from osl_analysis.refusal import Refusal, is_refused, read_refusals
 from osl_analysis.table import read_table, write_table
 
-EMPTY = "no trial of the campaign has the numbers that this figure shows"
+NOTHING_SHOWN = "no trial of the campaign has the numbers that this figure shows"
 METADATA = {".pdf": ("Subject", "CreationDate"), ".svg": ("Description", "Date"), ".png": ("Description", "Date")}
 """Formats that can be written, each with the entries of its metadata that say what the data are, and the time. That is
 left out: equal numbers give equal files."""
@@ -68,7 +68,7 @@ def draw_figure(
 
 def nothing_to_draw(module: Any) -> str:
     """Why a figure without any number is not drawn; a module with a reason of its own has `NOTHING`."""
-    return str(getattr(module, "NOTHING", EMPTY))
+    return str(getattr(module, "NOTHING", NOTHING_SHOWN))
 
 
 def not_drawn(name: str, causes: Sequence[tuple[str, str, str]]) -> pl.DataFrame:
@@ -113,7 +113,7 @@ def write_captions(
     """
     names = import_module("osl_analysis.figures.names")
     sections = [
-        f"## {names.figure_title(name)}\n\n{caption_of(name, table, refused_trials(shown.get(name, ())))}\n"
+        f"## {names.figure_title(name)}\n\n{caption_of(name, table, blamed_trials(shown.get(name, ())))}\n"
         for name, table in tables.items()
     ]
     with atomic_path(output) as path:
@@ -138,6 +138,6 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     return f"{said} {lacks}{names.listed(missing)}." if missing else said
 
 
-def refused_trials(files: Iterable[Path]) -> list[str]:
+def blamed_trials(files: Iterable[Path]) -> list[str]:
     """The trials to blame for the refusal records among these results."""
     return list(dict.fromkeys(cause.trial for file in files for cause in read_refusals(file) if cause.trial))

@@ -32,7 +32,7 @@ from osl_analysis.trial import Trial
 
 
 @dataclass(frozen=True)
-class Look:
+class FirstLook:
     """What the first trial of a source file gave."""
 
     trial: str
@@ -41,7 +41,7 @@ class Look:
     is_sound: bool  # whether it was fitted, without a doubt
 
 
-def first_look(folder: Path) -> Iterator[Look]:
+def first_look(folder: Path) -> Iterator[FirstLook]:
     """The first trial of each experiment and source file of a folder's campaign, fitted. Nothing is left behind."""
     with chdir(folder):
         config = read_config(CAMPAIGN)
@@ -82,7 +82,7 @@ def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config
     return fit_trial(experiment, trial, device, stated)
 
 
-def look(campaign: Campaign, name: str, config: Path) -> Look:
+def look(campaign: Campaign, name: str, config: Path) -> FirstLook:
     """Ingest and fit one trial. Nothing is written."""
     row, folders = campaign.row(name), campaign.config
     experiment = str(row["experiment"])
@@ -90,18 +90,18 @@ def look(campaign: Campaign, name: str, config: Path) -> Look:
         trial = checked_trial(campaign.recording(name), folders.raw_data, folders.sources)
         fitted = fit_of_row(trial, row, campaign.device(name), config)
     except OslAnalysisError as error:
-        return Look(name, experiment, str(error), is_sound=False)
+        return FirstLook(name, experiment, str(error), is_sound=False)
     except Exception as fault:  # a fault of the program in one recording must not hide the others
-        return Look(name, experiment, unexpected(fault), is_sound=False)
+        return FirstLook(name, experiment, unexpected(fault), is_sound=False)
     far = off_desired(fitted.estimates, row)
     if far:
-        return Look(name, experiment, f"{far}\n{estimates_text(fitted.estimates)}", is_sound=False)
+        return FirstLook(name, experiment, f"{far}\n{estimates_text(fitted.estimates)}", is_sound=False)
     doubts = [text for text in fitted.estimates["doubtful"].to_list() if text] if "doubtful" in fitted.estimates else []
-    return Look(name, experiment, estimates_text(fitted.estimates), is_sound=not doubts)
+    return FirstLook(name, experiment, estimates_text(fitted.estimates), is_sound=not doubts)
 
 
-LONGEST = 60  # characters of a name that are printed
-LISTED = (*NOT_READ, *SUFFIXES)  # endings of the files that `samples` lists
+LONGEST_TEXT = 60  # characters of a name that are printed
+LISTED_SUFFIXES = (*NOT_READ, *SUFFIXES)  # endings of the files that `samples` lists
 
 
 def inspect_file(path: Path) -> Overview:
@@ -128,7 +128,7 @@ def channel_text(channel: RecordedChannel) -> str:
 def shortened(text: str) -> str:
     """Text of a file for the terminal: printable, and not longer than a line can hold."""
     safe = printable(text)
-    return safe if len(safe) <= LONGEST else f"{safe[:LONGEST]}..."
+    return safe if len(safe) <= LONGEST_TEXT else f"{safe[:LONGEST_TEXT]}..."
 
 
 def write_samples(folder: Path, rules: QualityRules, output: Path, made_by: str) -> None:
@@ -142,9 +142,9 @@ def write_samples(folder: Path, rules: QualityRules, output: Path, made_by: str)
 def samples_table(folder: Path, rules: QualityRules) -> str:
     """Markdown: a row per recording below a folder, with what it holds and what ingest and the quality checks say."""
     validate_rules(rules)
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in LISTED)
+    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in LISTED_SUFFIXES)
     if not paths:
-        raise InputError(f"{folder}: no recordings below it ({', '.join(LISTED)}); name another folder")
+        raise InputError(f"{folder}: no recordings below it ({', '.join(LISTED_SUFFIXES)}); name another folder")
     rows = ["| file | format | holds | ingest and quality |", "|---|---|---|---|"]
     for path in paths:
         cells = [cell.replace(f"{path}: ", "") for cell in (str(path.relative_to(folder)), *row_of(path, rules))]

@@ -15,8 +15,8 @@ from osl_analysis.campaign import ImpedanceExample
 from osl_analysis.commands.walking import commanded, over_stance, selected_crossings
 from osl_analysis.commands.walking_files import read_unperturbed_gaits
 from osl_analysis.config import FrequencyResponseFigure
-from osl_analysis.figures.fig7 import CURVE_TYPES, DESIRED, LINEAR_MODEL, RESPONSE, points, response_curve
-from osl_analysis.figures.fig9 import FIT_COLUMNS, SUMMARY_COLUMNS
+from osl_analysis.figures.fig7 import CURVE_TYPES, DESIRED, LINEAR_MODEL, RESPONSE_COLUMNS, points, response_curve
+from osl_analysis.figures.fig9 import FIT_COLUMNS, SUMMARY_NEEDED
 from osl_analysis.figures.fig9 import points as fig9_points
 from osl_analysis.figures.names import look_numbers, of_place
 from osl_analysis.figures.response import points as response_points
@@ -76,9 +76,9 @@ def fig7(
     desired response; where the gains are not (`DesiredImpedance.gains`), or the parameter file is of another joint,
     there is no linear model. Trials that no stepped sine moved have no responses; without any other the table is empty.
     """
-    responses = of_place(read_table(table, required=RESPONSE))
+    responses = of_place(read_table(table, required=RESPONSE_COLUMNS))
     responses = responses.with_columns(look_numbers(responses["controller"]))
-    K_d, B_d = (choice.K_d, choice.B_d) if choice else most_frequent(responses)
+    K_d, B_d = (choice.K_d, choice.B_d) if choice else most_frequent_impedance(responses)
     shown = responses.filter(pl.col("K_d").eq_missing(pl.lit(K_d)), pl.col("B_d").eq_missing(pl.lit(B_d)))
     drawn = beside_theory(shown, parameters, weight)
     write_table(
@@ -98,12 +98,12 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
 def fig9(table: Path, fits: Path, over_stance: Path, output: Path, commanded_K: float | None = None) -> None:
     """The numbers of Fig. 9: groups from `walking_summary.csv`, single perturbations from `walking.csv`, and what was
     commanded, also from `impedance_over_stance.csv`. `commanded_K` [N*m/rad] and what is raised as in `fig9.points`."""
-    summary, single = read_table(table, SUMMARY_COLUMNS), read_table(fits, FIT_COLUMNS)
+    summary, single = read_table(table, SUMMARY_NEEDED), read_table(fits, FIT_COLUMNS)
     trajectory = read_table(over_stance, ("group", "quantity", "commanded"))
     write_table(fig9_points(summary, single, trajectory, commanded_K), output)
 
 
-def most_frequent(responses: pl.DataFrame) -> tuple[float | None, float | None]:
+def most_frequent_impedance(responses: pl.DataFrame) -> tuple[float | None, float | None]:
     """K_d and B_d of the most trials, the first of equals; None where they are not stated."""
     pairs = responses.group_by("K_d", "B_d", maintain_order=True).agg(pl.col("trial").n_unique())
     most = pairs.sort("trial", descending=True, maintain_order=True)

@@ -39,7 +39,7 @@ Intervals cover 95 %.
 """
 
 
-def write_page(output: Path, command: str) -> None:
+def write_tables_page(output: Path, command: str) -> None:
     with atomic_path(output) as temporary:
         temporary.write_text(page(command), encoding="utf-8")
 
@@ -96,8 +96,8 @@ def markdown(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
-DRAFT = "https://json-schema.org/draft/2020-12/schema"
-FILES: Mapping[str, type[BaseModel]] = {
+SCHEMA_DRAFT = "https://json-schema.org/draft/2020-12/schema"
+MODELS_OF_FILES: Mapping[str, type[BaseModel]] = {
     "config": Config,
     "parameters": ParameterFile,
     "simulation": SimulationSettings,
@@ -109,20 +109,20 @@ FILES: Mapping[str, type[BaseModel]] = {
 def schemas() -> dict[str, dict[str, Any]]:
     """The schema of each kind of file, by the name of its file without `.schema.json`."""
     found = {}
-    for name, model in FILES.items():
-        top, definitions = described({name: model})
+    for name, model in MODELS_OF_FILES.items():
+        top, definitions = definitions_of({name: model})
         if model is Config:  # a campaign's overrides fields of the default, and needs none
             for one in definitions.values():
                 one.pop("required", None)
-        found[name] = {"$schema": DRAFT, "$ref": top[name], "$defs": definitions}
+        found[name] = {"$schema": SCHEMA_DRAFT, "$ref": top[name], "$defs": definitions}
     return found | {"source": schema_of_sources()}
 
 
 def schema_of_sources() -> dict[str, Any]:
     """The schema of a source file: its `format` decides which one holds."""
-    top, definitions = described({name: known.source for name, known in FORMATS.items()})
+    top, definitions = definitions_of({name: known.source for name, known in FORMATS.items()})
     return {
-        "$schema": DRAFT,
+        "$schema": SCHEMA_DRAFT,
         "type": "object",
         "required": ["format"],
         "properties": {"format": {"enum": list(FORMATS)}},
@@ -133,7 +133,7 @@ def schema_of_sources() -> dict[str, Any]:
     }
 
 
-def described(models: Mapping[str, type[BaseModel]]) -> tuple[dict[str, str], dict[str, Any]]:
+def definitions_of(models: Mapping[str, type[BaseModel]]) -> tuple[dict[str, str], dict[str, Any]]:
     """Where the definition of each model stands, and all definitions, whose fields have their docstrings as text."""
     unique = list(dict.fromkeys(models.values()))
     places, content = models_json_schema([(model, "validation") for model in unique], ref_template="#/$defs/{model}")

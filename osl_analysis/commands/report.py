@@ -81,7 +81,7 @@ def write_report(
             for name, path in figures.items()
             for title in [figure_title(name)]
         ],
-        "quantities": trial_page.QUANTITIES,
+        "quantities": trial_page.TABLE_NUMBERS,
         "trials": trial_page.trial_rows(reported),
         "left_out": trial_page.left_out(reported),
         "not_made": [one for one in refused if not one.trial],

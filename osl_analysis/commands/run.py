@@ -12,7 +12,7 @@ from osl_analysis.files import CAMPAIGN, check_working_folder, shipped
 from osl_analysis.yaml_settings import read_mapping
 
 STATES_ITS_OWN = ("--configfile", "--configfiles")  # options of Snakemake that name a configuration
-PROFILE = "--workflow-profile"  # names a folder with options: one here, or a shipped one as `profiles/slurm`
+PROFILE_OPTION = "--workflow-profile"  # names a folder with options: one here, or a shipped one as `profiles/slurm`
 
 
 def snakemake_arguments(arguments: Sequence[str]) -> list[str]:
@@ -38,10 +38,10 @@ def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
     """The arguments, with the folder of a shipped profile where it is named and none here has its name."""
     for before, argument in pairwise(("", *arguments)):
         option, is_stated, value = argument.partition("=")
-        if before == PROFILE:
+        if before == PROFILE_OPTION:
             yield profile(argument)
         else:
-            yield f"{PROFILE}={profile(value)}" if option == PROFILE and is_stated else argument
+            yield f"{PROFILE_OPTION}={profile(value)}" if option == PROFILE_OPTION and is_stated else argument
 
 
 def profile(named: str) -> str:
@@ -54,7 +54,7 @@ def profile(named: str) -> str:
         known = sorted(f"profiles/{one.name}" for one in shipped("profiles").iterdir())
         near = difflib.get_close_matches(named, known, 1, 0.5)
         meant = f"did you mean {near[0]}?" if near else f"correct it: there are {', '.join(known)}"
-        raise InputError(f"{PROFILE} {named}: no such folder; {meant}")
+        raise InputError(f"{PROFILE_OPTION} {named}: no such folder; {meant}")
     return str(folder)
 
 

@@ -17,9 +17,9 @@ from osl_analysis.parameters import read_parameters
 from osl_analysis.refusal import Refusal
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.study import WALKING
-from osl_analysis.study.bench import StudyInputs, StudyRow, studied, trial_rows
-from osl_analysis.study.performance import page, performance_table
+from osl_analysis.study import WALKING_EXPERIMENTS
+from osl_analysis.study.bench import StudyInputs, StudyRow, studied, study_rows
+from osl_analysis.study.performance import performance_table, study_page
 from osl_analysis.study.walking import walking_rows
 from osl_analysis.table import SIMULATED, read_table, tables_of, write_table
 from osl_analysis.walking.settings import WalkingAnalysis
@@ -50,19 +50,19 @@ def run_batch(
 
 def batch_rows(experiment: str, numbers: range, inputs: StudyInputs) -> list[StudyRow]:
     """Estimates of the trials (or campaigns of walking) of these numbers."""
-    if experiment in WALKING:
-        rows = list(walking_rows(inputs, numbers, recorded=WALKING[experiment][0] == "recorded"))
+    if experiment in WALKING_EXPERIMENTS:
+        rows = list(walking_rows(inputs, numbers, recorded=WALKING_EXPERIMENTS[experiment][0] == "recorded"))
     else:
         analysis = inputs.actuator if experiment == "actuator" else inputs.dynamometer
         names = [f"{experiment}_{number:05d}" for number in numbers]
-        rows = trial_rows(studied(experiment, inputs), names, analysis.low_pass)
+        rows = study_rows(studied(experiment, inputs), names, analysis.low_pass)
     return [{"experiment": experiment, **row} for row in rows]
 
 
 def write_page(table: Path, output: Path) -> None:
     """The study's table in Markdown, as docs/study.md has it, and what of it lies outside the aim."""
     with atomic_path(output) as temporary:
-        temporary.write_text(page(read_table(table)), encoding="utf-8")
+        temporary.write_text(study_page(read_table(table)), encoding="utf-8")
 
 
 def summarise(batches: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:

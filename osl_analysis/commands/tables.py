@@ -58,7 +58,7 @@ def list_fits(fits: Sequence[Path], output: Path, refused: Sequence[Refusal] = (
 
 CONDITION = ("joint", "side", "subject", "session", "group", "controller", "K_d", "B_d")
 """Columns of the sample sheet in which trials that are pooled agree."""
-PLACE: dict[str, type[pl.DataType]] = {c: pl.Float64 if c in ("K_d", "B_d") else pl.String for c in CONDITION}
+CONDITION_TYPES: dict[str, type[pl.DataType]] = {c: pl.Float64 if c in ("K_d", "B_d") else pl.String for c in CONDITION}
 
 
 def pool_responses(
@@ -76,10 +76,12 @@ def pool_responses(
     """
     p, of_joint = known_parameters(parameters), joint_of(parameters) if parameters else None
     made: dict[str, list[pl.DataFrame]] = {"response": [], "response_models": []}
-    for group in groups_of(lines, conditions):
+    for group in alike_groups(lines, conditions):
         names = list(group)
         every = [one for realisations in group.values() for one in realisations]
-        place = [pl.lit(conditions[names[0]].get(column), dtype).alias(column) for column, dtype in PLACE.items()]
+        place = [
+            pl.lit(conditions[names[0]].get(column), dtype).alias(column) for column, dtype in CONDITION_TYPES.items()
+        ]
         device = p if conditions[names[0]].get("joint") == of_joint else None
         frames = periodic_tables(", ".join(names), every, settings.low_pass, device).frames()
         for name, pools in made.items():
@@ -93,10 +95,12 @@ def pool_responses(
 
 def pooled_schema(schema: Mapping[str, type[pl.DataType]] = RESPONSE) -> dict[str, type[pl.DataType]]:
     """The columns of a pooled table: the condition, and `trials` in place of `trial`."""
-    return {**PLACE, **{"trials" if name == "trial" else name: dtype for name, dtype in schema.items()}}
+    return {**CONDITION_TYPES, **{"trials" if name == "trial" else name: dtype for name, dtype in schema.items()}}
 
 
-def groups_of(lines: Sequence[Path], conditions: Mapping[str, Mapping[str, Any]]) -> list[dict[str, list[Realisation]]]:
+def alike_groups(
+    lines: Sequence[Path], conditions: Mapping[str, Mapping[str, Any]]
+) -> list[dict[str, list[Realisation]]]:
     """The trials of one condition with motions that are alike, each with its realisations."""
     by_condition: dict[tuple[Any, ...], dict[str, list[Realisation]]] = {}
     for path in lines:

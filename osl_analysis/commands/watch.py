@@ -59,7 +59,7 @@ class Arrivals:
         """
         found = []
         for path in recordings_in(self.folder):
-            name, state = path.relative_to(self.folder).as_posix(), state_of(path)
+            name, state = path.relative_to(self.folder).as_posix(), recording_state(path)
             if state is None or self.seen.get(name) == state:
                 continue
             before, since = self.growing.get(name, (None, now))
@@ -74,7 +74,7 @@ class Arrivals:
         return found
 
 
-def state_of(path: Path) -> State | None:
+def recording_state(path: Path) -> State | None:
     """Size and date of a recording, of all files of one that is a folder; None if it is gone or empty."""
     try:
         states = [file.stat() for file in recorded_files(path)]
@@ -111,11 +111,11 @@ def write_notes(path: Path, seen: Mapping[str, State]) -> None:
         temporary.write_text(json.dumps(seen, indent=1) + "\n", encoding="utf-8")
 
 
-MOST_NAMED = 4  # largest number of failed checks in a line
+MOST_FAILED = 4  # largest number of failed checks in a line
 
 
 @dataclass(frozen=True)
-class Bench:
+class WatchedBench:
     """What recordings are examined with."""
 
     config_path: Path
@@ -127,17 +127,17 @@ class Bench:
     output: Path  # folder of pictures and of the notes on what was examined
 
 
-def bench_of(config_path: Path, source: Path | None, output: Path) -> Bench:
+def bench_of(config_path: Path, source: Path | None, output: Path) -> WatchedBench:
     """What recordings are examined with, from a configuration and, if it has one, its sample sheet."""
     config = read_config(config_path)
     if source is not None:
         read_source(source)
         config = config.model_copy(update={"sources": source.parent})
     campaign = open_campaign(config, None) if config.simulation is None and config.sheet.is_file() else None
-    return Bench(config_path, config, campaign, None if source is None else source.stem, output)
+    return WatchedBench(config_path, config, campaign, None if source is None else source.stem, output)
 
 
-def watch(folder: Path, bench: Bench) -> Iterator[str]:
+def watch(folder: Path, bench: WatchedBench) -> Iterator[str]:
     """A line for each recording in a folder, and for each that comes, as soon as it is complete. It never ends."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; name the one that the recorder writes to")
@@ -145,14 +145,14 @@ def watch(folder: Path, bench: Bench) -> Iterator[str]:
     arrivals = Arrivals(folder, read_notes(notes))
     while True:
         for path, state in arrivals.complete(time.monotonic()):
-            said = line_of(path, folder, bench)
+            said = recording_line(path, folder, bench)
             arrivals.seen[path.relative_to(folder).as_posix()] = state
             write_notes(notes, arrivals.seen)
             yield said
         time.sleep(0.5)
 
 
-def line_of(path: Path, folder: Path, bench: Bench) -> str:
+def recording_line(path: Path, folder: Path, bench: WatchedBench) -> str:
     """What is said of one recording: estimates with intervals, quality, doubts, and where its picture is."""
     stamp, name = time.strftime("%H:%M:%S"), path.relative_to(folder).as_posix()
     try:
@@ -163,10 +163,10 @@ def line_of(path: Path, folder: Path, bench: Bench) -> str:
         return f"{stamp} {name}: FAILED: {unexpected(fault)}"
 
 
-def examined(path: Path, folder: Path, bench: Bench) -> str:
+def examined(path: Path, folder: Path, bench: WatchedBench) -> str:
     """The same, without the name. Measured and modelled torque are drawn."""
     with TemporaryDirectory() as place:
-        row, sources, said = described(path, folder, bench, Path(place))
+        row, sources, said = row_of_recording(path, folder, bench, Path(place))
         trial = checked_trial(row, path.parent, sources)
     accepted = str(row.get("accept") or "").split()
     said = [*said, quality_text(trial, str(row["experiment"]), bench.config, accepted)]
@@ -186,7 +186,9 @@ def examined(path: Path, folder: Path, bench: Bench) -> str:
     return "; ".join([*said, str(picture)])
 
 
-def described(path: Path, folder: Path, bench: Bench, place: Path) -> tuple[Mapping[str, Any], Path, list[str]]:
+def row_of_recording(
+    path: Path, folder: Path, bench: WatchedBench, place: Path
+) -> tuple[Mapping[str, Any], Path, list[str]]:
     """A row for a recording, the folder of its source file, and what of it is a guess.
 
     The sheet decides; else the stated source file; else one of the campaign's that fits; else a draft in `place`.
@@ -207,7 +209,7 @@ def described(path: Path, folder: Path, bench: Bench, place: Path) -> tuple[Mapp
     return row, sources, said
 
 
-def row_in_sheet(path: Path, bench: Bench) -> Mapping[str, Any] | None:
+def row_in_sheet(path: Path, bench: WatchedBench) -> Mapping[str, Any] | None:
     """The row of the sample sheet that names a recording as its log; None if none does."""
     if bench.campaign is None:
         return None
@@ -218,7 +220,7 @@ def row_in_sheet(path: Path, bench: Bench) -> Mapping[str, Any] | None:
     return None
 
 
-def fitting_source(path: Path, bench: Bench, place: Path) -> tuple[str, Path, list[str]]:
+def fitting_source(path: Path, bench: WatchedBench, place: Path) -> tuple[str, Path, list[str]]:
     """Name and folder of a source file for a recording, and what of it is a guess."""
     found = recognise(path)
     for file in sorted(bench.config.sources.glob("*.yaml")) if bench.source is None and bench.campaign else ():
@@ -235,12 +237,12 @@ def fitting_source(path: Path, bench: Bench, place: Path) -> tuple[str, Path, li
     guesses = [line.split("#")[0].strip() for line in guessed_lines(text)]
     places = [f"`{dotted(one)}`" for one in open_places(read_mapping(place / "draft.yaml"))]
     if places:
-        questions = "; ".join(printable(text) for text in overview.open) or f"open are {listing(places, MOST_NAMED)}"
+        questions = "; ".join(printable(text) for text in overview.open) or f"open are {listing(places, MOST_FAILED)}"
         raise InputError(
             f"{path}: its channels cannot be guessed: {questions}; edit the draft of `osl-analysis inspect`, and name "
             "it by --source"
         )
-    said = [f"channels are guessed: {listing(guesses, MOST_NAMED)}"] * bool(guesses)
+    said = [f"channels are guessed: {listing(guesses, MOST_FAILED)}"] * bool(guesses)
     return "draft", place, [*said, *(printable(text) for text in overview.open)]
 
 
@@ -252,7 +254,7 @@ def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collec
     if failed.is_empty():
         return "quality ok"
     named = [failed_check(row["verdict"], row["check"], row["remark"]) for row in failed.to_dicts()]
-    return f"QUALITY {listing(named, MOST_NAMED)}"
+    return f"QUALITY {listing(named, MOST_FAILED)}"
 
 
 def failed_check(verdict: str, name: str, remark: str) -> str:

@@ -222,13 +222,13 @@ class Continuous:
 
 
 Plan = SteppedSine | PeriodicMultisine | Continuous
-PERIODS = (2, 3, 4, 6, 8, 12)  # Periods of a realisation that are tried
+TRIED_PERIODS = (2, 3, 4, 6, 8, 12)  # Periods of a realisation that are tried
 
 
 def long_enough(plan: Plan, enough: Callable[[Plan], bool]) -> Plan | None:
     """The shortest plan of the same kind that is `enough`; None if no length that is tried is. Of a multisine, periods
     and realisations are chosen together."""
-    plans = [replace(plan, periods=n) for n in PERIODS] if isinstance(plan, PeriodicMultisine) else [plan]
+    plans = [replace(plan, periods=n) for n in TRIED_PERIODS] if isinstance(plan, PeriodicMultisine) else [plan]
     found = [one for one in (shortest(each, enough) for each in plans) if one is not None]
     return min(found, key=lambda one: one.record_s, default=None)
 
@@ -247,5 +247,5 @@ def shortest(plan: Plan, enough: Callable[[Plan], bool]) -> Plan | None:
 
 def longest(plan: Plan) -> Plan:
     """The longest plan of the same kind that `long_enough` tries."""
-    most = replace(plan, periods=max(PERIODS)) if isinstance(plan, PeriodicMultisine) else plan
+    most = replace(plan, periods=max(TRIED_PERIODS)) if isinstance(plan, PeriodicMultisine) else plan
     return most.of_length(most.lengths[1])

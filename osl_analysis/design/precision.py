@@ -32,9 +32,9 @@ from osl_analysis.stats.covariance import CYCLES, FEWEST_CYCLES, FILTER_SPAN, we
 from osl_analysis.stats.regression import CONDITION_LIMIT
 from osl_analysis.trial import Array
 
-ESTIMATED = ("K", "B", "I")
+KBI = ("K", "B", "I")
 ZETA_3 = 1.2020569031595942  # Sum of 1/k^3
-Response = NDArray[np.complex128]
+Impedances = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Joint:
     B: float
     I: float
 
-    def impedance(self, w: Array) -> Response:
+    def impedance(self, w: Array) -> Impedances:
         """Z [N*m/rad] at angular frequencies (n,) [rad/s] (Eq. 15)."""
         return np.asarray(self.K - self.I * w**2 + 1j * w * self.B, dtype=np.complex128)
 
@@ -73,7 +73,7 @@ class PlannedFit:
         a, w, still = self.sines.size, self.sines.w, np.zeros(len(self.sines.w))
         motion = Motion(*(np.array(pair) for pair in ((a, still), (still, a * w), (-a * w**2, still))))
         of = impedance_columns(motion)
-        return np.stack([of[name] for name in ESTIMATED], axis=-1)
+        return np.stack([of[name] for name in KBI], axis=-1)
 
     @cached_property
     def normal(self) -> Array:
@@ -95,7 +95,7 @@ class PlannedFit:
         """Part of the variances of K, B, I that the error of each sine makes, shape (n, 3)."""
         return np.asarray(np.einsum("ipn,pn->ni", self.change**2, error))
 
-    def fitted(self, impedance: Response) -> Array:
+    def fitted(self, impedance: Impedances) -> Array:
         """K, B and I (3,) that are fitted to an impedance [N*m/rad] at the sines, shape (n,)."""
         torque = self.sines.size * impedance
         return np.asarray(np.einsum("ipn,pn->i", self.change, np.array([torque.real, torque.imag])))
@@ -140,7 +140,7 @@ class Sensors:
     """Standard deviation of the angle's noise before it is rounded [rad], independent from sample to sample."""
     drift: float = 0.0  # Standard deviation of the load cell's drift [N*m/s]
 
-    def variances(self, sines: Sines, Z: Response, record_s: float) -> dict[str, Array]:
+    def variances(self, sines: Sines, Z: Impedances, record_s: float) -> dict[str, Array]:
         """Variances (2, n) [(N*m)^2] of the torque's amplitudes by cause. `Z` (n,) is the joint's impedance [N*m/rad]
         at the sines, `record_s` the record [s]."""
         both = np.ones((2, 1))
@@ -207,7 +207,7 @@ class Sensors:
         return float(np.exp(-((2 * np.pi * self.angle_noise / self.encoder_step) ** 2)))
 
 
-def through(Z: Response, angle: Array) -> Array:
+def through(Z: Impedances, angle: Array) -> Array:
     """Variance (2, n) of the torque's amplitudes that errors of the angle [rad^2] are worth, for impedances (n,)."""
     return np.asarray(Z.real**2 * angle + Z.imag**2 * angle[::-1])
 
@@ -262,7 +262,7 @@ class Distortion:
     def stated(self) -> bool:
         return bool(self.coulomb or self.level or self.earlier or self.spread)
 
-    def covariance(self, plan: Plan, fit: PlannedFit, Z: Response) -> Array:
+    def covariance(self, plan: Plan, fit: PlannedFit, Z: Impedances) -> Array:
         """Covariance (3, 3) of K, B and I by the distortion; `Z` (n,) is the impedance [N*m/rad] at the sines.
 
         A level is taken for independent from line to line, as the analysis takes that at detection lines. Estimates
@@ -280,7 +280,7 @@ class Distortion:
         levels = fit.covariance(replace(self, coulomb=0.0).variance(plan, fit, Z))
         return np.asarray(self.coulomb**2 * scatter / independent(plan) + levels)
 
-    def variance(self, plan: Plan, fit: PlannedFit, Z: Response) -> Array:
+    def variance(self, plan: Plan, fit: PlannedFit, Z: Impedances) -> Array:
         """Variance (2, n) [(N*m)^2] of the amplitudes of the torque's sines by what the fit of Eq. 15 cannot follow.
         `Z` (n,) is the joint's impedance [N*m/rad] at the sines. In single sines it is no scatter: it is the same in
         every repetition of the protocol, and differs from frequency to frequency. It then says how far the estimates
@@ -404,7 +404,7 @@ class Precision:
 
     def reaches(self, joint: Joint, within: Mapping[str, float]) -> bool:
         """Whether the half widths are within these shares of K, B, I, as far as there are any."""
-        asked = ((ESTIMATED.index(name), share) for name, share in within.items())
+        asked = ((KBI.index(name), share) for name, share in within.items())
         return all(self.half_width[k] <= share * abs(float(joint.values[k])) for k, share in asked)
 
 
@@ -457,7 +457,7 @@ def student(method: str, freedom: Array, seen: Array, unseen: Array) -> Array:
     return np.where(found < 1e5, found, np.inf)
 
 
-def gain_variance(fit: PlannedFit, Z: Response, sensors: Sensors) -> Array:
+def gain_variance(fit: PlannedFit, Z: Impedances, sensors: Sensors) -> Array:
     """Variance (3,) of K, B and I by amplitudes that rounding changes by the same share at every frequency."""
     share, size = sensors.rounded_gain(fit.sines), fit.sines.size
     alike = [np.isclose(size, a) for a in np.unique(np.round(size[share > 0], 9))]

@@ -23,7 +23,10 @@ from typing import Any
 from osl_analysis.yaml_settings import read_mapping
 
 HERE = Path(__file__).parent
-FILES = (*(HERE / f"{name}.yaml" for name in ("bench", "walking", "campaign")), HERE.parent / "figures/figures.yaml")
+DICTIONARY_FILES = (
+    *(HERE / f"{name}.yaml" for name in ("bench", "walking", "campaign")),
+    HERE.parent / "figures/figures.yaml",
+)
 """The YAML files with tables, in the order of the page."""
 
 
@@ -53,28 +56,28 @@ class DescribedTable:
 @cache
 def described_tables() -> tuple[DescribedTable, ...]:
     """Every table of the dictionary."""
-    return tuple(table for path in FILES for table in tables_of(read_mapping(path)))
+    return tuple(table for path in DICTIONARY_FILES for table in tables_in(read_mapping(path)))
 
 
-def tables_of(content: Mapping[str, Any]) -> Iterator[DescribedTable]:
+def tables_in(content: Mapping[str, Any]) -> Iterator[DescribedTable]:
     """The tables of one YAML file."""
     for place, table in content.items():
         described: dict[str, DescribedColumn] = {}
         for key, text in table["columns"].items():
-            described |= {column.name: column for column in columns_of(key, text, described)}
+            described |= {column.name: column for column in described_columns(key, text, described)}
             if key == "trial" and place.startswith("tables/"):
-                described |= {column.name: column for column in columns_of("include place", None, described)}
-        described |= {column.name: column for column in columns_of("data", None, described)}
+                described |= {column.name: column for column in described_columns("include place", None, described)}
+        described |= {column.name: column for column in described_columns("data", None, described)}
         yield DescribedTable(place, table.get("also", ""), table["rows"], described)
 
 
-def columns_of(key: str, text: str | None, before: Mapping[str, DescribedColumn]) -> Iterator[DescribedColumn]:
+def described_columns(key: str, text: str | None, before: Mapping[str, DescribedColumn]) -> Iterator[DescribedColumn]:
     """The columns that one line of the dictionary describes; `before` are those of the same table above it."""
     shared = read_mapping(HERE / "shared.yaml")
     word, _, rest = key.partition(" ")
     if word == "include":
         for name, described in shared["groups"][rest].items():
-            yield from columns_of(name, described, before)
+            yield from described_columns(name, described, before)
     elif word == "cov":
         for a, b in combinations(rest.split(), 2):
             unit = f"({before[a].unit}) * ({before[b].unit})"

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from osl_analysis.figures import style
-from osl_analysis.figures.names import as_text, counted, doubtful_fits, drawn_name, placed_rows, with_interval
+from osl_analysis.figures.names import as_text, counted, doubtful_said, drawn_name, placed_rows, with_interval
 
 COLUMNS = (
     "joint", "side", "trial", "branch", "theta_s_deg", "torque", "deviation", "K_s", "K_s_low", "K_s_high",
@@ -14,7 +14,7 @@ COLUMNS = (
 )  # fmt: skip
 MOST_LOOPS = 12  # trials of a panel that have their names at the ends of their loops
 MEAN_SLOPE = "mean slope"  # name that takes the place of the trial in the two rows that carry the mean slope
-BRANCHES: dict[str, style.Dash] = {"loading": "-", "unloading": (0, (6, 3))}
+BRANCH_DASHES: dict[str, style.Dash] = {"loading": "-", "unloading": (0, (6, 3))}
 """Line styles of the branches of sound trials."""
 PALE = "#B4B4B4"
 """Grey of the trials behind the mean slope."""
@@ -39,7 +39,7 @@ def caption(table: pl.DataFrame) -> str:
             )
             number = counted(part["trial"].n_unique() - 1, "trial")
             said.append(f"{as_text(name)} ({number}): the mean stiffness $K_s$ is {K_s}, and a loop loses {loop}.")
-    return " ".join([*said, doubtful_fits(fits, "drawn dotted")])
+    return " ".join([*said, doubtful_said(fits, "drawn dotted")])
 
 
 @style.paper_style()
@@ -83,7 +83,7 @@ def line_labels(table: pl.DataFrame) -> list[Line2D]:
         entries.append(Line2D([], [], color=style.BLACK, linestyle=style.DOTTED, linewidth=0.9, label=label))
     mean = {"color": style.MAGENTA, "linestyle": style.DASHED, "linewidth": 1.3}
     entries.append(Line2D([], [], **mean, label="Mean slope while loading"))  # type: ignore[arg-type]
-    for branch, dash in BRANCHES.items():
+    for branch, dash in BRANCH_DASHES.items():
         entries.append(Line2D([], [], color=style.BLACK, linestyle=dash, linewidth=0.5, label=branch.capitalize()))
     return entries
 
@@ -112,7 +112,7 @@ def draw_loops(ax: Axes, table: pl.DataFrame) -> None:
     ax.axhline(0, color=style.MAGENTA, linestyle=style.DASHED, linewidth=1.3)
     for trial, colour in coloured(table):
         doubtful = len(trial.filter(style.IS_DOUBTFUL)) > 0
-        for branch, dash in BRANCHES.items():
+        for branch, dash in BRANCH_DASHES.items():
             rows = trial.filter(pl.col("branch") == branch)
             line = style.DOTTED if doubtful else dash
             ax.plot(rows["theta_s_deg"], rows["deviation"], color=colour, linestyle=line, linewidth=0.5)

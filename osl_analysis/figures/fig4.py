@@ -5,7 +5,7 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from osl_analysis.figures.names import as_text, doubtful_fits, drawn_name, place_name
+from osl_analysis.figures.names import as_text, doubtful_said, drawn_name, place_name
 from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, IS_DOUBTFUL, MAGENTA, panels, paper_style
 
 COLUMNS = ("joint", "side", "trial", "chosen", "time", "theta_deg", "torque", "torque_model", "doubtful")
@@ -29,7 +29,7 @@ def caption(table: pl.DataFrame) -> str:
         vaf = 100 * (1 - float(np.var(left.to_numpy())) / float(np.var(fitted["torque"].to_numpy())))
         rms = float(np.sqrt(np.mean(left.to_numpy() ** 2)))
         said.append(f"Of the fitted samples shown, the RMS residual is {rms:.2g} N·m and the VAF {vaf:.2f} %.")
-    said.append(doubtful_fits(table.select("trial", "doubtful").head(1), "said in the legend"))
+    said.append(doubtful_said(table.select("trial", "doubtful").head(1), "said in the legend"))
     return " ".join(said)
 
 

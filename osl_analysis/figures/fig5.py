@@ -16,7 +16,7 @@ from osl_analysis.figures.names import (
     as_text,
     counted,
     decimals_of,
-    doubtful_fits,
+    doubtful_said,
     look_numbers,
     looks_in,
     number,
@@ -152,7 +152,7 @@ def caption(table: pl.DataFrame) -> str:
             fits = of_controller(part, controller)
             name = ", ".join(filter(None, [*place, controller or look.label.lower()]))
             said.append(f"{as_text(name[:1].upper() + name[1:])} ($n$ = {len(fits)}): {errors_said(fits)}.")
-    return " ".join([*said, doubtful_fits(table, "drawn open")])
+    return " ".join([*said, doubtful_said(table, "drawn open")])
 
 
 def errors_said(fits: pl.DataFrame) -> str:

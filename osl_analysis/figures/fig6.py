@@ -16,7 +16,7 @@ from osl_analysis.figures.names import (
     as_text,
     counted,
     decimals_of,
-    doubtful_fits,
+    doubtful_said,
     look_numbers,
     looks_in,
     number,
@@ -31,7 +31,7 @@ COLUMNS = (*TABLE_COLUMNS, *PLACE, "look", "x", "x_centre", "median_VAF", "doubt
 
 LEFT, RIGHT, BOTTOM, PANEL = 0.66, 0.06, 0.26, 2.08
 """Margins and height [in] of the panel: fixed, because the swarm's positions depend on its size."""
-BESIDE = 2  # swarms up to which the median stands beside each, in a single column; of more it stands below each
+MOST_BESIDE = 2  # swarms up to which the median stands beside each, in a single column; of more it stands below each
 LARGEST_VAF = 99.9999  # larger ones [percent] are drawn here
 
 
@@ -97,7 +97,7 @@ def points(impedance: pl.DataFrame) -> pl.DataFrame:
     for place, rows in enumerate(groups):
         inches = (vaf_scale(drawn_vaf(rows)) - low) / (high - low) * PANEL
         offsets = style.swarm_positions(inches, 4.9 / 72) / width  # the marker and a small gap
-        centre = pitch * (0.92 * place + 0.46 if len(groups) <= BESIDE else place + 0.5)
+        centre = pitch * (0.92 * place + 0.46 if len(groups) <= MOST_BESIDE else place + 0.5)
         swarms.append(
             rows.with_columns(
                 x=centre + style.squeezed(offsets, 0.4 * pitch),
@@ -118,7 +118,7 @@ def swarms_of(table: pl.DataFrame) -> list[pl.DataFrame]:
 
 
 def panel_width(swarms: int) -> float:
-    return (style.SINGLE_COLUMN if swarms <= BESIDE else style.DOUBLE_COLUMN) - LEFT - RIGHT
+    return (style.SINGLE_COLUMN if swarms <= MOST_BESIDE else style.DOUBLE_COLUMN) - LEFT - RIGHT
 
 
 @style.paper_style()
@@ -153,14 +153,14 @@ def draw_swarm(ax: Axes, rows: pl.DataFrame, look: style.Look, swarms: int) -> N
     style.draw_fits(ax, rows, rows["x"], drawn_vaf(rows), look.colour, look.size, **shape)
     centre, median, half = rows["x_centre"][0], min(rows["median_VAF"][0], LARGEST_VAF), 0.3 / swarms
     ax.hlines(median, centre - half, centre + half, color=style.BLACK, linewidth=1.2, zorder=0.5)
-    if swarms <= BESIDE:
+    if swarms <= MOST_BESIDE:
         ax.annotate(f"median\n{said_vaf(rows['median_VAF'][0])}", (centre + half + 0.02 / swarms, median), va="center")
 
 
 def swarm_name(rows: pl.DataFrame, controller: str, several: bool, swarms: int) -> str:
     """What stands below a swarm, in lines of the width that each of so many `swarms` has."""
-    place = place_name(rows["joint"][0], rows["side"][0]) if several or swarms > BESIDE else ""
-    median = f"median {said_vaf(rows['median_VAF'][0])}" if swarms > BESIDE else ""
+    place = place_name(rows["joint"][0], rows["side"][0]) if several or swarms > MOST_BESIDE else ""
+    median = f"median {said_vaf(rows['median_VAF'][0])}" if swarms > MOST_BESIDE else ""
     letters = max(int(17 * panel_width(swarms) / swarms), 6)
     named = (controller.strip(), place, fits_and_trials(rows), median)
     return "\n".join(part for line in named if line for part in textwrap.wrap(line, letters))
@@ -188,4 +188,4 @@ def caption(table: pl.DataFrame) -> str:
         )
     if len(table.filter(pl.col("VAF") > LARGEST_VAF)):
         said.append(f"Larger VAFs than {LARGEST_VAF} % are drawn there.")
-    return " ".join([*said, doubtful_fits(table, "drawn open")])
+    return " ".join([*said, doubtful_said(table, "drawn open")])

@@ -14,7 +14,7 @@ from osl_analysis.figures.names import (
     UNIT_OF,
     as_text,
     counted,
-    doubtful_fits,
+    doubtful_said,
     look_numbers,
     looks_in,
     of_controller,
@@ -22,7 +22,7 @@ from osl_analysis.figures.names import (
     placed_rows,
 )
 
-RESPONSE = (
+RESPONSE_COLUMNS = (
     "trial", "controller", "K_d", "B_d", "frequency_hz", "magnitude", "magnitude_low", "magnitude_high",
     "magnitude_min", "magnitude_max", "phase_deg", "phase_low_deg", "phase_high_deg", "phase_min_deg",
     "phase_max_deg", "doubtful",
@@ -43,8 +43,8 @@ OBSERVED, DESIRED, LINEAR_MODEL = "observed", "desired", "linear model"  # kinds
 def points(response: pl.DataFrame, curves: pl.DataFrame) -> pl.DataFrame:
     """Observed points of one desired impedance with 95 % intervals and the range over amplitudes, then the curves.
 
-    `response` has the columns `RESPONSE` and, where the campaign has them, `joint`, `side` and `look`; `curves` has
-    `CURVE_TYPES`: the desired response and, where there is a prediction, that of the linear model of a controller.
+    `response` has the columns `RESPONSE_COLUMNS` and, where the campaign has them, `joint`, `side` and `look`; `curves`
+    has `CURVE_TYPES`: the desired response and, where there is a prediction, that of the linear model of a controller.
     Magnitudes in rad/(N*m), phases in degrees.
 
     Raises InputError: the responses are of several desired impedances, K_d [N*m/rad] and B_d [N*m*s/rad].
@@ -107,7 +107,7 @@ def caption(table: pl.DataFrame) -> str:
     trials = observed.group_by("controller", maintain_order=True).agg(pl.col("trial").n_unique())
     named = (f"{as_text(name or NO_CONTROLLER.label)} {counted(n, 'trial')}" for name, n in trials.iter_rows())
     said.append(f"Measured: {', '.join(named)}.")
-    return " ".join([*said, doubtful_fits(observed, "drawn open", fit="phasor")])
+    return " ".join([*said, doubtful_said(observed, "drawn open", fit="phasor")])
 
 
 @style.paper_style()
@@ -150,7 +150,7 @@ def label_axes(magnitude: Axes, phase: Axes, frequency_hz: np.ndarray, most: int
     magnitude.set_yscale("log")
     style.label_log_axis(magnitude.yaxis, magnitude.get_ylim(), most=6, scale=1e3)
     style.label_phase_axis(phase)
-    limits = style.widened(float(frequency_hz.min()), float(frequency_hz.max()))
+    limits = style.with_margins(float(frequency_hz.min()), float(frequency_hz.max()))
     for ax in (magnitude, phase):
         ax.set_xscale("log")
         style.label_log_axis(ax.xaxis, limits, most)

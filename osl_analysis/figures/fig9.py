@@ -11,22 +11,22 @@ from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
 from osl_analysis.figures import style
-from osl_analysis.figures.names import UNIT_OF, as_text, counted, doubtful_fits, drawn_name, with_interval, with_sd
+from osl_analysis.figures.names import UNIT_OF, as_text, counted, doubtful_said, drawn_name, with_interval, with_sd
 
-SUMMARY_COLUMNS = ("group", "quantity", "estimator", "n", "mean", "sd", "low", "high", "n_doubtful", "commanded")
+SUMMARY_NEEDED = ("group", "quantity", "estimator", "n", "mean", "sd", "low", "high", "n_doubtful", "commanded")
 """Columns that `points` needs of `walking_summary.csv`."""
-QUANTITIES = ("K", "B", "I")
-FIT_COLUMNS = ("trial", "group", *QUANTITIES, "doubtful")  # columns that `points` needs of `walking.csv`
+ESTIMATES = ("K", "B", "I")
+FIT_COLUMNS = ("trial", "group", *ESTIMATES, "doubtful")  # columns that `points` needs of `walking.csv`
 COLUMNS = (
     "group", "quantity", "trial", "estimate", "n", "mean", "sd", "n_doubtful", "ensemble", "ensemble_low",
     "ensemble_high", "commanded", "doubtful",
 )  # fmt: skip
-LABELS = {
+AXIS_LABELS = {
     "K": r"Stiffness $\hat{K}$ (N·m/rad)",
     "B": r"Damping $\hat{B}$ (N·m·s/rad)",
     "I": r"Inertia $\hat{I}$ (kg·m$^2$)",
 }
-PER_PERTURBATION, ENSEMBLE = "mean of perturbations", "ensemble"
+PER_PERTURBATION, BY_ENSEMBLE = "mean of perturbations", "ensemble"
 """Estimators whose mean and scatter, and whose interval, are drawn."""
 LEGEND = ("One perturbation", "Mean ± SD", "Fit of mean response, 95 %", "Commanded")
 FROM_MIDDLE, MEAN_AT, ENSEMBLE_AT, GROUP_WIDTH = 0.32, 0.55, 0.85, 1.8
@@ -46,19 +46,19 @@ def points(
 
     Raises InputError: a quantity of a group is not in the summary, or nothing has a result.
     """
-    summary = walking_summary.select(SUMMARY_COLUMNS).filter(pl.col("mean").is_not_null())
-    fits = walking.select(FIT_COLUMNS).drop_nulls("group").filter(pl.all_horizontal(pl.col(QUANTITIES).is_finite()))
+    summary = walking_summary.select(SUMMARY_NEEDED).filter(pl.col("mean").is_not_null())
+    fits = walking.select(FIT_COLUMNS).drop_nulls("group").filter(pl.all_horizontal(pl.col(ESTIMATES).is_finite()))
     rows = {(r["group"], r["estimator"], r["quantity"]): r for r in summary.iter_rows(named=True)}
     groups = list(dict.fromkeys([*(group for group, _, _ in rows), *fits["group"]]))
     if not groups:
         raise InputError("no perturbation has a fit, which Fig. 9 draws; see the reasons in walking_excluded.csv")
     trajectory = {(r["group"], r["quantity"]): r["commanded"] for r in over_stance.iter_rows(named=True)}
     found: list[dict[str, Any]] = []
-    for group, quantity in product(groups, QUANTITIES):
+    for group, quantity in product(groups, ESTIMATES):
         of_group = fits.filter(group=group)
         row: dict[str, Any] = {"group": group, "quantity": quantity, "n": len(of_group)}
         if any(name == group for name, _, _ in rows):
-            row |= group_row(rows, group, quantity)
+            row |= drawn_group(rows, group, quantity)
         configured = commanded_K if quantity == "K" and len(groups) == 1 else None
         known = (row.get("commanded"), configured, trajectory.get((group, quantity)))
         row["commanded"] = next((value for value in known if value is not None), None)
@@ -69,14 +69,14 @@ def points(
     return pl.DataFrame(found, schema=types | {"n": pl.Int64, "n_doubtful": pl.Int64}).select(COLUMNS)
 
 
-def group_row(rows: dict[tuple[str, str, str], dict[str, Any]], group: str, quantity: str) -> dict[str, Any]:
-    for estimator in (PER_PERTURBATION, ENSEMBLE):
+def drawn_group(rows: dict[tuple[str, str, str], dict[str, Any]], group: str, quantity: str) -> dict[str, Any]:
+    for estimator in (PER_PERTURBATION, BY_ENSEMBLE):
         if (group, estimator, quantity) not in rows:
             raise InputError(
                 f"the walking summary has no '{quantity}' by the estimator '{estimator}', which Fig. 9 draws; fit the "
                 "crossings again"
             )
-    mean, ensemble = (rows[group, estimator, quantity] for estimator in (PER_PERTURBATION, ENSEMBLE))
+    mean, ensemble = (rows[group, estimator, quantity] for estimator in (PER_PERTURBATION, BY_ENSEMBLE))
     beside = {"ensemble": ensemble["mean"], "ensemble_low": ensemble["low"], "ensemble_high": ensemble["high"]}
     return (
         {name: mean[name] for name in ("n", "mean", "sd", "n_doubtful")} | beside | {"commanded": ensemble["commanded"]}
@@ -99,7 +99,7 @@ def draw(table: pl.DataFrame) -> Figure:
         figure, axes = style.panels(style.DOUBLE_COLUMN, 4.8, rows=3)
     span = (len(groups) - 1) * GROUP_WIDTH + 1.6
     width = (style.SINGLE_COLUMN / 3 if single else style.DOUBLE_COLUMN) - 0.45  # beside what is written [in]
-    for ax, quantity in zip(axes, QUANTITIES, strict=True):
+    for ax, quantity in zip(axes, ESTIMATES, strict=True):
         rows = table.filter(pl.col("quantity") == quantity)
         for place, group in enumerate(groups):
             at, of_group = place * GROUP_WIDTH, rows.filter(group=group)
@@ -112,7 +112,7 @@ def draw(table: pl.DataFrame) -> Figure:
         if not single:
             letters = int(17 * width / len(groups))
             ax.set_xticklabels([tick(r, letters) for r in rows.filter(pl.col("trial").is_null()).iter_rows(named=True)])
-        ax.set_ylabel(LABELS[quantity])
+        ax.set_ylabel(AXIS_LABELS[quantity])
     found = style.legend_entries(axes[:1])
     labels = {name: found[name] for name in LEGEND if name in found}
     if len(table.filter(style.IS_DOUBTFUL)):
@@ -159,7 +159,7 @@ def draw_group(ax: Axes, at: float, row: dict[str, Any]) -> None:
 def caption(table: pl.DataFrame) -> str:
     rows = table.filter(pl.col("trial").is_null())
     groups = rows["group"].unique(maintain_order=True).to_list()
-    fits = table.filter(pl.col("quantity") == QUANTITIES[0]).drop_nulls("trial")
+    fits = table.filter(pl.col("quantity") == ESTIMATES[0]).drop_nulls("trial")
     several = "" if len(groups) == 1 else f" in {len(groups)} groups, whose numbers stand in brackets"
     said = [
         r"Stiffness $\hat{K}$ (a), damping $\hat{B}$ (b) and inertia $\hat{I}$ (c) of the ankle while walking, Eq. 15. "
@@ -172,13 +172,13 @@ def caption(table: pl.DataFrame) -> str:
     for group in groups[:most]:
         name = "" if len(groups) == 1 else f"{as_text(group)}: "
         of_group = rows.filter(group=group).iter_rows(named=True)
-        said.append(f"{name}{'; '.join(said_of(row) for row in of_group)}.")
+        said.append(f"{name}{'; '.join(quantity_said(row) for row in of_group)}.")
     if len(groups) > most:
         said.append(f"The numbers of {len(groups) - most} more groups stand in fig9.csv.")
-    return " ".join([*said, doubtful_fits(fits, "drawn open")])
+    return " ".join([*said, doubtful_said(fits, "drawn open")])
 
 
-def said_of(row: dict[str, Any]) -> str:
+def quantity_said(row: dict[str, Any]) -> str:
     name, unit = rf"$\hat{{{row['quantity']}}}$", UNIT_OF[row["quantity"]]
     commanded = "" if row["commanded"] is None else f", commanded {row['commanded']:g}"
     if row["mean"] is None:

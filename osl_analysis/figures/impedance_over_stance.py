@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from osl_analysis.figures.fig9 import LABELS, QUANTITIES
+from osl_analysis.figures.fig9 import AXIS_LABELS, ESTIMATES
 from osl_analysis.figures.names import UNIT_OF, as_text, counted, drawn_name, with_interval
 from osl_analysis.figures.style import (
     BLACK,
@@ -23,9 +23,9 @@ from osl_analysis.figures.style import (
 COLUMNS = (
     "series", "quantity", "phase", "onset_phase", "end_phase", "estimate", "low", "high", "commanded"
 )  # fmt: skip
-SERIES = ((PURPLE, "o"), (ORANGE, "D"), ("#3F8FBF", "s"), ("#6B3A0A", "^"))
+SERIES_LOOKS = ((PURPLE, "o"), (ORANGE, "D"), ("#3F8FBF", "s"), ("#6B3A0A", "^"))
 """Colours and markers of the series."""
-COMMANDED = "commanded"  # series of the curve that the controller commands; all other series are estimates
+COMMANDED_SERIES = "commanded"  # series of the curve that the controller commands; all other series are estimates
 WIDTHS = {"interval": 1.2, "window": 0.6}  # of lines [pt]
 
 
@@ -37,7 +37,7 @@ def caption(table: pl.DataFrame) -> str:
     ]
     if table["commanded"].count():
         said.append("Dashed, and short black lines at the groups: what the controller commands.")
-    estimates = table.filter(pl.col("series") != COMMANDED)
+    estimates = table.filter(pl.col("series") != COMMANDED_SERIES)
     for rows in estimates.sort("phase").partition_by("series", "phase", maintain_order=True):
         told = "; ".join(
             f"${row['quantity']}$ {with_interval(row['estimate'], row['low'], row['high'], UNIT_OF[row['quantity']])}"
@@ -56,19 +56,19 @@ def draw(table: pl.DataFrame) -> Figure:
     95 % interval as a vertical one. The commanded impedance is dashed, and a short line at each group.
     """
     figure, axes = panels(DOUBLE_COLUMN, 2.6, columns=3)
-    names = [name for name in table["series"].unique(maintain_order=True) if name != COMMANDED]
-    for ax, quantity in zip(axes, QUANTITIES, strict=True):
+    names = [name for name in table["series"].unique(maintain_order=True) if name != COMMANDED_SERIES]
+    for ax, quantity in zip(axes, ESTIMATES, strict=True):
         rows = table.filter(pl.col("quantity") == quantity)
-        curve = rows.filter(pl.col("series") == COMMANDED)
+        curve = rows.filter(pl.col("series") == COMMANDED_SERIES)
         if len(curve):
             ax.plot(100 * curve["phase"], curve["commanded"], color=BLACK, linestyle=DASHED, label="Commanded")
         for number, name in enumerate(names):
             label = "Fit of mean response" if len(names) == 1 else drawn_name(name)
-            draw_series(ax, rows.filter(pl.col("series") == name), *SERIES[number % len(SERIES)], label)
+            draw_series(ax, rows.filter(pl.col("series") == name), *SERIES_LOOKS[number % len(SERIES_LOOKS)], label)
         ax.axhline(0, color=BLACK, linewidth=0.4, zorder=0)
         ax.set_xlim(0, 100)
         ax.set_xlabel("Stance (%)")
-        ax.set_ylabel(LABELS[quantity])
+        ax.set_ylabel(AXIS_LABELS[quantity])
     named = legend_entries(axes)
     for marker, width, label in zip("|_", WIDTHS.values(), ("95 % interval", "Fitted window"), strict=True):
         named[label] = Line2D([], [], color=BLACK, linestyle="", marker=marker, markersize=8, mew=width)

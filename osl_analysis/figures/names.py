@@ -17,8 +17,8 @@ from matplotlib.transforms import Bbox
 from osl_analysis.figures.style import GREY, IS_DOUBTFUL, LOOKS, PAPER, Dash, Look, paper_style, width_of
 from osl_analysis.judge.doubts import reasons_in
 
-DRAFT = ("compensated", "uncompensated")  # the controllers of the draft, whose looks are fixed
-LONGEST = 28  # characters of a name in a figure; a longer one is shortened in its middle
+DRAFT_CONTROLLERS = ("compensated", "uncompensated")  # the controllers of the draft, whose looks are fixed
+LONGEST_DRAWN = 28  # characters of a name in a figure; a longer one is shortened in its middle
 MISSING = "\ufffd"  # sign in place of a letter that no font of the figures has
 COLOURS = ("#3F8FBF", "#6B3A0A", "#2F5555", "#B98860", "#2B46F0")
 """Colours of controllers other than those of the draft: with these two and black 20 or more apart (CIE 1976) for
@@ -29,7 +29,7 @@ PLACE = ("joint", "side")
 
 
 @cache
-def letters() -> frozenset[int]:
+def drawable_letters() -> frozenset[int]:
     """The letters, by code, that the fonts have."""
     files = (findfont(FontProperties(family=[family])) for family in PAPER["font.family"])
     return frozenset(code for file in files for code in get_font(file).get_charmap())
@@ -38,10 +38,10 @@ def letters() -> frozenset[int]:
 def with_glyphs(text: str) -> str:
     """A text of which every letter can be drawn; `MISSING` stands for the others."""
     composed = unicodedata.normalize("NFC", text)
-    return "".join(sign if ord(sign) in letters() or sign == "\n" else MISSING for sign in composed)
+    return "".join(sign if ord(sign) in drawable_letters() or sign == "\n" else MISSING for sign in composed)
 
 
-def drawn_name(name: str, longest: int = LONGEST) -> str:
+def drawn_name(name: str, longest: int = LONGEST_DRAWN) -> str:
     """A name as matplotlib draws it: text between dollars is no mathematics, a leading underscore hides no label."""
     short = name if len(name) <= longest else f"{name[: longest - longest // 3 - 1]}…{name[-(longest // 3) :]}"
     escaped = with_glyphs(short).replace("$", r"\$")
@@ -55,7 +55,7 @@ def place_name(joint: str | None, side: str | None) -> str:
     return ", ".join(filter(None, [capital, side]))
 
 
-def lines_of(words: Sequence[str], width: float) -> str:
+def wrapped_words(words: Sequence[str], width: float) -> str:
     """The words with commas between them, in lines that are no wider than `width` [in]."""
     lines: list[str] = []
     for word in words:
@@ -86,15 +86,15 @@ def of_place(table: pl.DataFrame) -> pl.DataFrame:
 
 def look_numbers(controllers: pl.Series) -> pl.Series:
     """The number of each controller (n,) among those that are not the draft's; a campaign's colours mean one thing."""
-    others = sorted({name for name in controllers.drop_nulls() if name not in DRAFT})
+    others = sorted({name for name in controllers.drop_nulls() if name not in DRAFT_CONTROLLERS})
     return pl.Series("look", [others.index(name) if name in others else None for name in controllers], dtype=pl.Int64)
 
 
 def looks_in(table: pl.DataFrame) -> dict[str | None, Look]:
     """Each controller with its look: the draft's, the others by name, none. A number tells equal labels apart."""
     numbers = dict(table.select("controller", "look").unique().iter_rows())
-    others = sorted(name for name in numbers if name is not None and name not in DRAFT)
-    names = [*(name for name in DRAFT if name in numbers), *others]
+    others = sorted(name for name in numbers if name is not None and name not in DRAFT_CONTROLLERS)
+    names = [*(name for name in DRAFT_CONTROLLERS if name in numbers), *others]
     dashes: tuple[Dash, ...] = (
         (0, (2, 1.2)), (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (6, 1, 2, 1)), (0, (12, 1.5, 1.5, 1.5)),
     )  # fmt: skip
@@ -104,7 +104,9 @@ def looks_in(table: pl.DataFrame) -> dict[str | None, Look]:
         colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
         return Look(colour, marker, NO_CONTROLLER.size, drawn_name(controller), dashes[number % len(dashes)])
 
-    looks: dict[str | None, Look] = {name: LOOKS[name] if name in DRAFT else other_look(name) for name in names}
+    looks: dict[str | None, Look] = {
+        name: LOOKS[name] if name in DRAFT_CONTROLLERS else other_look(name) for name in names
+    }
     if None in numbers:
         looks[None] = NO_CONTROLLER
     labels = [look.label for look in looks.values()]
@@ -169,7 +171,7 @@ def counted(n: int, one: str, several: str = "") -> str:
     return f"{n} {one if n == 1 else several or one + 's'}"
 
 
-def doubtful_fits(table: pl.DataFrame, look: str, fit: str = "fit") -> str:
+def doubtful_said(table: pl.DataFrame, look: str, fit: str = "fit") -> str:
     """Which of the drawn fits are doubtful, how they `look`, and why, as `Doubtful, drawn open: 2 of 32 fits (a, b),
     for friction.`"""
     found = table.filter(IS_DOUBTFUL)

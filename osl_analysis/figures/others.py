@@ -69,7 +69,7 @@ STUDY_COLUMNS = (
     "experiment", "estimator", "interval_method", "quantity", "bias", "bias_mc", "rmse_over_bound",
     "rmse_over_bound_mc", "coverage", "coverage_mc",
 )  # fmt: skip
-LOOKS = {
+QUANTITY_LOOKS = {
     "K": (style.ORANGE, "o"),
     "B": (style.PURPLE, "D"),
     "I": (style.BLACK, "s"),
@@ -78,7 +78,7 @@ LOOKS = {
 }
 SAME_AS = {"K_s": "K", "B_j": "B", "J_j": "I", "k_tau_n_m": "K", "B_m": "B", "J_m": "I"}
 SAME_AS |= {"magnitude": "K", "phase": "B"}
-PLACES = {"K": -0.22, "B": 0.0, "I": 0.22, "f_C": -0.11, "f_G": 0.11}
+BELOW_ROW = {"K": -0.22, "B": 0.0, "I": 0.22, "f_C": -0.11, "f_G": 0.11}
 """Distance of each marker below the line of its row."""
 SYMBOLS = {
     "K": r"$K$, $K_s$, $|Y|$, $k_\tau n_m$", "B": r"$B$, $B_j$, $B_m$, arg $Y$", "I": "$I$, $J_j$, $J_m$",
@@ -86,17 +86,17 @@ SYMBOLS = {
 }  # fmt: skip
 """What each marker stands for."""
 LIMITS = {"bias": (-1.2, 1.2), "rmse_over_bound": (0.8, 1.6), "coverage": (80.0, 101.0)}
-BEYOND = (">", "<")  # arrows for values above and below the limits
-MOST = {"bias": np.inf, "rmse_over_bound": np.inf, "coverage": 100.0}  # values beyond which nothing can be
+ARROWS = (">", "<")  # arrows for values above and below the limits
+BOUNDS = {"bias": np.inf, "rmse_over_bound": np.inf, "coverage": 100.0}  # values beyond which nothing can be
 AIMS = {"bias": (-0.2, 0.2), "rmse_over_bound": (0.0, 1.15), "coverage": (93.0, 97.0)}
-LABELS = {
+MEASURES = {
     "bias": "Bias (standard deviations)",
     "rmse_over_bound": "RMSE / Cramér–Rao bound",
     "coverage": "Coverage of 95 % intervals (%)",
 }
-SHORT = {"unperturbed crossings": "gait", "unperturbed crossings + plate trials": "gait + plate"}
+SHORT_NAMES = {"unperturbed crossings": "gait", "unperturbed crossings + plate trials": "gait + plate"}
 """Short names of long kinds of interval, for the margin."""
-Key = tuple[str, ...]
+RowKey = tuple[str, ...]
 
 
 @style.paper_style()
@@ -105,7 +105,7 @@ def draw_study(table: pl.DataFrame) -> Figure:
     keys = headed(table.select("experiment", "estimator", "interval_method").unique(maintain_order=True))
     figure, axes = style.panels(style.DOUBLE_COLUMN, 0.9 + 0.155 * len(keys), columns=3)
     table = table.with_columns(pl.col("coverage") * 100, pl.col("coverage_mc") * 100)
-    for ax, column in zip(axes, LABELS, strict=True):
+    for ax, column in zip(axes, MEASURES, strict=True):
         draw_measure(ax, table, keys, column)
         ax.set_yticks(range(len(keys)), [])
     axes[0].set_yticklabels([label(key) for key in keys])
@@ -113,18 +113,20 @@ def draw_study(table: pl.DataFrame) -> Figure:
         text.set_fontweight("bold" if len(key) == 1 else "normal")
     seen = {SAME_AS.get(name, name) for name in (q.partition(",")[0] for q in table["quantity"])}
     handles = [
-        Line2D([], [], color=c, marker=m, linestyle="", label=SYMBOLS[q]) for q, (c, m) in LOOKS.items() if q in seen
+        Line2D([], [], color=c, marker=m, linestyle="", label=SYMBOLS[q])
+        for q, (c, m) in QUANTITY_LOOKS.items()
+        if q in seen
     ]
     handles.append(
-        Line2D([], [], color=style.GREY, marker=BEYOND[0], markersize=3, linestyle="", label="Beyond the panel")
+        Line2D([], [], color=style.GREY, marker=ARROWS[0], markersize=3, linestyle="", label="Beyond the panel")
     )
     figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
     return figure
 
 
-def headed(rows: pl.DataFrame) -> list[Key]:
+def headed(rows: pl.DataFrame) -> list[RowKey]:
     """The rows, and before the first of each experiment a row with its name."""
-    keys: list[Key] = []
+    keys: list[RowKey] = []
     for key in rows.rows():
         if not keys or keys[-1][0] != key[0]:
             keys.append(key[:1])
@@ -132,32 +134,32 @@ def headed(rows: pl.DataFrame) -> list[Key]:
     return keys
 
 
-def label(key: Key) -> str:
-    return key[0].replace(" us", " µs") if len(key) == 1 else f"{key[1]}, {SHORT.get(key[2], key[2])}"
+def label(key: RowKey) -> str:
+    return key[0].replace(" us", " µs") if len(key) == 1 else f"{key[1]}, {SHORT_NAMES.get(key[2], key[2])}"
 
 
-def draw_measure(ax: Axes, table: pl.DataFrame, keys: Sequence[Key], column: str) -> None:
+def draw_measure(ax: Axes, table: pl.DataFrame, keys: Sequence[RowKey], column: str) -> None:
     low, high = LIMITS[column]
     ax.axvspan(max(AIMS[column][0], low), AIMS[column][1], color="#E8E8E8", linewidth=0)
     places = {key: place for place, key in enumerate(keys)}
     for row in table.drop_nulls(column).iter_rows(named=True):
         quantity = row["quantity"].partition(",")[0]
         quantity = SAME_AS.get(quantity, quantity)
-        colour, marker = LOOKS[quantity]
-        place = places[row["experiment"], row["estimator"], row["interval_method"]] + PLACES[quantity]
+        colour, marker = QUANTITY_LOOKS[quantity]
+        place = places[row["experiment"], row["estimator"], row["interval_method"]] + BELOW_ROW[quantity]
         value, half = float(np.clip(row[column], low, high)), 2 * row[f"{column}_mc"]
         if value == row[column]:
-            ends = max(value - half, low), min(value + half, high, MOST[column])
+            ends = max(value - half, low), min(value + half, high, BOUNDS[column])
             ax.hlines(place, *ends, color=colour, linewidth=0.6)
         else:
-            marker = BEYOND[value > row[column]]
+            marker = ARROWS[value > row[column]]
         ax.plot(value, place, marker, color=colour, markersize=2.6, mew=0.6, clip_on=False)
     for place in (place for place, key in enumerate(keys) if len(key) == 1 and place):
         ax.axhline(place - 0.5, color=style.GREY, linewidth=0.4)
     ax.set_xlim(low, high)
     ax.set_ylim(len(keys) - 0.5, -0.5)
     ax.tick_params(axis="y", length=0)
-    ax.set_xlabel(LABELS[column])
+    ax.set_xlabel(MEASURES[column])
 
 
 @dataclass(frozen=True)

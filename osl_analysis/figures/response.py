@@ -12,29 +12,39 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from osl_analysis.figures import style
-from osl_analysis.figures.names import UNIT_OF, counted, doubtful_fits, drawn_name, lines_of, place_name
+from osl_analysis.figures.names import UNIT_OF, counted, doubtful_said, drawn_name, place_name, wrapped_words
 
-CURVES = ("magnitude", "phase_deg", "magnitude_eq15", "phase_deg_eq15", "magnitude_eq9", "phase_deg_eq9")
-LEVELS = ("noise_level", "odd_level", "even_level", "total_level")
-PLACE = ("trials", "joint", "side", "controller", "K_d", "B_d")
-COLUMNS = (*PLACE, "method", "realisations", "frequency_hz", *CURVES, *LEVELS, "noise_sd", "total_sd", "doubtful")
-TEXT = ("trials", "joint", "side", "controller", "method", "doubtful")
+FITTED_CURVES = ("magnitude", "phase_deg", "magnitude_eq15", "phase_deg_eq15", "magnitude_eq9", "phase_deg_eq9")
+LEVEL_COLUMNS = ("noise_level", "odd_level", "even_level", "total_level")
+OF_CONDITION = ("trials", "joint", "side", "controller", "K_d", "B_d")
+COLUMNS = (
+    *OF_CONDITION,
+    "method",
+    "realisations",
+    "frequency_hz",
+    *FITTED_CURVES,
+    *LEVEL_COLUMNS,
+    "noise_sd",
+    "total_sd",
+    "doubtful",
+)
+TEXT_COLUMNS = ("trials", "joint", "side", "controller", "method", "doubtful")
 NOTHING = "every impedance trial follows the stepped sine; its frequency response is in phasors.csv and Fig. 7"
 """Why there is nothing to draw where the table has no rows."""
-MOST, MOST_ACROSS = 12, 3
-"""Conditions that one page shows at most (the table has all), and those side by side; one more if they are `MOST`."""
+MOST_CONDITIONS, MOST_ACROSS = 12, 3
+"""Conditions that one page shows at most (the table has all), and those side by side; one more if they are so many."""
 SIZE = 2.2  # size [pt] of the markers
 PANEL_HEIGHT, HEADING = 0.84, 0.3  # heights [in] of a panel with its axis, and of the lines above a condition
-LONGEST, SHORTER = 28, 18
+LONGEST_TRIAL, SHORTER = 28, 18
 """Letters of a trial's name above its panels, with up to `MOST_ACROSS` conditions side by side, and with more."""
 AXIS = 0.42  # width [in] beside a panel that its title cannot take
-LOOKS = {
+LEVEL_LOOKS = {
     "odd_level": (style.ORANGE, "^", "Odd distortion"),
     "even_level": (style.PURPLE, "s", "Even distortion"),
     "noise_level": (style.GREY, "x", "Noise"),
 }
 """Colour, marker and name of each level."""
-MODELS = {
+STRUCTURES = {
     "eq15": (style.MAGENTA, "-", r"Eq. 15: $K + sB + s^2I$"),
     "eq9": (style.BLACK, (0, (4, 1.5)), "Eq. 9: drivetrain"),
 }
@@ -45,11 +55,11 @@ def points(single: pl.DataFrame, pooled: pl.DataFrame) -> pl.DataFrame:
     in_pool = {name for names in pooled["trials"].unique() for name in str(names).split(", ")}
     alone = single.filter(~pl.col("trial").is_in(in_pool)).with_columns(trials=pl.col("trial"))
     rows = pl.concat([pooled, alone], how="diagonal_relaxed")
-    absent = {name: pl.String if name in TEXT else pl.Float64 for name in COLUMNS if name not in rows.columns}
+    absent = {name: pl.String if name in TEXT_COLUMNS else pl.Float64 for name in COLUMNS if name not in rows.columns}
     return rows.with_columns(pl.lit(None, kind).alias(name) for name, kind in absent.items()).select(COLUMNS)
 
 
-def words_of(row: Mapping[str, Any], longest: int = LONGEST) -> list[str]:
+def condition_words(row: Mapping[str, Any], longest: int = LONGEST_TRIAL) -> list[str]:
     """Joint, controller, desired impedance, trials by the first one's name, and realisations of a condition."""
     words = [place_name(row["joint"], row["side"]), drawn_name(row["controller"] or "")]
     words.append(", ".join(f"${name}$ = {row[name]:g}" for name in ("K_d", "B_d") if row[name] is not None))
@@ -71,18 +81,18 @@ def caption(table: pl.DataFrame) -> str:
         "several realisations show both, otherwise of noise. Where the motion does not repeat itself, by the local "
         "polynomial method, distortion is part of the noise."
     ]
-    if len(conditions) > MOST:
-        said.append(f"The first {MOST} conditions are shown; response.csv has all of them.")
+    if len(conditions) > MOST_CONDITIONS:
+        said.append(f"The first {MOST_CONDITIONS} conditions are shown; response.csv has all of them.")
     for short, name in (("eq15", "the second-order system of Eq. 15"), ("eq9", "the drivetrain of Eq. 9")):
-        medians = [float(np.median(missed)) for rows in conditions if len(missed := deviation(rows, short))]
+        medians = [float(np.median(missed)) for rows in conditions if len(missed := percent_missed(rows, short))]
         if medians:
             to = f" to {max(medians):.2g}" if len(medians) > 1 else ""
             said.append(f"Half of the frequencies are within {min(medians):.2g}{to} % of {name}.")
     fits = table.unique("trials", maintain_order=True).rename({"trials": "trial"})
-    return " ".join([*said, doubtful_fits(fits, "drawn with open markers", fit="condition")])
+    return " ".join([*said, doubtful_said(fits, "drawn with open markers", fit="condition")])
 
 
-def deviation(rows: pl.DataFrame, short: str) -> NDArray[np.float64]:
+def percent_missed(rows: pl.DataFrame, short: str) -> NDArray[np.float64]:
     """Distance [percent of the measured impedance] of a structure where it is known, (m,)."""
     measured = complex_number(rows, "")
     missed = 100 * np.abs(measured - complex_number(rows, f"_{short}")) / np.abs(measured)
@@ -93,7 +103,7 @@ def deviation(rows: pl.DataFrame, short: str) -> NDArray[np.float64]:
 def draw(table: pl.DataFrame) -> Figure:
     """Per condition magnitude, phase, and the structures' deviation beside distortion above the noise, and noise."""
     conditions = table.partition_by("trials", maintain_order=True)
-    shown = conditions[:MOST]
+    shown = conditions[:MOST_CONDITIONS]
     down, across = grid_of(len(shown))
     width, height = size_of(down, across)
     figure = Figure(figsize=(width, height), layout="constrained")
@@ -103,9 +113,9 @@ def draw(table: pl.DataFrame) -> Figure:
         row, column = divmod(number, across)
         parts = list(axes[3 * row : 3 * row + 3, column])
         entries |= draw_condition(parts, rows)
-        words = words_of(rows.row(0, named=True), LONGEST if across <= MOST_ACROSS else SHORTER)
+        words = condition_words(rows.row(0, named=True), LONGEST_TRIAL if across <= MOST_ACROSS else SHORTER)
         words[0] = f"({chr(ord('a') + number)}) " * (len(shown) > 1) + words[0]
-        parts[0].set_title(lines_of(words, width / across - AXIS), loc="left")
+        parts[0].set_title(wrapped_words(words, width / across - AXIS), loc="left")
         if column == 0:
             for ax, label in zip(
                 parts, ("Magnitude\n(N·m/rad)", "Phase (deg)", "Deviation,\nlevel (N·m/rad)"), strict=True
@@ -116,8 +126,10 @@ def draw(table: pl.DataFrame) -> Figure:
     columns = style.legend_columns(list(entries), width, most=6)
     figure.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=columns, columnspacing=1.2)
     figure.align_ylabels()
-    if len(conditions) > MOST:
-        figure.supxlabel(f"Further {counted(len(conditions) - MOST, 'condition')} in response.csv", fontsize=8)
+    if len(conditions) > MOST_CONDITIONS:
+        figure.supxlabel(
+            f"Further {counted(len(conditions) - MOST_CONDITIONS, 'condition')} in response.csv", fontsize=8
+        )
     return figure
 
 
@@ -172,7 +184,7 @@ def draw_curves(ax: Axes, rows: pl.DataFrame, quantity: str) -> dict[str, Line2D
     entries = {"Measured Z": Line2D([], [], linestyle="", marker="o", color=style.BLACK, markersize=SIZE)}
     if doubtful:
         entries[str(style.OPEN_MARKER.get_label())] = style.OPEN_MARKER
-    for short, (colour, dash, label) in MODELS.items():
+    for short, (colour, dash, label) in STRUCTURES.items():
         curve = rows[f"{quantity}_{short}"].cast(pl.Float64)
         if curve.count():
             (line,) = ax.plot(f, curve, color=colour, linestyle=dash, linewidth=0.9)
@@ -190,12 +202,12 @@ def intervals(rows: pl.DataFrame, quantity: str) -> pl.Series:
 def draw_levels(ax: Axes, rows: pl.DataFrame) -> dict[str, Line2D]:
     f, entries = rows["frequency_hz"].to_numpy(), {}
     measured = complex_number(rows, "")
-    for short, (colour, dash, _) in MODELS.items():
+    for short, (colour, dash, _) in STRUCTURES.items():
         if rows[f"magnitude_{short}"].count():
             ax.plot(
                 f, np.abs(measured - complex_number(rows, f"_{short}")), color=colour, linestyle=dash, linewidth=0.9
             )
-    for name, (colour, marker, label) in LOOKS.items():
+    for name, (colour, marker, label) in LEVEL_LOOKS.items():
         level = rows[name].cast(pl.Float64).to_numpy()
         seen = level > 0 if name == "noise_level" else drawn_level(rows, level)
         if seen.any():

@@ -243,7 +243,7 @@ def label_log_axis(axis: Axis, limits: tuple[float, float], most: int, scale: fl
     axis.set_view_interval(*limits, ignore=True)
 
 
-def widened(low: float, high: float, share: float = 0.04) -> tuple[float, float]:
+def with_margins(low: float, high: float, share: float = 0.04) -> tuple[float, float]:
     """Limits of a logarithmic axis with a share of it free on either side."""
     span = np.log(high / low) if high > low else 1.0
     return low * float(np.exp(-share * span)), high * float(np.exp(share * span))

@@ -16,7 +16,7 @@ from osl_analysis.figures.names import (
     UNIT_OF,
     as_text,
     counted,
-    doubtful_fits,
+    doubtful_said,
     drawn_name,
     of_place,
     placed_rows,
@@ -32,7 +32,7 @@ WITH_DESIRED = (style.MAGENTA, style.ORANGE, style.PURPLE, "#6B3A0A")
 """Colours of the desired curves and of the trials that should follow them."""
 LIGHTEST = 0.6  # part of the colour map that is used: what is lighter stands out from white by less than three to one
 THICK, THIN, DASHED = 1.1, 0.6, (0, (3, 2))
-MOST_NAMED = 16  # largest number of trials of a panel that are named
+MOST_CURVES = 16  # largest number of trials of a panel that are named
 LONGEST = 18  # letters of such a name
 
 
@@ -49,13 +49,13 @@ def caption(table: pl.DataFrame) -> str:
     ]
     if table["desired_torque"].count():
         said.append("Dashed: the curves that the trials of this colour were designed for.")
-    for trial in table.partition_by("trial", maintain_order=True)[:MOST_NAMED]:
+    for trial in table.partition_by("trial", maintain_order=True)[:MOST_CURVES]:
         loading = trial.filter(pl.col("branch") == "loading")
         (low, high), slopes = ends_of(loading, "torque"), loading["stiffness"].drop_nulls().to_numpy()
         steepest = f", steepest {np.max(slopes):.4g} {UNIT_OF['K']}" if len(slopes) else ""
         said.append(f"{as_text(trial['trial'][0])}: {low:.3g} to {high:.3g} N·m{steepest}.".replace("-", "−"))
     fits = table.unique("trial", maintain_order=True)
-    return " ".join([*said, doubtful_fits(fits, "drawn dotted", fit="trial")])
+    return " ".join([*said, doubtful_said(fits, "drawn dotted", fit="trial")])
 
 
 def ends_of(branch: pl.DataFrame, column: str) -> tuple[float, float]:
@@ -81,7 +81,7 @@ def draw(table: pl.DataFrame) -> Figure:
 def name_curves(ax: Axes, table: pl.DataFrame, column: str, colours: Mapping[str, str]) -> None:
     loading = table.filter(pl.col("branch") == "loading").drop_nulls(column).sort("angle_deg")
     last = loading.unique("trial", keep="last", maintain_order=True)
-    if len(last) <= MOST_NAMED:
+    if len(last) <= MOST_CURVES:
         names = [drawn_name(name.replace("_", " "), LONGEST) for name in last["trial"]]
         ends = last.select("angle_deg", column).rows()
         style.link_to_trials(style.name_ends(ax, ends, names, [colours[name] for name in last["trial"]]), last["trial"])

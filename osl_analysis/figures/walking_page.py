@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from osl_analysis.figures import style
-from osl_analysis.figures.names import as_text, counted, decimals_of, doubtful_fits, drawn_name, number
+from osl_analysis.figures.names import as_text, counted, decimals_of, doubtful_said, drawn_name, number
 
 COLUMNS = ("group", "panel", "curve", "trial", "x", "mean", "sd", "doubtful")
 GAIT = {"unperturbed": (style.PURPLE, "-", "Unperturbed"), "perturbed": (style.ORANGE, (0, (5, 1.5)), "Perturbed")}
@@ -124,7 +124,7 @@ def caption(table: pl.DataFrame) -> str:
     if len(groups) > most:
         said.append(f"The numbers of {len(groups) - most} more groups stand in walking_page.csv.")
     fits = table.filter(pl.col("curve") == "each").unique("trial", maintain_order=True)
-    return " ".join([*said, doubtful_fits(fits, "dotted")])
+    return " ".join([*said, doubtful_said(fits, "dotted")])
 
 
 def onset_said(rows: pl.DataFrame) -> str:

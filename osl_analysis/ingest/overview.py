@@ -13,7 +13,7 @@ from osl_analysis.columns import COLUMNS
 from osl_analysis.errors import InputError, listing, printable
 from osl_analysis.formats.csv_table import name_and_unit, places_of
 from osl_analysis.trial import Array
-from osl_analysis.yaml_settings import dotted, line_of
+from osl_analysis.yaml_settings import dotted, field_line
 
 CLOCKS = (
     "time", "t", "timestamp", "stamp", "state_time", "loop_time", "pi_time", "sys_time", "ros_time", "elapsed",
@@ -204,7 +204,7 @@ def refuse_draft(path: Path, content: dict[str, Any]) -> None:
     """Refuse a source file in which places of a draft are not edited."""
     places = list(open_places(content))
     if places:
-        named = listing([f"`{dotted(place)}` in line {line_of(path, place)}" for place in places], LISTED)
+        named = listing([f"`{dotted(place)}` in line {field_line(path, place)}" for place in places], LISTED)
         raise InputError(
             f"{path}: a draft of `osl-analysis inspect` in which {len(places)} places are to be edited: {named}; give "
             f"each signal that you need its canonical name ({', '.join(c for c in COLUMNS if c != 'time')}), state "

@@ -15,7 +15,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.judge.recording import judged_table
 from osl_analysis.judge.table import QualityRules
-from osl_analysis.refusal import Refusal, distinct, is_refused, read_refusals
+from osl_analysis.refusal import Refusal, distinct_causes, is_refused, read_refusals
 
 REMEDY = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"
 JUDGES = ("quality", "fitted")
@@ -54,7 +54,7 @@ def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> U
     missing += gone.get(Path(str(inputs.get("trial"))).stem, ())
     causes = [cause for found in gone.values() for cause in found]
     causes += [cause for files in groups.values() for file in files.values() for cause in read_refusals(file)]
-    return Usable({**inputs, **kept}, distinct([*causes, *missing]), distinct(missing))
+    return Usable({**inputs, **kept}, distinct_causes([*causes, *missing]), distinct_causes(missing))
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ class Friction:
     sign_width: float  # Velocity [rad/s] over which the controller smooths the sign
 
 
-Loop = tuple[float, float, float, float, float, float, bool, float, float, float]
+LoopConstants = tuple[float, float, float, float, float, float, bool, float, float, float]
 """K_1, B_1, k_tau n_m, f_C, f_G, the scale of friction, whether it is cancelled, sign_width, n_T, K_s2 in SI units."""
 
 
@@ -60,7 +60,7 @@ def discretised(gains: Gains, p: DrivetrainParameters, rate_hz: float) -> tuple[
 
 
 @compiled
-def actuator_path(theta: Array, path: Array, start: float, transition: Array, push: Array, loop: Loop) -> None:
+def actuator_path(theta: Array, path: Array, start: float, transition: Array, push: Array, loop: LoopConstants) -> None:
     """Fill `path`, (n,), with the angle theta_m [rad] of the actuator that starts at rest at `start` [rad], for theta
     (n,). Eq. 5 is written out for numbers; `motor_current` has it for arrays."""
     (a, b, c, d), (e, f, g, h) = transition

@@ -21,14 +21,14 @@ from osl_analysis.errors import UnreachableImpedanceError
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
-HIGHEST_ORDER = 10
+HIGHEST_ORDER_OF_W = 10
 SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e4
 """Lowest and highest accepted cut-off of W [Hz]. Both lie far outside the frequencies at which a leg moves."""
-LOWEST, HIGHEST = 1e-9, 1e9
+SEARCH_FROM, SEARCH_TO = 1e-9, 1e9
 """Ends of the search for x = B_m + B_1, as multiples of (K_1 J_m)^1/2, the scale of the actuator's damping."""
 POINTS = 73
 """Points of the search, a factor of 1.8 apart. The closest two minima that were found are a factor of 4 apart."""
-AT_ONCE = 10_000  # Pairs whose grids are in memory at once, 6 MB for each of some 50 arrays
+PAIRS_AT_ONCE = 10_000  # Pairs whose grids are in memory at once, 6 MB for each of some 50 arrays
 
 Affine = tuple[Sequence[Array], Sequence[Array]]
 """Coefficients c = c0 + x c1 of a polynomial in s, highest power first; those of all pairs in one array each."""
@@ -48,9 +48,9 @@ class Weight:
     order: int
 
     def __post_init__(self) -> None:
-        if self.order not in range(1, HIGHEST_ORDER + 1):
+        if self.order not in range(1, HIGHEST_ORDER_OF_W + 1):
             raise UnreachableImpedanceError(
-                f"the weight W of Eq. 14 has order {self.order}; use a whole number from 1 to {HIGHEST_ORDER}"
+                f"the weight W of Eq. 14 has order {self.order}; use a whole number from 1 to {HIGHEST_ORDER_OF_W}"
             )
         if not SLOWEST_HZ <= self.cutoff_hz <= FASTEST_HZ:
             raise UnreachableImpedanceError(
@@ -79,7 +79,7 @@ def optimal_damping(
     neglects the joint's inertia; `J_j` [kg*m^2] includes it. The requests are not checked; `compensator.check_request`
     refuses impossible ones."""
     K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_d, B_d)))
-    parts = [slice(first, first + AT_ONCE) for first in range(0, len(K_d), AT_ONCE)]
+    parts = [slice(first, first + PAIRS_AT_ONCE) for first in range(0, len(K_d), PAIRS_AT_ONCE)]
     found = [lowest_minima(K_d[part], B_d[part], p, weight, J_j) for part in parts]
     x, J, minima, end = (np.concatenate(each) for each in zip(*found, strict=True))
     unbounded = end > 0
@@ -95,7 +95,7 @@ def lowest_minima(
 
     a, b = admittance_error(K_d, B_d, p, weight, J_j)
     scale = np.sqrt(K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d)) * p.J_m)
-    x = scale[:, None] * np.geomspace(LOWEST, HIGHEST, POINTS)
+    x = scale[:, None] * np.geomspace(SEARCH_FROM, SEARCH_TO, POINTS)
     J, slope = squared_norm(x, *([c[:, None] for c in each] for each in (*a, *b)))
     falls = (slope[:, :-1] < 0) & (slope[:, 1:] >= 0)
     pair, k = np.nonzero(falls)

@@ -7,10 +7,10 @@ from typing import Any, Literal
 import numpy as np
 import polars as pl
 
-Look = Literal["measured", "model", "residual", "second", "third"]
-MOST_ROWS = 3000  # rows of a recording that are drawn where there is no fit
-LOOKS: tuple[Look, ...] = ("measured", "model", "second", "third")  # looks of several lines of one panel
-TIME, FREQUENCY, ANGLE, TORQUE = "Time (s)", "Frequency (Hz)", "Angle (deg)", "Torque (N·m)"
+LineLook = Literal["measured", "model", "residual", "second", "third"]
+MOST_RECORDED = 3000  # rows of a recording that are drawn where there is no fit
+LINE_LOOKS: tuple[LineLook, ...] = ("measured", "model", "second", "third")  # looks of several lines of one panel
+TIME_AXIS, FREQUENCY_AXIS, ANGLE_AXIS, TORQUE_AXIS = "Time (s)", "Frequency (Hz)", "Angle (deg)", "Torque (N·m)"
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Drawn:
     x: str
     y: str
     name: str
-    look: Look = "measured"
+    look: LineLook = "measured"
     kind: Literal["line", "points", "range"] = "line"
     low: str = ""
     high: str = ""
@@ -70,16 +70,16 @@ def bench_pictures(series: pl.DataFrame, motion: str, whole_loop: bool = False) 
         Drawn("series", x, "torque_model", "model", "model"),
     ]
     panels = [
-        Panel("Torque", TIME, TORQUE, both, "time"),
-        Panel("Residual, range of all samples that are fitted", TIME, TORQUE, [residual], "time"),
-        Panel(motion, TIME, label, [Drawn("series", "time", x, "measured")], "time"),
-        Panel(f"Torque against {motion.lower()}", label, TORQUE, loops, square=True),
+        Panel("Torque", TIME_AXIS, TORQUE_AXIS, both, "time"),
+        Panel("Residual, range of all samples that are fitted", TIME_AXIS, TORQUE_AXIS, [residual], "time"),
+        Panel(motion, TIME_AXIS, label, [Drawn("series", "time", x, "measured")], "time"),
+        Panel(f"Torque against {motion.lower()}", label, TORQUE_AXIS, loops, square=True),
     ]
     where = f"the model{'' if whole_loop else ', the loop'} and the residual are drawn where the fit uses the samples"
-    return Pictures(panels, {"series": series}, f"{thinned(series)}; {where}")
+    return Pictures(panels, {"series": series}, f"{rate_said(series)}; {where}")
 
 
-def thinned(series: pl.DataFrame) -> str:
+def rate_said(series: pl.DataFrame) -> str:
     seconds = float(series["time"][-1] - series["time"][0]) if len(series) > 1 else 0.0
     rate = (len(series) - 1) / seconds if seconds else 0.0
     return f"{rate:.0f} samples a second are drawn" if rate > 10 else f"{rate:.2g} samples a second are drawn"
@@ -94,7 +94,7 @@ def phasor_pictures(phasors: pl.DataFrame, fit: Mapping[str, Any]) -> Pictures:
     phase = ("Y_phase_deg", "Y_phase_low_deg", "Y_phase_high_deg")
     parts = phasors.partition_by("amplitude_deg", maintain_order=True, as_dict=True)
     tables = {f"{deg:g} deg": part for (deg,), part in parts.items()}
-    looks = {name: LOOKS[k % len(LOOKS)] for k, name in enumerate(tables)}
+    looks = {name: LINE_LOOKS[k % len(LINE_LOOKS)] for k, name in enumerate(tables)}
     points = [
         [Drawn(name, "frequency_hz", y, name, look, "points", low, high) for name, look in looks.items()]
         for y, low, high in (magnitude, phase)
@@ -103,8 +103,10 @@ def phasor_pictures(phasors: pl.DataFrame, fit: Mapping[str, Any]) -> Pictures:
     for drawn, (y, *_) in zip(points, (magnitude, phase), strict=True):
         drawn.append(Drawn("Eq. 15", "frequency_hz", y, "Eq. 15, fit to all", "residual"))
     panels = [
-        Panel("Admittance: magnitude", FREQUENCY, "|Y| (rad/(N·m))", points[0], "frequency", log_x=True, log_y=True),
-        Panel("Admittance: phase", FREQUENCY, "Phase (deg)", points[1], "frequency", log_x=True),
+        Panel(
+            "Admittance: magnitude", FREQUENCY_AXIS, "|Y| (rad/(N·m))", points[0], "frequency", log_x=True, log_y=True
+        ),
+        Panel("Admittance: phase", FREQUENCY_AXIS, "Phase (deg)", points[1], "frequency", log_x=True),
     ]
     return Pictures(panels, tables)
 
@@ -128,8 +130,8 @@ def response_pictures(response: pl.DataFrame) -> Pictures:
         for measured, model in (columns[:2], columns[2:])
     ]
     panels = [
-        Panel("Impedance: magnitude", FREQUENCY, "|Z| (N·m/rad)", drawn[0], "frequency", log_x=True, log_y=True),
-        Panel("Impedance: phase", FREQUENCY, "Phase (deg)", drawn[1], "frequency", log_x=True),
+        Panel("Impedance: magnitude", FREQUENCY_AXIS, "|Z| (N·m/rad)", drawn[0], "frequency", log_x=True, log_y=True),
+        Panel("Impedance: phase", FREQUENCY_AXIS, "Phase (deg)", drawn[1], "frequency", log_x=True),
     ]
     return Pictures(panels, {"response": response.select("frequency_hz", *columns).sort("frequency_hz")})
 
@@ -139,11 +141,15 @@ def crossing_pictures(crossing: pl.DataFrame) -> Pictures:
     degrees = [pl.col(name).degrees().alias(f"{name}_deg") for name in ("theta", "platform")]
     table = crossing.select((pl.col("time") - pl.col("time").first()), *degrees, "torque")
     panels = [
-        Panel("Ankle torque", TIME, TORQUE, [Drawn("crossing", "time", "torque", "measured")], "time"),
-        Panel("Ankle angle", TIME, ANGLE, [Drawn("crossing", "time", "theta_deg", "measured")], "time"),
-        Panel("Platform", TIME, ANGLE, [Drawn("crossing", "time", "platform_deg", "measured")], "time"),
+        Panel("Ankle torque", TIME_AXIS, TORQUE_AXIS, [Drawn("crossing", "time", "torque", "measured")], "time"),
+        Panel("Ankle angle", TIME_AXIS, ANGLE_AXIS, [Drawn("crossing", "time", "theta_deg", "measured")], "time"),
+        Panel("Platform", TIME_AXIS, ANGLE_AXIS, [Drawn("crossing", "time", "platform_deg", "measured")], "time"),
         Panel(
-            "Torque against angle", ANGLE, TORQUE, [Drawn("crossing", "theta_deg", "torque", "measured")], square=True
+            "Torque against angle",
+            ANGLE_AXIS,
+            TORQUE_AXIS,
+            [Drawn("crossing", "theta_deg", "torque", "measured")],
+            square=True,
         ),
     ]
     return Pictures(panels, {"crossing": table})
@@ -159,15 +165,15 @@ def isolated_pictures(response: pl.DataFrame) -> Pictures:
         Drawn("isolated", "time_ms", "torque_model", "model", "model"),
     ]
     panels = [
-        Panel("Isolated torque", label, TORQUE, torque, "onset"),
+        Panel("Isolated torque", label, TORQUE_AXIS, torque, "onset"),
         Panel(
             "Residual",
             label,
-            TORQUE,
+            TORQUE_AXIS,
             [Drawn("isolated", "time_ms", "residual", "isolated minus model", "residual")],
             "onset",
         ),
-        Panel("Isolated angle", label, ANGLE, [Drawn("isolated", "time_ms", "theta_deg", "isolated")], "onset"),
+        Panel("Isolated angle", label, ANGLE_AXIS, [Drawn("isolated", "time_ms", "theta_deg", "isolated")], "onset"),
     ]
     return Pictures(panels, {"isolated": table.with_columns(residual)})
 
@@ -179,14 +185,14 @@ def recorded_pictures(samples: pl.DataFrame, units: dict[str, str]) -> Pictures:
         by_unit.setdefault(unit, []).append(column)
     tables, panels = {}, []
     for unit, columns in by_unit.items():
-        rows = samples.select("time", *columns[: len(LOOKS)]).drop_nulls()
-        rows = rows.gather_every(max(-(-len(rows) // MOST_ROWS), 1))
+        rows = samples.select("time", *columns[: len(LINE_LOOKS)]).drop_nulls()
+        rows = rows.gather_every(max(-(-len(rows) // MOST_RECORDED), 1))
         if len(rows) < 2:
             continue
         tables[unit] = rows.with_columns(pl.col("time") - samples["time"][0])
-        drawn = [Drawn(unit, "time", name, name, LOOKS[k]) for k, name in enumerate(columns[: len(LOOKS)])]
-        panels.append(Panel("As recorded", TIME, f"({unit})", drawn, "time"))
-    return Pictures(panels, tables, f"raw signals in canonical units, as ingested, {MOST_ROWS} samples or fewer")
+        drawn = [Drawn(unit, "time", name, name, LINE_LOOKS[k]) for k, name in enumerate(columns[: len(LINE_LOOKS)])]
+        panels.append(Panel("As recorded", TIME_AXIS, f"({unit})", drawn, "time"))
+    return Pictures(panels, tables, f"raw signals in canonical units, as ingested, {MOST_RECORDED} samples or fewer")
 
 
 def together(*pictures: Pictures) -> Pictures:

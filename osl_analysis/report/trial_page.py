@@ -16,7 +16,7 @@ from osl_analysis.judge.recording import CHECKS
 from osl_analysis.report.panels import Pictures
 from osl_analysis.summary.text import AMPLITUDES, decimals, fixed, rounded_by, told_apart, trials_text
 
-QUANTITIES = ["VAF", "K", "B", "I"]  # numbers of the table of trials
+TABLE_NUMBERS = ["VAF", "K", "B", "I"]  # numbers of the table of trials
 NO_VALUE = "–"
 Texts = list[list[str]]  # rows of a table
 
@@ -107,7 +107,7 @@ class ReportedTrial:
         )  # fmt: skip
         words = {True: "perturbed", False: "unperturbed"}
         return ", ".join(
-            words[bool(value)] if name == "perturbed" else f"{name} {shown(value)}"
+            words[bool(value)] if name == "perturbed" else f"{name} {cell_text(value)}"
             for name, value in self.row.items()
             if name not in others and value is not None and (columns is None or name in columns)
         )
@@ -133,16 +133,18 @@ def trial_content(
         "not_checked": [f"{what}: {why}" for what, why in not_checked_of(trial.main).items()],
         "table": name,
         "estimates": estimate_rows(tables[name], described.get(name)) if tables else None,
-        "columns": [[one, shown(v), *unit_and_meaning(one, described.get(name)).values()] for one, v in filled.items()],
+        "columns": [
+            [one, cell_text(v), *unit_and_meaning(one, described.get(name)).values()] for one, v in filled.items()
+        ],
         "quality": quality_rows(trial.quality, checks),
         "time_base": time_base(trial.tables.get("timebase"), described.get("timebase")),
-        "provenance": provenance_of(trial.provenance),
+        "provenance": provenance_content(trial.provenance),
         "panels": [panel.content() for panel in trial.pictures.panels],
         "remark": trial.pictures.remark,
     }
 
 
-def shown(value: Any) -> str:
+def cell_text(value: Any) -> str:
     """A cell of a table as the page has it: numbers with six digits, text as it is."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return NO_VALUE
@@ -210,7 +212,7 @@ def quality_rows(quality: pl.DataFrame | None, checks: Mapping[str, str]) -> Tex
     """Check, meaning, value, threshold, verdict and remark of every check."""
 
     def with_unit(value: float | None, unit: str | None) -> str:
-        return shown(value) if value is None else f"{shown(value)} {printed(unit or '')}".strip()
+        return cell_text(value) if value is None else f"{cell_text(value)} {printed(unit or '')}".strip()
 
     return [
         [
@@ -227,15 +229,23 @@ def time_base(table: pl.DataFrame | None, described: DescribedTable | None) -> T
         return []
     others = ("trial", "joint", "side", "data", "signals")
     filled = [name for name in table.columns if name not in others and table[name].count()]
-    lines = [["signals", *map(shown, table["signals"].to_list()), ""]]
-    return lines + [[name, *map(shown, table[name]), unit_and_meaning(name, described)["meaning"]] for name in filled]
+    lines = [["signals", *map(cell_text, table["signals"].to_list()), ""]]
+    return lines + [
+        [name, *map(cell_text, table[name]), unit_and_meaning(name, described)["meaning"]] for name in filled
+    ]
 
 
-def provenance_of(provenance: Mapping[str, Any]) -> dict[str, Any]:
+def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
     """What ingest wrote about a trial (`Trial.provenance`), as `files`, `signals` and further `facts`. The axes of a
     marker or plate are one signal."""
     files = [
-        [role, str(one.get("path", "")), shown(one.get("bytes")), str(one.get("sha256", "")), str(one.get("source"))]
+        [
+            role,
+            str(one.get("path", "")),
+            cell_text(one.get("bytes")),
+            str(one.get("sha256", "")),
+            str(one.get("source")),
+        ]
         for role, one in provenance.get("files", {}).items()
     ]
     signals: dict[str, list[str]] = {}
@@ -255,7 +265,7 @@ def channel_and_conversion(origin: Mapping[str, Any]) -> tuple[str, str]:
         channel = f"force plate {origin['plate']}, type {origin.get('type')}, analogue channels {origin.get('analogs')}"
     unit = origin.get("unit") or ", ".join(dict.fromkeys(origin.get("units", ())))
     steps, usual = [f"{unit} → {origin.get('si_unit', '')}"], {"sign": 1, "scale": 1, "offset": 0}
-    steps += [f"{key} {shown(origin[key])}" for key in usual if origin.get(key, usual[key]) != usual[key]]
+    steps += [f"{key} {cell_text(origin[key])}" for key in usual if origin.get(key, usual[key]) != usual[key]]
     steps += [f"{key} {origin[key]}" for key in ("delay", "low_pass", "resolution", "counter") if origin.get(key)]
     return channel, ", ".join(steps)
 
@@ -266,7 +276,7 @@ def facts(content: Mapping[str, Any], place: str = "") -> Texts:
     def said(value: Any) -> str:
         if isinstance(value, Mapping):
             return ", ".join(f"{name} {said(part)}" for name, part in value.items())
-        return "; ".join(map(said, value)) if isinstance(value, list) else shown(value)
+        return "; ".join(map(said, value)) if isinstance(value, list) else cell_text(value)
 
     found: Texts = []
     for name, value in content.items():
@@ -340,5 +350,5 @@ def counts(trials: Sequence[ReportedTrial]) -> dict[str, int]:
 
 
 def choices(trials: Sequence[ReportedTrial]) -> dict[str, list[str]]:
-    experiments = dict.fromkeys(shown(trial.row["experiment"]) for trial in trials)
+    experiments = dict.fromkeys(cell_text(trial.row["experiment"]) for trial in trials)
     return {"experiment": list(experiments), "verdict": [name for name, number in counts(trials).items() if number]}

@@ -12,7 +12,7 @@ import pandas as pd
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.shared_choices import ImpedanceTrajectory, read_impedance_trajectory
-from osl_analysis.sheet import COLUMNS, JOINT
+from osl_analysis.sheet import JOINT, SHEET_COLUMNS
 from osl_analysis.simulator.settings import Conditions, Direction, SimulationSettings, Subject, stream
 
 FACTS = ("direction", "K_d", "B_d", "stance_phase", "session")
@@ -125,7 +125,7 @@ PlannedRow = dict[str, object]
 def plan_trials(settings: SimulationSettings) -> pd.DataFrame:
     """One row per trial, in the columns of `sheet.py`. The same settings give the same plan. Whether a crossing is
     perturbed depends on the seed and its name, not on the number of crossings."""
-    return pd.DataFrame(planned_rows(settings), columns=list(COLUMNS)).astype(COLUMNS)
+    return pd.DataFrame(planned_rows(settings), columns=list(SHEET_COLUMNS)).astype(SHEET_COLUMNS)
 
 
 def planned_rows(settings: SimulationSettings) -> list[PlannedRow]:

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from osl_analysis.shared_choices import PAPER, WeightSettings
+from osl_analysis.shared_choices import WEIGHT_OF_PAPER, WeightSettings
 from osl_analysis.yaml_settings import Degrees, Positive, Settings, ShippedPath
 
 NotNegative = Annotated[float, Field(ge=0)]
@@ -530,7 +530,7 @@ class SimulationSettings(Settings):
     actuator: ActuatorBench | None = None
     foot: PassiveFoot | None = None  # of torque-angle trials, and its motion
     walking: ShippedPath | None = None  # settings file of the gait laboratory
-    gain_weight: WeightSettings = PAPER  # W of Eq. 14, with which the leg's gains are selected
+    gain_weight: WeightSettings = WEIGHT_OF_PAPER  # W of Eq. 14, with which the leg's gains are selected
 
     @model_validator(mode="after")
     def _excitations_have_names(self) -> Self:

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from osl_analysis.shared_choices import PAPER, WeightSettings
+from osl_analysis.shared_choices import WEIGHT_OF_PAPER, WeightSettings
 from osl_analysis.simulator.settings import (
     Count,
     Effect,
@@ -221,7 +221,7 @@ class WalkingSettings(Settings):
     plate: Plate
     effects: WalkingEffects
     changes: tuple[StepChange, ...] = ()  # what makes some crossings differ from the others
-    gain_weight: WeightSettings = PAPER  # that of the simulated campaign replaces it
+    gain_weight: WeightSettings = WEIGHT_OF_PAPER  # that of the simulated campaign replaces it
     capture: CaptureSettings = CaptureSettings()
 
     @model_validator(mode="after")

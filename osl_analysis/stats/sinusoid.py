@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from osl_analysis.errors import InputError
-from osl_analysis.measured import SMALLEST, check_finite, check_measured
+from osl_analysis.measured import SMALLEST_SIGNAL, check_finite, check_measured
 from osl_analysis.stats.covariance import (
     FEWEST_CYCLES,
     Cycles,
@@ -71,7 +71,7 @@ class ComplexEstimate:
 
     @property
     def _size(self) -> float:
-        if self.magnitude < SMALLEST:
+        if self.magnitude < SMALLEST_SIGNAL:
             raise InputError(f"the number {self.value:.3g} has no phase; check the signals from which it was estimated")
         return self.magnitude
 
@@ -88,7 +88,7 @@ def complex_quotient(numerator: ComplexEstimate, denominator: ComplexEstimate) -
 
     Raises InputError: The denominator is 0, or smaller than anything measured.
     """
-    if denominator.magnitude < SMALLEST:
+    if denominator.magnitude < SMALLEST_SIGNAL:
         raise InputError(f"no quotient by {denominator.value:.3g}; check the signal from which it was estimated")
     ratio = numerator.value / denominator.value
     derivatives = (1 / denominator.value, -ratio / denominator.value)

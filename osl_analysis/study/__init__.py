@@ -11,7 +11,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Recording:
+class RecordedAs:
     """How a trial is recorded, where this differs from the simulated campaign."""
 
     recorder: Mapping[str, Any] = field(default_factory=dict)  # its nodes, as in the settings of a simulation
@@ -26,19 +26,19 @@ def on(size: float, unit: str) -> Mapping[str, Any]:
 
 LATER = on(3e-4, "s")  # how much later the node of the torque samples
 RECORDINGS = {
-    "jitter of 1 us": Recording({"node": {"jitter": on(1e-6, "s")}}),
-    "jitter of 50 us": Recording({"node": {"jitter": on(50e-6, "s")}}),
-    "four decimals at 300 Hz": Recording({"node": {"decimals": on(4, "decimal")}}, rate_hz=300.0),
-    "four decimals at 1024 Hz": Recording({"node": {"decimals": on(4, "decimal")}}, rate_hz=1024.0),
-    "missing samples": Recording({"node": {"dropped": on(1e-3, "1")}}),
-    "two nodes": Recording({"node": {}, "torque_node": {"phase": LATER}}),
-    "333 Hz and 1 kHz": Recording({"node": {"rate": on(333, "Hz")}, "torque_node": {"phase": LATER}}),
-    "14 bits": Recording(bits=14),
-    "14 bits and 50 us": Recording({"node": {"jitter": on(50e-6, "s")}}, bits=14),
-    "250 Hz": Recording(rate_hz=250.0),
+    "jitter of 1 us": RecordedAs({"node": {"jitter": on(1e-6, "s")}}),
+    "jitter of 50 us": RecordedAs({"node": {"jitter": on(50e-6, "s")}}),
+    "four decimals at 300 Hz": RecordedAs({"node": {"decimals": on(4, "decimal")}}, rate_hz=300.0),
+    "four decimals at 1024 Hz": RecordedAs({"node": {"decimals": on(4, "decimal")}}, rate_hz=1024.0),
+    "missing samples": RecordedAs({"node": {"dropped": on(1e-3, "1")}}),
+    "two nodes": RecordedAs({"node": {}, "torque_node": {"phase": LATER}}),
+    "333 Hz and 1 kHz": RecordedAs({"node": {"rate": on(333, "Hz")}, "torque_node": {"phase": LATER}}),
+    "14 bits": RecordedAs(bits=14),
+    "14 bits and 50 us": RecordedAs({"node": {"jitter": on(50e-6, "s")}}, bits=14),
+    "250 Hz": RecordedAs(rate_hz=250.0),
 }
 """Recordings of the joint that is exactly Eq. 15, each an experiment of its own."""
-BENCH = {
+BENCH_EXPERIMENTS = {
     "second order": "second_order",
     **{f"second order, {name}": "second_order" for name in RECORDINGS},
     "linear drivetrain": "linear_drivetrain",
@@ -53,7 +53,7 @@ BENCH = {
 """Experiments on a bench, each with the function of `study/bench.py` that turns the study's inputs into it."""
 REPEATED = {"repeated transmission": 20, "repeated belt": 20}
 """Experiments on a bench whose estimate is a mean over the trials of a campaign, and how many means one job takes."""
-WALKING = {"walking": ("campaigns", 10), "walking recorded": ("recorded", 5)}
+WALKING_EXPERIMENTS = {"walking": ("campaigns", 10), "walking recorded": ("recorded", 5)}
 """Walking, from angle and torque on, and through markers, plate, C3D files and ingest: the field of `study` in the
 configuration with the number of campaigns, and how many of them one job takes."""
 MOST_JOBS = 90  # Largest number of jobs that simulate. The table, the page and the figure come to them
@@ -89,7 +89,7 @@ class Batch:
         return self.number * SECONDS.get(self.experiment, USUAL_SECONDS)
 
 
-def batches(numbers: Mapping[str, tuple[int, int]]) -> list[Batch]:
+def study_batches(numbers: Mapping[str, tuple[int, int]]) -> list[Batch]:
     """The jobs of a study with so many trials of each experiment, and so many of them at least in one job. There are at
     most `MOST_JOBS` of them (or one for each experiment, if these are more): a job takes as many trials as are needed
     for that, all jobs about as long."""

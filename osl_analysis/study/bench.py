@@ -46,7 +46,7 @@ from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.stats.sinusoid import polar_row
-from osl_analysis.study import BENCH, RECORDINGS, Recording
+from osl_analysis.study import BENCH_EXPERIMENTS, RECORDINGS, RecordedAs
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.settings import WalkingAnalysis
 
@@ -69,7 +69,7 @@ class StudyInputs:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class StudyEstimate:
     """An estimate with its standard error and 95 % interval, all in the unit of the quantity."""
 
     value: float
@@ -78,13 +78,13 @@ class Estimate:
     high: float
 
 
-Estimates = Iterator[tuple[str, str, Mapping[str, Estimate]]]
+Estimates = Iterator[tuple[str, str, Mapping[str, StudyEstimate]]]
 """The estimates of one trial: estimator, kind of interval, and an estimate for each quantity."""
 
 
 def of_filtered(method: str, fit: LinearFit, names: Sequence[str]) -> Estimates:
     """The named estimates of the bench's estimator: one filter for all signals, derivatives, least squares."""
-    yield "filtered", method, {name: Estimate(fit[name], fit.se(name), *fit.interval(name)) for name in names}
+    yield "filtered", method, {name: StudyEstimate(fit[name], fit.se(name), *fit.interval(name)) for name in names}
 
 
 def ideal_sensors(settings: SimulationSettings) -> SimulationSettings:
@@ -123,7 +123,7 @@ def at_any_phase(trial: str, settings: SimulationSettings) -> SimulationSettings
     return settings.model_copy(update={"recorder": recorder.model_copy(update=moved)})
 
 
-def recorded_as(inputs: StudyInputs, recording: Recording) -> StudyInputs:
+def recorded_as(inputs: StudyInputs, recording: RecordedAs) -> StudyInputs:
     """The inputs with another recorder, rate or encoder of the bench."""
     simulation = inputs.simulation
     bench = simulation.dynamometer.model_copy(update={"rate_hz": recording.rate_hz})
@@ -312,7 +312,7 @@ class ResponseBench:
             f, row = segment.frequency_hz, polar_row(segment.admittance)
             parts = {"magnitude": "", "phase": "_deg"}
             yield f"sinusoid, {f:g} Hz", "cycles", {
-                f"{part}, {f:g} Hz": Estimate(*(row[f"{part}{end}{unit}"] for end in ("", "_se", "_low", "_high")))
+                f"{part}, {f:g} Hz": StudyEstimate(*(row[f"{part}{end}{unit}"] for end in ("", "_se", "_low", "_high")))
                 for part, unit in parts.items()
             }  # fmt: skip
 
@@ -366,7 +366,7 @@ class RepeatedBench:
         singles = [f"{trial}_{i}" for i in range(self.count)]
         each = [next(iter(self.bench_of(single).estimates(single, low_pass))) for single in singles]
         means = {name: over_repeats([estimates[name].value for _, _, estimates in each]) for name in self.nominal.names}
-        yield each[0][0], "Student", {name: Estimate(m.mean, m.se, m.low, m.high) for name, m in means.items()}
+        yield each[0][0], "Student", {name: StudyEstimate(m.mean, m.se, m.low, m.high) for name, m in means.items()}
 
     def bounds(self) -> dict[str, float]:
         """The bound of one trial and the scatter, over the root of the number of trials."""
@@ -469,11 +469,11 @@ def studied(experiment: str, inputs: StudyInputs) -> StudiedExperiment:
     _, _, recording = experiment.partition(", ")
     if recording in RECORDINGS:
         inputs = recorded_as(inputs, RECORDINGS[recording])
-    ready: StudiedExperiment = globals()[BENCH[experiment]](inputs)
+    ready: StudiedExperiment = globals()[BENCH_EXPERIMENTS[experiment]](inputs)
     return ready
 
 
-def trial_rows(experiment: StudiedExperiment, trials: Sequence[str], low_pass: LowPass) -> list[StudyRow]:
+def study_rows(experiment: StudiedExperiment, trials: Sequence[str], low_pass: LowPass) -> list[StudyRow]:
     """Value, truth, interval and bound for every trial, estimator and quantity. The truth is the parameter that made
     the torque, where the joint has such a parameter. `model_truth` is the estimate of the same estimator in the same
     trial with ideal sensors. Without such a parameter it is also the truth. `model_error` is `model_truth` minus the

@@ -62,7 +62,7 @@ def performance_table(estimates: pl.DataFrame) -> pl.DataFrame:
     return pl.DataFrame(rows, infer_schema_length=None).fill_nan(None)
 
 
-def page(table: pl.DataFrame) -> str:
+def study_page(table: pl.DataFrame) -> str:
     """The table of `performance_table` in Markdown, a line for each experiment, estimator and interval, and what lies
     outside the aim."""
     head = (
@@ -77,7 +77,7 @@ def page(table: pl.DataFrame) -> str:
     )
     groups = table.group_by(["experiment", "estimator", "interval_method", "n"], maintain_order=True)
     lines = [markdown_row(head), markdown_row(["---"] * len(head))]
-    lines += [markdown_row(cells_of(rows)) for _, rows in groups]
+    lines += [markdown_row(performance_cells(rows)) for _, rows in groups]
     return "\n".join([*lines, "", *(f"* {sentence}" for sentence in outside_of_aim(table)), ""])
 
 
@@ -85,7 +85,7 @@ def markdown_row(cells: Iterable[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def cells_of(rows: pl.DataFrame) -> list[str]:
+def performance_cells(rows: pl.DataFrame) -> list[str]:
     """The cells of one experiment, estimator and interval: a number for each quantity, a dash where there is none."""
 
     def each(values: pl.Series, form: str) -> str:

@@ -280,7 +280,7 @@ def conditions_of(number):
 @pytest.mark.parametrize(("number", "grid"), [(1, (1, 1)), (3, (1, 3)), (9, (3, 3)), (10, (3, 4)), (12, (3, 4))])
 def test_as_many_conditions_as_are_shown_fit_a_page_of_a_journal(number, grid):
     assert response.grid_of(number) == grid
-    width, height = response.size_of(*grid)
+    width, height = response.draw(conditions_of(number)).get_size_inches()
     assert width == (SINGLE_COLUMN if number == 1 else 7.16)
     assert height < 9.5, "the text block of an IEEE page is 9.6 in high"
 

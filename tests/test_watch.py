@@ -19,7 +19,7 @@ from osl_analysis.commands.watch import (
     QUIET_S,
     Arrivals,
     bench_of,
-    device_of,
+    device_of_row,
     quality_text,
     read_notes,
     recording_line,
@@ -192,9 +192,9 @@ def test_a_trial_of_the_sheet_is_fitted_in_its_windows_and_against_its_curve(mon
 
 def test_the_parameters_of_an_ankle_judge_no_knee(bench):
     device = bench.config.parameters
-    assert device_of({"joint": "knee"}, bench.config) is None
-    assert device_of({"joint": "ankle"}, bench.config) == device_of({}, bench.config) == device
-    assert device_of({}, bench.config.model_copy(update={"parameters": None})) is None
+    assert device_of_row({"joint": "knee"}, bench.config) is None
+    assert device_of_row({"joint": "ankle"}, bench.config) == device_of_row({}, bench.config) == device
+    assert device_of_row({}, bench.config.model_copy(update={"parameters": None})) is None
 
 
 def test_a_failed_check_that_the_sheet_accepts_is_not_repeated(bench):

@@ -125,17 +125,9 @@ def check_analysed(request: DesignRequest, fit: PlannedFit, K_se: float, largest
 
 def warnings(request: DesignRequest, found: Precision) -> Iterator[str]:
     """What stands in the way of the intervals, one sentence each."""
-    yield from about_excitation(request, found)
-    yield from about_sensors(request.plan, found, request.sensors)
-    yield from about_distortion(request.plan, found, request.distortion)
-
-
-def about_excitation(request: DesignRequest, found: Precision) -> Iterator[str]:
-    """Warnings on the band and the filter. From a correlation of 0.9 the intervals of K and I are 2.3 times as wide as
-    alone."""
     I, low_pass, correlation = request.joint.I, request.low_pass, found.fit.correlation
     wide = I != 0 and found.half_width[2] > 0.5 * abs(I)
-    if correlation > 0.9 or wide:
+    if correlation > 0.9 or wide:  # from there on the intervals of K and I are 2.3 times as wide as alone
         yield (
             f"the excitation hardly tells K from I (correlation {correlation:.2f}"
             f"{', I not known to 50 %' if wide else ''}): what is missing is {better_band(request.plan, low_pass)}"
@@ -146,6 +138,8 @@ def about_excitation(request: DesignRequest, found: Precision) -> Iterator[str]:
             f"{highest:.3g} Hz is near the filter's cut-off of {low_pass.cutoff_hz:g} Hz, which weighs it down and "
             "lets what Eq. 15 does not describe count less there; raise cutoff_hz or lower the frequency"
         )
+    yield from about_sensors(request.plan, found, request.sensors)
+    yield from about_distortion(request.plan, found, request.distortion)
 
 
 def better_band(plan: Plan, low_pass: LowPass) -> str:
@@ -280,28 +274,33 @@ def write_command(plan: Plan, rate_hz: float, output: Path) -> None:
 
 def design_request(chosen: Mapping[str, Any], config: Config) -> DesignRequest:
     """The plan and all that its intervals depend on, in SI units, from the options by name."""
-    refuse_infinite(chosen)
+    for name, value in chosen.items():
+        numbers = value if isinstance(value, list) else [value]
+        if any(isinstance(one, float) and not np.isfinite(one) for one in numbers):
+            raise InputError(f"--{name.replace('_', '-')} is {value}; give a finite number")
     low_pass, study = config.dynamometer.low_pass, config.study
     expected = {"stiffness": study.K_d, "damping": study.B_d, "inertia": study.I}
     joint = [expected[name] if chosen[name] is None else chosen[name] for name in expected]
     within = {name[0]: chosen[f"{option}_within"] for name, option in zip("KBI", expected, strict=True)}
+    step = chosen["encoder_step"]
+    drift = config.dynamometer.load_cell_drift if chosen["drift"] is None else chosen["drift"]
     return DesignRequest(
         plan=plan_of(chosen, config),
         joint=Joint(*joint),
-        sensors=sensors_of(chosen, config),
+        sensors=Sensors(
+            rate_hz=chosen["rate"],
+            torque_noise=chosen["torque_noise"],
+            noise_band_hz=chosen["noise_band"],
+            torque_step=chosen["torque_step"],
+            encoder_step=2 * np.pi / 2 ** chosen["encoder_bits"] if step is None else float(np.deg2rad(step)),
+            angle_noise=float(np.deg2rad(chosen["angle_noise"])),
+            drift=drift / 60,
+        ),
         low_pass=low_pass,
         distortion=distortion_of(chosen),
         lag_s=1e-3 * chosen["lag"],
         within={name: share for name, share in within.items() if share is not None},
     )
-
-
-def refuse_infinite(chosen: Mapping[str, Any]) -> None:
-    """Refuse options that are no finite numbers."""
-    for name, value in chosen.items():
-        numbers = value if isinstance(value, list) else [value]
-        if any(isinstance(one, float) and not np.isfinite(one) for one in numbers):
-            raise InputError(f"--{name.replace('_', '-')} is {value}; give a finite number")
 
 
 def plan_of(chosen: Mapping[str, Any], config: Config) -> Plan:
@@ -343,21 +342,6 @@ def planned_stepped_sine(chosen: Mapping[str, Any], config: Config) -> SteppedSi
     return SteppedSine(tuple(np.deg2rad(amplitudes).tolist()), frequencies, cycles, bench.settle_cycles)
 
 
-def sensors_of(chosen: Mapping[str, Any], config: Config) -> Sensors:
-    """The sensors."""
-    step = chosen["encoder_step"]
-    drift = config.dynamometer.load_cell_drift if chosen["drift"] is None else chosen["drift"]
-    return Sensors(
-        rate_hz=chosen["rate"],
-        torque_noise=chosen["torque_noise"],
-        noise_band_hz=chosen["noise_band"],
-        torque_step=chosen["torque_step"],
-        encoder_step=2 * np.pi / 2 ** chosen["encoder_bits"] if step is None else float(np.deg2rad(step)),
-        angle_noise=float(np.deg2rad(chosen["angle_noise"])),
-        drift=drift / 60,
-    )
-
-
 def distortion_of(chosen: Mapping[str, Any]) -> Distortion:
     """What is stated on distortion; friction counts once, whether stated or in an earlier table."""
     earlier = Distortion() if chosen["earlier"] is None else earlier_distortion(chosen["earlier"], chosen["trial"])
@@ -387,8 +371,13 @@ def earlier_distortion(path: Path, trial: str | None) -> Distortion:
         raise InputError(f"{path}: {what}; choose one with --trial{such}")
     if has_levels:
         return level_of(rows, path)
-    spread = spread_of(rows)
-    return friction_of(rows, path) if spread is None else Distortion(spread=spread)
+    if spread := spread_of(rows):
+        return Distortion(spread=spread)
+    whole = rows.filter(pl.col("amplitude_deg").is_null())  # over all amplitudes, or a single row
+    value = (whole if len(whole) else rows)["coulomb_torque"].cast(pl.Float64)[0]
+    if value is None or not np.isfinite(value):
+        raise InputError(f"{path}: coulomb_torque of trial {rows['trial'][0]} is empty; state --friction")
+    return Distortion(coulomb=abs(float(value)))
 
 
 def spread_of(rows: pl.DataFrame) -> Spread | None:
@@ -401,15 +390,6 @@ def spread_of(rows: pl.DataFrame) -> Spread | None:
         return None
     count, low, high, rms_deg, *errors = known.row(0)
     return Spread(count * np.array(errors) ** 2, (low, high), float(np.deg2rad(rms_deg)))
-
-
-def friction_of(rows: pl.DataFrame, path: Path) -> Distortion:
-    """The friction of the row over all amplitudes, or of a single row, from the columns of `impedance.csv`."""
-    whole = rows.filter(pl.col("amplitude_deg").is_null())
-    value = (whole if len(whole) else rows)["coulomb_torque"].cast(pl.Float64)[0]
-    if value is None or not np.isfinite(value):
-        raise InputError(f"{path}: coulomb_torque of trial {rows['trial'][0]} is empty; state --friction")
-    return Distortion(coulomb=abs(float(value)))
 
 
 def level_of(rows: pl.DataFrame, path: Path) -> Distortion:
@@ -430,11 +410,15 @@ def design_text(made: Design) -> str:
     """All of it in lines."""
     request, plan = made.request, made.request.plan
     angle, velocity, acceleration = plan.peak
+    sensors, low_pass = request.sensors, request.low_pass
+    band = f"up to {sensors.noise_band_hz:g} Hz" if sensors.noise_band_hz else "white"
+    step = f"encoder step {np.rad2deg(sensors.encoder_step):.3g} deg" if sensors.encoder_step else "encoder not rounded"
     lines = [
         plan.words,
         f"  record {seconds(plan.record_s)}; largest angle {np.rad2deg(angle):.3g} deg, velocity {velocity:.3g} rad/s, "
         f"acceleration {acceleration:.3g} rad/s², torque about {peak_torque(request):.3g} N·m",
-        sensors_text(request),
+        f"  torque noise {sensors.torque_noise:.3g} N·m SD ({band}) at {sensors.rate_hz:g} Hz, {step}, load cell drift "
+        f"{60 * sensors.drift:.3g} N·m/min; filter {low_pass.cutoff_hz:g} Hz, order {low_pass.order}",
         "",
         *interval_lines(request, made.found),
         "",
@@ -455,17 +439,6 @@ def design_text(made: Design) -> str:
 def seconds(value: float) -> str:
     """A time in seconds, and in minutes where it is long."""
     return f"{value:.4g} s" + (f" ({value / 60:.1f} min)" if value >= 120 else "")
-
-
-def sensors_text(request: DesignRequest) -> str:
-    """Sensors and filter in a line."""
-    sensors, low_pass = request.sensors, request.low_pass
-    band = f"up to {sensors.noise_band_hz:g} Hz" if sensors.noise_band_hz else "white"
-    step = f"encoder step {np.rad2deg(sensors.encoder_step):.3g} deg" if sensors.encoder_step else "encoder not rounded"
-    return (
-        f"  torque noise {sensors.torque_noise:.3g} N·m SD ({band}) at {sensors.rate_hz:g} Hz, {step}, load cell drift "
-        f"{60 * sensors.drift:.3g} N·m/min; filter {low_pass.cutoff_hz:g} Hz, order {low_pass.order}"
-    )
 
 
 def interval_lines(request: DesignRequest, found: Precision) -> Iterator[str]:
@@ -515,12 +488,11 @@ def design_json(made: Design) -> str:
         "recommended": None if made.recommended is None else plan_content(request, *made.recommended),
         "warnings": list(made.warnings),
     }
+
+    def nested(part: Mapping[str, Any]) -> dict[str, Any]:
+        return finite_or_null({name: nested(one) if isinstance(one, dict) else one for name, one in part.items()})
+
     return json.dumps(nested(content), indent=2, ensure_ascii=False)
-
-
-def nested(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The mapping with null for numbers that are infinite or undefined, at every depth."""
-    return finite_or_null({name: nested(one) if isinstance(one, dict) else one for name, one in content.items()})
 
 
 def plan_content(request: DesignRequest, plan: Plan, found: Precision) -> dict[str, Any]:

@@ -172,10 +172,7 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> str:
     said = [*said, quality_text(trial, str(row["experiment"]), bench.config, accepted)]
     if row["experiment"] not in FITS:
         return "; ".join(said)
-    device = bench.config.parameters
-    if device is not None and joint_of(device) != (row.get("joint") or JOINT):  # as for a campaign's trial
-        device = None
-    fitted = fit_of_row(trial, row, device, bench.config_path)
+    fitted = fit_of_row(trial, row, device_of_row(row, bench.config), bench.config_path)
     far = off_desired(fitted.estimates, row)
     said = [estimates_line(fitted.estimates), *[f"LOOK AT IT: {far}"] * bool(far), *said]
     picture = bench.output / f"{row['trial']}.png"
@@ -184,6 +181,12 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> str:
     except OslAnalysisError as error:
         return "; ".join([*said, f"no picture: {error}"])
     return "; ".join([*said, str(picture)])
+
+
+def device_of_row(row: Mapping[str, Any], config: Config) -> Path | None:
+    """The parameter file of the configuration where it is that of the row's joint, as for a campaign's trial."""
+    device = config.parameters
+    return device if device is not None and joint_of(device) == (row.get("joint") or JOINT) else None
 
 
 def row_of_recording(

@@ -34,7 +34,6 @@ NOTHING = "every impedance trial follows the stepped sine; its frequency respons
 MOST_CONDITIONS, MOST_ACROSS = 12, 3
 """Conditions that one page shows at most (the table has all), and those side by side; one more if they are so many."""
 SIZE = 2.2  # size [pt] of the markers
-PANEL_HEIGHT, HEADING = 0.84, 0.3  # heights [in] of a panel with its axis, and of the lines above a condition
 LONGEST_TRIAL, SHORTER = 28, 18
 """Letters of a trial's name above its panels, with up to `MOST_ACROSS` conditions side by side, and with more."""
 AXIS = 0.42  # width [in] beside a panel that its title cannot take
@@ -105,8 +104,9 @@ def draw(table: pl.DataFrame) -> Figure:
     conditions = table.partition_by("trials", maintain_order=True)
     shown = conditions[:MOST_CONDITIONS]
     down, across = grid_of(len(shown))
-    width, height = size_of(down, across)
-    figure = Figure(figsize=(width, height), layout="constrained")
+    width = style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN
+    # of each condition three panels with their axes, and the lines above them
+    figure = Figure(figsize=(width, 0.5 + down * (3 * 0.84 + 0.3)), layout="constrained")
     axes = figure.subplots(3 * down, across, squeeze=False)
     entries: dict[str, Line2D] = {}
     for number, rows in enumerate(shown):
@@ -137,11 +137,6 @@ def grid_of(conditions: int) -> tuple[int, int]:
     """Conditions one below the other and side by side."""
     across = min(conditions, MOST_ACROSS + (conditions > MOST_ACROSS**2))
     return -(-conditions // across), across
-
-
-def size_of(down: int, across: int) -> tuple[float, float]:
-    """Width and height [in] of a grid of conditions."""
-    return style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN, 0.5 + down * (3 * PANEL_HEIGHT + HEADING)
 
 
 def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Line2D]:

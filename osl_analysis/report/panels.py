@@ -1,7 +1,7 @@
 """What the page draws of a trial: panels of lines, each of columns of the trial's tables."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -10,7 +10,7 @@ import polars as pl
 LineLook = Literal["measured", "model", "residual", "second", "third"]
 MOST_RECORDED = 3000  # rows of a recording that are drawn where there is no fit
 LINE_LOOKS: tuple[LineLook, ...] = ("measured", "model", "second", "third")  # looks of several lines of one panel
-TIME_AXIS, FREQUENCY_AXIS, ANGLE_AXIS, TORQUE_AXIS = "Time (s)", "Frequency (Hz)", "Angle (deg)", "Torque (N·m)"
+ANGLE_AXIS, TORQUE_AXIS = "Angle (deg)", "Torque (N·m)"
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,6 @@ class Panel:
     log_y: bool = False
     square: bool = False
 
-    def content(self) -> dict[str, Any]:
-        return asdict(self)
-
 
 @dataclass(frozen=True)
 class Pictures:
@@ -52,6 +49,14 @@ class Pictures:
     panels: Sequence[Panel] = ()
     tables: dict[str, pl.DataFrame] = field(default_factory=dict)
     remark: str = ""
+
+
+def over_time(title: str, label: str, *drawn: Drawn) -> Panel:
+    return Panel(title, "Time (s)", label, drawn, "time")
+
+
+def over_frequency(title: str, label: str, drawn: Sequence[Drawn], log_y: bool = False) -> Panel:
+    return Panel(title, "Frequency (Hz)", label, drawn, "frequency", log_x=True, log_y=log_y)
 
 
 def bench_pictures(series: pl.DataFrame, motion: str, whole_loop: bool = False) -> Pictures:
@@ -70,19 +75,16 @@ def bench_pictures(series: pl.DataFrame, motion: str, whole_loop: bool = False) 
         Drawn("series", x, "torque_model", "model", "model"),
     ]
     panels = [
-        Panel("Torque", TIME_AXIS, TORQUE_AXIS, both, "time"),
-        Panel("Residual, range of all samples that are fitted", TIME_AXIS, TORQUE_AXIS, [residual], "time"),
-        Panel(motion, TIME_AXIS, label, [Drawn("series", "time", x, "measured")], "time"),
+        over_time("Torque", TORQUE_AXIS, *both),
+        over_time("Residual, range of all samples that are fitted", TORQUE_AXIS, residual),
+        over_time(motion, label, Drawn("series", "time", x, "measured")),
         Panel(f"Torque against {motion.lower()}", label, TORQUE_AXIS, loops, square=True),
     ]
-    where = f"the model{'' if whole_loop else ', the loop'} and the residual are drawn where the fit uses the samples"
-    return Pictures(panels, {"series": series}, f"{rate_said(series)}; {where}")
-
-
-def rate_said(series: pl.DataFrame) -> str:
     seconds = float(series["time"][-1] - series["time"][0]) if len(series) > 1 else 0.0
     rate = (len(series) - 1) / seconds if seconds else 0.0
-    return f"{rate:.0f} samples a second are drawn" if rate > 10 else f"{rate:.2g} samples a second are drawn"
+    drawn = f"{rate:.0f} samples a second are drawn" if rate > 10 else f"{rate:.2g} samples a second are drawn"
+    where = f"the model{'' if whole_loop else ', the loop'} and the residual are drawn where the fit uses the samples"
+    return Pictures(panels, {"series": series}, f"{drawn}; {where}")
 
 
 def phasor_pictures(phasors: pl.DataFrame, fit: Mapping[str, Any]) -> Pictures:
@@ -103,10 +105,8 @@ def phasor_pictures(phasors: pl.DataFrame, fit: Mapping[str, Any]) -> Pictures:
     for drawn, (y, *_) in zip(points, (magnitude, phase), strict=True):
         drawn.append(Drawn("Eq. 15", "frequency_hz", y, "Eq. 15, fit to all", "residual"))
     panels = [
-        Panel(
-            "Admittance: magnitude", FREQUENCY_AXIS, "|Y| (rad/(N·m))", points[0], "frequency", log_x=True, log_y=True
-        ),
-        Panel("Admittance: phase", FREQUENCY_AXIS, "Phase (deg)", points[1], "frequency", log_x=True),
+        over_frequency("Admittance: magnitude", "|Y| (rad/(N·m))", points[0], log_y=True),
+        over_frequency("Admittance: phase", "Phase (deg)", points[1]),
     ]
     return Pictures(panels, tables)
 
@@ -130,8 +130,8 @@ def response_pictures(response: pl.DataFrame) -> Pictures:
         for measured, model in (columns[:2], columns[2:])
     ]
     panels = [
-        Panel("Impedance: magnitude", FREQUENCY_AXIS, "|Z| (N·m/rad)", drawn[0], "frequency", log_x=True, log_y=True),
-        Panel("Impedance: phase", FREQUENCY_AXIS, "Phase (deg)", drawn[1], "frequency", log_x=True),
+        over_frequency("Impedance: magnitude", "|Z| (N·m/rad)", drawn[0], log_y=True),
+        over_frequency("Impedance: phase", "Phase (deg)", drawn[1]),
     ]
     return Pictures(panels, {"response": response.select("frequency_hz", *columns).sort("frequency_hz")})
 
@@ -140,17 +140,12 @@ def crossing_pictures(crossing: pl.DataFrame) -> Pictures:
     """Torque, angle and platform of one analysed crossing, and torque against angle."""
     degrees = [pl.col(name).degrees().alias(f"{name}_deg") for name in ("theta", "platform")]
     table = crossing.select((pl.col("time") - pl.col("time").first()), *degrees, "torque")
+    loop = Drawn("crossing", "theta_deg", "torque", "measured")
     panels = [
-        Panel("Ankle torque", TIME_AXIS, TORQUE_AXIS, [Drawn("crossing", "time", "torque", "measured")], "time"),
-        Panel("Ankle angle", TIME_AXIS, ANGLE_AXIS, [Drawn("crossing", "time", "theta_deg", "measured")], "time"),
-        Panel("Platform", TIME_AXIS, ANGLE_AXIS, [Drawn("crossing", "time", "platform_deg", "measured")], "time"),
-        Panel(
-            "Torque against angle",
-            ANGLE_AXIS,
-            TORQUE_AXIS,
-            [Drawn("crossing", "theta_deg", "torque", "measured")],
-            square=True,
-        ),
+        over_time("Ankle torque", TORQUE_AXIS, Drawn("crossing", "time", "torque", "measured")),
+        over_time("Ankle angle", ANGLE_AXIS, Drawn("crossing", "time", "theta_deg", "measured")),
+        over_time("Platform", ANGLE_AXIS, Drawn("crossing", "time", "platform_deg", "measured")),
+        Panel("Torque against angle", ANGLE_AXIS, TORQUE_AXIS, [loop], square=True),
     ]
     return Pictures(panels, {"crossing": table})
 
@@ -164,15 +159,10 @@ def isolated_pictures(response: pl.DataFrame) -> Pictures:
         Drawn("isolated", "time_ms", "torque", "isolated: perturbed minus mean unperturbed"),
         Drawn("isolated", "time_ms", "torque_model", "model", "model"),
     ]
+    left = Drawn("isolated", "time_ms", "residual", "isolated minus model", "residual")
     panels = [
         Panel("Isolated torque", label, TORQUE_AXIS, torque, "onset"),
-        Panel(
-            "Residual",
-            label,
-            TORQUE_AXIS,
-            [Drawn("isolated", "time_ms", "residual", "isolated minus model", "residual")],
-            "onset",
-        ),
+        Panel("Residual", label, TORQUE_AXIS, [left], "onset"),
         Panel("Isolated angle", label, ANGLE_AXIS, [Drawn("isolated", "time_ms", "theta_deg", "isolated")], "onset"),
     ]
     return Pictures(panels, {"isolated": table.with_columns(residual)})
@@ -191,7 +181,7 @@ def recorded_pictures(samples: pl.DataFrame, units: dict[str, str]) -> Pictures:
             continue
         tables[unit] = rows.with_columns(pl.col("time") - samples["time"][0])
         drawn = [Drawn(unit, "time", name, name, LINE_LOOKS[k]) for k, name in enumerate(columns[: len(LINE_LOOKS)])]
-        panels.append(Panel("As recorded", TIME_AXIS, f"({unit})", drawn, "time"))
+        panels.append(over_time("As recorded", f"({unit})", *drawn))
     return Pictures(panels, tables, f"raw signals in canonical units, as ingested, {MOST_RECORDED} samples or fewer")
 
 

@@ -4,7 +4,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, get_args
 
 import polars as pl
@@ -139,7 +139,7 @@ def trial_content(
         "quality": quality_rows(trial.quality, checks),
         "time_base": time_base(trial.tables.get("timebase"), described.get("timebase")),
         "provenance": provenance_content(trial.provenance),
-        "panels": [panel.content() for panel in trial.pictures.panels],
+        "panels": [asdict(panel) for panel in trial.pictures.panels],
         "remark": trial.pictures.remark,
     }
 

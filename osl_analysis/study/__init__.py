@@ -71,8 +71,6 @@ SECONDS = {
 }
 """Time of one core per trial, or per campaign of repeated and walking trials, with the settings of
 config/config.yaml [s], as a job's log states for its number of them."""
-USUAL_SECONDS = 0.3
-"""Of an experiment that `SECONDS` does not have: a joint of second order in one of its recordings [s]."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +83,8 @@ class Batch:
 
     @property
     def seconds(self) -> float:
-        """The time of one core that is expected [s]."""
-        return self.number * SECONDS.get(self.experiment, USUAL_SECONDS)
+        """The time of one core that is expected [s]. Those that `SECONDS` lacks are recordings of a second order."""
+        return self.number * SECONDS.get(self.experiment, 0.3)
 
 
 def study_batches(numbers: Mapping[str, tuple[int, int]]) -> list[Batch]:

@@ -42,7 +42,6 @@ class About:
         return f"{self.data.capitalize()} data: campaign {self.campaign}, osl-analysis {self.version}, {self.recorded}"
 
     def sentence(self) -> str:
-        """All of it in one line."""
         return (
             f"{self.data.capitalize()} data: campaign {self.campaign}, osl-analysis {self.version}, configuration "
             f"{self.configuration}, {self.recorded}"

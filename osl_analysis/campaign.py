@@ -187,13 +187,11 @@ class Campaign:
         return str(self.row(trial)["accept"] or "").split()
 
     def logs(self, trial: str) -> list[Path]:
-        """The raw files of a trial."""
         row = self.row(trial)
         named = [self.config.raw_data / row[column] for column in ("log", "mocap") if row[column]]
         return [file for path in named for file in recorded_files(path)]
 
     def sources(self, trial: str) -> list[Path]:
-        """The source files that describe a trial's raw files."""
         row = self.row(trial)
         return [self.config.sources / f"{row[c]}.yaml" for c in ("log_source", "mocap_source") if row[c]]
 

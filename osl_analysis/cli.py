@@ -17,7 +17,7 @@ from click.core import ParameterSource
 
 from osl_analysis.errors import OslAnalysisError, printable, printable_lines
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.files import check_output, config_here, default_config, shipped
+from osl_analysis.files import atomic_path, check_output, config_here, default_config, shipped
 from osl_analysis.memory import limited_memory
 
 if TYPE_CHECKING:
@@ -97,6 +97,15 @@ AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON in SI
 def say(text: str, err: bool = False) -> None:
     """Print lines to the terminal. Control characters, which names in files may have, are written as escapes."""
     click.echo(printable_lines(text), err=err)
+
+
+def print_or_write(text: str, output: Path | None) -> None:
+    if output is None:
+        say(text)
+        return
+    with atomic_path(output) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    say(f"wrote {output}")
 
 
 class KeepsItsInput(click.Command):
@@ -277,20 +286,14 @@ def ingest(
 def inspect(file: Path, draft_path: Path | None) -> None:
     """List what an MCAP, C3D, CSV or MATLAB file holds: rates [Hz], units, gaps, damage. Draft a source file for it."""
     from osl_analysis.commands import inspect as command
-    from osl_analysis.files import atomic_path
     from osl_analysis.ingest.draft import draft_source
 
     overview = command.inspect_file(file)
     say(command.overview_text(overview))
     text = draft_source(overview, file.name)
-    if draft_path is None:
-        say(f"\nA source file to start from:\n\n{text}")
-    elif draft_path.exists():
+    if draft_path is not None and draft_path.exists():
         raise click.UsageError(f"{draft_path} exists; name a new file")
-    else:
-        with atomic_path(draft_path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-        say(f"wrote {draft_path}")
+    print_or_write(text if draft_path else f"\nA source file to start from:\n\n{text}", draft_path)
 
 
 @main.command(epilog="Example: osl-analysis fit results/trials/belt_01.parquet --model belt --plot belt.png")
@@ -357,29 +360,23 @@ def samples(folder: Path, output: Path | None, config_path: Path) -> None:
 
     Rates are in Hz, gaps in s; a file that is refused is listed with the reason.
     """
-    from osl_analysis.commands.inspect import samples_table, write_samples
+    from osl_analysis.commands.inspect import samples_table
     from osl_analysis.config import read_section
     from osl_analysis.judge.table import QualityRules
 
     rules = read_section(config_path, "quality", QualityRules)
-    if output is None:
-        say(samples_table(folder, rules))
-    else:
-        write_samples(folder, rules, output, f"osl-analysis samples {folder} --output {output}")
-        say(f"wrote {output}")
+    table, command = samples_table(folder, rules), f"osl-analysis samples {folder} --output {output}"
+    page = f"# What recordings made by others hold\n\nMade by `{command}`.\n\n{table}\n"
+    print_or_write(table if output is None else page, output)
 
 
 @main.command("describe-tables", epilog="Example: osl-analysis describe-tables --output docs/tables.md")
 @click.option("--output", type=FILE, help="Write the page to this file instead of printing it.")
 def describe_tables(output: Path | None) -> None:
     """Print meaning and unit of every column of every result table and every entry of the summary, as Markdown."""
-    from osl_analysis.commands.reference import page, write_tables_page
+    from osl_analysis.commands.reference import tables_page
 
-    if output is None:
-        say(page("osl-analysis describe-tables"))
-    else:
-        write_tables_page(output, f"osl-analysis describe-tables --output {output}")
-        say(f"wrote {output}")
+    print_or_write(tables_page("osl-analysis describe-tables" + f" --output {output}" * (output is not None)), output)
 
 
 @main.command(epilog="Example: osl-analysis results results/mine --markdown")
@@ -570,12 +567,13 @@ def gains(
     passivity and the frequency up to which the desired impedance is rendered.
     """
     from osl_analysis.commands import gains as command
+    from osl_analysis.model.gain_selection import Weight
 
     if trajectory is not None and (stiffness is not None or damping is not None):
         raise click.UsageError("--trajectory has K_d and B_d of its own: leave out --stiffness and --damping, or it")
     if trajectory is None and (stiffness is None or damping is None):
         raise click.UsageError("give --stiffness and --damping, or --trajectory")
-    request = command.Request(stiffness or [], damping or [], trajectory, weight_hz, weight_order)
+    request = command.Request(stiffness or [], damping or [], trajectory, Weight(weight_hz, weight_order))
     table = command.requested_gains(request, parameters)
     if output is not None:
         command.write_gains(table, output)

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Column:
-    """One canonical column."""
-
     symbol: str  # of the paper; empty where it has none
     unit: str  # SI
     meaning: str  # what it is, and what a positive value means
@@ -67,6 +65,5 @@ def counter_column(column: str) -> str:
 
 
 def unit_of(column: str) -> str:
-    """Canonical unit of a column."""
     of_family = (unit for pattern, unit in FAMILIES.items() if pattern.fullmatch(column))
     return next(of_family, None) or COLUMNS[column].unit

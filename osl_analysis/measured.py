@@ -71,5 +71,4 @@ def varies(y: Array) -> bool:
 
 
 def usual_size(values: Array) -> float:
-    """Median size of some finite values (n,)."""
     return float(np.median(np.abs(values)))

@@ -28,7 +28,6 @@ class Multisine:
 
     @property
     def frequency_hz(self) -> Array:
-        """Frequencies [Hz] of the excited lines, shape (n,)."""
         return np.asarray(self.lines / self.period_s)
 
     def angle(self, time: Array, derivative: int = 0) -> Array:
@@ -39,7 +38,6 @@ class Multisine:
 
     @property
     def rms(self) -> float:
-        """Root mean square [rad] of the angle."""
         return float(np.sqrt(np.sum(self.size**2) / 2))
 
     @property

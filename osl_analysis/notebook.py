@@ -433,9 +433,7 @@ def gains(K_d: Numbers, B_d: Numbers, parameters: File | None = OF_CONFIG, confi
     device, weight = device_of(parameters, path), read_section(path, "gain_weight", WeightSettings).weight
     if device is None:
         raise InputError("gains need a parameter file; name the one of your device as `parameters`")
-    return requested_gains(
-        Request(finite_numbers("K_d", K_d), finite_numbers("B_d", B_d), None, weight.cutoff_hz, weight.order), device
-    )
+    return requested_gains(Request(finite_numbers("K_d", K_d), finite_numbers("B_d", B_d), None, weight), device)
 
 
 def finite_numbers(name: str, values: Numbers) -> list[float]:

@@ -258,5 +258,4 @@ def problem_with_needs(row: dict[str, str]) -> str:
 
 
 def is_decimal(text: str) -> bool:
-    """Whether the text is a finite decimal number."""
     return bool(re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", text)) and math.isfinite(float(text))

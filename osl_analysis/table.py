@@ -41,7 +41,6 @@ def add_part(path: Path, content: bytes) -> None:
 
 
 def read_part(path: Path) -> bytes:
-    """The content of a table in an archive."""
     try:
         with zipfile.ZipFile(path.parent) as archive:
             return archive.read(path.name)

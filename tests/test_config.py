@@ -9,7 +9,7 @@ from conftest import ROOT
 from pydantic import Field
 
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.campaign import check_files, open_campaign
+from osl_analysis.campaign import check_files
 from osl_analysis.config import campaign_config, read_section
 from osl_analysis.errors import InputError
 from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml, validated
@@ -113,7 +113,7 @@ def test_results_that_are_a_file_or_nothing_are_one_line_before_any_job(tmp_path
     (tmp_path / "trials.csv").write_text("trial,experiment,log,log_source\nb,belt,b.mcap,dynamometer\n")
     changes = {"sheet": tmp_path / "trials.csv", "simulation": None, "results": tmp_path / results if results else ""}
     with pytest.raises(InputError, match=message):
-        check_files(open_campaign(campaign_config(SHIPPED | changes, [SHIPPED_FILE]), None))
+        check_files(campaign_config(SHIPPED | changes, [SHIPPED_FILE]))
     assert (tmp_path / "taken").read_text() == "mine"
 
 

@@ -36,6 +36,7 @@ from osl_analysis.commands.watch import estimates_line
 from osl_analysis.config import FrequencyResponseFigure, read_config
 from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.judge.table import Commanded
+from osl_analysis.model.gain_selection import Weight
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import write_trial
 
@@ -209,7 +210,7 @@ def test_gains_are_those_of_the_command_with_weight_and_device_of_the_configurat
     assert_frame_equal(osl.gains([200, 300], (2.5, 5)), expected, check_exact=True)
     assert_frame_equal(osl.gains(300, 5.0), osl.gains([200, 300], [5]).tail(1), check_exact=True)
     (tmp_path / "config.yaml").write_text("gain_weight: {cutoff_hz: 5}\nparameters: null\n")
-    expected = requested_gains(Request([300.0], [5.0], None, weight_hz=5.0), DEVICE)
+    expected = requested_gains(Request([300.0], [5.0], None, Weight(5.0, 3)), DEVICE)
     assert_frame_equal(osl.gains(300, 5, DEVICE, tmp_path / "config.yaml"), expected, check_exact=True)
     monkeypatch.chdir(tmp_path)  # whose configuration counts
     with pytest.raises(osl.InputError, match="gains need a parameter file"):

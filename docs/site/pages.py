@@ -62,7 +62,7 @@ def fill_page(app, page, source):
     elif page == "site/commands":
         text = text.partition("\n")[0] + "\n\n" + commands_page()
     elif page == "site/tables":
-        text = reference.page("osl-analysis describe-tables")
+        text = reference.tables_page("osl-analysis describe-tables")
     elif page == "site/functions":
         text = text + functions_page()
     else:

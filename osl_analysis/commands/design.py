@@ -59,8 +59,6 @@ class DesignRequest:
 
 @dataclass(frozen=True)
 class Design:
-    """What is said about a request."""
-
     request: DesignRequest
     found: Precision
     recommended: tuple[Plan, Precision] | None
@@ -124,7 +122,6 @@ def check_analysed(request: DesignRequest, fit: PlannedFit, K_se: float, largest
 
 
 def warnings(request: DesignRequest, found: Precision) -> Iterator[str]:
-    """What stands in the way of the intervals, one sentence each."""
     I, low_pass, correlation = request.joint.I, request.low_pass, found.fit.correlation
     wide = I != 0 and found.half_width[2] > 0.5 * abs(I)
     if correlation > 0.9 or wide:  # from there on the intervals of K and I are 2.3 times as wide as alone
@@ -181,7 +178,6 @@ def about_sensors(plan: Plan, found: Precision, sensors: Sensors) -> Iterator[st
 
 
 def about_distortion(plan: Plan, found: Precision, distortion: Distortion) -> Iterator[str]:
-    """Warnings on what is not linear."""
     if not distortion.stated:
         yield (
             "no distortion is stated: these are the intervals of a joint that is exactly Eq. 15; with friction the "
@@ -407,7 +403,6 @@ def level_of(rows: pl.DataFrame, path: Path) -> Distortion:
 
 
 def design_text(made: Design) -> str:
-    """All of it in lines."""
     request, plan = made.request, made.request.plan
     angle, velocity, acceleration = plan.peak
     sensors, low_pass = request.sensors, request.low_pass
@@ -496,7 +491,6 @@ def design_json(made: Design) -> str:
 
 
 def plan_content(request: DesignRequest, plan: Plan, found: Precision) -> dict[str, Any]:
-    """A plan and its intervals, for JSON."""
     estimates = {
         name: {
             "expected": float(request.joint.values[k]),

@@ -17,8 +17,6 @@ from osl_analysis.files import CAMPAIGN, root, shipped
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at."""
-
     what: str
     found: str
     remedy: str = ""  # what to do; empty: nothing

@@ -72,7 +72,6 @@ def nothing_to_draw(module: Any) -> str:
 
 
 def not_drawn(name: str, causes: Sequence[tuple[str, str, str]]) -> pl.DataFrame:
-    """Why a figure is not drawn: trial, file and reason of each cause."""
     columns = ("figure", "trial", "file", "reason")
     return pl.DataFrame([(name, *cause) for cause in causes], schema=columns, orient="row")
 

@@ -81,22 +81,14 @@ class Request:
     stiffness: Sequence[float]  # K_d [N*m/rad]
     damping: Sequence[float]  # B_d [N*m*s/rad]
     trajectory: Path | None  # file with K_d and B_d over the gait cycle; None: the combinations
-    weight_hz: float = PAPER_WEIGHT.cutoff_hz
-    weight_order: int = PAPER_WEIGHT.order
-
-    @property
-    def weight(self) -> Weight:
-        """W of Eq. 14."""
-        return Weight(self.weight_hz, self.weight_order)
+    weight: Weight = PAPER_WEIGHT
 
     @property
     def single(self) -> bool:
-        """Whether it is one pair."""
         return self.trajectory is None and len(self.stiffness) == len(self.damping) == 1
 
 
 def requested_gains(request: Request, parameters: Path) -> pl.DataFrame:
-    """The table of gains for a request."""
     p = read_parameters(parameters)
     if request.trajectory is not None:
         return trajectory_table(request.trajectory, p, request.weight)
@@ -126,7 +118,6 @@ def select_trajectory(trajectory: Path, weight: Weight, output: Path, parameters
 
 
 def write_gains(table: pl.DataFrame, output: Path) -> None:
-    """Write the table as CSV or JSON, by suffix."""
     if output.suffix == ".csv":
         write_table(table, output)
     elif output.suffix == ".json":
@@ -152,7 +143,6 @@ def gains_text(request: Request, table: pl.DataFrame) -> str:
 
 
 def pair_text(row: dict[str, float]) -> str:
-    """One pair in words."""
     minima = "exactly one local minimum" if row["minima"] == 1 else f"{row['minima']} local minima"
     lines = [
         f"K_1 = {row['K_1']:.6g} N·m/rad ({row['K_1_joint']:.6g} at the joint)",

@@ -21,7 +21,7 @@ from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config import read_config
 from osl_analysis.errors import InputError, OslAnalysisError, printable, unexpected
 from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.files import CAMPAIGN, atomic_path
+from osl_analysis.files import CAMPAIGN
 from osl_analysis.ingest.known_formats import FORMATS, NOT_READ, SUFFIXES, recognise
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import check_file
@@ -131,14 +131,6 @@ def shortened(text: str) -> str:
     return safe if len(safe) <= LONGEST_TEXT else f"{safe[:LONGEST_TEXT]}..."
 
 
-def write_samples(folder: Path, rules: QualityRules, output: Path, made_by: str) -> None:
-    """The table of `samples_table` as a Markdown page that names the command that made it."""
-    table = samples_table(folder, rules)
-    page = f"# What recordings made by others hold\n\nMade by `{made_by}`.\n\n{table}\n"
-    with atomic_path(output) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-
-
 def samples_table(folder: Path, rules: QualityRules) -> str:
     """Markdown: a row per recording below a folder, with what it holds and what ingest and the quality checks say."""
     validate_rules(rules)
@@ -201,7 +193,6 @@ def capture_says(path: Path, name: str, rules: QualityRules) -> Iterator[str]:
 
 
 def failures(recording: Recording, rules: QualityRules) -> Iterator[str]:
-    """The checks that a recording does not pass, with value, threshold and remark."""
     trial = Trial("sample", recording.samples, dict(recording.facts))
     for name, finding in examine(trial, "ingest_only", Commanded((), (), 1)).items():
         limit, check = rules.rule(name).limit, CHECKS[name]

@@ -39,12 +39,7 @@ Intervals cover 95 %.
 """
 
 
-def write_tables_page(output: Path, command: str) -> None:
-    with atomic_path(output) as temporary:
-        temporary.write_text(page(command), encoding="utf-8")
-
-
-def page(command: str) -> str:
+def tables_page(command: str) -> str:
     """The page as Markdown; `command` is what the reader calls to make it again."""
     parts = [INTRODUCTION.format(command=command)]
     for table in described_tables():
@@ -178,7 +173,6 @@ def docstrings(model: type[BaseModel]) -> dict[str, str]:
 
 
 def write_schemas(folder: Path) -> list[Path]:
-    """Write every schema into a folder, and name the files."""
     texts = {folder / f"{name}.schema.json": schema for name, schema in schemas().items()}
     for file, schema in texts.items():
         with atomic_path(file) as path:

@@ -49,7 +49,6 @@ def run_batch(
 
 
 def batch_rows(experiment: str, numbers: range, inputs: StudyInputs) -> list[StudyRow]:
-    """Estimates of the trials (or campaigns of walking) of these numbers."""
     if experiment in WALKING_EXPERIMENTS:
         rows = list(walking_rows(inputs, numbers, recorded=WALKING_EXPERIMENTS[experiment][0] == "recorded"))
     else:

@@ -116,8 +116,6 @@ MOST_FAILED = 4  # largest number of failed checks in a line
 
 @dataclass(frozen=True)
 class WatchedBench:
-    """What recordings are examined with."""
-
     config_path: Path
     config: Config
     campaign: Campaign | None  # the campaign whose sheet may name a recording; None without a sheet

@@ -37,7 +37,6 @@ class Sines:
 
     @property
     def w(self) -> Array:
-        """Angular frequency [rad/s]."""
         return np.asarray(2 * np.pi * self.frequency_hz)
 
     @property
@@ -108,7 +107,6 @@ class PeriodicMultisine:
 
     @cached_property
     def first(self) -> Multisine:
-        """The first realisation."""
         return self.motion(0)
 
     def motion(self, realisation: int) -> Multisine:
@@ -246,6 +244,5 @@ def shortest(plan: Plan, enough: Callable[[Plan], bool]) -> Plan | None:
 
 
 def longest(plan: Plan) -> Plan:
-    """The longest plan of the same kind that `long_enough` tries."""
     most = replace(plan, periods=max(TRIED_PERIODS)) if isinstance(plan, PeriodicMultisine) else plan
     return most.of_length(most.lengths[1])

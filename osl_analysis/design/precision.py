@@ -102,7 +102,6 @@ class PlannedFit:
 
     @property
     def correlation(self) -> float:
-        """Correlation of K and I."""
         return float(-self.normal[0, 2] / np.sqrt(self.normal[0, 0] * self.normal[2, 2]))
 
     @property
@@ -399,7 +398,6 @@ class Precision:
 
     @property
     def se(self) -> Array:
-        """Standard errors."""
         return np.asarray(np.sqrt(np.sum(list(self.causes.values()), axis=0)))
 
     def reaches(self, joint: Joint, within: Mapping[str, float]) -> bool:

@@ -32,8 +32,6 @@ DICTIONARY_FILES = (
 
 @dataclass(frozen=True)
 class DescribedColumn:
-    """One column of a table."""
-
     name: str
     unit: str  # SI unit; 1 for a number without one, count, text, or what else the values are
     meaning: str
@@ -41,8 +39,6 @@ class DescribedColumn:
 
 @dataclass(frozen=True)
 class DescribedTable:
-    """One kind of table."""
-
     place: str  # path below `results/` without the suffix .csv; * stands for a trial, and before it for an experiment
     also: str  # path of the tables of single trials that it gathers, with the same columns; empty if there are none
     rows: str  # what a row is
@@ -55,12 +51,10 @@ class DescribedTable:
 
 @cache
 def described_tables() -> tuple[DescribedTable, ...]:
-    """Every table of the dictionary."""
     return tuple(table for path in DICTIONARY_FILES for table in tables_in(read_mapping(path)))
 
 
 def tables_in(content: Mapping[str, Any]) -> Iterator[DescribedTable]:
-    """The tables of one YAML file."""
     for place, table in content.items():
         described: dict[str, DescribedColumn] = {}
         for key, text in table["columns"].items():

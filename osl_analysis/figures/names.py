@@ -68,7 +68,6 @@ def wrapped_words(words: Sequence[str], width: float) -> str:
 
 
 def figure_title(figure: str) -> str:
-    """Title of a figure by its name: `Fig. 5`, or `Walking page`."""
     number = figure.removeprefix("fig")
     return f"Fig. {number}" if number.isdecimal() else figure.replace("_", " ").capitalize()
 

@@ -204,7 +204,6 @@ def spread_entries(panels: Mapping[Axes, str], table: pl.DataFrame) -> list[Line
         return handles
 
     def longest_bar(ax: Axes, quantity: str) -> float:
-        """Length [pt] on paper of the longest interval."""
         figure = ax.figure.figure
         figure.draw_without_rendering()
         ends = (table[f"{quantity}_{end}"].drop_nulls() for end in ("low", "high"))

@@ -130,7 +130,6 @@ def caption(table: pl.DataFrame) -> str:
 def onset_said(rows: pl.DataFrame) -> str:
 
     def at_onset(of: pl.DataFrame) -> pl.Series:
-        """The value of each curve nearest to the onset."""
         nearest = of.sort(pl.col("x").abs(), maintain_order=True).group_by("trial", maintain_order=True).first()
         return nearest["mean"]
 

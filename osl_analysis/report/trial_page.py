@@ -23,8 +23,6 @@ Texts = list[list[str]]  # rows of a table
 
 @dataclass
 class LeftOut:
-    """Why one trial is left out."""
-
     refused: bool  # whether it is missing because a job refused or failed; False: it was excluded
     reasons: list[str] = field(default_factory=list)
 

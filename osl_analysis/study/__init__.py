@@ -111,5 +111,4 @@ def planned(expected: Mapping[str, float]) -> str:
 
 
 def clock(seconds: float) -> str:
-    """A time in minutes, or in seconds if it is short."""
     return f"{seconds / 60:.0f} min" if seconds >= 90 else f"{seconds:.0f} s"

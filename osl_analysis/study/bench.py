@@ -186,7 +186,6 @@ class StudyBench:
         return recorded_trial(name, log.time, joint, log.torque_time, {"torque": -log["load_cell_torque"]})
 
     def record(self, name: str, ideal: bool = False) -> SteppedSineTrial:
-        """One trial of a stepped sine."""
         return stepped_sine_alone(self.trial(name, ideal), self.analysis)
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
@@ -208,7 +207,6 @@ class StudyBench:
 
 
 def transmission_fit(bench: StudyBench, trial: Trial) -> tuple[str, LinearFit]:
-    """B_j and J_j of a transmission trial."""
     stepped = stepped_sine_alone(trial, bench.analysis)
     return "cycles", fit_transmission(*stepped.part(None), stepped.residual_correlation(None))
 
@@ -317,7 +315,6 @@ class ResponseBench:
             }  # fmt: skip
 
     def phasors(self, trial: str, ideal: bool) -> list[SegmentPhasors]:
-        """Phasors of each settled segment of a trial."""
         return trial_phasors(self.bench.record(trial, ideal))
 
     def bounds(self) -> dict[str, float]:
@@ -381,7 +378,6 @@ def repeated_belt(inputs: StudyInputs) -> RepeatedBench:
     nominal, settings, p = belt(inputs), inputs.simulation, inputs.p
 
     def scattered(trial: str) -> StudyBench:
-        """The bench with the belt of one trial."""
         own = replace(p, K_s=p.K_s * scatter(trial, settings))
         return replace(nominal, response=simulate_belt(nominal.motion, drivetrain_effects(settings), own))
 

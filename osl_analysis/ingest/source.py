@@ -30,7 +30,7 @@ from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.mat import checked_address
 from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
 from osl_analysis.trial import Array
-from osl_analysis.yaml_settings import Settings, line_of
+from osl_analysis.yaml_settings import Settings, field_line
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Stamps = Literal["auto", "exact", "even"]
@@ -344,7 +344,7 @@ class SourceFile(Settings):
         """A field, for messages: its keys, and the file and line in which they stand."""
         if self._path is None:
             return f"`{'.'.join(keys)}` in the source file"
-        line = line_of(self._path, keys)
+        line = field_line(self._path, keys)
         return f"`{'.'.join(keys)}` in {self._path}{f', line {line}' if line else ''}"
 
     def of_part(self, part: str) -> Self:

@@ -451,9 +451,9 @@ def run(arguments: tuple[str, ...]) -> None:
 @click.option("--look", is_flag=True, help="Also ingest and fit the first bench trial of each source file.")
 def doctor(look: bool) -> None:
     """Say whether this machine, and the campaign in this folder, can run, and what is missing."""
-    from osl_analysis.commands.doctor import findings, findings_text
+    from osl_analysis.commands.doctor import findings_text, looked_at
 
-    found = list(findings(Path()))
+    found = list(looked_at(Path()))
     say(findings_text(found))
     if look:
         print_first_look(Path())
@@ -516,7 +516,7 @@ OPTIONS = {
 """Options that one kind of excitation has, by its name."""
 
 
-class Percentage(click.ParamType[float]):
+class PercentShare(click.ParamType[float]):
     """A share, as 1% or as 1: percent."""
 
     name = "percent"
@@ -533,7 +533,7 @@ class Percentage(click.ParamType[float]):
         return share
 
 
-PERCENT, POSITIVE, NOT_NEGATIVE = Percentage(), click.FloatRange(0, min_open=True), click.FloatRange(0)
+PERCENT, POSITIVE, NOT_NEGATIVE = PercentShare(), click.FloatRange(0, min_open=True), click.FloatRange(0)
 
 
 @main.command(epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (or 100:400:50 and 0,5 for a grid)")

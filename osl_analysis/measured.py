@@ -15,7 +15,7 @@ No signal of a bench or gait laboratory comes near these. Within them the fourth
 largest that any estimate needs (a squared variance), neither overflows nor vanishes."""
 LARGEST_VARIANCE = 1e150
 """Largest variance; its square is finite."""
-ROUNDING_SHARE = 1e-24
+EXACT_FIT_SHARE = 1e-24
 """Mean square of the rounding error of an exact fit, as a share of that of y. Whether an exact fit leaves 0 or 1e-16
 depends on the processor's kernels; nothing may depend on which."""
 NO_SENSOR = "no sensor gives that; check its channel and unit in the source file, and the bytes of the log"
@@ -62,7 +62,7 @@ def check_all_measured(names: Sequence[str], signals: Array) -> None:
 
 def rounding_of(y: Array) -> float:
     """Mean square of what rounding alone leaves of an exact fit to y (n,), in its squared unit; 0 for no samples."""
-    return ROUNDING_SHARE * float(y @ y) / len(y) if len(y) else 0.0
+    return EXACT_FIT_SHARE * float(y @ y) / len(y) if len(y) else 0.0
 
 
 def varies(y: Array) -> bool:

@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.yaml_settings import Settings, located, read_yaml
 
-UNITS = {
+PARAMETER_UNITS = {
     "k_tau": "N*m/A", "n_m": "1", "B_m": "N*m*s/rad", "J_m": "kg*m^2", "f_C": "N*m", "f_G": "N*m/A",
     "n_T": "1", "K_s": "N*m/rad", "K_s2": "N*m/rad^2", "B_j": "N*m*s/rad", "J_j": "kg*m^2",
 }  # fmt: skip
@@ -40,7 +40,7 @@ class DrivetrainParameters:
                 f"parameter f_G = {self.f_G} N*m/A is not below k_tau n_m = {self.k_tau * self.n_m:g}: gear friction "
                 "would exceed the motor's torque; correct the parameter file"
             )
-        for name, unit in UNITS.items():
+        for name, unit in PARAMETER_UNITS.items():
             value, may_be_0 = getattr(self, name), name not in ("k_tau", "n_m", "J_m", "n_T", "K_s")
             least, most = 1e-9, 1e9  # a value outside has a wrong exponent
             if not (least <= value <= most or (value == 0 and may_be_0)):
@@ -52,7 +52,7 @@ class Quantity(Settings):
     """A number, its unit and its source. A ratio may be written as a fraction, such as 83/18."""
 
     value: Annotated[float, WithJsonSchema({"type": ["number", "string"]})]
-    unit: Annotated[str, WithJsonSchema({"enum": sorted(set(UNITS.values()))})]
+    unit: Annotated[str, WithJsonSchema({"enum": sorted(set(PARAMETER_UNITS.values()))})]
     source: str = Field(min_length=1)
 
     @field_validator("value", mode="before")
@@ -78,14 +78,14 @@ class ParameterFile(Settings):
     @classmethod
     def _complete(cls, quantities: dict[str, Quantity]) -> dict[str, Quantity]:
         for name, quantity in quantities.items():
-            if name not in UNITS:
-                like = nearest(name, set(UNITS) - set(quantities)) or "; remove it"
-                raise wrong(f"unknown parameter {name}; the known ones are {', '.join(UNITS)}{like}", name)
-            if quantity.unit != (unit := UNITS[name]):
+            if name not in PARAMETER_UNITS:
+                like = nearest(name, set(PARAMETER_UNITS) - set(quantities)) or "; remove it"
+                raise wrong(f"unknown parameter {name}; the known ones are {', '.join(PARAMETER_UNITS)}{like}", name)
+            if quantity.unit != (unit := PARAMETER_UNITS[name]):
                 raise wrong(f"{name} has unit '{quantity.unit}', expected '{unit}'; convert its value", name, "unit")
-        for name in UNITS:
+        for name in PARAMETER_UNITS:
             if name not in quantities and name != "K_s2":
-                raise ValueError(f"{name} [{UNITS[name]}] is missing; add it, with value, unit and source")
+                raise ValueError(f"{name} [{PARAMETER_UNITS[name]}] is missing; add it, with value, unit and source")
         return quantities
 
 

@@ -29,7 +29,7 @@ STAGES = {
     "tables and page": r"",
 }
 """By stage: what the names of its rules begin with, behind the prefix of a module. The first that fits counts."""
-UNTOLD = re.compile(
+NOT_TOLD = re.compile(
     r"Building DAG|Assuming unrestricted|Using |Provided cores|Rules claiming|Select jobs|Execute \d|Complete log|"
     r"Elapsed time|host: |Finished job|SNAKEMAKE|\s*$"
 )
@@ -174,7 +174,7 @@ class LogHandler(LogHandlerBase):
             self.progress.finish(known["job_id"])
         elif record.levelno >= WARNING or (event is None and record.levelno >= INFO):
             text = self.format(record)
-            if not UNTOLD.match(text):
+            if not NOT_TOLD.match(text):
                 self.progress.line(text)
 
     @property

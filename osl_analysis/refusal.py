@@ -91,7 +91,7 @@ def refused_trials(refusals: Iterable[Refusal]) -> dict[str, Refusal]:
 
 
 ACCEPTED_SAID = "accepted: `failed_trials: accept` in the configuration"
-MOST_LISTED = 12
+MOST_TOLD = 12
 """Largest number of trials, or of results, that are named in one line."""
 
 
@@ -103,7 +103,7 @@ def records_in(files: Iterable[str]) -> tuple[str, ...]:
 def unfinished(files: Iterable[str]) -> str:
     """A line on results of a run that are not there, as of a job that was killed from outside; empty without."""
     missing = [file for file in files if not Path(file).exists()]
-    named = f"not made: {listing(missing, MOST_LISTED)}; run again, what is finished stays"
+    named = f"not made: {listing(missing, MOST_TOLD)}; run again, what is finished stays"
     return named if missing else ""
 
 
@@ -137,8 +137,8 @@ def refusal_report(
     more = f", and for want of them {len(trials)} more" if trials and missing else more
     rest = "; results are of the others" if missing or trials else ""
     lines = [line(refusal, recordings.get(refusal.trial, ())) for refusal in refusals]
-    lines += [f"  therefore without a result: {listing(trials, MOST_LISTED)}"] if trials else []
-    lines += [f"  therefore not made: {listing(results, MOST_LISTED)}"] if results else []
+    lines += [f"  therefore without a result: {listing(trials, MOST_TOLD)}"] if trials else []
+    lines += [f"  therefore not made: {listing(results, MOST_TOLD)}"] if results else []
     ways_out = (
         "Correct these and run again. To go on without a trial, give a reason under `exclude` in the sample sheet; "
         "without all of these, write `failed_trials: accept` in the configuration."

@@ -73,7 +73,6 @@ class SharedChoices(Settings):
     """The impedance that the leg is asked to render over the gait cycle."""
 
 
-REQUIRED = ("phase", "K_d", "B_d")
 SYNTHETIC = "synthetic"
 """Kind of a trajectory that was made for a simulated leg."""
 
@@ -111,10 +110,11 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"{path}: column '{twice}' stands twice; rename or remove one")
-    absent = [name for name in REQUIRED if name not in names]
+    required = ("phase", "K_d", "B_d")
+    absent = [name for name in required if name not in names]
     if absent or len(rows) < 3:
         problem = f"no column '{absent[0]}'" if absent else "fewer than two rows"
-        raise InputError(f"{path}: {problem}; it needs a header with {', '.join(REQUIRED)} and a row per phase")
+        raise InputError(f"{path}: {problem}; it needs a header with {', '.join(required)} and a row per phase")
     uneven = next((row for row in rows[1:] if row.count(",") + 1 != len(names)), None)
     if uneven is not None:
         found = uneven.count(",") + 1

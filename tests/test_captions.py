@@ -11,7 +11,7 @@ from osl_analysis.about import About
 from osl_analysis.commands.figure import caption_of, write_captions
 from osl_analysis.commands.summarise import write_table_metadata
 from osl_analysis.figures import FIGURES, fig3
-from osl_analysis.figures.names import as_text, doubtful_said, listed, number, with_interval, with_sd
+from osl_analysis.figures.names import as_text, doubtful_said, listed_text, rounded_number, with_interval, with_sd
 from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import write_table
 
@@ -37,7 +37,7 @@ def test_numbers_have_the_digits_that_their_intervals_leave():
     assert with_interval(-0.0012, -0.02, 0.0176, "kg·m²") == "−0.001 kg·m² (95 % interval −0.020 to 0.018)"
     assert with_interval(3.0, None, None, "N·m/rad") == "3 N·m/rad"
     assert with_sd(338.4, 20.2, "N·m/rad") == "338 ± 20 N·m/rad"
-    assert number(-0.001, 2) == "0.00"
+    assert rounded_number(-0.001, 2) == "0.00"
 
 
 def test_doubtful_trials_are_counted_and_named_and_of_many_the_first():
@@ -46,7 +46,7 @@ def test_doubtful_trials_are_counted_and_named_and_of_many_the_first():
     assert said.startswith(r"Doubtful, drawn open: 10 of 12 fits (t\_0, t\_1,")
     assert said.endswith(r"t\_5 and 4 more), for VAF.")
     assert doubtful_said(table.tail(1), "drawn open") == "No fit is doubtful."
-    assert listed(["a", "b", "a"]) == "a, b"
+    assert listed_text(["a", "b", "a"]) == "a, b"
 
 
 def test_each_figure_has_a_section_a_missing_one_its_reason_and_the_kind_of_data_stands_there_once(tmp_path):

@@ -16,10 +16,10 @@ from PIL import Image
 from osl_analysis.errors import InputError
 from osl_analysis.figures import names, style
 from osl_analysis.figures.style import (
-    apart,
     label_log_axis,
     label_phase_axis,
     log_ticks,
+    moved_apart,
     name_ends,
     paper_style,
     with_margins,
@@ -77,7 +77,7 @@ def test_an_axis_of_phases_has_0_on_it_as_a_tick(phases):
 
 @given(st.lists(st.floats(-5, 5), min_size=1, max_size=12), st.floats(0.01, 1))
 def test_places_move_apart_in_their_order_and_only_where_they_must(places, gap):
-    moved = apart(places, gap)
+    moved = moved_apart(places, gap)
     order = np.argsort(places, kind="stable")
     steps = np.diff(moved[order])
     assert (steps >= gap - 1e-9).all()
@@ -87,9 +87,9 @@ def test_places_move_apart_in_their_order_and_only_where_they_must(places, gap):
 
 
 def test_two_close_places_move_as_far_either_way():
-    np.testing.assert_allclose(apart([1.0, 0.0, 0.2], 1.0), [1.4, -0.6, 0.4])
-    np.testing.assert_allclose(apart([1.0, 0.0, 0.2], 1.0, (-0.5, 1.0)), [1.5, -0.5, 0.5])
-    np.testing.assert_allclose(apart([1.0, 0.0, 0.2], 0.5, (0.0, 1.0)), [1.0, 0.0, 0.5])
+    np.testing.assert_allclose(moved_apart([1.0, 0.0, 0.2], 1.0), [1.4, -0.6, 0.4])
+    np.testing.assert_allclose(moved_apart([1.0, 0.0, 0.2], 1.0, (-0.5, 1.0)), [1.5, -0.5, 0.5])
+    np.testing.assert_allclose(moved_apart([1.0, 0.0, 0.2], 0.5, (0.0, 1.0)), [1.0, 0.0, 0.5])
 
 
 @paper_style()

@@ -12,7 +12,7 @@ from conftest import ROOT
 from jsonschema import Draft202012Validator
 
 from osl_analysis.cli import main
-from osl_analysis.commands.doctor import findings
+from osl_analysis.commands.doctor import looked_at
 from osl_analysis.commands.new_campaign import draft_campaign
 from osl_analysis.commands.reference import definitions_of, schemas
 from osl_analysis.commands.run import asking_no_cluster, snakemake_arguments
@@ -162,7 +162,7 @@ def test_an_empty_campaign_names_what_is_to_be_done(tmp_path, monkeypatch):
     assert call("init", tmp_path / "mine", "--recorder", "opensourceleg").exit_code == 0
     assert read_source(tmp_path / "mine/sources/opensourceleg.yaml").format == "csv"
     monkeypatch.chdir(tmp_path / "mine")
-    (said,) = [one for one in findings(Path()) if one.what == "campaign"]
+    (said,) = [one for one in looked_at(Path()) if one.what == "campaign"]
     assert "no trials; add one row per trial" in said.found
 
 

@@ -15,6 +15,7 @@ from osl_analysis.refusal import Refusal, is_refused, read_refusals
 from osl_analysis.table import read_table, write_table
 
 NOTHING_SHOWN = "no trial of the campaign has the numbers that this figure shows"
+"""Why a figure without any number is not drawn; a module with a reason of its own has `NOTHING`."""
 METADATA = {".pdf": ("Subject", "CreationDate"), ".svg": ("Description", "Date"), ".png": ("Description", "Date")}
 """Formats that can be written, each with the entries of its metadata that say what the data are, and the time. That is
 left out: equal numbers give equal files."""
@@ -60,15 +61,10 @@ def draw_figure(
     module = figure_module(name)
     table = read_table(table_csv, required=module.COLUMNS)
     if table.is_empty():
-        nothing = not_drawn(name, [("", str(table_csv), nothing_to_draw(module))])
-        draw_table("not_drawn", nothing, outputs, footer=footer)
+        why = getattr(module, "NOTHING", NOTHING_SHOWN)
+        draw_table("not_drawn", not_drawn(name, [("", str(table_csv), why)]), outputs, footer=footer)
         return
     draw_table(name, table, outputs, list(dict.fromkeys(cause.trial for cause in refused if cause.trial)), footer)
-
-
-def nothing_to_draw(module: Any) -> str:
-    """Why a figure without any number is not drawn; a module with a reason of its own has `NOTHING`."""
-    return str(getattr(module, "NOTHING", NOTHING_SHOWN))
 
 
 def not_drawn(name: str, causes: Sequence[tuple[str, str, str]]) -> pl.DataFrame:
@@ -126,15 +122,15 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     names = import_module("osl_analysis.figures.names")
     if is_refused(table_csv):
         causes = (f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv))
-        return f"This figure is not drawn. {names.listed(causes)}."
+        return f"This figure is not drawn. {names.listed_text(causes)}."
     module = figure_module(name)
     table = read_table(table_csv, required=module.COLUMNS)
     if table.is_empty():
-        why = nothing_to_draw(module)
+        why = getattr(module, "NOTHING", NOTHING_SHOWN)
         return f"This figure is not drawn. {names.as_text(why[:1].upper() + why[1:])}."
     said: str = module.caption(table)
-    lacks = f"Without {names.counted(len(missing), 'trial')} whose recordings or fits were refused: "
-    return f"{said} {lacks}{names.listed(missing)}." if missing else said
+    lacks = f"Without {names.count_of(len(missing), 'trial')} whose recordings or fits were refused: "
+    return f"{said} {lacks}{names.listed_text(missing)}." if missing else said
 
 
 def blamed_trials(files: Iterable[Path]) -> list[str]:

@@ -100,7 +100,7 @@ def look(campaign: Campaign, name: str, config: Path) -> FirstLook:
     return FirstLook(name, experiment, estimates_text(fitted.estimates), is_sound=not doubts)
 
 
-LONGEST_TEXT = 60  # characters of a name that are printed
+MOST_LETTERS = 60  # characters of a name that are printed
 LISTED_SUFFIXES = (*NOT_READ, *SUFFIXES)  # endings of the files that `samples` lists
 
 
@@ -128,7 +128,7 @@ def channel_text(channel: RecordedChannel) -> str:
 def shortened(text: str) -> str:
     """Text of a file for the terminal: printable, and not longer than a line can hold."""
     safe = printable(text)
-    return safe if len(safe) <= LONGEST_TEXT else f"{safe[:LONGEST_TEXT]}..."
+    return safe if len(safe) <= MOST_LETTERS else f"{safe[:MOST_LETTERS]}..."
 
 
 def samples_table(folder: Path, rules: QualityRules) -> str:

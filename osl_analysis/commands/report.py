@@ -18,7 +18,7 @@ from osl_analysis.judge.recording import CHECKS
 from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import panels, trial_page
 from osl_analysis.report.page import PageTrial, captions_by_title, inline_png, inline_svg, written_page
-from osl_analysis.report.trial_page import LeftOut, ReportedTrial, left_out_trials, trial_content, without_result
+from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content, without_result
 from osl_analysis.summary.headlines import COUNT
 from osl_analysis.table import read_table
 from osl_analysis.trial import read_provenance, read_trial
@@ -60,8 +60,13 @@ def write_report(
     reported = []
     for name, row in sheet.items():
         files = {role: paths[name] for role, paths in by_role.items() if name in paths}
-        own = rows_of_trial(name, row["experiment"], written)
-        reported.append(reported_trial(name, row, own, files, judged.get((name,)), left_out))
+        own, why = rows_of_trial(name, row["experiment"], written), left_out.get(name)
+        if why is None and lacks_result(row["experiment"], own, files):
+            why = without_result(list(left_out))
+        origin = read_provenance(files["trial"]) if "trial" in files else {}
+        reasons, missing = (why.reasons, why.refused) if why else ((), False)
+        drawn = pictures(row["experiment"], own, files)
+        reported.append(ReportedTrial(name, row, own, judged.get((name,)), origin, reasons, missing, drawn))
     checks = {name: check.meaning for name, check in CHECKS.items()}
     pages = [PageTrial(one.name, trial_content(one, described, checks), one.pictures.tables) for one in reported]
     found = {} if is_refused(summary) else read_summary(summary)
@@ -97,24 +102,6 @@ def rows_of_trial(trial: str, experiment: str, tables: Mapping[str, pl.DataFrame
     names = [*(table.name for table in EXPERIMENTS[experiment].tables), "walking_responses"]
     found = {name: tables[name].filter(pl.col("trial") == trial) for name in names if name in tables}
     return {name: table for name, table in found.items() if len(table)}
-
-
-def reported_trial(
-    name: str,
-    row: Mapping[str, Any],
-    tables: Mapping[str, pl.DataFrame],
-    files: Mapping[str, Path],
-    verdicts: pl.DataFrame | None,
-    left_out: Mapping[str, LeftOut],
-) -> ReportedTrial:
-    """One trial with what its `files` hold: `trial`, `series` and `crossing`, as far as there are any."""
-    why = left_out.get(name)
-    if why is None and lacks_result(row["experiment"], tables, files):
-        why = without_result(list(left_out))
-    origin = read_provenance(files["trial"]) if "trial" in files else {}
-    reasons, refused = (why.reasons, why.refused) if why else ((), False)
-    drawn = pictures(row["experiment"], tables, files)
-    return ReportedTrial(name, row, tables, verdicts, origin, reasons, refused, drawn)
 
 
 def lacks_result(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]) -> bool:

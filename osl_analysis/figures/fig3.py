@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from osl_analysis.figures import style
-from osl_analysis.figures.names import as_text, counted, doubtful_said, drawn_name, placed_rows, with_interval
+from osl_analysis.figures.names import as_text, count_of, doubtful_said, drawn_name, placed_rows, with_interval
 
 COLUMNS = (
     "joint", "side", "trial", "branch", "theta_s_deg", "torque", "deviation", "K_s", "K_s_low", "K_s_high",
@@ -37,7 +37,7 @@ def caption(table: pl.DataFrame) -> str:
                 with_interval(row[name], row[f"{name}_low"], row[f"{name}_high"], unit)
                 for name, unit in (("K_s", "N·m/rad"), ("hysteresis_area", "J"))
             )
-            number = counted(part["trial"].n_unique() - 1, "trial")
+            number = count_of(part["trial"].n_unique() - 1, "trial")
             said.append(f"{as_text(name)} ({number}): the mean stiffness $K_s$ is {K_s}, and a loop loses {loop}.")
     return " ".join([*said, doubtful_said(fits, "drawn dotted")])
 
@@ -76,7 +76,7 @@ def draw(table: pl.DataFrame) -> Figure:
 
 def line_labels(table: pl.DataFrame) -> list[Line2D]:
     trials = trials_of(table)
-    doubtful = [trial for trial in trials if len(trial.filter(style.IS_DOUBTFUL))]
+    doubtful = [trial for trial in trials if len(trial.filter(style.DRAWN_OPEN))]
     entries = [Line2D([], [], color=PALE, label=f"Trials ($n$ = {len(trials)})")]
     if doubtful:
         label = f"Doubtful fit ($n$ = {len(doubtful)})"
@@ -96,7 +96,7 @@ def draw_belts(ax: Axes, table: pl.DataFrame) -> None:
     mean, trials = table.filter(pl.col("trial") == MEAN_SLOPE), trials_of(table)
     for trial in trials:
         ax.plot(trial["theta_s_deg"], trial["torque"], color=PALE, linewidth=0.9)
-    for trial in (trial for trial in trials if len(trial.filter(style.IS_DOUBTFUL))):
+    for trial in (trial for trial in trials if len(trial.filter(style.DRAWN_OPEN))):
         ax.plot(trial["theta_s_deg"], trial["torque"], color=style.BLACK, linestyle=style.DOTTED, linewidth=0.9)
     ax.plot(mean["theta_s_deg"], mean["torque"], color=style.MAGENTA, linestyle=style.DASHED, linewidth=1.3)
     ax.tick_params(labelbottom=False)
@@ -111,7 +111,7 @@ def draw_belts(ax: Axes, table: pl.DataFrame) -> None:
 def draw_loops(ax: Axes, table: pl.DataFrame) -> None:
     ax.axhline(0, color=style.MAGENTA, linestyle=style.DASHED, linewidth=1.3)
     for trial, colour in coloured(table):
-        doubtful = len(trial.filter(style.IS_DOUBTFUL)) > 0
+        doubtful = len(trial.filter(style.DRAWN_OPEN)) > 0
         for branch, dash in BRANCH_DASHES.items():
             rows = trial.filter(pl.col("branch") == branch)
             line = style.DOTTED if doubtful else dash

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.figures.names import as_text, doubtful_said, drawn_name, place_name
-from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, IS_DOUBTFUL, MAGENTA, panels, paper_style
+from osl_analysis.figures.style import BLACK, DOUBLE_COLUMN, DRAWN_OPEN, MAGENTA, panels, paper_style
 
 COLUMNS = ("joint", "side", "trial", "chosen", "time", "theta_deg", "torque", "torque_model", "doubtful")
 
@@ -43,7 +43,7 @@ def draw(table: pl.DataFrame) -> Figure:
     time = lines["time"]
     angle.plot(time, lines["theta_deg"], color=BLACK, linewidth=0.9)
     torque.plot(time, lines["torque"], color="#B4B4B4", linewidth=2.2, label="Measured")
-    label = "Best-fit second-order system" + " (doubtful)" * (len(table.filter(IS_DOUBTFUL)) > 0)
+    label = "Best-fit second-order system" + " (doubtful)" * (len(table.filter(DRAWN_OPEN)) > 0)
     torque.plot(time, lines["torque_model"], color=MAGENTA, linestyle=(0, (2.5, 1.5)), linewidth=1.0, label=label)
     residual.axhline(0, color=BLACK, linewidth=0.4)
     residual.plot(time, lines["torque"] - lines["torque_model"], color=BLACK, linewidth=0.7)

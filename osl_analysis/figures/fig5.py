@@ -14,15 +14,15 @@ from osl_analysis.figures import style
 from osl_analysis.figures.names import (
     UNIT_OF,
     as_text,
-    counted,
+    count_of,
     decimals_of,
     doubtful_said,
     look_numbers,
     looks_in,
-    number,
     of_controller,
     of_place,
     placed_rows,
+    rounded_number,
     with_sd,
 )
 
@@ -168,8 +168,8 @@ def errors_said(fits: pl.DataFrame) -> str:
         sd = None if len(errors) == 1 else float(errors.std())  # type: ignore[arg-type]
         mean, low, high = (float(value) for value in (errors.mean(), errors.min(), errors.max()))  # type: ignore[arg-type]
         digits = decimals_of(sd or 0.0, mean)
-        reach = f", {number(low, digits)} to {number(high, digits)}" if sd is not None else ""
-        some = f" of {counted(len(errors), 'fit')}" if len(errors) < len(fits) else ""
+        reach = f", {rounded_number(low, digits)} to {rounded_number(high, digits)}" if sd is not None else ""
+        some = f" of {count_of(len(errors), 'fit')}" if len(errors) < len(fits) else ""
         said.append(f"{name}{some} is {with_sd(mean, sd, UNIT_OF[symbol])}{reach}")
     return ", ".join(said) + (" (mean ± SD, range)" if len(fits) > 1 else "")
 
@@ -180,7 +180,7 @@ def entries(table: pl.DataFrame, looks: dict[str | None, style.Look]) -> list[Li
         return Line2D([], [], linestyle="", marker=marker, label=label, **look)
 
     found = [entry(look.marker, look.label, color=look.colour, markersize=look.size) for look in looks.values()]
-    if len(table.filter(style.IS_DOUBTFUL)):
+    if len(table.filter(style.DRAWN_OPEN)):
         found.append(style.OPEN_MARKER)
     if table["K_d"].count() or table["B_d"].count():
         found.append(Line2D([], [], color=style.BLACK, linewidth=0.8, label="Desired"))

@@ -14,22 +14,22 @@ from osl_analysis.figures.names import (
     NO_CONTROLLER,
     PLACE,
     as_text,
-    counted,
+    count_of,
     decimals_of,
     doubtful_said,
     look_numbers,
     looks_in,
-    number,
     of_controller,
     of_place,
     place_name,
+    rounded_number,
 )
 from osl_analysis.trial import Array
 
 TABLE_COLUMNS = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "VAF")
 COLUMNS = (*TABLE_COLUMNS, *PLACE, "look", "x", "x_centre", "median_VAF", "doubtful")
 
-LEFT, RIGHT, BOTTOM, PANEL = 0.66, 0.06, 0.26, 2.08
+MARGIN_LEFT, RIGHT, BOTTOM, PANEL = 0.66, 0.06, 0.26, 2.08
 """Margins and height [in] of the panel: fixed, because the swarm's positions depend on its size."""
 MOST_BESIDE = 2  # swarms up to which the median stands beside each, in a single column; of more it stands below each
 LARGEST_VAF = 99.9999  # larger ones [percent] are drawn here
@@ -61,7 +61,7 @@ def axis_ticks(low: float, high: float) -> list[float]:
 
 def said_vaf(vaf: float) -> str:
     """A VAF [percent] with two or more digits behind the point, and two of the unexplained share."""
-    return f"{number(vaf, min(max(decimals_of(100 - vaf), 2), 6))} %"
+    return f"{rounded_number(vaf, min(max(decimals_of(100 - vaf), 2), 6))} %"
 
 
 def axis_limits(vaf: Array) -> tuple[float, float]:
@@ -118,7 +118,7 @@ def swarms_of(table: pl.DataFrame) -> list[pl.DataFrame]:
 
 
 def panel_width(swarms: int) -> float:
-    return (style.SINGLE_COLUMN if swarms <= MOST_BESIDE else style.DOUBLE_COLUMN) - LEFT - RIGHT
+    return (style.SINGLE_COLUMN if swarms <= MOST_BESIDE else style.DOUBLE_COLUMN) - MARGIN_LEFT - RIGHT
 
 
 @style.paper_style()
@@ -128,14 +128,14 @@ def draw(table: pl.DataFrame) -> Figure:
     several = len(table.select(PLACE).unique()) > 1
     lines = [swarm_name(rows, looks[rows["controller"][0]].label, several, len(swarms)) for rows in swarms]
     below = 0.17 * max(line.count("\n") for line in lines)
-    width, height = panel_width(len(swarms)) + LEFT + RIGHT, 2.4 + below
+    width, height = panel_width(len(swarms)) + MARGIN_LEFT + RIGHT, 2.4 + below
     figure = Figure(figsize=(width, height))
-    place = (LEFT, BOTTOM + below, width - LEFT - RIGHT, PANEL)
+    place = (MARGIN_LEFT, BOTTOM + below, width - MARGIN_LEFT - RIGHT, PANEL)
     ax = figure.add_axes((place[0] / width, place[1] / height, place[2] / width, place[3] / height))
     ax.set_yscale("function", functions=(vaf_scale, vaf_from_scale))
     for rows in swarms:
         draw_swarm(ax, rows, looks[rows["controller"][0]], len(swarms))
-    if len(table.filter(style.IS_DOUBTFUL)):
+    if len(table.filter(style.DRAWN_OPEN)):
         ax.legend(handles=[style.OPEN_MARKER], loc="lower left")
     low, high = axis_limits(table["VAF"].to_numpy())
     ax.set_ylim(float(vaf_from_scale(np.array(low))), float(vaf_from_scale(np.array(high))))
@@ -167,8 +167,8 @@ def swarm_name(rows: pl.DataFrame, controller: str, several: bool, swarms: int) 
 
 
 def fits_and_trials(rows: pl.DataFrame) -> str:
-    trials = counted(rows["trial"].n_unique(), "trial")
-    return trials if len(rows) == rows["trial"].n_unique() else f"{counted(len(rows), 'fit')} of {trials}"
+    trials = count_of(rows["trial"].n_unique(), "trial")
+    return trials if len(rows) == rows["trial"].n_unique() else f"{count_of(len(rows), 'fit')} of {trials}"
 
 
 def caption(table: pl.DataFrame) -> str:

@@ -13,7 +13,7 @@ from osl_analysis.figures.names import (
     NO_CONTROLLER,
     UNIT_OF,
     as_text,
-    counted,
+    count_of,
     doubtful_said,
     look_numbers,
     looks_in,
@@ -105,7 +105,7 @@ def caption(table: pl.DataFrame) -> str:
     if (table["curve"] == LINEAR_MODEL).any():
         said.append("Broken lines: the drivetrain with the controller's gains, without friction (Eq. 9).")
     trials = observed.group_by("controller", maintain_order=True).agg(pl.col("trial").n_unique())
-    named = (f"{as_text(name or NO_CONTROLLER.label)} {counted(n, 'trial')}" for name, n in trials.iter_rows())
+    named = (f"{as_text(name or NO_CONTROLLER.label)} {count_of(n, 'trial')}" for name, n in trials.iter_rows())
     said.append(f"Measured: {', '.join(named)}.")
     return " ".join([*said, doubtful_said(observed, "drawn open", fit="phasor")])
 
@@ -138,7 +138,7 @@ def draw(table: pl.DataFrame) -> Figure:
     axes[len(parts)].set_ylabel("Phase (deg)")
     named = style.legend_entries(shown)
     handles = [*named.values(), *style.spread_entries(shown, table)]
-    handles += [style.OPEN_MARKER] * len(table.filter(style.IS_DOUBTFUL).head(1))
+    handles += [style.OPEN_MARKER] * len(table.filter(style.DRAWN_OPEN).head(1))
     labels = [*named, *(str(handle.get_label()) for handle in handles[len(named) :])]
     columns = style.legend_columns(labels, figure.get_figwidth(), most=2 if len(shown) == 2 else 4)
     figure.legend(handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.5)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
 from osl_analysis.figures import style
-from osl_analysis.figures.names import UNIT_OF, as_text, counted, doubtful_said, drawn_name, with_interval, with_sd
+from osl_analysis.figures.names import UNIT_OF, as_text, count_of, doubtful_said, drawn_name, with_interval, with_sd
 
 SUMMARY_NEEDED = ("group", "quantity", "estimator", "n", "mean", "sd", "low", "high", "n_doubtful", "commanded")
 """Columns that `points` needs of `walking_summary.csv`."""
@@ -77,10 +77,9 @@ def drawn_group(rows: dict[tuple[str, str, str], dict[str, Any]], group: str, qu
                 "crossings again"
             )
     mean, ensemble = (rows[group, estimator, quantity] for estimator in (PER_PERTURBATION, BY_ENSEMBLE))
-    beside = {"ensemble": ensemble["mean"], "ensemble_low": ensemble["low"], "ensemble_high": ensemble["high"]}
-    return (
-        {name: mean[name] for name in ("n", "mean", "sd", "n_doubtful")} | beside | {"commanded": ensemble["commanded"]}
-    )
+    found = {name: mean[name] for name in ("n", "mean", "sd", "n_doubtful")}
+    found |= {"ensemble": ensemble["mean"], "ensemble_low": ensemble["low"], "ensemble_high": ensemble["high"]}
+    return found | {"commanded": ensemble["commanded"]}
 
 
 @style.paper_style()
@@ -115,7 +114,7 @@ def draw(table: pl.DataFrame) -> Figure:
         ax.set_ylabel(AXIS_LABELS[quantity])
     found = style.legend_entries(axes[:1])
     labels = {name: found[name] for name in LEGEND if name in found}
-    if len(table.filter(style.IS_DOUBTFUL)):
+    if len(table.filter(style.DRAWN_OPEN)):
         labels[str(style.OPEN_MARKER.get_label())] = style.OPEN_MARKER
     figure.legend(list(labels.values()), list(labels), loc="outside upper center", ncols=2 if single else 5)
     return figure
@@ -163,7 +162,7 @@ def caption(table: pl.DataFrame) -> str:
     several = "" if len(groups) == 1 else f" in {len(groups)} groups, whose numbers stand in brackets"
     said = [
         r"Stiffness $\hat{K}$ (a), damping $\hat{B}$ (b) and inertia $\hat{I}$ (c) of the ankle while walking, Eq. 15. "
-        f"Points: {counted(len(fits), 'perturbation')}{several}. Squares: their mean ± SD. Diamonds: the fit to the "
+        f"Points: {count_of(len(fits), 'perturbation')}{several}. Squares: their mean ± SD. Diamonds: the fit to the "
         "mean response with its 95 % interval (bootstrap)."
     ]
     if table["commanded"].count():

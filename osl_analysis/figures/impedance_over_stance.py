@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from osl_analysis.figures.fig9 import AXIS_LABELS, ESTIMATES
-from osl_analysis.figures.names import UNIT_OF, as_text, counted, drawn_name, with_interval
+from osl_analysis.figures.names import UNIT_OF, as_text, count_of, drawn_name, with_interval
 from osl_analysis.figures.style import (
     BLACK,
     DASHED,
@@ -44,7 +44,7 @@ def caption(table: pl.DataFrame) -> str:
             for row in rows.drop_nulls("estimate").iter_rows(named=True)
         )
         counts = rows["n"].drop_nulls() if "n" in rows.columns else rows["phase"].clear()
-        of = f", {counted(int(counts[0]), 'perturbation')}" if len(counts) else ""
+        of = f", {count_of(int(counts[0]), 'perturbation')}" if len(counts) else ""
         if told:
             said.append(f"{as_text(rows['series'][0])} at {100 * rows['phase'][0]:.0f} % of stance{of}: {told}.")
     return " ".join(said)

@@ -10,12 +10,12 @@ from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
 from osl_analysis.figures import style
-from osl_analysis.figures.names import MARKERS, PLACE, as_text, counted, of_place, place_name
+from osl_analysis.figures.names import MARKERS, PLACE, as_text, count_of, of_place, place_name
 from osl_analysis.trial import Array
 
 TABLE_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out")
 COLUMNS = (*PLACE, *TABLE_COLUMNS)
-MODELS = {
+RIVALS = {
     "belt": ("Belt", {"M1": "linear", "M2": "quadratic", "M3": "linear,\nhysteresis", "M4": "quadratic,\nhysteresis"}),
     "transmission": ("Transmission", {"M1": "$B_j$, $J_j$", "M2": "$B_j$, $J_j$,\nCoulomb"}),
     "impedance": (
@@ -44,8 +44,8 @@ def caption(table: pl.DataFrame) -> str:
         "better. Each line with its open markers is a trial, each black bar the geometric mean of the trials."
     ]
     drawn = drawn_experiments(table)
-    for experiment in (name for name in MODELS if name in table["experiment"]):
-        title, models = MODELS[experiment]
+    for experiment in (name for name in RIVALS if name in table["experiment"]):
+        title, models = RIVALS[experiment]
         rows = table.filter(pl.col("experiment") == experiment)
         for trials in rows.partition_by(*PLACE, "controller", maintain_order=True):
             of = (title, *trials.select(*PLACE, "controller").row(0))
@@ -54,14 +54,14 @@ def caption(table: pl.DataFrame) -> str:
             told = "; ".join(f"{name} {share:.2g} %" for name, share in zip(names, left, strict=True) if share > 0)
             where = "" if experiment in drawn else " (no panel: two models alone)"
             named = as_text(", ".join(filter(None, of)))
-            said.append(f"{named}{where}, mean of {counted(trials['trial'].n_unique(), 'trial')}: {told}.")
+            said.append(f"{named}{where}, mean of {count_of(trials['trial'].n_unique(), 'trial')}: {told}.")
     return " ".join(said)
 
 
 def drawn_experiments(table: pl.DataFrame) -> list[str]:
     """Those with three models or more, or all if there is none: the caption says the numbers of two models."""
-    present = [experiment for experiment in MODELS if experiment in table["experiment"]]
-    return [experiment for experiment in present if len(MODELS[experiment][1]) > 2] or present
+    present = [experiment for experiment in RIVALS if experiment in table["experiment"]]
+    return [experiment for experiment in present if len(RIVALS[experiment][1]) > 2] or present
 
 
 @style.paper_style()
@@ -73,11 +73,11 @@ def draw(table: pl.DataFrame) -> Figure:
     """
     several = len(table.select(PLACE).unique()) > 1
     present = drawn_experiments(table)
-    shares = [len(MODELS[experiment][1]) for experiment in present]
+    shares = [len(RIVALS[experiment][1]) for experiment in present]
     width = style.SINGLE_COLUMN if len(present) == 1 else style.DOUBLE_COLUMN
     figure, axes = style.panels(width, 2.8, columns=len(present), shares=shares)
     for ax, experiment in zip(axes, present, strict=True):
-        name, models = MODELS[experiment]
+        name, models = RIVALS[experiment]
         rows = table.filter(pl.col("experiment") == experiment)
         conditions = rows.partition_by(*PLACE, "controller", maintain_order=True)
         for k, trials in enumerate(conditions):

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.transforms import Bbox
 
-from osl_analysis.figures.style import GREY, IS_DOUBTFUL, LOOKS, PAPER, Dash, Look, paper_style, width_of
+from osl_analysis.figures.style import DRAWN_OPEN, GREY, LOOKS, PAPER, Dash, Look, paper_style, width_of
 from osl_analysis.judge.doubts import reasons_in
 
 DRAFT_CONTROLLERS = ("compensated", "uncompensated")  # the controllers of the draft, whose looks are fixed
@@ -131,7 +131,7 @@ def as_text(name: str) -> str:
     return re.sub(special, lambda sign: f"\\{sign[0]}", plain)
 
 
-def listed(names: Iterable[str], most: int = 6) -> str:
+def listed_text(names: Iterable[str], most: int = 6) -> str:
     """Names from files, each once; of more than `most` the first ones and how many more: the tables have all."""
     found = [as_text(name) for name in dict.fromkeys(names)]
     return ", ".join(found[:most]) + (f" and {len(found) - most} more" if len(found) > most else "")
@@ -145,7 +145,7 @@ def decimals_of(spread: float, largest: float = 0.0) -> int:
     return max(min(digits, default=0), 0)
 
 
-def number(value: float, decimals: int) -> str:
+def rounded_number(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}".replace("-", "−") if round(value, decimals) else f"{0:.{decimals}f}"
 
 
@@ -154,8 +154,8 @@ def with_interval(value: float, low: float | None, high: float | None, unit: str
     if low is None or high is None:
         return f"{value:.4g} {unit}".replace("-", "−")
     digits = decimals_of((high - low) / 2, value)
-    ends = f"{number(low, digits)} to {number(high, digits)}"
-    return f"{number(value, digits)} {unit} (95 % interval {ends})"
+    ends = f"{rounded_number(low, digits)} to {rounded_number(high, digits)}"
+    return f"{rounded_number(value, digits)} {unit} (95 % interval {ends})"
 
 
 def with_sd(mean: float, sd: float | None, unit: str) -> str:
@@ -163,21 +163,21 @@ def with_sd(mean: float, sd: float | None, unit: str) -> str:
     if sd is None:
         return f"{mean:.3g} {unit}".replace("-", "−")
     digits = decimals_of(sd, mean)
-    return f"{number(mean, digits)} ± {number(sd, digits)} {unit}"
+    return f"{rounded_number(mean, digits)} ± {rounded_number(sd, digits)} {unit}"
 
 
-def counted(n: int, one: str, several: str = "") -> str:
+def count_of(n: int, one: str, several: str = "") -> str:
     return f"{n} {one if n == 1 else several or one + 's'}"
 
 
 def doubtful_said(table: pl.DataFrame, look: str, fit: str = "fit") -> str:
     """Which of the drawn fits are doubtful, how they `look`, and why, as `Doubtful, drawn open: 2 of 32 fits (a, b),
     for friction.`"""
-    found = table.filter(IS_DOUBTFUL)
+    found = table.filter(DRAWN_OPEN)
     if found.is_empty():
         return f"No {fit} is doubtful."
     causes = dict.fromkeys(one.cause for cell in found["doubtful"] for one in reasons_in(cell))
-    drawn = f"{len(found)} of {counted(len(table), fit)} ({listed(found['trial'])})"
+    drawn = f"{len(found)} of {count_of(len(table), fit)} ({listed_text(found['trial'])})"
     return f"Doubtful, {look}: {drawn}, for {as_text(', '.join(causes))}."
 
 

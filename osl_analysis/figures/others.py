@@ -108,7 +108,7 @@ def draw_study(table: pl.DataFrame) -> Figure:
     for ax, column in zip(axes, MEASURES, strict=True):
         draw_measure(ax, table, keys, column)
         ax.set_yticks(range(len(keys)), [])
-    axes[0].set_yticklabels([label(key) for key in keys])
+    axes[0].set_yticklabels([row_label(key) for key in keys])
     for text, key in zip(axes[0].get_yticklabels(), keys, strict=True):
         text.set_fontweight("bold" if len(key) == 1 else "normal")
     seen = {SAME_AS.get(name, name) for name in (q.partition(",")[0] for q in table["quantity"])}
@@ -134,7 +134,7 @@ def headed(rows: pl.DataFrame) -> list[RowKey]:
     return keys
 
 
-def label(key: RowKey) -> str:
+def row_label(key: RowKey) -> str:
     return key[0].replace(" us", " µs") if len(key) == 1 else f"{key[1]}, {SHORT_NAMES.get(key[2], key[2])}"
 
 

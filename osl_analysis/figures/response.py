@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from osl_analysis.figures import style
-from osl_analysis.figures.names import UNIT_OF, counted, doubtful_said, drawn_name, place_name, wrapped_words
+from osl_analysis.figures.names import UNIT_OF, count_of, doubtful_said, drawn_name, place_name, wrapped_words
 
 FITTED_CURVES = ("magnitude", "phase_deg", "magnitude_eq15", "phase_deg_eq15", "magnitude_eq9", "phase_deg_eq9")
 LEVEL_COLUMNS = ("noise_level", "odd_level", "even_level", "total_level")
@@ -28,7 +28,7 @@ COLUMNS = (
     "total_sd",
     "doubtful",
 )
-TEXT_COLUMNS = ("trials", "joint", "side", "controller", "method", "doubtful")
+WORD_COLUMNS = ("trials", "joint", "side", "controller", "method", "doubtful")
 NOTHING = "every impedance trial follows the stepped sine; its frequency response is in phasors.csv and Fig. 7"
 """Why there is nothing to draw where the table has no rows."""
 MOST_CONDITIONS, MOST_ACROSS = 12, 3
@@ -43,7 +43,7 @@ LEVEL_LOOKS = {
     "noise_level": (style.GREY, "x", "Noise"),
 }
 """Colour, marker and name of each level."""
-STRUCTURES = {
+STRUCTURE_LOOKS = {
     "eq15": (style.MAGENTA, "-", r"Eq. 15: $K + sB + s^2I$"),
     "eq9": (style.BLACK, (0, (4, 1.5)), "Eq. 9: drivetrain"),
 }
@@ -54,7 +54,7 @@ def points(single: pl.DataFrame, pooled: pl.DataFrame) -> pl.DataFrame:
     in_pool = {name for names in pooled["trials"].unique() for name in str(names).split(", ")}
     alone = single.filter(~pl.col("trial").is_in(in_pool)).with_columns(trials=pl.col("trial"))
     rows = pl.concat([pooled, alone], how="diagonal_relaxed")
-    absent = {name: pl.String if name in TEXT_COLUMNS else pl.Float64 for name in COLUMNS if name not in rows.columns}
+    absent = {name: pl.String if name in WORD_COLUMNS else pl.Float64 for name in COLUMNS if name not in rows.columns}
     return rows.with_columns(pl.lit(None, kind).alias(name) for name, kind in absent.items()).select(COLUMNS)
 
 
@@ -66,14 +66,14 @@ def condition_words(row: Mapping[str, Any], longest: int = LONGEST_TRIAL) -> lis
     more = f" and {len(trials) - 1} more" if len(trials) > 1 else ""
     words.append(drawn_name(trials[0], longest) + more)
     if row["method"] != "local polynomial":
-        words.append(counted(int(row["realisations"]), "realisation"))
+        words.append(count_of(int(row["realisations"]), "realisation"))
     return [*filter(None, words)]
 
 
 def caption(table: pl.DataFrame) -> str:
     conditions = table.partition_by("trials", maintain_order=True)
     said = [
-        f"Impedance Z, torque over angle, over frequency, of {counted(len(conditions), 'condition')}, $K_d$ in "
+        f"Impedance Z, torque over angle, over frequency, of {count_of(len(conditions), 'condition')}, $K_d$ in "
         f"{UNIT_OF['K']} and $B_d$ in {UNIT_OF['B']}. Each has three panels: magnitude, phase, and below how far the "
         "structures fitted to it (lines) are from what is measured, beside noise and distortion of one realisation "
         "(markers; distortion below the noise is not drawn). Bars are 95 % intervals: of noise and distortion where "
@@ -128,7 +128,7 @@ def draw(table: pl.DataFrame) -> Figure:
     figure.align_ylabels()
     if len(conditions) > MOST_CONDITIONS:
         figure.supxlabel(
-            f"Further {counted(len(conditions) - MOST_CONDITIONS, 'condition')} in response.csv", fontsize=8
+            f"Further {count_of(len(conditions) - MOST_CONDITIONS, 'condition')} in response.csv", fontsize=8
         )
     return figure
 
@@ -173,13 +173,13 @@ def draw_curves(ax: Axes, rows: pl.DataFrame, quantity: str) -> dict[str, Line2D
     f = rows["frequency_hz"]
     half = intervals(rows, quantity)
     ax.vlines(f, rows[quantity] - half, rows[quantity] + half, color=style.BLACK, linewidth=0.6)
-    doubtful = len(rows.filter(style.IS_DOUBTFUL)) > 0
+    doubtful = len(rows.filter(style.DRAWN_OPEN)) > 0
     fill = style.WHITE if doubtful else style.BLACK
     ax.plot(f, rows[quantity], "o", color=style.BLACK, markersize=SIZE, mew=0.5, mfc=fill)
     entries = {"Measured Z": Line2D([], [], linestyle="", marker="o", color=style.BLACK, markersize=SIZE)}
     if doubtful:
         entries[str(style.OPEN_MARKER.get_label())] = style.OPEN_MARKER
-    for short, (colour, dash, label) in STRUCTURES.items():
+    for short, (colour, dash, label) in STRUCTURE_LOOKS.items():
         curve = rows[f"{quantity}_{short}"].cast(pl.Float64)
         if curve.count():
             (line,) = ax.plot(f, curve, color=colour, linestyle=dash, linewidth=0.9)
@@ -197,7 +197,7 @@ def intervals(rows: pl.DataFrame, quantity: str) -> pl.Series:
 def draw_levels(ax: Axes, rows: pl.DataFrame) -> dict[str, Line2D]:
     f, entries = rows["frequency_hz"].to_numpy(), {}
     measured = complex_number(rows, "")
-    for short, (colour, dash, _) in STRUCTURES.items():
+    for short, (colour, dash, _) in STRUCTURE_LOOKS.items():
         if rows[f"magnitude_{short}"].count():
             ax.plot(
                 f, np.abs(measured - complex_number(rows, f"_{short}")), color=colour, linestyle=dash, linewidth=0.9

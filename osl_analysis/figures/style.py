@@ -38,7 +38,7 @@ SIZE_OF_TEXT = 8  # size [pt] of all lettering
 THIN, THICK = 0.7, 1.8  # widths [pt] of bars over amplitudes, and of intervals
 DOTTED, DASHED = (0, (1, 1.5)), (0, (3, 2))  # line styles of doubtful fits, and of means and what is desired
 
-IS_DOUBTFUL = pl.col("doubtful").fill_null("") != ""
+DRAWN_OPEN = pl.col("doubtful").fill_null("") != ""
 """Rows whose fit is doubtful: a number is beyond a limit of the configuration."""
 
 PAPER: dict[Any, Any] = {
@@ -160,7 +160,7 @@ def legend_entries(axes: Iterable[Axes]) -> dict[str, Any]:
 
 def draw_fits(ax: Axes, rows: pl.DataFrame, x: Any, y: Any, colour: str, size: float, **looks: Any) -> None:
     """A marker of this size [pt] per row at (x, y), open where its fit is doubtful. It leads to its trial."""
-    fill = [WHITE if doubtful else colour for doubtful in rows.select(IS_DOUBTFUL).to_series()]
+    fill = [WHITE if doubtful else colour for doubtful in rows.select(DRAWN_OPEN).to_series()]
     drawn = ax.scatter(x, y, size**2, facecolors=fill, edgecolors=colour, **looks)
     link_to_trials(drawn, rows["trial"])
 
@@ -259,7 +259,7 @@ def label_phase_axis(ax: Axes) -> None:
     ax.yaxis.set_major_locator(MultipleLocator(next((step for step in steps if step >= span / 5), 180)))
 
 
-def apart(places: Sequence[float], gap: float, limits: tuple[float, float] = (-np.inf, np.inf)) -> Array:
+def moved_apart(places: Sequence[float], gap: float, limits: tuple[float, float] = (-np.inf, np.inf)) -> Array:
     """The places (n,), moved as little as possible (least squares) so that none is closer than `gap` to another.
 
     Their order stays: it is a monotone regression of `place - rank * gap`, by pooling neighbours that violate it. They
@@ -291,7 +291,7 @@ def name_ends(
     figure.draw_without_rendering()
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
     height = 1.1 * SIZE_OF_TEXT / 72 * figure.dpi / ax.get_window_extent().height * (high - low)
-    places = apart([y for _, y in ends], height, (low, high))
+    places = moved_apart([y for _, y in ends], height, (low, high))
     written: list[Text] = []
     for end, name, colour, place in zip(ends, names, colours, places, strict=True):
         hair = {"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0, "shrinkB": 0, "relpos": (0, 0.5)}

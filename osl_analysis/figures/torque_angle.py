@@ -15,7 +15,7 @@ from osl_analysis.figures.names import (
     PLACE,
     UNIT_OF,
     as_text,
-    counted,
+    count_of,
     doubtful_said,
     drawn_name,
     of_place,
@@ -31,9 +31,9 @@ COLUMNS = (*PLACE, *TABLE_COLUMNS, "doubtful")
 WITH_DESIRED = (style.MAGENTA, style.ORANGE, style.PURPLE, "#6B3A0A")
 """Colours of the desired curves and of the trials that should follow them."""
 LIGHTEST = 0.6  # part of the colour map that is used: what is lighter stands out from white by less than three to one
-THICK, THIN, DASHED = 1.1, 0.6, (0, (3, 2))
+LOADING_WIDTH, UNLOADING_WIDTH = 1.1, 0.6
 MOST_CURVES = 16  # largest number of trials of a panel that are named
-LONGEST = 18  # letters of such a name
+LONGEST_CURVE_NAME = 18  # letters of such a name
 
 
 def points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
@@ -44,8 +44,9 @@ def points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
 
 def caption(table: pl.DataFrame) -> str:
     said = [
-        f"Torque against angle of {counted(table['trial'].n_unique(), 'trial')}, moved slowly. (a) Torque, thick while "
-        "loading and thin while unloading. (b) Slope of torque over angle while loading; shaded: its 95 % interval."
+        f"Torque against angle of {count_of(table['trial'].n_unique(), 'trial')}, moved slowly. (a) Torque, thick "
+        "while loading and thin while unloading. (b) Slope of torque over angle while loading; shaded: its 95 % "
+        "interval."
     ]
     if table["desired_torque"].count():
         said.append("Dashed: the curves that the trials of this colour were designed for.")
@@ -82,7 +83,7 @@ def name_curves(ax: Axes, table: pl.DataFrame, column: str, colours: Mapping[str
     loading = table.filter(pl.col("branch") == "loading").drop_nulls(column).sort("angle_deg")
     last = loading.unique("trial", keep="last", maintain_order=True)
     if len(last) <= MOST_CURVES:
-        names = [drawn_name(name.replace("_", " "), LONGEST) for name in last["trial"]]
+        names = [drawn_name(name.replace("_", " "), LONGEST_CURVE_NAME) for name in last["trial"]]
         ends = last.select("angle_deg", column).rows()
         style.link_to_trials(style.name_ends(ax, ends, names, [colours[name] for name in last["trial"]]), last["trial"])
 
@@ -94,7 +95,9 @@ def draw_place(left: Axes, right: Axes, table: pl.DataFrame, colours: Mapping[st
     for curve in wanted.partition_by("desired", maintain_order=True):
         line = curve.drop_nulls("desired_torque").unique("angle_deg").sort("angle_deg")
         colour = colours[curve["trial"][0]]
-        left.plot(line["angle_deg"], line["desired_torque"], color=colour, linestyle=DASHED, linewidth=THICK)
+        left.plot(
+            line["angle_deg"], line["desired_torque"], color=colour, linestyle=style.DASHED, linewidth=LOADING_WIDTH
+        )
     for ax in (left, right):
         ax.axhline(0, color=style.BLACK, linewidth=0.4)
         ax.axvline(0, color=style.BLACK, linewidth=0.4)
@@ -117,12 +120,12 @@ def colours_of(table: pl.DataFrame) -> Mapping[str, str]:
 
 
 def draw_trial(left: Axes, right: Axes, trial: pl.DataFrame, colour: str) -> None:
-    dash = style.DOTTED if len(trial.filter(style.IS_DOUBTFUL)) else "-"
-    for branch, width in (("loading", THICK), ("unloading", THIN)):
+    dash = style.DOTTED if len(trial.filter(style.DRAWN_OPEN)) else "-"
+    for branch, width in (("loading", LOADING_WIDTH), ("unloading", UNLOADING_WIDTH)):
         rows = trial.filter(pl.col("branch") == branch)
         left.plot(rows["angle_deg"], rows["torque"], color=colour, linewidth=width, linestyle=dash)
     rows = trial.filter(pl.col("branch") == "loading").drop_nulls("stiffness")
-    right.plot(rows["angle_deg"], rows["stiffness"], color=colour, linewidth=THICK, linestyle=dash)
+    right.plot(rows["angle_deg"], rows["stiffness"], color=colour, linewidth=LOADING_WIDTH, linestyle=dash)
     band = rows.drop_nulls(["stiffness_low", "stiffness_high"])
     right.fill_between(
         band["angle_deg"], band["stiffness_low"], band["stiffness_high"], color=colour, alpha=0.25, linewidth=0
@@ -131,13 +134,15 @@ def draw_trial(left: Axes, right: Axes, trial: pl.DataFrame, colour: str) -> Non
 
 def line_entries(table: pl.DataFrame) -> list[Line2D]:
     entries = [
-        Line2D([], [], color=style.BLACK, linewidth=THICK, label="Loading"),
-        Line2D([], [], color=style.BLACK, linewidth=THIN, label="Unloading"),
+        Line2D([], [], color=style.BLACK, linewidth=LOADING_WIDTH, label="Loading"),
+        Line2D([], [], color=style.BLACK, linewidth=UNLOADING_WIDTH, label="Unloading"),
     ]
     if table["desired_torque"].count():
-        entries.append(Line2D([], [], color=style.BLACK, linewidth=THICK, linestyle=DASHED, label="Desired"))
-    if len(table.filter(style.IS_DOUBTFUL)):
         entries.append(
-            Line2D([], [], color=style.BLACK, linewidth=THICK, linestyle=style.DOTTED, label="Doubtful trial")
+            Line2D([], [], color=style.BLACK, linewidth=LOADING_WIDTH, linestyle=style.DASHED, label="Desired")
+        )
+    if len(table.filter(style.DRAWN_OPEN)):
+        entries.append(
+            Line2D([], [], color=style.BLACK, linewidth=LOADING_WIDTH, linestyle=style.DOTTED, label="Doubtful trial")
         )
     return entries

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from osl_analysis.figures import style
-from osl_analysis.figures.names import as_text, counted, decimals_of, doubtful_said, drawn_name, number
+from osl_analysis.figures.names import as_text, count_of, decimals_of, doubtful_said, drawn_name, rounded_number
 
 COLUMNS = ("group", "panel", "curve", "trial", "x", "mean", "sd", "doubtful")
 GAIT = {"unperturbed": (style.PURPLE, "-", "Unperturbed"), "perturbed": (style.ORANGE, (0, (5, 1.5)), "Perturbed")}
@@ -76,7 +76,7 @@ def draw_response(ax: Axes, table: pl.DataFrame, panel: str) -> None:
     """Every perturbation thin, their mean, and the fit."""
     every = curve(table, panel, "each")
     trials = every.partition_by("trial", maintain_order=True)
-    doubtful = [one for one in trials if len(one.filter(style.IS_DOUBTFUL))]
+    doubtful = [one for one in trials if len(one.filter(style.DRAWN_OPEN))]
     looks: list[tuple[list[pl.DataFrame], str, dict[str, Any]]] = [
         (trials, "Each perturbation", {"color": style.GREY, "alpha": 0.45, "linewidth": 0.5}),
         (
@@ -110,16 +110,16 @@ def caption(table: pl.DataFrame) -> str:
     ]
     if len(ends := curve(groups[0], "response angle", "baseline")["x"]):
         said.append(
-            f"Each response is zero on average over the hatched baseline, {number(ends[0], 0)} to "
-            f"{number(ends[1], 0)} ms from the onset, and not at the onset: in between, a crossing's own gait departs "
-            "from the mean one, and the zero-phase filter spreads the platform's motion to times before the onset. The "
-            "fit has no offset, so that both are in it."
+            f"Each response is zero on average over the hatched baseline, {rounded_number(ends[0], 0)} to "
+            f"{rounded_number(ends[1], 0)} ms from the onset, and not at the onset: in between, a crossing's own gait "
+            "departs from the mean one, and the zero-phase filter spreads the platform's motion to times before the "
+            "onset. The fit has no offset, so that both are in it."
         )
     most = 4
     for rows in groups[:most]:
         name = f"{as_text(rows['group'][0])}: " if len(groups) > 1 else ""
         counts = {name: int(curve(rows, "angle", name)["n"][0]) for name in GAIT}
-        crossings = f"{counted(counts['unperturbed'], 'unperturbed crossing')} and {counts['perturbed']} perturbed"
+        crossings = f"{count_of(counts['unperturbed'], 'unperturbed crossing')} and {counts['perturbed']} perturbed"
         said.append(f"{name}{crossings}; {onset_said(rows)}.")
     if len(groups) > most:
         said.append(f"The numbers of {len(groups) - most} more groups stand in walking_page.csv.")
@@ -138,5 +138,7 @@ def onset_said(rows: pl.DataFrame) -> str:
         mean, each = (at_onset(curve(rows, panel, name)) for name in ("mean", "each"))
         sd = float(each.std()) if len(each) > 1 else 0.0  # type: ignore[arg-type]
         digits = decimals_of(sd or 0.1 * float(mean[0]))
-        said.append(f"{number(float(mean[0]), digits)} {unit}" + (f" (SD {number(sd, digits)})" if sd else ""))
+        said.append(
+            f"{rounded_number(float(mean[0]), digits)} {unit}" + (f" (SD {rounded_number(sd, digits)})" if sd else "")
+        )
     return f"at the onset the mean response is {' and '.join(said)}"

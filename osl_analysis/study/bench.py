@@ -51,7 +51,7 @@ from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.settings import WalkingAnalysis
 
 StudyRow = dict[str, Any]  # one row of the study's table of estimates
-QUANTITIES = ("K", "B", "I")
+STUDIED_QUANTITIES = ("K", "B", "I")
 
 
 @dataclass(frozen=True)
@@ -236,7 +236,7 @@ def sine_bench(inputs: StudyInputs) -> StudyBench:
         settings=settings,
         p=inputs.p,
         analysis=analysis.model_copy(update=short),
-        names=QUANTITIES,
+        names=STUDIED_QUANTITIES,
         fit=lambda own, trial: ("cycles", impedance_of(stepped_sine_alone(trial, own.analysis), None)),
         exact={},
         theory={},
@@ -259,7 +259,7 @@ def drivetrain(inputs: StudyInputs) -> StudyBench:
     effects, rate = drivetrain_effects(bench.settings), bench.settings.dynamometer.rate_hz
     response = simulate_impedance(rate, bench.motion, gains, effects, p)
     predicted = predicted_impedance(gains, p, inputs.dynamometer.frequencies_hz)
-    return replace(bench, response=response, theory=dict(zip(QUANTITIES, predicted, strict=True)))
+    return replace(bench, response=response, theory=dict(zip(STUDIED_QUANTITIES, predicted, strict=True)))
 
 
 def linear_drivetrain(inputs: StudyInputs) -> StudyBench:

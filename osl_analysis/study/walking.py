@@ -21,7 +21,7 @@ from osl_analysis.simulator.vicon import vicon_recording, write_c3d
 from osl_analysis.simulator.walking import motion_grid, scene_of, simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.repeats import over_repeats
-from osl_analysis.study.bench import QUANTITIES, StudyInputs, StudyRow
+from osl_analysis.study.bench import STUDIED_QUANTITIES, StudyInputs, StudyRow
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import StaticCalibration, static_calibration
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, analyse_crossing
@@ -199,7 +199,7 @@ def campaign_rows(number: int, crossings: int, laboratory: StudyLaboratory) -> l
     resampled, ensemble = bootstrap(responses, 300), ensemble_response(responses).fit
     common = common_errors(responses)
     rows: list[StudyRow] = []
-    for quantity in QUANTITIES:
+    for quantity in STUDIED_QUANTITIES:
         truths = np.array([getattr(one.exact, quantity) for one in perturbed])
         rendered = np.array([one.rendered[f"{quantity}_rendered"] for one in perturbed])
         estimates = [getattr(fit, quantity) for fit in fits]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from osl_analysis.errors import InputError
-from osl_analysis.measured import ROUNDING_SHARE
+from osl_analysis.measured import EXACT_FIT_SHARE
 from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.signals import Motion, differentiate
 from osl_analysis.stats.covariance import welch_satterthwaite
@@ -220,7 +220,7 @@ def fits_of_samples(motion: Motion, torques: Array) -> tuple[Array, Array, Array
     sizes = np.linalg.norm(columns, axis=1, keepdims=True)
     estimates = np.linalg.pinv(columns / sizes) @ torques.T[..., None] / sizes.swapaxes(1, 2)
     residuals = torques.T - (columns @ estimates)[..., 0]
-    left, variance, rounding = residuals.var(axis=1), torques.var(axis=0), ROUNDING_SHARE * np.mean(torques**2, axis=0)
+    left, variance, rounding = residuals.var(axis=1), torques.var(axis=0), EXACT_FIT_SHARE * np.mean(torques**2, axis=0)
     share = np.divide(left, variance, out=(left > rounding).astype(float), where=variance > rounding)
     return estimates[:, 0, 0], estimates[:, 1, 0], estimates[:, 2, 0], 100 * (1 - share)
 

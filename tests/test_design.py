@@ -126,6 +126,7 @@ def test_one_realisation_has_the_interval_of_its_detection_lines():
     assert freedom[0] > lines  # of the two at each line; the stiffness is told by most of them
     two = precision(replace(plan, realisations=2), JOINT, Sensors(1000.0, 0.0), OPEN, stated)
     np.testing.assert_allclose(two.degrees_of_freedom, 2 * freedom)
+    np.testing.assert_allclose(two.se, by_level.se / np.sqrt(2))
 
 
 @pytest.mark.parametrize("rate", [50.0, 2000.0])
@@ -157,6 +158,15 @@ def test_rounding_changes_k_at_all_frequencies_alike_and_cycles_repeat_it():
             predicted = precision(plan, Joint(300.0, 0.0, 0.02), Sensors(rate, 0.0, encoder_step=q), OPEN)
             ratios.append((found[0].std() / predicted.se[0]) ** 2)
     assert np.sqrt(np.mean(ratios)) == pytest.approx(1, rel=0.16)
+
+
+def test_a_third_of_the_rounding_of_a_sine_is_in_phase_and_a_damper_turns_it_by_a_quarter():
+    """Many samples per step; i w B maps what is in phase with the angle to the velocity, and back."""
+    sensors, w = Sensors(1e5, 0.0, encoder_step=1e-2), DRAFT.sines.w
+    of_angle = sensors.rounding(DRAFT.sines)
+    np.testing.assert_allclose(of_angle[1], 2 * of_angle[0])
+    of_torque = sensors.variances(DRAFT.sines, 5j * w, 100.0)["encoder rounding"]
+    np.testing.assert_allclose(of_torque, (5 * w) ** 2 * of_angle[::-1])
 
 
 def test_noise_of_half_a_step_cures_rounding():

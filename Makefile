@@ -25,7 +25,7 @@ test-kernel-%: $(READY)
 test-browser: $(READY)
 	$(BIN)/python -m pytest -m browser -n0 tests/browser
 
-# Wheel and sdist, built twice and compared, then installed and used in new environments.
+# Wheel and sdist, built twice and compared, then one after the other installed and used in a new environment.
 test-package: $(READY)
 	$(BIN)/python tests/package.py
 

@@ -1,4 +1,4 @@
-"""The package as a stranger installs it: wheel and sdist in new environments, in folders with blanks and umlauts.
+"""The package as a stranger installs it: wheel, then sdist in a new environment, in folders with blanks and umlauts.
 
 `make test-package` runs it. It needs the environment of the project (for `uv` and `build`), and takes some two minutes.
 """
@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).parents[1]
 BIN = Path(sys.executable).parent
+INSTALL = (BIN / "uv", "pip", "install", "--quiet", "--no-deps", "--python")
 MODULE = """
 configfile: "config.yaml"
 
@@ -44,13 +45,19 @@ def build(folder: Path) -> list[Path]:
     return sorted(folder.iterdir())
 
 
-def environment(folder: Path, package: Path) -> Path:
-    """A new environment with what the lock says and the package; the folder of its commands."""
+def environment(folder: Path) -> Path:
+    """A new environment with what the lock says; its Python."""
     call(BIN / "uv", "venv", "--quiet", "--python", sys.executable, folder)
-    install = (BIN / "uv", "pip", "install", "--quiet", "--no-deps", "--python", folder / "bin/python")
-    call(*install, "--require-hashes", "--requirements", ROOT / "requirements.lock")
-    call(*install, "--no-build-isolation", package)
-    return folder / "bin"
+    python = folder / "bin/python"
+    call(*INSTALL, python, "--require-hashes", "--requirements", ROOT / "requirements.lock")
+    return python
+
+
+def installed(python: Path, package: Path) -> set[Path]:
+    """The modules of a package that is installed in an environment, in place of the one that was there."""
+    call(*INSTALL, python, "--no-build-isolation", "--reinstall", package)
+    folder = python.parents[1]
+    return {path.relative_to(folder) for path in folder.rglob("osl_analysis/**/*.py")}
 
 
 def check_campaigns(commands: Path, folder: Path) -> None:
@@ -88,7 +95,7 @@ def check_campaigns(commands: Path, folder: Path) -> None:
 
 
 def main() -> None:
-    """Build twice, compare, install each, and use it."""
+    """Build twice, compare, install the wheel and then the sdist in its place, and use both."""
     with TemporaryDirectory() as place:
         folder = Path(place)
         first, second = build(folder / "first"), build(folder / "second")
@@ -96,16 +103,11 @@ def main() -> None:
         assert digests[0] == digests[1], f"two builds differ: {digests}"
         wheel, sdist = sorted(first, key=lambda file: file.suffix != ".whl")
         (folder / "Ein Ordner").mkdir()
-        check_campaigns(environment(folder / "from wheel", wheel), folder / "Ein Ordner")
-        files = {
-            path.relative_to(folder / "from wheel") for path in (folder / "from wheel").rglob("osl_analysis/**/*.py")
-        }
-        commands = environment(folder / "from sdist", sdist)
-        others = {
-            path.relative_to(folder / "from sdist") for path in (folder / "from sdist").rglob("osl_analysis/**/*.py")
-        }
-        assert files == others
-        call(commands / "osl-analysis", "init", "aus sdist", "--recorder", "opensourceleg", folder=folder)
+        python = environment(folder / "an environment")
+        files = installed(python, wheel)
+        check_campaigns(python.parent, folder / "Ein Ordner")
+        assert files == installed(python, sdist)
+        call(python.parent / "osl-analysis", "init", "aus sdist", "--recorder", "opensourceleg", folder=folder)
     print("wheel and sdist: the same twice, installed, and used in a folder with blanks and umlauts")
 
 

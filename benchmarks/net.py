@@ -34,6 +34,8 @@ STICTION = (
     "B_d = 0: friction that starts and stops turns the last bit of B_1 into this, as another BLAS kernel does in 0.2.0"
 )
 NO_DAMPING = "impedance_K[234]00_B0.0_compensated"
+ABOUT_MEAN = "columns are judged about their means: the zero of an angle changes no verdict"
+ANY = float("inf")
 EXPLAINED = [
     ("excitations/impedance.csv", "clock_drift_se_ppm", "*", 0.03, "ties between equal parts are not left to rounding"),
     ("results/model_comparison.csv", "*", NO_DAMPING, 0.2, STICTION),
@@ -41,6 +43,25 @@ EXPLAINED = [
     ("*/summary.json", "numbers.drivetrain_VAF_gain_compensated.*", "", 0.01, STICTION),
     ("results/phasors.csv", "theta_degrees_of_freedom", "*", 1e-4, "degrees of freedom of an autocorrelation, rounded"),
     ("results/actuator.csv", "residual_autocorrelation", "*", 1e-5, "a correlation of 0.0018 is a difference of sums"),
+    (
+        "*.csv",
+        "doubtful",
+        "*",
+        ANY,
+        "a doubt begins with its cause; friction passes for no fault of the recording",
+    ),
+    ("*.csv", "doubt", "*", ANY, "a doubt begins with its cause"),
+    ("*.csv", "not_checked", "*", ANY, "what could not be checked is said with its size in units of the result"),
+    ("*.csv", "condition_number", "*", 1.0, ABOUT_MEAN),
+    ("*.csv", "largest_correlation", "*", 1.0, ABOUT_MEAN),
+    ("*.csv", "n_doubtful", "*", 0.5, "two default trials are no longer accused of a late torque and a changing K"),
+    ("*/summary.json", "numbers.*.n_doubtful", "", 0.5, "as n_doubtful of the tables"),
+    ("*/summary.json", "numbers.doubtful_*", "", ANY, "trials and causes are counted, not rows that inherit them"),
+    ("*/summary.json", "findings.*", "", ANY, "new: what the end of a run and the page say of the results"),
+    ("*/numbers.tex", "*Doubtful*", "", ANY, "trials are counted, not rows"),
+    ("*/numbers.tex", "*doubtful*", "", ANY, "trials are counted, not rows"),
+    ("*/said.txt", "doubtful*", "", ANY, "causes and trials are counted, not rows that inherit them"),
+    ("*/said.txt", "not checked*", "", ANY, "each thing once, with the trials that it concerns and its size"),
 ]
 """File, column and trial, all with wildcards, the largest difference in units of interval or value, and its reason."""
 OF_THE_RELEASE = re.compile(r"osl(Version|Configuration)\}|^% Simulated data|^% Measured data")

@@ -220,7 +220,7 @@ def test_what_was_not_checked_is_said_with_the_number_of_trials(tmp_path):
         pl.DataFrame(schema=["check", "verdict"]), [tmp_path / "impedance.csv"]
     ).splitlines()
     assert first == "not checked, 2 of 3 impedance trials: K: no file [a, b]"
-    assert "each ms would take 0.2 to 0.3 N*m*s/rad off B = 5 and 0.005 kg*m^2 off I = 0.02" in second
+    assert "each ms of delay would take 0.2 to 0.3 N*m*s/rad off B = 5 and 0.005 kg*m^2 off I = 0.02" in second
 
 
 @pytest.mark.parametrize(("joint", "predicted"), [("ankle", True), ("knee", False)])

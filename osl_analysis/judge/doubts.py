@@ -358,7 +358,7 @@ def sized(row: AnyRow) -> str | None:
     if not text or LATENESS not in str(text) or K is None or B is None or I is None:
         return None if text is None else str(text)
     size = (
-        f"each ms would take {1e-3 * K:.2g} N*m*s/rad off B = {B:.3g} and {1e-3 * B:.2g} kg*m^2 off I = {I:.2g}, check "
+        f"each ms of delay would take {1e-3 * K:.2g} N*m*s/rad off B = {B:.3g} and {1e-3 * B:.2g} kg*m^2 off I = {I:.2g}, check "
         "it with a known spring on the same bench"
     )
     return "; ".join(f"{item}, {size}" if LATENESS in item else item for item in str(text).split("; "))

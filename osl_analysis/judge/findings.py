@@ -19,7 +19,7 @@ from osl_analysis.refusal import is_refused
 from osl_analysis.table import read_table
 
 MOST_NAMED = 3  # trials that a line names
-BEGINS_SIZE = ", each ms would take"  # as `doubts.sized` writes it
+BEGINS_SIZE = ", each ms of delay would take"  # as `doubts.sized` writes it
 
 
 @dataclass(frozen=True)

@@ -63,26 +63,47 @@ def late(_: float, row: AnyRow) -> str:
     return f"{late_signal(row)} is late by {1e6 * abs(lag):.0f} us, which make {makes}"
 
 
-LATE = Cause(
-    "late torque",
-    "the torque comes late, or the angle where the lag is negative, which falsifies B and I",
-    "state `delay` or `low_pass` of the channel in the source file, as in `delay: 2 ms` or "
-    "`low_pass: {cutoff: 100 Hz, order: 1}`",
-    explains=True,
-)
-YIELDING = Cause(
-    "yielding bench",
-    "a spring in series yields, as the bench's frame or a belt, which explains the delay and the low K",
-    "state `bench_stiffness`, once measured, in the configuration",
-    explains=True,
-)
-LATE_OR_YIELDING = Cause(
-    "late torque or yielding bench",
-    "the torque comes late, or a spring in series yields, as the bench's frame or a belt, which this recording cannot "
-    "tell apart",
-    "state `delay` or `low_pass` of the channel in the source file, or `bench_stiffness` in the configuration",
-    explains=True,
-)
+# fmt: off
+LATE = Cause("late torque", "the torque comes late, or the angle where the lag is negative, which falsifies B and I",
+    "state `delay` or `low_pass` of the channel in the source file, as in `delay: 2 ms` or `low_pass: {cutoff: 100 "
+    "Hz, order: 1}`", explains=True)
+YIELDING = Cause("yielding bench", "a spring in series yields, as the bench's frame or a belt, which explains the "
+    "delay and the low K", "state `bench_stiffness`, once measured, in the configuration", explains=True)
+LATE_OR_YIELDING = Cause("late torque or yielding bench", "the torque comes late, or a spring in series yields, as "
+    "the bench's frame or a belt, which this recording cannot tell apart", "state `delay` or `low_pass` of the "
+    "channel in the source file, or `bench_stiffness` in the configuration", explains=True)
+FRICTION = Cause("friction", "it does not grow with the motion, so that B, and K of small motions, depend on the "
+    "amplitude", "use the rows of single amplitudes, or B less what friction adds to it "
+    "(coulomb_damping)", explains=True)
+CLIPPED = Cause("clipped signal", "a torque, angle or current is clipped, it stands at an end of its sensor's range "
+    "or of a motor's limit", "use a sensor of larger range, or a smaller motion, see the quality check "
+    "`saturation`", explains=True)
+STIFFENING = Cause("spring that is not linear", "the stiffness depends on the deflection, the spring stiffens, or "
+    "softens", "use the rows of single amplitudes", explains=True)
+BACKLASH = Cause("backlash", "play between joint and bench takes off stiffness", "mend the mount", explains=True)
+WARMING = Cause("stiffness that changes", "K changes while the trial is recorded, as by warming up or creep, and I "
+    "takes what differs from one frequency to the next for its own", "record the joint warm and in a shorter time, "
+    "or by several sweeps", explains=True)
+CLOCKS = Cause("clocks that drift apart", "the clocks of angle and torque drift apart, which shifts B and I",
+    "record both by one device, or by synchronised clocks")
+DRIFTING = Cause("load cell that drifts", "the torque drifts while the trial is recorded", "zero the load cell once "
+    "it is warm")
+ASYMMETRY = Cause("asymmetric torque", "the torque differs between the two directions of motion, as of an end stop "
+    "or a spring with a preload", "look at torque against angle", explains=True)
+SCALE = Cause("unlikely size", "an estimate is far from what this device can have", "check units and scales in the "
+    "source file")
+NOT_TOLD = Cause("motion that tells too little", "the motion hardly tells the estimates apart, or is small beside "
+    "the noise of the sensors", "move the joint further, or by more frequencies")
+STAMPS = Cause("undecided time stamps", "the estimates depend on whether the stamps or an even sampling are true, "
+    "which nothing decides", "state `stamps: exact` or `stamps: even` in the source file")
+UNEXPLAINED = Cause("model that does not fit", "the model leaves more of the torque unexplained than it should, for "
+    "no cause that is known here", "look at measured and modelled torque of the trial in the report")
+LOOP = Cause("loop that does not close", "the torque does not come back with the angle, the load cell drifts, the "
+    "device creeps, or it begins another way than it goes on", "zero the load cell, and record several cycles with "
+    "the way back once the device has settled")
+BENT = Cause("distorted motion", "the bench did not move the joint in a sine", "lower its speed or improve its "
+    "control")
+# fmt: on
 
 
 def late_or_yielding(row: AnyRow) -> Cause:
@@ -100,73 +121,6 @@ def late_or_yielding(row: AnyRow) -> Cause:
     if min(of_lag, of_spring) > SAME_K or max(of_lag, of_spring) < SAME_K:
         return LATE_OR_YIELDING
     return LATE if of_lag < of_spring else YIELDING
-
-
-FRICTION = Cause(
-    "friction",
-    "it does not grow with the motion, so that B, and K of small motions, depend on the amplitude",
-    "use the rows of single amplitudes, or B less what friction adds to it (coulomb_damping)",
-    explains=True,
-)
-CLIPPED = Cause(
-    "clipped signal",
-    "a torque, angle or current is clipped, it stands at an end of its sensor's range or of a motor's limit",
-    "use a sensor of larger range, or a smaller motion, see the quality check `saturation`",
-    explains=True,
-)
-STIFFENING = Cause(
-    "spring that is not linear",
-    "the stiffness depends on the deflection, the spring stiffens, or softens",
-    "use the rows of single amplitudes",
-    explains=True,
-)
-BACKLASH = Cause("backlash", "play between joint and bench takes off stiffness", "mend the mount", explains=True)
-WARMING = Cause(
-    "stiffness that changes",
-    "K changes while the trial is recorded, as by warming up or creep, and I takes what differs from one frequency to "
-    "the next for its own",
-    "record the joint warm and in a shorter time, or by several sweeps",
-    explains=True,
-)
-CLOCKS = Cause(
-    "clocks that drift apart",
-    "the clocks of angle and torque drift apart, which shifts B and I",
-    "record both by one device, or by synchronised clocks",
-)
-DRIFTING = Cause(
-    "load cell that drifts", "the torque drifts while the trial is recorded", "zero the load cell once it is warm"
-)
-ASYMMETRY = Cause(
-    "asymmetric torque",
-    "the torque differs between the two directions of motion, as of an end stop or a spring with a preload",
-    "look at torque against angle",
-    explains=True,
-)
-SCALE = Cause(
-    "unlikely size", "an estimate is far from what this device can have", "check units and scales in the source file"
-)
-NOT_TOLD = Cause(
-    "motion that tells too little",
-    "the motion hardly tells the estimates apart, or is small beside the noise of the sensors",
-    "move the joint further, or by more frequencies",
-)
-STAMPS = Cause(
-    "undecided time stamps",
-    "the estimates depend on whether the stamps or an even sampling are true, which nothing decides",
-    "state `stamps: exact` or `stamps: even` in the source file",
-)
-UNEXPLAINED = Cause(
-    "model that does not fit",
-    "the model leaves more of the torque unexplained than it should, for no cause that is known here",
-    "look at measured and modelled torque of the trial in the report",
-)
-LOOP = Cause(
-    "loop that does not close",
-    "the torque does not come back with the angle, the load cell drifts, the device creeps, or it begins another way "
-    "than it goes on",
-    "zero the load cell, and record several cycles with the way back once the device has settled",
-)
-BENT = Cause("distorted motion", "the bench did not move the joint in a sine", "lower its speed or improve its control")
 
 
 ROWS = (
@@ -357,10 +311,8 @@ def sized(row: AnyRow) -> str | None:
     text, K, B, I = row.get("not_checked"), *(number(row, name) for name in "KBI")
     if not text or LATENESS not in str(text) or K is None or B is None or I is None:
         return None if text is None else str(text)
-    size = (
-        f"each ms of delay would take {1e-3 * K:.2g} N*m*s/rad off B = {B:.3g} and {1e-3 * B:.2g} kg*m^2 off I = {I:.2g}, check "
-        "it with a known spring on the same bench"
-    )
+    taken = f"{1e-3 * K:.2g} N*m*s/rad off B = {B:.3g} and {1e-3 * B:.2g} kg*m^2 off I = {I:.2g}"
+    size = f"each ms of delay would take {taken}, check it with a known spring on the same bench"
     return "; ".join(f"{item}, {size}" if LATENESS in item else item for item in str(text).split("; "))
 
 

@@ -134,6 +134,16 @@ def test_torque_and_onset_are_free_of_each_crossings_own_noise() -> None:
     assert table["template_onset_se_s"].max() < 4e-4
 
 
+def test_the_errors_of_a_torque_hold_what_each_group_of_crossings_does_to_the_shape() -> None:
+    trials, model = shared(ramps(3, 1), 1)
+    alone = replace(plate(), leave_one_out=())
+    shapes = [model, *(replace(model, template=shape) for shape in model.leave_out[:2])]
+    whole, first, second = (analyse_crossing(trials[0], CALIBRATION, alone, True, settings(), one) for one in shapes)
+    found = whole.plate_errors[1] - whole.plate_errors[0]
+    np.testing.assert_allclose(found, second.torque - first.torque, atol=1e-9)
+    assert np.abs(found).max() > 1e-3
+
+
 def test_a_hexapod_that_heaves_has_two_directions_and_no_single_axis_is_forced_on_it() -> None:
     """A single axis reads 9.4 N*m."""
     turned = ramps(5, 2, heave=HEAVE)

@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +35,8 @@ from osl_analysis.walking.settings import (
 )
 from osl_analysis.walking.tables import (
     ENSEMBLE,
+    FACTS,
+    QUANTITIES,
     Group,
     excluded_crossings,
     fitted_time,
@@ -56,13 +57,8 @@ NO_GAIT = (
 )
 
 
-@dataclass(frozen=True)
-class GroupResult:
-    """What a group gives to each table."""
-
-    rows: Sequence[Mapping[str, Any]]  # of `walking_summary.csv`
-    fact: Mapping[str, Any]  # its row of `walking_groups.csv`
-    curve: pl.DataFrame | None  # its responses in their window; None without a result
+GroupResult = tuple[Sequence[Mapping[str, Any]], Mapping[str, Any], pl.DataFrame | None]
+"""Of a group: rows of `walking_summary.csv`, its row of `walking_groups.csv`, responses; None without a result."""
 
 
 def group_result(
@@ -87,8 +83,8 @@ def group_result(
     except OslAnalysisError as error:
         warnings.warn(f"no result of {group.name}: {error}", stacklevel=2)
         none = {"estimator": ENSEMBLE, "n": len(own), "mean": None, "reason": str(error)}
-        rows = [known | {"quantity": quantity} | none for quantity in SUMMARISED]
-        return GroupResult(rows, fact | {"reason": str(error)}, None)
+        rows = [known | {"quantity": quantity} | none for quantity in QUANTITIES]
+        return rows, fact | {"reason": str(error)}, None
     time = fitted_time(headline.ensemble, settings.timing)
     fact["fitted_phase"] = float(fact["onset_phase"] + time / fact["stance_s"])
     rows = [
@@ -96,14 +92,11 @@ def group_result(
         for row in headline_rows(headline, own, doubtful_row(own))
     ]
     curve = response_table(group.name, headline.responses, headline.ensemble)
-    return GroupResult(rows, fact | group_facts(headline), curve)
+    return rows, fact | group_facts(headline), curve
 
 
 HEADLINES = ("group", "quantity", "estimator", "n", "mean", "se", "low", "high", "commanded")
-FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
 STANCE = np.linspace(0, 1, 101)  # Phases of stance at which the commanded trajectory is drawn
-SUMMARISED = ("K", "B", "I", "VAF")
-"""Columns that a row without a fit has too: a campaign in which no perturbation can be used keeps its other results."""
 
 
 def select_crossings(
@@ -117,10 +110,8 @@ def select_crossings(
     `sheet` has the conditions of every crossing of the campaign, `places` joint and side of each. A warning says by
     which conditions results are split although the configuration does not ask for it."""
     read = [read_crossing_file(path) for path in crossings]
-    analysed, refused = (
-        [c for c in read if isinstance(c, Crossing)],
-        [c for c in read if isinstance(c, RefusedCrossing)],
-    )
+    analysed = [c for c in read if isinstance(c, Crossing)]
+    refused = [c for c in read if isinstance(c, RefusedCrossing)]
     rows = selection_rows(analysed, refused, settings, sheet)
     table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
     said = statements(sheet or {}, settings)
@@ -166,7 +157,9 @@ def fit_perturbation(
 ) -> None:
     """Fit Eq. 15 to the isolated response of one perturbed crossing: one row of `walking.csv`. A crossing that is
     excluded, or whose response cannot be fitted, has a row with the reason and no numbers."""
-    gaits, place = read_unperturbed_gaits(unperturbed), place_of(crossing, selection)
+    gaits, columns = read_unperturbed_gaits(unperturbed), ("reason", "gait", "group", "direction")
+    rows = read_table(selection, ["trial", *columns]).filter(pl.col("trial") == crossing.stem)
+    place = dict.fromkeys(columns) if rows.is_empty() else rows.select(columns).row(0, named=True)
     reason, gait = place["reason"], gaits.get(place["gait"] or ALL)
     row: dict[str, object] = {}
     if reason is None and gait is None:
@@ -177,7 +170,8 @@ def fit_perturbation(
         except OslAnalysisError as error:
             reason = str(error)
     known = {"trial": crossing.stem, "group": place["group"], "direction": place["direction"]}
-    write_table(pl.DataFrame([known | (row or dict.fromkeys(SUMMARISED)) | {EXCLUDED: reason}]), output)
+    row = row or dict.fromkeys(QUANTITIES)  # a campaign in which no perturbation can be used keeps its other results
+    write_table(pl.DataFrame([known | row | {EXCLUDED: reason}]), output)
 
 
 def summarise_perturbations(
@@ -215,7 +209,7 @@ def summarise_perturbations(
         sides[group.name] = {"side": of.pop() if len(of) == 1 else None}
         own = fitted.filter(pl.col("trial").is_in(group.trials))
         results.append(group_result(group, own, files, gaits.get(group.gait), settings))
-    facts, curves = [one.fact for one in results], [one.curve for one in results if one.curve is not None]
+    facts, curves = [fact for _, fact, _ in results], [curve for _, _, curve in results if curve is not None]
     if not curves:
         why = {fact["group"]: fact["reason"] for fact in facts}
         said = "; ".join(reason if name == ALL else f"{name}: {reason}" for name, reason in why.items())
@@ -224,8 +218,8 @@ def summarise_perturbations(
     doubts = dict(zip(judged["group"], judged[DOUBTFUL], strict=True))
     rows = [
         {**row, "doubt": doubts[str(row["group"])] if row["estimator"] == ENSEMBLE else None}
-        for one in results
-        for row in one.rows
+        for of_group, _, _ in results
+        for row in of_group
     ]
     write_table(on_the_walkway(pl.DataFrame(rows, infer_schema_length=None), sides, "group"), output)
     write_table(on_the_walkway(judged.drop("side"), sides, "group"), groups)
@@ -234,14 +228,8 @@ def summarise_perturbations(
 
 def selected_crossings(crossings: Sequence[Path], selection: Path) -> list[Crossing]:
     """The crossings that the table `selection` does not exclude."""
-    return [read_crossing(path) for path in crossings if place_of(path, selection)["reason"] is None]
-
-
-def place_of(crossing: Path, selection: Path) -> dict[str, Any]:
-    """Reason, gait, group and direction of a crossing in the table `selection`; None where it has no row."""
-    columns = ("reason", "gait", "group", "direction")
-    rows = read_table(selection, ["trial", *columns]).filter(pl.col("trial") == crossing.stem)
-    return dict.fromkeys(columns) if rows.is_empty() else rows.select(columns).row(0, named=True)
+    excluded = read_table(selection, ["trial", "reason"]).drop_nulls("reason")["trial"].to_list()
+    return [read_crossing(path) for path in crossings if path.stem not in excluded]
 
 
 def compare_ankle_moment(

@@ -311,8 +311,7 @@ def foot_torque(foot: BodyMotion, ankle: Array, axis: Array, mass: float, inerti
     return np.asarray(np.sum(axis * (lever + inertia * foot.alpha), axis=1))
 
 
-LEAST_EXCURSION = np.deg2rad(5.0)
-"""Smallest RMS rotation [rad] that determines an axis. Below it marker noise determines the direction."""
+LEAST_EXCURSION = np.deg2rad(5.0)  # Smallest RMS rotation [rad] that determines an axis better than marker noise
 FLAT = 0.05
 """Smallest singular value, over the largest, of a direction in which the motion determines the centre. In the others
 the anatomical centre is kept."""
@@ -392,7 +391,7 @@ def hinge_row(hinge: Hinge, axis: str) -> dict[str, object]:
 
 
 MOST_FRAMES = 40  # Frames in which exchanges are tried, spread over those that are not rigid as labelled
-FEWEST_FRAMES = 5  # Fewest frames that are not rigid: single ones are a matter of noise, not of labels
+FEWEST_WRONG = 5  # Fewest frames that are not rigid: single ones are a matter of noise, not of labels
 
 Positions = dict[str, Array]  # Positions by label: (n, 3) [m] in n frames, or (3,) [m] in the static trial
 
@@ -412,7 +411,7 @@ def exchanged_labels(
     limit = settings.largest_residual_mm * 1e-3
     labelled = np.max([residuals(static[s], tracks) for s in names], axis=0)
     wrong = np.flatnonzero(labelled > limit)
-    if len(wrong) < FEWEST_FRAMES:
+    if len(wrong) < FEWEST_WRONG:
         return ""
     rows = wrong[np.linspace(0, len(wrong) - 1, min(MOST_FRAMES, len(wrong))).astype(int)]
     some = {label: track[rows] for label, track in tracks.items()}

@@ -62,8 +62,7 @@ from osl_analysis.walking.setup import (
 
 EDGE_S = 0.1  # Length [s] of the recording before and after a stance that the low-pass needs, where it is available
 FEWEST_SAMPLES = 6  # Samples that a spline of fifth degree needs
-FOOT_FLAT = (0.15, 0.35)
-"""Phases of stance, before the perturbation, over which the foot's place on the plate is averaged."""
+FOOT_FLAT = (0.15, 0.35)  # Phases of stance, before the perturbation, at which the foot's place on the plate is read
 
 
 @dataclass(frozen=True)

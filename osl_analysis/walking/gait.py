@@ -26,8 +26,7 @@ from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.settings import StanceSource
 
 MOST_NAMED = 8  # Most crossings that a message names
-PHASES = np.linspace(0.0, 1.0, 401)
-"""Phases of stance at which unperturbed crossings are sampled, finer than the markers' frames."""
+PHASES = np.linspace(0.0, 1.0, 401)  # Phases of stance at which crossings are sampled, finer than the frames
 
 
 @dataclass(frozen=True)
@@ -97,8 +96,7 @@ def at_phases(curves: Array, phase: Array) -> Array:
 ORDERS = tuple(range(1, 9))  # Orders of the polynomials among which that of the drift is chosen
 STRIDE = 4  # Every fourth phase is compared: a low-pass of 20 Hz leaves no more in an angle
 SMALLEST, LARGEST = 0.75, 1.33  # Bounds of a scale
-STEPS, LONGEST_STEP, LAST_STEP = 15, 0.05, 1e-6
-"""Largest number of steps to a scale, the longest step, and the step that ends the search."""
+STEPS, LONGEST_STEP, LAST_STEP = 15, 0.05, 1e-6  # Most steps to a scale, the longest, and the one that ends the search
 
 
 def matched_scales(phase: Array, curves: Array, mean: Array, orders: Sequence[int] = ORDERS) -> Array:

@@ -304,8 +304,7 @@ def left_of(crossing: Crossing) -> Array:
 CLEAR_GAP = 0.03
 """Gap between onset phases [share of stance] that parts two timings. One timing with an SD of 0.02 has such a gap, with
 `FEWEST_BESIDE_GAP` crossings on either side, in about one campaign in a hundred."""
-FEWEST_BESIDE_GAP = 3
-"""Fewest crossings on either side of a gap that parts timings whose overall SD is that of one timing."""
+FEWEST_BESIDE_GAP = 3  # Fewest crossings on either side of a gap that parts timings with the overall SD of one
 WIDEST_BIN = 2.0  # Widest part, in `timing_scatter`, of timings that spread without a gap
 
 

@@ -102,8 +102,7 @@ def only_stance(stances: list[Stance]) -> Stance:
 
 ANTI_ALIAS = 1 / 3  # Cut-off of the low-pass before resampling, as a fraction of the marker rate
 LEVEL = 0.8  # Smallest vertical part of a plate's normal: ramps and stairs are less steep
-CLIPPED_S = 0.02
-"""A force that keeps its largest value for this time [s] has reached the plate's limit. Noise and gait never do so."""
+CLIPPED_S = 0.02  # A force that keeps its largest value for this time [s], as gait never does, is at the plate's limit
 STANDS_S = 0.1  # A raw channel that repeats one value for this time [s] while the force changes is dead
 LARGEST_FORCE = 8000.0  # Vertical force [N] that no walking person causes: ten times the weight of 80 kg
 
@@ -277,8 +276,7 @@ PLANAR = ("m", "mc_x", "mc_z", "I_yy")
 EXCITED = 0.02
 """An axis counts as excited if its RMS angular acceleration is this fraction of the largest. Motion along its few
 directions leaves less than 0.005 of it about an axis that does not turn."""
-WEIGHT = np.array([0.1] * 3 + [1.0] * 3)
-"""Weights of forces [m] and moments: 0.1 m is about the height of the ankle, a force's lever about it."""
+WEIGHT = np.array([0.1] * 3 + [1.0] * 3)  # Of forces [m] and moments: a force's lever about the ankle is about 0.1 m
 LARGEST_NOISE_SHARE = 0.5  # Largest share of noise in the columns' squares that is corrected
 
 
@@ -358,7 +356,7 @@ def identify_plate_inertia(
             wanted = PLANAR
     parameters[chosen] = correction @ fit.estimates
     errors[chosen] = np.sqrt(np.diag(correction @ fit.covariance @ correction.T))
-    return PlateInertia(parameters, errors, rms(wrench), rms(wrench - columns @ parameters))
+    return PlateInertia(parameters, errors, column_rms(wrench), column_rms(wrench - columns @ parameters))
 
 
 def noise_correction(stacked: Array, noise: Array) -> Array:
@@ -383,7 +381,7 @@ def stacked_columns(columns: Array, names: Sequence[str]) -> Array:
 
 def excited_parameters(motions: Sequence[BodyMotion]) -> tuple[str, ...]:
     """Mass, its moments, and the inertias of axes whose RMS acceleration is `EXCITED` of the largest."""
-    size = rms(np.concatenate([motion.alpha for motion in motions]))
+    size = column_rms(np.concatenate([motion.alpha for motion in motions]))
     excited = {axis for axis, one in zip("xyz", size, strict=True) if one > EXCITED * size.max()}
     return tuple(name for name in PARAMETERS if not name.startswith("I_") or excited & set(name[2:]))
 
@@ -392,15 +390,13 @@ def centred(values: Array) -> Array:
     return np.asarray(values - values.mean(axis=0))
 
 
-def rms(values: Array) -> Array:
+def column_rms(values: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
 LARGEST_PLATE_LAG_S = 0.012
-PLATE_LAG_STEP_S = 0.002
-"""Step [s] between the lags that are tried. A parabola between them is exact to 1 % for motions below 20 Hz."""
-LIGHT = 0.1
-"""RMS [N*m] of an unloaded wrench, forces with their lever, below which a plate is too light to show its lag."""
+PLATE_LAG_STEP_S = 0.002  # Step [s] between tried lags; a parabola between them is exact to 1 % below 20 Hz
+LIGHT = 0.1  # RMS [N*m] of an unloaded wrench, forces with their lever, below which a plate shows no lag
 
 
 def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: Callable[[Array], Array]) -> float:
@@ -415,7 +411,7 @@ def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: C
     stacked = [(centred(w) * WEIGHT).T.ravel() for w in readings]
     misfit = [float(6 * np.mean((w - basis @ (basis.T @ w)) ** 2)) for w in stacked]
     best = int(np.argmin(misfit))
-    size = float(np.sum((rms(centred(readings[best])) * WEIGHT) ** 2))
+    size = float(np.sum((column_rms(centred(readings[best])) * WEIGHT) ** 2))
     if size < LIGHT**2:
         return float("nan")
     if misfit[best] > 0.5 * size or best in (0, len(lags) - 1):
@@ -428,8 +424,7 @@ def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: C
     return float(lags[best] + 0.5 * PLATE_LAG_STEP_S * (before - after) / (before - 2 * least + after))
 
 
-HIDDEN_TURN = np.deg2rad(0.2)
-"""Smallest rotation [rad] during hidden markers that counts as a turn. At rest, noise gives 0.03 deg."""
+HIDDEN_TURN = np.deg2rad(0.2)  # Smallest turn [rad] behind hidden markers that counts; at rest noise gives 0.03 deg
 HIDDEN = "the platform turned while its markers were hidden; fill the gap in Nexus, or record it again"
 CUT = "the recording begins or ends while the platform moves; record from rest to rest"
 CUT_S = 0.05  # Time [s] at each end of a recording in which a platform that moves is seen

@@ -43,10 +43,8 @@ SIGNIFICANT = 1.3  # Margin on the largest variance that noise alone would show 
 LEAST_NOISE_M = 2e-7  # Smallest noise [m] of a coordinate: the resolution of single precision at a metre
 STILL = 7.0  # A platform moves where its speed is above this multiple of its noise: 1 in 10^7 frames of a resting one
 PLAIN = 2.0  # Time before and after a motion that is seen, over the low-pass's spread, in which it may still move
-SPREAD_S, SPREAD_CUTOFF_HZ = 0.025, 20.0
-"""Time [s] by which the low-pass widens a motion, half a period, and the cut-off [Hz] at which it does so."""
-LONG_GAP_S = 0.015
-"""Shortest gap [s] of the platform's markers that is bridged by a straight line. A turn is never hidden for as long."""
+SPREAD_S, SPREAD_CUTOFF_HZ = 0.025, 20.0  # Time [s] by which a low-pass of this cut-off [Hz] widens a motion
+LONG_GAP_S = 0.015  # Shortest gap [s] that is bridged by a straight line: a turn is never hidden for as long
 BESIDE = 4  # Frames beside a gap whose mean is the end of that line
 FEWEST_FRAMES = 10  # Fewest frames from which a position at rest is read
 EVERY = slice(None)
@@ -315,8 +313,7 @@ KNOT_S = 0.01  # Distance [s] between the knots of the shape: 50 Hz, beyond the 
 GRID_S = 0.002  # Step [s] of the shape as it is stored
 ROUNDS = 6  # Alternations of shape and alignment. A start that is 5 ms off is right to 1e-5 s after four.
 LARGEST_STEP_S = 0.02  # Largest change [s] of a start in one step of Gauss and Newton
-UNLIKE = 4.0
-"""A crossing does not follow the shape if its misfit lies this many standard deviations above that of noise."""
+UNLIKE = 4.0  # A crossing does not follow the shape if its misfit is this many SDs above that of noise
 CHANCE = 1e-3
 """The duration of the motion is free where noise alone would scatter it as much with this probability only;
 a trigger's latency is constant unless the starts' noise would scatter it as much with less."""
@@ -447,10 +444,8 @@ for 3, of seventh degree for 4."""
 PREFERRED = 30.0
 """Minimum jerk is used unless another step lowers chi-square by more than this. The starts of two steps that fit alike
 differ by 6 to 10 % of the rise, so that a choice by less would scatter the onset by several ms."""
-EXCLUDED = 9.0
-"""A step is excluded if its chi-square is larger than the least by more than this: 1 in 400 by noise alone."""
-FITTED = 0.7
-"""Share of the rise that is fitted. The half of it tells the start a third less well. The end may overshoot."""
+EXCLUDED = 9.0  # A step whose chi-square is above the least by more than this is excluded: 1 in 400 by noise
+FITTED = 0.7  # Share of the rise that is fitted: the half tells the start a third less well, the end may overshoot
 PLATEAU = 0.95  # Share of the largest displacement from which a rise has ended
 
 

@@ -20,8 +20,7 @@ BEHAVIOUR = ("angle", "torque", "angle_slope", "torque_slope")
 """What a crossing does before the onset, up to where the filter spreads the response: mean and slope of its curves."""
 FROM_GAIT, FROM_GAIT_AND_PLATE = "unperturbed crossings", "unperturbed crossings + plate trials"
 """Sources of the interval of a single perturbation. With a single plate trial the plate's part is unknown."""
-LARGEST_LAG_S, LAG_STEP_S = 0.01, 0.001
-"""Largest lag and step [s] of the search. All lags lie within the response's margin of 8 frames, 27 ms at 300 Hz."""
+LARGEST_LAG_S, LAG_STEP_S = 0.01, 0.001  # Largest lag and step [s] of the search, within the margin of 8 frames
 
 
 @dataclass(frozen=True)

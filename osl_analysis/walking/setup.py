@@ -19,8 +19,7 @@ from osl_analysis.walking.plate import Stance
 
 LOADED = 0.5  # Share of the largest force above which a sample counts as loaded
 FIRST, LAST = 0.1, 0.9  # Phases of stance between which the shank leans forward
-LATE = (0.5, 0.9)
-"""Phases of stance in which the foot pushes: the internal moment is a plantarflexion moment in every gait."""
+LATE = (0.5, 0.9)  # Phases of stance in which the foot pushes, with a plantarflexion moment in every gait
 SIDE_REMEDY = (
     "correct `side`, exchange ankle_medial and ankle_lateral, or correct the labels of the static trial's markers"
 )
@@ -68,7 +67,7 @@ def check_push(phase: Array, torque: Array) -> None:
 
 LARGEST_DELAY_S = 0.05  # Largest delay [s] between the clocks; beyond it they are not aligned
 NEWTON_STEPS = 8
-FEWEST_SAMPLES = 30
+FEWEST_COMPARED = 30
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,7 @@ def compare_encoder(
     rows = (time > encoder_time[0] + spare) & (time < encoder_time[-1] - spare) if len(encoder_time) else time < -1
     if usable is not None and len(encoder_time):
         rows &= np.interp(time, encoder_time, usable) == 1
-    if rows.sum() < FEWEST_SAMPLES:
+    if rows.sum() < FEWEST_COMPARED:
         return None
     spline = make_interp_spline(encoder_time, low_pass(encoder, sampling_rate(encoder_time)), k=5)
     offset, delay = 0.0, 0.0
@@ -118,7 +117,7 @@ def compare_encoder(
 def encoder_check(trial: Trial, time: Array, theta: Array, low_pass: LowPass) -> EncoderCheck | None:
     """The leg's joint encoder compared with the angle (n,) [rad] from markers; None in a trial without one."""
     samples = trial.samples
-    if "theta" not in samples.columns or samples["theta"].count() < FEWEST_SAMPLES:
+    if "theta" not in samples.columns or samples["theta"].count() < FEWEST_COMPARED:
         return None
     own = uniform_signals(trial, ["theta"], GapLimits(cutoff_hz=low_pass.cutoff_hz))
     return compare_encoder(time, theta, own.time, own["theta"], low_pass, own.usable)
@@ -169,8 +168,7 @@ def check_translation(time: Array, platform: Poses, stance: Stance, largest: flo
         )
 
 
-DISAGREE = 0.1
-"""Share by which the masses of sheet and recording may differ: clothes, shoes and the leg weigh something."""
+DISAGREE = 0.1  # Share by which masses of sheet and recording may differ: clothes, shoes and leg weigh something
 POSSIBLE_KG = (10.0, 300.0)  # Body masses [kg] of people
 
 

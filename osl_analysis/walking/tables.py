@@ -36,8 +36,7 @@ QUANTITIES = ("K", "B", "I", "VAF")
 MEAN, ENSEMBLE = "mean of perturbations", "ensemble"
 OTHER_BASELINE = {"predicted": "ensemble, mean gait", "mean": "ensemble, predicted gait"}
 """The ensemble with the baseline that the configuration does not name, by the one that it names."""
-WITH_COMMON_ERRORS = "Student + shared errors"
-"""Interval of a mean over perturbations: from their scatter, and from the errors that all of them share."""
+WITH_COMMON_ERRORS = "Student + shared errors"  # From the scatter, and the errors that all perturbations share
 PHASE_STEP = 4  # Step between the plotted `PHASES`: a hundred points of stance are enough for a curve
 COMMANDED = "commanded"  # Series of the curve that the controller commands
 FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")

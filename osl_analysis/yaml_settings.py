@@ -132,7 +132,7 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
     return content
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def parsed_yaml(text: str) -> tuple[Node | None, Any]:
     """The nodes of a YAML text, with their lines, and its content. A key that stands twice in a mapping is refused."""
     yaml = YAML(typ="safe", pure=True, plug_ins=[])

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy
 
 from osl_analysis.measured import check_finite, check_measured, rounding_of
 from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
@@ -67,7 +67,7 @@ class LinearFit:
 
     def interval(self, name: str) -> tuple[float, float]:
         """Bounds of the 95 % interval of one estimate, in its unit (Student's quantile)."""
-        half = float(stdtrit(self.degrees_of_freedom[self.names.index(name)], 0.975)) * self.se(name)
+        half = float(scipy.special.stdtrit(self.degrees_of_freedom[self.names.index(name)], 0.975)) * self.se(name)
         return self[name] - half, self[name] + half
 
     def predicted(self, columns: Mapping[str, Array]) -> Array:

@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import polars as pl
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import stdtrit
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_finite, check_measured, rounding_of, varies
@@ -59,7 +59,7 @@ def over_repeats(values: ArrayLike, common: Sequence[CommonError] = (), kinds: A
     variances = [*of_means, *(error.variance for error in common)]
     se = float(np.sqrt(sum(variances)))
     each = [*freedom, *(error.degrees_of_freedom for error in common)]
-    half = float(stdtrit(welch_satterthwaite(variances, each), 0.975)) * se
+    half = float(scipy.special.stdtrit(welch_satterthwaite(variances, each), 0.975)) * se
     return Repeats(len(values), mean, sd, se, mean - half, mean + half)
 
 

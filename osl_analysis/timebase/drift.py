@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import fftconvolve
-from scipy.special import ndtr, stdtrit
+import scipy
 
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.signals import LowPass, Motion
@@ -38,7 +37,11 @@ class ClockDrift:
     @property
     def enough(self) -> float:
         """Standard errors that are as rare as `CERTAIN` of them would be if they were known exactly (Student)."""
-        return CERTAIN if np.isinf(self.freedom) else float(-stdtrit(self.freedom, float(ndtr(-CERTAIN))))
+        return (
+            CERTAIN
+            if np.isinf(self.freedom)
+            else float(-scipy.special.stdtrit(self.freedom, float(scipy.special.ndtr(-CERTAIN))))
+        )
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ def scatter_of_noise(rests: Iterable[DriftColumns], edges: Sequence[int], memory
         there = np.unique(chunk)
         parts = np.where(chunk == there[:, None], one.drifting, 0.0)
         left = one.left_of(parts)
-        products[np.ix_(there, there)] += left @ fftconvolve(left, kernel, mode="same", axes=1).T
+        products[np.ix_(there, there)] += left @ scipy.signal.fftconvolve(left, kernel, mode="same", axes=1).T
         shares[there] += parts @ one.drifting
         first += len(one.drifting)
     without_slope = np.eye(chunks) - shares[:, None] / shares.sum()

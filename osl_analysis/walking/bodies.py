@@ -6,8 +6,8 @@ from itertools import combinations
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from osl_analysis.columns import marker_columns
 from osl_analysis.errors import InputError
@@ -141,12 +141,12 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
     count = max(round(BESIDE_S / step), FEWEST_BESIDE)
     for k in ends:
         gap, beside = np.arange(seen[k] + 1, seen[k + 1]), seen[max(k + 1 - count, 0) : k + 1 + count]
-        origin = Rotation.from_matrix(poses.rotation[seen[k]])
-        turned = (Rotation.from_matrix(poses.rotation[beside]) * origin.inv()).as_rotvec()
+        origin = scipy.spatial.transform.Rotation.from_matrix(poses.rotation[seen[k]])
+        turned = (scipy.spatial.transform.Rotation.from_matrix(poses.rotation[beside]) * origin.inv()).as_rotvec()
         span = np.ptp(time[beside]) / 2
         design, wanted = (np.vander((t - time[beside].mean()) / span, 4) for t in (time[beside], time[gap]))
         found = wanted @ np.linalg.lstsq(design, np.hstack([turned, poses.position[beside]]))[0]
-        rotation[gap] = (Rotation.from_rotvec(found[:, :3]) * origin).as_matrix()
+        rotation[gap] = (scipy.spatial.transform.Rotation.from_rotvec(found[:, :3]) * origin).as_matrix()
         position[gap] = found[:, 3:]
         bridged[gap] = True
     return replace(poses, rotation=rotation, position=position, bridged=bridged)
@@ -357,7 +357,7 @@ def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: Sta
             f"foot and shank are seen together in {len(foot)} frames, expected 3 or more; "
             "fill the gaps in Nexus, or set hinge to anatomical"
         )
-    relative = Rotation.from_matrix(np.einsum("nji,njk->nik", shank, foot))
+    relative = scipy.spatial.transform.Rotation.from_matrix(np.einsum("nji,njk->nik", shank, foot))
     vectors = (relative * relative.mean().inv()).as_rotvec()
     _, size, directions = np.linalg.svd(vectors, full_matrices=False)
     size = size / np.sqrt(len(vectors))

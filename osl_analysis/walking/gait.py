@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import rounding_of
@@ -85,12 +85,12 @@ def stance_times(crossing: Crossing, phases: Array = PHASES) -> Array:
 def signal_at(crossing: Crossing, signal: Array, time: Array) -> Array:
     """Signals (..., n) of a crossing at other times (k,) [s], by a cubic spline; constant beyond the recording."""
     inside = np.clip(time, crossing.time[0], crossing.time[-1])
-    return np.asarray(make_interp_spline(crossing.time, signal, k=3, axis=-1)(inside))
+    return np.asarray(scipy.interpolate.make_interp_spline(crossing.time, signal, k=3, axis=-1)(inside))
 
 
 def at_phases(curves: Array, phase: Array) -> Array:
     """Curves (..., `PHASES`) at other phases (k,): (..., k), by a cubic spline."""
-    return np.asarray(make_interp_spline(PHASES, curves, k=3, axis=-1)(phase))
+    return np.asarray(scipy.interpolate.make_interp_spline(PHASES, curves, k=3, axis=-1)(phase))
 
 
 ORDERS = tuple(range(1, 9))  # Orders of the polynomials among which that of the drift is chosen
@@ -103,7 +103,7 @@ def matched_scales(phase: Array, curves: Array, mean: Array, orders: Sequence[in
     """The scales r (orders, m) at which curves (m, k) at phases p (k,), as functions of r p, are most like a multiple
     of the mean curve (n,), which is at uniform phases 0 to 1, plus a polynomial of one of the `orders`. By Gauss and
     Newton, from 1 on; NaN if the search ends at a bound or not at all, or if the mean is itself a polynomial."""
-    spline = make_interp_spline(np.linspace(0.0, 1.0, len(mean)), mean, k=3)
+    spline = scipy.interpolate.make_interp_spline(np.linspace(0.0, 1.0, len(mean)), mean, k=3)
     slope = spline.derivative()
     drift = np.linalg.qr(np.vander(phase / phase[-1], max(orders) + 1, increasing=True))[0]  # orthonormal polynomials
     used = (np.arange(drift.shape[1]) <= np.array(orders)[:, None])[:, None].astype(float)

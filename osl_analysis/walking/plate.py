@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from osl_analysis.columns import AXES, plate_columns
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -117,7 +117,7 @@ def wrench_reader(time: Array, wrench: Array, frames: Array) -> Callable[[float]
     """The wrench (n, 6) at marker frames (n,) [s] as a function of the plate's lag [s]: it is read that much later. A
     low-pass at a third of the marker rate prevents aliasing, and takes less than 1e-5 of 20 Hz at 300 Hz."""
     anti_alias = LowPass(sampling_rate(frames) * ANTI_ALIAS)
-    spline = make_interp_spline(time, anti_alias(wrench, sampling_rate(time)), k=3)
+    spline = scipy.interpolate.make_interp_spline(time, anti_alias(wrench, sampling_rate(time)), k=3)
     return lambda lag: np.asarray(spline(np.clip(frames + lag, time[0], time[-1])))
 
 

@@ -15,10 +15,7 @@ from functools import cached_property
 
 import numpy as np
 import polars as pl
-from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
-from scipy.optimize import OptimizeResult, least_squares
-from scipy.spatial.transform import Rotation
-from scipy.special import betainc, chdtri
+import scipy
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, runs, sampling_rate
@@ -59,7 +56,7 @@ def rotation_from_rest(platform: Poses) -> Array:
     seen = np.flatnonzero(platform.seen())
     angle = np.full(len(platform.position), np.nan)
     if len(seen):
-        vectors = Rotation.from_matrix(platform.rotation[seen]).as_rotvec()
+        vectors = scipy.spatial.transform.Rotation.from_matrix(platform.rotation[seen]).as_rotvec()
         size = np.linalg.norm(vectors, axis=1)
         largest = int(np.argmax(size))
         angle[seen] = vectors @ vectors[largest] / max(float(size[largest]), np.finfo(float).tiny)
@@ -81,7 +78,7 @@ def screw_coordinates(reference: Array, poses: Poses) -> Array:
     """Scaled coordinates (n, 6) [m] of poses; NaN where the cluster was not seen."""
     seen = poses.seen()
     found = np.full((len(seen), COORDINATES), np.nan)
-    turn = Rotation.from_matrix(poses.rotation[seen]).as_rotvec()
+    turn = scipy.spatial.transform.Rotation.from_matrix(poses.rotation[seen]).as_rotvec()
     shift = np.linalg.solve(left_jacobian(turn), (poses.position[seen] - reference.mean(axis=0))[:, :, None])[:, :, 0]
     found[seen] = np.hstack([turn, shift]) @ screw_scale(reference).T
     return found
@@ -92,7 +89,13 @@ def screw_poses(reference: Array, coordinates: Array) -> Poses:
     screw: Array = np.linalg.solve(screw_scale(reference), coordinates.T).T.astype(float)
     turn, n, origin = screw[:, :3], len(screw), reference.mean(axis=0)
     position = np.einsum("nij,nj->ni", left_jacobian(turn), screw[:, 3:]) + origin
-    return Poses(Rotation.from_rotvec(turn).as_matrix(), position, origin, np.full(n, np.nan), np.zeros(n, dtype=bool))
+    return Poses(
+        scipy.spatial.transform.Rotation.from_rotvec(turn).as_matrix(),
+        position,
+        origin,
+        np.full(n, np.nan),
+        np.zeros(n, dtype=bool),
+    )
 
 
 def left_jacobian(turn: Array) -> Array:
@@ -354,8 +357,8 @@ class PlatformTemplate:
     start_shape: float = 0.0  # [s], as `shape` of `RiseStart`
 
     @cached_property
-    def spline(self) -> BSpline:
-        return make_interp_spline(self.time, self.shape, k=5)
+    def spline(self) -> "scipy.interpolate.BSpline":
+        return scipy.interpolate.make_interp_spline(self.time, self.shape, k=5)
 
     def at(self, time: Array, derivative: int = 0) -> Array:
         """Coordinates (n, r) [m], or their derivative, at times [s] from the start; constant beyond the grid."""
@@ -385,7 +388,9 @@ def mean_shape(pairs: Pairs, axes: Array, ends: tuple[float, float], noise: floa
     stamps, drawn, trust = (np.concatenate(each)[order] for each in (time, values, weights))
     step = max(KNOT_S, 1.5 / pairs[0][0].rate)
     inner = np.linspace(*ends, round((ends[1] - ends[0]) / step) + 1)[1:-1]
-    spline = make_lsq_spline(stamps, drawn, np.r_[[stamps[0]] * 4, inner, [stamps[-1]] * 4], k=3, w=trust)
+    spline = scipy.interpolate.make_lsq_spline(
+        stamps, drawn, np.r_[[stamps[0]] * 4, inner, [stamps[-1]] * 4], k=3, w=trust
+    )
     grid = np.arange(np.ceil(stamps[0] / GRID_S), np.floor(stamps[-1] / GRID_S) + 1) * GRID_S
     shape = spline(grid)
     rest = shape[grid <= grid[0] + LEAD_S / 4].mean(axis=0)
@@ -473,14 +478,14 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
     guess = np.array([time[half] - quick / 2, quick, 0.0])
     end = int(np.argmax(turned >= FITTED * height)) + 1
 
-    def fitted(p: int) -> OptimizeResult:
+    def fitted(p: int) -> "scipy.optimize.OptimizeResult":
         """The step I(x; p, p) of some start, duration and level; residuals over noise: `cost` is half of chi-square."""
 
         def difference(step: Array) -> Array:
             x = np.clip((time[:end] - step[0]) / step[1], 0, 1)
-            return np.asarray((betainc(p, p, x) + step[2] - turned[:end] / height) / (noise / height))
+            return np.asarray((scipy.special.betainc(p, p, x) + step[2] - turned[:end] / height) / (noise / height))
 
-        return least_squares(difference, guess, x_scale=[0.01, 0.05, 0.01], diff_step=[1e-4, 1e-4, 1e-4])
+        return scipy.optimize.least_squares(difference, guess, x_scale=[0.01, 0.05, 0.01], diff_step=[1e-4, 1e-4, 1e-4])
 
     found = {p: fitted(p) for p in KINDS}
     best = min(found, key=lambda p: found[p].cost)
@@ -519,7 +524,7 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
     template, alignments = alternated(list(zip(tracks, guesses, strict=True)), False)
     free = [aligned(track, a, template, True) for track, a in zip(tracks, alignments, strict=True)]
     scatter = np.array([(a.duration - 1) / a.duration_se for a in free])
-    if np.sum((scatter - scatter.mean()) ** 2) > chdtri(len(tracks) - 1, CHANCE):
+    if np.sum((scatter - scatter.mean()) ** 2) > scipy.special.chdtri(len(tracks) - 1, CHANCE):
         template, alignments = alternated(list(zip(tracks, free, strict=True)), True)
     for _ in range(len(tracks)):
         following = [a.follows for a in alignments]
@@ -619,7 +624,7 @@ def trigger_latency(
     late, errors = np.array(both).T
     resolution = step / np.sqrt(12)
     expected = float(np.mean(errors**2)) + resolution**2
-    constant = np.sum((late - late.mean()) ** 2) / expected < chdtri(len(late) - 1, CHANCE)
+    constant = np.sum((late - late.mean()) ** 2) / expected < scipy.special.chdtri(len(late) - 1, CHANCE)
     mean, sd, template_se = float(late.mean()), float(late.std(ddof=1)), float(np.sqrt(np.mean(errors**2)))
     return TriggerLatency(mean, sd, template_se, float(resolution), len(late), bool(constant))
 

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
-from scipy.spatial.transform import Rotation
 
 from osl_analysis.columns import AXES
 from osl_analysis.errors import InputError
@@ -98,7 +97,7 @@ def compare_encoder(
         rows &= np.interp(time, encoder_time, usable) == 1
     if rows.sum() < FEWEST_COMPARED:
         return None
-    spline = make_interp_spline(encoder_time, low_pass(encoder, sampling_rate(encoder_time)), k=5)
+    spline = scipy.interpolate.make_interp_spline(encoder_time, low_pass(encoder, sampling_rate(encoder_time)), k=5)
     offset, delay = 0.0, 0.0
     for _ in range(NEWTON_STEPS):
         difference = spline(time[rows] + delay) - theta[rows] - offset
@@ -132,7 +131,7 @@ def platform_turn(time: Array, platform: Poses, axis: Array, window: tuple[float
     start = max(int(np.searchsorted(time, window[0])) - 1, 0)
     rows = slice(start, int(np.searchsorted(time, window[1], side="right")))
     since = platform.rotation[rows] @ platform.rotation[start].T
-    turns = -Rotation.from_matrix(since).as_rotvec() @ axis[start]
+    turns = -scipy.spatial.transform.Rotation.from_matrix(since).as_rotvec() @ axis[start]
     return float(turns[np.argmax(np.abs(turns))])
 
 

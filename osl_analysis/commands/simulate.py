@@ -6,7 +6,6 @@ from typing import Any
 
 import pandas as pd
 
-from osl_analysis.compiled import require_compiler
 from osl_analysis.errors import InputError
 from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.files import atomic_path, check_output, check_target
@@ -149,6 +148,8 @@ def record_trial(
     row: Mapping[str, Any], settings: SimulationSettings, laboratory: WalkingSettings | None, campaign_folder: Path
 ) -> None:
     """Simulate the trial of one row and let its recorders write. Without a gait laboratory it is one of a bench."""
+    from osl_analysis.compiled import require_compiler  # the workflow, which plans with this module, is read without numba
+
     require_compiler()
     p = read_parameters(settings.parameters)
     if row["experiment"] == "actuator" or EXPERIMENTS[row["experiment"]].log == "dynamometer":

@@ -17,7 +17,7 @@ from pathlib import Path
 from osl_analysis.jobs.run import start_server
 
 gc.set_threshold(50_000)  # what planning makes stays: looking through it at every 700th object took a sixth of it
-start_server(config)  # its imports take the other core while this one does those below
+start_server()  # its imports take the other core while this one does those below
 
 from osl_analysis.about import about
 from osl_analysis.campaign import check_campaign, open_campaign

@@ -18,7 +18,7 @@ from osl_analysis.job_log import JobLog, read_log, read_logs, run_report, write_
 from osl_analysis.jobs.job import died, perform, reason_and_remedy
 from osl_analysis.jobs.request import Job, write_request
 from osl_analysis.jobs.run import run_job, start_server
-from osl_analysis.jobs.server import JOBS, OWNER, PRELOADED, SPARED
+from osl_analysis.jobs.server import JOBS, OWNER
 from osl_analysis.judge.findings import exclusion_report, findings_report, left_behind_report
 from osl_analysis.judge.table import QualityRules
 from osl_analysis.judge.usable import Judge, without_excluded, without_refused
@@ -188,7 +188,7 @@ def test_a_job_that_is_killed_is_named(tmp_path: Path, monkeypatch, server: bool
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path / 'site'}:{ROOT}")
     request = written(tmp_path)
     place = f"/tmp/osl-test-{os.getpid()}-{server}/jobs" if server else ""
-    for name, value in {JOBS: place, OWNER: str(os.getpid()), SPARED: " ".join(PRELOADED)}.items():
+    for name, value in {JOBS: place, OWNER: str(os.getpid())}.items():
         monkeypatch.setenv(name, value)
     monkeypatch.chdir(tmp_path)
     run_job(str(request))
@@ -286,12 +286,12 @@ def test_a_long_TMPDIR_does_not_keep_jobs_from_starting(tmp_path: Path, monkeypa
     long.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(long))
     monkeypatch.setattr("sys.argv", ["snakemake", "-n"])
-    for name in (JOBS, OWNER, SPARED):
+    for name in (JOBS, OWNER):
         monkeypatch.setenv(name, "")
-    start_server({})
+    start_server()
     assert os.environ[JOBS].startswith("/tmp/")
     monkeypatch.setattr("os.access", lambda *_: False)
-    start_server({})
+    start_server()
     assert os.environ[JOBS] == ""  # each job starts Python anew
 
 

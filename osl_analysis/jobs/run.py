@@ -13,7 +13,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -24,10 +24,6 @@ from osl_analysis.jobs import server
 NO_JOBS = {"--lint", "--dag", "--rulegraph", "--filegraph", "--d3dag", "--summary", "--unlock", "--report", "--list"}
 NO_JOBS |= {"-n", "--dry-run", "--dryrun", "--touch", "--delete-all-output", "--archive", "--print-compilation"}
 """Options of Snakemake with which it runs no job."""
-STUDY = {"study", "validate"}
-"""Targets that simulate in every campaign."""
-TABLES = {".csv", ".parquet", ".zip"}
-"""Suffixes of targets for which nothing is drawn."""
 LONGEST_PLACE = 70
 """Largest length [bytes] of the folder for temporary files: a socket's path has 107."""
 INTERRUPTED = "interrupted: what had begun was brought to its end; run again to go on from here"
@@ -39,11 +35,10 @@ class JobError(OslAnalysisError):
     """A job could write neither a result nor a record of why there is none."""
 
 
-def start_server(config: Mapping[str, Any]) -> None:
+def start_server() -> None:
     """Name the server of this run's jobs, and start it while the workflow is still read: its imports take another core.
 
-    Where Snakemake runs no job, it is only named. `config` are the fields that override the default. A run that a test
-    starts uses the server of this test.
+    Where Snakemake runs no job, it is only named. A run that a test starts uses the server of this test.
     """
     if os.environ.get(server.OWNER) == str(os.getppid()):
         return
@@ -51,22 +46,10 @@ def start_server(config: Mapping[str, Any]) -> None:
     short = [place for place in places if len(os.fsencode(place)) <= LONGEST_PLACE]
     os.environ[server.JOBS] = f"{short[0]}/osl-jobs-{os.getuid()}-{os.getpid()}/jobs" if short else ""
     os.environ[server.OWNER] = str(os.getpid())
-    os.environ[server.SPARED] = " ".join(rarely_used(config, sys.argv))
     if short and NO_JOBS.isdisjoint(sys.argv):
         with suppress(OSError):
             if is_ours(os.environ[server.JOBS]):
                 start(os.environ[server.JOBS])
-
-
-def rarely_used(config: Mapping[str, Any], arguments: Sequence[str]) -> list[str]:
-    """Modules that no job, or hardly one, uses in a run; each job that does so imports them itself.
-
-    The default simulates. Whose `arguments` ask Snakemake for a table has none drawn.
-    """
-    simulates = config.get("simulation", True) is not None or not STUDY.isdisjoint(arguments)
-    draws = not any(Path(one).suffix in TABLES and "=" not in one for one in arguments)
-    unused = [(simulates, server.OF_SIMULATOR), (draws, server.OF_DRAWINGS)]
-    return [name for used, names in unused if not used for name in names]
 
 
 def run_job(request: str) -> None:

@@ -21,8 +21,8 @@ from typing import NoReturn
 if __name__ == "__main__":  # started by its path
     sys.path[0] = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 
-JOBS, OWNER, SPARED = "OSL_JOBS", "OSL_JOBS_OWNER", "OSL_JOBS_SPARED"
-"""Variables of the environment: the server's socket, the process it ends with, and modules that it need not import."""
+JOBS, OWNER = "OSL_JOBS", "OSL_JOBS_OWNER"
+"""Variables of the environment: the server's socket, and the process that it ends with."""
 IDLE_S = 30.0
 """Time without a job after which a server that belongs to no run ends [s]."""
 LOOK_S = 2.0
@@ -30,22 +30,7 @@ LOOK_S = 2.0
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
 """Snakemake counts one core per job."""
 PR_SET_PDEATHSIG = 1
-OF_SIMULATOR = (
-    "osl_analysis.commands.simulate",
-    "osl_analysis.simulator.bench",
-    "osl_analysis.simulator.walking",
-    "osl_analysis.simulator.preloaded",
-)
-"""What only simulating jobs use. In a new clone it compiles for 2 s."""
-OF_DRAWINGS = (
-    "osl_analysis.figures.names",
-    "matplotlib.backends.backend_pdf",
-    "matplotlib.backends.backend_svg",
-    "matplotlib.backends.backend_agg",
-    "fontTools.subset",
-)
-"""What only jobs use that draw: half a second."""
-PRELOADED = (
+OF_MOST_JOBS = (
     "osl_analysis.jobs.job",
     "scipy.signal",  # our modules name these at their use: the workflow is read without them
     "scipy.interpolate",
@@ -54,33 +39,28 @@ PRELOADED = (
     "scipy.fft",
     "osl_analysis.commands.trials",
     "osl_analysis.commands.bench",
-    "osl_analysis.commands.crossing",
-    "osl_analysis.commands.walking",
     "osl_analysis.commands.tables",
-    "osl_analysis.commands.figure",
-    *OF_SIMULATOR,
-    *OF_DRAWINGS,
 )
+"""Imported while no job waits, as when Snakemake plans."""
+BACKENDS = ("backend_pdf", "backend_svg", "backend_agg")
+USED_WITH = {
+    "simulate": [f"osl_analysis.simulator.{name}" for name in ("bench", "walking", "preloaded")],
+    "figure": ["osl_analysis.figures.names", "fontTools.subset", *(f"matplotlib.backends.{name}" for name in BACKENDS)],
+}
+"""By module of a command: what its functions import when they are called."""
 
 
-def warm() -> None:
-    """Do the imports. The jobs share their memory: no garbage collection of a job looks (and writes) there."""
-    gc.disable()
-    for name in PRELOADED:
-        if name not in os.environ.get(SPARED, "").split():
-            with suppress(ImportError):  # a job that needs it will say so
-                importlib.import_module(name)
-    gc.freeze()
-    gc.enable()
-
-
-def read_ahead(folder: str, request: str) -> None:
-    """Parse the settings that a job reads, 40 ms for a simulation: the jobs that are forked later share them."""
+def prepare(folder: str, request: str) -> None:
+    """Import and parse what a job uses, which takes up to a second: the jobs that are forked later share it."""
     from osl_analysis.jobs.request import read_request
     from osl_analysis.yaml_settings import read_mapping
 
     with suppress(Exception):  # the job will say so
-        for file in read_request(Path(folder, request)).request["made_of"]:
+        job = read_request(Path(folder, request))
+        command = job.command.partition(".")[0]
+        for name in (f"osl_analysis.commands.{command}", *USED_WITH.get(command, ())):
+            importlib.import_module(name)
+        for file in job.request["made_of"]:
             if file.endswith(".yaml"):
                 read_mapping(Path(folder, file))
 
@@ -114,6 +94,7 @@ def receive(link: socket.socket) -> tuple[list[str], list[int]]:
 
 def forked(server: int, words: list[str], files: list[int]) -> NoReturn:
     """The forked process: in a group of its own, with the client's standard files and folder."""
+    gc.enable()
     dies_with(server)
     os.setpgid(0, 0)
     for number in (signal.SIGTERM, signal.SIGCHLD):
@@ -173,9 +154,13 @@ class Server:
         """Until the end of the run."""
         signal.signal(signal.SIGCHLD, lambda *_: None)
         signal.set_wakeup_fd(self.woken.fileno())
-        last = time.monotonic()
+        last, ahead = time.monotonic(), list(OF_MOST_JOBS)
         while self.clients or (goes_on(self.owner) and (self.owner or time.monotonic() - last < IDLE_S)):
-            for key, _ in self.ready.select(LOOK_S):
+            came = self.ready.select(0 if ahead else LOOK_S)
+            if ahead and not came:
+                with suppress(ImportError):  # a job that needs it will say so
+                    importlib.import_module(ahead.pop(0))
+            for key, _ in came:
                 if key.fileobj is self.listener:
                     self.begin(self.listener.accept()[0])
                 elif key.fileobj is self.wake:
@@ -200,7 +185,8 @@ class Server:
         except (OSError, ValueError):
             link.close()
             return
-        read_ahead(*words)
+        prepare(*words)
+        gc.freeze()  # the jobs share this process's memory: no garbage collection of theirs looks (and writes) there
         server, pid = os.getpid(), os.fork()
         if not pid:
             self.listener.close()
@@ -236,7 +222,7 @@ def main(what: str, argument: str, pid: str = "0") -> int:
     if what == "--serve":
         server = Server(argument, int(os.environ.get(OWNER, "0")))
         if not os.fork():  # who has started this process waits for its end: from now on it listens
-            warm()
+            gc.disable()
             server.serve()
         return 0
     from osl_analysis.jobs import job

@@ -48,7 +48,7 @@ def write_log(path: Path, ended: JobLog, request: Mapping[str, Any]) -> None:
     entries |= {name: plain(request.get(name)) for name in REQUEST}
     said = {name: value for name, value in entries.items() if value not in ("", [], {}, None)}
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
-        yaml.dump(said, file, yaml.CSafeDumper, sort_keys=False, width=UNLIMITED, allow_unicode=True)
+        yaml.dump(said, file, yaml.CSafeDumper, sort_keys=False, width=10**9, allow_unicode=True)
 
 
 def read_log(path: Path) -> JobLog | None:

@@ -148,9 +148,7 @@ def record_trial(
     row: Mapping[str, Any], settings: SimulationSettings, laboratory: WalkingSettings | None, campaign_folder: Path
 ) -> None:
     """Simulate the trial of one row and let its recorders write. Without a gait laboratory it is one of a bench."""
-    from osl_analysis.compiled import (
-        require_compiler,  # the workflow, which plans with this module, is read without numba
-    )
+    from osl_analysis.compiled import require_compiler  # planning, which imports this module, needs no numba
 
     require_compiler()
     p = read_parameters(settings.parameters)

@@ -1,4 +1,4 @@
-"""Formats of recordings, decoded as they are: nothing is converted here. Some need a library that is an extra."""
+"""Formats of recordings: from bytes to arrays of numbers. Nothing here knows a leg, a signal or an SI unit."""
 
 from importlib import import_module
 from typing import Any

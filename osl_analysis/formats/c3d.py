@@ -100,24 +100,20 @@ def parameter_value(data: bytes, position: int, processor: str, name: str) -> tu
     if len(content) != abs(kind) * math.prod(shape):
         raise InputError(f"the parameter '{name}' reaches beyond the end of the file")
     if kind == -1:
-        return text_values(content, shape[0] if shape else 1), begin + len(content)
+        length = (shape[0] if shape else 1) or 1  # of each text
+        return [text_of(content[i : i + length]) for i in range(0, len(content), length)], begin + len(content)
     whole = "u1" if kind == 1 else f"{ENDIAN[processor]}i2"
     values = reals(content, processor) if kind == 4 else np.frombuffer(content, whole)
     with np.errstate(invalid="ignore"):  # a damaged real may be no number
         return values.astype(np.float64).reshape(shape, order="F"), begin + len(content)
 
 
-def text_values(content: bytes, length: int) -> list[str]:
-    """Strings of equal length, stripped; in UTF-8, or else in Latin-1."""
-    parts = [content[i : i + length] for i in range(0, len(content), length or 1)]
-    return [text_of(part).strip(" \0") for part in parts]
-
-
 def text_of(text: bytes) -> str:
+    """A text without its padding, in UTF-8, or else in Latin-1."""
     try:
-        return text.decode("utf-8")
+        return text.decode("utf-8").strip(" \0")
     except UnicodeDecodeError:
-        return text.decode("latin-1")
+        return text.decode("latin-1").strip(" \0")
 
 
 def reals(content: bytes, processor: str) -> NDArray[np.float32]:
@@ -355,7 +351,11 @@ def read_c3d(path: Path, counts: Counts = "refuse") -> C3DRecording:
     """
     data = path.read_bytes()
     header = parse_file(data, counts)
-    points, analogs = np.split(frames_of(data, header), [4 * header.points], axis=1)
+    content = data[header.data_start : header.data_start + header.frames * header.frame_bytes]
+    integer = ">i2" if header.processor == "MIPS" else "<i2"
+    numbers = np.frombuffer(content, integer) if header.integers else reals(content, header.processor)
+    # a row per frame: x, y, z, residual per point, then analog samples
+    points, analogs = np.split(numbers.reshape(header.frames, -1), [4 * header.points], axis=1)
     with np.errstate(
         invalid="ignore", over="ignore"
     ):  # a damaged sample that is not finite is refused where it is used
@@ -364,14 +364,6 @@ def read_c3d(path: Path, counts: Counts = "refuse") -> C3DRecording:
             positions(points.reshape(header.frames, header.points, 4), header),
             physical(analogs.reshape(header.frames * header.samples_per_frame, header.channels), header),
         )
-
-
-def frames_of(data: bytes, header: C3DHeader) -> NDArray[Any]:
-    """The data section as stored, a row per frame: x, y, z, residual per point, then analog samples."""
-    content = data[header.data_start : header.data_start + header.frames * header.frame_bytes]
-    integer = ">i2" if header.processor == "MIPS" else "<i2"
-    numbers = np.frombuffer(content, integer) if header.integers else reals(content, header.processor)
-    return numbers.reshape(header.frames, -1)
 
 
 def positions(points: NDArray[Any], header: C3DHeader) -> Array:

@@ -95,9 +95,14 @@ class TdmsFile:
                 overheard(),
                 optional_module("nptdms", *NEEDED).TdmsFile.open(BytesIO(self.data), raw_timestamps=True) as file,
             ):
-                return {one.address: as_numbers(file[one.group][one.name].read_data()) for one in wanted}
+                found: dict[str, Any] = {one.address: file[one.group][one.name].read_data() for one in wanted}
+                for address, one in found.items():
+                    if hasattr(one, "as_datetime64"):  # LabVIEW's time stamps
+                        stamps = one.as_datetime64("ns")
+                        found[address] = (stamps - stamps[0]) / np.timedelta64(1, "ns") * 1e-9
         except Exception as error:  # the library raises many kinds of errors on damaged bytes
             raise unreadable(error) from error
+        return {address: np.asarray(values) for address, values in found.items()}
 
 
 def is_tdms(begin: bytes) -> bool:
@@ -120,14 +125,6 @@ def overheard() -> Iterator[list[str]]:
         yield said
     finally:
         handler.removeFilter(keep)
-
-
-def as_numbers(values: Any) -> NDArray[Any]:
-    """Values of a channel; LabVIEW's time stamps become seconds since the first one."""
-    if not hasattr(values, "as_datetime64"):
-        return np.asarray(values)
-    stamps = values.as_datetime64("ns")
-    return np.asarray((stamps - stamps[0]) / np.timedelta64(1, "ns") * 1e-9)
 
 
 def read_tdms(path: Path) -> TdmsFile:

@@ -76,11 +76,18 @@ def recording_of(capture: Capture, source: Source) -> Recording:
     Markers and model outputs have a sample per frame, plates and analogs several: a row per analog sample, and null
     where a frame has none. A marker that was not seen is NaN.
     """
-    markers, marker_origins = marker_signals(capture, source)
-    outputs, output_origins = output_signals(capture, source)
-    analogs, analog_origins = analog_signals(capture, source)
-    plates, plate_origins = plate_signals(capture.plates, source.rotation)
-    fast, slow = {**plates, **analogs}, {**markers, **outputs}
+    slow, origins = marker_signals(capture, source)
+    for column, values in capture.outputs.items():  # in the unit of the source file, never in that of the file
+        slow[column] = source.outputs[column].to_si(values, unit_of(column))
+        origins[column] = source.outputs[column].origin(column)
+    fast, plate_origins = plate_signals(capture.plates, source.rotation)
+    origins |= plate_origins
+    for column, (values, unit) in capture.analogs.items():
+        try:
+            fast[column] = source.analogs[column].to_si(values, unit_of(column), unit)
+        except InputError as error:
+            raise InputError(f"{column}: {error}, as {source.place('analogs', column, 'unit')}") from error
+        origins[column] = source.analogs[column].origin(column, unit)
     if not fast and not slow:
         raise InputError(
             "the source file names nothing that the file has: no marker, plate, analog channel or model output; name "
@@ -98,7 +105,6 @@ def recording_of(capture: Capture, source: Source) -> Recording:
         "plates": [geometry(plate, source.rotation) for plate in capture.plates],
         **capture.facts,
     }
-    origins = {**plate_origins, **analog_origins, **marker_origins, **output_origins}
     hidden = f"none of the {len(capture.markers)} markers was seen in any of the {capture.frames} frames"
     seen = not capture.markers or any(np.isfinite(marker.positions).any() for marker in capture.markers)
     warnings = [*capture.warnings, *[hidden] * (not seen)]
@@ -125,24 +131,6 @@ def marker_signals(capture: Capture, source: Source) -> tuple[Columns, Origins]:
             columns[column] = turned[:, axis]
             origin = {"label": marker.label, "component": source.axes[axis], "unit": marker.unit}
             origins[column] = {**origin, "factor": factor, "si_unit": unit_of(column)}
-    return columns, origins
-
-
-def output_signals(capture: Capture, source: Source) -> tuple[Columns, Origins]:
-    """Model outputs, (frames,) each. The unit of the source file is used, never that of the file."""
-    columns = {c: source.outputs[c].to_si(values, unit_of(c)) for c, values in capture.outputs.items()}
-    return columns, {column: source.outputs[column].origin(column) for column in columns}
-
-
-def analog_signals(capture: Capture, source: Source) -> tuple[Columns, Origins]:
-    """Analog channels, (samples,) each."""
-    columns, origins = Columns(), Origins()
-    for column, (values, unit) in capture.analogs.items():
-        try:
-            columns[column] = source.analogs[column].to_si(values, unit_of(column), unit)
-        except InputError as error:
-            raise InputError(f"{column}: {error}, as {source.place('analogs', column, 'unit')}") from error
-        origins[column] = source.analogs[column].origin(column, unit)
     return columns, origins
 
 

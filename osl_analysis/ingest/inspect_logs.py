@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing, printable
 from osl_analysis.formats.csv_table import (
     DELIMITERS,
+    Rows,
     check_header_place,
     delimiter_of,
     is_number_cell,
@@ -92,12 +93,18 @@ LEAST_NUMBERS = 0.5  # share of the rows in which one column at least must hold 
 SAMPLE = 5  # rows in which a decimal comma is sought
 
 
-def inspect_csv(path: Path) -> Overview:
-    lines = read_lines(path)
-    comments = [text for _, text in lines if text.lstrip().startswith(COMMENT)]
-    content = [(line, text) for line, text in lines if not text.lstrip().startswith(COMMENT)]
-    delimiter = delimiter_of(content, "auto")
-    rows = split_rows(content, delimiter)
+@dataclass(frozen=True)
+class GuessedCsv:
+    """A table in text, as its lines suggest it."""
+
+    titles: list[str]  # of the columns; their numbers, counted from 1, without a header
+    units: list[str]  # in a row below the header; empty without one
+    body: Rows
+    has_header: bool
+
+
+def guessed_csv(rows: Rows) -> GuessedCsv:
+    """Header, units and rows; refused is text that is no table: most of its rows hold no number."""
     if not rows:
         raise InputError("holds no rows; check that it is a recording")
     headed = not all(seems_number(cell) for cell in rows[0][1] if cell)
@@ -118,50 +125,50 @@ def inspect_csv(path: Path) -> Overview:
             f"no table of numbers: {len(prose)} of {len(body)} rows hold none, such as line {prose[0][0]}, "
             f"'{' '.join(prose[0][1])[:40]}'; name a recording, or write a header and a row per sample"
         )
-    cells = [
-        pl.Series([row[k] if k < len(row) else "" for _, row in body], dtype=pl.String) for k in range(len(titles))
-    ]
+    return GuessedCsv(titles, below, body, headed)
+
+
+def seems_number(cell: str) -> bool:
+    return is_number_cell(cell.replace(",", "."))
+
+
+def inspect_csv(path: Path) -> Overview:
+    lines = read_lines(path)
+    comments = [text for _, text in lines if text.lstrip().startswith(COMMENT)]
+    content = [(line, text) for line, text in lines if not text.lstrip().startswith(COMMENT)]
+    delimiter = delimiter_of(content, "auto")
+    table = guessed_csv(split_rows(content, delimiter))
+    titles, body = table.titles, table.body
+    columns = [[row[k] if k < len(row) else "" for _, row in body] for k in range(len(titles))]
+    cells = [pl.Series(column, dtype=pl.String) for column in columns]
     values = [one.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False) for one in cells]
     clock, left_open = likely_clock({t: v.to_numpy() for t, v in zip(titles, values, strict=True) if is_clock(t)})
-    names = [name_and_unit(title) for title in titles]
     channels = []
-    for place, (title, (name, unit)) in enumerate(zip(titles, names, strict=True)):
+    for place, title in enumerate(titles):
+        (name, unit), numbers = name_and_unit(title), values[place].drop_nulls().to_numpy()
+        unit = unit or (without_brackets(table.units[place]) if place < len(table.units) else "")
         words = Counter(cells[place].filter(values[place].is_null()).to_list()).most_common(MOST_WORDS)
-        channels.append(
-            listed(
-                "column",
-                lasting_name(name, titles),
-                values[place].drop_nulls().to_numpy(),
-                title == clock,
-                unit or (without_brackets(below[place]) if place < len(below) else ""),
-                own=name,
-                also="".join(f", {count} x '{word}'" for word, count in words),
-            )
-        )
-    decimal_comma = delimiter != "," and any("," in cell for _, row in body[:SAMPLE] for cell in row)
-    longer = all(len(row) == len(body[0][1]) > len(titles) for _, row in body)
-    settings = {
-        "clock": "master",
-        "delimiter": {sign: word for word, sign in DELIMITERS.items()}.get(delimiter, delimiter),
-        **({} if headed else {"header": "none"}),
-        **({"units_row": True} if has_units else {}),
-        **({"decimal": ","} if decimal_comma else {}),
-        **({"extra_cells": UNKNOWN} if longer else {}),
-        "time": time_setting("column", None if clock is None else channels[titles.index(clock)]),
-    }
-    facts = {"rows": str(len(body)), "delimiter": repr(delimiter), "header": "yes" if headed else "none"}
-    facts |= {f"comment {i + 1}": text.strip() for i, text in enumerate(comments[:MOST_COMMENTS])}
+        also = "".join(f", {count} x '{word}'" for word, count in words)
+        channels.append(listed("column", lasting_name(name, titles), numbers, title == clock, unit, name, also))
     remarks = []
     for length, count in Counter(len(row) for _, row in body).items():
         if length != len(titles):
             line = next(line for line, row in body if len(row) == length)
             remarks.append(f"{count} rows have {length} cells under {len(titles)} names, the first in line {line}")
-    remarks += guessed_units(channels, "column")
-    return Overview("csv", facts, channels, remarks, settings, open=left_open)
-
-
-def seems_number(cell: str) -> bool:
-    return is_number_cell(cell.replace(",", "."))
+    decimal_comma = delimiter != "," and any("," in cell for _, row in body[:SAMPLE] for cell in row)
+    longer = all(len(row) == len(body[0][1]) > len(titles) for _, row in body)
+    settings = {
+        "clock": "master",
+        "delimiter": {sign: word for word, sign in DELIMITERS.items()}.get(delimiter, delimiter),
+        **({} if table.has_header else {"header": "none"}),
+        **({"units_row": True} if table.units else {}),
+        **({"decimal": ","} if decimal_comma else {}),
+        **({"extra_cells": UNKNOWN} if longer else {}),
+        "time": time_setting("column", None if clock is None else channels[titles.index(clock)]),
+    }
+    facts = {"rows": str(len(body)), "delimiter": repr(delimiter), "header": "yes" if table.has_header else "none"}
+    facts |= {f"comment {i + 1}": text.strip() for i, text in enumerate(comments[:MOST_COMMENTS])}
+    return Overview("csv", facts, channels, [*remarks, *guessed_units(channels, "column")], settings, open=left_open)
 
 
 MOST_ALONE = 100  # largest number of fields that are read one by one to be listed

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cached_property, partial
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from pydantic import ConfigDict, field_validator
@@ -58,6 +58,8 @@ class KnownFormat:
     reader: Callable[[Path, Source], Recording]  # reads a file by its source file
     lister: Callable[[Path], Overview]  # lists what a file holds, without a source file
     own_keys: Keys | None = None  # keys of its source files, where `KEYS` has none
+    source: type[Source] = field(init=False)
+    """The model of its source files, made at import, so that processes forked later share it."""
 
     @property
     def keys(self) -> Keys:
@@ -69,10 +71,8 @@ class KnownFormat:
         """Whether its files come from a motion-capture laboratory."""
         return "channels" not in self.keys.source.split()
 
-    @cached_property
-    def source(self) -> type[Source]:
-        """The model of its source files."""
-        return model_of(self.name, self.keys)
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "source", model_of(self.name, self.keys))
 
     def read(self, path: Path, source: Source) -> Recording:
         """A file as canonical columns in SI units, by its source file. Raises InputError, which names the file."""

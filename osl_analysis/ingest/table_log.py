@@ -24,7 +24,7 @@ from osl_analysis.formats.csv_table import (
     share_above,
     without_brackets,
 )
-from osl_analysis.formats.gait_text import OpenSimTable, read_opensim
+from osl_analysis.formats.gait_text import read_opensim
 from osl_analysis.formats.json_lines import DecodedLines, JsonLines, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import find, no_variable, open_mat, parsed, vector
 from osl_analysis.formats.table import Loss, Table
@@ -424,23 +424,18 @@ ANGLES = {"rad": {"deg": "deg", "rad": "rad"}, "rad/s": {"deg": "deg/s", "rad": 
 
 def opensim_tables(path: Path, source: Source) -> Tables:
     table = read_opensim(path)
-    check_angles(table, source)
-    facts = {"header": table.header, "clock": source.clock}
-    plates = [name for plate in source.plates.values() for name in exported_columns(plate)]
-    columns = {name: table.column(name) for name in dict.fromkeys([*wanted(source), *plates])}
-    return [(0.0, Table(len(table.rows), columns, facts=facts))]
-
-
-def check_angles(table: OpenSimTable, source: Source) -> None:
-    """Refuse a unit of an angle that is not the one which the header's `inDegrees` means."""
-    for column, channel in source.channels.items():
+    for column, channel in source.channels.items():  # a unit of an angle that is not the one of the header
         canonical = unit_of(column)
         own = ANGLES.get(canonical, {}).get(table.angles)
         if own is not None and not np.isclose(si_factor(str(channel.unit), canonical), si_factor(own, canonical)):
             raise InputError(
-                f"its header says inDegrees={table.header['indegrees']}, and column '{channel.column}' "
-                f"is read in {channel.unit}; write {own}, as {source.place('channels', column, 'unit')}"
+                f"its header says inDegrees={table.header['indegrees']}, and column '{channel.column}' is read in "
+                f"{channel.unit}; write {own}, as {source.place('channels', column, 'unit')}"
             )
+    facts = {"header": table.header, "clock": source.clock}
+    plates = [name for plate in source.plates.values() for name in exported_columns(plate)]
+    columns = {name: table.column(name) for name in dict.fromkeys([*wanted(source), *plates])}
+    return [(0.0, Table(len(table.rows), columns, facts=facts))]
 
 
 TABLES: Mapping[str, Callable[[Path, Source], Tables]] = {

@@ -21,7 +21,8 @@ from mcap_bytes import cdr, channel, chunk, header, index, log, message, message
 from test_ingest_mutilated import mutilated
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap import CHUNK_HEAD, MAGIC, RECORD
+from osl_analysis.formats.mcap import CHUNK_HEAD, MAGIC, RECORD, read_mcap
+from osl_analysis.formats.messages import survey_channels
 from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source import Source
@@ -132,12 +133,14 @@ def test_a_chunk_that_fails_its_checksum_is_left_out_and_counted(tmp_path: Path)
 @pytest.mark.parametrize("wrong", [b"\0" * 8, b"\xff" * 8, b"\x01" + b"\0" * 7, bytes(8 + 16 * 3)])
 def test_a_wrong_message_index_changes_nothing_and_is_remarked(tmp_path: Path, wrong: bytes) -> None:
     content = written(tmp_path)
-    index = next(start for opcode, start, _ in top_level(content) if opcode == Opcode.MESSAGE_INDEX)
+    _, index, *_ = (start for opcode, start, _ in top_level(content) if opcode == Opcode.MESSAGE_INDEX)
     entry = index + 9 + 6 + 16 + 8  # the second message's offset
     samples, damage = read(tmp_path, content[:entry] + wrong + content[entry + len(wrong) :], 0.0)
     assert len(samples) == MESSAGES
     assert damage["complete"]
     assert "the index of the chunk" in damage["remarks"][0]
+    (survey,) = survey_channels(read_mcap(tmp_path / "damaged.mcap"))
+    assert (np.diff(survey.log_time) == MILLISECOND).all()
 
 
 def test_a_chunk_of_unknown_compression_is_lost_and_named(tmp_path: Path) -> None:

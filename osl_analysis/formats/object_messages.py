@@ -25,6 +25,7 @@ PART = re.compile(
 PLAIN = re.compile(r"[^.\[\]]+")  # a name that needs no quotes
 MOST_SHOWN = 40  # characters of a value in a message to the user
 AT_ONCE = 1 << 14  # messages that are held as objects at once
+NUMBERS = (int, float, bool)
 NO_TEXTS: Mapping[str, Any] = {}
 
 Indices = NDArray[np.int64]
@@ -205,19 +206,17 @@ def number_at(message: Any, path: str) -> float | bool | None:
         if value is None:
             return None
         if isinstance(key, str):
-            if not is_record(value):
-                raise no_number(value, way, "an object with fields")
-            parent, value = value, member(value, key)
+            parent, value = value, member(value, key, way)
             continue
         if not is_array(value):
             raise no_number(value, way, "an array")
         if isinstance(key, tuple):
-            names = member(parent, key[0]) if is_record(parent) else None
+            names = None if parent is None else member(parent, key[0])
             if names is not None and not is_array(names):
                 raise no_number(names, key[0], "an array of names")
             key = names.index(key[1]) if names and key[1] in names else len(value)
         value = value[key] if key < len(value) else None
-    if value is None or isinstance(value, int | float):
+    if value is None or value.__class__ in NUMBERS:
         return value
     if not is_array(value):
         raise no_number(value, path, "a number")
@@ -245,11 +244,17 @@ def is_array_of(value: Any, kind: Any) -> bool:
     return is_array(value) and len(value) > 0 and all(isinstance(one, kind) for one in value)
 
 
-def member(record: Any, name: str) -> Any:
-    """A field of an object of JSON or a message of protobuf; None where it is absent, or optional and not written."""
-    if isinstance(record, dict):
+def member(record: Any, name: str, way: str = "") -> Any:
+    """A field of an object of JSON or a message of protobuf, which stands at the path `way`.
+
+    None where it is absent, or optional and not written; raises NoNumberError where there is no object.
+    """
+    if record.__class__ is dict:
         return record.get(name)
-    item = record.DESCRIPTOR.fields_by_name.get(name)
+    descriptor = getattr(record, "DESCRIPTOR", None)
+    if descriptor is None:
+        raise no_number(record, way, "an object with fields")
+    item = descriptor.fields_by_name.get(name)
     if item is None or (item.has_presence and not record.HasField(name)):
         return None
     return getattr(record, name)

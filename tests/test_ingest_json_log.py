@@ -245,6 +245,11 @@ def test_a_missing_field_and_a_time_that_is_none_are_refused(tmp_path: Path) -> 
     assert "holds truth values and no numbers" in refused(write(tmp_path / "b", rust_lines()), channels=channels)
     channels = {"theta": {"field": "functions.torque", "unit": "deg"}, "torque": CHANNELS["torque"]}
     assert "is theta and torque in the source file" in refused(tmp_path / "b", channels=channels)
+    lines = [{"t": k, "angle": 0.5, **({} if k == 3 else {"n": k})} for k in range(9)]
+    channels = {"theta": {"field": "angle", "unit": "rad", "counter": "n"}}
+    assert "in line 4, at 3.000 s, is no count of samples" in refused(
+        write(tmp_path / "c", lines), time={"field": "t", "unit": "s"}, channels=channels
+    )
     with pytest.raises(ValueError, match="state either the field that holds time or the rate"):
         read(tmp_path / "b", time={})
 

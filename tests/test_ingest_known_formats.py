@@ -55,6 +55,7 @@ OUTPUT = {"label": "LAnkleMoment", "component": "x", "unit": "N*mm"}
         (channel("time", unit="s"), "time is not a channel"),
         (channel("theta", unit="deg", sign=0), "sign"),
         ({"format": "xlsx"}, "format: 'xlsx' is not allowed"),
+        ({**LOG, "channels": {}}, "channels: name at least one"),
         ({**CAPTURE, "plates": "first"}, "plates: 'first' is not allowed: write all, none or a list"),
         ({**CAPTURE, "plate_units": {"force": "N", "moment": "mm"}}, "unit 'mm' measures [m]"),
         ({**CAPTURE, "outputs": {"reference_ankle_moment_left": OUTPUT}}, "unit 'N*mm' measures [N*m]"),

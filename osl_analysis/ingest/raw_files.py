@@ -2,7 +2,6 @@
 
 import hashlib
 import os
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -18,9 +17,6 @@ from osl_analysis.ingest.known_formats import FORMATS, check_format, named, read
 from osl_analysis.ingest.recording import Recording, check_sizes
 from osl_analysis.ingest.source import SharedAngle
 from osl_analysis.trial import Trial
-
-COARSEST_CLOCK = 2_000_000_000
-"""Steps [ns] in which file systems count the times of a file: FAT 2 s, most others some milliseconds."""
 
 
 def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path) -> Trial:
@@ -119,14 +115,13 @@ class Identity:
     sha256: str
     state: tuple[int, ...]
     """Device, number, size and times [ns] of the file; another value means another file or other bytes."""
-    hashed: int  # when it was hashed [ns]
 
     @classmethod
     def of(cls, path: Path) -> Self:
         with path.open("rb") as file:
-            state, now = state_of(os.fstat(file.fileno())), time.time_ns()
+            state = state_of(os.fstat(file.fileno()))
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-            return cls(path, file.tell(), digest, state, now)
+            return cls(path, file.tell(), digest, state)
 
     @property
     def report(self) -> dict[str, Any]:
@@ -152,15 +147,10 @@ def identified(path: Path, parts: Sequence[Identity]) -> dict[str, Any]:
 
 
 def check_unchanged(parts: Sequence[Identity]) -> None:
-    """Refuse a file that is not the one that was hashed, now that it has been read.
-
-    The times of a file that was written shortly before do not tell two writes apart. Such a file is hashed again.
-    """
+    """Refuse a file that is not the one that was hashed, now that it has been read."""
     for one in parts:
         try:
             same = state_of(one.path.stat()) == one.state and one.size == one.state[2]
-            if same and one.hashed - max(one.state[3:]) < COARSEST_CLOCK:
-                same = Identity.of(one.path).sha256 == one.sha256
         except OSError:
             same = False
         if not same:

@@ -46,6 +46,10 @@ class LowPass:
         angle = np.pi / (2 * self.order)
         return float(self.cutoff_hz * angle / np.sin(angle) * (1 - 1 / (2 * self.order)))
 
+    def gain(self, frequency_hz: Array) -> Array:
+        """Gain (n,) at some frequencies [Hz], well below half the sampling rate: both runs together, without phase."""
+        return np.asarray(1 / (1 + (frequency_hz / self.cutoff_hz) ** (2 * self.order)))
+
     def __call__(self, signal: Array, rate_hz: float) -> Array:
         """Filter samples along the first axis, shape (n, ...), taken at `rate_hz`."""
         check_finite("the signal", signal)

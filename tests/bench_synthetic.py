@@ -1,9 +1,12 @@
-"""A stepped-sine trial whose torque is a function of its motion, for the tests of the bench."""
+"""A stepped-sine record whose torque is a function of its motion, for the tests of the bench."""
+
+from dataclasses import replace
 
 import numpy as np
 
-from osl_analysis.bench.segments import find_blocks, unit_sines
-from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.bench.impedance import impedance_table, rendered_impedance
+from osl_analysis.bench.record import cycles_of, record_of
+from osl_analysis.bench.segments import find_segments, unit_sines
 from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.second_order import impedance_torque
 from osl_analysis.signals import LowPass, Motion, filtered_motion
@@ -18,15 +21,26 @@ def unit_block(protocol, rate):
 
 
 def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL, seed=1):
-    """A stepped-sine trial whose torque [N*m] is a function of its motion, with white noise."""
+    """A stepped-sine record whose torque [N*m] is a function of its motion, with white noise."""
     rest = np.zeros(round(2 * RATE))
     theta = np.concatenate([rest, *(x for a in protocol.amplitudes for x in (a * unit_block(protocol, RATE), rest))])
     time = np.arange(len(theta)) / RATE
     motion, _ = filtered_motion(time, theta, theta, LowPass(100))
     torque = torque_of(motion) + noise * np.random.default_rng(seed).standard_normal(len(time))
-    filtered = filtered_motion(time, theta, torque, LOW_PASS)
-    blocks = find_blocks(time, theta, protocol)
-    return SteppedSineTrial("made", time, RATE, theta, torque, *filtered, blocks, 2, LOW_PASS, 0.0)
+    return record_of_sines(time, theta, torque, protocol)
+
+
+def record_of_sines(time, theta, torque, protocol=PROTOCOL):
+    """The record of raw signals that follow a protocol."""
+    segments = find_segments(time, theta, protocol)
+    groups = cycles_of(segments, 2, np.ones(len(time), dtype=bool))
+    made = record_of("made", time, theta, torque, LOW_PASS, groups)
+    return replace(made, band_hz=(min(protocol.frequencies_hz), max(protocol.frequencies_hz)))
+
+
+def table_of(record):
+    """Its rows of `impedance.csv`."""
+    return impedance_table(rendered_impedance(record))
 
 
 def second_order(motion: Motion):

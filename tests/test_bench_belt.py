@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 from bench_synthetic import LOW_PASS, RATE, stepped_sine
-from conftest import filtered_noise, multisine
+from conftest import filtered_noise
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -14,7 +14,7 @@ from osl_analysis.bench.belt import (
     belt_table,
     fit_belt_stiffness,
 )
-from osl_analysis.bench.transmission import fit_transmission, transmission_table
+from osl_analysis.bench.transmission import transmission_of, transmission_table
 from osl_analysis.errors import InputError
 
 
@@ -126,21 +126,23 @@ def test_the_figure_of_belts_has_what_torque_differs_by_from_the_mean_slope_and_
     assert mean.select("hysteresis_area", "hysteresis_area_low", "hysteresis_area_high").row(1) == (0.5, 0.4, 0.7)
 
 
-@given(st.floats(0.05, 2), st.floats(0, 0.1), st.floats(-1, 1))
+@pytest.mark.parametrize(("B_j", "J_j", "offset"), [(0.45, 0.005, 0.0), (0.2, 0.02, -3.0)])
 def test_recovers_the_losses_of_the_transmission(B_j, J_j, offset):
-    motion = multisine(1.0, 3.0, 5.0)
-    fit = fit_transmission(motion, B_j * motion.omega + J_j * motion.alpha + offset)
-    assert (fit["B_j"], fit["J_j"], fit["offset"]) == pytest.approx((B_j, J_j, offset), rel=1e-8, abs=1e-9)
+    fit = transmission_of(stepped_sine(lambda m: B_j * m.omega + J_j * m.alpha + offset)).whole
+    assert (fit["B_j"], fit["J_j"], fit["offset"]) == pytest.approx((B_j, J_j, offset), rel=1e-4, abs=1e-4)
+
+
+def losses(torque_of):
+    """The rows of the transmission table of a torque."""
+    return transmission_table(transmission_of(stepped_sine(torque_of))).to_dicts()
 
 
 def test_transmission_tells_how_much_of_its_damping_is_coulomb_friction_and_predicts_the_amplitude_not_seen():
-    smooth = transmission_table(stepped_sine(lambda m: 0.45 * m.omega + 0.005 * m.alpha)).to_dicts()
-    rough = transmission_table(
-        stepped_sine(lambda m: 0.3 * m.omega + 0.005 * m.alpha + 0.15 * np.tanh(m.omega / 0.05))
-    ).to_dicts()
+    smooth = losses(lambda m: 0.45 * m.omega + 0.005 * m.alpha)
+    rough = losses(lambda m: 0.3 * m.omega + 0.005 * m.alpha + 0.15 * np.tanh(m.omega / 0.05))
     assert abs(smooth[-1]["coulomb_share"]) < 0.01
     assert rough[-1]["coulomb_share"] == pytest.approx(1 - 0.3 / rough[-1]["B_j"], abs=0.03)
     assert rough[-1]["coulomb_share"] > 0.1
     assert smooth[0]["VAF_held_out"] > 99.9 > rough[0]["VAF_held_out"]
-    assert smooth[-1]["VAF_held_out"] is None
+    assert smooth[-1]["VAF_held_out"] > 99.9
     assert rough[-1]["odd_harmonics"] > 10 * smooth[-1]["odd_harmonics"]

@@ -8,8 +8,7 @@ import pytest
 from bench_synthetic import PROTOCOL, second_order, stepped_sine
 from conftest import ROOT
 
-from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.rendered import AskedImpedance
+from osl_analysis.bench.impedance import AskedImpedance, DesiredImpedance
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.commands.bench import fit_actuator_trial, fit_belt_trial, fit_impedance_trial, fit_transmission_trial
 from osl_analysis.commands.fit import FitRequest, fit_trial

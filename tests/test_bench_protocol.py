@@ -5,20 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import unit_block
+from bench_synthetic import table_of, unit_block
 
-from osl_analysis.bench.impedance import impedance_table, trial_phasors
-from osl_analysis.bench.segments import (
-    Block,
-    Segment,
-    find_blocks,
-    repeated_cycles,
-    settled,
-)
+from osl_analysis.bench.record import cycles_of, drift_rate, record_of_trial
+from osl_analysis.bench.segments import Segment, find_segments, labels_deg, settled
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.bench.stepped_sine import drift_rate, stepped_sine_trial, without_angle
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.runs import SteppedSineProtocol, find_runs
+from osl_analysis.signals import Motion
 from osl_analysis.trial import Trial
 
 PROTOCOL = SteppedSineProtocol(amplitudes=(0.03, 0.06, 0.1), frequencies_hz=(2.0, 4.0), cycles=6)
@@ -85,10 +79,10 @@ def test_a_protocol_is_found_as_people_run_it(practice):
     """Frequency, amplitude, start, order and cycles as recorded, whatever lies between; commanded were 1, 2, 3 Hz."""
     time, theta, edges = as_run(practice)
     theta = theta + 0.01 + 1e-4 * np.random.default_rng(3).standard_normal(len(theta))
-    blocks = find_blocks(time, theta, SteppedSineProtocol((0.03, 0.1), (1.0, 2.0, 3.0), 8))
-    found = [segment for block in blocks for segment in block.segments]
-    assert [block.amplitude for block in blocks] == list(practice.amplitudes)
-    assert [(s.amplitude, s.cycles) for s in found] == [(a, n) for _, a, _, n in edges]
+    found = find_segments(time, theta, SteppedSineProtocol((0.03, 0.1), (1.0, 2.0, 3.0), 8))
+    assert list(dict.fromkeys(s.commanded for s in found)) == list(practice.amplitudes)
+    assert [s.amplitude for s in found] == pytest.approx([s.commanded for s in found], rel=0.01)
+    assert [(s.commanded, s.cycles) for s in found] == [(a, n) for _, a, _, n in edges]
     assert [s.frequency_hz for s in found] == pytest.approx([f for *_, f, _ in edges], rel=1e-4)
     late = [(s.start / 300.0 - start) * s.frequency_hz for s, (start, *_) in zip(found, edges, strict=True)]
     assert np.abs(late).max() < 0.2  # of a cycle; two settle before the fit begins
@@ -98,7 +92,7 @@ def test_a_clock_that_is_right_has_the_commanded_frequency_and_one_that_is_off_i
     commanded = SteppedSineProtocol((0.03, 0.1), (1.0, 2.0, 3.0), 8)
     for clock, expected in ((1 + 5e-5, 3.0), (0.995, 2.985)):
         time, theta, _ = as_run(Practice(clock=clock))
-        theirs = {b.segments[2].frequency_hz for b in find_blocks(time, theta, commanded)}
+        theirs = {s.frequency_hz for s in find_segments(time, theta, commanded)[2::3]}
         assert len(theirs) == 1
         assert theirs.pop() == pytest.approx(expected, rel=1e-12 if expected == 3 else 1e-5)
 
@@ -106,22 +100,22 @@ def test_a_clock_that_is_right_has_the_commanded_frequency_and_one_that_is_off_i
 def test_a_record_that_is_no_stepped_sine_of_these_amplitudes_is_refused_with_what_it_is():
     off = r"sine of 2 Hz at 3\.0 s has an amplitude of 98\.\d+ deg, the protocol says 1\.7"
     with pytest.raises(InputError, match=off):
-        find_blocks(*stepped_record(unit=57.3), PROTOCOL)
+        find_segments(*stepped_record(unit=57.3), PROTOCOL)
     time, theta = stepped_record()
     with pytest.raises(InputError, match=r"no sine was found: the joint angle moves by 0 deg"):
-        find_blocks(time, 0 * theta, PROTOCOL)
+        find_segments(time, 0 * theta, PROTOCOL)
     with pytest.raises(InputError, match=r"no sine was found: .* by 0\.0\d+ deg"):
-        find_blocks(time, 1e-4 * np.random.default_rng(1).standard_normal(len(theta)), PROTOCOL)
+        find_segments(time, 1e-4 * np.random.default_rng(1).standard_normal(len(theta)), PROTOCOL)
 
 
 def test_a_warm_up_at_another_amplitude_is_not_used_where_all_commanded_ones_were_recorded():
     _, theta = stepped_record()
     warm = 0.2 * np.sin(2 * np.pi * 2 * np.arange(0, 2.5, 1 / RATE))
     theta = np.concatenate([np.zeros(500), warm, theta])
-    blocks = find_blocks(np.arange(len(theta)) / RATE, theta, PROTOCOL)
-    assert [b.amplitude for b in blocks] == list(PROTOCOL.amplitudes)
+    found = find_segments(np.arange(len(theta)) / RATE, theta, PROTOCOL)
+    assert list(dict.fromkeys(s.commanded for s in found)) == list(PROTOCOL.amplitudes)
     with pytest.raises(InputError, match=r"amplitude of 11\.46 deg"):
-        find_blocks(np.arange(4500) / RATE, theta[:4500], PROTOCOL)
+        find_segments(np.arange(4500) / RATE, theta[:4500], PROTOCOL)
 
 
 @pytest.mark.parametrize("frequencies_hz", [(2.0, 4.0), (1.0, 2.0, 3.0, 4.0, 5.0), (3.0,), (4.0, 4.4, 5.0)])
@@ -132,16 +126,17 @@ def test_all_recorded_cycles_are_found_whatever_their_number_in_the_configuratio
     recorded = SteppedSineProtocol(PROTOCOL.amplitudes, frequencies_hz, really)
     time, theta = stepped_record(rests=(1.0, 0.0, 0.0), protocol=recorded)
     theta += 1e-4 * np.random.default_rng(1).standard_normal(len(theta)) + 0.02
-    blocks = find_blocks(time, theta, configured)
-    assert [[s.cycles for s in block.segments] for block in blocks] == [[really] * len(frequencies_hz)] * 3
+    found = find_segments(time, theta, configured)
+    assert [(s.commanded, s.cycles) for s in found] == [
+        (a, really) for a in PROTOCOL.amplitudes for _ in frequencies_hz
+    ]
 
 
 @pytest.mark.parametrize(("really", "whole"), [(4.4, 4), (4.6, 4), (4.95, 5)])
 def test_a_cycle_that_was_not_finished_is_not_counted(really, whole):
     time, theta = stepped_record()
     kept = round((3.0 + really / 2) * RATE)
-    (block,) = find_blocks(time[:kept], theta[:kept], PROTOCOL)
-    assert [s.cycles for s in block.segments] == [whole]
+    assert [s.cycles for s in find_segments(time[:kept], theta[:kept], PROTOCOL)] == [whole]
 
 
 def test_a_disturbed_cycle_does_not_end_a_run():
@@ -151,69 +146,80 @@ def test_a_disturbed_cycle_does_not_end_a_run():
     assert first.cycles == pytest.approx(6, abs=0.1)
 
 
+def test_amplitudes_that_differ_are_never_one_label_and_labels_are_measured():
+    """Of a commanded amplitude a bench loses some at high frequencies; a run of another size is another label."""
+    sizes = np.deg2rad([2.0, 1.98, 1.9, 2.45, 4.02])
+    commanded = np.deg2rad([2.0, 2.0, 2.0, 2.0, 4.0])
+    segments = [Segment(a, 1.0, 0, 100, 4, c) for a, c in zip(sizes, commanded, strict=True)]
+    assert labels_deg(segments) == [1.98, 1.98, 1.98, 2.45, 4.02]
+
+
 def test_settled_cycles_leave_out_the_first_and_the_last_and_keep_one():
-    segment = Segment(0.1, 2.0, 100, 1100, 10)
-    block = Block(0.1, (segment,))
-    (kept,) = settled([block], 2)
-    assert (kept.start, kept.stop, kept.cycles) == (300, 1000, 7)
-    (kept,) = settled([block], 20)
+    segment, usable = Segment(0.1, 2.0, 100, 1100, 10), np.ones(2000, dtype=bool)
+    kept = settled(segment, 2, usable)
+    assert (kept.start, kept.stop, kept.cycles, kept.used) == (300, 1000, 7, tuple(range(7)))
+    kept = settled(segment, 20, usable)
     assert (kept.start, kept.stop, kept.cycles) == (1000, 1100, 1)
 
 
 def test_cycles_with_a_row_that_was_not_measured_are_left_out():
-    block = Block(0.1, (Segment(0.1, 3.0, 100, 100 + 2500 / 3, 10), Segment(0.1, 2.0, 1000, 1500, 4)))
+    segments = [Segment(0.1, 3.0, 100, 100 + 2500 / 3, 10), Segment(0.1, 2.0, 1000, 1500, 4)]
     usable = np.ones(2000, dtype=bool)
     usable[390] = False
-    kept, other = settled([block], 1, usable)
-    assert (kept.excluded_cycles, other.excluded_cycles) == (
-        {0, 1, 2},
-        set(),
-    )  # of the cycles from row 183 on, 83.3 rows each
-    assert [(p.start, p.stop) for p in kept.pieces] == [(433, 850)]
-    cycles = repeated_cycles([kept])
-    np.testing.assert_allclose(cycles.first, 250 / 3 * np.arange(5), atol=1e-9)
-    np.testing.assert_allclose(cycles.stop - cycles.first, 250 / 3)
+    kept, other = (settled(one, 1, usable) for one in segments)
+    assert (kept.used, other.used) == ((3, 4, 5, 6, 7), (0, 1))  # of the cycles from row 183 on, 83.3 rows each
+    groups = cycles_of(segments, 1, usable)
+    assert [(p.start, p.stop) for p in groups.pieces()] == [(433, 850), (1125, 1375)]
+    np.testing.assert_allclose(groups.first[:5] - groups.first[0], 250 / 3 * np.arange(5), atol=1e-9)
+    np.testing.assert_allclose(groups.stop[:5] - groups.first[:5], 250 / 3)
 
 
 SEGMENTS = [Segment(0.1, 2.0, 250, 2750, 10), Segment(0.1, 4.0, 2750, 4000, 10)]
 TIME = np.arange(4500) / RATE
 
 
+STILL = np.zeros_like(TIME)
+
+
 def sines(amplitude=20.0):
     """Whole cycles of two frequencies, rest before and after."""
     signal = np.zeros_like(TIME)
     for segment in SEGMENTS:
-        t = TIME[segment.rows] - TIME[segment.start]
+        t = TIME[segment.rows] - TIME[segment.rows.start]
         signal[segment.rows] = amplitude * np.sin(2 * np.pi * segment.frequency_hz * t + 1.0)
     return signal
 
 
+def drift_of(torque, segments=SEGMENTS, theta=None):
+    """The drift of a torque; the joint moves by its sines."""
+    groups = cycles_of(segments, 0, np.ones(len(TIME), dtype=bool))
+    return drift_rate(TIME, Motion(sines(0.1) if theta is None else theta, STILL, STILL), torque, groups)
+
+
 def test_a_sine_of_any_phase_has_no_drift_and_a_drift_is_found_under_it():
-    assert drift_rate(TIME, sines() + 3.0, SEGMENTS) == pytest.approx(0, abs=1e-12)
-    assert drift_rate(TIME, sines() + 3.0 + 0.02 * TIME, SEGMENTS) == pytest.approx(0.02, rel=1e-9)
+    assert drift_of(sines() + 3.0) == pytest.approx(0, abs=1e-12)
+    assert drift_of(sines() + 3.0 + 0.02 * TIME) == pytest.approx(0.02, rel=1e-9)
 
 
 def test_four_cycles_tell_no_drift():
-    assert drift_rate(TIME, 0.02 * TIME, [Segment(0.1, 2.0, 250, 1250, 4)]) == 0.0
+    assert drift_of(0.02 * TIME, [Segment(0.1, 2.0, 250, 1250, 4)]) == 0.0
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.02])
 def test_a_mean_torque_that_grows_with_the_amplitude_is_no_drift(drift):
     """As of an asymmetric joint, in a protocol whose amplitudes grow: 200 theta^2 read 0.56 N*m/min and K 12 SE off."""
-    larger = [Segment(0.2, 2.0, 2750, 4000, 5)]
+    larger = [Segment(0.2, 2.0, 2750, 4000, 5, 0.2)]
     torque = np.where(np.arange(len(TIME)) < 2750, 1.0, 4.0) + drift * TIME
-    assert drift_rate(TIME, torque, SEGMENTS[:1] + larger) == pytest.approx(drift, abs=1e-12)
+    assert drift_of(torque, SEGMENTS[:1] + larger) == pytest.approx(drift, abs=1e-12)
 
 
 def test_a_sine_that_decays_has_means_which_are_no_drift():
     """By 1 % in a second at 300 N*m/rad and 6 deg; 0.005 N*m/s of drift is found under it all the same."""
     theta = sines(np.deg2rad(6))
     for segment in SEGMENTS:
-        theta[segment.rows] *= np.exp(-0.01 * (TIME[segment.rows] - TIME[segment.start]))
-    assert abs(drift_rate(TIME, 300 * theta, SEGMENTS)) > 1e-3
-    assert drift_rate(TIME, without_angle(theta, 300 * theta), SEGMENTS) == pytest.approx(0, abs=1e-12)
-    drifting = without_angle(theta, 300 * theta + 0.005 * TIME)
-    assert drift_rate(TIME, drifting, SEGMENTS) == pytest.approx(0.005, rel=0.02)
+        theta[segment.rows] *= np.exp(-0.01 * (TIME[segment.rows] - TIME[segment.rows.start]))
+    assert drift_of(300 * theta, theta=theta) == pytest.approx(0, abs=1e-9)
+    assert drift_of(300 * theta + 0.005 * TIME, theta=theta) == pytest.approx(0.005, rel=0.02)
 
 
 def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute():
@@ -223,13 +229,13 @@ def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute():
     )
     theta = np.zeros_like(TIME)
     for segment in SEGMENTS:
-        t = TIME[segment.rows] - TIME[segment.start]
+        t = TIME[segment.rows] - TIME[segment.rows.start]
         theta[segment.rows] = np.sin(2 * np.pi * segment.frequency_hz * t)
     theta *= np.deg2rad(4)
     torque = 100 * theta + 2 * np.gradient(theta, TIME) + 3.0
     samples = pl.DataFrame({"time": TIME, "theta": theta, "torque": torque + 0.01 * (TIME - TIME.mean())})
-    record = stepped_sine_trial(Trial("a", samples), settings)
+    record = record_of_trial(Trial("a", samples), settings)
     np.testing.assert_allclose(record.torque, torque, atol=2e-3)
-    whole = impedance_table(record, trial_phasors(record)).row(-1, named=True)
+    whole = table_of(record).row(-1, named=True)
     assert whole["load_cell_drift"] == pytest.approx(0.6, rel=0.02)
     assert whole["K"] == pytest.approx(100, rel=0.01)

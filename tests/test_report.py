@@ -14,16 +14,14 @@ import pytest
 from any_motion import made_trial, noise
 from bench_synthetic import LOW_PASS, RATE, second_order, stepped_sine
 from numpy.testing import assert_allclose
-from test_bench_any_excitation import SETTINGS
+from test_bench_any_excitation import moving_record
 from test_bench_belt import belt_cycle
 
 from osl_analysis.about import About
-from osl_analysis.bench.any_excitation import record_series, record_table
+from osl_analysis.bench.analysis import Series
 from osl_analysis.bench.belt import BeltTrial, belt_series, belt_table, fit_belt_stiffness
-from osl_analysis.bench.impedance import impedance_series, impedance_table, trial_phasors
-from osl_analysis.bench.moving_record import moving_record
-from osl_analysis.bench.series import Series
-from osl_analysis.bench.transmission import transmission_series, transmission_table
+from osl_analysis.bench.impedance import impedance_table, rendered_impedance
+from osl_analysis.bench.transmission import transmission_of, transmission_table
 from osl_analysis.commands.report import lacks_result
 from osl_analysis.dictionary import described_tables
 from osl_analysis.report import trial_page
@@ -302,12 +300,15 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
     torque = torque + 30 * np.gradient(theta_s) + 0.02 * rng.normal(size=len(torque))
     time, fit = np.arange(len(theta_s)) / RATE, fit_belt_stiffness(theta_s, torque)
     belt = BeltTrial("t", time, RATE, LOW_PASS, theta_s, torque, fit)
-    motion = moving_record(made_trial(rng, noise(rng, duration=20.0)), SETTINGS)
+    motion, sines = (
+        rendered_impedance(one) for one in (moving_record(made_trial(rng, noise(rng, duration=20.0))), stepped)
+    )
+    losses = transmission_of(stepped)
     for series, table in (
-        (impedance_series(stepped), impedance_table(stepped, trial_phasors(stepped))),
-        (transmission_series(stepped), transmission_table(stepped)),
+        (sines.analysis.series(), impedance_table(sines)),
+        (losses.series(), transmission_table(losses)),
         (belt_series(belt), belt_table(belt)),
-        (record_series(motion), record_table(motion)),
+        (motion.analysis.series(), impedance_table(motion)),
     ):
         assert vaf(series) == pytest.approx(table["VAF"][-1], abs=1e-6)
         assert 0.1 < series.fitted.mean() < 0.95

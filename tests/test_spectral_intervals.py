@@ -8,8 +8,6 @@ from scipy.signal import butter, freqs, lsim, lti
 from scipy.special import ndtri
 from test_spectral_period import LOW_PASS, RATE, multisine, record
 
-from osl_analysis.bench.moving_record import MovingRecord
-from osl_analysis.bench.rendered import rendered_response
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.equation_error import DETECTION, EXCITED, PERIODS, REALISATIONS, fit_periodic
@@ -22,7 +20,7 @@ from osl_analysis.spectral.models import (
     lines_of_periods,
     lines_of_record,
 )
-from osl_analysis.spectral.realisations import Realisation
+from osl_analysis.spectral.realisations import Realisation, periodic_motion
 from osl_analysis.spectral.response import (
     FAST,
     ROBUST,
@@ -161,13 +159,10 @@ def test_the_test_of_a_record_that_does_not_repeat_itself_has_the_spread_that_it
 def test_periods_beside_a_gap_are_not_in_the_response_of_a_trial():
     theta, torque = record(5, multisine(1, 9))
     usable = np.ones(len(theta), dtype=bool)
-    signals = {"theta": theta, "torque": torque}
 
     def periods():
-        facts = {"usable": usable, "trial": "gap", "rate_hz": RATE, "__getitem__": lambda self, name: signals[name]}
-        whole, inside = (slice(0, len(theta)),), np.ones(len(theta), dtype=bool)
-        trial = MovingRecord(type("Uniform", (), facts)(), theta, torque, None, torque, whole, inside, (0, 6), LOW_PASS)
-        return rendered_response(trial, None).models["periods"][0]
+        found = periodic_motion(theta, torque, RATE, 1.5 * LOW_PASS.cutoff_hz, usable)
+        return sum(one.periods for one in found.realisations)
 
     whole = periods()
     usable[round(20.2 * RATE) : round(21.4 * RATE)] = False

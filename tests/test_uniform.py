@@ -6,11 +6,14 @@ The trials are made in closed form and at 20 kHz, without the simulator.
 import numpy as np
 import polars as pl
 import pytest
+from bench_synthetic import table_of
 
-from osl_analysis.bench.impedance import impedance_table, impedance_time_base, trial_phasors
-from osl_analysis.bench.segments import Block, Segment, settled
+from osl_analysis.bench.analysis import analysed
+from osl_analysis.bench.effects import IMPEDANCE, plain_sums
+from osl_analysis.bench.impedance import QUANTITIES
+from osl_analysis.bench.record import sine_record
+from osl_analysis.bench.segments import Segment, settled
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.errors import InputError
 from osl_analysis.timebase.grid import GapLimits
 from osl_analysis.trial import Trial
@@ -62,8 +65,8 @@ def trial_of(theta, measured, stamps=None, origins=None, stamps_are="auto"):
 
 def fitted(trial, **fields):
     settings = DynamometerAnalysis(**SETTINGS, **fields)
-    record = stepped_sine_trial(trial, settings)
-    return impedance_table(record, trial_phasors(record)).row(-1, named=True)
+    record = sine_record(trial, settings)
+    return table_of(record).row(-1, named=True)
 
 
 def errors(row):
@@ -142,14 +145,11 @@ def test_cycles_beside_a_gap_are_not_fitted_and_the_fit_is_right():
 def test_short_stretches_of_cycles_are_not_used_beside_a_long_one():
     segment, usable = Segment(0.1, 1.0, 0, 2000, 20), np.ones(2000, dtype=bool)
     usable[350:360] = False
-    blocks = [Block(0.1, (segment,))]
-    (part,) = settled(blocks, 0, usable)
-    assert [(p.start, p.stop) for p in part.pieces] == [(400, 1900)]
+    assert settled(segment, 0, usable).used == tuple(range(4, 19))
     usable[1000:1010] = False
-    (part,) = settled(blocks, 0, usable)
-    assert [(p.start, p.stop) for p in part.pieces] == [(400, 1000), (1100, 1900)]
-    with pytest.raises(InputError, match=r"no cycle of 5.72958 deg at 1 Hz is free of rows near a gap"):
-        settled(blocks, 0, np.zeros(2000, dtype=bool))
+    assert settled(segment, 0, usable).used == (*range(4, 10), *range(11, 19))
+    with pytest.raises(InputError, match=r"no cycle of 5.73 deg at 1 Hz is free of rows near a gap"):
+        settled(segment, 0, np.zeros(2000, dtype=bool))
 
 
 FRAME = {"value": "3000 N*m/rad", "standard_error": "100 N*m/rad"}
@@ -192,8 +192,9 @@ def undecided_trial():
 
 
 def test_undecided_stamps_are_also_taken_the_other_way_and_the_change_is_stated():
-    record = stepped_sine_trial(undecided_trial(), DynamometerAnalysis(**SETTINGS))
-    table, row = impedance_time_base(record), impedance_table(record, trial_phasors(record)).row(-1, named=True)
+    record = sine_record(undecided_trial(), DynamometerAnalysis(**SETTINGS))
+    table = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).time_base(QUANTITIES)
+    row = table_of(record).row(-1, named=True)
     assert not table["firm"][0]
     assert table["other_hypothesis"][0].startswith("K ")
     assert 0 < row["time_base_shift"] < 3

@@ -7,8 +7,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.alternatives import time_base_row, time_base_words, timebase_table
-from osl_analysis.bench.series import Series
+from osl_analysis.bench.analysis import Series, time_base_row, time_base_words, timebase_table
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import summary_of_trials

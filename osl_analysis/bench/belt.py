@@ -6,15 +6,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.alternatives import (
-    check_stiffer,
-    joint_angle,
-    time_base_row,
-    time_base_words,
-    timebase_table,
-    widened,
-)
-from osl_analysis.bench.series import Series
+from osl_analysis.bench.analysis import Series, check_stiffer, time_base_row, time_base_words, timebase_table
+from osl_analysis.bench.record import joint_angle
 from osl_analysis.bench.settings import BeltAnalysis, BenchStiffness
 from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import summary_of_trials
@@ -24,7 +17,7 @@ from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
-from osl_analysis.stats.regression import LinearFit
+from osl_analysis.stats.regression import LinearFit, with_shared_error
 from osl_analysis.stats.slow_motion import fit_slow_motion
 from osl_analysis.trial import Array, Trial
 from osl_analysis.uniform import UniformSignals, uniform_signals
@@ -50,12 +43,12 @@ class BeltFit:
     hysteresis_area: float  # area of the loop [N*m*rad = J]
 
     def widened(self, softer: "BeltFit") -> "BeltFit":
-        """The fit with the error of the bench's stiffness in its intervals, as `alternatives.widened`."""
+        """The fit with the error of the bench's stiffness in its intervals, as type B."""
         return replace(
             self,
-            loading=widened(self.loading, softer.loading),
-            unloading=widened(self.unloading, softer.unloading),
-            quadratic=widened(self.quadratic, softer.quadratic),
+            loading=with_shared_error(self.loading, softer.loading.estimates - self.loading.estimates),
+            unloading=with_shared_error(self.unloading, softer.unloading.estimates - self.unloading.estimates),
+            quadratic=with_shared_error(self.quadratic, softer.quadratic.estimates - self.quadratic.estimates),
         )
 
 

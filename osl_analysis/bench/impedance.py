@@ -1,4 +1,6 @@
-"""Rendered impedance on the dynamometer (Figs. 4-6): Eq. 15 per trial and amplitude, and what the gains should give."""
+"""Rendered impedance on the dynamometer (Figs. 4-6): Eq. 15 of any motion, per amplitude and over all, what the gains
+should give, and what judges the estimates.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,32 +8,66 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.alternatives import check_stiffer, time_base_row, time_base_words, timebase_table
-from osl_analysis.bench.changes import OF_DRIFT, stiffness_drift_row, stiffness_of_cycles
-from osl_analysis.bench.diagnostics import lowest_held_out_vaf, over_amplitudes
-from osl_analysis.bench.lag import torque_lag_row
-from osl_analysis.bench.phasors import (
+from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer
+from osl_analysis.bench.effects import (
+    IMPEDANCE,
+    LITTLE,
+    SURE,
+    UNSEEN,
     Admittance,
+    Causes,
+    Fault,
+    causes,
+    clock_drift_of,
+    frame_stiffness,
+    lag_of,
+    noise_of_angle,
+    plain_sums,
+    stiffness_change,
+    sums_of,
+    taken_by,
+    with_effects,
+)
+from osl_analysis.bench.excitation_limits import check_alias, check_band
+from osl_analysis.bench.gram import GroupFit, Sums
+from osl_analysis.bench.phasors import (
     SegmentPhasors,
     at_amplitude,
-    phasors_beside,
-    rendered_nonlinearity_row,
+    harmonic_shares,
+    no_phasors,
+    phasor_table,
+    phasors_of_record,
 )
-from osl_analysis.bench.segments import rows_of
-from osl_analysis.bench.series import Series
-from osl_analysis.bench.stepped_sine import SteppedSineTrial, clock_drift_row, widened_fits
-from osl_analysis.errors import InputError, nearest
-from osl_analysis.model.compensator import CONTROLLERS, Gains, select_gains
+from osl_analysis.bench.record import SHORTEST_S, Label, Record
+from osl_analysis.errors import IdentifiabilityError, InputError, nearest
+from osl_analysis.judge.doubts import counted, doubtful_row
+from osl_analysis.judge.impossible import Saturated, not_checked, plausible_impedance
+from osl_analysis.model.compensator import CONTROLLERS, Gains, predicted_impedance, select_gains
+from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.gain_selection import Weight
 from osl_analysis.parameters import DrivetrainParameters
-from osl_analysis.second_order import fit_impedance, impedance_columns
-from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
-from osl_analysis.stats.regression import LinearFit
+from osl_analysis.protocol.likeness import moving_bins
+from osl_analysis.spectral.realisations import distinct
+from osl_analysis.spectral.response import periodic_response
+from osl_analysis.spectral.tables import NO_RESPONSE, RecordedMotion, ResponseTables, response_tables
+from osl_analysis.stats.fit_row import Row, lag_damping_row
+from osl_analysis.stats.repeats import summary_row
+from osl_analysis.stats.rounding import distinct_values
+from osl_analysis.timebase.drift import drift_row
+from osl_analysis.trial import Array
 
-IMPEDANCE = ("K", "B", "I")  # parameters of Eq. 15.
+QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
+WEIGHTING = "power of the filtered motion"
+"""How frequencies weigh in the estimates, as in every least-squares fit of filtered signals."""
 MAY_BE_NULL = (
-    "amplitude_deg", "K_change", "B_change", "backlash_share", "stiffening", "lag_inertia_share", "frame_stiffness",
-    *OF_DRIFT,
+    "amplitude_deg", "commanded_deg", "K_change", "B_change", "backlash_deg", "backlash_share", "stiffening",
+    "lag_s", "lag_se_s", "lag_damping", "certain_lag_damping", "lag_share", "lag_inertia_share", "frame_stiffness",
+    "K_drift", "drift_inertia_share", "time_base_shift", "clock_drift_ppm", "clock_drift_se_ppm",
+    "certain_clock_drift_ppm", "VAF_held_out", "even_harmonics", "odd_harmonics", "torque_at_peaks", "period_s",
+    "periods", "realisations", "theta_rms_deg", "angle_noise_share", "coulomb_torque", "coulomb_damping",
+    "coulomb_share", "K_repeat_se", "B_repeat_se", "I_repeat_se", "residual_autocorrelation", "ljung_box_per_lag",
+    "ljung_box_p",
+    *(f"{name}{end}" for name in ("B_viscous", "f_C") for end in ("", "_se", "_low", "_high")),
 )  # fmt: skip
 """Columns without a number in some rows, or in all."""
 
@@ -69,59 +105,377 @@ class DesiredImpedance:
         return {"controller": pl.lit(self.controller, pl.String), **numbers}
 
 
-def trial_phasors(trial: SteppedSineTrial) -> list[SegmentPhasors]:
-    """Phasors of the settled cycles of every segment, beside the fits of Eq. 15; as `phasors_beside`."""
-    return phasors_beside(trial, impedance_columns)
+@dataclass(frozen=True)
+class Rendered:
+    """Eq. 15 of an impedance trial, with the phasors of its sines."""
+
+    analysis: Analysis
+    phasors: Sequence[SegmentPhasors]  # none where no sines moved the joint
+    effects: Sums  # with the columns of all effects
+    found: Causes
+
+    @property
+    def record(self) -> Record:
+        return self.analysis.record
 
 
-def impedance_table(
-    trial: SteppedSineTrial, phasors: Sequence[SegmentPhasors], expected: Admittance | None = None
-) -> pl.DataFrame:
-    """The trial's rows of `impedance.csv`: Eq. 15 fitted to each amplitude [deg] and to all of them (amplitude null).
+def rendered_impedance(record: Record, expected: Admittance | None = None) -> Rendered:
+    """Eq. 15 of a record. `expected` is the admittance of the linear model, where the gains are known.
 
-    The interval of the row over all amplitudes contains the noise only. How far friction makes the estimates depend on
-    the amplitude is shown beside it, by the lowest and the highest estimate of a single amplitude.
-
-    `load_cell_drift` [N*m/min] was subtracted from the torque. `expected` is the admittance of the linear model, where
-    the gains are known; the lag of the torque is measured against it.
+    Raises InputError: the joint hardly moves, or its acceleration jumps. Raises IdentifiabilityError: the motion cannot
+    tell K from I; the message names the band that is missing.
     """
-    rows: list[Row] = []
-    clocks = clock_drift_row(trial)
-    stiffness = stiffness_of_cycles(trial.motion.theta, trial.filtered_torque, trial.segments(None))
-    for amplitude in trial.amplitudes:
-        fit = impedance_of(trial, amplitude)
-        other = None if trial.other is None else impedance_of(trial.other, amplitude)
-        check_stiffer(trial.name, "K", fit["K"], trial.bench)
-        chosen = at_amplitude(phasors, amplitude)
+    steps = steps_turned(record)
+    if not record.is_stepped_sine and steps < FEWEST_STEPS:
+        raise InputError(
+            f"trial {record.name}: the joint hardly moves: theta turns by {steps:.0f} steps of its encoder, "
+            f"{FEWEST_STEPS:g} are needed; move it by more, and check the unit of theta in the source file"
+        )
+    sums = plain_sums(record, IMPEDANCE)
+    if not record.is_stepped_sine:
+        check_moves(record, sums, steps)
+        if moving_seconds(record) < SHORTEST_S:
+            words = moves_little(record, "K, B and I cannot be told from so little")
+            raise IdentifiabilityError(f"trial {record.name}: {words}")
+    try:
+        analysis = analysed(record, sums, IMPEDANCE)
+    except IdentifiabilityError as error:
+        words = missing_band(record) if record.is_stepped_sine else moves_little(record, str(error))
+        raise IdentifiabilityError(f"trial {record.name}: {words}") from error
+    if not record.is_stepped_sine:
+        check_alias(record, analysis.whole)
+        limit = getattr(record.settings, "largest_inertia_error", None)
+        check_band(record, analysis.whole, limit)
+    for fit in analysis.fits.values():
+        check_stiffer(record.name, "K", fit["K"], record.bench)
+    effects = sums_of(record, IMPEDANCE, expected)
+    return Rendered(analysis, phasors_of_record(record), effects, causes(record, effects, IMPEDANCE))
+
+
+FEWEST_STEPS = 20.0
+"""Steps of the encoder that an angle turns by at least; below, its rounding is no noise but a part of the motion."""
+HARDLY_MOVES = 0.1  # share of the acceleration that is the encoder's noise, from which a record is refused
+SLOW = 200.0  # steps of the encoder from which a motion is not small but slow, if noise makes its acceleration
+
+
+def check_moves(record: Record, sums: Sums, steps: float) -> None:
+    """Refuse a record that hardly moves, or slowly: noise of the encoder makes its acceleration."""
+    share = noise_of_angle(record)[2] / max(own_power(sums, "alpha", ("theta", "omega", "one")), np.finfo(float).tiny)
+    if share <= HARDLY_MOVES:
+        return
+    slow = steps >= SLOW
+    remedy = (
+        "move it faster, by 0.5 to 6 Hz, or take the stiffness alone by experiment 'torque_angle'"
+        if slow
+        else "move it by more, or faster, and check the unit of theta in the source file"
+    )
+    raise InputError(
+        f"trial {record.name}: the joint {'moves too slowly' if slow else 'hardly moves'}: theta turns by "
+        f"{turn_deg(sums):.2g} deg RMS, and noise of the encoder has {share:.2g} times the power of the acceleration's "
+        f"own part behind the filter, at most {HARDLY_MOVES:g} is allowed; {remedy}"
+    )
+
+
+def own_power(sums: Sums, column: str, others: Sequence[str]) -> float:
+    """Mean square of a column without what is proportional to others."""
+    A = sums.gram.sum(axis=0)
+    own, at, one = sums.names.index(column), sums.index(others), sums.names.index("one")
+    left = A[own, own] - A[own, at] @ np.linalg.lstsq(A[np.ix_(at, at)], A[at, own], rcond=1e-14)[0]
+    return max(float(left / A[one, one]), 0.0)
+
+
+def turn_deg(sums: Sums, label: Label = None) -> float:
+    """RMS [deg] of the filtered angle about its mean in the rows of a label."""
+    A = sums.gram[sums.groups.of(label)].sum(axis=0)
+    theta, one = sums.index(["theta", "one"])
+    n = A[one, one]
+    return float(np.rad2deg(np.sqrt(max(A[theta, theta] / n - (A[theta, one] / n) ** 2, 0.0))))
+
+
+def steps_turned(record: Record) -> float:
+    """Steps of the encoder by which the fitted angle turns, at most as many as there are different values. Without end
+    where no step is seen, and more values than a slow motion has."""
+    measured, step = record.part(record.bench_angle), record.steps[0]
+    values = distinct_values(measured, most=int(SLOW))
+    levels = np.inf if values is None else len(values)
+    return float(levels if step is None else min(np.ptp(measured) / step, levels))
+
+
+def missing_band(record: Record) -> str:
+    """What a stepped sine that cannot tell K from I has at its poorest amplitude, and which band is missing."""
+    at: dict[Label, list[float]] = {}
+    for one in record.groups.strata:
+        at.setdefault(one.label, []).append(one.frequency_hz)
+    found = {label: sorted(set(hz)) for label, hz in at.items()}
+    amplitude, hz = min(found.items(), key=lambda item: (len(item[1]), item[1][-1] / item[1][0]))
+    return (
+        f"K and I cannot be told apart: the sines of {amplitude:g} deg are of {', '.join(f'{f:g}' for f in hz)} Hz "
+        "alone, and at one frequency K - I w^2 is one number; the band below "
+        f"{hz[0] / 2:.2g} Hz or from {2 * hz[-1]:.2g} Hz is missing, excite it as well"
+    )
+
+
+def moving_seconds(record: Record) -> float:
+    """For how long the joint moves within the rows that are fitted."""
+    return float(np.count_nonzero(moving_bins(record.time, record.theta)[record.rows()]) / record.rate_hz)
+
+
+def moves_little(record: Record, why: str) -> str:
+    """For how long and at which frequencies a record moves, where Eq. 15 cannot be fitted to it."""
+    low, high = record.band_hz
+    return (
+        f"the joint moves for {moving_seconds(record):.2g} of the {record.seconds:.3g} s that are fitted, at {low:.2g} "
+        f"to {high:.2g} Hz: {why.partition(';')[0]}; keep it moving by 0.5 to 6 Hz, or take the stiffness alone by "
+        "experiment 'torque_angle'"
+    )
+
+
+def impedance_table(rendered: Rendered) -> pl.DataFrame:
+    """The trial's rows of `impedance.csv`: Eq. 15 fitted to each amplitude [deg] and to all of them (amplitude null);
+    of a motion that is no stepped sine one row.
+
+    `load_cell_drift` [N*m/min] was subtracted from the torque.
+    """
+    analysis, record, s = rendered.analysis, rendered.record, rendered.effects
+    rows = list[Row]()
+    lag, change = lag_of(record, s, IMPEDANCE, rendered.found), stiffness_change(s, IMPEDANCE, rendered.found)
+    facts = recorded_facts(rendered) | {"explained_by": explained_by(rendered.found, lag, change)}
+    frame = frame_stiffness(s, IMPEDANCE, rendered.found) if lag and lag.found else None
+    largest = record.settings.time_base.largest_drift_ppm if record.settings else np.inf
+    clocks = drift_row(clock_drift_of(record, s, IMPEDANCE, rendered.found, largest))
+    commanded = {one.label: one.commanded for one in record.groups.strata}
+    for label, fit in analysis.fits.items():
+        meant = commanded.get(label)
         rows.append(
             {
-                "trial": trial.name,
-                "amplitude_deg": amplitude,
-                **estimates_row(fit, "K", "B", "I", "offset"),
-                **covariance_row(fit, "K", "B", "I"),
-                **diagnostics_row(fit, trial.rate_hz, trial.low_pass),
-                **torque_lag_row(chosen, fit, expected),
-                **rendered_nonlinearity_row(chosen, fit),
-                "VAF_held_out": lowest_held_out_vaf(trial, amplitude, fit, impedance_columns),
-                "load_cell_drift": 60 * trial.drift,
-                **stiffness_drift_row(stiffness, trial.segments(amplitude), fit),
-                **time_base_row(fit, other, IMPEDANCE),
+                "trial": record.name,
+                "amplitude_deg": label if isinstance(label, float) else None,
+                "commanded_deg": None if meant is None else round(float(np.rad2deg(meant)), 9),
+                **analysis.rows(label, *QUANTITIES),
+                **lag_row(lag, fit, frame),
+                **harmonic_row(rendered, label),
+                **friction_row(rendered, label),
+                **spring_row(rendered, label),
+                **analysis.shared(label, *QUANTITIES),
+                **change_row(change, s, fit, label),
                 **clocks,
+                "theta_rms_deg": turn_deg(s, label),
+                "angle_noise_share": angle_noise_share(record, s, fit, label),
+                **facts,
             }
         )
-    may_be_null = dict.fromkeys(MAY_BE_NULL, pl.Float64)
-    table = pl.DataFrame(over_amplitudes(rows), schema_overrides=may_be_null, infer_schema_length=None)
-    return table.with_columns(*(bound for name in ("K", "B", "I") for bound in range_over_amplitudes(name)))
+    table = pl.DataFrame(
+        over_amplitudes(rows), schema_overrides=dict.fromkeys(MAY_BE_NULL, pl.Float64), infer_schema_length=None
+    )
+    return table.with_columns(*(bound for name in QUANTITIES for bound in range_over_amplitudes(name)))
 
 
-def impedance_of(trial: SteppedSineTrial, amplitude: float | None) -> LinearFit:
-    """Eq. 15 fitted to one amplitude [deg] or to all of them (None), the error of the bench's stiffness included."""
-    return widened_fits(trial, impedance_columns)[amplitude]
+def recorded_facts(rendered: Rendered) -> Row:
+    """What moved the joint, which is the same in every row: estimates of a device that is no second-order system depend
+    on band and weights."""
+    record, found = rendered.record, rendered.record.periodic
+    kinds = {"cycles": "stepped sine", "periods": "periodic", "stretches": "other"}
+    low, high = record.band_hz
+    return {
+        "excitation": kinds[record.groups.kind] if found is None else "periodic",
+        "band_low_hz": low,
+        "band_high_hz": high,
+        "weighting": WEIGHTING,
+        "torque_at_peaks": torque_at_peaks(rendered),
+        "fitted_s": record.seconds,
+        "period_s": None if found is None else found.period,
+        "periods": None if found is None else float(sum(one.periods for one in found.realisations)),
+        "realisations": None if found is None else float(len(distinct(found.realisations))),
+    }
 
 
-def impedance_time_base(trial: SteppedSineTrial) -> pl.DataFrame:
-    other = None if trial.other is None else impedance_of(trial.other, None)
-    return timebase_table(trial.uniform, time_base_words(impedance_of(trial, None), other, IMPEDANCE), trial.bench)
+def explained_by(found: Causes, lag: Fault | None, change: Fault | None) -> str | None:
+    """What explains the misfit of Eq. 15, the best explanation first, as far as it is no fault that was not found."""
+    faults = {"lag_s": lag, "K_change": change}
+    sure = [e for e in found.chosen if e not in faults or ((fault := faults[e]) and fault.found)]
+    return ", ".join(f"{effect} {found.fit[effect]:.3g}" for effect in sure) or None
+
+
+def lag_row(lag: Fault | None, fit: GroupFit, frame: float | None) -> Row:
+    """Lag of the torque, the damping that it makes, and the shares of B and I of one that was found. Both shares are
+    null where one that was not found might yet change I by more than `UNSEEN`."""
+    if lag is None:
+        return {**lag_damping_row(None, None, fit["K"]), **dict.fromkeys(("lag_share", "lag_inertia_share", FRAME))}
+    row: Row = {**lag_damping_row(lag.size, lag.se, fit["K"], 0.0 if lag.found else np.inf)}
+    if lag.found:
+        return {
+            **row,
+            **dict(zip(("lag_share", "lag_inertia_share"), lag_shares(lag.size, fit), strict=True)),
+            FRAME: frame,
+        }
+    share = None if lag_shares(lag.possible, fit)[1] > UNSEEN else 0.0
+    return {**row, "lag_share": share, "lag_inertia_share": share, FRAME: None}
+
+
+FRAME = "frame_stiffness"
+
+
+def lag_shares(lag: float, fit: GroupFit) -> tuple[float, float]:
+    """Shares of B and of I that a lag [s] makes: exp(-s d) takes K d off B, and d times the joint's own B off I."""
+    own_damping = fit["B"] + fit["K"] * lag
+    return abs(fit["K"] * lag / fit["B"]), abs(own_damping * lag) / float(np.hypot(fit["I"], LITTLE["I"]))
+
+
+def harmonic_row(rendered: Rendered, label: Label) -> Row:
+    """Even and odd harmonics of the torque, as shares of it: of sines, or of a periodic motion of odd lines."""
+    names = ("even_harmonics", "odd_harmonics")
+    if rendered.phasors:
+        fit = rendered.analysis.fits[label]
+        linear = fit["K"], fit["B"], fit["I"]
+        return dict(zip(names, harmonic_shares(at_amplitude(rendered.phasors, label), linear), strict=True))
+    found = rendered.record.periodic
+    if found is None:
+        return dict.fromkeys(names)
+    levels = periodic_response(found.realisations)[1]
+    shares = (float(x / levels.torque) if np.isfinite(x) else None for x in (levels.even, levels.odd))
+    return dict(zip(names, shares, strict=True))
+
+
+def friction_row(rendered: Rendered, label: Label) -> Row:
+    """Coulomb friction [N*m] of a fit that has it beside K, B and I, and the share of B that it makes; where it is
+    certain, the viscous damping and the friction, each with its interval."""
+    fit = rendered.analysis.fits[label]
+    names = [f"{name}{end}" for name in ("B_viscous", "f_C") for end in ("", "_se", "_low", "_high")]
+    try:
+        beside = with_effects(rendered.effects, IMPEDANCE, ("T_C",), label)
+    except IdentifiabilityError:
+        return dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
+    damping = fit["B"] - beside["B"]
+    row: Row = {"coulomb_torque": beside["T_C"], "coulomb_damping": damping, "coulomb_share": damping / fit["B"]}
+    if beside["T_C"] <= 0 or not beside.certain("T_C", SURE):
+        return row | dict.fromkeys(names)
+    values = [v for name in ("B", "T_C") for v in (beside[name], beside.se(name), *beside.interval(name))]
+    return row | dict(zip(names, values, strict=True))
+
+
+def spring_row(rendered: Rendered, label: Label) -> Row:
+    """What a spring that stiffens, and play, make of K, where the causes of the misfit contain them; else 0.
+
+    `stiffening` is the share of K by which a cubic spring stiffens up to the largest angle, `backlash_deg` the width of
+    a gap, and `backlash_share` the share of K that it takes off. They stand in the row over all amplitudes.
+    """
+    names = ("stiffening", "backlash_deg", "backlash_share")
+    if label is not None:
+        return dict.fromkeys(names)
+    s, found, K = rendered.effects, rendered.found, rendered.analysis.whole["K"]
+    row: Row = dict.fromkeys(names, 0.0)
+    if found.certain("cubic"):
+        theta = rendered.record.part(rendered.record.motion.theta) - s.centre
+        row["stiffening"] = found.fit["cubic"] * float(np.abs(theta).max()) ** 2 / K
+    if found.certain("gap") and found.fit["gap"] > 0:
+        taken = -taken_by(s, IMPEDANCE, "gap")["K"] * found.fit["gap"]
+        row |= {"backlash_deg": float(np.rad2deg(2 * found.fit["gap"] / K)), "backlash_share": max(taken / K, 0.0)}
+    return row
+
+
+def change_row(change: Fault | None, s: Sums, fit: GroupFit, label: Label) -> Row:
+    """`K_drift`, the change of K over the recording beyond noise as a share of K, and `drift_inertia_share`, the share
+    of I that it makes. Null where noise, or what Eq. 15 misses, hides a change that would spoil I."""
+    names = ("K_drift", "drift_inertia_share")
+    if change is None:
+        return dict.fromkeys(names)
+    taken = abs(taken_by(s, IMPEDANCE, "u_theta", label)["I"]) / float(np.hypot(fit["I"], LITTLE["I"]))
+    if change.found:
+        size = abs(change.size) + change.possible
+        return dict(zip(names, (change.size / fit["K"], taken * size), strict=True))
+    return dict.fromkeys(names, None if taken * change.possible > UNSEEN else 0.0)
+
+
+def angle_noise_share(record: Record, s: Sums, fit: GroupFit, label: Label) -> float:
+    """By how much noise of the angle changes I, as a share of it, to first order in its variance.
+
+    Least squares take the columns for exact. With the covariance S of their noise the estimates are off by
+    -(X'X/n)^-1 S times the estimates (Fuller, Measurement Error Models, 1987, ch. 2). The noise of angle and
+    acceleration is correlated, so that a stiff joint has too large an I, and a light one too small.
+    """
+    return abs(angle_noise_bias(record, s, fit, label)) / float(np.hypot(fit["I"], LITTLE["I"]))
+
+
+def angle_noise_bias(record: Record, s: Sums, fit: GroupFit, label: Label = None) -> float:
+    """The same change of I [kg*m^2]."""
+    still, moving, turning = noise_of_angle(record)
+    S = np.array([[still, 0, -moving], [0, moving, 0], [-moving, 0, turning]])
+    A = s.gram[s.groups.of(label)].sum(axis=0)
+    at, one = s.index(["theta", "omega", "alpha"]), s.names.index("one")
+    X = A[np.ix_(at, at)] / A[one, one] - np.outer(A[at, one], A[at, one]) / A[one, one] ** 2
+    return float(-np.linalg.solve(X, S @ [fit["K"], fit["B"], fit["I"]])[2])
+
+
+SHARES = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
+"""Shares of the rows with the highest modelled torque that are compared, from sharp peaks of noise to sines."""
+LEAST_RANGE = 0.03
+"""Least range of the modelled torque in such rows, as a share of its peak: the top of a sine is flat and noisy."""
+
+
+PEAK_ROWS_HZ = 8.0  # rows per second and Hz of the cut-off of which peaks are compared: the signals have nothing faster
+
+
+def torque_at_peaks(rendered: Rendered) -> float | None:
+    """Smallest ratio of `ratio_at_peaks` over the fitted rows of a record."""
+    record = rendered.record
+    step = max(int(record.rate_hz / (PEAK_ROWS_HZ * record.low_pass.cutoff_hz)), 1)
+    rows = record.rows()[::step]
+    return ratio_at_peaks(record.filtered_torque[rows], rendered.analysis.modelled(None, rows))
+
+
+def ratio_at_peaks(measured: Array, modelled: Array) -> float | None:
+    """Smallest SD of the measured torque over that of the modelled one, where the latter is at its peaks.
+
+    Both (n,) [N*m], filtered alike; offsets do not matter. The peaks are the highest and the lowest `SHARES` of the
+    modelled torque. The ratio is 1 for a joint of Eq. 15. Noise and distortion of the torque raise it. Friction lowers
+    it to 0.7. It is near 0 where the torque is clipped, however noisy the plateau is: equal samples, by which a clipped
+    sensor is told, are not needed. None where no peak has the range for a comparison.
+    """
+    found, ordered = [], np.sort(modelled)
+    ends = (float(ordered[-1]), True), (float(ordered[0]), False)
+    middle = float(np.median(ordered, overwrite_input=True))
+    for top, highest in ends:
+        for share in SHARES:
+            level = float(np.quantile(ordered, 1 - share if highest else share, overwrite_input=True))
+            if abs(top - level) > LEAST_RANGE * abs(top - middle):
+                rows = modelled >= level if highest else modelled <= level
+                found.append(float(np.std(measured[rows]) / np.std(modelled[rows])))
+    return min(found, default=None)
+
+
+CONFIRMED = 0.5
+"""Part of the change of K over the amplitudes, as a cause implies it, that must be seen for the cause to count."""
+
+
+def over_amplitudes(rows: Sequence[Row]) -> list[Row]:
+    """The rows of single amplitudes and, last, of all of them, with `K_change` and `B_change` in the last one.
+
+    A spring that stiffens, or play, changes K with the amplitude; where it does not, they are none.
+    """
+    single = sorted(rows[:-1], key=lambda row: number_in(row, "amplitude_deg"))
+    if len(single) < 2:
+        return [{**row, "K_change": None, "B_change": None} for row in rows]
+    K, B = (change_over_amplitudes(single[0], single[-1], rows[-1], name) for name in "KB")
+    nothing: Row = {"K_change": None, "B_change": None}
+    return [*({**row, **nothing} for row in rows[:-1]), {**rows[-1], "K_change": K, "B_change": B}]
+
+
+def change_over_amplitudes(small: Row, large: Row, whole: Row, name: str) -> float:
+    """By how much an estimate changes from the smallest to the largest amplitude, as a share of that to all of them. It
+    is lowered in size by the 95 % half-width of the difference, to 0 at most: noise is no change. What it is divided by
+    is not less than `LITTLE`."""
+    difference = number_in(large, name) - number_in(small, name)
+    halves = [number_in(row, f"{name}_high") - number_in(row, name) for row in (small, large)]
+    half = float(np.hypot(halves[0], halves[1]))
+    return float(
+        np.sign(difference) * max(abs(difference) - half, 0.0) / np.hypot(number_in(whole, name), LITTLE[name])
+    )
+
+
+def number_in(row: Row, name: str) -> float:
+    value = row[name]
+    assert isinstance(value, float)
+    return value
 
 
 def range_over_amplitudes(name: str) -> list[pl.Expr]:
@@ -141,31 +495,132 @@ def prediction_columns(predicted: tuple[float, float, float] | None) -> dict[str
     return {name: pl.lit(value, pl.Float64) for name, value in zip(names, values, strict=True)}
 
 
-def impedance_series(trial: SteppedSineTrial) -> Series:
-    """Measured torque and that of Eq. 15 over the whole trial, fitted to the settled cycles."""
-    return trial.beside(impedance_of(trial, None), impedance_columns)
+def rendered_phasors(rendered: Rendered) -> pl.DataFrame:
+    """The trial's rows of `phasors.csv`; none where no sines moved the joint."""
+    return phasor_table(rendered.record.name, rendered.phasors) if rendered.phasors else no_phasors()
 
 
-def amplitude_series(trial: SteppedSineTrial, amplitude_deg: float, duration_s: float) -> pl.DataFrame:
-    """The last seconds up to the end of one amplitude, measured and by the fit of Eq. 15 to it (Fig. 4). Rests and
-    other amplitudes within these seconds have no rows. Rows that the fit leaves out, such as the first cycles at a
-    frequency, have no modelled torque (null)."""
-    chosen = [b for b in trial.blocks if np.isclose(np.rad2deg(b.amplitude), amplitude_deg)]
-    if not chosen:
-        raise InputError(
-            f"figures.time_series.amplitude_deg = {amplitude_deg:g} is not in the protocol "
-            f"({', '.join(f'{b.amplitude_deg:g}' for b in trial.blocks)} deg); choose one of these"
+def rendered_response(record: Record, p: DrivetrainParameters | None) -> ResponseTables:
+    """The trial's rows of `response.csv` and its models; none of a stepped sine, whose response is in `phasors.csv`."""
+    if record.is_stepped_sine:
+        return NO_RESPONSE
+    signals = record.theta, record.torque, record.rate_hz
+    motion = RecordedMotion(record.name, *signals, record.low_pass, record.periodic, record.pieces, record.steps)
+    return response_tables(motion, p)
+
+
+OF_GAINS, OF_LAG = (
+    "whether K is what the gains should give, whether the bench's frame yields",
+    "whether the torque is late",
+)
+LOOKS_ALIKE = "a delay that matters would look like noise or friction in this recording"
+BAND_POINTS = 12  # frequencies of a band at which the rendered impedance is predicted
+OF_BELT = "K against the belt's K_s"
+OF_DRIFT = "whether K changes while it is recorded: noise, or what Eq. 15 misses, may hide it"
+OF_CLOCKS = "whether the clocks of angle and torque drift apart: what the fit leaves does not show it"
+
+
+@dataclass(frozen=True)
+class AskedImpedance:
+    """What the leg was asked to render, and all that linear theory needs to say what it should have rendered."""
+
+    desired: DesiredImpedance  # controller and desired impedance
+    weight: Weight  # W of Eq. 14 with which the gains were selected.
+    frequencies_hz: Sequence[float]  # frequencies [Hz] of the protocol
+
+    def not_checked(self, p: DrivetrainParameters | None, lag_known: bool) -> str:
+        """What a trial is not checked for, and why; empty if it is checked for all."""
+        of_gains = OF_GAINS if lag_known else f"{OF_GAINS}, {OF_LAG}"
+        if p is None:
+            return f"{OF_BELT}, {of_gains}: the configuration names no parameter file"
+        why = self.desired.unknown_gains()
+        if why:
+            return f"{of_gains}: {why}"
+        return "" if lag_known else f"{OF_LAG}: {LOOKS_ALIKE}"
+
+    def left_unchecked(self, p: DrivetrainParameters | None) -> pl.Expr:
+        """The column `not_checked` of a table with lags: whether the torque is late, only in rows without a share."""
+        known, unknown = (pl.lit(self.not_checked(p, lag_known) or None, pl.String) for lag_known in (True, False))
+        return pl.when(pl.col("lag_inertia_share").is_null()).then(unknown).otherwise(known).alias("not_checked")
+
+
+def judged_impedance(
+    record: Record, rails: Saturated, p: DrivetrainParameters | None, asked: AskedImpedance | None
+) -> tuple[Rendered, pl.DataFrame]:
+    """Eq. 15 of a record, and its rows with all that judges them; what the gains should give only where these are
+    known.
+
+    Without parameter file (`p`), controller of the draft, K_d and B_d they are not. The column `not_checked` says so,
+    and where the motion does not show a change of K over time, or a drift between the clocks of two devices.
+
+    Raises InputError, UnreachableImpedanceError: As `plausible_impedance`, and as `DesiredImpedance.gains`.
+    """
+    gains = None if asked is None else asked.desired.gains(p, asked.weight)
+    expected, predicted = None, None
+    if asked is not None and p is not None and gains is not None:
+        expected = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
+        band = asked.frequencies_hz
+        if not record.is_stepped_sine:
+            band = np.linspace(*record.band_hz, BAND_POINTS).tolist()
+        predicted = predicted_impedance(gains, p, band)
+    rendered = rendered_impedance(record, expected)
+    table = plausible_impedance(impedance_table(rendered), rails, p, predicted[0] if predicted else None)
+    if asked is None:
+        table = table.with_columns(not_checked("" if p else f"{OF_BELT}: no parameter file is named"))
+    else:
+        known = table.with_columns(**asked.desired.columns(), **prediction_columns(predicted))
+        table = known.with_columns(asked.left_unchecked(p))
+    unseen = {"K_drift": OF_DRIFT} | ({"clock_drift_ppm": OF_CLOCKS} if record.two_clocks else {})
+    for column, words in unseen.items():
+        both = pl.concat_str("not_checked", pl.lit(words), separator="; ", ignore_nulls=True)
+        table = table.with_columns(
+            pl.when(pl.col(column).is_null()).then(both).otherwise("not_checked").alias("not_checked")
         )
-    rows = np.concatenate([np.r_[stretch] for stretch in chosen[0].stretches])
-    block = rows if trial.usable is None else rows[trial.usable[rows]]
-    last = block[block > block[-1] - round(duration_s * trial.rate_hz)]
-    modelled = fit_impedance(*trial.part(amplitude_deg)).torque(trial.motion[last])
-    fitted = np.isin(last, rows_of(trial.segments(amplitude_deg)))
-    return pl.DataFrame(
-        {
-            "time": trial.time[last] - trial.time[last[0]],
-            "theta_deg": np.rad2deg(trial.motion.theta[last]),
-            "torque": trial.filtered_torque[last],
-            "torque_model": pl.Series(modelled).set(pl.Series(~fitted), None),
-        }
-    )
+    return rendered, table
+
+
+SAME_MOTION = 0.15  # largest relative difference of band, period and size of motions that are realisations of one
+SAME = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
+"""Columns in which the trials of one row agree, as far as the table of fits has them."""
+TEXT = ("joint", "side", "controller", "group", "excitation", "quantity", "interval_method")  # columns of text
+NUMBERS = ("band_low_hz", "band_high_hz", "n", "mean", "sd", "se", "low", "high", "n_doubtful", "n_left_out")
+"""Columns of numbers beside the condition."""
+
+
+def alike(trials: pl.DataFrame) -> list[pl.DataFrame]:
+    """The trials of one condition, apart where their motions differ in band, period or size, in their order."""
+    kinds: list[list[int]] = []
+    numbers = [name for name in ("band_high_hz", "period_s", "theta_rms_deg") if name in trials.columns]
+    values = trials.select(numbers).fill_null(0.0).to_numpy()
+    for row, own in enumerate(values):
+        near = (kind for kind in kinds if np.allclose(values[kind[0]], own, rtol=SAME_MOTION))
+        found = next(near, None)
+        if found is None:
+            kinds.append([row])
+        else:
+            found.append(row)
+    return [trials[kind] for kind in kinds]
+
+
+def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
+    """A row per condition and motion with two trials or more, and quantity, with Student's interval over the trials.
+
+    Each trial counts with its fit to all of its motion. The interval contains everything that differs from trial to
+    trial, as the distortion that friction makes of another realisation of a random motion; the intervals of the single
+    trials may not. Doubtful fits are left out where half of the trials or more are sound.
+    """
+    whole = impedance.filter(pl.col("amplitude_deg").is_null())
+    keys = [name for name in SAME if name in whole.columns]
+    rows = []
+    for key, trials in ((key, part) for key, same in whole.group_by(keys, maintain_order=True) for part in alike(same)):
+        if len(trials) < 2:
+            continue
+        used = counted(trials)
+        band = {"band_low_hz": trials["band_low_hz"].min(), "band_high_hz": trials["band_high_hz"].max()}
+        left_out = {**doubtful_row(trials), "n_left_out": len(trials) - len(used)}
+        said = {**dict(zip(keys, key, strict=True)), **band}
+        rows += [{**said, "quantity": name, **summary_row(used[name]), **left_out} for name in QUANTITIES]
+    if rows:
+        return pl.DataFrame(rows, infer_schema_length=None)
+    columns = (*keys, "quantity", "interval_method", *NUMBERS)
+    return pl.DataFrame(schema={name: pl.String() if name in TEXT else pl.Float64() for name in columns})

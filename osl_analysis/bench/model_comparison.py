@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from osl_analysis.bench.belt import BeltTrial, loaded_rows
-from osl_analysis.bench.moving_record import MovingRecord, consecutive_parts
-from osl_analysis.bench.stepped_sine import SteppedSineTrial
+from osl_analysis.bench.record import Record
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain_response import Friction, belt_response
@@ -38,6 +37,7 @@ OF_MODEL = ("experiment", *PLACE, "controller", "model", "terms", "parameters")
 SMALLEST_LOSS = 1e-9  # percent of the variance below which what a model leaves is rounding error
 SAMPLES_PER_PERIOD = 6
 """Samples kept per period of the filter's cut-off. More of them cost time and add no information."""
+PARTS = 3  # number of consecutive parts of a record, each of which is predicted by a fit to the others
 GIVEN = np.ones(3)
 """The three fitted numbers of Eq. 9 at their given values: K_1 divided by its given value, 1 plus the change of B_1
 divided by (K_1 J_m)^1/2, and friction divided by that of the parameter file."""
@@ -221,7 +221,7 @@ def belt_scores(trials: Iterable[BeltTrial]) -> pl.DataFrame:
     return scores_by_trial("belt", {belt.name: belt_fold(belt.theta_s, belt.torque) for belt in trials}, BELT_MODELS)
 
 
-def transmission_scores(trials: Iterable[SteppedSineTrial], sign_width: float) -> pl.DataFrame:
+def transmission_scores(trials: Iterable[Record], sign_width: float) -> pl.DataFrame:
     """Rows of `model_comparison.csv`: the transmission models on each trial, predicted by fits to all the others. They
     smooth the sign of the velocity over `sign_width` [rad/s]; it passes the filter of the torque."""
     folds = {}
@@ -232,9 +232,7 @@ def transmission_scores(trials: Iterable[SteppedSineTrial], sign_width: float) -
     return scores_by_trial("transmission", folds, TRANSMISSION_MODELS)
 
 
-def drivetrain_of(
-    trial: SteppedSineTrial | MovingRecord, gains: Gains, p: DrivetrainParameters, sign_width: float
-) -> DrivetrainTrial:
+def drivetrain_of(trial: Record, gains: Gains, p: DrivetrainParameters, sign_width: float) -> DrivetrainTrial:
     """One trial against the controller, thinned, for the drivetrain model with the gains that the leg was given."""
     return DrivetrainTrial(
         name=trial.name,
@@ -259,15 +257,15 @@ def impedance_scores(trial: DrivetrainTrial, controller: str | None) -> pl.DataF
     return score_table("impedance", trial.name, scores, controller)
 
 
-def thinned_amplitudes(trial: SteppedSineTrial | MovingRecord) -> list[NDArray[np.intp]]:
+def thinned_amplitudes(trial: Record) -> list[NDArray[np.intp]]:
     """Usable rows of each amplitude, without rests and other amplitudes, thinned to `SAMPLES_PER_PERIOD`. A record of
     another motion has consecutive parts in their place."""
     step = max(int(trial.rate_hz / (SAMPLES_PER_PERIOD * trial.low_pass.cutoff_hz)), 1)
-    if isinstance(trial, MovingRecord):
-        rows = trial.rows
-        return [rows[part][::step] for part in consecutive_parts(trial.samples)]
-    thinned = [np.concatenate([np.arange(s.start, s.stop, step) for s in block.stretches]) for block in trial.blocks]
-    return [rows if trial.usable is None else rows[trial.usable[rows]] for rows in thinned]
+    if not trial.is_stepped_sine:
+        return [part[::step] for part in np.array_split(trial.rows(), PARTS)]
+    moving = [trial.moving(label) for label in trial.groups.labels]
+    thinned = [np.concatenate([np.arange(s.start, s.stop, step) for s in one]) for one in moving]
+    return [rows[trial.usable[rows]] for rows in thinned]
 
 
 def scores_by_trial(experiment: str, folds: Mapping[str, Fold], models: Terms) -> pl.DataFrame:

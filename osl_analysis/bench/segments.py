@@ -1,4 +1,4 @@
-"""The segments of a stepped sine that the fits use: what the joint really did, in whole cycles."""
+"""The segments of a stepped sine: what the joint really did, in whole cycles of one amplitude and frequency each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,13 +12,15 @@ from osl_analysis.errors import InputError
 from osl_analysis.protocol.likeness import Likeness
 from osl_analysis.protocol.runs import Run, SteppedSineProtocol
 from osl_analysis.signals import longest_run, runs, sampling_rate
-from osl_analysis.stats.covariance import FEWEST_CYCLES, Cycles
+from osl_analysis.stats.covariance import FEWEST_CYCLES
 from osl_analysis.stats.sinusoid import waves
 from osl_analysis.timebase.grid import BRIDGE_MORE
 from osl_analysis.trial import Array
 
 SAME_FREQUENCY = 1e-3  # relative difference of frequencies that are one
 SAME_PHASE = 2e-3  # part of a cycle by which a run may slip against a frequency that is taken for its own
+SAME_AMPLITUDE = 0.15
+"""Relative difference of two runs, next to one another in size, that have one label: what a bench loses at 5 Hz."""
 TOUCHING = 0.3  # largest part of a cycle between two runs that follow one another without a rest
 WHOLE, UPWARD = 0.15, 0.5
 """Deviation of a run from whole cycles, and of its phase [rad] at its start from 0, with which it is a plain sine."""
@@ -28,18 +30,13 @@ WHOLE, UPWARD = 0.15, 0.5
 class Segment:
     """Whole cycles of one amplitude at one frequency. Rows are counted in the record; they need not be whole."""
 
-    amplitude: float  # commanded amplitude [rad]
+    amplitude: float  # measured amplitude [rad]
     frequency_hz: float  # frequency [Hz], the commanded one where the recorded one cannot be told from it
     start: float  # row at which the first cycle begins
     stop: float  # row at which the last one ends
     cycles: int  # number of cycles in between
-    excluded_cycles: frozenset[int] = frozenset()
-    """Cycles, counted from 0, that are not used: they contain rows without a measurement."""
-
-    @property
-    def amplitude_deg(self) -> float:
-        """Commanded amplitude [deg] as tables show it: 6 and not 6.000000000000001."""
-        return round(float(np.rad2deg(self.amplitude)), 9)
+    commanded: float | None = None  # amplitude of the protocol that it follows [rad]
+    used: tuple[int, ...] = ()  # its cycles that are fitted, counted from 0; see `settled`
 
     @cached_property
     def edges(self) -> Array:
@@ -51,33 +48,10 @@ class Segment:
         period = (self.stop - self.start) / self.cycles
         return np.asarray(np.rint(self.start) + period * np.arange(self.cycles + 1))
 
-    @cached_property
-    def used(self) -> NDArray[np.intp]:
-        return np.array([k for k in range(self.cycles) if k not in self.excluded_cycles], dtype=np.intp)
-
-    @cached_property
-    def pieces(self) -> tuple[slice, ...]:
-        """Rows of each stretch of consecutive cycles that are used."""
-        used, edges = np.isin(np.arange(self.cycles), self.used), self.edges
-        return tuple(whole_rows(edges[run.start], edges[run.stop]) for run in runs(used))
-
     @property
-    def rows(self) -> NDArray[np.intp]:
-        return np.concatenate([np.r_[piece] for piece in self.pieces])
-
-    @cached_property
-    def size(self) -> int:
-        return sum(piece.stop - piece.start for piece in self.pieces)
-
-    @cached_property
-    def repeated(self) -> Cycles | None:
-        """Its cycles among `rows`; None if it has fewer than five."""
-        return repeated_cycles([self])
-
-    def part(self, signal: Array) -> Array:
-        """A signal (n,) in these rows; a view where they follow one another."""
-        parts = [signal[piece] for piece in self.pieces]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+    def rows(self) -> slice:
+        """Its rows, transient included."""
+        return slice(round(self.start), round(self.stop))
 
 
 def whole_rows(start: float, stop: float) -> slice:
@@ -85,93 +59,51 @@ def whole_rows(start: float, stop: float) -> slice:
     return slice(int(np.floor(start + 1e-6)), int(np.ceil(stop - 1e-6)))
 
 
-@dataclass(frozen=True)
-class Block:
-    """The segments of one amplitude."""
+def settled(segment: Segment, settle_cycles: int, usable: NDArray[np.bool_]) -> Segment:
+    """The segment with the cycles that are `used`: not its first `settle_cycles` and not its last one; one is kept.
 
-    amplitude: float  # commanded amplitude [rad]
-    segments: tuple[Segment, ...]  # one segment per run of this amplitude, in the order of time
-
-    @property
-    def amplitude_deg(self) -> float:
-        """Commanded amplitude [deg] as tables show it."""
-        return self.segments[0].amplitude_deg
-
-    @property
-    def stretches(self) -> tuple[slice, ...]:
-        """Rows of each stretch of segments that touch, transients and gaps included, in the order of time. A rest lies
-        between two stretches, or segments of another amplitude, where the protocol goes through all amplitudes at one
-        frequency before it goes to the next."""
-        ends = [(int(np.rint(s.start)), int(np.rint(s.stop))) for s in self.segments]
-        first = [start for k, (start, _) in enumerate(ends) if k == 0 or start > ends[k - 1][1] + 1]
-        last = [stop for k, (_, stop) in enumerate(ends) if k + 1 == len(ends) or ends[k + 1][0] > stop + 1]
-        return tuple(slice(a, b) for a, b in zip(first, last, strict=True))
-
-
-def settled(
-    blocks: Sequence[Block], settle_cycles: int, usable: NDArray[np.bool_] | None = None
-) -> tuple[Segment, ...]:
-    """All segments without their first `settle_cycles` cycles and without their last one; one cycle at least is kept.
     The first cycles still contain the transient. Into the last one the zero-phase filter smears the beginning of the
-    next frequency. Cycles with a row that is not `usable` (n,) are not fitted."""
-    segments = (s for block in blocks for s in block.segments)
-    trimmed = (trimmed_segment(s, min(settle_cycles, s.cycles - 1), 1) for s in segments)
-    return tuple(trimmed) if usable is None or usable.all() else tuple(without_gaps(s, usable) for s in trimmed)
-
-
-def trimmed_segment(segment: Segment, before: int, after: int) -> Segment:
-    """The segment without its first `before` and, where more than one cycle is left, its last `after` cycles."""
-    after = min(after, segment.cycles - before - 1)
+    next frequency. Cycles with a row that is not `usable` (n,) are not used, nor are stretches between them with too
+    few cycles for an interval where there is a longer one. The first edge of what is left is a whole row again.
+    """
+    before = min(settle_cycles, segment.cycles - 1)
+    after = min(1, segment.cycles - before - 1)
     period = (segment.stop - segment.start) / segment.cycles
-    kept = segment.cycles - before - after
-    start = segment.start + before * period
-    return replace(segment, start=start, stop=start + kept * period, cycles=kept)
-
-
-def without_gaps(segment: Segment, usable: NDArray[np.bool_]) -> Segment:
-    """The segment without the cycles in which a row is not usable (n,); raises as `settled`. Of the stretches between,
-    those with too few cycles for an interval are not used where there is a longer one."""
-    whole = np.array([bool(usable[whole_rows(a, b)].all()) for a, b in pairwise(segment.edges)])
+    count, start = segment.cycles - before - after, segment.start + before * period
+    kept = replace(segment, start=start, stop=start + count * period, cycles=count)
+    whole = np.array([bool(usable[whole_rows(a, b)].all()) for a, b in pairwise(kept.edges)])
     if not whole.any():
         raise InputError(
-            f"no cycle of {segment.amplitude_deg:g} deg at {segment.frequency_hz:g} Hz is free of rows near a gap that "
-            f"is too long to be bridged; {BRIDGE_MORE}"
+            f"no cycle of {np.rad2deg(segment.amplitude):.3g} deg at {segment.frequency_hz:g} Hz is free of rows near "
+            f"a gap that is too long to be bridged; {BRIDGE_MORE}"
         )
     longest = longest_run(whole)
     fewest = min(longest.stop - longest.start, FEWEST_CYCLES)
-    used = {k for run in runs(whole) if run.stop - run.start >= fewest for k in range(run.start, run.stop)}
-    return replace(segment, excluded_cycles=frozenset(range(segment.cycles)) - used)
+    used = [k for run in runs(whole) if run.stop - run.start >= fewest for k in range(run.start, run.stop)]
+    return replace(kept, used=tuple(used))
 
 
-def rows_of(segments: Sequence[Segment]) -> NDArray[np.intp]:
-    return np.concatenate([segment.rows for segment in segments])
+def labels_deg(segments: Sequence[Segment]) -> list[float]:
+    """The measured amplitude [deg] by which each segment is named, to three digits: the median of all that share it.
+
+    Segments share a label if they follow one commanded amplitude and no gap in size lies between them: two amplitudes
+    are never one.
+    """
+    found = [0.0] * len(segments)
+    for commanded in dict.fromkeys(segment.commanded for segment in segments):
+        alike = sorted((s.amplitude, k) for k, s in enumerate(segments) if s.commanded == commanded)
+        cuts = [k for k in range(1, len(alike)) if alike[k][0] > (1 + SAME_AMPLITUDE) * alike[k - 1][0]]
+        for a, b in pairwise([0, *cuts, len(alike)]):
+            label = float(f"{np.rad2deg(np.median([size for size, _ in alike[a:b]])):.3g}")
+            for _, k in alike[a:b]:
+                found[k] = label
+    return found
 
 
-def repeated_cycles(segments: Sequence[Segment]) -> Cycles | None:
-    """The `cycles_among` the rows of the segments; None if a segment has fewer than five."""
-    return cycles_among(segments) if min(len(segment.used) for segment in segments) >= FEWEST_CYCLES else None
-
-
-def cycles_among(segments: Sequence[Segment]) -> Cycles:
-    """The cycles among the rows of the segments (`rows_of`)."""
-    first, stop, offset = [], [], 0
-    for segment in segments:
-        edges = segment.edges
-        for piece in segment.pieces:
-            rows = piece.stop - piece.start
-            inside = [k for k in segment.used if piece.start - 1 < edges[k] and edges[k + 1] < piece.stop + 1]
-            places = np.clip(edges[[*inside, inside[-1] + 1]] - piece.start, 0, rows)
-            first.append(offset + places[:-1])
-            stop.append(offset + places[1:])
-            offset += rows
-    stratum = np.repeat(np.arange(len(segments)), [len(segment.used) for segment in segments])
-    return Cycles(np.concatenate(first), np.concatenate(stop), stratum)
-
-
-def find_blocks(
+def find_segments(
     time: Array, theta: Array, protocol: SteppedSineProtocol, known: Sequence[Run] | None = None
-) -> tuple[Block, ...]:
-    """The blocks of a joint angle theta [rad] at uniform times [s], shape (n,) each: what the joint really did.
+) -> list[Segment]:
+    """The segments of a joint angle theta [rad] at uniform times [s], shape (n,) each, in the order of time.
 
     `known` are the runs of its `likeness`, where they are known already.
 
@@ -184,7 +116,7 @@ def find_blocks(
     followed = [(run, a) for run in found if (a := protocol.amplitude_near(run.amplitude)) is not None]
     frequencies = common_frequencies([run for run, _ in followed], protocol)
     segments = [
-        Segment(amplitude, frequency, *placed(run, frequency, rate), run.whole_cycles)
+        Segment(run.amplitude, frequency, *placed(run, frequency, rate), run.whole_cycles, amplitude)
         for (run, amplitude), frequency in zip(followed, frequencies, strict=True)
     ]
     deviation = theta - np.mean(theta)
@@ -193,8 +125,7 @@ def find_blocks(
         plain = all(is_plain(run) for run, _ in group)
         alike = [segment for _, segment in group]
         aligned += shifted(alike, best_start(deviation, alike, rate)) if plain else alike
-    amplitudes = dict.fromkeys(segment.amplitude for segment in aligned)
-    return tuple(Block(a, tuple(s for s in aligned if s.amplitude == a)) for a in amplitudes)
+    return aligned
 
 
 def check_amplitudes(theta: Array, found: Sequence[Run], protocol: SteppedSineProtocol, begin: float) -> None:
@@ -252,7 +183,7 @@ def without_a_rest(found: Sequence[Run], segments: Sequence[Segment]) -> list[li
     groups = [pairs[:1]]
     for (run, segment), (following, its) in pairwise(pairs):
         gap = (following.start - run.stop) * max(run.frequency_hz, following.frequency_hz)
-        if gap < TOUCHING and segment.amplitude == its.amplitude:
+        if gap < TOUCHING and segment.commanded == its.commanded:
             groups[-1].append((following, its))
         else:
             groups.append([(following, its)])

@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.bench.alternatives import check_stiffer, joint_angle
-from osl_analysis.bench.series import Series
+from osl_analysis.bench.analysis import Series, check_stiffer
+from osl_analysis.bench.record import joint_angle
 from osl_analysis.bench.settings import TorqueAngleAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.judge.impossible import check_changes

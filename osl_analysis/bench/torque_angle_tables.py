@@ -3,7 +3,7 @@
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.alternatives import timebase_table
+from osl_analysis.bench.analysis import timebase_table
 from osl_analysis.bench.torque_angle import (
     TorqueAngleTrial,
     analysed,

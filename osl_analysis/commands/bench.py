@@ -13,8 +13,17 @@ from osl_analysis.bench.actuator import (
     actuator_time_base,
     actuator_trial,
 )
+from osl_analysis.bench.analysis import Series
 from osl_analysis.bench.belt import belt_curve, belt_series, belt_summary, belt_table, belt_time_base, belt_trial
-from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.impedance import (
+    QUANTITIES,
+    AskedImpedance,
+    DesiredImpedance,
+    judged_impedance,
+    rendered_phasors,
+    rendered_response,
+    repeated_trials_table,
+)
 from osl_analysis.bench.model_comparison import (
     PLACE,
     SCORE_COLUMNS,
@@ -25,18 +34,7 @@ from osl_analysis.bench.model_comparison import (
     transmission_scores,
 )
 from osl_analysis.bench.phasors import frequency_response_table
-from osl_analysis.bench.rendered import (
-    AskedImpedance,
-    judged_impedance,
-    rendered_phasors,
-    rendered_response,
-    rendered_series,
-    rendered_time_base,
-    rendered_trial,
-    repeated_trials_table,
-    sines_of,
-)
-from osl_analysis.bench.series import Series
+from osl_analysis.bench.record import record_of_trial, sine_record
 from osl_analysis.bench.settings import (
     ActuatorAnalysis,
     BeltAnalysis,
@@ -44,15 +42,9 @@ from osl_analysis.bench.settings import (
     SteppedSineAnalysis,
     TorqueAngleAnalysis,
 )
-from osl_analysis.bench.stepped_sine import stepped_sine_trial
 from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.torque_angle_tables import curve_table, cycle_table, torque_angle_table, torque_angle_time_base
-from osl_analysis.bench.transmission import (
-    transmission_series,
-    transmission_summary,
-    transmission_table,
-    transmission_time_base,
-)
+from osl_analysis.bench.transmission import LOSSES, transmission_of, transmission_summary, transmission_table
 from osl_analysis.errors import InputError
 from osl_analysis.judge.impossible import (
     check_recording,
@@ -102,9 +94,9 @@ def fit_transmission(trial: Trial, p: DrivetrainParameters | None, settings: Ste
     """The transmission's rows, and the series of the fit to all amplitudes."""
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
-    stepped = stepped_sine_trial(trial, settings)
-    table = plausible_transmission(transmission_table(stepped), rails, p)
-    return Fitted(table, transmission_series(stepped), lambda: {"timebase": transmission_time_base(stepped)})
+    analysis = transmission_of(sine_record(trial, settings))
+    table = plausible_transmission(transmission_table(analysis), rails, p)
+    return Fitted(table, analysis.series(), lambda: {"timebase": analysis.time_base(LOSSES)})
 
 
 def fit_impedance(
@@ -121,16 +113,15 @@ def fit_impedance(
     """
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
-    rendered = rendered_trial(trial, settings, windows)
-    phasors = sines_of(rendered)
+    rendered, table = judged_impedance(record_of_trial(trial, settings, windows), rails, p, asked)
     stated = asked.desired.columns() if asked else {}
 
     def further() -> dict[str, pl.DataFrame]:
-        frames = {"phasors": rendered_phasors(rendered, phasors), **rendered_response(rendered, p).frames()}
+        frames = {"phasors": rendered_phasors(rendered), **rendered_response(rendered.record, p).frames()}
         of_condition = {name: frame.with_columns(**stated) for name, frame in frames.items()}
-        return of_condition | {"timebase": rendered_time_base(rendered)}
+        return of_condition | {"timebase": rendered.analysis.time_base(QUANTITIES)}
 
-    return Fitted(judged_impedance(rendered, rails, p, asked, phasors), rendered_series(rendered), further)
+    return Fitted(table, rendered.analysis.series(), further)
 
 
 def fit_actuator(trial: Trial, p: DrivetrainParameters | None, settings: ActuatorAnalysis) -> Fitted:
@@ -254,8 +245,8 @@ def compare_transmission_models(
     trials: Sequence[Path], settings: SteppedSineAnalysis, sign_width: float, output: Path
 ) -> None:
     """Rival models of the transmission on each trial, predicted by fits to all the others."""
-    stepped = [stepped_sine_trial(read_trial(path), settings) for path in trials]
-    write_table(transmission_scores(stepped, sign_width), output)
+    records = [sine_record(read_trial(path), settings) for path in trials]
+    write_table(transmission_scores(records, sign_width), output)
 
 
 def compare_impedance_models(
@@ -274,8 +265,8 @@ def compare_impedance_models(
     as in `fit_impedance_trial`; the drivetrain smooths the sign of the velocity over
     `sign_width` [rad/s].
     """
-    p, rendered = read_parameters(parameters), rendered_trial(read_trial(trial), settings, windows)
+    p, record = read_parameters(parameters), record_of_trial(read_trial(trial), settings, windows)
     gains = condition.gains(p, weight)
     if gains is None:
         raise InputError(f"trial {trial.stem}: {condition.unknown_gains()}; Eq. 9 needs the gains of the controller")
-    write_table(impedance_scores(drivetrain_of(rendered, gains, p, sign_width), condition.controller), output)
+    write_table(impedance_scores(drivetrain_of(record, gains, p, sign_width), condition.controller), output)

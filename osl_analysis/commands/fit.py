@@ -8,9 +8,8 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.rendered import AskedImpedance
-from osl_analysis.bench.series import Series
+from osl_analysis.bench.analysis import Series
+from osl_analysis.bench.impedance import AskedImpedance, DesiredImpedance
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, TorqueAngleAnalysis
 from osl_analysis.commands import bench
 from osl_analysis.config import read_section

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.belt import PLACE, belt_figure_points
+from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.rendered import rendered_trial, shown_series
+from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import ImpedanceAnalysis
-from osl_analysis.bench.stepped_sine import SteppedSineTrial
 from osl_analysis.campaign import ImpedanceExample
 from osl_analysis.commands.walking import commanded, over_stance, selected_crossings
 from osl_analysis.commands.walking_files import read_unperturbed_gaits
@@ -55,12 +56,11 @@ def fig4(
     `fit` is the trial's own table of fits. By `limits` it says whether the fit of this amplitude is doubtful. A motion
     that is no stepped sine has no amplitude: its last seconds are shown. `windows` as in `bench.fit_impedance_trial`.
     """
-    rendered, amplitude = rendered_trial(read_trial(trial), settings, windows), choice.amplitude_deg or 0.0
-    shown = pl.col("amplitude_deg").is_null()
-    if isinstance(rendered, SteppedSineTrial):
-        amplitude = amplitude or max(block.amplitude_deg for block in rendered.blocks)
-        shown = (pl.col("amplitude_deg") - amplitude).abs() < 1e-6
-    series = shown_series(rendered, amplitude, choice.duration_s)
+    record = record_of_trial(read_trial(trial), settings, windows)
+    label = record.label_near(choice.amplitude_deg)
+    amplitude = pl.col("amplitude_deg")
+    shown = amplitude.is_null() if label is None else (amplitude - label).abs() < 1e-6
+    series = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).last_seconds(label, choice.duration_s)
     doubtful = marked(read_table(fit), limits, "impedance").filter(shown)["doubtful"][0]
     said = {"trial": choice.trial, "joint": choice.joint, "side": choice.side, "chosen": choice.chosen or None}
     constant = (pl.lit(value, pl.String).alias(name) for name, value in (said | {"doubtful": doubtful}).items())

@@ -27,7 +27,7 @@ from osl_analysis.design.plan import Continuous, PeriodicMultisine, Plan, Sines,
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.second_order import impedance_columns
 from osl_analysis.signals import LowPass, Motion
-from osl_analysis.spectral.equation_error import DETECTION, ENOUGH_REALISATIONS, REALISATIONS, gain
+from osl_analysis.spectral.equation_error import DETECTION, ENOUGH_REALISATIONS, REALISATIONS
 from osl_analysis.stats.covariance import CYCLES, FEWEST_CYCLES, FILTER_SPAN, welch_satterthwaite
 from osl_analysis.stats.regression import CONDITION_LIMIT
 from osl_analysis.trial import Array
@@ -114,7 +114,7 @@ class PlannedFit:
 
 def planned_fit(plan: Plan, low_pass: LowPass) -> PlannedFit:
     """The fit of a plan. Raises IdentifiabilityError where its motion cannot tell K from I."""
-    fit = PlannedFit(plan.sines, gain(low_pass, plan.sines.frequency_hz) ** 2)
+    fit = PlannedFit(plan.sines, low_pass.gain(plan.sines.frequency_hz) ** 2)
     if fit.condition_number > CONDITION_LIMIT:
         low, high = float(fit.sines.frequency_hz.min()), float(fit.sines.frequency_hz.max())
         where = f"{low:.4g} Hz alone" if np.isclose(low, high) else f"{low:.4g} to {high:.4g} Hz"

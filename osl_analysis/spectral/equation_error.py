@@ -121,7 +121,7 @@ def fit_periodic(realisations: Sequence[Realisation], low_pass: LowPass) -> Line
     lines = lines_of(single)
     at = np.flatnonzero(lines.excited)
     s = 2j * np.pi * single[0].frequency_hz
-    weight = gain(low_pass, single[0].frequency_hz)[None, :] * np.sqrt([[r.periods] for r in single])
+    weight = low_pass.gain(single[0].frequency_hz)[None, :] * np.sqrt([[r.periods] for r in single])
     theta = np.asarray([r.theta.mean(axis=0) for r in single] * weight, dtype=np.complex128)
     torque = np.asarray([r.torque.mean(axis=0) for r in single] * weight, dtype=np.complex128)
     columns = {name: parts(np.asarray((s**power * theta)[:, at])) for power, name in enumerate("KBI")}
@@ -141,11 +141,6 @@ def fit_periodic(realisations: Sequence[Realisation], low_pass: LowPass) -> Line
     left, all_of = (float(np.sum(np.abs(e[:, top]) ** 2)) for e in (error, torque))
     fit = replace(fit, vaf=100 * (1 - left / all_of), r_squared=1 - left / all_of)
     return with_offset(fit, single, mean_errors(error / weight, lines))
-
-
-def gain(low_pass: LowPass, frequency_hz: Array) -> Array:
-    """Gain (n,) of the zero-phase filter: the Butterworth's magnitude squared, as it is run in both directions."""
-    return np.asarray(1 / (1 + (frequency_hz / low_pass.cutoff_hz) ** (2 * low_pass.order)))
 
 
 def parts(values: Spectrum) -> Array:

@@ -19,7 +19,7 @@ from scipy.special import fdtrc
 from osl_analysis.errors import InputError
 from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.equation_error import LineScatter, distortion_level, gain, parts
+from osl_analysis.spectral.equation_error import LineScatter, distortion_level, parts
 from osl_analysis.spectral.period import Spectrum
 from osl_analysis.spectral.realisations import NEIGHBOURS, Realisation, distinct, scatter, smoothed
 from osl_analysis.spectral.response import (
@@ -194,7 +194,7 @@ def lines_of_periods(realisations: Sequence[Realisation], low_pass: LowPass) -> 
     single, found = distinct(realisations), equation_error(realisations)
     at = np.flatnonzero(found.lines.excited)
     periods = np.array([[r.periods] for r in single], dtype=float)
-    weight = gain(low_pass, found.frequency_hz) * np.sqrt(periods)
+    weight = low_pass.gain(found.frequency_hz) * np.sqrt(periods)
     level, shares = distortion_level(np.asarray(found.error * weight), found.lines)
     window = (np.abs(at[:, None] - np.arange(1, found.error.shape[1])) <= NEIGHBOURS).astype(float)
     of_one = np.average(found.noise * periods, axis=0, weights=found.freedom)[1:]
@@ -228,7 +228,7 @@ def lines_of_record(spectrum: RecordSpectrum, low_pass: LowPass) -> FittedLines:
         s=s,
         theta=spectrum.theta[None, :],
         torque=spectrum.torque[None, :],
-        power=gain(low_pass, spectrum.frequency_hz)[None, :],
+        power=low_pass.gain(spectrum.frequency_hz)[None, :],
         noise=noise,
         noise_freedom=np.full(noise.shape, np.inf),  # a line that is large makes its own noise large: no bias
         pooled_freedom=2 * noise.size * LOCAL_FREEDOM / (2 * HALF_WIDTH + 1),

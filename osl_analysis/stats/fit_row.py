@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from osl_analysis.measured import check_measured
@@ -39,8 +40,17 @@ def whiteness(residual: Array, rate_hz: float, low_pass: LowPass) -> Whiteness |
     `FEWEST_SAMPLES` samples left, or of zeros, is not judged.
     """
     check_measured("the residual", residual)
-    step = max(rate_hz / (2 * low_pass.noise_bandwidth_hz), 1.0)  # not rounded, so that the rate is exact
-    thinned = residual[np.rint(np.arange(0, len(residual) - 0.5, step)).astype(np.intp)]
+    return whiteness_of(residual[thinned_rows(len(residual), rate_hz, low_pass)])
+
+
+def thinned_rows(samples: int, rate_hz: float, low_pass: LowPass) -> NDArray[np.intp]:
+    """The rows of a residual that are kept for its whiteness; the step is not rounded, so that the rate is exact."""
+    step = max(rate_hz / (2 * low_pass.noise_bandwidth_hz), 1.0)
+    return np.rint(np.arange(0, samples - 0.5, step)).astype(np.intp)
+
+
+def whiteness_of(thinned: Array) -> Whiteness | None:
+    """As `whiteness`, of a residual that was thinned already."""
     n, power = len(thinned), float(thinned @ thinned)
     if n < FEWEST_SAMPLES or power == 0:
         return None
@@ -71,7 +81,11 @@ def diagnostics_row(fit: LinearFit, rate_hz: float, low_pass: LowPass) -> Row:
     """Diagnostics of the fit and of its interval. The source of the interval, VAF [percent], R2 about zero, the scaled
     condition number, the largest correlation of two estimates, the number of samples, the correlation time [s] of the
     residuals, and their whiteness. The fitted rows have the rate `rate_hz`; their signals passed `low_pass`."""
-    judged = whiteness(fit.residual, rate_hz, low_pass)
+    return judged_row(fit, rate_hz, whiteness(fit.residual, rate_hz, low_pass))
+
+
+def judged_row(fit: LinearFit, rate_hz: float, judged: Whiteness | None) -> Row:
+    """As `diagnostics_row`, with the whiteness of a residual that is not kept in the fit."""
     return {
         "interval_method": fit.interval_method,
         "VAF": fit.vaf,

@@ -12,13 +12,12 @@ from scipy.special import stdtrit
 from osl_analysis.errors import InputError
 from osl_analysis.measured import SMALLEST_SIGNAL, check_finite, check_measured
 from osl_analysis.stats.covariance import (
+    CYCLES,
     FEWEST_CYCLES,
     Cycles,
-    RepeatedError,
     ResidualCorrelation,
     between_cycles,
     welch_satterthwaite,
-    with_repeated,
 )
 from osl_analysis.stats.regression import Regressors, regressors_of
 from osl_analysis.trial import Array
@@ -182,15 +181,13 @@ def fit_sinusoid(
     signal: Array,
     frequency_hz: float,
     cycles: Cycles | None = None,
-    repeated: Sequence[RepeatedError] = (),
 ) -> Phasor:
     """Phasor of a settled signal (n,) at a known frequency, with offset and harmonics 2 to 5.
 
     `time` [s] sets the zero of the phase: fit angle and torque with the same times. `cycles` are the signal's cycles,
-    whose spread gives the covariance; None: it is divided from its first sample on. `repeated` are the signal's errors
-    that every cycle repeats, to which that spread is blind.
+    whose spread gives the covariance; None: it is divided from its first sample on.
     """
-    return sinusoid(time, frequency_hz, cycles).phasors({"signal": signal}, {"signal": repeated})["signal"]
+    return sinusoid(time, frequency_hz, cycles).phasors({"signal": signal})["signal"]
 
 
 @dataclass(frozen=True)
@@ -202,16 +199,14 @@ class Sinusoid:
     columns: Regressors  # offset, and cosine and sine of every harmonic
     cycles: Cycles | None  # the cycles whose spread gives the covariance; None: too few
 
-    def phasors(
-        self, signals: Mapping[str, Array], repeated: Mapping[str, Sequence[RepeatedError]]
-    ) -> dict[str, Phasor]:
-        """Phasors of signals (n,), by name; `repeated` and what is raised as in `fit_sinusoid`, with name and time."""
+    def phasors(self, signals: Mapping[str, Array]) -> dict[str, Phasor]:
+        """Phasors of signals (n,), by name; what is raised as in `fit_sinusoid`, with name and time."""
         for name, signal in signals.items():
             with self.named(name):
                 check_measured("the signal", signal)
         y = np.array(list(signals.values()))
         estimates = self.columns.estimated(y.T).T
-        spreads = self.spreads(y - estimates @ self.columns.X.T, [repeated.get(name, ()) for name in signals])
+        spreads = self.spreads(y - estimates @ self.columns.X.T)
         found = {}
         for name, signal, own, spread in zip(signals, y, estimates, spreads, strict=True):
             with self.named(name):
@@ -226,19 +221,15 @@ class Sinusoid:
         except InputError as error:
             raise InputError(f"{signal} from {self.begin:.1f} s: {error}") from error
 
-    def spreads(self, residuals: Array, repeated: Sequence[Sequence[RepeatedError]]) -> list[tuple[Array, Array, str]]:
-        """`ResidualCorrelation.covariance` for each of the residuals (q, n), whose cycles are summed at once."""
+    def spreads(self, residuals: Array) -> list[tuple[Array, Array, str]]:
+        """Covariance, degrees of freedom and source of each residual (q, n), whose cycles are summed at once."""
         X, inverse = self.columns.X, self.columns.inverse
         if self.cycles is None:
-            each = zip(residuals, repeated, strict=True)
-            return [ResidualCorrelation(repeated=errors).covariance(X, inverse, residual) for residual, errors in each]
+            return [ResidualCorrelation().covariance(X, inverse, residual) for residual in residuals]
         sums = np.moveaxis(self.cycles.products(X, residuals.T), 2, 1) @ inverse
         covariance, freedom = between_cycles(sums.reshape(len(sums), -1), self.cycles.stratum)
         own = [slice(first, first + len(inverse)) for first in range(0, len(covariance), len(inverse))]
-        return [
-            with_repeated((covariance[k, k], freedom[k]), [error.covariance(X, inverse) for error in errors])
-            for k, errors in zip(own, repeated, strict=True)
-        ]
+        return [(covariance[k, k], freedom[k], CYCLES) for k in own]
 
     def phasor(self, signal: Array, estimates: Array, spread: tuple[Array, Array, str]) -> Phasor:
         """The phasor by the estimates of a signal (n,), with what `spreads` gives for it; no sine is refused."""

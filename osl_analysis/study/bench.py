@@ -15,12 +15,10 @@ import polars as pl
 
 from osl_analysis.bench.actuator import EDGE_PERIODS, PARAMETERS, actuator_alone
 from osl_analysis.bench.belt import belt_trial
-from osl_analysis.bench.impedance import impedance_of, trial_phasors
-from osl_analysis.bench.phasors import SegmentPhasors
-from osl_analysis.bench.segments import rows_of
+from osl_analysis.bench.effects import IMPEDANCE, TRANSMISSION, Model, plain_sums, with_effects
+from osl_analysis.bench.phasors import SegmentPhasors, phasors_of_record
+from osl_analysis.bench.record import Record, sine_record
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
-from osl_analysis.bench.stepped_sine import SteppedSineTrial, stepped_sine_alone
-from osl_analysis.bench.transmission import fit_transmission
 from osl_analysis.config import StudySettings
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains, predicted_impedance
@@ -46,7 +44,7 @@ from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.stats.sinusoid import polar_row
-from osl_analysis.study import BENCH_EXPERIMENTS, RECORDINGS, RecordedAs
+from osl_analysis.study import BENCH, RECORDINGS, Recording
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.settings import WalkingAnalysis
 
@@ -69,7 +67,7 @@ class StudyInputs:
 
 
 @dataclass(frozen=True)
-class StudyEstimate:
+class Estimate:
     """An estimate with its standard error and 95 % interval, all in the unit of the quantity."""
 
     value: float
@@ -78,13 +76,13 @@ class StudyEstimate:
     high: float
 
 
-Estimates = Iterator[tuple[str, str, Mapping[str, StudyEstimate]]]
+Estimates = Iterator[tuple[str, str, Mapping[str, Estimate]]]
 """The estimates of one trial: estimator, kind of interval, and an estimate for each quantity."""
 
 
 def of_filtered(method: str, fit: LinearFit, names: Sequence[str]) -> Estimates:
     """The named estimates of the bench's estimator: one filter for all signals, derivatives, least squares."""
-    yield "filtered", method, {name: StudyEstimate(fit[name], fit.se(name), *fit.interval(name)) for name in names}
+    yield "filtered", method, {name: Estimate(fit[name], fit.se(name), *fit.interval(name)) for name in names}
 
 
 def ideal_sensors(settings: SimulationSettings) -> SimulationSettings:
@@ -123,7 +121,7 @@ def at_any_phase(trial: str, settings: SimulationSettings) -> SimulationSettings
     return settings.model_copy(update={"recorder": recorder.model_copy(update=moved)})
 
 
-def recorded_as(inputs: StudyInputs, recording: RecordedAs) -> StudyInputs:
+def recorded_as(inputs: StudyInputs, recording: Recording) -> StudyInputs:
     """The inputs with another recorder, rate or encoder of the bench."""
     simulation = inputs.simulation
     bench = simulation.dynamometer.model_copy(update={"rate_hz": recording.rate_hz})
@@ -185,8 +183,9 @@ class StudyBench:
         joint = {"theta": log["joint_angle"], "theta_m": log["actuator_angle"], "theta_command": log["commanded_angle"]}
         return recorded_trial(name, log.time, joint, log.torque_time, {"torque": -log["load_cell_torque"]})
 
-    def record(self, name: str, ideal: bool = False) -> SteppedSineTrial:
-        return stepped_sine_alone(self.trial(name, ideal), self.analysis)
+    def record(self, name: str, ideal: bool = False) -> Record:
+        """One trial of a stepped sine."""
+        return sine_record(self.trial(name, ideal), self.analysis)
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """The estimates of the pipeline's fit, from noisy or ideal sensors."""
@@ -196,7 +195,7 @@ class StudyBench:
         """Cramer-Rao bound of the load cell's noise and drift, for the true motion in the rows that are fitted."""
         motion, rate = self.motion, self.settings.dynamometer.rate_hz
         if self.names != ("K_s",):
-            rows = rows_of(self.record("ideal", ideal=True).segments(None))
+            rows = self.record("ideal", ideal=True).rows()
             columns = impedance_columns(Motion(motion.theta[rows], motion.omega[rows], motion.alpha[rows]))
         else:
             rows = np.arange(int(np.argmax(motion.theta > 0.05 * motion.theta.max())), int(np.argmax(motion.theta)) + 1)
@@ -206,9 +205,16 @@ class StudyBench:
         return regression_bound(columns, *torque_noise(self.settings, rows / rate))
 
 
+def sine_fit(bench: StudyBench, trial: Trial, model: Model) -> tuple[str, LinearFit]:
+    """A model fitted to all of a stepped sine."""
+    record = sine_record(trial, bench.analysis)
+    fit = with_effects(plain_sums(record, model), model)
+    return fit.interval_method, fit
+
+
 def transmission_fit(bench: StudyBench, trial: Trial) -> tuple[str, LinearFit]:
-    stepped = stepped_sine_alone(trial, bench.analysis)
-    return "cycles", fit_transmission(*stepped.part(None), stepped.residual_correlation(None))
+    """B_j and J_j of a transmission trial."""
+    return sine_fit(bench, trial, TRANSMISSION)
 
 
 def belt_fit(bench: StudyBench, trial: Trial) -> tuple[str, LinearFit]:
@@ -237,7 +243,7 @@ def sine_bench(inputs: StudyInputs) -> StudyBench:
         p=inputs.p,
         analysis=analysis.model_copy(update=short),
         names=STUDIED_QUANTITIES,
-        fit=lambda own, trial: ("cycles", impedance_of(stepped_sine_alone(trial, own.analysis), None)),
+        fit=lambda own, trial: sine_fit(own, trial, IMPEDANCE),
         exact={},
         theory={},
     )
@@ -310,22 +316,24 @@ class ResponseBench:
             f, row = segment.frequency_hz, polar_row(segment.admittance)
             parts = {"magnitude": "", "phase": "_deg"}
             yield f"sinusoid, {f:g} Hz", "cycles", {
-                f"{part}, {f:g} Hz": StudyEstimate(*(row[f"{part}{end}{unit}"] for end in ("", "_se", "_low", "_high")))
+                f"{part}, {f:g} Hz": Estimate(*(row[f"{part}{end}{unit}"] for end in ("", "_se", "_low", "_high")))
                 for part, unit in parts.items()
             }  # fmt: skip
 
     def phasors(self, trial: str, ideal: bool) -> list[SegmentPhasors]:
-        return trial_phasors(self.bench.record(trial, ideal))
+        """Phasors of each settled segment of a trial."""
+        return phasors_of_record(self.bench.record(trial, ideal))
 
     def bounds(self) -> dict[str, float]:
         """Bounds from that of a phasor in white noise, 2 sigma^2/N per quadrature. Relative to the torque's amplitude
         it is the bound of the magnitude, and in radian that of the phase (Rife and Boorstyn, IEEE Trans. Inf. Theory
         20, 1974)."""
         white, _ = torque_noise(self.bench.settings, np.zeros(1))
-        segments, bounds = self.bench.record("ideal", ideal=True).segments(None), {}
-        for segment, phasors in zip(segments, self.phasors("ideal", ideal=True), strict=True):
-            f, torque = segment.frequency_hz, abs(phasors.torque.value)
-            relative = white * float(np.sqrt(2 / (segment.stop - segment.start))) / torque
+        record, bounds = self.bench.record("ideal", ideal=True), {}
+        samples = np.bincount(record.groups.stratum, record.groups.stop - record.groups.first)
+        for count, phasors in zip(samples, phasors_of_record(record), strict=True):
+            f, torque = phasors.frequency_hz, abs(phasors.torque.value)
+            relative = white * float(np.sqrt(2 / count)) / torque
             bounds[f"magnitude, {f:g} Hz"] = abs(phasors.theta.value) / torque * relative
             bounds[f"phase, {f:g} Hz"] = float(np.rad2deg(relative))
         return bounds
@@ -363,7 +371,7 @@ class RepeatedBench:
         singles = [f"{trial}_{i}" for i in range(self.count)]
         each = [next(iter(self.bench_of(single).estimates(single, low_pass))) for single in singles]
         means = {name: over_repeats([estimates[name].value for _, _, estimates in each]) for name in self.nominal.names}
-        yield each[0][0], "Student", {name: StudyEstimate(m.mean, m.se, m.low, m.high) for name, m in means.items()}
+        yield each[0][0], "Student", {name: Estimate(m.mean, m.se, m.low, m.high) for name, m in means.items()}
 
     def bounds(self) -> dict[str, float]:
         """The bound of one trial and the scatter, over the root of the number of trials."""
@@ -378,6 +386,7 @@ def repeated_belt(inputs: StudyInputs) -> RepeatedBench:
     nominal, settings, p = belt(inputs), inputs.simulation, inputs.p
 
     def scattered(trial: str) -> StudyBench:
+        """The bench with the belt of one trial."""
         own = replace(p, K_s=p.K_s * scatter(trial, settings))
         return replace(nominal, response=simulate_belt(nominal.motion, drivetrain_effects(settings), own))
 
@@ -465,11 +474,11 @@ def studied(experiment: str, inputs: StudyInputs) -> StudiedExperiment:
     _, _, recording = experiment.partition(", ")
     if recording in RECORDINGS:
         inputs = recorded_as(inputs, RECORDINGS[recording])
-    ready: StudiedExperiment = globals()[BENCH_EXPERIMENTS[experiment]](inputs)
+    ready: StudiedExperiment = globals()[BENCH[experiment]](inputs)
     return ready
 
 
-def study_rows(experiment: StudiedExperiment, trials: Sequence[str], low_pass: LowPass) -> list[StudyRow]:
+def trial_rows(experiment: StudiedExperiment, trials: Sequence[str], low_pass: LowPass) -> list[StudyRow]:
     """Value, truth, interval and bound for every trial, estimator and quantity. The truth is the parameter that made
     the torque, where the joint has such a parameter. `model_truth` is the estimate of the same estimator in the same
     trial with ideal sensors. Without such a parameter it is also the truth. `model_error` is `model_truth` minus the

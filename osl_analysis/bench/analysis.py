@@ -1,0 +1,242 @@
+"""What all fits of a trial on the dynamometer share: the fits by label, their rows of a table, the series for a report,
+the time base, and what an estimate cannot be.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.bench.effects import Model, plain_sums, with_effects
+from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf, repeat_row, residual_whiteness
+from osl_analysis.bench.record import Label, Record
+from osl_analysis.bench.settings import BenchStiffness
+from osl_analysis.errors import InputError
+from osl_analysis.stats.fit_row import Row, covariance_row, estimates_row, judged_row
+from osl_analysis.stats.regression import LinearFit, with_shared_error
+from osl_analysis.timebase.grid import StreamReport
+from osl_analysis.trial import Array
+from osl_analysis.uniform import UniformSignals
+
+MOST_ROWS = 10_000
+"""Rows of a thinned table: two minutes of a stepped sine have some fifteen for a period of its fastest one."""
+ALL_LABELS = (None,)
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """A model fitted to a record: to each label, and to all of it (None)."""
+
+    record: Record
+    sums: Sums
+    model: Model
+    fits: Mapping[Label, GroupFit]  # the intervals have the error of the bench's stiffness; offsets are at angle 0
+    others: Mapping[Label, LinearFit]  # the same if undecided stamps were taken the other way; empty: all are decided
+
+    @property
+    def whole(self) -> GroupFit:
+        return self.fits[None]
+
+    def rows(self, label: Label, *names: str) -> Row:
+        """The columns that every table of fits has: estimates, covariances, repeatability, diagnostics."""
+        fit, record = self.fits[label], self.record
+        white = residual_whiteness(record, self.sums, centred(fit, self.sums), self.model, label)
+        return {
+            **estimates_row(fit, *names, "offset"),
+            **covariance_row(fit, *names),
+            **repeat_row(fit, *names),
+            **judged_row(fit, record.rate_hz, white),
+        }
+
+    def shared(self, label: Label, *names: str) -> Row:
+        """VAF on data held out, the drift that was subtracted, and the change by another time base."""
+        return {
+            "VAF_held_out": held_out_vaf(self.sums, self.model, label),
+            "load_cell_drift": 60 * self.record.drift,
+            **time_base_row(self.fits[label], self.others.get(label), names),
+        }
+
+    def time_base(self, names: Sequence[str]) -> pl.DataFrame:
+        """The trial's rows of `timebase.csv`."""
+        words = time_base_words(self.whole, self.others.get(None), names)
+        return timebase_table(self.record.uniform, words, self.record.bench)
+
+    def modelled(self, label: Label = None, rows: slice | NDArray[np.intp] = slice(None)) -> Array:
+        """Torque [N*m] of the fit to a label in some rows."""
+        fit = centred(self.fits[label], self.sums)
+        parts = [fit[name] * self.sums.columns[column][rows] for name, column in self.model.items()]
+        return np.asarray(np.sum(parts, axis=0))
+
+    def series(self) -> "Series":
+        """Measured torque and that of the fit to all of the record, over the whole trial."""
+        record = self.record
+        fitted = np.zeros(len(record.time), dtype=bool)
+        fitted[record.rows()] = True
+        return Series(record.time, record.filtered_torque, self.modelled(), record.motion.theta, fitted)
+
+    def last_seconds(self, label: Label, duration_s: float) -> pl.DataFrame:
+        """The last seconds of the motion of a label, measured and by its fit (Fig. 4). Rests and other labels within
+        these seconds have no rows. Rows that are not fitted, such as first cycles, have no modelled torque (null)."""
+        record = self.record
+        moving = record.moving(label) if record.is_stepped_sine else list(record.pieces)
+        rows = np.concatenate([np.r_[piece] for piece in moving])
+        rows = rows[record.usable[rows]]
+        last = rows[rows > rows[-1] - round(duration_s * record.rate_hz)]
+        fitted = np.isin(last, record.rows(label))
+        modelled = pl.Series(self.modelled(label, last))
+        return pl.DataFrame(
+            {
+                "time": record.time[last] - record.time[last[0]],
+                "theta_deg": np.rad2deg(record.motion.theta[last]),
+                "torque": record.filtered_torque[last],
+                "torque_model": modelled.set(pl.Series(~fitted), None),
+            }
+        )
+
+
+def analysed(record: Record, sums: Sums, model: Model) -> Analysis:
+    """Fit a model to each label of a record with its sums, and to all of it.
+
+    Raises InputError, IdentifiabilityError: as `fit_groups`.
+    """
+    labels = (None,) if record.groups.labels == ALL_LABELS else (*record.groups.labels, None)
+    fits = {label: at_zero(with_effects(sums, model, (), label), sums.centre) for label in labels}
+    if record.softer is not None:
+        softer = plain_fits(record.softer, model)
+        fits = {label: shifted(fit, softer[label]) for label, fit in fits.items()}
+    others = {} if record.other is None else plain_fits(record.other, model)
+    return Analysis(record, sums, model, fits, others)
+
+
+def plain_fits(record: Record, model: Model) -> Mapping[Label, GroupFit]:
+    """The fits to a record by label, without effects."""
+    sums = plain_sums(record, model)
+    labels = dict.fromkeys((*record.groups.labels, None))
+    return {label: at_zero(with_effects(sums, model, (), label), sums.centre) for label in labels}
+
+
+def shifted(fit: GroupFit, softer: LinearFit) -> GroupFit:
+    """The fit with the error of the bench's stiffness in its intervals."""
+    found = with_shared_error(fit, softer.estimates - fit.estimates)
+    return replace(fit, covariance=found.covariance, degrees_of_freedom=found.degrees_of_freedom)
+
+
+def at_zero(fit: GroupFit, centre: float) -> GroupFit:
+    """The fit with its offset at angle 0 in place of the `centre` [rad] of the motion, or back with a negative one."""
+    if "K" not in fit.names:
+        return fit
+    turn = np.eye(len(fit.names))
+    turn[fit.names.index("offset"), fit.names.index("K")] = -centre
+    repeat = None if fit.repeat is None else turn @ fit.repeat @ turn.T
+    return replace(fit, estimates=turn @ fit.estimates, covariance=turn @ fit.covariance @ turn.T, repeat=repeat)
+
+
+def centred(fit: GroupFit, sums: Sums) -> GroupFit:
+    """The fit with its offset at the angle that the column `theta` of the sums is about."""
+    return at_zero(fit, -sums.centre)
+
+
+def time_base_row(fit: LinearFit, other: LinearFit | None, names: Sequence[str]) -> Row:
+    """`time_base_shift`: the largest change of an estimate if undecided stamps were taken the other way. In half-widths
+    of its 95 % interval; null where the stamps are decided and there is no `other` fit."""
+    if other is None:
+        return {"time_base_shift": None}
+    half = {name: fit.interval(name)[1] - fit[name] for name in names}
+    return {"time_base_shift": max(abs(other[name] - fit[name]) / half[name] for name in names)}
+
+
+def time_base_words(fit: LinearFit, other: LinearFit | None, names: Sequence[str]) -> str | None:
+    """The change of each estimate under the other hypothesis [%], for people."""
+    if other is None:
+        return None
+    return ", ".join(f"{name} {100 * (other[name] / fit[name] - 1):+.2g} %" for name in names)
+
+
+def check_stiffer(trial: str, symbol: str, stiffness: float, bench: BenchStiffness | None) -> None:
+    """Refuse a stiffness [N*m/rad] that is not below that of the bench."""
+    if bench is not None and not 0 < stiffness * bench.compliance < 1:
+        raise InputError(
+            f"trial {trial}: {symbol} = {stiffness:.4g} N*m/rad is not between 0 and the bench's stiffness of "
+            f"{bench.value}, so that the frame would yield more than the joint; correct `bench_stiffness` "
+            "and its unit in the configuration"
+        )
+
+
+def timebase_table(
+    signals: UniformSignals | None, other_hypothesis: str | None, bench: BenchStiffness | None = None
+) -> pl.DataFrame:
+    """The rows of `timebase.csv` for one trial, a row per stream. `other_hypothesis` says what estimates would become
+    if undecided stamps were taken the other way."""
+    assert signals is not None  # a trial that was read from a file
+    report = signals.report
+    shared = {
+        "grid_rate_hz": report.rate_hz,
+        "first_s": report.first_s,
+        "last_s": report.last_s,
+        "rows": report.rows,
+        "masked": report.masked,
+        "farthest_s": report.farthest_s,
+        "other_hypothesis": other_hypothesis,
+        "bench_stiffness": 1 / bench.compliance if bench else None,
+        "bench_stiffness_se": bench.compliance_error / bench.compliance**2 or None if bench else None,
+    }
+    rows = [{"trial": signals.trial, **stream_row(stream, signals), **shared} for stream in report.streams]
+    text, numbers = ("low_pass", "other_hypothesis"), ("ppm", "g", "g_se", "bench_stiffness", "bench_stiffness_se")
+    schema = dict.fromkeys(text, pl.String) | dict.fromkeys(numbers, pl.Float64)
+    return pl.DataFrame(rows, schema_overrides=schema, infer_schema_length=None)
+
+
+def stream_row(stream: StreamReport, signals: UniformSignals) -> dict[str, Any]:
+    """What the time base found and did in one stream; g is that of the signal that knows it best."""
+    known = {name: se for name, se in stream.g_se.items() if se is not None}
+    best = min(known, key=lambda name: known[name], default=None)
+    filters = [f"{name}: {one}" for name, one in signals.low_passes.items() if name in stream.signals]
+    plain = {f.name: getattr(stream, f.name) for f in fields(stream) if f.name not in ("name", "even", "g", "g_se")}
+    return {
+        **plain,
+        "signals": ", ".join(stream.signals),
+        "stamps": "even" if stream.even else "exact",
+        "g": None if best is None else stream.g[best],
+        "g_se": None if best is None else known[best],
+        "low_pass": "; ".join(filters) or None,
+    }
+
+
+@dataclass(frozen=True)
+class Series:
+    """Measured and modelled signals of one trial, shape (n,) each."""
+
+    time: Array  # time [s]
+    torque: Array  # measured torque, as it was fitted [N*m]
+    torque_model: Array  # torque of the fitted model [N*m]; NaN where the model says nothing
+    motion: Array  # angle [rad], or velocity [rad/s] where the bench has no angle
+    fitted: NDArray[np.bool_]  # rows that are fitted
+    is_velocity: bool = False  # whether `motion` is a velocity
+
+    def table(self, most: int = MOST_ROWS) -> pl.DataFrame:
+        """Every k-th sample, `most` or fewer rows, and the range of the residual in the k samples from each on.
+        `theta_deg` or `omega`, `torque` and, where the fit uses the sample, `torque_model`; `residual_low` and
+        `residual_high` [N*m] are of all k samples that the fit uses, so that no outlier is lost."""
+        k = max(-(-len(self.time) // most), 1)
+        low, high = self.range_of_residual(k)
+        each = slice(None, None, k)
+        motion = {"omega": self.motion[each]} if self.is_velocity else {"theta_deg": np.rad2deg(self.motion[each])}
+        shown = {"time": self.time[each] - self.time[0], **motion, "torque": self.torque[each]}
+        model = np.where(self.fitted[each], self.torque_model[each], np.nan)
+        columns = {**shown, "torque_model": model, "residual_low": low, "residual_high": high}
+        rounded = {name: pl.Series(values, dtype=pl.Float64).round_sig_figs(7) for name, values in columns.items()}
+        return pl.DataFrame(rounded).fill_nan(None)
+
+    def range_of_residual(self, k: int) -> tuple[Array, Array]:
+        """Smallest and largest residual [N*m] of each k samples that the fit uses; NaN where it uses none."""
+        return extremes(np.where(self.fitted, self.torque - self.torque_model, np.nan), k)
+
+
+def extremes(values: Array, k: int) -> tuple[Array, Array]:
+    """Smallest and largest of each k values (n,) that are not NaN; NaN where all are."""
+    whole = np.concatenate([values, np.full(-len(values) % k, np.nan)]).reshape(-1, k)
+    columns = np.ascontiguousarray(whole.T)  # along short rows NumPy reduces one by one
+    return np.fmin.reduce(columns), np.fmax.reduce(columns)

@@ -1,0 +1,472 @@
+"""Every fault is a column: lag, clocks that drift apart, a stiffness that changes, beside the physics of the joint.
+
+A model (Eq. 15, Eq. 4) names its columns; each effect names the columns of `basis` that it adds, and with what weight,
+given the estimates. All of it is algebra on the Gram matrices of groups (gram.py).
+
+Friction passes for a lag and for a changing stiffness as long as it is left out. So physics of the joint and faults of
+the recording compete, and a fault is found only beside all of the physics.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, stdtrit
+
+from osl_analysis.bench.gram import EFFECTS_LIMIT, GroupFit, Sums, combined, fit_groups, gram_sums, solved
+from osl_analysis.bench.record import Label, Record
+from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
+from osl_analysis.signals import Motion, seven_point_motion
+from osl_analysis.stats.covariance import welch_satterthwaite
+from osl_analysis.timebase.drift import ClockDrift, check_drift
+from osl_analysis.trial import Array
+
+Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
+"""theta/torque [rad/(N*m)] of a model, for complex s [rad/s]."""
+Model = Mapping[str, str]  # column of the basis, by estimate
+IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "late"}
+TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "late"}
+NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk", "jerk": "snap", "linear": "linear_rate"}  # derivatives
+SIGN_WIDTH = 0.01  # rad/s over which the sign of the velocity is smoothed: ten times the velocity noise of 14 bits
+STOPS = {"hysteresis": 0.05, "hysteresis_2": 0.15, "hysteresis_3": 0.4}
+"""Half-widths of springs that slip, as shares of the motion's RMS: presliding friction, a belt that winds up."""
+PHYSICS = ("T_C", "T_G", *STOPS, "cubic", "gap", "linear")
+"""What a joint may have beside the model: Coulomb friction, friction that grows with the angle, springs that slip, a
+spring that stiffens, play, the higher dynamics of the linear model with its gains."""
+FAULTS = ("lag_s", "K_change")  # what a recording may have
+SURE = 1e-3  # probability of a false alarm for one effect
+ALIKE = 0.01  # probability below which the estimates of parts of a recording differ
+LARGEST_LAG = 0.01  # lag [s] at which Gauss and Newton's steps stop: the series in the lag ends there
+LARGEST_TURN = 0.2
+"""Phase [rad] at the highest frequency, 6 ms at 5 Hz, beyond which a lag stands for other dynamics."""
+ONLY_NOISE = 1.5  # what a fit leaves, over the noise, up to which it counts as noise
+LAG_STEPS = 6  # steps of Gauss and Newton to a lag
+EFFECTS_HZ = 250.0  # rate [Hz] from which on rows are left out where effects are asked for
+BEYOND = 3.0  # cut-offs of the filter up to which the linear model is taken into account
+LARGEST_YIELD = 0.5  # largest share of the joint's angle by which a frame may yield; beyond it the fit did not find one
+UNSEEN = 0.1  # share of I, or of B, by an effect that was not found, from which it is not known whether there is one
+POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found
+LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
+"""Sizes of K, B [N*m*s/rad] and I [kg*m^2] below which their shares say little; added in quadrature to what a share is
+taken of."""
+
+
+def basis(record: Record, expected: Admittance | None = None) -> tuple[dict[str, Array], float]:
+    """Columns (n,) by name of which the models and all effects are combinations, and the angle [rad] that `theta` is
+    about. `expected` is the admittance of the linear model, where the gains are known."""
+    motion, time, low_pass = record.motion, record.time, record.low_pass
+    used = record.part(motion.theta)
+    centre, size = float(used.mean()), float(used.std())
+    theta, omega, alpha = motion.theta - centre, motion.omega, motion.alpha
+    higher = higher_derivatives(record)
+    late = time - time.mean()
+    duration = np.concatenate([record.time[[p.start, p.stop - 1]] for p in record.pieces])
+    u = late / max(float(np.ptp(duration)), np.finfo(float).tiny)
+    sign = np.tanh(omega / SIGN_WIDTH)
+    shaped = {"sign": sign, "load_sign": np.abs(theta) * sign, "cubic": theta**3}
+    shaped |= {name: spring_that_slips(theta, share * size) for name, share in STOPS.items()}
+    shaped["gap"] = -np.sign(first_torque(record, theta))
+    smooth = low_pass(np.array(list(shaped.values())).T, record.rate_hz).T
+    columns = {"theta": theta, "omega": omega, "alpha": alpha, "one": np.ones_like(theta), "late": late}
+    columns |= {"jerk": higher.omega, "snap": higher.alpha, "u_theta": u * theta}
+    if record.two_clocks and not record.groups.repeat:
+        columns |= {
+            f"late_{name}": late * x for name, x in (("omega", omega), ("alpha", alpha), ("jerk", higher.omega))
+        }
+    columns |= dict(zip(shaped, smooth, strict=True))
+    if expected is not None:
+        linear = linear_torque(record, expected)
+        columns |= {"linear": linear, "linear_rate": np.gradient(linear, 1 / record.rate_hz)}
+    return columns, centre
+
+
+def higher_derivatives(record: Record) -> Motion:
+    """Acceleration (n,) with jerk and snap, as a motion."""
+    return seven_point_motion(record.time, record.motion.alpha, record.rate_hz)
+
+
+def first_torque(record: Record, theta: Array) -> Array:
+    """Torque (n,) [N*m] of Eq. 15 fitted to the rows of a record, without its offset: play opens where it is 0."""
+    parts = (theta, record.motion.omega, record.motion.alpha)
+    X = np.array([*(record.part(x) for x in parts), np.ones(record.samples)])
+    K, B, I, _ = np.linalg.lstsq(X @ X.T, X @ record.part(record.filtered_torque), rcond=1e-12)[0]
+    return np.asarray(K * parts[0] + B * parts[1] + I * parts[2])
+
+
+def spring_that_slips(x: Array, width: float) -> Array:
+    """Torque (n,) of a spring that slips at +-1 (Prandtl's stop operator), wound up by x to its end over a `width`:
+    friction that winds something up before it slides. It starts slack."""
+    if not width > 0:
+        return np.zeros_like(x)
+    rising = np.diff(x) >= 0
+    turns = [0, *(np.flatnonzero(rising[1:] != rising[:-1]) + 1).tolist(), len(x) - 1]
+    found, z = np.zeros_like(x), 0.0
+    for a, b in pairwise(turns):
+        found[a : b + 1] = np.clip(z + (x[a : b + 1] - x[a]) / width, -1.0, 1.0)
+        z = float(found[b])
+    return found
+
+
+def linear_torque(record: Record, expected: Admittance) -> Array:
+    """Torque (n,) [N*m] of the linear model of admittance `expected` for the filtered motion. The record is continued
+    by its mirror image, so that its ends fit together."""
+    n, theta = len(record.time), record.motion.theta - record.motion.theta.mean()
+    mirrored = np.fft.rfft(np.concatenate([theta, theta[::-1]]))
+    s = np.asarray(2j * np.pi * np.fft.rfftfreq(2 * n, 1 / record.rate_hz), dtype=np.complex128)
+    kept = (np.abs(s) < 2 * np.pi * BEYOND * record.low_pass.cutoff_hz) & (s != 0)
+    response = np.zeros(len(s), dtype=np.complex128)
+    response[kept] = 1 / expected(s[kept])
+    return np.asarray(np.fft.irfft(response * mirrored, 2 * n)[:n])
+
+
+def noise_behind(record: Record, stiffness: float) -> float:
+    """Mean square [N^2 m^2] of the noise of torque, and of angle times a stiffness, behind the filter."""
+    of_angle, of_torque = record.noise
+    return (of_torque + stiffness**2 * of_angle) * record.low_pass.noise_bandwidth_hz
+
+
+def noise_of_angle(record: Record) -> tuple[float, float, float]:
+    """Variances of the angle's noise behind the filter, and of its first and second derivative."""
+    f = np.linspace(0, min(8 * record.low_pass.cutoff_hz, record.rate_hz / 2), 2000)
+    passed = record.noise[0] * record.low_pass.gain(f) ** 2
+    w = 2 * np.pi * f
+    still, moving, turning = (float(np.trapezoid(w**k * passed, f)) for k in (0, 2, 4))
+    return still, moving, turning
+
+
+def sums_of(record: Record, model: Model, expected: Admittance | None = None) -> Sums:
+    """The sums of a record with all effects, from one of several rows: the signals have nothing fast."""
+    few = record.thinned(max(int(record.rate_hz / EFFECTS_HZ), 1))
+    columns, centre = basis(few, expected)
+    rich = [*model.values(), "jerk", "snap", "u_theta", "sign", "load_sign", *STOPS, "cubic"]
+    return gram_sums(few, columns, rich, centre)
+
+
+def plain_sums(record: Record, model: Model) -> Sums:
+    """The sums of a record without effects."""
+    motion = record.motion
+    centre = float(record.part(motion.theta).mean())
+    columns = {"theta": motion.theta - centre, "omega": motion.omega, "alpha": motion.alpha}
+    columns |= {"one": np.ones_like(motion.theta), "late": record.time - record.time.mean()}
+    return gram_sums(record, columns, list(model.values()), centre)
+
+
+COLUMN = {"T_C": "sign", "T_G": "load_sign", "K_change": "u_theta"}
+"""Columns of effects that are not named alike."""
+
+
+def with_effects(
+    s: Sums,
+    model: Model,
+    effects: Sequence[str] = (),
+    label: Label = None,
+    keep: NDArray[np.bool_] | None = None,
+    known: str | None = None,
+) -> GroupFit:
+    """Fit of a model with effects beside it, over a label or the groups to `keep` (m,).
+
+    A late torque is m - d m' + d^2/2 m'': its columns hang on the estimates and on d, which is found by Gauss and
+    Newton's steps. A `known` column is a part of this torque whose size is 1. Raises as `fit_groups`.
+    """
+    if "lag_s" not in effects:
+        names = dict(model) | {effect: COLUMN.get(effect, effect) for effect in effects}
+        limit = {} if not effects else {"limit": EFFECTS_LIMIT}
+        return fit_groups(s, names, label, keep, **limit)
+    others = [effect for effect in effects if effect != "lag_s"]
+    base = dict(model) | {effect: COLUMN.get(effect, effect) for effect in others}
+    fixed = {} if known is None else {known: 1.0}
+    first = fit_groups(without(s, fixed), base, label, keep, limit=EFFECTS_LIMIT)
+    found = {name: first[name] for name in base}
+    lag, fit = 0.0, first
+    for _ in range(LAG_STEPS):
+        parts = [late_by(lag, {column: 1.0}) for column in base.values()]
+        slope = {NEXT[c]: -found[n] for n, c in base.items() if c in NEXT and NEXT[c] in s.names}
+        slope |= {NEXT[name]: -weight for name, weight in fixed.items()}
+        parts.append(late_by(lag, slope))
+        used = [name for name in s.names if any(name in part for part in parts)]
+        C = np.array([[part.get(name, 0.0) for part in parts] for name in used])
+        rest = without(s, late_by(lag, fixed))
+        fit = fit_groups(rest, {**base, "lag_s": "jerk"}, label, keep, (used, C), EFFECTS_LIMIT)
+        found = {name: fit[name] for name in base}
+        before, lag = lag, float(np.clip(lag + fit["lag_s"], -LARGEST_LAG, LARGEST_LAG))
+        if abs(lag - before) < 1e-3 * fit.se("lag_s"):
+            break
+    estimates = fit.estimates.copy()
+    estimates[-1] = lag
+    return replace(fit, estimates=estimates)
+
+
+def without(s: Sums, part: Mapping[str, float]) -> Sums:
+    """The sums of a torque less a combination of columns."""
+    if not part:
+        return s
+    turn = np.eye(s.torque + 2)
+    turn[np.ix_(s.index(list(part)), [s.torque, s.torque + 1])] = -np.array(list(part.values()))[:, None]
+    return replace(s, gram=turn.T @ s.gram @ turn)
+
+
+def late_by(lag: float, part: Mapping[str, float]) -> dict[str, float]:
+    """A combination of columns, late by `lag` [s]: c - d c' + d^2/2 c''."""
+    found = dict(part)
+    for column, weight in part.items():
+        first = NEXT.get(column)
+        if first is None or not lag:
+            continue
+        found[first] = found.get(first, 0.0) - lag * weight
+        second = NEXT.get(first)
+        if second is not None:
+            found[second] = found.get(second, 0.0) + lag**2 / 2 * weight
+    return found
+
+
+def taken_by(s: Sums, model: Model, column: str, label: Label = None) -> dict[str, float]:
+    """What the estimates of a model take of a column of size 1 that it lacks."""
+    at, own = s.index(list(model.values())), s.names.index(column)
+    A = s.gram[s.groups.of(label)].sum(axis=0)
+    estimates, _ = solved(A[np.ix_(at, at)], A[at, own])
+    return dict(zip(model, estimates.tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class Causes:
+    """What explains the misfit of a model, the best explanation first."""
+
+    chosen: tuple[str, ...]  # effects by forward selection
+    fit: GroupFit  # the model with them
+    only_noise: bool  # whether the model with them leaves no more than noise
+
+    def certain(self, effect: str) -> bool:
+        return effect in self.chosen and self.fit.certain(effect, SURE)
+
+
+def causes(record: Record, s: Sums, model: Model) -> Causes:
+    """Physics of the joint and faults of the recording compete step by step: the one that leaves least is taken, as
+    long as it is certain. Of few units nothing is asked."""
+    physics = physics_of(s, model)
+    effects = [*physics, *(fault for fault in FAULTS if fault != "K_change" or "theta" in model.values())]
+    chosen: list[str] = []
+    now = with_effects(s, model)
+    while len(chosen) < len(effects):
+        tried = [(e, fit) for e in effects if e not in chosen and (fit := tried_fit(s, model, (*chosen, e)))]
+        sure = [(fit.left, e, fit) for e, fit in tried if fit.certain(e, SURE)]
+        if not sure:
+            break
+        _, effect, now = min(sure, key=lambda one: one[0])
+        chosen.append(effect)
+    return Causes(tuple(chosen), now, leaves_noise(record, now))
+
+
+def leaves_noise(record: Record, fit: GroupFit) -> bool:
+    """Whether a fit leaves no more than the noise of torque and angle."""
+    stiffness = float(abs(fit["K"])) if "K" in fit.names else 0.0
+    return fit.left < ONLY_NOISE**2 * noise_behind(record, stiffness) * fit.samples
+
+
+def physics_of(s: Sums, model: Model) -> tuple[str, ...]:
+    """The physics that a model may lack and the columns have; without a stiffness neither a spring nor play."""
+    of_spring = () if "theta" in model.values() else ("cubic", "gap")
+    return tuple(e for e in PHYSICS if COLUMN.get(e, e) in s.names and e not in of_spring)
+
+
+def tried_fit(
+    s: Sums,
+    model: Model,
+    effects: Sequence[str],
+    keep: NDArray[np.bool_] | None = None,
+    known: str | None = None,
+) -> GroupFit | None:
+    """As `with_effects`; None where the motion does not tell the effects apart."""
+    try:
+        return with_effects(s, model, effects, keep=keep, known=known)
+    except (IdentifiabilityError, InputError, np.linalg.LinAlgError):
+        return None
+
+
+def beside(s: Sums, model: Model, fault: str, found: Causes) -> tuple[str, ...]:
+    """What a fault must be certain beside: all of the physics and what was chosen; this alone where it explains all."""
+    chosen = tuple(e for e in found.chosen if e != fault)
+    return chosen if found.only_noise else tuple(dict.fromkeys((*physics_of(s, model), *chosen)))
+
+
+def is_alike(s: Sums, model: Model, fault: str, found: Causes) -> bool:
+    """Whether the parts of a recording, its labels or else thirds by speed, agree on the size of a fault."""
+    effects = (*beside(s, model, fault, found), fault)
+    labels = s.groups.labels
+    if len(labels) > 1:
+        parts = [s.groups.of(label) for label in labels]
+    else:
+        omega, one = s.index(["omega", "one"])
+        speed = s.gram[:, omega, omega] / s.gram[:, one, one]
+        third = np.digitize(speed, np.quantile(speed, [1 / 3, 2 / 3]))
+        parts = [third == k for k in range(3)]
+    fits = [tried_fit(s, model, effects, part) for part in parts if part.sum() > len(model) + len(effects) + 1]
+    known = [(fit[fault], fit.se(fault) ** 2) for fit in fits if fit is not None]
+    if len(known) < 2:
+        return True
+    estimates, variances = np.array(known).T
+    mean = np.sum(estimates / variances) / np.sum(1 / variances)
+    return bool(chdtrc(len(known) - 1, float(np.sum((estimates - mean) ** 2 / variances))) > ALIKE)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """The size of a fault of a recording."""
+
+    size: float  # in its unit, beside all of the physics
+    se: float  # its standard error
+    found: bool  # whether it is certain, the same in all parts, and nothing else
+    possible: float  # size up to which there may be one that was not found
+
+
+def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None:
+    """By how much the torque lags the angle [s]; None where the motion does not tell it from the physics.
+
+    It is found only in a joint of which the model, the physics and the lag leave no more than noise: what a drivetrain
+    leaves looks like a lag of 2 to 20 ms.
+    """
+    others = beside(s, model, "lag_s", found)
+    full = tried_fit(s, model, (*others, "lag_s"))
+    if "linear" in s.names:  # of the linear model with its gains, and of none that is free, a lag is told sharply
+        exact = tried_fit(s, model, (*(e for e in others if e != "linear"), "lag_s"), known="linear")
+        if exact is not None and leaves_noise(record, exact):
+            sure = exact.certain("lag_s", SURE) and 2 * np.pi * record.band_hz[1] * abs(exact["lag_s"]) < LARGEST_TURN
+            return Fault(exact["lag_s"], exact.se("lag_s"), sure, abs(exact["lag_s"]) + POSSIBLE * exact.se("lag_s"))
+    if full is None:
+        return None
+    turn = 2 * np.pi * record.band_hz[1] * abs(full["lag_s"])
+    explained = leaves_noise(record, full) and turn < LARGEST_TURN
+    sure = "lag_s" in found.chosen and full.certain("lag_s", SURE) and explained
+    size, se = full["lag_s"], full.se("lag_s")
+    return Fault(size, se, sure and is_alike(s, model, "lag_s", found), abs(size) + POSSIBLE * se)
+
+
+def stiffness_change(s: Sums, model: Model, found: Causes) -> Fault | None:
+    """By how much K [N*m/rad] changes from the first fitted row to the last; None where the motion does not tell.
+
+    Repeats of one motion differ by what K changes alone, whatever the joint is. Where the model with the physics
+    explains all others, too, the change from one frequency to the next tells more: the surer one of both counts.
+    """
+    tried: list[Fault] = []
+    if s.groups.repeat and (within := changes_of_repeats(s, model, {"K_within": {"theta": 1.0}})):
+        tried.append(change_of(within, "K_within", True, s.seconds))
+    full = tried_fit(s, model, (*beside(s, model, "K_change", found), "K_change"))
+    if full is not None:
+        sure = found.only_noise and "K_change" in found.chosen and full.certain("K_change", SURE)
+        tried.append(change_of(full, "K_change", sure and is_alike(s, model, "K_change", found)))
+    return min(tried, key=lambda fault: fault.possible if not fault.found else fault.se, default=None)
+
+
+def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str, float]]) -> GroupFit | None:
+    """Sizes of effects that grow with time [1/s], by what repeats of one motion differ by: each stratum has a misfit
+    of its own, whatever the joint is. An effect is a combination of columns; None where no stratum has two repeats.
+
+    The time is that of the group and not of the row. A score is the product of column and residual in a group, less
+    the mean of its stratum.
+    """
+    base, q = with_effects(s, model), s.torque
+    at = s.index(list(model.values()))
+    names = list(dict.fromkeys(name for part in effects.values() for name in part))
+    own = s.index(names)
+    C = np.array([[part.get(name, 0.0) for part in effects.values()] for name in names])
+    one = s.index(["one"])[0]
+    mean = s.gram[:, one] / s.gram[:, one, one][:, None]
+    gram = (
+        s.gram - mean[:, :, None] * s.gram[:, one][:, None]
+    )  # a slow disturbance of the torque is an offset of a group
+    products = C.T @ gram[:, own][:, :, own] @ C
+    scores = (gram[:, own, q + 1] - gram[:, own][:, :, at] @ base.estimates) @ C
+    middle, kind = (s.groups.first + s.groups.stop) / 2 / s.rate_hz, s.groups.stratum
+    members = np.bincount(kind)
+    if members.max() < 3:
+        return None
+
+    def added(values: Array) -> Array:
+        total = np.zeros((len(members), *values.shape[1:]))
+        np.add.at(total, kind, values)
+        return total
+
+    scores = scores - (added(scores).T / members).T[kind]
+    v = middle - (added(middle) / members)[kind]
+    weighted = products * (v**2)[:, None, None]
+    estimates, inverse = solved(weighted.sum(axis=0), v @ scores)
+    rest = v[:, None] * (scores - np.einsum("mpq,q,m->mp", products, estimates, v)) @ inverse
+    taken = np.einsum("spq,qp->s", added(weighted), inverse)  # by the mean of a stratum 1, by the slopes their share
+    free = members - 1 - taken
+    rest *= np.sqrt(members / np.maximum(free, 0.5))[kind, None]
+    noise, sums = rest.T @ rest, added(rest)
+    freedom = welch_satterthwaite(added(rest**2), np.maximum(free, 0.5))
+    misfit = sums.T @ sums * len(members) / max(len(members) - 1, 1)
+    covariance, degrees = combined(noise, freedom, misfit, len(members))
+    return replace(base, names=tuple(effects), estimates=estimates, covariance=covariance, degrees_of_freedom=degrees)
+
+
+def change_of(fit: GroupFit, name: str, sure: bool, duration: float = 1.0) -> Fault:
+    """A change of K beyond noise, in a `duration` of the estimate's unit of time; 0 if it is no more."""
+    change, se = duration * fit[name], duration * fit.se(name)
+    noise = float(stdtrit(fit.freedom(name), 1 - SURE)) * se  # one-sided
+    return Fault(float(np.sign(change)) * (abs(change) - noise), se, sure and abs(change) > noise, noise)
+
+
+def clock_drift_of(record: Record, s: Sums, model: Model, found: Causes, largest_ppm: float) -> ClockDrift | None:
+    """Drift of the torque's clock against the angle's; None where one device recorded both, or it is not seen.
+
+    A torque whose clock gains is later and later: at time t it is that of t - ppm (t - mean t), which to first order
+    adds -ppm (t - mean t) dtorque/dt. Repeats of a motion differ by this and by a change of K alone. Where nothing
+    repeats, a joint that the model with the physics explains shows it. A constant offset between clocks is not seen.
+
+    Raises InputError: the drift is certain and larger than `largest_ppm`; the message names the trial.
+    """
+    if not record.two_clocks:
+        return None
+    slope = {NEXT[c]: -1e-6 * found.fit[name] for name, c in model.items() if c in NEXT}
+    try:
+        if s.groups.repeat:
+            seen = changes_of_repeats(s, model, {"K_within": {"theta": 1.0}, "ppm": slope})
+        else:
+            chosen = [e for e in found.chosen if e not in (*FAULTS, "linear")]
+            tried = (with_clock(s, model, slope, effects) for effects in (chosen, physics_of(s, model)))
+            seen = next((fit for fit in tried if leaves_noise(record, fit)), None)
+        if seen is None:
+            return None
+        drift = ClockDrift(seen["ppm"], seen.se("ppm"), seen.freedom("ppm"))
+        check_drift(drift, largest_ppm)
+    except IdentifiabilityError:
+        return None
+    except InputError as error:
+        raise InputError(f"trial {record.name}: {error}") from error
+    return drift
+
+
+def with_clock(s: Sums, model: Model, slope: Mapping[str, float], effects: Sequence[str]) -> GroupFit:
+    """Fit of a model with effects and a drift between clocks [ppm], which changes the torque by `slope` times time."""
+    base = dict(model) | {effect: COLUMN.get(effect, effect) for effect in effects}
+    used = [*base.values(), *(f"late_{name}" for name in slope)]
+    C = np.zeros((len(used), len(base) + 1))
+    C[: len(base), : len(base)] = np.eye(len(base))
+    C[len(base) :, -1] = list(slope.values())
+    return fit_groups(s, {**base, "ppm": "one"}, transform=(used, C), limit=EFFECTS_LIMIT)
+
+
+def yielding_in(series: Mapping[str, float]) -> float | None:
+    """Stiffness [N*m/rad] of a frame in series with a second-order joint of which K, B, I and J are measured.
+    1/measured = 1/joint + 1/stiffness, to the third power of s, where the joint has none. None if there is none."""
+    K, B, I, J = (series[name] for name in "KBIJ")
+    if not abs(K) > np.finfo(float).tiny:
+        return None
+    b, i, j = B / K, I / K, J / K
+    first, second, third = -b, b**2 - i, 2 * b * i - b**3 - j
+    left = np.roots([third, -2 * first * second, first**3])
+    yielded = [1 - float(share.real) for share in left if abs(share.imag) < 1e-9]
+    return K / min(sound) if (sound := [share for share in yielded if 0 < share < LARGEST_YIELD]) else None
+
+
+def frame_stiffness(s: Sums, model: Model, found: Causes) -> float | None:
+    """Stiffness [N*m/rad] of a frame in series that explains a lag as well, beside the physics that was chosen."""
+    physics = [e for e in found.chosen if e not in FAULTS]
+    try:
+        fit = with_effects(s, model, (*physics, "jerk"))
+        return yielding_in({"K": fit["K"], "B": fit["B"], "I": fit["I"], "J": fit["jerk"]})
+    except OslAnalysisError:
+        return None

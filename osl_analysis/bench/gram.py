@@ -1,0 +1,301 @@
+"""One regression for every motion, from the Gram matrices of groups of rows.
+
+One pass over the samples sums the products of all columns in each group, those of the model and those of every effect.
+Every question after it is small algebra on these sums: the fit to one label or to all, its interval, the VAF of what
+was left out, and each effect (effects.py).
+
+The interval of a fit is that of what the estimate would be with another motion of this kind on this joint
+(docs/method.md). Units are left out one at a time: a stratum (a frequency at an amplitude, a part of the period), or a
+stretch. What the model misses, and rounding that every cycle repeats, is in their scatter. Beside it stands the
+repeatability alone: the spread of groups that repeat one another.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from osl_analysis.bench.record import Groups, Label, Record
+from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.measured import check_all_measured, rounding_of
+from osl_analysis.stats.covariance import between_cycles, products_between, welch_satterthwaite
+from osl_analysis.stats.fit_row import Row, Whiteness, thinned_rows, whiteness_of
+from osl_analysis.stats.least_squares import largest_correlation, refuse_unidentifiable
+from osl_analysis.stats.regression import CONDITION_LIMIT, LinearFit
+from osl_analysis.trial import Array
+
+FEWEST_UNITS = 4  # strata from which on these are the units that are left out; below, each group is one
+MANY_UNITS = 10  # units that show the rounding that cycles repeat; of fewer its known size counts, if it is larger
+NEAR_PEAKS = 2.0
+"""Variance of what rounding does to an estimate over that of errors that are independent from row to row: where the
+joint turns round, many rows share a step. From 0.4 to 2.5, by how an amplitude lies between steps (simulated)."""
+EFFECTS_LIMIT = 1e5  # largest scaled condition number of a fit with effects, whose columns are alike at times
+UNITS, REPEATS = "units", "repeats"
+"""Source of an interval: units that were left out, with the noise; repeats, of too few units."""
+PARTS = 3  # consecutive parts of a record of one label, each of which is predicted by a fit to the others
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Products of the columns, the filtered and the raw torque in each group, (m, q + 2, q + 2)."""
+
+    names: tuple[str, ...]  # names of the q columns; `one` is among them
+    gram: Array
+    groups: Groups
+    rich: tuple[str, ...]  # columns of the richest model: what it leaves is noise, where nothing repeats
+    rate_hz: float  # sampling rate [Hz]
+    seconds: float  # time [s] from the first to the last row that is fitted
+    centre: float  # angle [rad] about which the column `theta` is; verdicts do not depend on the encoder's zero
+    columns: Mapping[str, Array]  # the columns (n,) themselves
+    rounding: tuple[float, float] = (0.0, 0.0)  # variances of the rounding of angle and torque, `Record.rounding`
+
+    def index(self, names: Sequence[str]) -> list[int]:
+        return [self.names.index(name) for name in names]
+
+    @cached_property
+    def torque(self) -> int:
+        return len(self.names)
+
+
+@dataclass(frozen=True)
+class GroupFit(LinearFit):
+    """A fit whose interval is that of another motion of the same kind."""
+
+    repeat: Array | None = None  # covariance (p, p) of the repeatability; None where nothing repeats
+    left: float = 0.0  # sum of squares that is left
+    units: int = 0  # number of units that were left out
+
+    def repeat_se(self, name: str) -> float | None:
+        """Standard error of one estimate by repeats of the same motion alone; None where nothing repeats."""
+        k = self.names.index(name)
+        return None if self.repeat is None else float(np.sqrt(self.repeat[k, k]))
+
+    def freedom(self, name: str) -> float:
+        return float(self.degrees_of_freedom[self.names.index(name)])
+
+    def certain(self, name: str, once_in: float) -> bool:
+        """Whether an estimate differs from 0 by more than chance does `once_in` (two-sided)."""
+        return abs(self[name]) > float(stdtrit(self.freedom(name), 1 - once_in / 2)) * self.se(name)
+
+
+def gram_sums(
+    record: Record, columns: Mapping[str, Array], rich: Sequence[str], centre: float = 0.0, raw: Array | None = None
+) -> Sums:
+    """The sums of columns (n,) and of the record's torque; noise is that of the `raw` torque, before the filter.
+
+    Raises InputError: a column cannot be measured.
+    """
+    Y = [record.filtered_torque, record.torque if raw is None else raw]
+    Z = np.array([*columns.values(), *Y])
+    check_all_measured([*(f"column '{name}'" for name in columns), "column 'y'", "the torque"], Z)
+    Z = np.ascontiguousarray(Z.T)
+    groups = record.groups
+    nowhere = np.zeros(2 * len(groups.first), dtype=np.intp)
+    gram = products_between(Z, Z, groups.first, groups.stop, nowhere)
+    seconds = float(groups.stop.max() - groups.first.min()) / record.rate_hz
+    return Sums(tuple(columns), gram, groups, tuple(rich), record.rate_hz, seconds, centre, columns, record.rounding)
+
+
+def solved(A: Array, b: Array) -> tuple[Array, Array]:
+    """Estimates (p,) and the inverse (p, p) of normal equations."""
+    scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    inverse = np.linalg.pinv(A / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
+    estimates = inverse @ b
+    return estimates + inverse @ (b - A @ estimates), inverse
+
+
+def fit_groups(
+    s: Sums,
+    model: Mapping[str, str],
+    label: Label = None,
+    keep: NDArray[np.bool_] | None = None,
+    transform: tuple[Sequence[str], Array] | None = None,
+    limit: float = CONDITION_LIMIT,
+) -> GroupFit:
+    """Least squares of the torque on a model, estimate -> column, over the groups of a label, or those to `keep` (m,).
+
+    `transform` are columns and a matrix (columns, p): the columns of the estimates are combinations of these.
+
+    Raises IdentifiabilityError: a column is 0 throughout, or the scaled condition number is above the `limit`.
+    """
+    names, q = tuple(model), s.torque
+    used, C = (list(model.values()), np.eye(len(model))) if transform is None else (list(transform[0]), transform[1])
+    at = s.index(used)
+    keep = s.groups.of(label) if keep is None else keep
+    G = s.gram if keep.all() else s.gram[keep]
+    one = s.index(["one"])[0]
+    n = float(G[:, one, one].sum())
+    if "late" in used:  # time about the middle of what is fitted: a drift and an offset are then told apart
+        C = C.copy()
+        C[used.index("one")] -= G[:, one, s.names.index("late")].sum() / n * C[used.index("late")]
+    A_g, b_g = C.T @ G[:, at][:, :, at] @ C, G[:, at, q] @ C
+    # noise is independent from row to row before the filter; but where nothing repeats, what the filter takes off the
+    # signal itself would count as noise
+    raw_g = G[:, at, q + 1] @ C if s.groups.repeat else b_g
+    A, b, total = A_g.sum(axis=0), b_g.sum(axis=0), G.sum(axis=0)
+    condition = checked_condition(names, A, limit)
+    estimates, inverse = solved(A, b)
+    square = total[q, q]
+    if n <= len(names):
+        raise InputError(f"{n:.0f} samples cannot determine {len(names)} parameters; record for longer")
+    left = max(float(square - 2 * estimates @ b + estimates @ A @ estimates), 0.0)
+    level = float(total[one, q] - total[one, at] @ C @ estimates) / n
+    stratum = np.unique(s.groups.stratum[keep], return_inverse=True)[1]
+    scores = (raw_g - A_g @ estimates) @ inverse
+    repeats = s.groups.repeat and int(np.bincount(stratum).min()) > 1
+    if repeats:
+        noise, freedom = between_cycles(scores, stratum)
+    else:
+        rich = list(dict.fromkeys([*s.rich, *used]))
+        noise, freedom = noise_of_scores(rich_scores(s, G, at, C, inverse, raw_g, s.index(rich)), len(rich))
+    unit = stratum if stratum.max() + 1 >= FEWEST_UNITS else np.arange(len(stratum))
+    units = int(unit.max()) + 1
+    misfit = jackknife(A_g, b_g, A, b, unit)
+    known = np.zeros(len(names))
+    if s.groups.kind == "cycles" and (unit is not stratum or units < MANY_UNITS) and any(s.rounding):
+        of_theta, of_torque = s.rounding
+        stiffness = estimates[names.index("K")] if "K" in names else 0.0
+        repeated = np.tensordot(s.groups.alike[keep], A_g, axes=1) * (stiffness**2 * of_theta + of_torque)
+        repeated *= NEAR_PEAKS
+        known = np.diag(inverse @ repeated @ inverse)
+    covariance, freedom = combined(noise, freedom, misfit, units, known)
+    return GroupFit(
+        names,
+        estimates,
+        covariance,
+        accounted_for(left / n - level**2, square / n - (total[one, q] / n) ** 2, square / n),
+        1 - left / max(float(square), np.finfo(float).tiny),
+        condition,
+        s.groups.usual_length,
+        round(float(n)),
+        UNITS if unit is stratum or not s.groups.repeat else REPEATS,
+        freedom,
+        np.empty(0),
+        largest_correlation(inverse),
+        noise if repeats else None,
+        left,
+        units,
+    )
+
+
+def accounted_for(left: float, varied: float, square: float) -> float:
+    """VAF [percent] of a variance that is left of one; as `variance_accounted_for` of what does not vary."""
+    rounding = rounding_of(np.array([square**0.5])) if square > 0 else 0.0
+    if varied > rounding:
+        return float(100 * (1 - max(left, 0.0) / varied))
+    return 100.0 if left <= rounding else 0.0
+
+
+def checked_condition(names: tuple[str, ...], A: Array, limit: float) -> float:
+    """The scaled condition number of columns with the products A (p, p); raises as `fit_groups`."""
+    size = np.diag(A)
+    if not (size > 0).all():
+        name = names[int(np.argmin(size))]
+        raise IdentifiabilityError(f"'{name}' cannot be estimated: its column is zero throughout")
+    scale = np.sqrt(size)
+    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
+    condition = float(np.sqrt(values[-1] / max(values[0], 1e-30 * values[-1])))
+    if condition > limit:
+        refuse_unidentifiable(names, vectors[:, 0], condition)
+    return condition
+
+
+def jackknife(A_g: Array, b_g: Array, A: Array, b: Array, unit: NDArray[np.intp]) -> Array:
+    """Covariance (p, p) of the estimates by leaving out one unit at a time: noise and misfit, leverage included."""
+    m, p = int(unit.max()) + 1, len(b)
+    own = np.asarray(unit == np.arange(m)[:, None], dtype=np.float64)
+    A_u, b_u = A - (own @ A_g.reshape(len(unit), -1)).reshape(m, p, p), b - own @ b_g
+    scale = np.sqrt(np.diag(A))
+    A_u = A_u / np.outer(scale, scale) + 1e-13 * np.eye(p)
+    found = np.linalg.solve(A_u, (b_u / scale)[..., None])[..., 0] / scale
+    apart = found - found.mean(axis=0)
+    return np.asarray(apart.T @ apart * (m - 1) / m)
+
+
+def combined(
+    noise: Array, freedom: Array, misfit: Array, units: int, known: Array | float = 0.0
+) -> tuple[Array, Array]:
+    """Covariance (p, p) by noise and misfit together, and its degrees of freedom (p,): what units scatter beyond the
+    noise is misfit. Its correlations are those of the sum of both. Rounding that every cycle repeats is in the scatter
+    of many units; where few show less than its `known` variances (p,) (type B), these count."""
+    random = np.maximum(np.diag(noise), 0.0)
+    excess = np.maximum(np.diag(misfit) - random, 0.0)
+    both = noise + misfit
+    size = np.sqrt(np.maximum(np.diag(both), np.finfo(float).tiny))
+    of_units = np.where(excess >= known, max(units - 1.0, 1.0), np.inf)
+    excess = np.maximum(excess, known)
+    error = np.sqrt(random + excess)
+    covariance = both / np.outer(size, size) * np.outer(error, error)
+    degrees = welch_satterthwaite([random, excess], [freedom, of_units])
+    return covariance, np.maximum(degrees, 1.0)
+
+
+def rich_scores(s: Sums, G: Array, at: list[int], C: Array, inverse: Array, raw_g: Array, rich: list[int]) -> Array:
+    """Scores (m, p) of what the richest model leaves."""
+    coefficients, _ = solved(G[:, rich][:, :, rich].sum(axis=0), G[:, rich, s.torque].sum(axis=0))
+    modelled = np.swapaxes(C.T @ G[:, at][:, :, rich], 1, 2) * coefficients[:, None]
+    return np.asarray((raw_g - modelled.sum(axis=1)) @ inverse)
+
+
+def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
+    """Covariance (p, p) of estimates and its degrees of freedom (p,), from the scores (m, p) of groups that follow one
+    another, with half of the products of neighbours; a fit of some columns has taken up half a group each."""
+    m, p = scores.shape
+    used = min(columns, m - 2)
+    near = scores[1:].T @ scores[:-1]
+    covariance = scores.T @ scores + 0.5 * (near + near.T)
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    raised = m / max(m - used / 2, 1.0)
+    found = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size) * raised
+    return np.asarray(found), np.full(p, max(m / 1.5 - used / 2, 1.0))
+
+
+def vaf_of_groups(s: Sums, fit: LinearFit, model: Mapping[str, str], keep: NDArray[np.bool_]) -> float:
+    """VAF [percent] of a fit in groups (m,) that it may not have used; an offset of theirs does not count."""
+    at, q, one = s.index(list(model.values())), s.torque, s.index(["one"])[0]
+    total = s.gram[keep].sum(axis=0)
+    estimates, n = np.array([fit[name] for name in model]), total[one, one]
+    left = total[q, q] - 2 * estimates @ total[at, q] + estimates @ total[np.ix_(at, at)] @ estimates
+    level = (total[one, q] - total[one, at] @ estimates) / n
+    return accounted_for(left / n - level**2, total[q, q] / n - (total[one, q] / n) ** 2, total[q, q] / n)
+
+
+def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None) -> float | None:
+    """Lowest VAF [percent] of groups that a fit did not use; None where there are none, or nothing can be fitted.
+
+    Of a label: of the other labels, by its fit. Of all: of each label by the fit to the others, with one label of each
+    third of the groups.
+    """
+    labels = s.groups.labels
+    if label is not None:
+        held = [s.groups.of(other) for other in labels if other != label]
+        pairs = [(s.groups.of(label), own) for own in held]
+    elif len(labels) > 1:
+        pairs = [(~s.groups.of(x), s.groups.of(x)) for x in labels]
+    else:
+        place = np.argsort(np.argsort(s.groups.first, kind="stable"), kind="stable")
+        part = place * PARTS // len(place)
+        pairs = [(part != k, part == k) for k in np.unique(part)] if len(place) > 1 else []
+    try:
+        return min((vaf_of_groups(s, fit_groups(s, model, keep=rest), model, own) for rest, own in pairs), default=None)
+    except (IdentifiabilityError, InputError):
+        return None
+
+
+def residual_whiteness(
+    record: Record, s: Sums, fit: LinearFit, model: Mapping[str, str], label: Label
+) -> Whiteness | None:
+    """Whiteness of what a fit leaves of its rows."""
+    rows = record.rows(label)
+    kept = rows[thinned_rows(len(rows), record.rate_hz, record.low_pass)]
+    modelled = sum((fit[name] * s.columns[column][kept] for name, column in model.items()), np.zeros(len(kept)))
+    return whiteness_of(record.filtered_torque[kept] - modelled)
+
+
+def repeat_row(fit: GroupFit, *names: str) -> Row:
+    """`name_repeat_se`: what a repetition of the same motion would change; null where nothing repeats."""
+    return {f"{name}_repeat_se": fit.repeat_se(name) for name in names}

@@ -1,0 +1,638 @@
+"""One record for every motion: uniform signals, the motion behind one low-pass, and groups of rows.
+
+What differs from one motion to another is here, in three makers of groups: the cycles of a stepped sine, parts of the
+periods of a motion that repeats itself, and stretches of any other one. What comes after knows groups only.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from osl_analysis.bench.segments import Segment, find_segments, labels_deg, settled, whole_rows
+from osl_analysis.bench.settings import BenchStiffness, ImpedanceAnalysis, SteppedSineAnalysis
+from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.protocol.likeness import BIN_S, HARDLY, MOVES, Likeness, moving_bins
+from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
+from osl_analysis.spectral.realisations import PeriodicMotion, periodic_motion
+from osl_analysis.stats.covariance import FEWEST_CYCLES, sums_between
+from osl_analysis.stats.rounding import noise_before_rounding, visible_step
+from osl_analysis.timebase.grid import GapLimits
+from osl_analysis.trial import Array, Trial
+from osl_analysis.uniform import UniformSignals, origin, regridded, uniform_signals
+
+Kind = Literal["cycles", "periods", "stretches"]
+Label = float | str | None
+"""What a fit of its own is made for: an amplitude [deg], a branch of a belt; None: all of a record."""
+PART_S = 0.25  # duration [s] of a part of a period: what a model misses is alike over less, noise over much less
+STRETCH_S = 1.0  # duration [s] of a stretch: 30 correlation times of a 15 Hz low-pass
+PERIODIC = 1.5  # highest line of a periodic motion, in cut-offs of the filter
+SAME_PHASES = 4  # cycles after which samples may be at the same phases again, so that rounding repeats
+EDGE = 2.0
+"""Periods of the cut-off at each end of what is fitted that are left out: 130 ms at 15 Hz. The ends of a record,
+filtered with an invented continuation, would change K by 0.05 % and I by 0.4 %."""
+SHORTEST_S = 1.0  # shortest stretch [s] that is fitted
+LEAST, MOST = 0.01, 0.99  # shares of the power of angle and acceleration beyond the band of a motion
+BAND_PIECE_S = 8.0  # longest piece [s] of the spectrum from which the band is read
+SLOW_TURN_DEG = 1.0  # turn of a joint [deg] beyond the noise of any encoder: it moved, if slowly
+
+
+@dataclass(frozen=True)
+class Stratum:
+    """What groups have in common that repeat one another, or of a motion that does not repeat, all groups."""
+
+    rows: slice  # rows of the motion that they are of, its transient included
+    label: Label = None
+    frequency_hz: float = np.nan  # of a sine [Hz]
+    commanded: float | None = None  # amplitude of the protocol that a sine follows [rad]
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Groups of consecutive rows of a record; a group ends where the next one begins, or earlier."""
+
+    kind: Kind
+    first: Array  # row at which each group begins, which need not be whole, (m,)
+    stop: Array  # where it ends, (m,)
+    stratum: NDArray[np.intp]  # number of the stratum of each group, rising from 0, (m,)
+    strata: tuple[Stratum, ...]
+    period: NDArray[np.intp] | None = None  # number of the period that each group is a part of, (m,); None: a whole one
+
+    @property
+    def repeat(self) -> bool:
+        """Whether the groups of a stratum repeat one another."""
+        return self.kind != "stretches"
+
+    @cached_property
+    def alike(self) -> Array:
+        """How many cycles of each stratum have their samples at the same phases, of a group (m,): rounding repeats."""
+        members = np.bincount(self.stratum)
+        length = np.bincount(self.stratum, self.stop - self.first) / members
+        turns = length[:, None] * np.arange(1, SAME_PHASES + 1)
+        whole = np.abs(turns - np.rint(turns)) < 0.02
+        apart = np.where(whole.any(axis=1), np.argmax(whole, axis=1) + 1, np.inf)
+        return np.asarray(np.maximum(members / apart, 1.0)[self.stratum])
+
+    @cached_property
+    def usual_length(self) -> int:
+        """Median number of rows of a group."""
+        return max(round(float(np.median(self.stop - self.first))), 1)
+
+    @cached_property
+    def labels(self) -> tuple[Label, ...]:
+        return tuple(dict.fromkeys(one.label for one in self.strata))
+
+    def of(self, label: Label) -> NDArray[np.bool_]:
+        """Which groups have a label; all for None, (m,)."""
+        if label is None:
+            return np.ones(len(self.first), dtype=np.bool_)
+        return np.array([self.strata[k].label == label for k in self.stratum], dtype=np.bool_)
+
+    def pieces(self, label: Label = None) -> list[slice]:
+        """Rows of the groups of a label, those that follow one another together, in the order of time."""
+        mine = np.flatnonzero(self.of(label))
+        found: list[slice] = []
+        for k in mine[np.argsort(self.first[mine], kind="stable")]:
+            rows = whole_rows(self.first[k], self.stop[k])
+            if found and rows.start <= found[-1].stop:
+                found[-1] = slice(found[-1].start, max(rows.stop, found[-1].stop))
+            else:
+                found.append(rows)
+        return found
+
+    def only_whole(self, usable: NDArray[np.bool_]) -> "Groups":
+        """The groups all of whose rows are usable (n,)."""
+        lacking = np.concatenate([[0], np.cumsum(~usable)])
+        first = np.floor(self.first + 1e-6).astype(np.intp)
+        stop = np.minimum(np.ceil(self.stop - 1e-6).astype(np.intp), len(usable))
+        good = lacking[stop] == lacking[np.minimum(first, stop)]
+        there = np.unique(self.stratum[good])
+        number = np.searchsorted(there, self.stratum[good])
+        strata = tuple(self.strata[k] for k in there)
+        period = None if self.period is None else self.period[good]
+        return replace(self, first=self.first[good], stop=self.stop[good], stratum=number, strata=strata, period=period)
+
+
+@dataclass(frozen=True)
+class Record:
+    """Signals of one trial on the dynamometer, shape (n,) each, and the groups of rows that are fitted."""
+
+    name: str  # name of the trial
+    time: Array  # uniform times [s]
+    theta: Array  # angle of the joint [rad], the yielding of the bench taken off
+    torque: Array  # raw resisting torque [N*m] without the load cell's drift
+    motion: Motion  # filtered joint angle with its derivatives
+    filtered_torque: Array  # the torque through the same filter [N*m]
+    low_pass: LowPass  # the filter of angle and torque
+    usable: NDArray[np.bool_]  # rows that are not near a gap in the recording
+    groups: Groups
+    band_hz: tuple[float, float] = (np.nan, np.nan)  # lowest and highest frequency [Hz] of the motion
+    drift: float = 0.0  # drift of the load cell [N*m/s] that was subtracted from the torque
+    steps: tuple[float | None, float | None] = (None, None)
+    """Steps to which angle [rad] and torque [N*m] were rounded; None where they are not known."""
+    periodic: PeriodicMotion | None = None  # the periods of a motion that repeats itself
+    uniform: UniformSignals | None = None
+    """The signals on their time base, with what the recorders did; None for a record that no file holds."""
+    bench: BenchStiffness | None = None  # stiffness of the bench
+    other: "Record | None" = None  # the same if undecided stamps were taken the other way; None: all are decided
+    softer: "Record | None" = None  # the same with a bench that is softer by one standard error; None: it is exact
+    settings: SteppedSineAnalysis | None = None  # limits of what a motion must tell
+
+    @property
+    def rate_hz(self) -> float:
+        return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
+
+    @property
+    def is_stepped_sine(self) -> bool:
+        return self.groups.kind == "cycles"
+
+    @property
+    def two_clocks(self) -> bool:
+        """Whether two devices recorded angle and torque."""
+        return self.uniform is not None and not self.uniform.one_device("theta", "torque")
+
+    @property
+    def bench_angle(self) -> Array:
+        """Raw angle of the bench (n,) [rad], which is that of the joint where nothing yields."""
+        return self.theta if self.bench is None or self.uniform is None else self.uniform["theta"]
+
+    @cached_property
+    def noise(self) -> tuple[float, float]:
+        """Densities of the noise of angle [rad^2/Hz] and torque [N^2 m^2/Hz], as if it were white: their levels between
+        two and four cut-offs, of what the filter takes off the rows that are fitted."""
+        taken = np.array([self.part(self.theta - self.motion.theta), self.part(self.torque - self.filtered_torque)])
+        f, power = welch(taken, self.rate_hz, nperseg=min(round(self.rate_hz), self.samples))
+        highest = min(4 * self.low_pass.cutoff_hz, 0.45 * self.rate_hz)
+        beyond = (f > min(2 * self.low_pass.cutoff_hz, 0.8 * highest)) & (f < highest)
+        of_theta, of_torque = np.median(power[:, beyond], axis=1) if beyond.any() else (0.0, 0.0)
+        return float(of_theta), float(of_torque)
+
+    @cached_property
+    def rounding(self) -> tuple[float, float]:
+        """Variances of the rounding of angle [rad^2] and torque [N^2 m^2] that cycles repeat; 0 where no step is known.
+        Noise of s steps before it leaves exp(-(2 pi s)^2) of it (Widrow and Kollar, Quantization Noise, 2008, ch. 5).
+        """
+        found = []
+        for step, signal in zip(self.steps, (self.bench_angle, self.torque), strict=True):
+            left = np.exp(-((2 * np.pi * self.noise_in_steps(signal, step)) ** 2)) if step else 0.0
+            found.append(float(left * (step or 0.0) ** 2 / 12))
+        return found[0], found[1]
+
+    def noise_in_steps(self, signal: Array, step: float) -> float:
+        """Standard deviation [steps] of the noise before a raw signal (n,) was rounded, from what cycles with samples
+        at the same phases differ by; 0 where there are none."""
+        seen = []
+        for k in np.unique(self.groups.stratum[self.groups.alike > 1]):
+            mine = self.groups.stratum == k
+            first = np.rint(self.groups.first[mine]).astype(np.intp)
+            length = float(np.mean(self.groups.stop[mine] - self.groups.first[mine]))
+            if abs(length - round(length)) < 1e-3 and first[-1] + length <= len(signal):
+                each = signal[first[:, None] + np.arange(round(length))]
+                seen.append(float(np.mean(each.var(axis=0, ddof=1))) / step**2)
+        return float(noise_before_rounding(np.array([np.median(seen)]))[0]) if seen else 0.0
+
+    @cached_property
+    def pieces(self) -> tuple[slice, ...]:
+        """Rows that are fitted."""
+        return tuple(self.groups.pieces())
+
+    @cached_property
+    def samples(self) -> int:
+        """Number m of fitted rows."""
+        return sum(piece.stop - piece.start for piece in self.pieces)
+
+    @property
+    def seconds(self) -> float:
+        return self.samples / self.rate_hz
+
+    def thinned(self, step: int) -> "Record":
+        """Every `step`-th row of the filtered signals, with the same groups; the torque is the filtered one."""
+        if step == 1:
+            return self
+        rows, groups = slice(None, None, step), self.groups
+        last = len(self.time[rows])
+        first, stop = groups.first / step, np.minimum(groups.stop / step, last)
+        return replace(
+            self,
+            time=self.time[rows],
+            theta=self.motion.theta[rows],
+            torque=self.filtered_torque[rows],
+            motion=self.motion[rows],
+            filtered_torque=self.filtered_torque[rows],
+            usable=self.usable[rows],
+            groups=replace(groups, first=first, stop=stop),
+        )
+
+    def rows(self, label: Label = None) -> NDArray[np.intp]:
+        """The rows that are fitted (m,), of a label or of all."""
+        return np.concatenate([np.r_[piece] for piece in self.groups.pieces(label)])
+
+    def part(self, signal: Array) -> Array:
+        """A signal (n,) in the rows that are fitted (m,); a view where they follow one another."""
+        parts = [signal[piece] for piece in self.pieces]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def moving(self, label: Label = None) -> list[slice]:
+        """Rows of the motion of a label, its transients included: stretches that touch are one."""
+        found: list[slice] = []
+        alike = [one.rows for one in self.groups.strata if label is None or one.label == label]
+        for rows in sorted(alike, key=lambda rows: rows.start):
+            if found and rows.start <= found[-1].stop + 1:
+                found[-1] = slice(found[-1].start, max(found[-1].stop, rows.stop))
+            else:
+                found.append(rows)
+        return found
+
+    def label_near(self, amplitude_deg: float | None, largest: float = 0.25) -> Label:
+        """The label of the amplitude [deg] that is meant, as commanded or as measured; None for the largest one.
+
+        Raises InputError: no amplitude is near it.
+        """
+        commanded = {one.label: one.commanded for one in self.groups.strata}
+        sizes = {label: float(np.rad2deg(c)) if c else label for label, c in commanded.items()}
+        numbers = {label: size for label, size in sizes.items() if isinstance(size, float)}
+        if not numbers:
+            return None
+        if amplitude_deg is None:
+            return max(numbers, key=lambda label: numbers[label])
+        near = min(numbers, key=lambda label: abs(numbers[label] - amplitude_deg))
+        if abs(numbers[near] / amplitude_deg - 1) > largest:
+            raise InputError(
+                f"figures.time_series.amplitude_deg = {amplitude_deg:g} is not in the protocol "
+                f"({', '.join(f'{size:g}' for size in numbers.values())} deg); choose one of these"
+            )
+        return near
+
+
+def joint_angle(theta: Array, torque: Array, compliance: float) -> Array:
+    """Angle of the joint (n,) [rad] from that of the bench, whose frame the resisting torque [N*m] winds up. The bench
+    turns the joint by its frame, of some `compliance` [rad/(N*m)]: theta_bench = theta + torque/k."""
+    return theta - compliance * torque if compliance else theta
+
+
+def without_drift(time: Array, torque: Array, rate: float) -> Array:
+    """The torque (n,) [N*m] at times [s] minus a drift of `rate` [N*m/s]; the mean over all samples is kept."""
+    return np.asarray(torque - rate * (time - time.mean()))
+
+
+def cycles_of(segments: Sequence[Segment], settle_cycles: int, usable: NDArray[np.bool_]) -> Groups:
+    """The settled, usable cycles of segments; a stratum is a segment. Raises InputError as `settled`."""
+    kept = [settled(segment, settle_cycles, usable) for segment in segments]
+    labels = labels_deg(segments)
+    strata = tuple(
+        Stratum(whole.rows, label, whole.frequency_hz, whole.commanded)
+        for whole, label in zip(segments, labels, strict=True)
+    )
+    first, stop = (np.concatenate([one.edges[np.array(one.used) + end] for one in kept]) for end in (0, 1))
+    number = np.repeat(np.arange(len(kept)), [len(one.used) for one in kept])
+    return Groups("cycles", first, np.minimum(stop, len(usable)), number, strata)
+
+
+def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]) -> Groups | None:
+    """The same part of each period of a realisation is a stratum; None where fewer than two periods are usable."""
+    parts = max(int(motion.period / PART_S), 1)
+    first, number, period, strata, before = [], [], [], list[Stratum](), 0
+    for one in motion.realisations:
+        starts = rate_hz * (one.start + one.period * np.arange(one.periods))
+        rows = slice(round(starts[0]), min(round(starts[-1] + rate_hz * one.period), len(usable)))
+        for part in range(parts):
+            first.append(starts + rate_hz * one.period * part / parts)
+            number.append(np.full(one.periods, len(strata)))
+            period.append(before + np.arange(one.periods))
+            strata.append(Stratum(rows))
+        before += one.periods
+    begin = np.concatenate(first)
+    stop = np.minimum(begin + rate_hz * motion.period / parts, len(usable))
+    made = Groups("periods", begin, stop, np.concatenate(number), tuple(strata), np.concatenate(period))
+    found = made.only_whole(usable)
+    members = np.bincount(found.stratum, minlength=1)
+    if len(found.strata) < 2 or members.max() < 2:
+        return None
+    many = members[found.stratum] > 1
+    there, numbers = np.unique(found.stratum[many], return_inverse=True)
+    chosen = tuple(found.strata[k] for k in there)
+    assert found.period is not None
+    return Groups("periods", found.first[many], found.stop[many], numbers, chosen, found.period[many])
+
+
+def stretches_of(pieces: Sequence[slice], rate_hz: float, seconds: float = STRETCH_S, label: Label = None) -> Groups:
+    """Equal stretches of about some seconds of each piece: all are one stratum, of which nothing repeats."""
+    edges = [
+        np.linspace(piece.start, piece.stop, max(round((piece.stop - piece.start) / (seconds * rate_hz)), 1) + 1)
+        for piece in pieces
+    ]
+    first, stop = np.concatenate([e[:-1] for e in edges]), np.concatenate([e[1:] for e in edges])
+    whole = Stratum(slice(pieces[0].start, pieces[-1].stop), label)
+    return Groups("stretches", first, stop, np.zeros(len(first), dtype=np.intp), (whole,))
+
+
+def resolution_of(trial: Trial, column: str, signals: UniformSignals) -> float | None:
+    """The step to which a column was rounded, in its unit: what the source file states, else what the values show."""
+    stated = origin(trial, column).get("resolution")
+    return float(stated) if stated else visible_step(signals.as_recorded(column))
+
+
+def sine_record(trial: Trial, settings: SteppedSineAnalysis) -> Record:
+    """The record of a trial that follows a stepped sine; raises as `record_of_trial`."""
+    return record_of_trial(trial, settings, excitation="stepped_sine")
+
+
+def record_of_trial(
+    trial: Trial, settings: SteppedSineAnalysis, windows: str | None = None, excitation: str | None = None
+) -> Record:
+    """The record of a trial.
+
+    `excitation`, or else that of the settings, says what moved the joint; `auto` asks the recording. A motion in which
+    half of the moving time is sines of one frequency each is a stepped sine; one that hardly has any, and does not have
+    the commanded frequencies in turn, is another motion. Between the two a stepped sine may be damaged: it is refused,
+    or fitted as one, and a refusal names the setting by which it is taken for another motion. `windows` [s] state that
+    it is one, and what of it is fitted.
+
+    Raises InputError: a signal is missing, has no time base, does not move, or follows a damaged protocol; the message
+    names the trial.
+    """
+    signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits, computed=("theta_command",))
+    steps = resolution_of(trial, "theta", signals), resolution_of(trial, "torque", signals)
+    if excitation is None:
+        excitation = settings.excitation if isinstance(settings, ImpedanceAnalysis) else "stepped_sine"
+    known = Likeness(signals.time, signals["theta"], settings.protocol)
+    if excitation == "any" or (excitation == "auto" and (windows or known.kind == "other")):
+        assert isinstance(settings, ImpedanceAnalysis)
+        return any_motion(signals, settings, windows or settings.windows, steps)
+    try:
+        found = stepped_sine(signals, settings, known, steps)
+    except InputError as error:
+        words = f"trial {trial.name}: {error}"
+        if excitation == "auto" and not known.moves:
+            words = f"trial {trial.name}: {at_rest(signals['theta'])}"
+        elif excitation == "auto" and known.kind == "unclear":
+            words = f"{words}; {meant(known)}"
+        raise InputError(words) from error
+    if excitation == "auto" and known.moves and known.kind == "unclear" and known.sines < HARDLY:
+        raise InputError(
+            f"trial {trial.name}: theta has the commanded frequencies, but is no stepped sine; look for spikes, hum "
+            f"and a mount that turns; {meant(known)}, or `excitation: stepped_sine` to fit what there is"
+        )
+    return found
+
+
+def meant(known: Likeness) -> str:
+    """By which setting a motion that may be a damaged stepped sine is taken for another one."""
+    return (
+        f"{100 * known.sines:.0f} % of the moving time are sines of one frequency: if another motion was meant, "
+        "state `excitation: any` under `dynamometer` in the configuration, or its windows in the sheet"
+    )
+
+
+def at_rest(theta: Array) -> str:
+    """Why an angle (n,) [rad] that turns by no more than its noise is refused."""
+    degrees = np.rad2deg(np.ptp(theta))
+    if degrees > SLOW_TURN_DEG:
+        return (
+            f"the joint moves too slowly: theta changes by {degrees:.3g} deg in all, but by no more than "
+            f"{100 * MOVES:g} % of it, or its noise, within {BIN_S:g} s; move it by 0.5 to 6 Hz, or take the "
+            "stiffness alone by experiment 'torque_angle'"
+        )
+    return (
+        f"the joint does not move: theta turns by {degrees:.3g} deg in all; check the channel and the unit of theta in "
+        "the source file, and that this is the recording of the trial"
+    )
+
+
+Steps = tuple[float | None, float | None]
+
+
+def stepped_sine(
+    signals: UniformSignals, settings: SteppedSineAnalysis, known: Likeness, steps: Steps = (None, None)
+) -> Record:
+    """The record of a stepped sine; raises InputError without the trial's name."""
+
+    def groups_of(one: UniformSignals, likeness: Likeness) -> Groups:
+        segments = find_segments(one.time, one["theta"], settings.protocol, likeness.runs)
+        return cycles_of(segments, settings.settle_cycles, one.usable)
+
+    groups = groups_of(signals, known)
+    hz = [one.frequency_hz for one in groups.strata]
+    made = with_alternatives(signals, settings, groups, (min(hz), max(hz)), steps)
+    again = signals.other()
+    if again is None:
+        return made
+    other = groups_of(again, Likeness(again.time, again["theta"], settings.protocol))
+    return replace(made, other=conditioned(again, settings, other, made.band_hz, 0.0))
+
+
+def any_motion(
+    signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None, steps: Steps = (None, None)
+) -> Record:
+    """The record of any other motion; raises InputError and IdentifiabilityError with the trial's name.
+
+    The time base bridges gaps up to a tenth of a period of the fastest motion, which is found first.
+    """
+    try:
+        groups, band, periodic, regular = parts_of(signals, settings, windows)
+        made = replace(with_alternatives(regular, settings, groups, band, steps), periodic=periodic)
+        again = regular.other()
+        if again is None:
+            return made
+        groups, band, _, again = parts_of(again, settings, windows)
+        return replace(made, other=conditioned(again, settings, groups, band, 0.0))
+    except (InputError, IdentifiabilityError) as error:
+        raise type(error)(f"trial {signals.trial}: {error}") from error
+
+
+def parts_of(
+    signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None
+) -> tuple[Groups, tuple[float, float], PeriodicMotion | None, UniformSignals]:
+    """Groups, band and periods of a motion that is no stepped sine, and the signals with gaps that it bears."""
+    low_pass, rate = settings.low_pass, signals.rate_hz
+    compliance = settings.bench_stiffness.compliance if settings.bench_stiffness else 0.0
+
+    def joint() -> Array:
+        return joint_angle(signals["theta"], signals["torque"], compliance)
+
+    inside = rows_inside(signals, windows)
+    pieces = fitted_pieces(signals, low_pass, windows)
+    motion = filtered_motion(signals.time, joint(), signals["torque"], low_pass)[0]
+    band = band_of(motion, rate, joined_pieces(pieces, inside))
+    if signals.report.masked or any(stream.bridged for stream in signals.report.streams):
+        highest = min(band[1], settings.cutoff_hz)
+        signals = regridded(signals, GapLimits(highest, settings.cutoff_hz, settings.time_base.longest_gap_s))
+        pieces = fitted_pieces(signals, low_pass, windows)
+    rows = np.zeros(len(signals.time), dtype=bool)
+    for piece in pieces:
+        rows[piece] = True
+    used = signals.usable & inside
+    periodic = periodic_motion(joint(), signals["torque"], rate, PERIODIC * low_pass.cutoff_hz, used)
+    found = None if periodic is None else periods_of(periodic, rate, rows)
+    return found or stretches_of(pieces, rate), band, periodic, signals
+
+
+def with_alternatives(
+    signals: UniformSignals,
+    settings: SteppedSineAnalysis,
+    groups: Groups,
+    band: tuple[float, float],
+    steps: Steps,
+) -> Record:
+    """The record of these groups, and the same with a bench that is softer by one standard error."""
+    bench = settings.bench_stiffness
+    made = replace(conditioned(signals, settings, groups, band, 0.0), steps=steps, uniform=signals)
+    if bench is None or not bench.compliance_error:
+        return made
+    return replace(made, softer=conditioned(signals, settings, groups, band, bench.compliance_error))
+
+
+def conditioned(
+    signals: UniformSignals,
+    settings: SteppedSineAnalysis,
+    groups: Groups,
+    band: tuple[float, float],
+    more_compliance: float,
+) -> Record:
+    """Filtered signals without drift and yielding; the bench is softer by `more_compliance` [rad/(N*m)]."""
+    bench = settings.bench_stiffness
+    compliance = (bench.compliance if bench else 0.0) + more_compliance
+    made = record_of(
+        signals.trial, signals.time, signals["theta"], signals["torque"], settings.low_pass, groups, compliance
+    )
+    return replace(made, usable=signals.usable, band_hz=band, bench=bench, settings=settings)
+
+
+def record_of(
+    name: str,
+    time: Array,
+    theta: Array,
+    torque: Array,
+    low_pass: LowPass,
+    groups: Groups,
+    compliance: float = 0.0,
+) -> Record:
+    """The record of uniform raw signals (n,): angle of the bench [rad] and torque [N*m], which may drift."""
+    joint = joint_angle(theta, torque, compliance)
+    motion, filtered = filtered_motion(time, joint, torque, low_pass)
+    drift = drift_rate(time, motion, filtered, groups)
+    torque, filtered = without_drift(time, torque, drift), without_drift(time, filtered, drift)
+    if compliance and drift:  # what the drift turned the frame by is no angle of the joint
+        joint = joint_angle(theta, torque, compliance)
+        motion = filtered_motion(time, joint, torque, low_pass)[0]
+    everywhere = np.ones(len(time), dtype=np.bool_)
+    return Record(name, time, joint, torque, motion, filtered, low_pass, everywhere, groups, drift=drift)
+
+
+def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> float:
+    """Drift of the load cell [N*m/s]: the slope in time that the mean torques of groups have beside Eq. 15.
+
+    A drift of 0.05 N*m/min that is not subtracted is a tenth of the error of K at 1 Hz. It is the same in every cycle,
+    so that the spread between cycles does not contain it. Each label has a mean torque of its own: that of an
+    asymmetric joint grows with the amplitude, and amplitudes may grow with time. Of a sine only the means of its cycles
+    count. The drift is 0 if no label has the five groups that an interval needs: transients could pass for drift.
+    """
+    members = np.array([np.count_nonzero(groups.of(label)) for label in groups.labels])
+    if members.max() < FEWEST_CYCLES:
+        return 0.0
+    late = time - time.mean()
+    if groups.kind == "cycles":
+        signals = np.column_stack([torque, motion.theta, late])
+        sums = sums_between(signals, groups.first, groups.stop)
+        samples = groups.stop - groups.first
+        level, turned, when = (sums / samples[:, None]).T
+        weight = np.sqrt(samples)
+        columns = [when, turned]
+        label = np.array([groups.labels.index(groups.strata[k].label) for k in groups.stratum])
+        own = [np.where(label == k, 1.0, 0.0) for k in np.flatnonzero(members >= FEWEST_CYCLES)]
+        there = np.isin(label, np.flatnonzero(members >= FEWEST_CYCLES))
+        X, y = np.column_stack([*columns, *own])[there] * weight[there, None], level[there] * weight[there]
+    else:
+        rows = np.concatenate([np.r_[piece] for piece in groups.pieces()])
+        X = np.column_stack([late, motion.theta, motion.omega, motion.alpha, np.ones_like(late)])[rows]
+        y = torque[rows]
+    scale = np.linalg.norm(X, axis=0)
+    scale[scale == 0] = 1.0
+    return float(np.linalg.lstsq(X / scale, y, rcond=1e-9)[0][0] / scale[0])
+
+
+def fitted_pieces(signals: UniformSignals, low_pass: LowPass, windows: str | None) -> tuple[slice, ...]:
+    """Rows of the stretches that are fitted: in the windows, or from the first to the last motion, without their ends.
+
+    Raises InputError if the joint does not move, a window is not in the record, or no stretch is long enough.
+    """
+    time = signals.time - signals.time[0]
+    if windows is None:
+        moving = moving_bins(time, signals["theta"])
+        if not moving.any():
+            raise InputError("the joint does not move; check the channel of theta in the source file")
+        stated = [(float(time[np.argmax(moving)]), float(time[len(moving) - 1 - np.argmax(moving[::-1])]))]
+    else:
+        stated = stated_windows(windows, float(time[-1]))
+    inside = np.zeros(len(time), dtype=bool)
+    edge = EDGE / low_pass.cutoff_hz
+    for start, stop in stated:
+        inside |= (time >= start + edge) & (time <= stop - edge)
+    shortest = SHORTEST_S * signals.rate_hz
+    found = tuple(run for run in runs(inside & signals.usable) if run.stop - run.start >= shortest)
+    if not found:
+        raise InputError(
+            f"nothing is left to fit: the joint moves for {sum(b - a for a, b in stated):.3g} s, of which "
+            f"{edge:.2g} s at each end and rows near gaps do not count, and stretches need {SHORTEST_S:g} s; record "
+            "for longer"
+        )
+    return found
+
+
+def rows_inside(signals: UniformSignals, windows: str | None) -> NDArray[np.bool_]:
+    """Rows of the stated windows, all of them without one."""
+    time = signals.time - signals.time[0]
+    if windows is None:
+        return np.ones(len(time), dtype=bool)
+    parts = [(time >= start) & (time <= stop) for start, stop in stated_windows(windows, float(time[-1]))]
+    return np.asarray(np.any(parts, axis=0))
+
+
+def stated_windows(text: str, duration: float) -> list[tuple[float, float]]:
+    """Windows [s] from the start of a record of some duration [s], stated as `2-30 40-62`.
+
+    Raises InputError if they are not windows, overlap, or lie beyond the record.
+    """
+    parts = [re.fullmatch(r"(\d+\.?\d*)-(\d+\.?\d*)", word) for word in text.split()]
+    windows = [(float(part[1]), float(part[2])) for part in parts if part]
+    if len(windows) < len(parts) or any(start >= stop for start, stop in windows):
+        raise InputError(f"windows '{text}' are not from-to in s, as in '2-30 40-62'; correct the sheet")
+    for (_, stop), (start, _) in pairwise(windows):
+        if start < stop:
+            raise InputError(f"windows '{text}' overlap, or are not in the order of time; correct the sheet")
+    if windows[-1][1] > duration + 1.0:
+        raise InputError(f"windows '{text}' end at {windows[-1][1]:g} s, the record after {duration:.1f} s")
+    return windows
+
+
+def band_of(motion: Motion, rate_hz: float, stretches: Sequence[slice]) -> tuple[float, float]:
+    """Lowest and highest frequency [Hz] of a motion (n,): 1 % of the angle's power lies below, of the acceleration's
+    above. Its spectrum is the mean over the stretches, in which gaps are bridged."""
+    length = min(round(BAND_PIECE_S * rate_hz), *(one.stop - one.start for one in stretches))
+    f, low, high = np.empty(0), np.zeros(length // 2 + 1), np.zeros(length // 2 + 1)
+    for one in stretches:
+        weight = one.stop - one.start
+        f, angle = welch(motion.theta[one], rate_hz, nperseg=length)
+        low += weight * angle
+        high += weight * welch(motion.alpha[one], rate_hz, nperseg=length)[1]
+    below, up_to = np.cumsum(low[1:]), np.cumsum(high[1:])
+    if not below[-1] > 0 or not up_to[-1] > 0:
+        raise InputError("the joint does not move; check the channel of theta in the source file")
+    return float(f[1:][np.argmax(below > LEAST * below[-1])]), float(f[1:][np.argmax(up_to > MOST * up_to[-1])])
+
+
+def joined_pieces(pieces: Sequence[slice], inside: NDArray[np.bool_]) -> list[slice]:
+    """Stretches from the first to the last piece in each window; the gaps between pieces belong to them."""
+    joined: list[slice] = []
+    for piece in pieces:
+        if joined and inside[joined[-1].stop : piece.start].all():
+            joined[-1] = slice(joined[-1].start, piece.stop)
+        else:
+            joined.append(piece)
+    return joined

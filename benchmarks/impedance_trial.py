@@ -23,17 +23,15 @@ import pandas as pd
 from scipy.optimize import curve_fit
 from scipy.signal import butter, filtfilt
 
-from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.rendered import (
+from osl_analysis.bench.impedance import (
+    QUANTITIES,
     AskedImpedance,
+    DesiredImpedance,
     judged_impedance,
     rendered_phasors,
-    rendered_series,
-    rendered_time_base,
-    rendered_trial,
-    sines_of,
 )
-from osl_analysis.bench.segments import find_blocks
+from osl_analysis.bench.record import record_of_trial
+from osl_analysis.bench.segments import find_segments
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.simulate import row_of_trial, simulate_trial
 from osl_analysis.commands.trials import ingest_trial
@@ -112,10 +110,10 @@ def job(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> None:
     read = read_trial(path)
     check_recording(read, s)
     rails = saturated(read, "torque", "theta")
-    rendered = rendered_trial(read, s)
-    asked, phasors = AskedImpedance(CONDITION, PAPER_WEIGHT, s.frequencies_hz), sines_of(rendered)
-    tables = [judged_impedance(rendered, rails, p, asked, phasors), rendered_phasors(rendered, phasors)]
-    tables += [rendered_time_base(rendered), rendered_series(rendered).table()]
+    asked = AskedImpedance(CONDITION, PAPER_WEIGHT, s.frequencies_hz)
+    rendered, table = judged_impedance(record_of_trial(read, s), rails, p, asked)
+    tables = [table, rendered_phasors(rendered), rendered.analysis.time_base(QUANTITIES)]
+    tables.append(rendered.analysis.series().table())
     for table in tables:
         write_table(table, path.with_suffix(".csv"))
 
@@ -127,9 +125,9 @@ def main() -> None:
         path = recorded_trial(Path(folder))
         trial = read_trial(path)
         table = pandas_table(trial)
-        found = find_blocks(table["time"].to_numpy(), table["theta"].to_numpy(), settings.protocol)
-        starts = {(b.amplitude, one.frequency_hz): round(one.start) for b in found for one in b.segments}
-        cycles = int(found[0].segments[0].cycles)
+        found = find_segments(table["time"].to_numpy(), table["theta"].to_numpy(), settings.protocol)
+        starts = {(one.commanded, one.frequency_hz): round(one.start) for one in found}
+        cycles = int(found[0].cycles)
         whole, short = cpu_ms(lambda: job(path, settings, p)), cpu_ms(lambda: script(table, starts, cycles))
     print(f"{NAME}, {len(table)} samples, CPU of one thread:")
     print(f"the job: {whole:.0f} ms; pandas and curve_fit: {short:.0f} ms; ratio {whole / short:.2f}")

@@ -281,7 +281,7 @@ def recorded_facts(rendered: Rendered) -> Row:
         "band_low_hz": low,
         "band_high_hz": high,
         "weighting": WEIGHTING,
-        "torque_at_peaks": torque_at_peaks(rendered),
+        "torque_at_peaks": None if record.is_stepped_sine else torque_at_peaks(rendered),
         "fitted_s": record.seconds,
         "period_s": None if found is None else found.period,
         "periods": None if found is None else float(sum(one.periods for one in found.realisations)),

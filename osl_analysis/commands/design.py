@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from osl_analysis.bench.gram import UNITS
 from osl_analysis.config import Config
 from osl_analysis.design.plan import (
     MOST_DRAWN,
@@ -381,7 +382,8 @@ def spread_of(rows: pl.DataFrame) -> Spread | None:
     columns = ["realisations", "band_low_hz", "band_high_hz", "theta_rms_deg", *(f"{name}_se" for name in KBI)]
     if not set(columns) <= set(rows.columns):
         return None
-    known = rows.filter(pl.col("interval_method") == REALISATIONS).select(pl.col(columns).cast(pl.Float64)).drop_nulls()
+    of_motions = pl.col("interval_method").is_in([REALISATIONS, UNITS])
+    known = rows.filter(of_motions).select(pl.col(columns).cast(pl.Float64)).drop_nulls()
     if not len(known):
         return None
     count, low, high, rms_deg, *errors = known.row(0)

@@ -103,7 +103,8 @@ def torque_table(series: Series) -> pl.DataFrame:
 
 
 UNITS = {
-    "K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad", "J_j": "kg·m²",
+    "K": "N·m/rad", "B": "N·m·s/rad", "B_viscous": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad",
+    "J_j": "kg·m²",
     "T_C": "N·m", "k_tau_n_m": "N·m/A", "f_C": "N·m", "f_G": "N·m/A", "B_m": "N·m·s/rad", "J_m": "kg·m²",
     "offset": "N·m", "drift": "N·m/s", "K_secant": "N·m/rad", "K_unloading": "N·m/rad", "energy_stored": "J",
     "energy_returned": "J", "energy_lost": "J",
@@ -132,9 +133,7 @@ def estimates_text(estimates: pl.DataFrame) -> str:
             lines.append(f"  {name:<15}{row[name]:>12.5g} {half} {UNITS[name]}{amplitudes_text(row, name)}")
         if row.get("doubtful"):
             lines.append(f"  doubtful: {row['doubtful']}")
-    return "\n".join(
-        [*lines, "± is the half-width of the 95 % interval of noise, by the method that interval_method names"]
-    )
+    return "\n".join([*lines, "± is the half-width of the 95 % interval, by the method that interval_method names"])
 
 
 def estimated(row: Mapping[str, Any]) -> list[str]:

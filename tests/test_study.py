@@ -94,7 +94,7 @@ def test_the_default_estimator_is_near_the_bound_where_friction_repeats():
     table = rows("drivetrain", 40).filter(pl.col("quantity") == "B")
     rms = float(np.sqrt((table["error"] ** 2).mean()))
     assert rms / table["bound"][0] == pytest.approx(1, abs=0.34)
-    assert table["se"].mean() == pytest.approx(rms, rel=0.34)
+    assert table["se"].mean() > 3 * rms  # with another motion friction would change B by more than noise does
 
 
 @pytest.mark.parametrize(
@@ -257,7 +257,7 @@ def test_crossings_that_are_refused_are_excluded_and_all_of_them_is_an_error_tha
 def test_intervals_hold_the_truth_of_an_exact_joint_as_recorders_write_it(recorder):
     """60 seeded estimates: three Monte Carlo errors of a coverage are 8.4 %."""
     table = rows(f"second order, {recorder}", 20)
-    assert set(table.select("estimator", "interval_method").rows()) == {("filtered", "cycles")}
+    assert set(table.select("estimator", "interval_method").rows()) == {("filtered", "repeats")}
     assert covered(table) > 0.95 - 0.084
     errors = table.with_columns(share=(pl.col("error") / pl.col("truth")).abs())
     assert errors["share"].max() < 0.03

@@ -28,6 +28,7 @@ from osl_analysis.stats.regression import CONDITION_LIMIT, LinearFit
 from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # strata from which on these are the units that are left out; below, each group is one
+FEWEST_GROUPS = 8  # groups that do not repeat from whose scores an interval comes
 MANY_UNITS = 10  # units that show the rounding that cycles repeat; of fewer its known size counts, if it is larger
 NEAR_PEAKS = 2.0
 """Variance of what rounding does to an estimate over that of errors that are independent from row to row: where the
@@ -50,6 +51,7 @@ class Sums:
     seconds: float  # time [s] from the first to the last row that is fitted
     centre: float  # angle [rad] about which the column `theta` is; verdicts do not depend on the encoder's zero
     columns: Mapping[str, Array]  # the columns (n,) themselves
+    independent: float = 1.0  # rows after which noise behind the filter is independent
     rounding: tuple[float, float] = (0.0, 0.0)  # variances of the rounding of angle and torque, `Record.rounding`
 
     def index(self, names: Sequence[str]) -> list[int]:
@@ -96,7 +98,18 @@ def gram_sums(
     nowhere = np.zeros(2 * len(groups.first), dtype=np.intp)
     gram = products_between(Z, Z, groups.first, groups.stop, nowhere)
     seconds = float(groups.stop.max() - groups.first.min()) / record.rate_hz
-    return Sums(tuple(columns), gram, groups, tuple(rich), record.rate_hz, seconds, centre, columns, record.rounding)
+    return Sums(
+        tuple(columns),
+        gram,
+        groups,
+        tuple(rich),
+        record.rate_hz,
+        seconds,
+        centre,
+        columns,
+        max(record.rate_hz / (2 * record.low_pass.noise_bandwidth_hz), 1.0),
+        record.rounding,
+    )
 
 
 def solved(A: Array, b: Array) -> tuple[Array, Array]:
@@ -148,12 +161,16 @@ def fit_groups(
     repeats = s.groups.repeat and int(np.bincount(stratum).min()) > 1
     if repeats:
         noise, freedom = between_cycles(scores, stratum)
+    elif len(stratum) < FEWEST_GROUPS:  # too few scores: slow columns in noise that is white behind the filter
+        left_free = max(n / s.independent - len(names), 1.0)
+        noise, freedom = inverse * left / left_free, np.full(len(names), left_free)
     else:
         rich = list(dict.fromkeys([*s.rich, *used]))
         noise, freedom = noise_of_scores(rich_scores(s, G, at, C, inverse, raw_g, s.index(rich)), len(rich))
     unit = stratum if stratum.max() + 1 >= FEWEST_UNITS else np.arange(len(stratum))
     units = int(unit.max()) + 1
-    misfit = jackknife(A_g, b_g, A, b, unit)
+    told = repeats or unit is stratum or len(stratum) >= FEWEST_GROUPS
+    misfit = jackknife(A_g, b_g, A, b, unit) if told else np.zeros_like(inverse)
     known = np.zeros(len(names))
     if s.groups.kind == "cycles" and (unit is not stratum or units < MANY_UNITS) and any(s.rounding):
         of_theta, of_torque = s.rounding

@@ -15,7 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, stdtrit
 
-from osl_analysis.bench.gram import EFFECTS_LIMIT, GroupFit, Sums, combined, fit_groups, gram_sums, solved
+from osl_analysis.bench.gram import (
+    EFFECTS_LIMIT,
+    FEWEST_GROUPS,
+    GroupFit,
+    Sums,
+    combined,
+    fit_groups,
+    gram_sums,
+    solved,
+)
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.signals import Motion, seven_point_motion
@@ -46,6 +55,7 @@ LAG_STEPS = 6  # steps of Gauss and Newton to a lag
 EFFECTS_HZ = 250.0  # rate [Hz] from which on rows are left out where effects are asked for
 BEYOND = 3.0  # cut-offs of the filter up to which the linear model is taken into account
 LARGEST_YIELD = 0.5  # largest share of the joint's angle by which a frame may yield; beyond it the fit did not find one
+FEWEST_REPEATS = 3  # repeats of one motion that tell a change beside their mean
 UNSEEN = 0.1  # share of I, or of B, by an effect that was not found, from which it is not known whether there is one
 POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found
 LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
@@ -351,7 +361,8 @@ def stiffness_change(s: Sums, model: Model, found: Causes) -> Fault | None:
     tried: list[Fault] = []
     if s.groups.repeat and (within := changes_of_repeats(s, model, {"K_within": {"theta": 1.0}})):
         tried.append(change_of(within, "K_within", True, s.seconds))
-    full = tried_fit(s, model, (*beside(s, model, "K_change", found), "K_change"))
+    enough = len(s.groups.first) >= FEWEST_GROUPS
+    full = tried_fit(s, model, (*beside(s, model, "K_change", found), "K_change")) if enough else None
     if full is not None:
         sure = found.only_noise and "K_change" in found.chosen and full.certain("K_change", SURE)
         tried.append(change_of(full, "K_change", sure and is_alike(s, model, "K_change", found)))
@@ -379,7 +390,7 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
     scores = (gram[:, own, q + 1] - gram[:, own][:, :, at] @ base.estimates) @ C
     middle, kind = (s.groups.first + s.groups.stop) / 2 / s.rate_hz, s.groups.stratum
     members = np.bincount(kind)
-    if members.max() < 3:
+    if members.max() < FEWEST_REPEATS:
         return None
 
     def added(values: Array) -> Array:

@@ -443,10 +443,6 @@ def ratio_at_peaks(measured: Array, modelled: Array) -> float | None:
     return min(found, default=None)
 
 
-CONFIRMED = 0.5
-"""Part of the change of K over the amplitudes, as a cause implies it, that must be seen for the cause to count."""
-
-
 def over_amplitudes(rows: Sequence[Row]) -> list[Row]:
     """The rows of single amplitudes and, last, of all of them, with `K_change` and `B_change` in the last one.
 

@@ -44,7 +44,7 @@ from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.stats.sinusoid import polar_row
-from osl_analysis.study import BENCH, RECORDINGS, Recording
+from osl_analysis.study import BENCH_EXPERIMENTS, RECORDINGS, RecordedAs
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.settings import WalkingAnalysis
 
@@ -67,7 +67,7 @@ class StudyInputs:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class StudyEstimate:
     """An estimate with its standard error and 95 % interval, all in the unit of the quantity."""
 
     value: float
@@ -76,13 +76,13 @@ class Estimate:
     high: float
 
 
-Estimates = Iterator[tuple[str, str, Mapping[str, Estimate]]]
+Estimates = Iterator[tuple[str, str, Mapping[str, StudyEstimate]]]
 """The estimates of one trial: estimator, kind of interval, and an estimate for each quantity."""
 
 
 def of_filtered(method: str, fit: LinearFit, names: Sequence[str]) -> Estimates:
     """The named estimates of the bench's estimator: one filter for all signals, derivatives, least squares."""
-    yield "filtered", method, {name: Estimate(fit[name], fit.se(name), *fit.interval(name)) for name in names}
+    yield "filtered", method, {name: StudyEstimate(fit[name], fit.se(name), *fit.interval(name)) for name in names}
 
 
 def ideal_sensors(settings: SimulationSettings) -> SimulationSettings:
@@ -121,7 +121,7 @@ def at_any_phase(trial: str, settings: SimulationSettings) -> SimulationSettings
     return settings.model_copy(update={"recorder": recorder.model_copy(update=moved)})
 
 
-def recorded_as(inputs: StudyInputs, recording: Recording) -> StudyInputs:
+def recorded_as(inputs: StudyInputs, recording: RecordedAs) -> StudyInputs:
     """The inputs with another recorder, rate or encoder of the bench."""
     simulation = inputs.simulation
     bench = simulation.dynamometer.model_copy(update={"rate_hz": recording.rate_hz})
@@ -184,7 +184,6 @@ class StudyBench:
         return recorded_trial(name, log.time, joint, log.torque_time, {"torque": -log["load_cell_torque"]})
 
     def record(self, name: str, ideal: bool = False) -> Record:
-        """One trial of a stepped sine."""
         return sine_record(self.trial(name, ideal), self.analysis)
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
@@ -206,14 +205,12 @@ class StudyBench:
 
 
 def sine_fit(bench: StudyBench, trial: Trial, model: Model) -> tuple[str, LinearFit]:
-    """A model fitted to all of a stepped sine."""
     record = sine_record(trial, bench.analysis)
     fit = with_effects(plain_sums(record, model), model)
     return fit.interval_method, fit
 
 
 def transmission_fit(bench: StudyBench, trial: Trial) -> tuple[str, LinearFit]:
-    """B_j and J_j of a transmission trial."""
     return sine_fit(bench, trial, TRANSMISSION)
 
 
@@ -316,12 +313,11 @@ class ResponseBench:
             f, row = segment.frequency_hz, polar_row(segment.admittance)
             parts = {"magnitude": "", "phase": "_deg"}
             yield f"sinusoid, {f:g} Hz", "cycles", {
-                f"{part}, {f:g} Hz": Estimate(*(row[f"{part}{end}{unit}"] for end in ("", "_se", "_low", "_high")))
+                f"{part}, {f:g} Hz": StudyEstimate(*(row[f"{part}{end}{unit}"] for end in ("", "_se", "_low", "_high")))
                 for part, unit in parts.items()
             }  # fmt: skip
 
     def phasors(self, trial: str, ideal: bool) -> list[SegmentPhasors]:
-        """Phasors of each settled segment of a trial."""
         return phasors_of_record(self.bench.record(trial, ideal))
 
     def bounds(self) -> dict[str, float]:
@@ -371,7 +367,7 @@ class RepeatedBench:
         singles = [f"{trial}_{i}" for i in range(self.count)]
         each = [next(iter(self.bench_of(single).estimates(single, low_pass))) for single in singles]
         means = {name: over_repeats([estimates[name].value for _, _, estimates in each]) for name in self.nominal.names}
-        yield each[0][0], "Student", {name: Estimate(m.mean, m.se, m.low, m.high) for name, m in means.items()}
+        yield each[0][0], "Student", {name: StudyEstimate(m.mean, m.se, m.low, m.high) for name, m in means.items()}
 
     def bounds(self) -> dict[str, float]:
         """The bound of one trial and the scatter, over the root of the number of trials."""
@@ -386,7 +382,6 @@ def repeated_belt(inputs: StudyInputs) -> RepeatedBench:
     nominal, settings, p = belt(inputs), inputs.simulation, inputs.p
 
     def scattered(trial: str) -> StudyBench:
-        """The bench with the belt of one trial."""
         own = replace(p, K_s=p.K_s * scatter(trial, settings))
         return replace(nominal, response=simulate_belt(nominal.motion, drivetrain_effects(settings), own))
 
@@ -474,11 +469,11 @@ def studied(experiment: str, inputs: StudyInputs) -> StudiedExperiment:
     _, _, recording = experiment.partition(", ")
     if recording in RECORDINGS:
         inputs = recorded_as(inputs, RECORDINGS[recording])
-    ready: StudiedExperiment = globals()[BENCH[experiment]](inputs)
+    ready: StudiedExperiment = globals()[BENCH_EXPERIMENTS[experiment]](inputs)
     return ready
 
 
-def trial_rows(experiment: StudiedExperiment, trials: Sequence[str], low_pass: LowPass) -> list[StudyRow]:
+def study_rows(experiment: StudiedExperiment, trials: Sequence[str], low_pass: LowPass) -> list[StudyRow]:
     """Value, truth, interval and bound for every trial, estimator and quantity. The truth is the parameter that made
     the torque, where the joint has such a parameter. `model_truth` is the estimate of the same estimator in the same
     trial with ideal sensors. Without such a parameter it is also the truth. `model_error` is `model_truth` minus the

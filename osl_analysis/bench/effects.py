@@ -248,7 +248,8 @@ class Causes:
     only_noise: bool  # whether the model with them leaves no more than noise
 
     def certain(self, effect: str) -> bool:
-        return effect in self.chosen and self.fit.certain(effect, SURE)
+        """Whether an effect is among the causes and these explain all: a drivetrain leaves something of any shape."""
+        return self.only_noise and effect in self.chosen and self.fit.certain(effect, SURE)
 
 
 def causes(record: Record, s: Sums, model: Model) -> Causes:

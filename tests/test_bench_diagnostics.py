@@ -117,6 +117,7 @@ def test_a_spring_that_stiffens_or_softens_is_named_and_not_called_friction(cubi
     assert whole["backlash_share"] < 5e-3
     assert whole["K_change"] == pytest.approx(0.75 * cubic * (0.1**2 - 0.05**2) / whole["K"], rel=0.05)
     assert re.match(f"spring that is not linear: .*{words}", whole["doubtful"])
+    assert "friction" not in whole["doubtful"]
 
 
 def test_a_gap_is_named_and_has_its_width():

@@ -89,12 +89,16 @@ def test_a_trial_that_could_not_be_judged_is_in_both_lists_with_reason_and_remed
         assert listed["trial"].to_list() == ["plate_9", "plate_2"][: 1 + (n > 0)]
 
 
-@pytest.mark.parametrize(("name", "files"), [("rows", ["fits/plate_2.csv"]), ("trial", "trials/plate_2.parquet")])
+@pytest.mark.parametrize(
+    ("name", "files"),
+    [("rows", ["fits/plate_2.csv"]), ("trial", "trials/plate_2.parquet"), ("trial", "trials/plate_2.csv")],
+)
 def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(
     checked: list[Path], name: str, files: str | list[str]
 ) -> None:
+    beside = {"motion": ["trials/plate_1.parquet"]} if files == "trials/plate_2.csv" else {}
     with pytest.raises(
         InputError, match=r"excludes every trial .*: plate_2 \(unzeroed_plate .*; record again"
     ) as caught:
-        without_excluded({name: files, "quality": checked}, exclusions(JUDGE.verdicts(checked)))
+        without_excluded({name: files, "quality": checked} | beside, exclusions(JUDGE.verdicts(checked)))
     assert "\n" not in str(caught.value)

@@ -68,7 +68,12 @@ def read_message_log(path: Path, source: Source) -> Recording:
     columns = {column: channel.origin(column) for column, channel in source.channels.items()}
     remarks = file.damage.all_remarks()
     remarks += [text for topic, (_, order) in tables.items() for text in order.says(topic)]
-    remarks += [text for topic, one in decoded.items() for text in absent_values(topic, by_topic[topic], one)]
+    for topic, one in decoded.items():
+        for path_of_field in dict.fromkeys(channel.field for channel in by_topic[topic].values()):
+            there = one.present[path_of_field]
+            if not there.all():
+                count = f"{int((~there).sum())} of {there.size} messages have no value in field '{path_of_field}'"
+                remarks.append(f"topic '{topic}': {count}, first message {int(np.argmin(there)) + 1}")
     remarks += [f"{column} is NaN in {n} of {len(joined)} rows" for column, n in missing.items() if n]
     return Recording(pl.DataFrame([time, *joined]), columns, facts, [f"{path.name}: {remark}" for remark in remarks])
 
@@ -162,17 +167,6 @@ def counts_of(topic: str, path: str, decoded: Decoded) -> Indices:
             f"below {largest:.3g}; correct `counter` in the source file, or leave it out"
         )
     return values.astype(np.int64)
-
-
-def absent_values(topic: str, channels: Mapping[str, Channel], decoded: Decoded) -> list[str]:
-    """A warning for each field that some messages lack."""
-    present = {channel.field: decoded.present[channel.field] for channel in channels.values()}
-    return [
-        f"topic '{topic}': {int((~one).sum())} of {one.size} messages have no value in field '{path}', first message "
-        f"{int(np.argmin(one)) + 1}"
-        for path, one in present.items()
-        if not one.all()
-    ]
 
 
 def median_rate(stamp: Indices) -> float | None:

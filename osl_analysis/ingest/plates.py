@@ -131,24 +131,17 @@ def channel_facts(labels: Sequence[str], channels: Array, force: Array, rate: fl
     `..._to_s` are the times of a run's first and last sample.
     """
     load = np.linalg.norm(force, axis=1)
-    return [
-        {"label": label, **clipping(values, rate), **spanned("stands", standing_run(values, load), rate)}
-        for label, values in zip(labels, channels.T, strict=True)
-    ]
-
-
-def clipping(values: Array, rate: float) -> dict[str, Any]:
-    """The longest run of a channel (n,) at an extreme, with its value."""
-    run = run_at_extreme(values)
-    return spanned("clipped", run, rate) | {"clipped_at": float(values[run.start]) if run.stop > run.start else None}
-
-
-def standing_run(values: Array, load: Array) -> slice:
-    """The longest run in which a channel (n,) repeats a value while the size of the plate's force (n,) changes."""
     least = max(LOADED * float(np.ptp(load)), LEAST_FORCE) if load.size else LEAST_FORCE
-    repeated = [slice(run.start, run.stop + 1) for run in runs(np.diff(values) == 0)]
-    standing = [run for run in repeated if np.ptp(load[run]) > least]
-    return max(standing, key=lambda run: run.stop - run.start, default=slice(0, 0))
+    facts = []
+    for label, values in zip(labels, channels.T, strict=True):
+        clipped = run_at_extreme(values)
+        repeated = [slice(run.start, run.stop + 1) for run in runs(np.diff(values) == 0)]
+        standing = [run for run in repeated if np.ptp(load[run]) > least]
+        longest = max(standing, key=lambda run: run.stop - run.start, default=slice(0, 0))
+        at = float(values[clipped.start]) if clipped.stop > clipped.start else None
+        spans = spanned("clipped", clipped, rate) | {"clipped_at": at} | spanned("stands", longest, rate)
+        facts.append({"label": label, **spans})
+    return facts
 
 
 def spanned(name: str, run: slice, rate: float) -> dict[str, Any]:

@@ -88,7 +88,8 @@ def si_factor(unit: str, expected: str) -> float:
         raise InputError(f"unit {quoted_unit(unit)} is unknown; write one of {advice}")
     factor, base = found
     if base != dimension(expected):
-        raise InputError(f"unit {quoted_unit(unit)} measures [{canonical_name(base)}], expected one of {advice}")
+        measured = next((one for one in EXAMPLES if dimension(one) == base), base.replace(" ", ""))
+        raise InputError(f"unit {quoted_unit(unit)} measures [{measured}], expected one of {advice}")
     if not SMALLEST <= factor <= LARGEST:
         raise InputError(
             f"unit {quoted_unit(unit)} is {factor:g} {expected}, an implausible size; write one of {advice}"
@@ -142,12 +143,6 @@ def dimension(canonical: str) -> str:
     found = base_units(canonical)
     assert found is not None  # the canonical units are ours
     return found[1]
-
-
-def canonical_name(base: str) -> str:
-    """The canonical unit of the same dimension, or else the base units."""
-    names = [canonical for canonical in EXAMPLES if dimension(canonical) == base]
-    return names[0] if names else base.replace(" ", "")
 
 
 def quoted_unit(unit: str) -> str:

@@ -73,8 +73,8 @@ LATE_OR_YIELDING = Cause("late torque or yielding bench", "the torque comes late
     "the bench's frame or a belt, which this recording cannot tell apart", "state `delay` or `low_pass` of the "
     "channel in the source file, or `bench_stiffness` in the configuration", explains=True)
 FRICTION = Cause("friction", "it does not grow with the motion, so that B, and K of small motions, depend on the "
-    "amplitude", "use the rows of single amplitudes, or B less what friction adds to it "
-    "(coulomb_damping)", explains=True)
+    "amplitude", "use the rows of single amplitudes, or the damping that is not friction (B_viscous, "
+    "beside f_C)", explains=True)
 CLIPPED = Cause("clipped signal", "a torque, angle or current is clipped, it stands at an end of its sensor's range "
     "or of a motor's limit", "use a sensor of larger range, or a smaller motion, see the quality check "
     "`saturation`", explains=True)
@@ -261,6 +261,9 @@ def doubt(cause: Cause, row: AnyRow, found: Found) -> str:
     details = dict.fromkeys(EVIDENCE[name].words(value, row) for name, (value, _) in found.items())
     if cause in (YIELDING, LATE_OR_YIELDING):
         details[f"a spring of {number(row, 'frame_stiffness'):.3g} N*m/rad in series would explain it"] = None
+    viscous, f_C = number(row, "B_viscous"), number(row, "f_C")
+    if cause is FRICTION and viscous is not None and f_C is not None:
+        details[f"without it B is {viscous:.3g} N*m*s/rad, and the friction is {f_C:.2g} N*m"] = None
     said = ": ".join(filter(None, [cause.says, ", ".join(filter(None, details))]))
     remedy = cause.remedy[0].upper() + cause.remedy[1:]
     return f"{cause.name}: {said}. {remedy} [{', '.join(how for _, how in found.values())}]"

@@ -1,6 +1,5 @@
 """One zero-phase filter for every signal of a trial, then derivatives: never filter angle and torque differently."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -21,7 +20,6 @@ REACH = len(SLOPE) // 2  # samples of these on either side
 LOST = 1e-8  # share of a velocity at the cut-off of the filter that the seven samples may lose: 5e-9 at 15 Hz and 1 kHz
 ENDS = 40
 """Samples at either end through which the spline gives what seven samples cannot; its other end is forgotten there."""
-MEMORY = 10  # half periods of a filter's cut-off over which its noise is taken to be correlated
 UNIFORM_TOLERANCE = 0.2
 """Largest accepted deviation of a sampling step from the mean step, as a fraction of the mean step."""
 
@@ -69,19 +67,6 @@ class LowPass:
         """Half a period of the cut-off, in samples. At this distance, filtered white noise is nearly white."""
         return max(round(rate_hz / (2 * self.cutoff_hz)), 1)
 
-    def memory(self, rate_hz: float) -> Array:
-        """Autocovariance (m,) of white noise of variance 1 behind this filter, at 0, 1, 2 ... samples."""
-        half = MEMORY * self.independent_samples(rate_hz)
-        impulse = np.zeros(2 * half + 1)
-        impulse[half] = 1.0
-        response = self(impulse, rate_hz)
-        return np.asarray(np.correlate(response, response, "full")[2 * half :])
-
-    def remembers(self, rate_hz: float) -> int:
-        """Samples behind which a run of the filter has forgotten, to rounding, what came before: a second at 15 Hz."""
-        poles = scipy.signal.sos2zpk(butterworth(self.order, self.cutoff_hz, rate_hz))[1]
-        return int(np.ceil(np.log(np.finfo(float).eps) / np.log(np.max(np.abs(poles)))))
-
 
 @dataclass(frozen=True)
 class Motion:
@@ -93,14 +78,6 @@ class Motion:
 
     def __getitem__(self, rows: slice | NDArray[np.intp]) -> "Motion":
         return Motion(self.theta[rows], self.omega[rows], self.alpha[rows])
-
-
-def joined(motions: Sequence[Motion]) -> Motion:
-    """Motions, one after the other."""
-    if len(motions) == 1:
-        return motions[0]
-    each = zip(*((motion.theta, motion.omega, motion.alpha) for motion in motions), strict=True)
-    return Motion(*map(np.concatenate, each))
 
 
 def runs(true: NDArray[np.bool_]) -> list[slice]:

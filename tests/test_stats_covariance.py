@@ -13,14 +13,13 @@ from osl_analysis.signals import LowPass, differentiate
 from osl_analysis.stats.covariance import (
     FILTER_SPAN,
     Cycles,
-    KnownMemory,
     ResidualCorrelation,
     between_cycles,
     correlation_samples,
     moving_sums,
     welch_satterthwaite,
 )
-from osl_analysis.stats.regression import linear_fit, regressors
+from osl_analysis.stats.regression import linear_fit
 
 N, RATE = 3000, 1000.0
 LOW_PASS = LowPass(15)
@@ -145,46 +144,3 @@ def test_cycles_that_a_filter_correlates_have_the_spread_of_the_noise_before_it(
     ratio = {name: np.sqrt(np.mean(each)) / np.std(errors) for name, each in variances.items()}
     assert ratio["before"] == pytest.approx(1, abs=0.05)
     assert ratio["behind"] < 0.96
-
-
-SLOW_RATE = 100.0
-HALF_PERIOD, MEMORY = LOW_PASS.independent_samples(SLOW_RATE), LOW_PASS.memory(SLOW_RATE)
-
-
-def few_cycles(cycles, frequencies_hz=(1.0, 3.0, 7.0)):
-    """Angle, velocity and acceleration of sines one after the other, with a second between, and their samples."""
-    parts, position, begin = [], [], 200
-    for f in frequencies_hz:
-        w, samples = 2 * np.pi * f, round(cycles / f * SLOW_RATE)
-        t = np.arange(samples) / SLOW_RATE
-        parts.append(np.stack([np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)], axis=1))
-        position.append(begin + np.arange(samples))
-        begin += samples + round(SLOW_RATE)
-    return np.concatenate(parts), np.concatenate(position)
-
-
-def simulated(X, position, residuals, draws=300):
-    """Estimates (draws, p) of zero, their variances and degrees of freedom, under white noise behind the filter."""
-    noise = LOW_PASS(np.random.default_rng(3).standard_normal((position[-1] + 200, draws)), SLOW_RATE)[position]
-    found = regressors(dict(zip("KBI", X.T, strict=True)), (len(X),))
-    fits = [found.fit(y, residuals) for y in noise.T]
-    variances = np.array([np.diag(fit.covariance) for fit in fits])
-    return np.array([fit.estimates for fit in fits]), variances, fits[0].degrees_of_freedom
-
-
-def known_memory(position):
-    return KnownMemory(every=HALF_PERIOD, memory=MEMORY, position=position)
-
-
-@pytest.mark.parametrize("cycles", [2, 4])
-def test_standard_errors_of_few_cycles_are_the_scatter_of_the_estimates_and_are_never_lowered(cycles):
-    X, position = few_cycles(cycles)
-    estimates, plain, freedom = simulated(X, position, ResidualCorrelation(every=HALF_PERIOD))
-    _, first, known = simulated(X, position, known_memory(position), draws=1)
-    raised = first[0] / simulated(X, position, ResidualCorrelation(every=HALF_PERIOD), draws=1)[1][0]
-    assert (raised >= 1 - 1e-12).all()
-    ratio = np.sqrt(raised * plain.mean(axis=0)) / estimates.std(axis=0)
-    assert ratio[2] == pytest.approx(1, abs=0.12)
-    assert (ratio > 0.88).all()
-    assert (known <= freedom).all()
-    assert known[2] < freedom[2]

@@ -11,14 +11,11 @@ from conftest import ROOT
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
-from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.signals import LowPass, Motion, filtered_motion
+from osl_analysis.errors import InputError
 from osl_analysis.timebase.counting import count_from_stamps
 from osl_analysis.timebase.drift import (
     ClockDrift,
-    SinePiece,
     check_drift,
-    clock_drift,
 )
 from osl_analysis.timebase.grid import UniformGrid, one_time_base
 from osl_analysis.timebase.samples import take
@@ -407,67 +404,12 @@ def test_refuses_a_recording_with_nothing_but_gaps():
 # ---- Clocks of two devices
 
 
-def drifting(ppm, random, friction=0.0):
-    """Sines of 1, 2 and 5 Hz, 18 s each, one after the other; the torque's clock gains over all of them."""
-    pieces = []
-    for k, (f, size) in enumerate([(1.0, 2.0), (2.0, 4.0), (5.0, 6.0)]):
-        t = np.arange(9000) / 500.0 + 30 * k
-        theta, omega, alpha = swing(t, f, np.deg2rad(size))
-        early = t - 1e-6 * ppm * (t - 40)
-        moved = swing(early, f, np.deg2rad(size))
-        tau = torque_of(moved) + friction * np.tanh(moved[1] / 0.1)
-        pieces.append(SinePiece(f, t, Motion(theta, omega, alpha), noisy(tau, random, 0.005) + 5.0))
-    return pieces
-
-
-def swing(t, f, size):
-    w = 2 * np.pi * f
-    return size * np.stack([np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)])
-
-
-@pytest.mark.parametrize("ppm", [0.0, 1.0, -3.0, 50.0])
-@pytest.mark.parametrize("friction", [0.0, 3.0])
-def test_the_drift_between_two_clocks_is_measured_to_a_fraction_of_a_ppm_and_friction_is_none(ppm, friction):
-    found = clock_drift(drifting(ppm, np.random.default_rng(60), friction), LowPass(67.0))
-    assert found.se < 0.25  # 0.18 without drift; 50 ppm leave their second order
-    assert found.ppm == pytest.approx(ppm, abs=4 * found.se + 0.02 * abs(ppm))
-
-
 def test_drift_is_refused_beyond_what_damping_and_inertia_bear_if_it_is_certain():
     check_drift(ClockDrift(1.9, 0.01), 2.0)
     check_drift(ClockDrift(-5.0, 4.0), 2.0)
     assert ClockDrift(-5.0, 4.0).certain_ppm == 0
     with pytest.raises(InputError, match=r"drift apart by -2\.10 \+- 0\.10 ppm, more than 2: .*synchronise"):
         check_drift(ClockDrift(-2.1, 0.1), 2.0)
-
-
-def test_a_joint_at_rest_shows_no_drift():
-    t = clock(100.0)
-    with pytest.raises(IdentifiabilityError, match="does not move"):
-        clock_drift([SinePiece(1.0, t, Motion(0 * t, 0 * t, 0 * t), t)], LowPass(10.0))
-
-
-def few_cycles(random, cycles):
-    """Filtered sines of 2 and 5 Hz, 2 and 4 degrees, of so many settled cycles, with a joint of damping and inertia."""
-    pieces, low_pass = [], LowPass(15.0)
-    for f, size in [(2.0, 2.0), (5.0, 2.0), (2.0, 4.0), (5.0, 4.0)]:
-        kept = slice(100, 100 + int(cycles / f * 250))
-        t = np.arange(kept.stop + 100) / 250.0
-        moved = swing(t, f, np.deg2rad(size))
-        torque = 0.5 * moved[1] + 0.02 * moved[2] + 0.05 * random.standard_normal(len(t))
-        motion, filtered = filtered_motion(t, moved[0], torque, low_pass)
-        pieces.append(SinePiece(f, t[kept], motion[kept], filtered[kept]))
-    return pieces
-
-
-def test_clocks_without_drift_are_not_refused_for_two_cycles_by_chance():
-    """No drift: z has RMS 1 within 4 SE of 0.08. Without what the harmonics take of the noise it is 1.8."""
-    random = np.random.default_rng(61)
-    found = [clock_drift(few_cycles(random, 2), LowPass(15.0)) for _ in range(80)]
-    assert not any(one.certain_ppm for one in found)
-    ppm, se, freedom = np.array([(one.ppm, one.se, one.freedom) for one in found]).T
-    assert np.sqrt(np.mean(ppm**2) / np.mean(se**2)) == pytest.approx(1, abs=0.32)
-    assert freedom.max() < 19  # as many as the filter leaves independent samples, without what is fitted: 60 - 44
 
 
 def test_a_drift_is_certain_from_a_student_quantile_as_rare_as_four_exact_standard_errors():

@@ -29,6 +29,7 @@ from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.signals import Motion, seven_point_motion
 from osl_analysis.stats.covariance import welch_satterthwaite
+from osl_analysis.stats.regression import CONDITION_LIMIT
 from osl_analysis.timebase.drift import ClockDrift, check_drift
 from osl_analysis.trial import Array
 
@@ -182,8 +183,7 @@ def with_effects(
     """
     if "lag_s" not in effects:
         names = dict(model) | {effect: COLUMN.get(effect, effect) for effect in effects}
-        limit = {} if not effects else {"limit": EFFECTS_LIMIT}
-        return fit_groups(s, names, label, keep, **limit)
+        return fit_groups(s, names, label, keep, limit=EFFECTS_LIMIT if effects else CONDITION_LIMIT)
     others = [effect for effect in effects if effect != "lag_s"]
     base = dict(model) | {effect: COLUMN.get(effect, effect) for effect in others}
     fixed = {} if known is None else {known: 1.0}

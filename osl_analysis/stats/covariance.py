@@ -6,7 +6,6 @@ autocorrelation of the residuals, with what that falls short where few samples d
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,21 +81,10 @@ Covariance = tuple[Array, Array]
 """Covariance (p, p) of the estimates, and the degrees of freedom (p,) of the variances on its diagonal."""
 CYCLES = "cycles"  # name of the spread between cycles in the tables
 FEWEST_CYCLES = 5  # smallest number of cycles at one frequency whose spread gives an interval
-COUNTS = 0.01  # share of a variance from which on a component of type B is named
 CERTAIN = 1e12  # degrees of freedom from which a variance is certain: the rounding of a sum would decide on more
 FILTER_SPAN = 8
 """Shortest window, in half periods of the filter's cut-off. Over this window the Bartlett weights lose 1 % of the
 noise's variance."""
-
-
-class RepeatedError(Protocol):
-    """An error of y that every cycle repeats, as the rounding of a sensor does: the spread of cycles is blind to it.
-
-    So are the residuals of a fit to few cycles: what changes the estimates is not left in them."""
-
-    def covariance(self, X: Array, inverse: Array) -> Array:
-        """Covariance (p, p), beyond the spread, of estimates that change by X @ inverse (n, p) with each y."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -115,8 +103,6 @@ class ResidualCorrelation:
     """What a filter took away from y (n,). Noise that is independent from sample to sample is so only before the
     filter, which smears it over the edge between two cycles: behind it neighbouring cycles are correlated by 0.05
     where a column is not zero at the edge, as the velocity is not, and the spread of cycles is too small by 5 %."""
-    repeated: Sequence[RepeatedError] = ()
-    """Errors of y that every cycle repeats, which are added as components of type B (JCGM 100:2008, 4.3)."""
 
     @property
     def method(self) -> str:
@@ -130,29 +116,11 @@ class ResidualCorrelation:
     def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
         """Covariance of the estimates, its degrees of freedom, and where it comes from. X (n, p) times `inverse` (p, p)
         is by how much each estimate changes with each sample of y; `residual` (n,) is what is left."""
-        spread = self.spread(X, inverse, residual)
-        return with_repeated(spread, [error.covariance(X, inverse) for error in self.repeated], self.method)
-
-    def spread(self, X: Array, inverse: Array, residual: Array) -> Covariance:
-        """The same without the errors that every cycle repeats."""
         if self.cycles is None:
             scores = X @ inverse * residual[:, None]
-            return moving_sums(scores, self.window(residual), slow=self.every > 1)
+            return *moving_sums(scores, self.window(residual), slow=self.every > 1), self.method
         noise = residual if self.filtered_off is None else residual + self.filtered_off
-        return between_cycles(self.cycles.sums(X, noise) @ inverse, self.cycles.stratum)
-
-
-def with_repeated(spread: Covariance, repeated: Sequence[Array], method: str = CYCLES) -> tuple[Array, Array, str]:
-    """The covariance (p, p) by a method with those of errors that every cycle repeats; as `covariance` of
-    `ResidualCorrelation`."""
-    covariance, degrees_of_freedom = spread
-    rounding = np.sum(repeated, axis=0)
-    if not rounding.any():
-        return covariance, degrees_of_freedom, method
-    scatter, added = np.diag(covariance), np.diag(rounding)
-    total = welch_satterthwaite([scatter, added], [degrees_of_freedom, np.full_like(scatter, np.inf)])
-    counts = bool(np.any(added > COUNTS * scatter))
-    return covariance + rounding, total, f"{method} + rounding" if counts else method
+        return *between_cycles(self.cycles.sums(X, noise) @ inverse, self.cycles.stratum), self.method
 
 
 NO_REPEATS = ResidualCorrelation()
@@ -243,56 +211,3 @@ def welch_satterthwaite(variances: Sequence[ArrayLike] | Array, degrees_of_freed
     total = np.sum(summands, axis=0) ** 2
     counts = uncertainty > total / CERTAIN
     return np.asarray(np.divide(total, uncertainty, out=np.full_like(total, np.inf), where=counts))
-
-
-MOST_ROWS = 600  # rows of a fit that are kept for this: the work grows with their third power
-
-
-@dataclass(frozen=True)
-class KnownMemory(ResidualCorrelation):
-    """Covariance from the autocorrelation of residuals, raised by what white noise behind a filter leaves too little.
-
-    It is not lowered: residuals may be other than noise.
-    """
-
-    memory: Array | None = None  # autocovariance of the noise at 0, 1, 2 ... samples, shape (m,); 0 beyond.
-    position: NDArray[np.intp] | None = None  # sample of the recording that each row of the fit is, shape (n,)
-
-    def spread(self, X: Array, inverse: Array, residual: Array) -> Covariance:
-        """As `ResidualCorrelation.spread`."""
-        covariance, degrees_of_freedom = super().spread(X, inverse, residual)
-        if self.memory is None or self.position is None:
-            return covariance, degrees_of_freedom
-        step = max(self.every // 2, -(-len(X) // MOST_ROWS))
-        window = self.window(residual) / step
-        if window < 2:  # the rows that are kept are further apart than the noise remembers
-            return covariance, degrees_of_freedom
-        short, known = shortfall(X[::step], self.position[::step], self.memory, window)
-        raised = np.sqrt(np.maximum(short, 1.0))
-        return covariance * np.outer(raised, raised), np.minimum(degrees_of_freedom, known)
-
-
-def shortfall(X: Array, position: NDArray[np.intp], memory: Array, window: float) -> Covariance:
-    """By which factor (p,) `moving_sums` over a window underestimate the variances of a fit, and their degrees of
-    freedom (p,), if the noise has this memory.
-
-    The columns X (n, p) belong to samples at `position` (n,); the window counts rows of X. With scores c of an
-    estimate, Bartlett weights W and residuals of covariance R, the expected variance is the sum of W c c' R. As a
-    quadratic form it has trace^2/trace of the square degrees of freedom.
-    """
-    n, p = X.shape
-    columns = X / np.linalg.norm(X, axis=0)
-    scores = columns @ np.linalg.inv(columns.T @ columns)
-    apart = np.abs(np.subtract.outer(position, position))
-    noise = np.where(apart < len(memory), memory[np.minimum(apart, len(memory) - 1)], 0.0)
-    residual = noise - scores @ (columns.T @ noise)
-    residual -= (residual @ columns) @ scores.T
-    weights = np.maximum(1 - np.abs(np.subtract.outer(np.arange(n), np.arange(n))) / window, 0.0)
-    used = n / max(n - p * window, window)
-    factor, degrees_of_freedom = np.empty(p), np.empty(p)
-    for k, c in enumerate(scores.T):
-        form = (weights * np.outer(c, c)) @ residual
-        seen = float(np.trace(form))
-        factor[k] = float(c @ noise @ c) / (used * seen)
-        degrees_of_freedom[k] = seen**2 / float(np.sum(form * form.T))
-    return factor, degrees_of_freedom

@@ -46,7 +46,7 @@ def whiteness(residual: Array, rate_hz: float, low_pass: LowPass) -> Whiteness |
 def thinned_rows(samples: int, rate_hz: float, low_pass: LowPass) -> NDArray[np.intp]:
     """The rows of a residual that are kept for its whiteness; the step is not rounded, so that the rate is exact."""
     step = max(rate_hz / (2 * low_pass.noise_bandwidth_hz), 1.0)
-    return np.rint(np.arange(0, samples - 0.5, step)).astype(np.intp)
+    return np.asarray(np.rint(np.arange(0, samples - 0.5, step)), dtype=np.intp)
 
 
 def whiteness_of(thinned: Array) -> Whiteness | None:

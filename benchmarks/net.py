@@ -64,6 +64,35 @@ EXPLAINED = [
     ("*/said.txt", "not checked*", "", ANY, "each thing once, with the trials that it concerns and its size"),
 ]
 """File, column and trial, all with wildcards, the largest difference in units of interval or value, and its reason."""
+OF_MOTIONS = "an interval is that of another motion of this kind: misfit that every cycle repeats is in it"
+BESIDE = "a column beside K, B and I (`effects.py`), the same for every motion, in place of harmonics and phasors"
+PARTS = "groups of rows, whole periods of a periodic motion, in place of all rows or lines"
+MEASURED = "rows are named by what was measured"
+EXPLAINED += [
+    *(("*/impedance.csv", f"{name}{end}", "*", size, OF_MOTIONS) for name, size in (("K", 1e3), ("B", 2e3), ("I", 1e3))
+      for end in ("_se", "_low", "_high")),
+    *(("*/impedance.csv", f"offset{end}", "*", 200.0, OF_MOTIONS) for end in ("_se", "_low", "_high")),
+    *(("*/transmission.csv", f"{name}{end}", "*", 2.0, OF_MOTIONS) for name in ("B_j", "J_j", "offset", "T_C")
+      for end in ("", "_se", "_low", "_high")),
+    *(("*/*.csv", name, "*", ANY, OF_MOTIONS) for name in ("interval_method", "*_repeat_se", "correlation_s")),
+    *(("*/impedance.csv", name, "*", 2.0, OF_MOTIONS) for name in ("cov_*", "K_change", "B_change", "time_base_shift")),
+    ("*/timebase.csv", "other_hypothesis", "*", ANY, PARTS),
+    *(("*/impedance.csv", name, "*", 0.3, PARTS) for name in ("K", "B", "I", "offset", "[KBI]_amplitudes_*", "K_ratio",
+      "K_over_K_s", "VAF", "R2", "fitted_s", "samples", "ljung_box_per_lag", "theta_rms_deg", "torque_at_peaks")),
+    *(("*/impedance.csv", name, "*", 2.0, PARTS) for name in ("load_cell_drift", "residual_autocorrelation")),
+    *(("*/impedance.csv", name, "*", ANY, BESIDE) for name in ("lag_*", "certain_lag_damping", "K_drift",
+      "drift_inertia_share", "clock_drift_*", "coulomb_*", "B_viscous*", "f_C*", "explained_by", "stiffening",
+      "backlash_*", "even_harmonics", "angle_noise_share", "VAF_held_out", "fitted_s", "theta_rms_deg", "")),
+    *(("*/transmission.csv", name, "*", ANY, BESIDE) for name in ("clock_drift_*", "coulomb_*", "VAF_held_out",
+      "even_harmonics", "odd_harmonics", "VAF*", "R2", "B_j_*", "J_j_*", "cov_*", "load_cell_drift", "samples",
+      "time_base_shift", "ljung_box_*", "residual_autocorrelation", "")),
+    *(("*.csv", name, "*", ANY, MEASURED) for name in ("amplitude_deg", "commanded_deg")),
+    *((f"*/{file}.csv", "*", "*", 0.2, "the rounding of a sensor is in no model of its own")
+      for file in ("phasors", "frequency_response", "transmission_summary", "impedance_repeats")),
+    ("*/phasors.csv", "*degrees_of_freedom", "*", 1.0, "the rounding of a sensor is in no model of its own"),
+    *(("excitations/model_comparison.csv", name, "*", 0.4, PARTS) for name in ("BIC", "VAF*", "effective_samples")),
+    ("excitations/response_models.csv", "misfit_ratio", "*", 0.01, PARTS),
+]  # fmt: skip
 OF_THE_RELEASE = re.compile(r"osl(Version|Configuration)\}|^% Simulated data|^% Measured data")
 """Lines of `numbers.tex` that name the release."""
 NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")

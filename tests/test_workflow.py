@@ -228,8 +228,8 @@ def test_one_trial_is_rerun_alone(workspace):
     [
         (
             "second_order",
-            {"fit_impedance_trial", "fit_perturbation"},
-            {"fit_belt_trial", "fit_transmission_trial", "identify_plate", "analyse_crossing"},
+            {"fit_perturbation"},
+            {"fit_belt_trial", "fit_impedance_trial", "fit_transmission_trial", "identify_plate", "analyse_crossing"},
         ),
         ("bench/impedance", {"fit_impedance_trial"}, {"fit_belt_trial", "fit_transmission_trial", "fit_perturbation"}),
     ],

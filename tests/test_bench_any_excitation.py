@@ -6,6 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 from any_motion import LEAD, RATE, TRUE, chirp, made_trial, multisine, noise, sines
+from bench_synthetic import second_order, stepped_sine, table_of
 from conftest import ROOT
 from scipy.linalg import expm
 from scipy.signal import lfilter
@@ -75,6 +76,13 @@ def lag_in(record, expected=None):
 def change_in(record):
     s = sums_of(record, IMPEDANCE)
     return stiffness_change(s, IMPEDANCE, causes(record, s, IMPEDANCE))
+
+
+def test_every_motion_has_the_same_columns():
+    rng = np.random.default_rng(5)
+    records = [moving_record(made_trial(rng, move(rng))) for move in MOTIONS.values()]
+    tables = [impedance_table(rendered_impedance(record)) for record in records]
+    assert all(table.schema == table_of(stepped_sine(second_order)).schema for table in tables)
 
 
 @pytest.mark.parametrize("name", MOTIONS)

@@ -47,6 +47,7 @@ PHYSICS = ("T_C", "T_G", *STOPS, "cubic", "gap", "linear")
 spring that stiffens, play, the higher dynamics of the linear model with its gains."""
 FAULTS = ("lag_s", "K_change")  # what a recording may have
 SURE = 1e-3  # probability of a false alarm for one effect
+COUNTS = 1e-3  # share of what is left that an effect takes at least
 ALIKE = 0.01  # probability below which the estimates of parts of a recording differ
 LARGEST_LAG = 0.01  # lag [s] at which Gauss and Newton's steps stop: the series in the lag ends there
 LARGEST_TURN = 0.2
@@ -260,13 +261,23 @@ def causes(record: Record, s: Sums, model: Model) -> Causes:
     chosen: list[str] = []
     now = with_effects(s, model)
     while len(chosen) < len(effects):
-        tried = [(e, fit) for e in effects if e not in chosen and (fit := tried_fit(s, model, (*chosen, e)))]
-        sure = [(fit.left, e, fit) for e, fit in tried if fit.certain(e, SURE)]
-        if not sure:
+        left = {e: left_by(s, model, (*chosen, e)) for e in effects if e not in chosen}
+        most = (1 - COUNTS) * left_by(s, model, chosen)
+        tried = ((e, tried_fit(s, model, (*chosen, e))) for e in sorted(left, key=left.__getitem__) if left[e] < most)
+        effect, fit = next(((e, fit) for e, fit in tried if fit and fit.certain(e, SURE)), ("", None))
+        if fit is None:
             break
-        _, effect, now = min(sure, key=lambda one: one[0])
         chosen.append(effect)
+        now = fit
     return Causes(tuple(chosen), now, leaves_noise(record, now))
+
+
+def left_by(s: Sums, model: Model, effects: Sequence[str]) -> float:
+    """Sum of squares that a model with effects leaves, of a lag that of the column by which it is told."""
+    names = [*model.values(), *("jerk" if e == "lag_s" else COLUMN.get(e, e) for e in effects)]
+    at, q = s.index(names), s.torque
+    estimates, _ = solved(s.total[np.ix_(at, at)], s.total[at, q])
+    return float(s.total[q, q] - estimates @ s.total[at, q])
 
 
 def leaves_noise(record: Record, fit: GroupFit) -> bool:

@@ -58,6 +58,11 @@ class Sums:
         return [self.names.index(name) for name in names]
 
     @cached_property
+    def total(self) -> Array:
+        """The sums of all groups."""
+        return np.asarray(self.gram.sum(axis=0))
+
+    @cached_property
     def torque(self) -> int:
         return len(self.names)
 

@@ -255,6 +255,28 @@ def combined(
     return covariance, np.maximum(degrees, 1.0)
 
 
+def paired_errors(s: Sums, model: Mapping[str, str], small: Label, large: Label) -> Array | None:
+    """Half-widths (p,) of the 95 % intervals of the differences of the estimates of two amplitudes, whose frequencies
+    are the same: each is left out of both, so that what the model misses at both alike is no error of the difference.
+    None where the frequencies differ or are too few."""
+    hertz = [(one.label, round(one.frequency_hz, 1), k) for k, one in enumerate(s.groups.strata)]
+    of = [{hz: k for label, hz, k in hertz if label == x} for x in (small, large)]
+    if of[0].keys() != of[1].keys() or len(of[0]) < FEWEST_UNITS:
+        return None
+    whole = [fit_groups(s, model, label) for label in (small, large)]
+    if any(fit.repeat is None for fit in whole):
+        return None
+    found = []
+    for hz in of[0]:
+        rest = [s.groups.of(x) & (s.groups.stratum != k[hz]) for x, k in zip((small, large), of, strict=True)]
+        without = [fit_groups(s, model, keep=keep).estimates for keep in rest]
+        found.append(without[1] - without[0])
+    m, apart = len(found), np.array(found) - np.mean(found, axis=0)
+    noise = np.sum([fit.repeat for fit in whole if fit.repeat is not None], axis=0)
+    covariance, freedom = combined(noise, np.full(len(model), np.inf), apart.T @ apart * (m - 1) / m, m)
+    return np.asarray(stdtrit(freedom, 0.975) * np.sqrt(np.diag(covariance)))
+
+
 def rich_scores(s: Sums, G: Array, at: list[int], C: Array, inverse: Array, raw_g: Array, rich: list[int]) -> Array:
     """Scores (m, p) of what the richest model leaves."""
     coefficients, _ = solved(G[:, rich][:, :, rich].sum(axis=0), G[:, rich, s.torque].sum(axis=0))

@@ -29,7 +29,7 @@ from osl_analysis.bench.effects import (
     with_effects,
 )
 from osl_analysis.bench.excitation_limits import check_alias, check_band
-from osl_analysis.bench.gram import GroupFit, Sums
+from osl_analysis.bench.gram import GroupFit, Sums, paired_errors
 from osl_analysis.bench.phasors import (
     SegmentPhasors,
     at_amplitude,
@@ -264,9 +264,9 @@ def impedance_table(rendered: Rendered) -> pl.DataFrame:
                 **facts,
             }
         )
-    table = pl.DataFrame(
-        over_amplitudes(rows), schema_overrides=dict.fromkeys(MAY_BE_NULL, pl.Float64), infer_schema_length=None
-    )
+    rows = over_amplitudes(rows, half_widths_of_change(analysis))
+    types = dict.fromkeys(MAY_BE_NULL, pl.Float64)
+    table = pl.DataFrame(rows, schema_overrides=types, infer_schema_length=None)
     return table.with_columns(*(bound for name in QUANTITIES for bound in range_over_amplitudes(name)))
 
 
@@ -443,35 +443,42 @@ def ratio_at_peaks(measured: Array, modelled: Array) -> float | None:
     return min(found, default=None)
 
 
-def over_amplitudes(rows: Sequence[Row]) -> list[Row]:
-    """The rows of single amplitudes and, last, of all of them, with `K_change` and `B_change` in the last one.
+def over_amplitudes(rows: Sequence[Row], halves: Sequence[float]) -> list[Row]:
+    """The rows of single amplitudes and, last, of all of them, with `K_change` and `B_change` in the last one: by how
+    much K and B change from the smallest to the largest amplitude, as a share of that to all of them.
 
-    A spring that stiffens, or play, changes K with the amplitude; where it does not, they are none.
+    A spring that stiffens, or play, changes K with the amplitude; friction changes both. A change is lowered in size by
+    the half-width of its 95 % interval, to 0 at most: noise is no change. What it is divided by is not less than
+    `LITTLE`. `halves` are those of K and B; of fewer than two amplitudes none.
     """
+    found: list[Row] = [{**row, "K_change": None, "B_change": None} for row in rows]
     single = sorted(rows[:-1], key=lambda row: number_in(row, "amplitude_deg"))
-    if len(single) < 2:
-        return [{**row, "K_change": None, "B_change": None} for row in rows]
-    K, B = (change_over_amplitudes(single[0], single[-1], rows[-1], name) for name in "KB")
-    nothing: Row = {"K_change": None, "B_change": None}
-    return [*({**row, **nothing} for row in rows[:-1]), {**rows[-1], "K_change": K, "B_change": B}]
-
-
-def change_over_amplitudes(small: Row, large: Row, whole: Row, name: str) -> float:
-    """By how much an estimate changes from the smallest to the largest amplitude, as a share of that to all of them. It
-    is lowered in size by the 95 % half-width of the difference, to 0 at most: noise is no change. What it is divided by
-    is not less than `LITTLE`."""
-    difference = number_in(large, name) - number_in(small, name)
-    halves = [number_in(row, f"{name}_high") - number_in(row, name) for row in (small, large)]
-    half = float(np.hypot(halves[0], halves[1]))
-    return float(
-        np.sign(difference) * max(abs(difference) - half, 0.0) / np.hypot(number_in(whole, name), LITTLE[name])
-    )
+    for name, half in zip("KB", halves, strict=False):
+        difference = number_in(single[-1], name) - number_in(single[0], name)
+        certain = float(np.sign(difference)) * max(abs(difference) - half, 0.0)
+        found[-1][f"{name}_change"] = certain / float(np.hypot(number_in(rows[-1], name), LITTLE[name]))
+    return found
 
 
 def number_in(row: Row, name: str) -> float:
+    """A number that a row must have."""
     value = row[name]
-    assert isinstance(value, float)
-    return value
+    assert isinstance(value, float | int)
+    return float(value)
+
+
+def half_widths_of_change(analysis: Analysis) -> list[float]:
+    """Half-widths of the 95 % intervals of the change of K and B from the smallest to the largest amplitude; empty for
+    one amplitude. Where the frequencies of the two differ, their intervals are independent."""
+    labels = sorted(label for label in analysis.fits if isinstance(label, float))
+    if len(labels) < 2:
+        return []
+    ends = labels[0], labels[-1]
+    paired = paired_errors(analysis.sums, analysis.model, *ends)
+    if paired is not None:
+        return [float(paired[list(analysis.model).index(name)]) for name in "KB"]
+    fits = [analysis.fits[label] for label in ends]
+    return [float(np.linalg.norm([fit.interval(name)[1] - fit[name] for fit in fits])) for name in "KB"]
 
 
 def range_over_amplitudes(name: str) -> list[pl.Expr]:

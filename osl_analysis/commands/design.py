@@ -187,8 +187,8 @@ def about_distortion(plan: Plan, found: Precision, distortion: Distortion) -> It
         )
     if distortion.coulomb and isinstance(plan, SteppedSine):
         yield (
-            "the interval of the analysis comes from the spread of cycles, which all repeat friction: it is that of "
-            "the noise alone"
+            "this is the interval of a repetition, from the spread of cycles, which all repeat friction; that of the "
+            "analysis also has what friction changes from one frequency and amplitude to another, and is wider"
         )
     if isinstance(plan, PeriodicMultisine) and plan.realisations < ENOUGH_REALISATIONS:
         level = "whose level at detection lines is all that is known of it" if found.method == DETECTION else ""

@@ -426,7 +426,7 @@ def precision(
 
 
 def interval_of(plan: Plan, fit: PlannedFit, errors: Mapping[str, Array], low_pass: LowPass) -> tuple[str, Array]:
-    """Where the analysis will take the interval from, and the degrees of freedom (3,) of its standard errors. The
+    """Where the interval is taken from, and the degrees of freedom (3,) of its standard errors. The
     spread of cycles has cycles - 1 of them at each amplitude and frequency, combined by Welch and Satterthwaite; the
     spread of realisations one less than there are; a level at detection lines two at each, which serve the excited
     lines around it; HAC those of `stats.covariance.moving_sums`, with the four columns of Eq. 15 with an offset."""

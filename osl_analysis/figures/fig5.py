@@ -59,7 +59,7 @@ def draw(table: pl.DataFrame) -> Figure:
 
     Each desired impedance has a place of its own on the axis, which is no scale, the same in both panels; its trials
     stand side by side there, open where doubtful. Thin bars: range of the fits to single amplitudes; thick bars: 95 %
-    interval of noise; a dash of the same colour: linear theory. Every joint and side has two panels.
+    interval; a dash of the same colour: linear theory. Every joint and side has two panels.
     """
     parts, looks = placed_rows(table), looks_in(table)
     names = [name for name, _ in parts for _ in range(2)]
@@ -144,7 +144,10 @@ def caption(table: pl.DataFrame) -> str:
     widths = {symbol: (table[f"{symbol}_high"] - table[f"{symbol}_low"]).drop_nulls() for symbol in "KB"}
     if all(map(len, widths.values())):
         ends = " and ".join(f"±{width.to_numpy().max() / 2:.2g} {UNIT_OF[s]}" for s, width in widths.items())
-        said.append(f"Thick bars, where they are longer than the markers, are 95 % intervals of noise, at most {ends}.")
+        said.append(
+            "Thick bars, where they are longer than the markers, are 95 % intervals, for another motion of this kind, "
+            f"at most {ends}."
+        )
     parts = placed_rows(table)
     for _, part in parts:
         place = part.select("joint", "side").row(0) if len(parts) > 1 else ()

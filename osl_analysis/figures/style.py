@@ -181,7 +181,7 @@ def place_in_report(trial: str) -> str:
 
 
 def draw_spread(ax: Axes, rows: pl.DataFrame, x: str, quantity: str, colour: str) -> None:
-    """Thin bars for the range over single amplitudes, thick ones for the interval of noise, where there are any."""
+    """Thin bars for the range over single amplitudes, thick ones for the 95 % interval, where there are any."""
     for low, high, width in (
         (f"{quantity}_amplitudes_low", f"{quantity}_amplitudes_high", THIN),
         (f"{quantity}_low", f"{quantity}_high", THICK),
@@ -212,7 +212,7 @@ def spread_entries(panels: Mapping[Axes, str], table: pl.DataFrame) -> list[Line
 
     smallest = min(look.size for look in LOOKS.values() if look.marker)
     if any(longest_bar(ax, quantity) > smallest for ax, quantity in panels.items()):
-        handles.append(bar(THICK, "95 % interval of noise"))
+        handles.append(bar(THICK, "95 % interval"))
     return handles
 
 

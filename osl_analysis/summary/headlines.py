@@ -183,7 +183,7 @@ def all_labels() -> list[Label]:
 
 
 STUDENT = "95 % of the mean (Student)"
-FIT = "95 % of the fit (its noise; without errors of the model)"
+FIT = "95 % for another motion of this kind"
 BOOTSTRAP = "95 % (bootstrap over crossings and trials of the unloaded plate)"
 CYCLES = "95 % of the mean of cycles (Student)"
 PAIRED = "95 % of the mean difference of the same trials (Student)"

@@ -148,8 +148,7 @@ def trials_text(number: Mapping[str, Any]) -> str:
 def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None]:
     """Bounds that decide to how many digits a number is rounded, and their kind.
 
-    These are the range over single amplitudes if there is one, otherwise the interval. The amplitudes may agree to
-    three digits although the interval of noise would allow five.
+    These are the range over single amplitudes if there is one, otherwise the interval.
     """
     low, high = (number.get(key) for key in AMPLITUDES)
     return (number["low"], number["high"], number["interval"]) if low is None else (low, high, None)

@@ -347,6 +347,8 @@ def fit(
     if plot is not None:
         from osl_analysis.commands.figure import draw_table
 
+        if fitted.series.is_empty():
+            raise click.UsageError(f"a fit of {model} has no modelled torque to draw; leave out --plot")
         draw_table("torque", fitted.series, [plot])
     say(command.estimates_json(fitted.estimates) if as_json else command.estimates_text(fitted.estimates))
 

@@ -1,6 +1,6 @@
 """The experiments: one table of facts that sheet, quality control, simulator, rules and command line read.
 
-A new experiment is an entry here, its fit (`bench/` or `walking/`), its job (`commands/`), its limits
+A new experiment is an entry here, its fit (`bench/` or `walking/`), the call of it (`commands/`), its limits
 (`config/config.yaml`) and its test. There is no other list of experiments.
 """
 
@@ -38,14 +38,15 @@ OF_ALL = (Table("timebase", judged=False), Table("series", judged=False, publish
 
 @dataclass(frozen=True)
 class Fit:
-    """The job that fits one trial; it writes a file per table of the experiment.
+    """The fit of one trial, for the workflow, the command line, `watch` and notebooks alike.
 
-    job: `module.function` of `commands`.
+    job: `module.function` of `commands`. It takes `trial` and the arguments below, and returns its rows of each table
+        of the experiment, by name; under `torque`, where it has them, time [s], measured and modelled torque [N*m].
     settings: per argument of the job, the section of the configuration and the settings model with the fields that the
         job uses (the section's own, or one of its base classes). A change of other fields does not run the job again.
-    parameters: the job reads the parameter file of the device.
-    sheet: columns of the trial's row in the sample sheet that the job uses.
-    windows: the job fits the windows that the sheet states.
+    parameters: the job takes the parameter file of the device, as `parameters`.
+    sheet: columns of the trial's row in the sample sheet that the job takes, as `condition`.
+    windows: the job fits the windows that the sheet states, as `windows`.
     """
 
     job: str

@@ -15,7 +15,6 @@ import polars as pl
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.phasors import frequency_response_table
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.commands import bench
 from osl_analysis.commands.figure import figure_module
 from osl_analysis.commands.fit import (
     UNITS,
@@ -25,6 +24,7 @@ from osl_analysis.commands.fit import (
     estimated,
     estimates_text,
     fit_request,
+    fit_tables,
     fit_trial,
     said_not_checked,
 )
@@ -39,7 +39,7 @@ from osl_analysis.ingest.known_formats import FORMATS, read_source
 from osl_analysis.judge.doubts import IS_DOUBTFUL, marked, with_doubts_of
 from osl_analysis.judge.recording import examine, quality_table, validate_rules
 from osl_analysis.judge.table import Commanded, QualityRules
-from osl_analysis.parameters import joint_of, known_parameters
+from osl_analysis.parameters import joint_of
 from osl_analysis.shared_choices import WeightSettings
 from osl_analysis.table import read_table as read_table_file
 from osl_analysis.trial import Trial
@@ -240,7 +240,7 @@ def fit_torque_angle(trial: Trial | File, curve: str | None = None, config: File
     and what is raised as in `fit_impedance`; there may be no such curve.
     """
     path = config_of(config)
-    return fitted("torque_angle", trial, replace(fit_request("torque_angle", path), curve=curve), None)
+    return fitted("torque_angle", trial, fit_request("torque_angle", path, {"desired": curve}), None)
 
 
 def fitted_alone(experiment: str, trial: Trial | File, config: File | None, parameters: File | None) -> Fit:
@@ -305,12 +305,11 @@ def frequency_response(
 
     path, read = config_of(config), as_trial(trial)
     device = device_of(parameters, path)
-    request = fit_request("impedance", path, desired_of(desired))
-    fit = bench.fit_impedance(read, known_parameters(device), request.settings, request.asked, windows)
-    tables, found, limits = fit.further(), {}, request.limits
+    request = replace(fit_request("impedance", path, desired_of(desired)), windows=windows)
+    tables, found, limits = fit_tables("impedance", read, device, request), {}, request.limits
     for name in ("phasors", "response", "response_models"):
         own = marked(tables[name], limits.of(name), name)
-        found[name] = with_doubts_of(own, fit.table, limits.of("impedance"), "impedance")
+        found[name] = with_doubts_of(own, tables["impedance"], limits.of("impedance"), "impedance")
     if found["phasors"].is_empty():  # the motion is no stepped sine
         plotted = any_motion_points(found["response"], pl.DataFrame(schema=pooled_schema()))
         return Response(read.name, "response", found["response"], found["response_models"], plotted)

@@ -1,5 +1,6 @@
 """A new experiment: a toy of one file of its own and four entries goes through all of a copy of the project."""
 
+import json
 import os
 import re
 import shutil
@@ -44,9 +45,9 @@ ADDITIONS = {
     ),
     "osl_analysis/commands/bench.py": (
         "def fit_belt_trial(",
-        '''def fit_holding_trial(trial: Path, settings: FilterSettings, tables: Mapping[str, Path]) -> None:
-    """Fit one holding trial."""
-    write_table(holding_table(read_trial(trial), settings), tables["holding"])
+        '''def fit_holding_trial(trial: Trial, settings: FilterSettings) -> Mapping[str, pl.DataFrame]:
+    """The holding trial's row."""
+    return {"holding": holding_table(trial, settings)}
 
 
 def summarise_holding(table: Path, output: Path) -> None:
@@ -71,7 +72,6 @@ def summarise_holding(table: Path, output: Path) -> None:
 }
 IMPORTS = """from osl_analysis.bench.holding import holding_table
 from osl_analysis.bench.settings import FilterSettings
-from osl_analysis.trial import read_trial
 """
 TORQUES = {"holding_1": 2.0, "holding_2": 6.0}
 
@@ -131,3 +131,33 @@ def test_sheet_rules_tables_and_quality_control_know_it(project: Path):
     checks = pl.read_csv(project / "results/tables/quality.csv").filter(pl.col("check") == "saturation")
     assert checks["value"].null_count() == 0
     assert set(checks["trial"]) == set(TORQUES)
+
+
+DOORS = """
+import json
+from pathlib import Path
+from click.testing import CliRunner
+from osl_analysis.cli import main
+from osl_analysis.commands.inspect import look
+from osl_analysis.commands.watch import bench_of, recording_line
+from osl_analysis.notebook import fitted_alone
+
+trial, ours, bench = "results/trials/holding_2.parquet", Path("ours.yaml"), bench_of(Path("ours.yaml"), None, Path())
+fit = [CliRunner().invoke(main, ["fit", trial, "--model", "holding", "--config", "ours.yaml", *more]).output
+       for more in ([], ["--json"])]
+first, watched = look(bench.campaign, "holding_2", ours).said, recording_line(Path("holding_2.csv"), Path(), bench)
+print(json.dumps([*fit, first, watched, repr(fitted_alone("holding", trial, ours, None))]))
+"""
+
+
+def test_it_is_fitted_at_every_door_as_in_the_workflow(project: Path):
+    """The command line, as text and JSON, the first look of `init`, `watch` and the notebook."""
+    snakemake(project, "results/tables/holding.csv")
+    row = pl.read_csv(project / "results/tables/holding.csv").row(-1, named=True)
+    command, environment = [sys.executable, "-c", DOORS], os.environ | {"PYTHONPATH": str(project)}
+    done = subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True, check=True)
+    text, as_json, *others = json.loads(done.stdout)
+    assert json.loads(as_json)[0]["mean_torque"] == row["mean_torque"]
+    for said in (text, *others):
+        assert re.search(rf"mean_torque +{row['mean_torque']:.4g}", said), said
+        assert row["doubtful"] in said

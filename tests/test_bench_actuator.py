@@ -27,7 +27,7 @@ from osl_analysis.simulator.bench import simulate_actuator_trial, turning
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.study.bench import recorded_trial
 from osl_analysis.summary.headlines import headline_numbers
-from osl_analysis.table import read_table
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial, write_trial
 from osl_analysis.yaml_settings import read_yaml
 
@@ -179,7 +179,9 @@ def test_from_log_to_headline_numbers(tmp_path, campaign):
         row = {"trial": name, "experiment": "actuator", "log": f"actuator/{name}.mcap", "log_source": "actuator"}
         ingest_trial(row, tmp_path, Path("config/sources"), tmp_path / f"{name}.parquet")
         tables = {table: tmp_path / f"{name}_{table}.csv" for table in ("actuator", "timebase", "series")}
-        fit_actuator_trial(tmp_path / f"{name}.parquet", DEVICE, analysis, tables)
+        found = fit_actuator_trial(read_trial(tmp_path / f"{name}.parquet"), DEVICE, analysis)
+        for table, path in tables.items():
+            write_table(found[table], path)
     columns = read_trial(tmp_path / "actuator_1.parquet").samples.columns
     assert set(columns) == {"time", "theta_m", "current", "torque_m"}
     series = read_table(tmp_path / "actuator_1_series.csv")
@@ -223,7 +225,7 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documen
     ingest_trial(row, tmp_path, ROOT / "config/sources", tmp_path / "a.parquet")
     analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
     expected = fit_trial(
-        "actuator", read_trial(tmp_path / "a.parquet"), DEVICE, FitRequest(analysis, DoubtfulFits())
+        "actuator", read_trial(tmp_path / "a.parquet"), DEVICE, FitRequest({"settings": analysis}, DoubtfulFits())
     ).estimates
     log, _ = simulate_actuator_trial("actuator_1", read_yaml(campaign, SimulationSettings), P)
 
@@ -239,7 +241,7 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documen
         assert said.exit_code == 0, said.output
     assert re.search(r"J_m +0\.009\d+ ± \S+ +kg·m²", said.output)
     found = fit_trial(
-        "actuator", read_trial(Path("bench.parquet")), DEVICE, FitRequest(analysis, DoubtfulFits())
+        "actuator", read_trial(Path("bench.parquet")), DEVICE, FitRequest({"settings": analysis}, DoubtfulFits())
     ).estimates
     assert (found["motion"][0], expected["motion"][0]) == (motion, "theta_m")
     assert found.select(PARAMETERS).row(0) == pytest.approx(expected.select(PARAMETERS).row(0), rel=1e-3)
@@ -252,14 +254,16 @@ def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_r
     samples = {"time": t, "current": current, "torque_m": by_hand(theta, omega, alpha, current)}
     write_trial(Trial("a", pl.DataFrame({**samples, "theta_m": theta, "omega_m": 7 * omega})), tmp_path / "a.parquet")
     both = fit_trial(
-        "actuator", read_trial(tmp_path / "a.parquet"), DEVICE, FitRequest(analysis, DoubtfulFits())
+        "actuator", read_trial(tmp_path / "a.parquet"), DEVICE, FitRequest({"settings": analysis}, DoubtfulFits())
     ).estimates
     assert (both["motion"][0], both["J_m"][0]) == ("theta_m", pytest.approx(TRUE["J_m"], rel=0.02))
     write_trial(Trial("b", pl.DataFrame(samples)), tmp_path / "b.parquet")
     with pytest.raises(InputError, match="trial b: no column 'theta_m'"):
-        fit_trial("actuator", read_trial(tmp_path / "b.parquet"), DEVICE, FitRequest(analysis, DoubtfulFits()))
+        fit_trial(
+            "actuator", read_trial(tmp_path / "b.parquet"), DEVICE, FitRequest({"settings": analysis}, DoubtfulFits())
+        )
     with pytest.raises(InputError, match=r"^trial a: the actuator is faster than 99 rad/s in 0 of"):
-        fit_actuator_trial(tmp_path / "a.parquet", DEVICE, analysis.model_copy(update={"slowest": 99}), {})
+        fit_actuator_trial(read_trial(tmp_path / "a.parquet"), DEVICE, analysis.model_copy(update={"slowest": 99}))
 
 
 def test_actuator_trials_without_a_schedule_are_refused(campaign):

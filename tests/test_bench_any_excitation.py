@@ -44,8 +44,8 @@ from osl_analysis.judge.table import Commanded, Doubt, DoubtfulFits, Examined
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.parameters import read_parameters
 from osl_analysis.shared_choices import WEIGHT_OF_PAPER
-from osl_analysis.table import read_table
-from osl_analysis.trial import Trial, write_trial
+from osl_analysis.table import read_table, write_table
+from osl_analysis.trial import Trial
 
 CONFIG = Path(ROOT / "config/config.yaml")
 SETTINGS = read_section(CONFIG, "dynamometer", DynamometerAnalysis)
@@ -319,12 +319,12 @@ def test_a_damaged_stepped_sine_is_refused_as_one_and_the_setting_for_another_mo
 
 def test_every_table_of_a_trial_without_sines_has_its_columns(tmp_path):
     rng = np.random.default_rng(1)
-    write_trial(made_trial(rng, noise(rng)), tmp_path / "made.parquet")
     names = [table.name for table in EXPERIMENTS["impedance"].tables]
     tables = {name: tmp_path / f"{name}.csv" for name in names}
     desired = DesiredImpedance("mine", None, None)
-    settings = {"settings": SETTINGS, "tables": tables}
-    fit_impedance_trial(tmp_path / "made.parquet", None, desired, WEIGHT_OF_PAPER.weight, **settings)
+    found = fit_impedance_trial(made_trial(rng, noise(rng)), None, desired, WEIGHT_OF_PAPER.weight, SETTINGS)
+    for name, path in tables.items():
+        write_table(found[name], path)
     assert [len(read_table(tables[name])) for name in ("impedance", "phasors")] == [1, 0]
     gather([tables["phasors"]], tmp_path / "all.csv", Doubt(), [tables["impedance"]], Doubt())
     average_over_amplitudes(tmp_path / "all.csv", tmp_path / "response.csv")

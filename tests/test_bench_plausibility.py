@@ -8,7 +8,7 @@ import pytest
 from bench_synthetic import PROTOCOL, second_order, stepped_sine
 from conftest import ROOT
 
-from osl_analysis.bench.impedance import AskedImpedance, DesiredImpedance
+from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.commands.bench import fit_actuator_trial, fit_belt_trial, fit_impedance_trial, fit_transmission_trial
 from osl_analysis.commands.fit import FitRequest, fit_trial
@@ -19,7 +19,7 @@ from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.impossible import check_unit_of_time
 from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.table import read_table
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial, write_trial
 
 CONFIG, DEVICE = ROOT / "config/config.yaml", ROOT / "config/parameters/default.yaml"
@@ -73,12 +73,13 @@ def in_campaign(tmp_path, experiment, recording, bench=BENCH):
     """The last row of the table, as a campaign's job and the limits of the configuration make it."""
     write_trial(Trial("made", pl.DataFrame(recording)), tmp_path / "made.parquet")
     tables = {table.name: tmp_path / f"{table.name}.csv" for table in EXPERIMENTS[experiment].tables}
-    settings = ACTUATOR if experiment == "actuator" else bench
+    settings, trial = ACTUATOR if experiment == "actuator" else bench, read_trial(tmp_path / "made.parquet")
     if experiment == "impedance":
         condition = DesiredImpedance("compensated", 200, 4)
-        fit_impedance_trial(tmp_path / "made.parquet", DEVICE, condition, PAPER_WEIGHT, settings, tables)
+        found = fit_impedance_trial(trial, DEVICE, condition, PAPER_WEIGHT, settings)
     else:
-        JOBS[experiment](tmp_path / "made.parquet", DEVICE, settings, tables)
+        found = JOBS[experiment](trial, DEVICE, settings)
+    write_table(found[experiment], tables[experiment])
     return marked(read_table(tables[experiment]), LIMITS.of(experiment), experiment).to_dicts()[-1]
 
 
@@ -86,7 +87,8 @@ def on_the_command_line(tmp_path, experiment, recording, bench=BENCH, asked=None
     """The same by `osl-analysis fit`, which does not know K_d unless it is `asked`."""
     write_trial(Trial("made", pl.DataFrame(recording)), tmp_path / "made.parquet")
     settings = ACTUATOR if experiment == "actuator" else bench
-    fitted = fit_trial(experiment, read_trial(tmp_path / "made.parquet"), DEVICE, FitRequest(settings, LIMITS, asked))
+    chosen = {"settings": settings} | ({"weight": PAPER_WEIGHT} if experiment == "impedance" else {})
+    fitted = fit_trial(experiment, read_trial(tmp_path / "made.parquet"), DEVICE, FitRequest(chosen, LIMITS, asked))
     return fitted.estimates.to_dicts()[-1]
 
 
@@ -206,7 +208,7 @@ def test_a_joint_without_stiffness_is_not_refused_for_a_stiffness_of_noise(tmp_p
 )
 def test_the_command_line_that_knows_k_d_judges_as_a_campaign_does(torque, words, tmp_path):
     recording = RECORDINGS["impedance"] | {"torque": torque}
-    asked = AskedImpedance(DesiredImpedance("compensated", 200, 4), PAPER_WEIGHT, BENCH.frequencies_hz)
+    asked = DesiredImpedance("compensated", 200, 4)
     said = on_the_command_line(tmp_path, "impedance", recording, asked=asked)["doubtful"]
     assert said == in_campaign(tmp_path, "impedance", recording)["doubtful"]
     assert re.search(words, said) if words else said == ""

@@ -19,8 +19,9 @@ from walking_crossings import Walk, walked
 from walking_synthetic import settings
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.commands.fit import FITS, fit_request, fit_trial
+from osl_analysis.commands.fit import fit_request, fit_trial
 from osl_analysis.errors import OslAnalysisError
+from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.second_order import fit_impedance
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
@@ -197,12 +198,15 @@ def request_of(experiment: str) -> Any:
     if experiment in ("belt", "actuator", "torque_angle"):
         return request
     short = {"amplitudes_deg": [4], "frequencies_hz": FREQUENCIES, "cycles": CYCLES}
-    chosen = type(request.settings).model_validate(request.settings.model_dump() | short)
-    asked = None if request.asked is None else replace(request.asked, frequencies_hz=FREQUENCIES)
-    return replace(request, settings=chosen, asked=asked)
+    own = request.settings["settings"]
+    chosen = {"settings": type(own).model_validate(own.model_dump() | short)}
+    return replace(request, settings=request.settings | chosen)
 
 
-@pytest.mark.parametrize("experiment", FITS)
+BENCH = [name for name, facts in EXPERIMENTS.items() if facts.place == "bench"]
+
+
+@pytest.mark.parametrize("experiment", BENCH)
 def test_a_degenerate_bench_trial_is_fitted_or_refused_in_one_sentence(experiment, monkeypatch):
     monkeypatch.chdir(ROOT)
     x = bench_angle(experiment)
@@ -222,7 +226,7 @@ def test_a_degenerate_bench_trial_is_fitted_or_refused_in_one_sentence(experimen
 
 
 @pytest.mark.parametrize("reason", ["zero", "constant"])
-@pytest.mark.parametrize("experiment", FITS)
+@pytest.mark.parametrize("experiment", BENCH)
 def test_a_dead_load_cell_is_named(experiment, reason, monkeypatch):
     monkeypatch.chdir(ROOT)
     x = bench_angle(experiment)

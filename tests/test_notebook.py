@@ -78,15 +78,18 @@ def of_campaign(experiment, folder, config_path, desired=DESIRED):
     """The tables of one trial as the job of a campaign writes them, by name; `fits/NAME/made.csv`."""
     trial, config = folder / "made.parquet", read_config(config_path)
     write_trial(bench_trial(experiment), trial)
+    made = osl.read_trial(trial)
     name = "impedance" if experiment in ("any motion", "friction") else experiment
     tables = {table.name: folder / f"fits/{table.name}/made.csv" for table in EXPERIMENTS[name].tables}
     if name == "impedance":
-        fit_impedance_trial(trial, DEVICE, desired, config.gain_weight.weight, config.dynamometer, tables)
+        found = fit_impedance_trial(made, DEVICE, desired, config.gain_weight.weight, config.dynamometer)
     elif name == "torque_angle":
-        fit_torque_angle_trial(trial, config.torque_angle, {"desired": "line"}, tables)
+        found = fit_torque_angle_trial(made, config.torque_angle, {"desired": "line"})
     else:
         jobs = {"belt": fit_belt_trial, "transmission": fit_transmission_trial, "actuator": fit_actuator_trial}
-        jobs[name](trial, DEVICE, config.actuator if name == "actuator" else config.dynamometer, tables)
+        found = jobs[name](made, DEVICE, config.actuator if name == "actuator" else config.dynamometer)
+    for table, path in tables.items():
+        write_table(found[table], path)
     return tables
 
 

@@ -12,8 +12,7 @@ from walking_synthetic import PLATE_RATE, RATE, changed, recording
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.errors import InputError
-from osl_analysis.table import read_table
-from osl_analysis.trial import Trial, write_trial
+from osl_analysis.trial import Trial, read_trial, write_trial
 from osl_analysis.walking.overground import check_no_downward_force, compare_moments
 from osl_analysis.walking.settings import OvergroundAnalysis
 from osl_analysis.walking.setup import body_mass
@@ -66,14 +65,11 @@ def test_a_trial_without_reference_says_which_column_to_map() -> None:
 
 def test_the_table_takes_the_configured_mass_and_asks_for_one_that_nobody_states(tmp_path: Path) -> None:
     write_trial(gait_trial(), tmp_path / "trial.parquet")
-    output = tmp_path / "moment.csv"
+    trial = read_trial(tmp_path / "trial.parquet")
     with pytest.raises(InputError, match=r"states no body mass; state body_mass_kg in the sheet, or overground\.body"):
-        compare_ankle_moment(tmp_path / "trial.parquet", OvergroundAnalysis(load_on_n=50), {"ankle_moment": output})
-    assert not output.exists()
-    compare_ankle_moment(
-        tmp_path / "trial.parquet", OvergroundAnalysis(load_on_n=50, body_mass_kg=2 * MASS), {"ankle_moment": output}
-    )
-    assert read_table(output)["slope"][0] == pytest.approx(2.1, abs=3e-3)
+        compare_ankle_moment(trial, OvergroundAnalysis(load_on_n=50))
+    table = compare_ankle_moment(trial, OvergroundAnalysis(load_on_n=50, body_mass_kg=2 * MASS))["ankle_moment"]
+    assert table["slope"][0] == pytest.approx(2.1, abs=3e-3)
 
 
 @pytest.mark.parametrize(
@@ -105,11 +101,9 @@ def test_agrees_with_plug_in_gait_as_the_published_reference_does(tmp_path: Path
     is better (0.999 for 0.996) and slope and peak move by less than 1 %."""
     row = {"trial": "pig", "mocap": "btk_PiG_Motion3_FF.c3d", "mocap_source": "plug_in_gait"}
     ingest_trial(row, REAL / "c3d", ROOT / "config/sources", tmp_path / "pig.parquet")
-    compare_ankle_moment(
-        tmp_path / "pig.parquet", OvergroundAnalysis(load_on_n=50), {"ankle_moment": tmp_path / "pig.csv"}
-    )
+    found = compare_ankle_moment(read_trial(tmp_path / "pig.parquet"), OvergroundAnalysis(load_on_n=50))
     reference = pl.read_csv(REAL / "reference/ankle_moment.csv").sort("side", "plate")
-    table = read_table(tmp_path / "pig.csv").sort("side", "plate")
+    table = found["ankle_moment"].sort("side", "plate")
     assert table["plate"].to_list() == (reference["plate"] + 1).to_list()
     assert table["body_mass_kg"].to_list() == reference["mass_kg"].to_list()
     assert table["frames"].to_list() == reference["n_frames"].to_list()
@@ -125,12 +119,10 @@ def test_agrees_with_plug_in_gait_as_the_published_reference_does(tmp_path: Path
 @pytest.mark.skipif(not REAL.is_dir(), reason="the recordings of others are not here")
 def test_a_plate_that_was_never_zeroed_is_caught_by_its_number_and_reading(tmp_path: Path) -> None:
     (tmp_path / "any.yaml").write_text("format: c3d\nmarkers: all\nplates: all\n")
-    output = {"ankle_moment": tmp_path / "out.csv"}
     row = {"trial": "other", "mocap": "qtm_JH_01_300_1200_plate_offset.c3d", "mocap_source": "any"}
     ingest_trial(row, REAL / "c3d", tmp_path, tmp_path / "t.parquet")
     with pytest.raises(InputError, match=r"force plate 1 reads -713 N in most of the recording"):
-        compare_ankle_moment(tmp_path / "t.parquet", OvergroundAnalysis(load_on_n=50, body_mass_kg=70), output)
-    assert not output["ankle_moment"].exists()
+        compare_ankle_moment(read_trial(tmp_path / "t.parquet"), OvergroundAnalysis(load_on_n=50, body_mass_kg=70))
 
 
 def test_a_plate_is_only_refused_if_it_pulls_and_by_more_than_noise() -> None:

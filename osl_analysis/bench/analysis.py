@@ -2,7 +2,7 @@
 the time base, and what an estimate cannot be.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -216,6 +216,11 @@ class Series:
     fitted: NDArray[np.bool_]  # rows that are fitted
     is_velocity: bool = False  # whether `motion` is a velocity
 
+    def torque_table(self) -> pl.DataFrame:
+        """Time [s] from the start, measured and modelled torque [N*m] of every sample that the model has."""
+        table = pl.DataFrame({"time": self.time, "torque": self.torque, "torque_model": self.torque_model})
+        return table.filter(pl.col("torque_model").is_finite()).with_columns(pl.col("time") - pl.col("time").first())
+
     def table(self, most: int = MOST_ROWS) -> pl.DataFrame:
         """Every k-th sample, `most` or fewer rows, and the range of the residual in the k samples from each on.
         `theta_deg` or `omega`, `torque` and, where the fit uses the sample, `torque_model`; `residual_low` and
@@ -233,6 +238,22 @@ class Series:
     def range_of_residual(self, k: int) -> tuple[Array, Array]:
         """Smallest and largest residual [N*m] of each k samples that the fit uses; NaN where it uses none."""
         return extremes(np.where(self.fitted, self.torque - self.torque_model, np.nan), k)
+
+
+class FitTables(dict[str, pl.DataFrame]):
+    """The tables of a fit by name, and under `torque` the samples that it explains (`Series.torque_table`).
+
+    `further` computes, when the first of them is read, the tables that a single fit does not show.
+    """
+
+    def __init__(self, series: Series, further: Callable[[], dict[str, pl.DataFrame]], **tables: pl.DataFrame) -> None:
+        super().__init__(tables, torque=series.torque_table())
+        self.measured, self.further = series, further
+
+    def __missing__(self, name: str) -> pl.DataFrame:
+        found = {"series": self.measured.table()} | self.further()
+        self.update(found)
+        return found[name]
 
 
 def extremes(values: Array, k: int) -> tuple[Array, Array]:

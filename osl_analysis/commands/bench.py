@@ -1,8 +1,8 @@
-"""The fits of bench trials, for all doors to them, and the jobs of the benches, which write tables."""
+"""The fits of bench trials, which give their tables at every door, and the jobs of the benches, which write tables."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import polars as pl
 
@@ -13,7 +13,7 @@ from osl_analysis.bench.actuator import (
     actuator_time_base,
     actuator_trial,
 )
-from osl_analysis.bench.analysis import Series
+from osl_analysis.bench.analysis import FitTables
 from osl_analysis.bench.belt import belt_curve, belt_series, belt_summary, belt_table, belt_time_base, belt_trial
 from osl_analysis.bench.impedance import (
     QUANTITIES,
@@ -54,143 +54,92 @@ from osl_analysis.judge.impossible import (
     saturated,
 )
 from osl_analysis.model.gain_selection import Weight
-from osl_analysis.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
+from osl_analysis.parameters import FileOrNone, known_parameters, read_parameters
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial
 
 
-class Fitted(NamedTuple):
-    """What the fit of a trial gives."""
+def fit_belt_trial(trial: Trial, parameters: FileOrNone, settings: BeltAnalysis) -> Mapping[str, pl.DataFrame]:
+    """The belt's row, and torque against deflection.
 
-    table: pl.DataFrame  # its rows of the experiment's first table
-    series: Series  # measured and modelled signals
-    further: Callable[[], dict[str, pl.DataFrame]]  # computes its rows of the other tables, which a campaign has
-    curves: pl.DataFrame | None = None  # torque over angle, as in the table of curves; None for one without
-
-    def write(self, tables: Mapping[str, Path]) -> None:
-        """Write its rows of each table; the first one is the experiment's own."""
-        first, *others = tables
-        write_table(self.table, tables[first])
-        frames = self.further() | {"series": self.series.table()}
-        for name in others:
-            write_table(frames[name], tables[name])
-
-
-def fit_belt(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> Fitted:
-    """The belt's row, and torque against deflection."""
+    `parameters` is the file of the device, None for one without, here as in all these fits.
+    """
+    p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     belt = belt_trial(trial, p, settings)
-    curve = belt_curve(belt)
-    return Fitted(
-        plausible_belt(belt_table(belt), rails, p),
+    return FitTables(
         belt_series(belt),
-        lambda: {"belt_curves": curve, "timebase": belt_time_base(belt)},
-        curve,
+        lambda: {"timebase": belt_time_base(belt)},
+        belt=plausible_belt(belt_table(belt), rails, p),
+        belt_curves=belt_curve(belt),
     )
 
 
-def fit_transmission(trial: Trial, p: DrivetrainParameters | None, settings: SteppedSineAnalysis) -> Fitted:
+def fit_transmission_trial(
+    trial: Trial, parameters: FileOrNone, settings: SteppedSineAnalysis
+) -> Mapping[str, pl.DataFrame]:
     """The transmission's rows, and the series of the fit to all amplitudes."""
+    p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     analysis = transmission_of(sine_record(trial, settings))
     table = plausible_transmission(transmission_table(analysis), rails, p)
-    return Fitted(table, analysis.series(), lambda: {"timebase": analysis.time_base(LOSSES)})
+    return FitTables(analysis.series(), lambda: {"timebase": analysis.time_base(LOSSES)}, transmission=table)
 
 
-def fit_impedance(
+def fit_impedance_trial(
     trial: Trial,
-    p: DrivetrainParameters | None,
+    parameters: FileOrNone,
+    condition: DesiredImpedance | None,
+    weight: Weight,
     settings: ImpedanceAnalysis,
-    asked: AskedImpedance | None = None,
     windows: str | None = None,
-) -> Fitted:
+) -> Mapping[str, pl.DataFrame]:
     """The rows of Eq. 15, and the series of the fit to all amplitudes.
 
-    `asked` is what the leg was asked to render, as far as it is known. `windows` [s] are those of the sheet, which are
-    fitted where the motion is no stepped sine.
+    `condition` is what the leg was asked to render, as far as it is known, and `weight` W of Eq. 14. `windows` [s] are
+    those of the sheet, which are fitted where the motion is no stepped sine.
     """
+    p = known_parameters(parameters)
+    asked = None if condition is None else AskedImpedance(condition, weight, settings.frequencies_hz)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     rendered, table = judged_impedance(record_of_trial(trial, settings, windows), rails, p, asked)
-    stated = asked.desired.columns() if asked else {}
+    stated = condition.columns() if condition else {}
 
     def further() -> dict[str, pl.DataFrame]:
         frames = {"phasors": rendered_phasors(rendered), **rendered_response(rendered.record, p).frames()}
         of_condition = {name: frame.with_columns(**stated) for name, frame in frames.items()}
         return of_condition | {"timebase": rendered.analysis.time_base(QUANTITIES)}
 
-    return Fitted(table, rendered.analysis.series(), further)
+    return FitTables(rendered.analysis.series(), further, impedance=table)
 
 
-def fit_actuator(trial: Trial, p: DrivetrainParameters | None, settings: ActuatorAnalysis) -> Fitted:
+def fit_actuator_trial(trial: Trial, parameters: FileOrNone, settings: ActuatorAnalysis) -> Mapping[str, pl.DataFrame]:
     """The actuator's row."""
+    p = known_parameters(parameters)
     check_recording(trial, settings, "torque_m", angle=None)
     rails = saturated(trial, "torque_m", "current")
     actuator = actuator_trial(trial, settings)
     table = plausible_actuator(actuator_table(actuator), rails, p)
-    return Fitted(table, actuator_series(actuator), lambda: {"timebase": actuator_time_base(actuator)})
-
-
-def fit_torque_angle(
-    trial: Trial, _: DrivetrainParameters | None, settings: TorqueAngleAnalysis, desired: str | None = None
-) -> Fitted:
-    """The row of torque against angle, and its curves; `desired` is the name of the curve that it should follow."""
-    check_recording(trial, settings)
-    rails = saturated(trial, "torque", "theta")
-    found = torque_angle_trial(trial, settings)
-    curves = curve_table(found, desired)
-    return Fitted(
-        rails.beside(torque_angle_table(found, desired)),
-        found.series(),
-        lambda: {
-            "torque_angle_curves": curves,
-            "torque_angle_cycles": cycle_table(found),
-            "timebase": torque_angle_time_base(found),
-        },
-        curves,
-    )
-
-
-def fit_belt_trial(trial: Path, parameters: FileOrNone, settings: BeltAnalysis, tables: Mapping[str, Path]) -> None:
-    """Fit one belt trial; `parameters` is the file of the device, None for one without, here as in all these jobs."""
-    fit_belt(read_trial(trial), known_parameters(parameters), settings).write(tables)
-
-
-def fit_transmission_trial(
-    trial: Path, parameters: FileOrNone, settings: SteppedSineAnalysis, tables: Mapping[str, Path]
-) -> None:
-    """Fit one transmission trial."""
-    fit_transmission(read_trial(trial), known_parameters(parameters), settings).write(tables)
-
-
-def fit_impedance_trial(
-    trial: Path,
-    parameters: FileOrNone,
-    condition: DesiredImpedance,
-    weight: Weight,
-    settings: ImpedanceAnalysis,
-    tables: Mapping[str, Path],
-    windows: str | None = None,
-) -> None:
-    """Fit one impedance trial; `condition` is its desired impedance, and `weight` is W of Eq. 14."""
-    p, asked = known_parameters(parameters), AskedImpedance(condition, weight, settings.frequencies_hz)
-    fit_impedance(read_trial(trial), p, settings, asked, windows).write(tables)
-
-
-def fit_actuator_trial(
-    trial: Path, parameters: FileOrNone, settings: ActuatorAnalysis, tables: Mapping[str, Path]
-) -> None:
-    """Fit one trial of the actuator's bench."""
-    fit_actuator(read_trial(trial), known_parameters(parameters), settings).write(tables)
+    return FitTables(actuator_series(actuator), lambda: {"timebase": actuator_time_base(actuator)}, actuator=table)
 
 
 def fit_torque_angle_trial(
-    trial: Path, settings: TorqueAngleAnalysis, condition: Mapping[str, Any], tables: Mapping[str, Path]
-) -> None:
-    """Fit one trial of torque against angle; `condition` has the name of the curve that it should follow, or None."""
-    fit_torque_angle(read_trial(trial), None, settings, condition["desired"]).write(tables)
+    trial: Trial, settings: TorqueAngleAnalysis, condition: Mapping[str, Any] | None = None
+) -> Mapping[str, pl.DataFrame]:
+    """The row of torque against angle, and its curves; `condition` may name the curve that it should follow."""
+    desired = (condition or {}).get("desired")
+    check_recording(trial, settings)
+    rails = saturated(trial, "torque", "theta")
+    found = torque_angle_trial(trial, settings)
+    return FitTables(
+        found.series(),
+        lambda: {"torque_angle_cycles": cycle_table(found), "timebase": torque_angle_time_base(found)},
+        torque_angle=rails.beside(torque_angle_table(found, desired)),
+        torque_angle_curves=curve_table(found, desired),
+    )
 
 
 def by_place(table: pl.DataFrame, summary: Callable[[pl.DataFrame], pl.DataFrame]) -> pl.DataFrame:

@@ -1,35 +1,23 @@
 """One trial fitted for the command line and notebooks: the estimates, and the torque beside the fitted model's."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.analysis import Series
-from osl_analysis.bench.impedance import AskedImpedance, DesiredImpedance
-from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, TorqueAngleAnalysis
-from osl_analysis.commands import bench
-from osl_analysis.config import read_section
+from osl_analysis.config import Config, read_section
+from osl_analysis.errors import InputError
+from osl_analysis.experiments import EXPERIMENTS, Fit
 from osl_analysis.files import default_config, shipped
 from osl_analysis.judge.doubts import marked, not_checked_of
 from osl_analysis.judge.table import DoubtfulFits
-from osl_analysis.parameters import known_parameters
-from osl_analysis.shared_choices import WeightSettings
 from osl_analysis.table import finite_or_null
 from osl_analysis.trial import Trial
-from osl_analysis.yaml_settings import Settings, read_mapping
-
-FITS: dict[str, Callable[..., bench.Fitted]] = {
-    "belt": bench.fit_belt,
-    "transmission": bench.fit_transmission,
-    "actuator": bench.fit_actuator,
-    "impedance": bench.fit_impedance,
-    "torque_angle": bench.fit_torque_angle,
-}
-"""By experiment: the fit of one trial."""
+from osl_analysis.yaml_settings import read_mapping
 
 
 @dataclass(frozen=True)
@@ -37,34 +25,37 @@ class FittedTrial:
     """A fitted trial for the command line and for notebooks."""
 
     estimates: pl.DataFrame  # a row per fit, as in the result tables
-    series: pl.DataFrame  # time [s] from the start, measured and modelled torque [N*m] of the fit to all data
+    series: pl.DataFrame  # time [s] from the start, measured and modelled torque [N*m]; empty for a fit without them
     curves: pl.DataFrame | None = None  # torque over angle, as in the table of curves; None for one without
 
 
 @dataclass(frozen=True)
 class FitRequest:
-    """What the fit of a trial uses besides the trial: settings and limits of a campaign, and what the leg was asked."""
+    """What the fit of a trial uses besides the trial: settings and limits of a campaign, and what the sheet states."""
 
-    settings: Any  # the section of the configuration that the fit uses, of its whole model
+    settings: Mapping[str, Any]  # by argument of the fit (`Fit.settings`): the section of the configuration
     limits: DoubtfulFits  # limits beyond which a fit is doubtful
-    asked: AskedImpedance | None = None  # what the leg was asked to render; None if it is not known
+    condition: Any = None  # what the sheet states of the trial: `DesiredImpedance`, or cells by column; None: unknown
     windows: str | None = None  # what of an impedance trial is fitted [s], as in the sample sheet; None: all that moves
-    curve: str | None = None  # name of the curve of torque over angle that the device was designed for; None: none
 
 
-def fit_request(experiment: str, config: Path, desired: DesiredImpedance | None = None) -> FitRequest:
+def fit_of(experiment: str) -> Fit:
+    """The fit of an experiment's trials. Raises InputError where it has none."""
+    if (fit := EXPERIMENTS[experiment].fit) is None:
+        raise InputError(f"a trial of '{experiment}' is not fitted alone; choose another experiment for it")
+    return fit
+
+
+def fit_request(experiment: str, config: Path, condition: Any = None) -> FitRequest:
     """What the fit of an experiment uses, from a configuration file that may override fields of the default only.
 
-    `desired` is that of an impedance trial, as far as it is known. Raises InputError where the file is none.
+    Raises InputError where the file is none.
     """
-    of_section: dict[str, type[Settings]] = {"actuator": ActuatorAnalysis, "torque_angle": TorqueAngleAnalysis}
-    section = experiment if experiment in of_section else "dynamometer"
-    settings: Any = read_section(config, section, of_section.get(experiment, DynamometerAnalysis))
-    asked = None
-    if desired is not None:
-        weight = read_section(config, "gain_weight", WeightSettings).weight
-        asked = AskedImpedance(desired, weight, settings.frequencies_hz)
-    return FitRequest(settings, read_section(config, "doubtful", DoubtfulFits), asked)
+    models: Mapping[str, Any] = {name: field.annotation for name, field in Config.model_fields.items()}
+    settings = {name: read_section(config, of, models[of]) for name, (of, _) in fit_of(experiment).settings.items()}
+    if "weight" in settings:
+        settings["weight"] = settings["weight"].weight  # the cut-off and order are W themselves
+    return FitRequest(settings, read_section(config, "doubtful", DoubtfulFits), condition)
 
 
 NOT_CHECKED = (
@@ -84,22 +75,35 @@ def campaign_parameters(config: Path) -> Path | None:
     return None if named is None else shipped(str(named))
 
 
-def fit_trial(experiment: str, trial: Trial, parameters: Path | None, request: FitRequest) -> FittedTrial:
-    """Fit a trial of one of the `FITS`; `request` as `fit_request` gives it.
+def fit_tables(
+    experiment: str, trial: Trial, parameters: Path | None, request: FitRequest
+) -> Mapping[str, pl.DataFrame]:
+    """The tables of a trial's fit, as the job of a campaign gives them; `request` as `fit_request` gives it.
 
     Raises InputError or IdentifiabilityError where the trial lacks a signal, does not follow the protocol, or cannot
     identify the model.
     """
-    stated = {"impedance": (request.asked, request.windows), "torque_angle": (request.curve,)}.get(experiment, ())
-    found = FITS[experiment](trial, known_parameters(parameters), request.settings, *stated)
-    estimates = marked(found.table, request.limits.of(experiment), experiment)
-    return FittedTrial(estimates, torque_table(found.series), found.curves)
+    fit = fit_of(experiment)
+    module, _, function = fit.job.partition(".")
+    stated = {"parameters": parameters, "condition": request.condition, "windows": request.windows}
+    taken = {"parameters": fit.parameters, "condition": bool(fit.sheet), "windows": fit.windows}
+    given = {**request.settings, **{name: value for name, value in stated.items() if taken[name]}}
+    found: Mapping[str, pl.DataFrame] = getattr(import_module(f"osl_analysis.commands.{module}"), function)(
+        trial, **given
+    )
+    return found
 
 
-def torque_table(series: Series) -> pl.DataFrame:
-    """Time [s] from the start, measured and modelled torque [N*m] of every sample that the model has."""
-    table = pl.DataFrame({"time": series.time, "torque": series.torque, "torque_model": series.torque_model})
-    return table.filter(pl.col("torque_model").is_finite()).with_columns(pl.col("time") - pl.col("time").first())
+def fit_trial(experiment: str, trial: Trial, parameters: Path | None, request: FitRequest) -> FittedTrial:
+    """Fit a trial and judge it; arguments and errors as `fit_tables`."""
+    found = fit_tables(experiment, trial, parameters, request)
+    own = EXPERIMENTS[experiment].tables[0].name
+    curves = next((frame for name, frame in found.items() if name.endswith("_curves")), None)
+    estimates = marked(found[own], request.limits.of(own), own)
+    return FittedTrial(estimates, found.get("torque", NO_TORQUE), curves)
+
+
+NO_TORQUE = pl.DataFrame(schema=dict.fromkeys(("time", "torque", "torque_model"), pl.Float64))
 
 
 UNITS = {
@@ -123,22 +127,26 @@ def estimates_text(estimates: pl.DataFrame) -> str:
         amplitude = row.get("amplitude_deg")
         which = motion_text(row) if amplitude is None else f"{amplitude:g} deg"
         which = f"mean of cycles: {row['cycles']}" if "cycles" in row else which
-        quality = f"VAF {row['VAF']:.2f} %"
+        quality = f"VAF {row['VAF']:.2f} %" if "VAF" in row else "no VAF"
         if "R2" in row:
             quality += f", R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}"
         lines.append(f"{row['trial']}, {which}: {quality}")
         for name in estimated(row):
-            high = row[f"{name}_high"]
+            high = row.get(f"{name}_high")
             half = f"± {high - row[name]:<10.2g}" if high is not None else f"{'':<12}"
-            lines.append(f"  {name:<15}{row[name]:>12.5g} {half} {UNITS[name]}{amplitudes_text(row, name)}")
+            lines.append(f"  {name:<15}{row[name]:>12.5g} {half} {UNITS.get(name, '')}{amplitudes_text(row, name)}")
         if row.get("doubtful"):
             lines.append(f"  doubtful: {row['doubtful']}")
     return "\n".join([*lines, "± is the half-width of the 95 % interval, by the method that interval_method names"])
 
 
 def estimated(row: Mapping[str, Any]) -> list[str]:
-    """The quantities that a fit estimates. A belt that moves at a constant velocity has no B_j."""
-    return [name for name in UNITS if f"{name}_se" in row and row[name] is not None]
+    """The quantities that a fit estimates, or all its numbers where it has none that we know.
+
+    A belt that moves at a constant velocity has no B_j.
+    """
+    known = [name for name in UNITS if f"{name}_se" in row and row[name] is not None]
+    return known or [name for name, value in row.items() if isinstance(value, float)]
 
 
 def motion_text(row: Mapping[str, Any]) -> str:

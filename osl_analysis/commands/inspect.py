@@ -16,7 +16,7 @@ import polars as pl
 
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign import Campaign, open_campaign
-from osl_analysis.commands.fit import FittedTrial, estimates_text, fit_request, fit_trial
+from osl_analysis.commands.fit import FittedTrial, estimates_text, fit_of, fit_request, fit_trial
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config import read_config
 from osl_analysis.errors import InputError, OslAnalysisError, printable, unexpected
@@ -73,13 +73,13 @@ def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config
 
     `device` is its parameter file. Raises as `fit_request` and `fit_trial`.
     """
-    experiment, asked = str(row["experiment"]), None
+    experiment = str(row["experiment"])
+    condition: Any = {column: row.get(column) for column in fit_of(experiment).sheet}
     if experiment == "impedance":
         K_d, B_d = (None if row[name] is None else float(row[name]) for name in ("K_d", "B_d"))
-        asked = DesiredImpedance(row["controller"], K_d, B_d)
-    request = fit_request(experiment, config, asked)
-    stated = replace(request, windows=row.get("windows"), curve=row.get("desired"))
-    return fit_trial(experiment, trial, device, stated)
+        condition = DesiredImpedance(row["controller"], K_d, B_d)
+    request = replace(fit_request(experiment, config, condition), windows=row.get("windows"))
+    return fit_trial(experiment, trial, device, request)
 
 
 def look(campaign: Campaign, name: str, config: Path) -> FirstLook:

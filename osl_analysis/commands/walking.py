@@ -20,7 +20,7 @@ from osl_analysis.judge.doubts import DOUBTFUL, EXCLUDED, doubtful_row, marked
 from osl_analysis.judge.table import Doubt
 from osl_analysis.shared_choices import SYNTHETIC, read_impedance_trajectory
 from osl_analysis.table import MEASURED, Places, read_table, write_table
-from osl_analysis.trial import Array, read_trial
+from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.gait import UnperturbedGait, unperturbed_gait
@@ -233,15 +233,12 @@ def selected_crossings(crossings: Sequence[Path], selection: Path) -> list[Cross
 
 
 def compare_ankle_moment(
-    trial: Path,
-    settings: OvergroundAnalysis,
-    tables: Mapping[str, Path],
-    condition: Mapping[str, float | None] | None = None,
-) -> None:
+    trial: Trial, settings: OvergroundAnalysis, condition: Mapping[str, float | None] | None = None
+) -> Mapping[str, pl.DataFrame]:
     """One row per stance and plate of a trial: our ankle moment and the laboratory's. `condition` has the sheet's body
     mass [kg] under `body_mass_kg`, if it states one."""
     mass = (condition or {}).get("body_mass_kg")
-    write_table(pl.DataFrame(overground_rows(read_trial(trial), settings, mass)), tables["ankle_moment"])
+    return {"ankle_moment": pl.DataFrame(overground_rows(trial, settings, mass))}
 
 
 def tabulate_over_stance(

@@ -15,13 +15,13 @@ import polars as pl
 
 from osl_analysis.campaign import Campaign, open_campaign
 from osl_analysis.commands.figure import draw_table
-from osl_analysis.commands.fit import FITS, UNITS, estimated
+from osl_analysis.commands.fit import UNITS, estimated
 from osl_analysis.commands.inspect import fit_of_row, inspect_file, off_desired
 from osl_analysis.commands.new_campaign import recordings_in
 from osl_analysis.commands.trials import checked_trial
 from osl_analysis.config import Config, read_config
 from osl_analysis.errors import InputError, OslAnalysisError, listing, printable, unexpected
-from osl_analysis.experiments import PROTOCOL
+from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.files import atomic_path
 from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.ingest.draft import UNNAMED, Recorded, draft_source, draft_trials, guessed_lines, trial_name
@@ -168,11 +168,13 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> str:
         trial = checked_trial(row, path.parent, sources)
     accepted = str(row.get("accept") or "").split()
     said = [*said, quality_text(trial, str(row["experiment"]), bench.config, accepted)]
-    if row["experiment"] not in FITS:
+    if EXPERIMENTS[str(row["experiment"])].place != "bench":
         return "; ".join(said)
     fitted = fit_of_row(trial, row, device_of_row(row, bench.config), bench.config_path)
     far = off_desired(fitted.estimates, row)
     said = [estimates_line(fitted.estimates), *[f"LOOK AT IT: {far}"] * bool(far), *said]
+    if fitted.series.is_empty():
+        return "; ".join(said)
     picture = bench.output / f"{row['trial']}.png"
     try:
         draw_table("torque", fitted.series, [picture])
@@ -269,8 +271,9 @@ def estimates_line(estimates: pl.DataFrame) -> str:
     row = estimates.to_dicts()[-1]
     values = []
     for name in (n for n in estimated(row) if n not in ("offset", "drift")):
-        high = row[f"{name}_high"]
+        high = row.get(f"{name}_high")
         half = "" if high is None else f" ± {high - row[name]:.2g}"
-        values.append(f"{name} {row[name]:.4g}{half} {UNITS[name]}")
+        values.append(f"{name} {row[name]:.4g}{half} {UNITS.get(name, '')}".rstrip())
+    quality = [f"VAF {row['VAF']:.2f} %"] if "VAF" in row else []
     doubts = f"; DOUBTFUL: {row['doubtful']}" if row.get("doubtful") else ""
-    return f"{', '.join(values)}; VAF {row['VAF']:.2f} %{doubts}"
+    return f"{'; '.join([', '.join(values), *quality])}{doubts}"

@@ -22,7 +22,8 @@ from osl_analysis.jobs.request import Job, read_request, say_excluded
 from osl_analysis.judge.usable import Judge, exclusions, without_excluded, without_refused
 from osl_analysis.memory import limited_memory
 from osl_analysis.refusal import Refusal, write_refusals
-from osl_analysis.table import archives, tables_of
+from osl_analysis.table import archives, tables_of, write_table
+from osl_analysis.trial import read_trial
 
 REMEDIES = {
     "refused": "correct or replace the file, or its source file, or give a reason under `exclude` in the sample sheet",
@@ -101,7 +102,8 @@ def ended_by(command: str, fault: BaseException) -> JobLog:
 def call(job: Job) -> None:
     """Call the command with the named values of its rule, each converted to the type that the command declares.
 
-    What was refused is told to a command that has an argument `refused`; another one that needs it cannot run.
+    What was refused is told to a command that has an argument `refused`; another one that needs it cannot run. A fit
+    (`Fit.job` in `experiments.py`) takes the trial itself and gives its tables, which are written here.
     """
     module, _, name = job.command.partition(".")
     function = getattr(importlib.import_module(f"osl_analysis.commands.{module}"), name)
@@ -119,7 +121,13 @@ def call(job: Job) -> None:
     convert = validate_call(config=ConfigDict(arbitrary_types_allowed=True))
     with tables_of(job.data), archives(), limited_memory(files_read(job)):
         inputs = without_excluded(usable.inputs, reasons)
-        convert(function)(**inputs, **job.request["output"], **job.request["settings"], **told)
+        if (tables := job.request["output"].get("tables")) is None:
+            convert(function)(**inputs, **job.request["output"], **job.request["settings"], **told)
+            return
+        inputs["trial"] = read_trial(Path(inputs["trial"]))
+        fitted = convert(function)(**inputs, **job.request["settings"])
+        for table, file in tables.items():
+            write_table(fitted[table], Path(file))
 
 
 def end(job: Job, ended: JobLog, causes: Sequence[Refusal] | None = None) -> None:

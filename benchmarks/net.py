@@ -91,7 +91,23 @@ EXPLAINED += [
       for file in ("phasors", "frequency_response", "transmission_summary", "impedance_repeats")),
     ("*/phasors.csv", "*degrees_of_freedom", "*", 1.0, "the rounding of a sensor is in no model of its own"),
     *(("excitations/model_comparison.csv", name, "*", 0.4, PARTS) for name in ("BIC", "VAF*", "effective_samples")),
-    ("excitations/response_models.csv", "misfit_ratio", "*", 0.01, PARTS),
+    ("excitations/response_models*.csv", "misfit_ratio", "*", 0.01, PARTS),
+    ("excitations/model_comparison_summary.csv", "*", "*", 0.2, PARTS),
+    *(("*/summary.json", f"numbers.{name}_{controller}*.value", "", 0.2, PARTS)
+      for name in ("[KB]_e*", "VAF_*", "drivetrain_VAF_gain") for controller in ("compensated", "uncompensated")),
+    *(("*/summary.json", f"numbers.{name}", "", 0.03, PARTS) for name in ("[KB]_error*", "VAF_*",
+      "[KB]_example*.amplitudes_*", "drivetrain_VAF_gain*", "[BJ]_j.*", "transmission_VAF.*", "coulomb_VAF_gain.*")),
+    *(("*/summary.json", f"numbers.[KB]_example_*.{end}", "", 600.0, OF_MOTIONS) for end in ("low", "high")),
+    *(("*/summary.json", f"numbers.{name}.interval", "", ANY, OF_MOTIONS) for name in ("[KB]_example_*",)),
+    *(("*/numbers.tex", f"*osl*{name}*", "", ANY, OF_MOTIONS) for name in ("ExampleStiffness", "ExampleDamping",
+      "DrivetrainVAFGain", "VAFMedian")),
+    *(("results/*.csv", f"doubtful: {what}", trial, ANY, why) for what, trial, why in (
+      ("gone", "impedance_K400_B0.0_compensated", "friction is no changing K"),
+      ("gone", "impedance_K200_B5.0_uncompensated", "friction is no late torque"),
+      ("gone", "impedance_K[23]00_B0.0_compensated", "at 2 deg: the share of friction is that of its column"),
+      ("gone", "impedance_K300_B7.5_uncompensated", "B falls by 9.6 % beyond its interval; the limit is a tenth"),
+      ("new", "impedance_K400_B0.0_uncompensated", "at 6 deg: the share of friction is that of its column"))),
+    ("*/summary.json", "numbers.VAF_*.n_doubtful", "", 0.8, "doubts by the columns of friction, see above"),
 ]  # fmt: skip
 OF_THE_RELEASE = re.compile(r"osl(Version|Configuration)\}|^% Simulated data|^% Measured data")
 """Lines of `numbers.tex` that name the release."""
@@ -197,7 +213,10 @@ def compare_rows(file: str, then: list[dict[str, Any]], now: list[dict[str, Any]
         for column in filter(is_.__contains__, columns):
             if size := difference(was[column], is_[column], was, column):
                 kind, trial = "words" if number(was[column]) is None else "number", was.get("trial", "")
-                yield Difference(kind, file, column, f"{is_[column]!r}, before {was[column]!r}", trial, size)
+                name = column
+                if column in ("doubtful", "doubt") and not (was[column] and is_[column]):
+                    name += ": gone" if was[column] else ": new"
+                yield Difference(kind, file, name, f"{is_[column]!r}, before {was[column]!r}", trial, size)
 
 
 def leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any, dict[str, Any]]]:

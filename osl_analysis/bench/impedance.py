@@ -308,7 +308,8 @@ def lag_row(lag: Fault | None, fit: GroupFit, frame: float | None) -> Row:
             **dict(zip(("lag_share", "lag_inertia_share"), lag_shares(lag.size, fit), strict=True)),
             FRAME: frame,
         }
-    share = None if lag_shares(lag.possible, fit)[1] > UNSEEN else 0.0
+    most = (abs(fit["B"]) + fit["K"] * lag.possible) * lag.possible / float(np.hypot(fit["I"], LITTLE["I"]))
+    share = None if most > UNSEEN else 0.0  # of either sign: a large lag has falsified B
     return {**row, "lag_share": share, "lag_inertia_share": share, FRAME: None}
 
 

@@ -273,7 +273,9 @@ def advice(plan, sensors, distortion=None):
 
 def test_warnings_name_what_no_length_cures():
     fine, bits_12 = Sensors(1000.0, 0.05, encoder_step=1e-5), Sensors(1000.0, 0.05, encoder_step=2 * np.pi / 2**12)
-    assert advice(DRAFT, fine, Distortion(coulomb=0.1)).startswith("the interval of the analysis comes from the spread")
+    assert advice(DRAFT, fine, Distortion(coulomb=0.1)).startswith(
+        "this is the interval of a repetition, from the spread"
+    )
     assert "no distortion is stated" in advice(MULTISINE, fine)
     assert advice(MULTISINE, fine, Distortion(coulomb=0.1)) == ""
     assert "rounding of the encoder makes" in advice(DRAFT, bits_12)

@@ -50,6 +50,8 @@ SURE = 1e-3  # probability of a false alarm for one effect
 COUNTS = 1e-3  # share of what is left that an effect takes at least
 ALIKE = 0.01  # probability below which the estimates of parts of a recording differ
 LARGEST_LAG = 0.01  # lag [s] at which Gauss and Newton's steps stop: the series in the lag ends there
+LARGEST_TURN = 0.2
+"""Phase [rad] at the highest frequency, 6 ms at 5 Hz, beyond which a lag stands for other dynamics."""
 ONLY_NOISE = 1.5  # what a fit leaves, over the noise, up to which it counts as noise
 LAG_STEPS = 6  # steps of Gauss and Newton to a lag
 EFFECTS_HZ = 250.0  # rate [Hz] from which on rows are left out where effects are asked for
@@ -351,11 +353,13 @@ def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None
     if "linear" in s.names:  # of the linear model with its gains, and of none that is free, a lag is told sharply
         exact = tried_fit(s, model, (*(e for e in others if e != "linear"), "lag_s"), known="linear")
         if exact is not None and leaves_noise(record, exact):
-            sure = exact.certain("lag_s", SURE)
+            sure = exact.certain("lag_s", SURE) and 2 * np.pi * record.band_hz[1] * abs(exact["lag_s"]) < LARGEST_TURN
             return Fault(exact["lag_s"], exact.se("lag_s"), sure, abs(exact["lag_s"]) + POSSIBLE * exact.se("lag_s"))
     if full is None:
         return None
-    sure = "lag_s" in found.chosen and full.certain("lag_s", SURE) and leaves_noise(record, full)
+    turn = 2 * np.pi * record.band_hz[1] * abs(full["lag_s"])
+    explained = leaves_noise(record, full) and turn < LARGEST_TURN
+    sure = "lag_s" in found.chosen and full.certain("lag_s", SURE) and explained
     size, se = full["lag_s"], full.se("lag_s")
     return Fault(size, se, sure and is_alike(s, model, "lag_s", found), abs(size) + POSSIBLE * se)
 

@@ -296,7 +296,7 @@ def cycles_of(segments: Sequence[Segment], settle_cycles: int, usable: NDArray[n
 
 def periods_of(motion: PeriodicMotion, rate_hz: float, usable: NDArray[np.bool_]) -> Groups | None:
     """The same part of each period of a realisation is a stratum; None where fewer than two periods are usable."""
-    parts = max(int(motion.period / PART_S), 1)
+    parts = max(round(motion.period / PART_S), 1)
     first, number, period, strata, before = [], [], [], list[Stratum](), 0
     for one in motion.realisations:
         starts = rate_hz * (one.start + one.period * np.arange(one.periods))

@@ -229,8 +229,8 @@ def test_a_motion_that_repeats_itself_is_fitted_by_its_lines_with_its_period():
 
 
 def test_rounding_that_every_period_repeats_is_in_the_intervals():
-    """A period of whole samples and 14 bits: the noise's own interval is 1.6 times too small. Here |z| stays below 4,
-    RMS within 4 SE of 0.12 (36 values)."""
+    """A period of whole samples and 14 bits: beside the noise alone z has an RMS of 8. Here it is 1 within 4 SE of 0.12
+    (36 values)."""
     z, noise_alone = [], []
     for seed in range(12):
         rng = np.random.default_rng(seed)

@@ -19,27 +19,24 @@ from osl_analysis.jobs.run import start_server
 gc.set_threshold(50_000)  # what planning makes stays: looking through it at every 700th object took a sixth of it
 start_server()  # its imports take the other core while this one does those below
 
-from osl_analysis.about import about
-from osl_analysis.campaign import check_campaign, open_campaign
 from osl_analysis.commands.run import with_shipped_profile
-from osl_analysis.config import campaign_config, overriding
+from osl_analysis.config.campaign import about, check_campaign, matching, open_campaign
+from osl_analysis.config.campaign import response_example, time_series_example
+from osl_analysis.config.configuration import campaign_config, overriding
+from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL, judged_tables
+from osl_analysis.config.yaml_settings import read_mapping
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.campaign import matching, response_example, time_series_example
-from osl_analysis.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.figures import FIGURES, drawn_figures
-from osl_analysis.judge.findings import exclusion_report, findings_report, left_behind_report
-from osl_analysis.judge.usable import Judge
-from osl_analysis.files import check_working_folder
-from osl_analysis.fingerprint import code, code_of
+from osl_analysis.files import check_working_folder, default_config
+from osl_analysis.jobs.fingerprint import code
+from osl_analysis.jobs.refusal import is_refused, refusal_report, refusals_in
 from osl_analysis.jobs.request import Requests
 from osl_analysis.jobs.run import at_end_of_run, run_job
-from osl_analysis.refusal import is_refused
-from osl_analysis.refusal import refusal_report, refusals_in
+from osl_analysis.judge.findings import exclusion_report, findings_report, left_behind_report
+from osl_analysis.judge.usable import Judge
 from osl_analysis.report import TEMPLATES
-from osl_analysis.files import default_config
 from osl_analysis.study import BENCH_EXPERIMENTS, REPEATED as STUDY_OF_REPEATS, WALKING_EXPERIMENTS
 from osl_analysis.study import Batch, planned, study_batches
-from osl_analysis.yaml_settings import read_mapping
 
 try:
     check_working_folder()
@@ -93,7 +90,7 @@ def step(command: str, output, log: str, name: str = "", **constraints):
 
     The rule has the function's name, or `name`. `output` is a file, a list of files, or files by the names of the
     arguments with which `command` takes them; `log` is below the logs, without suffix. The code of the command counts
-    for the job, or that of the `modules` among its parts, which may also name another `command`.
+    for the job, and that of the `modules` among its parts, which may also name another `command`.
     """
 
     def made(parts):
@@ -101,8 +98,7 @@ def step(command: str, output, log: str, name: str = "", **constraints):
 
         def job(wildcards) -> dict[str, object]:
             given = {"command": command, **parts(wildcards)}
-            modules = given.pop("modules", ())
-            given["code"] = code(*modules) if modules else code_of(given["command"])
+            given["code"] = code(given["command"], *given.pop("modules", ()))
             return REQUESTS.job(getattr(rules, rule_name), wildcards, **given)
 
         make_rule(rule_name, job, output, log, constraints)

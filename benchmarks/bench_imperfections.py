@@ -19,14 +19,14 @@ import polars as pl
 import yaml
 
 from osl_analysis.commands.simulate import simulate_trial
-from osl_analysis.config import Config, campaign_config
+from osl_analysis.config.configuration import Config, campaign_config
+from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
+from osl_analysis.config.parameters import read_parameters
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.jobs.job import call
 from osl_analysis.jobs.request import Job
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.usable import Judge
-from osl_analysis.parameters import read_parameters
 from osl_analysis.table import read_table
 
 Changes = Mapping[str, Any]

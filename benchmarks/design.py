@@ -15,11 +15,12 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.commands.study import batch_rows
-from osl_analysis.config import Config, read_config
+from osl_analysis.config.configuration import Config, read_config
+from osl_analysis.config.parameters import read_parameters
+from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.design.plan import PeriodicMultisine, SteppedSine
 from osl_analysis.design.precision import KBI, Density, Distortion, Joint, Sensors, Spread, precision
 from osl_analysis.model.compensator import compensated_gains
-from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.bench import drivetrain_effects, simulate_impedance
 from osl_analysis.simulator.joint_motion import JointMotion
@@ -29,7 +30,6 @@ from osl_analysis.spectral.realisations import Realisation, period_spectra
 from osl_analysis.spectral.response import periodic_response
 from osl_analysis.study.bench import StudyInputs
 from osl_analysis.trial import Array
-from osl_analysis.yaml_settings import read_yaml
 
 STUDIED = ("second order", "second order, 250 Hz", "second order, 14 bits", "linear drivetrain", "drivetrain")
 RATE_HZ = 1000.0

@@ -35,15 +35,15 @@ from osl_analysis.bench.segments import find_segments
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.simulate import row_of_trial, simulate_trial
 from osl_analysis.commands.trials import ingest_trial
-from osl_analysis.config import read_section
+from osl_analysis.config.configuration import read_section
+from osl_analysis.config.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.files import default_config
 from osl_analysis.judge.impossible import check_recording, saturated
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, read_trial
-from osl_analysis.yaml_settings import read_yaml
 
 SIMULATION = Path("config/simulation/default.yaml")
 DEVICE = Path("config/parameters/default.yaml")

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError, printable, printable_lines
-from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.files import atomic_path, check_output, config_here, default_config, shipped
-from osl_analysis.memory import limited_memory
+from osl_analysis.jobs.memory import limited_memory
 
 if TYPE_CHECKING:
     from osl_analysis.bench.impedance import DesiredImpedance
@@ -222,7 +222,7 @@ def main() -> None:
 def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path | None) -> None:
     """Simulate a campaign into FOLDER: sample sheet, MCAP and C3D logs, and the truth beside them."""
     from osl_analysis.commands.simulate import NOTHING, simulate_campaign, simulate_trial
-    from osl_analysis.config import read_config
+    from osl_analysis.config.configuration import read_config
 
     followed = NOTHING if config_path is None else read_config(config_path).shared()
     if trial is None:
@@ -333,7 +333,7 @@ def fit(
     The configuration may be a campaign's own, which overrides fields of the default. With --stiffness and --damping an
     impedance trial is judged as in a campaign: whether the torque is late, and whether K is plausible.
     """
-    from osl_analysis.commands import fit as command
+    from osl_analysis.commands import bench as command
     from osl_analysis.trial import read_trial
 
     desired = desired_impedance(model, stiffness, damping, controller)
@@ -363,7 +363,7 @@ def samples(folder: Path, output: Path | None, config_path: Path) -> None:
     Rates are in Hz, gaps in s; a file that is refused is listed with the reason.
     """
     from osl_analysis.commands.inspect import samples_table
-    from osl_analysis.config import read_section
+    from osl_analysis.config.configuration import read_section
     from osl_analysis.judge.table import QualityRules
 
     rules = read_section(config_path, "quality", QualityRules)
@@ -387,7 +387,7 @@ def describe_tables(output: Path | None) -> None:
 @click.option("--markdown", is_flag=True, help="A Markdown table in place of aligned columns.")
 def results(folder: Path, summary: Path | None, markdown: bool) -> None:
     """Print the headline numbers of the results in FOLDER, with units, intervals and the draft's values."""
-    from osl_analysis.commands.summarise import format_results_table, later_failures, read_summary
+    from osl_analysis.commands.tables import format_results_table, later_failures, read_summary
 
     path = folder / "summary.json" if summary is None else summary
     say(format_results_table(read_summary(path), markdown))
@@ -416,7 +416,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.option("--example", is_flag=True, help="A small simulated campaign, which runs in about a minute.")
 def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, example: bool) -> None:
     """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON schemas."""
-    from osl_analysis.commands.new_campaign import drafted_text, left_to_decide, new_campaign
+    from osl_analysis.commands.inspect import drafted_text, left_to_decide, new_campaign
 
     if example and (recorders or recordings):
         raise click.UsageError("--example has recordings of its own; leave --recorder and --from")
@@ -453,7 +453,7 @@ def run(arguments: tuple[str, ...]) -> None:
 @click.option("--look", is_flag=True, help="Also ingest and fit the first bench trial of each source file.")
 def doctor(look: bool) -> None:
     """Say whether this machine, and the campaign in this folder, can run, and what is missing."""
-    from osl_analysis.commands.doctor import findings_text, looked_at
+    from osl_analysis.commands.run import findings_text, looked_at
 
     found = list(looked_at(Path()))
     say(findings_text(found))
@@ -475,7 +475,7 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
 
     Ctrl-C ends it. A recording that was examined is not examined again until it changes.
     """
-    from osl_analysis.commands.watch import bench_of, watch
+    from osl_analysis.commands.inspect import bench_of, watch
 
     bench = bench_of(config_path, source, output)
     say(f"watching {folder}; Ctrl-C ends")
@@ -631,7 +631,7 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
     the rounding of the encoder, and the distortion of a joint that is not linear.
     """
     from osl_analysis.commands.design import design_json, design_request, design_text, designed, write_command
-    from osl_analysis.config import read_config
+    from osl_analysis.config.configuration import read_config
 
     check_used(chosen)
     config = read_config(config_path)

@@ -15,8 +15,7 @@ import polars as pl
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.phasors import frequency_response_table
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.commands.figure import figure_module
-from osl_analysis.commands.fit import (
+from osl_analysis.commands.bench import (
     UNITS,
     FitRequest,
     FittedTrial,
@@ -28,19 +27,20 @@ from osl_analysis.commands.fit import (
     fit_trial,
     said_not_checked,
 )
+from osl_analysis.commands.figure import figure_module
 from osl_analysis.commands.gains import Request, requested_gains
-from osl_analysis.commands.summarise import read_summary as read_summary_file
+from osl_analysis.commands.tables import read_summary as read_summary_file
 from osl_analysis.commands.trials import checked_trial
-from osl_analysis.config import read_section
+from osl_analysis.config.configuration import read_section
+from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
+from osl_analysis.config.parameters import joint_of
+from osl_analysis.config.shared_choices import WeightSettings
 from osl_analysis.errors import InputError, listing, nearest, printable, printable_lines
-from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.known_formats import FORMATS, read_source
 from osl_analysis.judge.doubts import IS_DOUBTFUL, marked, with_doubts_of
 from osl_analysis.judge.recording import examine, quality_table, validate_rules
 from osl_analysis.judge.table import Commanded, QualityRules
-from osl_analysis.parameters import joint_of
-from osl_analysis.shared_choices import WeightSettings
 from osl_analysis.table import read_table as read_table_file
 from osl_analysis.trial import Trial
 from osl_analysis.trial import read_trial as read_trial_file
@@ -298,7 +298,7 @@ def frequency_response(
     With `desired` the numbers to be plotted have the desired response (Eq. 11), and with the gains of a controller of
     the draft that of the drivetrain without friction (Eq. 9) too.
     """
-    from osl_analysis.commands.plotted_numbers import beside_theory
+    from osl_analysis.commands.figure import beside_theory
     from osl_analysis.commands.tables import pooled_schema
     from osl_analysis.figures.names import of_place
     from osl_analysis.figures.response import points as any_motion_points

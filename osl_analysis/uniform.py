@@ -11,11 +11,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.columns import counter_column
 from osl_analysis.errors import InputError
 from osl_analysis.timebase.grid import GapLimits, TimebaseReport, UniformGrid, on_one_grid, one_time_base, rows_on_grid
 from osl_analysis.timebase.stream import Stream
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Array, Trial, counter_column
 
 
 @dataclass(frozen=True)

@@ -43,13 +43,13 @@ def plotted(command: str, name: str, **constraints):
 def plot_numbers(wildcards):
     figure = FIGURES[wildcards.figure]
     return {
-        "modules": ("commands.figure", f"figures.{figure.name}"),
+        "modules": (f"figures.{figure.name}",),
         "input": {"table": tabled(figure.table)},
         "settings": {"name": figure.name, "option": figure.option and setting(figure.option)},
     }
 
 
-@plotted("plotted_numbers.fig3", "fig3")
+@plotted("figure.fig3", "fig3")
 def plot_numbers_fig3(_):
     return {
         "input": {"table": tabled("belt"), "summary": tabled("belt_summary")},
@@ -57,7 +57,7 @@ def plot_numbers_fig3(_):
     }
 
 
-@plotted("plotted_numbers.fig4", "fig4")
+@plotted("figure.fig4", "fig4")
 def plot_numbers_fig4(_):
     trial = TIME_SERIES.trial
     return {
@@ -71,7 +71,7 @@ def plot_numbers_fig4(_):
     }
 
 
-@plotted("plotted_numbers.fig7", "fig7")
+@plotted("figure.fig7", "fig7")
 def plot_numbers_fig7(_):
     choice = RESPONSE and RESPONSE.model_dump(mode="json")
     return {
@@ -81,7 +81,7 @@ def plot_numbers_fig7(_):
     }
 
 
-@plotted("plotted_numbers.fig9", "fig9")
+@plotted("figure.fig9", "fig9")
 def plot_numbers_fig9(_):
     tables = {"table": "walking_summary", "fits": "walking", "over_stance": "impedance_over_stance"}
     return {
@@ -90,12 +90,12 @@ def plot_numbers_fig9(_):
     }
 
 
-@plotted("plotted_numbers.response", "response")
+@plotted("figure.response", "response")
 def plot_numbers_response(_):
     return {"input": {"table": tabled("response"), "pooled_table": tabled("response_pooled")}}
 
 
-@plotted("plotted_numbers.plot_walking_page", "walking_page")
+@plotted("figure.plot_walking_page", "walking_page")
 def plot_numbers_walking_page(_):
     return {
         "input": {
@@ -109,12 +109,12 @@ def plot_numbers_walking_page(_):
     }
 
 
-@plotted("plotted_numbers.plot_over_stance", "impedance_over_stance")
+@plotted("figure.plot_over_stance", "impedance_over_stance")
 def plot_numbers_impedance_over_stance(_):
     return {"input": {"table": tabled("impedance_over_stance")}, **over_stance()}
 
 
-@plotted("plotted_numbers.torque_angle", "torque_angle")
+@plotted("figure.torque_angle", "torque_angle")
 def plot_numbers_torque_angle(_):
     return {"input": {"curves": tabled("torque_angle_curves"), "table": tabled("torque_angle")}}
 
@@ -122,7 +122,7 @@ def plot_numbers_torque_angle(_):
 @step("figure.draw_figure", [RESULTS / f"figures/{{figure}}.{suffix}" for suffix in SUFFIXES], "figures/{figure}")
 def draw_figure(wildcards):
     return {
-        "modules": ("commands.figure", "figures.names", f"figures.{wildcards.figure}"),
+        "modules": ("figures.names", f"figures.{wildcards.figure}"),
         "input": {"table_csv": RESULTS / f"figures/{wildcards.figure}.csv"},
         "read": {"fitted": shown_rows(wildcards.figure)},
         "settings": {"name": wildcards.figure, "footer": ABOUT.of_figure()},
@@ -133,7 +133,7 @@ def draw_figure(wildcards):
 def captions(_):
     tables = {name: RESULTS / f"figures/{name}.csv" for name in drawn_names()}
     return {
-        "modules": ("commands.figure", *(f"figures.{name}" for name in tables)),
+        "modules": ("figures.names", *(f"figures.{name}" for name in tables)),
         "input": {"fitted": list(tables.values())},
         "read": {"shown": {name: shown_rows(name) for name in tables}},
         "settings": {"tables": {name: str(path) for name, path in tables.items()}, "footer": ABOUT.sentence()},

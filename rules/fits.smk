@@ -1,4 +1,4 @@
-"""Trial -> the tables of its fit, for every experiment whose facts name a job (`osl_analysis/experiments.py`).
+"""Trial -> the tables of its fit, for every experiment whose facts name a job (`osl_analysis/config/experiments.py`).
 
 What uses the results of every trial depends on one list per experiment: Snakemake's planning takes time with every file
 that a rule names. A rule names one file of every job that it needs; what else that job has made is `read`.

@@ -11,7 +11,7 @@ if CONFIG.simulation:
 
     @step("simulate.write_sheet", {"sheet": CONFIG.sheet}, "simulate/sheet")
     def trial_sheet(_):
-        return {"modules": ("simulator.plan",), "files": {"settings_path": CONFIG.simulation}}
+        return {"files": {"settings_path": CONFIG.simulation}}
 
     for experiment, facts in EXPERIMENTS.items():
         if not CAMPAIGN.trials(experiment):

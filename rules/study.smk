@@ -77,7 +77,7 @@ def study_page(_):
 def study_figure(_):
     footer = f"Simulated data: Monte Carlo study with seed {STUDY.seed}, osl-analysis {ABOUT.version}"
     return {
-        "modules": ("commands.figure", "figures.others"),
+        "modules": ("figures.names", "figures.others"),
         "input": {"table_csv": RESULTS / "study/study.csv"},
         "settings": {"name": "study", "footer": footer},
     }

@@ -149,10 +149,9 @@ def gains_table(_):
 SUMMARY = {"summary_json": RESULTS / "summary.json", "numbers_tex": RESULTS / "numbers.tex"}
 
 
-@step("summarise.write_summary", SUMMARY, "summary")
+@step("tables.write_summary", SUMMARY, "summary")
 def headline_numbers(_):
     return {
-        "modules": ("commands.summarise",),
         "input": {"excluded": tabled("excluded"), "verdicts": tabled("quality")},
         "after": result_tables(),
         "read": {"table_paths": by_stem(result_tables())},
@@ -164,6 +163,6 @@ def headline_numbers(_):
     }
 
 
-@step("summarise.write_table_metadata", RESULTS / "csv-metadata.json", "csv_metadata")
+@step("tables.write_table_metadata", RESULTS / "csv-metadata.json", "csv_metadata")
 def describe_tables(_):
     return {"settings": {"about": asdict(ABOUT), "tables": written_tables()}}

@@ -43,7 +43,7 @@ def crossed(perturbed: bool) -> dict[str, list[Path]]:
 
 
 @step(
-    "crossing.calibrate",
+    "walking.calibrate",
     {"output": calibration("{static}"), "comparison": RESULTS / "fits/hinge/{static}.csv"},
     "calibration/{static}",
     static=CAMPAIGN.pattern("static"),
@@ -65,21 +65,21 @@ def of_crossings(trials) -> dict[str, dict[str, list[Path]]]:
     }
 
 
-@step("crossing.identify_plate", {"output": PLATE, "comparison": tabled("plate")}, "walking/plate")
+@step("walking.identify_plate", {"output": PLATE, "comparison": tabled("plate")}, "walking/plate")
 def identify_plate(_):
     trials = CAMPAIGN.plate_trials()
     settings = {"settings": CONFIG.walking.part("PlateModelSettings"), "statics": statics(trials)}
     return of_crossings(trials) | {"settings": settings}
 
 
-@step("crossing.measure_platform", {"output": PLATFORM, "comparison": tabled("platform")}, "walking/platform")
+@step("walking.measure_platform", {"output": PLATFORM, "comparison": tabled("platform")}, "walking/platform")
 def measure_platform(_):
     trials = CAMPAIGN.crossings(perturbed=True)
     settings = {"settings": CONFIG.walking.part("PlatformMotionSettings"), "places": WALKED, "statics": statics(trials)}
     return of_crossings(trials) | {"settings": settings}
 
 
-@step("crossing.analyse", RESULTS / "crossings/{trial}.parquet", "crossings/{trial}")
+@step("walking.analyse", RESULTS / "crossings/{trial}.parquet", "crossings/{trial}")
 def analyse_crossing(wildcards):
     trial, row = wildcards.trial, CAMPAIGN.row(wildcards.trial)
     return {

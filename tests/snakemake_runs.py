@@ -32,9 +32,9 @@ FORKING = """
 import gc, json, os, sys, tempfile, time
 from pathlib import Path
 import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag
-import osl_analysis.about, osl_analysis.campaign, osl_analysis.judge.findings, osl_analysis.refusal
-import osl_analysis.commands.simulate, osl_analysis.campaign, osl_analysis.figures, osl_analysis.study
-from osl_analysis import fingerprint
+import osl_analysis.judge.findings, osl_analysis.jobs.refusal
+import osl_analysis.commands.simulate, osl_analysis.config.campaign, osl_analysis.figures, osl_analysis.study
+from osl_analysis.jobs import fingerprint
 from osl_analysis.jobs import request, run, server
 
 snakemake.cli.get_argument_parser()  # imports the plug-ins

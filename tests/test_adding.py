@@ -31,7 +31,7 @@ def holding_table(trial: Trial, settings: FilterSettings) -> pl.DataFrame:
 ''',
 }
 ADDITIONS = {
-    "osl_analysis/experiments.py": (
+    "osl_analysis/config/experiments.py": (
         '    "static": Experiment(',
         """    "holding": Experiment(
         "a joint that holds still under load",
@@ -139,7 +139,7 @@ from pathlib import Path
 from click.testing import CliRunner
 from osl_analysis.cli import main
 from osl_analysis.commands.inspect import look
-from osl_analysis.commands.watch import bench_of, recording_line
+from osl_analysis.commands.inspect import bench_of, recording_line
 from osl_analysis.notebook import fitted_alone
 
 trial, ours, bench = "results/trials/holding_2.parquet", Path("ours.yaml"), bench_of(Path("ours.yaml"), None, Path())

@@ -14,14 +14,14 @@ from conftest import ROOT
 from osl_analysis.bench.actuator import PARAMETERS, ActuatorSignals, actuator_columns, actuator_trial, fit_actuator
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.cli import main
-from osl_analysis.commands.bench import fit_actuator_trial, summarise_actuator
-from osl_analysis.commands.fit import FitRequest, fit_trial
+from osl_analysis.commands.bench import FitRequest, fit_actuator_trial, fit_trial, summarise_actuator
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.commands.trials import ingest_trial
-from osl_analysis.config import read_section
+from osl_analysis.config.configuration import read_section
+from osl_analysis.config.parameters import read_parameters
+from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.table import DoubtfulFits
-from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.bench import simulate_actuator_trial, turning
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
@@ -29,7 +29,6 @@ from osl_analysis.study.bench import recorded_trial
 from osl_analysis.summary.headlines import headline_numbers
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial, write_trial
-from osl_analysis.yaml_settings import read_yaml
 
 DEFAULT = ROOT / "config/simulation/default.yaml"
 DEVICE = ROOT / "config/parameters/default.yaml"

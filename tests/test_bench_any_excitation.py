@@ -33,17 +33,17 @@ from osl_analysis.bench.record import record_of_trial, stated_windows
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.bench import average_over_amplitudes, fit_impedance_trial
 from osl_analysis.commands.tables import gather
-from osl_analysis.config import read_section
+from osl_analysis.config.configuration import read_section
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.parameters import read_parameters
+from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.judge.channels import samples_at_rail
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.impossible import check_recording, saturated
 from osl_analysis.judge.recording import measure_protocol
 from osl_analysis.judge.table import Commanded, Doubt, DoubtfulFits, Examined
 from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.parameters import read_parameters
-from osl_analysis.shared_choices import WEIGHT_OF_PAPER
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
 

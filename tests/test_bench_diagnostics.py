@@ -10,11 +10,11 @@ from conftest import ROOT
 
 from osl_analysis.bench.effects import yielding_in
 from osl_analysis.bench.impedance import over_amplitudes
-from osl_analysis.config import read_section
+from osl_analysis.config.configuration import read_section
+from osl_analysis.config.parameters import read_parameters
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.impossible import Saturated, plausible_impedance
 from osl_analysis.judge.table import Doubt, DoubtfulFits
-from osl_analysis.parameters import read_parameters
 from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.signals import LowPass, filtered_motion
 

@@ -25,20 +25,19 @@ from osl_analysis.bench.phasors import frequency_response_table, phasor_table, p
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.segments import unit_sines
 from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
-from osl_analysis.campaign import ImpedanceExample
-from osl_analysis.commands import plotted_numbers
-from osl_analysis.commands.bench import average_over_amplitudes
-from osl_analysis.commands.fit import estimates_text
-from osl_analysis.config import read_section
+from osl_analysis.commands import figure as plotted_numbers
+from osl_analysis.commands.bench import average_over_amplitudes, estimates_text
+from osl_analysis.config.campaign import ImpedanceExample
+from osl_analysis.config.configuration import read_section
+from osl_analysis.config.parameters import read_parameters
+from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER
 from osl_analysis.figures.fig4 import draw as draw_fig4
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.impossible import Saturated
 from osl_analysis.judge.table import Doubt, DoubtfulFits
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.parameters import read_parameters
 from osl_analysis.protocol.runs import SteppedSineProtocol
-from osl_analysis.shared_choices import WEIGHT_OF_PAPER
 from osl_analysis.signals import LowPass, filtered_motion
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial, write_trial

@@ -10,11 +10,17 @@ from conftest import ROOT
 
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
-from osl_analysis.commands.bench import fit_actuator_trial, fit_belt_trial, fit_impedance_trial, fit_transmission_trial
-from osl_analysis.commands.fit import FitRequest, fit_trial
-from osl_analysis.config import read_section
+from osl_analysis.commands.bench import (
+    FitRequest,
+    fit_actuator_trial,
+    fit_belt_trial,
+    fit_impedance_trial,
+    fit_transmission_trial,
+    fit_trial,
+)
+from osl_analysis.config.configuration import read_section
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
-from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.impossible import check_unit_of_time
 from osl_analysis.judge.table import DoubtfulFits

@@ -16,13 +16,13 @@ from scipy.stats import t as student
 from osl_analysis.bench.settings import TorqueAngleAnalysis
 from osl_analysis.bench.torque_angle import find_cycles, torque_angle_trial
 from osl_analysis.bench.torque_angle_tables import curve_table, cycle_table, torque_angle_table
-from osl_analysis.campaign import open_campaign
-from osl_analysis.config import read_config
+from osl_analysis.config.campaign import open_campaign
+from osl_analysis.config.configuration import read_config
+from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.impossible import saturated
-from osl_analysis.sheet import read_sheet
 from osl_analysis.trial import Array, Trial
 
 CONFIG = read_config(ROOT / "config/config.yaml")

@@ -9,10 +9,10 @@ from conftest import ROOT
 from pydantic import Field
 
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.campaign import check_files
-from osl_analysis.config import campaign_config, read_section
+from osl_analysis.config.campaign import check_files
+from osl_analysis.config.configuration import campaign_config, read_section
+from osl_analysis.config.yaml_settings import Settings, read_mapping, read_yaml, validated
 from osl_analysis.errors import InputError
-from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml, validated
 
 SHIPPED_FILE = ROOT / "config/config.yaml"
 SHIPPED = yaml.safe_load(SHIPPED_FILE.read_text())

@@ -19,9 +19,9 @@ from walking_crossings import Walk, walked
 from walking_synthetic import settings
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.commands.fit import fit_request, fit_trial
+from osl_analysis.commands.bench import fit_request, fit_trial
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.second_order import fit_impedance
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate

@@ -6,7 +6,7 @@ import yaml
 from scipy.integrate import quad
 
 from osl_analysis.commands.tables import gather
-from osl_analysis.config import read_section
+from osl_analysis.config.configuration import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.jobs.job import is_to_do
 from osl_analysis.judge.doubts import CAUSES, counted, doubtful_count, marked, summary_of_trials

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
+from osl_analysis.config.parameters import read_parameters
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import (
     Gains,
@@ -25,7 +26,6 @@ from osl_analysis.model.drivetrain import (
     resisting_torque,
 )
 from osl_analysis.model.drivetrain_response import Friction, belt_response
-from osl_analysis.parameters import read_parameters
 from osl_analysis.simulator.drivetrain import (
     IDEAL,
     ControlCommands,

@@ -41,7 +41,7 @@ from osl_analysis.figures.style import (
     SINGLE_COLUMN,
     paper_style,
 )
-from osl_analysis.refusal import Refusal, write_refusals
+from osl_analysis.jobs.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
 K_S = 685.6

@@ -15,16 +15,15 @@ from c3d_builder import REAL_DATA, write_c3d
 from mcap_builder import SAMPLE, stamped, write_log
 from scipy.interpolate import make_interp_spline
 
-from osl_analysis.columns import COLUMNS, FAMILIES
 from osl_analysis.commands.trials import ingest_trial
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
-from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.formats.csv_table import MOST_CELLS
 from osl_analysis.ingest.clock import ClockFit
 from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.ingest.raw_files import merged
 from osl_analysis.ingest.recording import LARGEST, Recording
-from osl_analysis.trial import Trial, read_trial, write_trial
+from osl_analysis.trial import COLUMNS, FAMILIES, Trial, read_trial, write_trial
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
 LEG = {

@@ -10,13 +10,14 @@ import polars as pl
 import pytest
 from test_figures import gains, impedance, response_table, texts
 
-from osl_analysis.about import about
 from osl_analysis.bench.belt import belt_figure_points, belt_summary, check_locked
-from osl_analysis.campaign import open_campaign, response_example, time_series_example
-from osl_analysis.commands import plotted_numbers, tables
+from osl_analysis.commands import figure as plotted_numbers
+from osl_analysis.commands import tables
 from osl_analysis.commands.bench import by_place
 from osl_analysis.commands.figure import draw_table
-from osl_analysis.config import read_config
+from osl_analysis.config.campaign import about, open_campaign, response_example, time_series_example
+from osl_analysis.config.configuration import read_config
+from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.errors import InputError
 from osl_analysis.figures import fig5, fig6, fig8
 from osl_analysis.figures.names import look_numbers, looks_in
@@ -25,7 +26,6 @@ from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.findings import findings_report
 from osl_analysis.judge.table import Doubt
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.shared_choices import read_impedance_trajectory
 from osl_analysis.summary.headlines import ENDINGS, Example, headline_numbers
 from osl_analysis.table import read_table, tables_of, with_places, write_table
 

@@ -28,13 +28,13 @@ from osl_analysis.commands.bench import (
     fit_torque_angle_trial,
     fit_transmission_trial,
 )
+from osl_analysis.commands.figure import fig7
 from osl_analysis.commands.gains import Request, requested_gains
-from osl_analysis.commands.plotted_numbers import fig7
+from osl_analysis.commands.inspect import estimates_line
 from osl_analysis.commands.tables import gather, judge
 from osl_analysis.commands.trials import ingest_trial, measure_trial
-from osl_analysis.commands.watch import estimates_line
-from osl_analysis.config import FrequencyResponseFigure, read_config
-from osl_analysis.experiments import EXPERIMENTS, PROTOCOL
+from osl_analysis.config.configuration import FrequencyResponseFigure, read_config
+from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.judge.table import Commanded
 from osl_analysis.model.gain_selection import Weight
 from osl_analysis.table import read_table, write_table

@@ -22,14 +22,14 @@ from osl_analysis.cli import EXIT_INTERRUPTED, main
 from osl_analysis.commands import gains as gains_command
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.compiled import compiled
-from osl_analysis.config import Config, overriding
+from osl_analysis.config.configuration import Config, overriding
+from osl_analysis.config.yaml_settings import read_mapping, validated
 from osl_analysis.errors import InputError, MemoryLimitError, OslAnalysisError
 from osl_analysis.files import atomic_path
+from osl_analysis.jobs.memory import limited_memory
 from osl_analysis.jobs.run import noticed_interrupt
-from osl_analysis.memory import limited_memory
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
-from osl_analysis.yaml_settings import read_mapping, validated
 
 DEFAULT = (ROOT / "config/config.yaml").read_text()
 GAINS = ("gains", "--stiffness", "300", "--damping", "5")

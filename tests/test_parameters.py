@@ -6,8 +6,8 @@ import pytest
 import yaml
 from conftest import ROOT
 
+from osl_analysis.config.parameters import read_parameters
 from osl_analysis.errors import InputError
-from osl_analysis.parameters import read_parameters
 
 SHIPPED = ROOT / "config/parameters"
 

@@ -9,9 +9,9 @@ import pytest
 from snakemake.scheduling.job_scheduler import JobScheduler
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from osl_analysis import progress
-from osl_analysis.job_log import JobLog, write_log
-from osl_analysis.progress import LogHandler, Progress, stage_of
+from osl_analysis.jobs import progress
+from osl_analysis.jobs.job_log import JobLog, write_log
+from osl_analysis.jobs.progress import LogHandler, Progress, stage_of
 
 
 @pytest.fixture

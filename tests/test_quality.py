@@ -16,15 +16,15 @@ from conftest import ROOT
 from osl_analysis.bench.actuator import actuator_trial
 from osl_analysis.bench.belt import belt_trial
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
-from osl_analysis.campaign import check_campaign, open_campaign
-from osl_analysis.config import campaign_config, read_section
+from osl_analysis.config.campaign import check_campaign, open_campaign
+from osl_analysis.config.configuration import campaign_config, read_section
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
-from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.judge.channels import length_of_longest
 from osl_analysis.judge.recording import CHECKS, examine, quality_table, validate_rules
 from osl_analysis.judge.table import CheckResult, Commanded, QualityRules
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.plateaus import longest_at_extreme
 from osl_analysis.trial import Array, Trial
 

@@ -11,18 +11,18 @@ import pytest
 from conftest import ROOT
 
 from osl_analysis.commands import study, trials
-from osl_analysis.commands.walking_files import read_json
+from osl_analysis.commands.walking import read_json
 from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import temporary_path
-from osl_analysis.job_log import JobLog, read_log, read_logs, run_report, write_log
 from osl_analysis.jobs.job import died, perform, reason_and_remedy
+from osl_analysis.jobs.job_log import JobLog, read_log, read_logs, run_report, write_log
+from osl_analysis.jobs.refusal import Refusal, is_refused, read_refusals, refusal_report, refusals_in, write_refusals
 from osl_analysis.jobs.request import Job, write_request
 from osl_analysis.jobs.run import run_job, start_server
 from osl_analysis.jobs.server import JOBS, OWNER
 from osl_analysis.judge.findings import exclusion_report, findings_report, left_behind_report
 from osl_analysis.judge.table import QualityRules
 from osl_analysis.judge.usable import Judge, without_excluded, without_refused
-from osl_analysis.refusal import Refusal, is_refused, read_refusals, refusal_report, refusals_in, write_refusals
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 

@@ -17,12 +17,12 @@ from numpy.testing import assert_allclose
 from test_bench_any_excitation import moving_record
 from test_bench_belt import belt_cycle
 
-from osl_analysis.about import About
 from osl_analysis.bench.analysis import Series
 from osl_analysis.bench.belt import BeltTrial, belt_series, belt_table, fit_belt_stiffness
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.transmission import transmission_of, transmission_table
 from osl_analysis.commands.report import lacks_result
+from osl_analysis.config.campaign import About
 from osl_analysis.dictionary import described_tables
 from osl_analysis.report import trial_page
 from osl_analysis.report.page import (

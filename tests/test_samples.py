@@ -12,7 +12,7 @@ from mcap_builder import stamped, write_log
 
 from osl_analysis.cli import main
 from osl_analysis.commands.inspect import SUFFIXES, escaped, samples_table
-from osl_analysis.config import read_section
+from osl_analysis.config.configuration import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.judge.table import QualityRules
 

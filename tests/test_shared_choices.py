@@ -8,13 +8,13 @@ import yaml
 from conftest import ROOT
 
 from osl_analysis.commands.simulate import laboratory_of, read_simulation, settings_files, simulate_trial
-from osl_analysis.config import read_config
+from osl_analysis.config.configuration import read_config
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.parameters import read_parameters
+from osl_analysis.config.shared_choices import FOLLOWED, SharedChoices
 from osl_analysis.errors import InputError
-from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.gain_selection import Weight
-from osl_analysis.parameters import read_parameters
-from osl_analysis.shared_choices import FOLLOWED, SharedChoices
 from osl_analysis.simulator.crossing import compensated_damping
 
 TINY = Path("tests/tiny_simulation.yaml")

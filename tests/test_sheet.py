@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import pandas as pd
 import pytest
 
-from osl_analysis.campaign import Campaign
+from osl_analysis.config.campaign import Campaign
+from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
-from osl_analysis.sheet import read_sheet
 
 HEADER = "trial,experiment,controller,K_d,B_d,perturbed,log,log_source,mocap,mocap_source,exclude\n"
 SHORT = "trial,experiment,log,log_source\n"

@@ -12,9 +12,10 @@ from decoded_capture import decoded_crossing, decoded_wrench
 from scipy.signal import StateSpace, lsim
 from walking_setup import PERTURBED, STATIC, UNPERTURBED, Setup, leg_log, load_setup
 
+from osl_analysis.config.shared_choices import read_impedance_trajectory
+from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains
-from osl_analysis.shared_choices import read_impedance_trajectory
 from osl_analysis.simulator import step as gait
 from osl_analysis.simulator.crossing import rendered_impedance
 from osl_analysis.simulator.plan import condition_of, plan_trials
@@ -24,7 +25,6 @@ from osl_analysis.simulator.settings import Conditions, Effect, Subject
 from osl_analysis.simulator.step import change_of, draw_step
 from osl_analysis.simulator.walking import motion_grid, simulate_walking_trial
 from osl_analysis.simulator.walking_settings import CaptureSettings, StepChange, WalkingSettings
-from osl_analysis.yaml_settings import read_yaml
 
 G = 9.81
 CROSSINGS = 24

@@ -6,7 +6,7 @@ import pytest
 from conftest import ROOT
 
 from osl_analysis.bench.settings import FilterSettings
-from osl_analysis.commands.plotted_numbers import response as plotted_response
+from osl_analysis.commands.figure import response as plotted_response
 from osl_analysis.commands.tables import pool_responses
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.figures.response import condition_words, points

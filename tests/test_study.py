@@ -12,10 +12,11 @@ from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.commands import study as study_jobs
 from osl_analysis.commands.figure import draw_figure
 from osl_analysis.commands.study import run_batch, summarise
-from osl_analysis.config import StudySettings
+from osl_analysis.config.configuration import StudySettings
+from osl_analysis.config.parameters import read_parameters
+from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.figures import others
-from osl_analysis.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
@@ -33,7 +34,6 @@ from osl_analysis.study.bench import StudyInputs, actuator, regression_bound, st
 from osl_analysis.study.performance import performance, study_page
 from osl_analysis.table import read_table
 from osl_analysis.walking.settings import WalkingAnalysis
-from osl_analysis.yaml_settings import read_yaml
 
 SOURCES = ROOT / "config/sources"
 CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text())

@@ -7,13 +7,18 @@ import re
 import polars as pl
 import pytest
 
-from osl_analysis.about import ABOUT_MACROS, About
-from osl_analysis.commands.summarise import format_results_table, later_failures, read_summary, write_summary
-from osl_analysis.commands.tables import list_excluded
+from osl_analysis.commands.tables import (
+    format_results_table,
+    later_failures,
+    list_excluded,
+    read_summary,
+    write_summary,
+)
+from osl_analysis.config.campaign import ABOUT_MACROS, About
 from osl_analysis.errors import InputError
-from osl_analysis.job_log import JobLog, write_log
+from osl_analysis.jobs.job_log import JobLog, write_log
+from osl_analysis.jobs.refusal import Refusal
 from osl_analysis.judge.findings import findings
-from osl_analysis.refusal import Refusal
 from osl_analysis.summary.headlines import (
     BOOTSTRAP,
     ENSEMBLE,

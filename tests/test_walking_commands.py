@@ -15,26 +15,25 @@ from conftest import ROOT
 from walking_setup import Setup, load_setup
 from walking_synthetic import changed, hidden, settings
 
-from osl_analysis.about import About
-from osl_analysis.commands.crossing import analyse, calibrate, identify_plate
-from osl_analysis.commands.plotted_numbers import plot_walking_page
-from osl_analysis.commands.summarise import read_summary, write_summary
-from osl_analysis.commands.tables import gather
+from osl_analysis.commands.figure import plot_walking_page
+from osl_analysis.commands.tables import gather, read_summary, write_summary
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.commands.walking import (
+    analyse,
     average_unperturbed,
+    calibrate,
     fit_perturbation,
-    select_crossings,
-    summarise_perturbations,
-)
-from osl_analysis.commands.walking_files import (
+    identify_plate,
     read_calibration,
     read_crossing,
     read_crossing_file,
     read_plate,
+    select_crossings,
+    summarise_perturbations,
     write_crossing,
     write_plate,
 )
+from osl_analysis.config.campaign import About
 from osl_analysis.errors import InputError
 from osl_analysis.judge.table import Doubt
 from osl_analysis.table import read_table, write_table

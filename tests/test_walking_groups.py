@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from walking_crossings import TURN, Walk, campaign, several, walked
 from walking_synthetic import settings
 
-from osl_analysis.commands.plotted_numbers import plot_over_stance
+from osl_analysis.commands.figure import plot_over_stance
 from osl_analysis.commands.walking import commanded, tabulate_over_stance
-from osl_analysis.config import read_section
+from osl_analysis.config.configuration import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.table import DoubtfulFits

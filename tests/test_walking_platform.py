@@ -13,16 +13,20 @@ from conftest import ROOT
 from walking_platform import Ramp, Rig, ankle_answer, plate_trials, standing, walked
 from walking_synthetic import PLATE_RATE, changed, hidden, settings
 
-from osl_analysis.campaign import Campaign, check_walking, open_campaign
-from osl_analysis.columns import marker_columns
-from osl_analysis.commands.crossing import identify_plate
-from osl_analysis.commands.walking import average_unperturbed
-from osl_analysis.commands.walking_files import read_plate, read_platform, write_platform, write_refusal
-from osl_analysis.config import campaign_config
+from osl_analysis.commands.walking import (
+    average_unperturbed,
+    identify_plate,
+    read_plate,
+    read_platform,
+    write_platform,
+    write_refusal,
+)
+from osl_analysis.config.campaign import Campaign, check_walking, open_campaign
+from osl_analysis.config.configuration import campaign_config
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import Trial
+from osl_analysis.trial import Trial, marker_columns
 from osl_analysis.walking.bodies import exchanged_labels, static_calibration
 from osl_analysis.walking.crossing import RefusedCrossing, analyse_crossing
 from osl_analysis.walking.groups import static_of

@@ -13,13 +13,13 @@ from conftest import ROOT
 from test_new_campaign import DAMPING, INERTIA, STIFFNESS, write_joint
 
 from osl_analysis.commands import inspect as inspect_command
-from osl_analysis.commands import watch as module
-from osl_analysis.commands.inspect import fit_of_row
-from osl_analysis.commands.watch import (
+from osl_analysis.commands import inspect as module
+from osl_analysis.commands.inspect import (
     QUIET_S,
     Arrivals,
     bench_of,
     device_of_row,
+    fit_of_row,
     quality_text,
     read_notes,
     recording_line,

@@ -18,14 +18,14 @@ from conftest import ROOT
 from snakemake_runs import OVERRIDES, run_snakemake, write_small
 
 from osl_analysis.commands.reference import SUMMARY_FIELDS
-from osl_analysis.config import overriding
+from osl_analysis.config.configuration import overriding
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
-from osl_analysis.fingerprint import imported_names, sources
-from osl_analysis.job_log import read_log
+from osl_analysis.jobs.fingerprint import imported_names, sources
+from osl_analysis.jobs.job_log import read_log
+from osl_analysis.jobs.refusal import is_refused
 from osl_analysis.jobs.run import run_job
 from osl_analysis.jobs.server import JOBS
-from osl_analysis.refusal import is_refused
 from osl_analysis.summary.headlines import all_labels
 
 TRIAL = "impedance_K300_B5.0_compensated"

@@ -16,8 +16,8 @@ from osl_analysis.commands.walking import (
     fit_perturbation,
     select_crossings,
     summarise_perturbations,
+    write_crossing,
 )
-from osl_analysis.commands.walking_files import write_crossing
 from osl_analysis.table import read_table
 from osl_analysis.walking.crossing import Crossing, CrossingQuality
 from osl_analysis.walking.plate import Stance

@@ -8,8 +8,7 @@ import numpy as np
 import polars as pl
 from scipy.special import erf
 
-from osl_analysis.columns import marker_columns, plate_columns
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Array, Trial, marker_columns, plate_columns
 from osl_analysis.walking.bodies import Poses
 from osl_analysis.walking.settings import WalkingAnalysis
 

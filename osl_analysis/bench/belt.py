@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from osl_analysis.bench.analysis import Series, check_stiffer, time_base_row, time_base_words, timebase_table
 from osl_analysis.bench.record import joint_angle
 from osl_analysis.bench.settings import BeltAnalysis, BenchStiffness
+from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import summary_of_trials
 from osl_analysis.judge.impossible import check_changes
 from osl_analysis.measured import check_measured
 from osl_analysis.model.drivetrain import belt_deflection
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit, with_shared_error

@@ -39,13 +39,13 @@ from osl_analysis.bench.phasors import (
     phasors_of_record,
 )
 from osl_analysis.bench.record import SHORTEST_S, Label, Record
+from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest
 from osl_analysis.judge.doubts import counted, doubtful_row
 from osl_analysis.judge.impossible import Saturated, not_checked, plausible_impedance
 from osl_analysis.model.compensator import CONTROLLERS, Gains, predicted_impedance, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.gain_selection import Weight
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.protocol.likeness import moving_bins
 from osl_analysis.spectral.realisations import distinct
 from osl_analysis.spectral.response import periodic_response

@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.gram import UNITS
-from osl_analysis.config import Config
+from osl_analysis.config.configuration import Config
 from osl_analysis.design.plan import (
     MOST_DRAWN,
     TRANSIENTS,

@@ -6,13 +6,39 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 
+from osl_analysis.bench.analysis import analysed
+from osl_analysis.bench.belt import PLACE, belt_figure_points
+from osl_analysis.bench.effects import IMPEDANCE, plain_sums
+from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.record import record_of_trial
+from osl_analysis.bench.settings import ImpedanceAnalysis
+from osl_analysis.commands.walking import commanded, over_stance, read_unperturbed_gaits, selected_crossings
+from osl_analysis.config.campaign import ImpedanceExample
+from osl_analysis.config.configuration import FrequencyResponseFigure
+from osl_analysis.config.parameters import FileOrNone, joint_of, read_parameters
 from osl_analysis.errors import InputError
 from osl_analysis.figures import FIGURES, OTHER_DRAWINGS
+from osl_analysis.figures.fig7 import CURVE_TYPES, DESIRED, LINEAR_MODEL, RESPONSE_COLUMNS, points, response_curve
+from osl_analysis.figures.fig9 import FIT_COLUMNS, SUMMARY_NEEDED
+from osl_analysis.figures.fig9 import points as fig9_points
+from osl_analysis.figures.names import look_numbers, of_place
+from osl_analysis.figures.response import points as response_points
+from osl_analysis.figures.torque_angle import TABLE_COLUMNS
+from osl_analysis.figures.torque_angle import points as torque_angle_points
 from osl_analysis.files import atomic_path, digest
-from osl_analysis.refusal import Refusal, is_refused, read_refusals
+from osl_analysis.jobs.refusal import Refusal, is_refused, read_refusals
+from osl_analysis.judge.doubts import DOUBTFUL, marked
+from osl_analysis.judge.table import Doubt
+from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
+from osl_analysis.model.gain_selection import Weight
 from osl_analysis.table import read_table, write_table
+from osl_analysis.trial import read_trial
+from osl_analysis.walking.gait import unperturbed_gait
+from osl_analysis.walking.settings import TimingSettings
+from osl_analysis.walking.tables import trajectory_points, walking_page_points
 
 NOTHING_SHOWN = "no trial of the campaign has the numbers that this figure shows"
 """Why a figure without any number is not drawn; a module with a reason of its own has `NOTHING`."""
@@ -136,3 +162,143 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
 def blamed_trials(files: Iterable[Path]) -> list[str]:
     """The trials to blame for the refusal records among these results."""
     return list(dict.fromkeys(cause.trial for file in files for cause in read_refusals(file) if cause.trial))
+
+
+def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path) -> None:
+    """The numbers of Fig. 3, from the trials' curves, `belt.csv` and `belt_summary.csv`."""
+    drawn = pl.concat([read_table(path, of="belt_curves") for path in curves])
+    judged = read_table(table, ["trial", *PLACE, "doubtful"])
+    write_table(belt_figure_points(drawn, judged, read_table(summary)), output)
+
+
+def fig4(
+    trial: Path,
+    fit: Path,
+    settings: ImpedanceAnalysis,
+    choice: ImpedanceExample,
+    limits: Doubt,
+    output: Path,
+    windows: str | None = None,
+) -> None:
+    """The numbers of Fig. 4: the last seconds of one amplitude, measured and by the best second-order fit.
+
+    `fit` is the trial's own table of fits. By `limits` it says whether the fit of this amplitude is doubtful. A motion
+    that is no stepped sine has no amplitude: its last seconds are shown. `windows` as in `bench.fit_impedance_trial`.
+    """
+    record = record_of_trial(read_trial(trial), settings, windows)
+    label = record.label_near(choice.amplitude_deg)
+    amplitude = pl.col("amplitude_deg")
+    shown = amplitude.is_null() if label is None else (amplitude - label).abs() < 1e-6
+    series = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).last_seconds(label, choice.duration_s)
+    doubtful = marked(read_table(fit), limits, "impedance").filter(shown)["doubtful"][0]
+    said = {"trial": choice.trial, "joint": choice.joint, "side": choice.side, "chosen": choice.chosen or None}
+    constant = (pl.lit(value, pl.String).alias(name) for name, value in (said | {"doubtful": doubtful}).items())
+    write_table(series.with_columns(constant), output)
+
+
+def fig7(
+    table: Path, parameters: FileOrNone, choice: FrequencyResponseFigure | None, weight: Weight, output: Path
+) -> None:
+    """The numbers of Fig. 7: measured responses of one K_d, B_d, the desired one (Eq. 11), the linear model (Eq. 9).
+
+    Without a `choice` it is the desired impedance that most responses have. Where K_d or B_d is not known there is no
+    desired response; where the gains are not (`DesiredImpedance.gains`), or the parameter file is of another joint,
+    there is no linear model. Trials that no stepped sine moved have no responses; without any other the table is empty.
+    """
+    responses = of_place(read_table(table, required=RESPONSE_COLUMNS))
+    responses = responses.with_columns(look_numbers(responses["controller"]))
+    K_d, B_d = (choice.K_d, choice.B_d) if choice else most_frequent_impedance(responses)
+    shown = responses.filter(pl.col("K_d").eq_missing(pl.lit(K_d)), pl.col("B_d").eq_missing(pl.lit(B_d)))
+    drawn = beside_theory(shown, parameters, weight)
+    write_table(
+        drawn.with_columns(chosen=pl.lit(None if choice else "the desired impedance with the most trials", pl.String)),
+        output,
+    )
+
+
+def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weight) -> pl.DataFrame:
+    """The same for measured responses of one desired impedance in memory, without the column `chosen`."""
+    shown = responses.sort("frequency_hz", maintain_order=True)
+    parts = shown.partition_by(PLACE, maintain_order=True)
+    curves = [curve for part in parts for curve in responses_in_theory(part, parameters, weight)]
+    return points(shown, pl.concat([pl.DataFrame(schema=CURVE_TYPES), *curves]))
+
+
+def fig9(table: Path, fits: Path, over_stance: Path, output: Path, commanded_K: float | None = None) -> None:
+    """The numbers of Fig. 9: groups from `walking_summary.csv`, single perturbations from `walking.csv`, and what was
+    commanded, also from `impedance_over_stance.csv`. `commanded_K` [N*m/rad] and what is raised as in `fig9.points`."""
+    summary, single = read_table(table, SUMMARY_NEEDED), read_table(fits, FIT_COLUMNS)
+    trajectory = read_table(over_stance, ("group", "quantity", "commanded"))
+    write_table(fig9_points(summary, single, trajectory, commanded_K), output)
+
+
+def most_frequent_impedance(responses: pl.DataFrame) -> tuple[float | None, float | None]:
+    """K_d and B_d of the most trials, the first of equals; None where they are not stated."""
+    pairs = responses.group_by("K_d", "B_d", maintain_order=True).agg(pl.col("trial").n_unique())
+    most = pairs.sort("trial", descending=True, maintain_order=True)
+    return most.select("K_d", "B_d").row(0) if len(most) else (None, None)
+
+
+def responses_in_theory(measured: pl.DataFrame, parameters: Path | None, weight: Weight) -> list[pl.DataFrame]:
+    """The desired response and those of the linear model beside the measured ones of one joint, side, K_d and B_d."""
+    joint, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
+    p = read_parameters(parameters) if parameters and joint_of(parameters) == joint else None
+    f = np.linspace(float(measured["frequency_hz"][0]), float(measured["frequency_hz"][-1]), 101)
+    s = np.asarray(2j * np.pi * f, dtype=np.complex128)
+    curves = [] if K_d is None or B_d is None else [response_curve(DESIRED, None, f, desired_admittance(K_d, B_d)(s))]
+    for name in measured["controller"].unique(maintain_order=True) if p else ():
+        gains = DesiredImpedance(name, K_d, B_d).gains(p, weight)
+        if p and gains:
+            Y = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
+            curves.append(response_curve(LINEAR_MODEL, name, f, Y(s)))
+    named = [pl.lit(value, pl.String).alias(column) for column, value in (("joint", joint), ("side", side))]
+    return [curve.with_columns(named).select(list(CURVE_TYPES)) for curve in curves]
+
+
+def torque_angle(curves: Path, table: Path, output: Path) -> None:
+    """The numbers of the figure `torque_angle`, from `torque_angle_curves.csv` and `torque_angle.csv`."""
+    read = read_table(curves, required=TABLE_COLUMNS)
+    write_table(torque_angle_points(read, read_table(table, ["trial", "doubtful"])), output)
+
+
+def plot_walking_page(
+    *,
+    crossings: Sequence[Path],
+    selection: Path,
+    unperturbed: Path,
+    responses: Path,
+    table: Path,
+    settings: TimingSettings,
+    output: Path,
+) -> None:
+    """Write the numbers that the walking page plots. `crossings` are the perturbed ones, `selection` is
+    `walking_crossings.csv`, `responses` `walking_responses.csv`, `table` `walking.csv`."""
+    isolated = read_table(responses, ["group", "trial", "time", "theta_deg", "torque", "torque_model"])
+    doubtful = read_table(table, ["trial", DOUBTFUL]).select("trial", DOUBTFUL)
+    isolated = isolated.join(doubtful, on="trial", how="left", maintain_order="left")
+    chosen, gaits = selected_crossings(crossings, selection), read_unperturbed_gaits(unperturbed)
+    places = {row["trial"]: row for row in read_table(selection, ["trial", "gait"]).iter_rows(named=True)}
+    frames = []
+    for of_group in isolated.partition_by("group", maintain_order=True):
+        names, group = set(of_group["trial"]), of_group["group"][0]
+        perturbed = [c for c in chosen if c.name in names]
+        gait = gaits[places[perturbed[0].name]["gait"]]
+        both = {"unperturbed": gait, "perturbed": unperturbed_gait(perturbed, 2)}
+        points = walking_page_points(perturbed, both, of_group.drop("group"), settings.timing)
+        frames.append(points.with_columns(group=pl.lit(group)))
+    write_table(pl.concat(frames, how="diagonal"), output)
+
+
+def plot_over_stance(
+    table: Path, output: Path, stance_share: float, trajectory: Sequence[Path] = (), data: str = ""
+) -> None:
+    """What the figure draws: the rows of the table, and the points of the commanded trajectory."""
+    rows = read_table(table, ("series", "quantity", "phase", "estimate", "low", "high"))
+    for path in commanded(trajectory, data):
+        rows = pl.concat([rows, trajectory_points(*over_stance(path, stance_share))], how="diagonal_relaxed")
+    write_table(rows, output)
+
+
+def response(table: Path, pooled_table: Path, output: Path) -> None:
+    """The numbers of the figure `response`: pooled conditions, and the trials that are in none."""
+    write_table(response_points(read_table(table), read_table(pooled_table)), output)

@@ -11,6 +11,8 @@ import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.commands.figure import draw_table, figure_module
+from osl_analysis.config.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
+from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.files import atomic_path
 from osl_analysis.model.compensator import (
@@ -23,8 +25,6 @@ from osl_analysis.model.compensator import (
 )
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.model.gain_selection import Weight, optimal_damping
-from osl_analysis.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
-from osl_analysis.shared_choices import read_impedance_trajectory
 from osl_analysis.table import finite_or_null, write_table
 
 TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)  # frequencies of Section III-B, at which the fit of Eq. 15 is predicted

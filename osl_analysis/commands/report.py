@@ -7,21 +7,20 @@ from typing import Any
 import polars as pl
 from markupsafe import Markup
 
-from osl_analysis.about import About
-from osl_analysis.columns import unit_of
-from osl_analysis.commands.summarise import read_summary
+from osl_analysis.commands.tables import read_summary
+from osl_analysis.config.campaign import About
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
-from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path
+from osl_analysis.jobs.refusal import Refusal, is_refused
 from osl_analysis.judge.recording import CHECKS
-from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import panels, trial_page
 from osl_analysis.report.page import PageTrial, captions_by_title, inline_png, inline_svg, written_page
 from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content, without_result
 from osl_analysis.summary.headlines import COUNT
 from osl_analysis.table import read_table
-from osl_analysis.trial import read_provenance, read_trial
+from osl_analysis.trial import read_provenance, read_trial, unit_of
 
 MOTIONS = {"belt": "Belt deflection", "actuator": "Motor motion"}  # what moves on a bench, where it is not the joint
 

@@ -6,15 +6,15 @@ from typing import Any
 
 import pandas as pd
 
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.config.shared_choices import SharedChoices
+from osl_analysis.config.yaml_settings import read_yaml, validated
 from osl_analysis.errors import InputError
-from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.files import atomic_path, check_output, check_target
-from osl_analysis.parameters import DrivetrainParameters, read_parameters
-from osl_analysis.shared_choices import SharedChoices
 from osl_analysis.simulator.plan import plan_trials, planned_rows
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.yaml_settings import read_yaml, validated
 
 TRUTH = "truth"
 NOTHING = SharedChoices()

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import PartialResultError
-from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.ingest.raw_files import check_columns, check_markers, trial_from_files
 from osl_analysis.judge.channels import check_ranges
 from osl_analysis.judge.recording import examine, measured_table

@@ -20,7 +20,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.yaml_settings import read_mapping
+from osl_analysis.config.yaml_settings import read_mapping
 
 HERE = Path(__file__).parent
 DICTIONARY_FILES = (

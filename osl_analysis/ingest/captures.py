@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.columns import AXES, marker_columns, plate_columns, unit_of
 from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.formats.c3d import C3DRecording, read_c3d
 from osl_analysis.formats.gait_text import NexusSection, read_sections, read_trc, without_subject
@@ -22,7 +21,7 @@ from osl_analysis.ingest.plates import CHANNELS, ForcePlate, channel_facts
 from osl_analysis.ingest.recording import Recording, check_finite
 from osl_analysis.ingest.source import Plate, Source
 from osl_analysis.ingest.units import si_factor
-from osl_analysis.trial import Array
+from osl_analysis.trial import AXES, Array, marker_columns, plate_columns, unit_of
 
 Columns = dict[str, Array]
 Origins = dict[str, dict[str, Any]]

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from osl_analysis.columns import marker_columns
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source import SharedAngle
-from osl_analysis.trial import Array
+from osl_analysis.trial import Array, marker_columns
 
 MINIMUM_EDGES = 6
 TYPICAL_DRIFT = 100e-6  # two crystal clocks against each other, one standard deviation

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.columns import COLUMNS
 from osl_analysis.ingest.known_formats import FORMATS
 from osl_analysis.ingest.overview import NAME_OF_TIME, UNKNOWN, Overview, RecordedChannel
 from osl_analysis.ingest.units import base_units, dimension, is_unit, normalised
+from osl_analysis.trial import COLUMNS
 
 MOTOR = r"\b(motor|actuator|act|output|gear|mot)\b"
 COMMAND = r"\b(command|commanded|cmd|desired|des|ref|reference|target|setpoint|goal)\b"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pydantic import ConfigDict, field_validator
 
+from osl_analysis.config.yaml_settings import Settings, read_mapping, read_yaml
 from osl_analysis.errors import InputError, nearest, printable
 from osl_analysis.formats.c3d import is_c3d
 from osl_analysis.formats.csv_table import is_text
@@ -33,7 +34,6 @@ from osl_analysis.ingest.overview import Overview, refuse_draft
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source import KEYS, Keys, Source, model_of
 from osl_analysis.ingest.table_log import read_table_log
-from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml
 
 
 @contextmanager

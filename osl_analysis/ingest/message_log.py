@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from osl_analysis.columns import counter_column, unit_of
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.messages import Decoded, MessageFile, RefusedFileError, WrongFieldError, decode_topics
@@ -24,7 +23,7 @@ from osl_analysis.ingest.stamps import (
     stamp_fields,
     stamps_of,
 )
-from osl_analysis.trial import Array
+from osl_analysis.trial import Array, counter_column, unit_of
 
 LOG_TIME = "write source: log in the source file, or exclude the trial"
 NO_OTHER_CLOCK = "its times cannot be used: record again, or exclude the trial"

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from osl_analysis.columns import COLUMNS
+from osl_analysis.config.yaml_settings import dotted, field_line
 from osl_analysis.errors import InputError, listing, printable
 from osl_analysis.formats.csv_table import name_and_unit, places_of
-from osl_analysis.trial import Array
-from osl_analysis.yaml_settings import dotted, field_line
+from osl_analysis.trial import COLUMNS, Array
 
 CLOCKS = (
     "time", "t", "timestamp", "stamp", "state_time", "loop_time", "pi_time", "sys_time", "ros_time", "elapsed",

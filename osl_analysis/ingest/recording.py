@@ -8,12 +8,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.columns import unit_of
 from osl_analysis.errors import InputError
 from osl_analysis.formats.csv_table import share_above
 from osl_analysis.formats.table import Table
 from osl_analysis.ingest.source import Conversion
-from osl_analysis.trial import Array
+from osl_analysis.trial import Array, unit_of
 
 
 @dataclass(frozen=True)

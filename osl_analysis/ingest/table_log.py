@@ -12,7 +12,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.columns import counter_column, unit_of
 from osl_analysis.errors import InputError
 from osl_analysis.formats.csv_table import (
     CsvLayout,
@@ -34,7 +33,7 @@ from osl_analysis.ingest.recording import LEVEL, Recording, canonical_series, ch
 from osl_analysis.ingest.source import Channel, Source
 from osl_analysis.ingest.stamps import LAST_SECOND, SECOND, joined_on_stamp, stamp_fields
 from osl_analysis.ingest.units import is_unit, si_factor
-from osl_analysis.trial import Array, check_time
+from osl_analysis.trial import Array, check_time, counter_column, unit_of
 
 RATE = "state the rate: `time: {rate: 1000}`"
 COMMENTS = 100  # lines of a file's own header that the provenance keeps

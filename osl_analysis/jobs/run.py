@@ -171,8 +171,8 @@ def at_end_of_run(
             text = expected(workflow.dag.needrun_jobs(exclude_finished=False))
             print(text, file=sys.stderr, end="\n" * bool(text), flush=True)
             return
-        from osl_analysis.job_log import read_logs, run_report
-        from osl_analysis.refusal import records_in, unfinished
+        from osl_analysis.jobs.job_log import read_logs, run_report
+        from osl_analysis.jobs.refusal import records_in, unfinished
 
         files = [str(file) for job in workflow.dag.jobs for file in job.output]
         records = records_in(files)

@@ -52,8 +52,8 @@ USED_WITH = {
 
 def prepare(folder: str, request: str) -> None:
     """Import and parse what a job uses, which takes up to a second: the jobs that are forked later share it."""
+    from osl_analysis.config.yaml_settings import read_mapping
     from osl_analysis.jobs.request import read_request
-    from osl_analysis.yaml_settings import read_mapping
 
     with suppress(Exception):  # the job will say so
         job = read_request(Path(folder, request))

@@ -9,13 +9,13 @@ from typing import Any, Literal
 
 import polars as pl
 
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import listing
-from osl_analysis.experiments import EXPERIMENTS
+from osl_analysis.jobs.refusal import is_refused
 from osl_analysis.judge.doubts import CAUSES, DOUBTFUL, LATENESS, causes_by_trial, is_whole, not_checked_of
 from osl_analysis.judge.recording import CHECKS
 from osl_analysis.judge.table import Cause
 from osl_analysis.judge.usable import REMEDY, exclusions
-from osl_analysis.refusal import is_refused
 from osl_analysis.table import read_table
 
 MOST_NAMED = 3  # trials that a line names

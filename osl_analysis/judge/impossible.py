@@ -11,10 +11,10 @@ from typing import Protocol
 import numpy as np
 import polars as pl
 
+from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.judge.channels import sampled, samples_at_rail
 from osl_analysis.measured import check_measured
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.trial import Array, Trial
 
 FACTORS: dict[str, float] = {

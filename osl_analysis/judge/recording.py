@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
-from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.judge.channels import CHANNEL_CHECKS, not_applicable, worst
 from osl_analysis.judge.table import Cause, Check, CheckResult, Commanded, Examined, QualityRules
 from osl_analysis.protocol.likeness import Likeness

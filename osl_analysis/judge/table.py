@@ -12,10 +12,10 @@ import numpy as np
 import polars as pl
 from pydantic import ConfigDict, Field, model_validator
 
-from osl_analysis.experiments import Experiment, judged_tables
+from osl_analysis.config.experiments import Experiment, judged_tables
+from osl_analysis.config.yaml_settings import Settings
 from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.trial import Array, Trial
-from osl_analysis.yaml_settings import Settings
 
 AnyRow = Mapping[str, object]  # a row of a result table
 

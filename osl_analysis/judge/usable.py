@@ -13,9 +13,9 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
+from osl_analysis.jobs.refusal import Refusal, distinct_causes, is_refused, read_refusals
 from osl_analysis.judge.recording import judged_table
 from osl_analysis.judge.table import QualityRules
-from osl_analysis.refusal import Refusal, distinct_causes, is_refused, read_refusals
 
 REMEDY = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"
 JUDGES = ("quality", "fitted")

@@ -9,8 +9,8 @@ from typing import Any, Literal, get_args
 
 import polars as pl
 
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import DescribedTable
-from osl_analysis.experiments import EXPERIMENTS
 from osl_analysis.judge.doubts import not_checked_of, reasons_in
 from osl_analysis.judge.recording import CHECKS
 from osl_analysis.report.panels import Pictures

@@ -11,10 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.columns import AXES
+from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.model.compensator import check_request, stiffness_gain
 from osl_analysis.model.gain_selection import Weight, optimal_damping
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.simulator.drivetrain import ControlCommands, DrivetrainEffects, DrivetrainMotion, simulate_drivetrain
 from osl_analysis.simulator.plan import Condition
 from osl_analysis.simulator.platform import (
@@ -46,7 +45,7 @@ from osl_analysis.simulator.step import (
     stance_window,
 )
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.trial import Array
+from osl_analysis.trial import AXES, Array
 
 B_1_GRID = 50
 

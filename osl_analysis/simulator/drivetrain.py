@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.kernel import Controller, Plant, belt_path, integrate, torque_through_gap
 from osl_analysis.simulator.settings import PassiveFoot, SecondOrderJoint, SlippingSpring

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pandas as pd
 
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.shared_choices import ImpedanceTrajectory, read_impedance_trajectory
+from osl_analysis.config.sheet import JOINT, SHEET_COLUMNS
 from osl_analysis.errors import InputError
-from osl_analysis.experiments import EXPERIMENTS
-from osl_analysis.shared_choices import ImpedanceTrajectory, read_impedance_trajectory
-from osl_analysis.sheet import JOINT, SHEET_COLUMNS
 from osl_analysis.simulator.settings import Conditions, Direction, SimulationSettings, Subject, stream
 
 FACTS = ("direction", "K_d", "B_d", "stance_phase", "session")

@@ -7,7 +7,7 @@ find them on disk, and all jobs in memory.
 import numpy as np
 
 from osl_analysis.compiled import numba
-from osl_analysis.parameters import DrivetrainParameters
+from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.simulator import bench, walking
 from osl_analysis.simulator.drivetrain import IDEAL, ControlCommands, simulate_belt_torque, simulate_drivetrain
 from osl_analysis.simulator.joint_motion import JointMotion, position_loop

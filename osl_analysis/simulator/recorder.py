@@ -14,9 +14,9 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi
 
+from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.files import atomic_path
 from osl_analysis.model.compensator import Gains
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.simulator.kernel import spline_at
 from osl_analysis.simulator.settings import NodeSettings, Scatter, SensorLowPass, SimulationSettings, stream
 from osl_analysis.trial import Array

@@ -12,8 +12,8 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from osl_analysis.shared_choices import WEIGHT_OF_PAPER, WeightSettings
-from osl_analysis.yaml_settings import Degrees, Positive, Settings, ShippedPath
+from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
+from osl_analysis.config.yaml_settings import Degrees, Positive, Settings, ShippedPath
 
 NotNegative = Annotated[float, Field(ge=0)]
 

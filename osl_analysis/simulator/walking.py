@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.crossing import (
     SimulatedCrossing,

@@ -9,7 +9,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from osl_analysis.shared_choices import WEIGHT_OF_PAPER, WeightSettings
+from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
+from osl_analysis.config.yaml_settings import Degrees, Positive, Settings, ShippedPath
 from osl_analysis.simulator.settings import (
     Count,
     Effect,
@@ -22,7 +23,6 @@ from osl_analysis.simulator.settings import (
     off,
     positive,
 )
-from osl_analysis.yaml_settings import Degrees, Positive, Settings, ShippedPath
 
 
 class CaptureSettings(Settings):

@@ -16,8 +16,8 @@ from typing import Protocol
 import numpy as np
 from scipy.special import fdtrc
 
+from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.equation_error import LineScatter, distortion_level, parts
 from osl_analysis.spectral.period import Spectrum

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import polars as pl
 
+from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.models import (
     EQ_9,

@@ -19,10 +19,10 @@ from osl_analysis.bench.effects import IMPEDANCE, TRANSMISSION, Model, plain_sum
 from osl_analysis.bench.phasors import SegmentPhasors, phasors_of_record
 from osl_analysis.bench.record import Record, sine_record
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
-from osl_analysis.config import StudySettings
+from osl_analysis.config.configuration import StudySettings
+from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains, predicted_impedance
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import impedance_columns, impedance_torque
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.simulator.bench import (

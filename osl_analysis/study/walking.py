@@ -9,9 +9,9 @@ from typing import TypeVar
 
 import numpy as np
 
+from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.ingest.raw_files import trial_from_files
-from osl_analysis.parameters import DrivetrainParameters
 from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.crossing import SimulatedCrossing, rendered_impedance, simulate_crossing

@@ -10,9 +10,9 @@ from itertools import count
 import numpy as np
 import polars as pl
 
-from osl_analysis.about import ABOUT_MACROS
+from osl_analysis.config.campaign import ABOUT_MACROS
+from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
 from osl_analysis.errors import InputError
-from osl_analysis.experiments import EXPERIMENTS, judged_tables
 from osl_analysis.judge.doubts import DOUBTFUL, causes_by_trial, counted, doubtful_count
 from osl_analysis.trial import Array
 

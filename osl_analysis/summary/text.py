@@ -8,8 +8,8 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.about import ABOUT_MACROS, ABOUT_MEANING, About
-from osl_analysis.refusal import Refusal
+from osl_analysis.config.campaign import ABOUT_MACROS, ABOUT_MEANING, About
+from osl_analysis.jobs.refusal import Refusal
 from osl_analysis.summary.headlines import COUNT, RANGE, Headline
 
 SHEET = "sample sheet"

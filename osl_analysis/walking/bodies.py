@@ -9,10 +9,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from osl_analysis.columns import marker_columns
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, differentiate
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Array, Trial, marker_columns
 from osl_analysis.walking.settings import CalibrationSettings, MarkerSettings
 
 Mask = NDArray[np.bool_]

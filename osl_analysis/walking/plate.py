@@ -21,12 +21,11 @@ import numpy as np
 import polars as pl
 import scipy
 
-from osl_analysis.columns import AXES, plate_columns
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.plate_surface import plate_axes
 from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.stats.regression import linear_fit
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import AXES, Array, Trial, plate_columns
 from osl_analysis.walking.bodies import (
     GRAVITY,
     BodyMotion,

@@ -5,8 +5,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from osl_analysis.config.yaml_settings import Positive, Settings
 from osl_analysis.signals import LowPass
-from osl_analysis.yaml_settings import Positive, Settings
 
 NotNegative = Annotated[float, Field(ge=0)]
 Cluster = Annotated[tuple[str, ...], Field(min_length=3)]

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from osl_analysis.config.experiments import EXPERIMENTS, RENAMED
 from osl_analysis.errors import InputError, nearest
-from osl_analysis.experiments import EXPERIMENTS, RENAMED
 from osl_analysis.formats.other_formats import refuse_others
 from osl_analysis.model.compensator import CONTROLLERS
 

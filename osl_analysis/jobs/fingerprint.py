@@ -7,11 +7,11 @@ parameter. A change of an estimator runs only the jobs that use it again.
 import ast
 import hashlib
 import re
-from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
-PACKAGE = Path(__file__).parent
+from osl_analysis.files import PACKAGE
+
 FROM = re.compile(r"from(?<!\wfrom)[ \t]+(?P<module>osl_analysis[\w.]*)[ \t]+import[ \t]*(?P<names>\([^)]*\)|[^\n;]*)")
 IMPORT = re.compile(r"import(?<![\w.]import)[ \t]+(?P<names>[^\n;]*\bosl_analysis\.[^\n;]*)")
 """Both begin with their word: `re` looks for it twenty times as fast as for what may stand before it."""
@@ -19,24 +19,15 @@ COMMENT = re.compile(r"#[^\n]*")
 
 
 @cache
-def code(*modules: str) -> str:
-    """Fingerprint of modules under `osl_analysis` and of all modules of the package that they import."""
-    return fingerprint({path for module in modules for path in sources(f"osl_analysis.{module}")})
-
-
-@cache
-def code_of(command: str) -> str:
+def code(command: str, *modules: str) -> str:
     """Fingerprint of a command, `module.function` under `osl_analysis.commands`, and of the modules that it uses.
 
     It covers the module's file and the imports that this function uses, because a module has jobs of several
-    experiments.
+    experiments; and `modules` under `osl_analysis` that it imports by name, with all that they import.
     """
     module, _, function = command.partition(".")
-    return fingerprint(job_sources(f"osl_analysis.commands.{module}", function))
-
-
-def fingerprint(files: Iterable[Path]) -> str:
-    """Digest of the content of source files."""
+    files = job_sources(f"osl_analysis.commands.{module}", function)
+    files |= {path for one in modules for path in sources(f"osl_analysis.{one}")}
     return hashlib.sha256(b"".join(map(content, sorted(files)))).hexdigest()[:16]
 
 

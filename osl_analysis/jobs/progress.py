@@ -18,7 +18,7 @@ from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.errors import printable
-from osl_analysis.job_log import read_log
+from osl_analysis.jobs.job_log import read_log
 
 STAGES = {
     "simulate": r"simulate_|trial_sheet",

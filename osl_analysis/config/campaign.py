@@ -1,29 +1,33 @@
-"""A campaign: its sample sheet and the trials that are analysed."""
+"""A campaign: its sample sheet, the trials that are analysed, and what its results are made of."""
 
+import hashlib
+import json
 import re
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import cached_property
+from importlib.metadata import version
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from osl_analysis.config import Config, FrequencyResponseFigure
+from osl_analysis.config.configuration import Config, FrequencyResponseFigure
+from osl_analysis.config.experiments import Table
+from osl_analysis.config.parameters import joint_of
+from osl_analysis.config.sheet import JOINT, read_sheet
+from osl_analysis.config.yaml_settings import read_mapping
 from osl_analysis.errors import InputError
-from osl_analysis.experiments import Table
-from osl_analysis.files import default_config
+from osl_analysis.files import default_config, digest
 from osl_analysis.formats.rosbag import recorded_files
-from osl_analysis.job_log import plain
+from osl_analysis.jobs.job_log import plain
 from osl_analysis.judge.recording import CHECKS, unknown_check, validate_rules
 from osl_analysis.model.compensator import CONTROLLERS
-from osl_analysis.parameters import joint_of
-from osl_analysis.sheet import JOINT, read_sheet
 from osl_analysis.table import MEASURED, SIMULATED
 from osl_analysis.walking.groups import PERTURBED, SHARED, STATED, STATIC, side_of, split_keys, static_of
-from osl_analysis.yaml_settings import read_mapping
 
 TRUTH_FOLDER = "truth"  # folder that the simulator writes beside its recordings
 
@@ -331,3 +335,63 @@ def check_default(campaign: Campaign, figure: str, asked: dict[str, Any]) -> Non
         f"{campaign.config.sheet}: no {what}; choose another one under figures.{figure} in the configuration, or null "
         "to have one chosen from the sheet"
     )
+
+
+ABOUT_MEANING = {
+    "campaign": "name of the campaign",
+    "data": "simulated or measured",
+    "version": "version of osl-analysis",
+    "configuration": "first digits of the SHA-256 of the configuration and of the files that it names",
+    "recorded": "date of the data, or what is known in its place",
+}
+"""What the fields of `About` are."""
+ABOUT_MACROS = {name: name.capitalize() for name in ABOUT_MEANING}
+"""Their LaTeX macros, without prefix."""
+
+
+@dataclass(frozen=True)
+class About:
+    """What results are made of: the fields are those of `ABOUT_MEANING`."""
+
+    campaign: str
+    data: str
+    version: str
+    configuration: str
+    recorded: str
+
+    def of_figure(self) -> str:
+        """The line below a figure but for its numbers: a configuration that it does not use does not draw it anew."""
+        return f"{self.data.capitalize()} data: campaign {self.campaign}, osl-analysis {self.version}, {self.recorded}"
+
+    def sentence(self) -> str:
+        return (
+            f"{self.data.capitalize()} data: campaign {self.campaign}, osl-analysis {self.version}, configuration "
+            f"{self.configuration}, {self.recorded}"
+        )
+
+
+def about(campaign: Campaign, simulation: list[Path]) -> About:
+    """What the results of a campaign are made of; `simulation` are the files of its simulation's settings."""
+    config = campaign.config
+    files = {path for path in (config.parameters, config.impedance_trajectory, *simulation) if path is not None}
+    # these say where files are, how a run ends, or what stands beside the hash: others give the same results
+    places = {"raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded"}
+    settings = config.model_dump(mode="json", exclude=places)  # with the defaults
+    text = json.dumps([settings, sorted(str(digest(path)) for path in files)], sort_keys=True)
+    configuration = hashlib.sha256(text.encode()).hexdigest()[:8]
+    return About(config.campaign, campaign.data, version("osl-analysis"), configuration, date_of(campaign))
+
+
+def date_of(campaign: Campaign) -> str:
+    """When the data were recorded: as the configuration states it, else the seed of the simulation, else the dates of
+    the recordings' files (UTC)."""
+    config = campaign.config
+    if config.recorded is not None:
+        return f"recorded {config.recorded}"
+    if config.simulation is not None:
+        return f"made with seed {read_mapping(config.simulation).get('seed')}"
+    files = {path for trial in campaign.trials() for path in campaign.logs(trial) if path.is_file()}
+    days = sorted({datetime.fromtimestamp(path.stat().st_mtime, UTC).date().isoformat() for path in files})
+    if not days:
+        return "date not known"
+    return f"files of {days[0]}" if len(days) == 1 else f"files of {days[0]} to {days[-1]}"

@@ -1,0 +1,1 @@
+"""Configuration of a campaign: YAML files, sample sheet, parameters, experiments."""

@@ -7,7 +7,7 @@ import ezc3d
 import numpy as np
 import pytest
 
-from osl_analysis.simulator.vicon import C3dRecording, RecordedPlate, write_c3d
+from osl_analysis.simulator.vicon import C3dRecording, write_c3d
 
 FLOAT32 = 1.2e-7
 REAL = Path(__file__).parents[2] / "shared" / "real_data" / "c3d" / "btk_PiG_Motion3_FF.c3d"
@@ -28,7 +28,8 @@ def recording() -> C3dRecording:
         units=("N", "N", "N", "Nmm", "Nmm", "Nmm", "V"),
         analogs=random.normal(size=(200, 7)) * [1e2, 1e2, 1e3, 1e5, 1e5, 1e4, 5],
         analog_rate_hz=1500,
-        plate=RecordedPlate(CORNERS, ORIGIN),
+        corners=CORNERS,
+        origin=ORIGIN,
     )
 
 

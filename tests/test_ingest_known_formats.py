@@ -19,7 +19,7 @@ from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source import Keys, Source
 from osl_analysis.judge.table import QualityRules
 from osl_analysis.simulator.mcap_writer import DYNAMOMETER, write_mcap
-from osl_analysis.simulator.vicon import C3dRecording, RecordedPlate, write_c3d
+from osl_analysis.simulator.vicon import C3dRecording, write_c3d
 from osl_analysis.trial import read_trial
 
 ROOT = Path(__file__).parents[1]
@@ -153,7 +153,8 @@ def test_vicons_file_gives_markers_the_ground_reaction_and_both_pulses(tmp_path:
         units=("N", "N", "N", "Nmm", "Nmm", "Nmm", "V", "V"),
         analogs=np.tile(channels, (frames * ratio, 1)),
         analog_rate_hz=1500,
-        plate=RecordedPlate(corners, np.array([0.0, 0.0, -depth])),
+        corners=corners,
+        origin=np.array([0.0, 0.0, -depth]),
     )
     write_c3d(tmp_path / "a.c3d", recording)
     source = read_source(ROOT / "config/sources" / "vicon.yaml")

@@ -13,10 +13,9 @@ from mcap_ros2.decoder import DecoderFactory
 from osl_analysis.config.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.simulator.bench import drivetrain_effects
-from osl_analysis.simulator.crossing import SimulatedCrossing, simulate_crossing
+from osl_analysis.simulator.crossing import SimulatedCrossing, motion_grid, simulate_crossing, simulate_walking_trial
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.step import draw_step
-from osl_analysis.simulator.walking import motion_grid, simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trial import Array
 

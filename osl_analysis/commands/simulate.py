@@ -157,7 +157,7 @@ def record_trial(
     elif laboratory is None:
         raise InputError(f"trial '{row['trial']}': the settings name no 'walking' file; add it")
     else:
-        from osl_analysis.simulator.walking import simulate_walking_trial
+        from osl_analysis.simulator.crossing import simulate_walking_trial
 
         simulate_walking_trial(row, settings, laboratory, p, campaign_folder)
 

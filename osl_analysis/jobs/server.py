@@ -44,7 +44,7 @@ OF_MOST_JOBS = (
 """Imported while no job waits, as when Snakemake plans."""
 BACKENDS = ("backend_pdf", "backend_svg", "backend_agg")
 USED_WITH = {
-    "simulate": [f"osl_analysis.simulator.{name}" for name in ("bench", "walking", "preloaded")],
+    "simulate": [f"osl_analysis.simulator.{name}" for name in ("bench", "crossing", "preloaded")],
     "figure": ["osl_analysis.figures.names", "fontTools.subset", *(f"matplotlib.backends.{name}" for name in BACKENDS)],
 }
 """By module of a command: what its functions import when they are called."""

@@ -1,10 +1,11 @@
-"""One crossing of the walkway as rigid-body mechanics: foot, shank and platform, ankle torque, ground reaction.
+"""A trial of the gait laboratory: rigid-body mechanics of a crossing, and its records by Vicon and the leg.
 
 The foot's path and the ankle's angle are prescribed. The drivetrain's torque is simulated for this motion and the
 commands of the leg's controller. The moment of the ground reaction about the ankle follows from the equations of Newton
 and Euler for the foot. Axes: x forward, y left, z up, in metres.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -12,18 +13,14 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.config.parameters import DrivetrainParameters
+from osl_analysis.config.shared_choices import read_impedance_trajectory
+from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import check_request, stiffness_gain
 from osl_analysis.model.gain_selection import Weight, optimal_damping
+from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.drivetrain import ControlCommands, DrivetrainEffects, DrivetrainMotion, simulate_drivetrain
-from osl_analysis.simulator.plan import Condition
-from osl_analysis.simulator.platform import (
-    PlatformMotion,
-    displaced,
-    nominal_ankle,
-    perturbed_platform,
-    pulse,
-    resting_platform,
-)
+from osl_analysis.simulator.mcap_writer import LEG, write_mcap
+from osl_analysis.simulator.recorder import rounded_to, write_curves, write_truth
 from osl_analysis.simulator.rigid_body import (
     GRAVITY,
     Pose,
@@ -33,30 +30,44 @@ from osl_analysis.simulator.rigid_body import (
     rotation_about,
     time_derivative,
 )
+from osl_analysis.simulator.settings import SimulationSettings, stream
 from osl_analysis.simulator.step import (
     WINDOW_S,
+    PlatformMotion,
     Step,
     ankle_path,
+    draw_step,
     foot_pitch,
     ground_reaction,
+    nominal_ankle,
     nominal_ankle_angle,
     nominal_ankle_moment,
+    perturbed_platform,
+    pulse,
+    resting_platform,
     smooth_step,
     stance_window,
+    turned,
+    unloaded_platform,
+)
+from osl_analysis.simulator.vicon import (
+    ANKLE_AXIS,
+    Scene,
+    leg_markers,
+    on_body,
+    platform_markers,
+    sync_level,
+    vicon_recording,
+    write_c3d,
 )
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trial import AXES, Array
 
-B_1_GRID = 50
-
 
 @lru_cache(maxsize=32)
-def compensated_damping(
-    path: Path, K_d: float | None, B_d: float | None, p: DrivetrainParameters, weight: Weight
-) -> tuple[Array, Array]:
+def compensated_damping(path: Path, p: DrivetrainParameters, weight: Weight) -> tuple[Array, Array]:
     """A grid of phases, and B_1 [N*m*s/rad] (Eq. 14) at these. A grid is enough because B_1 is a smooth curve."""
-    desired = Condition(K_d=K_d, B_d=B_d).desired(path)
-    grid = np.linspace(0.0, 1.0, B_1_GRID + 1)
+    desired, grid = read_impedance_trajectory(path), np.linspace(0.0, 1.0, 51)
     stiffness, damping = desired.at(desired.K_d, grid), desired.at(desired.B_d, grid)
     # at() is periodic, so the grid's last point is its first
     check_request(stiffness, damping, p)
@@ -67,29 +78,26 @@ def compensated_damping(
 def walking_commands(
     step: Step, time: Array, walking: WalkingSettings, compensates: bool, p: DrivetrainParameters
 ) -> ControlCommands:
-    """Commands to the actuator in a step, shape (updates of the controller,); `time` [s] is that of the motion. The
-    equilibrium angle is chosen so that K_d and B_d give the step's ankle moment at the step's nominal angle."""
-    stride, condition = walking.rates.motion_hz // walking.rates.controller_hz, step.condition
-    c, desired = step.cycle_phase(time[::stride]), condition.desired(walking.impedance)
+    """Commands to the actuator in a step, shape (updates of the controller,); `time` [s] is that of the motion. Unless
+    the file of the desired impedance has an equilibrium angle, it is chosen so that K_d and B_d give the step's ankle
+    moment at the step's nominal angle."""
+    stride = walking.rates.motion_hz // walking.rates.controller_hz
+    c, desired = step.cycle_phase(time[::stride]), read_impedance_trajectory(walking.impedance)
     K_d, B_d = desired.at(desired.K_d, c), desired.at(desired.B_d, c)
     if compensates:
-        damping = compensated_damping(walking.impedance, condition.K_d, condition.B_d, p, walking.gain_weight.weight)
-        K_1, B_1 = stiffness_gain(K_d, p), np.interp(np.mod(c, 1.0), *damping)
+        K_1 = stiffness_gain(K_d, p)
+        B_1 = np.interp(np.mod(c, 1.0), *compensated_damping(walking.impedance, p, walking.gain_weight.weight))
     else:
         K_1, B_1 = K_d / p.n_T**2, B_d / p.n_T**2
-    moment = step.load * step.body_mass * nominal_ankle_moment(c) + step.torque_wander[::stride]
     if desired.theta_eq is not None:
-        usual = step.body_mass * nominal_ankle_moment(c)
-        theta_eq = desired.at(desired.theta_eq, c) - (moment - usual) / K_d
+        theta_eq = desired.at(desired.theta_eq, c)
     else:
-        angle = step.change.amplitude * nominal_ankle_angle(c)
-        elastic = moment - B_d * time_derivative(angle, walking.rates.controller_hz)
-        theta_eq = angle - elastic / K_d
+        moment, angle = walking.gait.body_mass_kg * nominal_ankle_moment(c), nominal_ankle_angle(c)
+        theta_eq = angle - (moment - B_d * time_derivative(angle, walking.rates.controller_hz)) / K_d
     return ControlCommands(K_1, B_1, theta_eq * p.n_T, cancels_friction=compensates)
 
 
 YIELD_S = 0.2
-SLIP_S = 0.1
 RELEASE_S = 0.3
 ROLL_LEVER_M = 0.004
 FREE_MOMENT = 0.03  # Largest free moment divided by body mass [N*m/kg]
@@ -151,23 +159,17 @@ def move(time: Array, step: Step, perturbed: bool, walking: WalkingSettings) -> 
     """Prescribed motion: the nominal step, its random deviations, and the platform under the foot. The foot rotates
     with the platform. The shank rotates by the share `shank_yield` only, so that the ankle angle changes by the rest.
     In swing the foot returns from the platform's angle."""
-    platform = perturbed_platform(time, step, walking) if perturbed else resting_platform(time)
+    platform = perturbed_platform(time, step, walking) if perturbed else resting_platform(time, walking)
     rate, c = walking.rates.motion_hz, step.cycle_phase(time)
     on_platform = 1.0 - smooth_step((time - step.toe_off) / RELEASE_S)
-    carried, moved = platform.angle * on_platform, platform.shift * on_platform[:, None]
-    theta = step.change.amplitude * step.angle_factor * nominal_ankle_angle(c) + step.wander + carried
-    theta = theta - moved[:, 0] / walking.perturbation.leg_length_m
-    path = ankle_path(c, walking.gait.stride_m)
+    carried = platform.angle * on_platform
+    theta = step.angle_factor * nominal_ankle_angle(c) + step.wander + carried
     if platform.onset is not None:
-        given = 0.01 * walking.effects.shank_yield.value * step.condition.sign
-        given *= np.radians(walking.perturbation.angle_deg)
+        given = 0.01 * walking.effects.shank_yield.value * np.radians(walking.perturbation.angle_deg)
         theta = theta - given * pulse(time, platform.onset, YIELD_S, step.toe_off, RELEASE_S)
-        slip = 1e-3 * walking.effects.foot_slip.value
-        path[:, 0] -= slip * pulse(time, platform.onset, SLIP_S, step.toe_off, RELEASE_S)
     yaw = rotation_about(2, np.full_like(time, step.yaw))
-    ankle = nominal_ankle(walking)
-    flat = Pose(yaw @ rotation_about(1, -foot_pitch(c)), ankle + step.placement + path @ yaw[0].T)
-    foot = displaced(carried, moved, walking).after(flat)
+    path = nominal_ankle(walking) + step.placement + ankle_path(c, walking.gait.stride_m) @ yaw[0].T
+    foot = turned(carried, walking).after(Pose(yaw @ rotation_about(1, -foot_pitch(c)), path))
     shank = Pose(foot.rotation @ rotation_about(1, theta), foot.origin)
     omega = time_derivative(theta, rate)
     return LegMotion(theta, omega, time_derivative(omega, rate), foot, shank, platform)
@@ -180,7 +182,7 @@ def react(
     needs the moment N = u . (dH/dt + r x m (a - g)). The shank applies +tau (toes down), and the ground applies the
     rest, N - tau. The part of the ground decreases with its force at the beginning and end of stance. Across the axis
     the ground's moments are small, and the hinge carries the rest."""
-    foot, mass = motion.foot, step.body_mass
+    foot, mass = motion.foot, walking.gait.body_mass_kg
     forward, axis, upward = (foot.rotation[:, :, i] for i in range(3))
     body = RigidBody(
         walking.effects.foot_inertia.value, np.array(walking.foot.centre_of_mass_m), np.array(walking.foot.gyration_m)
@@ -190,7 +192,7 @@ def react(
     phase = step.stance_phase(time)
     contact = stance_window(phase)
     given = contact * (about_axis - answer)
-    force = step.load * step.force_factor * ground_reaction(phase) * mass * -GRAVITY[2]
+    force = step.force_factor * ground_reaction(phase) * mass * -GRAVITY[2]
     roll = ROLL_LEVER_M * force[:, 2]
     spin = FREE_MOMENT * mass * contact * np.sin(2 * np.pi * phase)
     moment = given[:, None] * axis + roll[:, None] * forward + spin[:, None] * upward
@@ -219,7 +221,7 @@ def crossing_curves(
     moment about the centre of the plate's surface where the platform has carried it (`plate_centre`); axis: the
     ankle's, through `ankle`; foot_moment: what the foot's weight and inertia demand about it, so that torque =
     foot_moment - axis . (moment + (plate_centre - ankle) x force)."""
-    motion, desired = crossing.motion, crossing.step.condition.desired(walking.impedance)
+    motion, desired = crossing.motion, read_impedance_trajectory(walking.impedance)
     phase = crossing.step.cycle_phase(crossing.time)
     centre = motion.platform.pose.point(np.array(walking.plate.centre_m))
     axis = motion.foot.rotation[:, :, 1]
@@ -243,12 +245,154 @@ def crossing_curves(
     return curves | components("moment", crossing.reaction.moment_about(centre))
 
 
-def platform_curves(time: Array, platform: PlatformMotion, walking: WalkingSettings) -> dict[str, Array]:
-    """Exact curves of a platform without a foot: its angle [rad] and the centre of the plate's surface [m]."""
-    centre = platform.pose.point(np.array(walking.plate.centre_m))
-    return {"time": time, "platform_angle": platform.angle} | components("plate_centre", centre)
-
-
 def components(name: str, vectors: Array) -> dict[str, Array]:
     """Columns name_x, name_y, name_z of vectors, shape (n, 3)."""
     return {f"{name}_{axis}": vectors[:, i] for i, axis in enumerate(AXES)}
+
+
+@dataclass(frozen=True)
+class LegClock:
+    """The leg's clock: its time [s] is offset [s] + (1 + drift) * Vicon's time [s]."""
+
+    offset: float
+    drift: float
+
+
+def leg_columns(
+    trial: str, crossing: SimulatedCrossing, time: Array, settings: SimulationSettings, walking: WalkingSettings
+) -> dict[str, Array]:
+    """What the leg logs at times [s] of Vicon's clock, shape (n,) each, in the fields of its message. Gains and current
+    are held from one update of the controller to the next."""
+    rates, effects, seed = walking.rates, settings.effects, settings.seed
+    encoder = walking.effects.leg_joint_encoder
+    resolution = 2 * np.pi / 2**encoder.size if encoder.enabled else 0.0
+    held = np.floor(time * rates.controller_hz).astype(int)
+    ripple = effects.current_noise.value * stream(seed, trial, "current_noise").standard_normal(len(time))
+    theta_m = interpolated_at(crossing.drivetrain.theta_m, rates.controller_hz, time)
+    return {
+        "joint_angle": rounded_to(interpolated_at(crossing.motion.theta, rates.motion_hz, time), resolution),
+        "actuator_angle": rounded_to(theta_m, effects.actuator_encoder.value),
+        "motor_current": rounded_to(crossing.drivetrain.current[held] + ripple, effects.current_quantisation.value),
+        "stiffness_gain": crossing.commands.K_1[held],
+        "damping_gain": crossing.commands.B_1[held],
+        "sync": sync_level(trial, seed, walking.gait.recording_s, time),
+    }
+
+
+def draw_clock(trial: str, seed: int, walking: WalkingSettings) -> LegClock:
+    """The leg's clock in one trial. Its offset is drawn evenly from 0.5 to 1.5 times its mean."""
+    effects = walking.effects
+    offset = effects.leg_clock_offset.value * stream(seed, trial, "leg_clock_offset").uniform(0.5, 1.5)
+    drift = 1e-6 * effects.leg_clock_drift.value * stream(seed, trial, "leg_clock_drift").standard_normal()
+    return LegClock(float(offset), float(drift))
+
+
+def write_leg_log(
+    path: Path, crossing: SimulatedCrossing, clock: LegClock, settings: SimulationSettings, walking: WalkingSettings
+) -> None:
+    """Write the leg's log, sampled at whole periods of its own clock; the file has the name of the trial."""
+    rate = walking.rates.leg_hz
+    first, last = (clock.offset + (1 + clock.drift) * crossing.time[[0, -1]]) * rate
+    # the margin excludes a period that rounding put before the first sample or after the last
+    leg_time = np.arange(np.ceil(first + 1e-6), np.floor(last - 1e-6) + 1) / rate
+    time = (leg_time - clock.offset) / (1 + clock.drift)
+    write_mcap(path, LEG, leg_time, leg_columns(path.stem, crossing, time, settings, walking))
+
+
+def motion_grid(walking: WalkingSettings) -> Array:
+    """Times [s] of the motion: whole marker frames, at the motion's rate."""
+    rates = walking.rates
+    frames = round(walking.gait.recording_s * rates.points_hz)
+    return np.arange(frames * (rates.motion_hz // rates.points_hz)) / rates.motion_hz
+
+
+def simulate_walking_trial(
+    row: Mapping[str, object],
+    settings: SimulationSettings,
+    walking: WalkingSettings,
+    p: DrivetrainParameters,
+    folder: Path,
+) -> None:
+    """Simulate one row of the sample sheet, of experiment walking, plate or static, into a campaign's raw folder.
+
+    Writes the truth first, so that every log has a truth. Then writes `vicon/<trial>.c3d` and, for a walking trial,
+    `leg/<trial>.mcap`.
+    """
+    trial, time, seed = str(row["trial"]), motion_grid(walking), settings.seed
+    facts: dict[str, object] = {"trial": trial, "seed": seed}
+    if row["experiment"] == "walking":
+        walked, unperturbed = both_crossings(row, time, settings, walking, p)
+        clock = draw_clock(trial, seed, walking)
+        scene, curves = scene_of(walked, walking), crossing_curves(walked, unperturbed, walking)
+        facts |= crossing_facts(walked, unperturbed, clock)
+    elif row["experiment"] == "plate":
+        platform = unloaded_platform(time, trial, seed, walking)
+        nothing = np.zeros((len(time), 3))
+        load = TrueWrench(nothing, nothing, nothing)
+        scene = Scene(platform_markers(platform.pose, walking), platform.pose, load, platform.command)
+    elif row["experiment"] == "static":
+        platform = resting_platform(time, walking)
+        scene = standing_scene(platform, walking)
+    else:
+        raise InputError(
+            f"trial {trial}: experiment '{row['experiment']}' is not one of the gait laboratory; "
+            "use walking, plate or static"
+        )
+    if row["experiment"] != "walking":
+        centre = platform.pose.point(np.array(walking.plate.centre_m))
+        curves = {"time": time, "platform_angle": platform.angle} | components("plate_centre", centre)
+        facts |= {"command_s": platform.command, "onset_s": platform.onset}
+    facts |= {"effects": settings.effects.model_dump(), "gait_laboratory": walking.model_dump(mode="json")}
+    write_curves(folder, trial, curves, walking.rates.analog_stride)
+    write_truth(folder, trial, facts)
+    if row["experiment"] == "walking":
+        write_leg_log(folder / "leg" / f"{trial}.mcap", walked, clock, settings, walking)
+    write_c3d(folder / "vicon" / f"{trial}.c3d", vicon_recording(trial, seed, scene, walking))
+
+
+def both_crossings(
+    row: Mapping[str, object],
+    time: Array,
+    settings: SimulationSettings,
+    walking: WalkingSettings,
+    p: DrivetrainParameters,
+) -> tuple[SimulatedCrossing, SimulatedCrossing]:
+    """A crossing, and the same one without the perturbation. The controller compensates unless that of the row is
+    'uncompensated'."""
+    step = draw_step(str(row["trial"]), settings.seed, time, walking)
+    compensates, effects = str(row.get("controller")) != "uncompensated", drivetrain_effects(settings)
+    unperturbed = simulate_crossing(time, step, False, compensates, walking, effects, p)
+    if not row.get("perturbed"):
+        return unperturbed, unperturbed
+    return simulate_crossing(time, step, True, compensates, walking, effects, p), unperturbed
+
+
+def scene_of(walked: SimulatedCrossing, walking: WalkingSettings) -> Scene:
+    """The quantities of a crossing that Vicon records."""
+    motion = walked.motion
+    markers = leg_markers(motion.foot, motion.shank) | platform_markers(motion.platform.pose, walking)
+    return Scene(markers, motion.platform.pose, walked.reaction, motion.platform.command)
+
+
+def standing_scene(platform: PlatformMotion, walking: WalkingSettings) -> Scene:
+    """Quiet standing: foot flat, shank upright, half the body weight vertically above the ankle."""
+    leg = Pose(platform.pose.rotation, np.tile(nominal_ankle(walking), (len(platform.angle), 1)))
+    weight = np.tile(-0.5 * walking.gait.body_mass_kg * GRAVITY, (len(platform.angle), 1))
+    markers = leg_markers(leg, leg) | on_body(leg, ANKLE_AXIS) | platform_markers(platform.pose, walking)
+    return Scene(markers, platform.pose, TrueWrench(weight, np.zeros_like(weight), leg.origin), None)
+
+
+def crossing_facts(walked: SimulatedCrossing, unperturbed: SimulatedCrossing, clock: LegClock) -> dict[str, object]:
+    """The random quantities of a crossing, and the impedance that the leg rendered in it."""
+    step, platform = walked.step, walked.motion.platform
+    return {
+        "perturbed": platform.onset is not None,
+        "command_s": platform.command,
+        "onset_s": platform.onset,
+        "heel_strike_s": step.heel_strike,
+        "toe_off_s": step.toe_off,
+        "foot_yaw_rad": step.yaw,
+        "placement_m": step.placement.tolist(),
+        "leg_clock": {"offset_s": clock.offset, "drift": clock.drift},
+        **rendered_impedance(walked, unperturbed),
+    }

@@ -8,12 +8,12 @@ import numpy as np
 
 from osl_analysis.compiled import numba
 from osl_analysis.config.parameters import DrivetrainParameters
-from osl_analysis.simulator import bench, walking
+from osl_analysis.simulator import bench, crossing
 from osl_analysis.simulator.drivetrain import IDEAL, ControlCommands, simulate_belt_torque, simulate_drivetrain
 from osl_analysis.simulator.joint_motion import JointMotion, position_loop
 from osl_analysis.simulator.kernel import spline_at
 
-__all__ = ["bench", "walking", "warm_up"]
+__all__ = ["bench", "crossing", "warm_up"]
 
 
 def warm_up() -> None:

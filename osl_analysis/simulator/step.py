@@ -1,20 +1,19 @@
-"""One step on the platform: the nominal curves of gait, and all that is random in it, with its timing.
+"""One step on the platform: the nominal curves of gait, all that is random in it, and the motion of the platform.
 
 What is random is the same with and without the perturbation. The nominal curves resemble published ones of level
 walking with a prosthetic ankle. They have three or more continuous derivatives, so that every body has an acceleration.
 Cycle phase c: 0 at heel strike, 1 at the next one, any real number; stance phase p: 0 at heel strike, 1 at toe-off.
 """
 
-import math
-from collections.abc import Iterable
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from osl_analysis.errors import InputError
-from osl_analysis.simulator.plan import Condition
+from osl_analysis.simulator.rigid_body import Pose, rotation_about
 from osl_analysis.simulator.settings import stream
-from osl_analysis.simulator.walking_settings import StepChange, WalkingSettings
+from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trial import Array
 
 STANCE_FRACTION = 0.62
@@ -22,7 +21,6 @@ FLAT_FROM, FLAT_TO = 0.12, 0.60
 ANKLE_HEIGHT = 0.08
 HEEL = np.array([-0.06, 0.0, -ANKLE_HEIGHT])
 BALL = np.array([0.13, 0.0, -ANKLE_HEIGHT])
-FOOT_WIDTH = 0.09  # Width [m] of the foot, whose middle is below the ankle
 # (size, cycle phase of the peak, sharpness) of periodic bumps; sizes in degrees and N*m/kg
 ANKLE_ANGLE = ((-7.0, 0.06, 20.0), (12.0, 0.40, 3.5), (-18.0, 0.63, 11.0))
 ANKLE_MOMENT = ((0.45, 0.28, 6.0), (0.35, 0.37, 14.0), (1.35, 0.475, 11.0), (-0.15, 0.05, 30.0))
@@ -102,49 +100,6 @@ def rolled_over(pivot: Array, pitch: Array) -> Array:
     return np.stack([x - (cos * x - sin * z), np.zeros_like(pitch), z - (sin * x + cos * z)], axis=-1)
 
 
-SHIVER_HZ = (8.0, 20.0)
-SHIVER_WAVES = 6
-SETTLES_S = 0.1  # Time [s] after the ramp at which the shiver begins to fade
-FADE_S = 0.05
-
-
-@dataclass(frozen=True)
-class Servo:
-    """What is random in a motion of the platform."""
-
-    slowness: float  # Factor of the duration of the ramp
-    shiver: Array  # Deviation [rad] of the angle, shape (n,), before it is limited to the motion
-
-    def shivering(self, time: Array, onset: float, rise: float) -> Array:
-        """Deviation [rad] of the angle, shape (n,): from the onset [s] until shortly after the rise [s]."""
-        ends = onset + rise + SETTLES_S
-        return np.asarray(self.shiver * (smooth_step((time - onset) / FADE_S) - smooth_step((time - ends) / FADE_S)))
-
-
-def draw_servo(trial: str, seed: int, time: Array, walking: WalkingSettings) -> Servo:
-    """Draw the servo of a trial."""
-    effects = walking.effects
-    slower = 0.01 * effects.rise_scatter.value * stream(seed, trial, "rise_scatter").standard_normal()
-    random = stream(seed, trial, "servo_shiver")
-    sizes = random.standard_normal(SHIVER_WAVES) * np.sqrt(2 / SHIVER_WAVES)
-    pitches, phases = random.uniform(*SHIVER_HZ, SHIVER_WAVES), random.uniform(0, 2 * np.pi, SHIVER_WAVES)
-    shiver = np.cos(2 * np.pi * np.outer(time, pitches) + phases) @ sizes
-    return Servo(float(1 + slower), np.radians(effects.servo_shiver.value) * shiver)
-
-
-def change_of(trial: str, seed: int, perturbed: bool, changes: Iterable[StepChange]) -> StepChange:
-    """All changes of one crossing in one: factors multiply, the rest adds up."""
-    found = [
-        change
-        for i, change in enumerate(changes)
-        if change.concerns(trial, perturbed) and stream(seed, trial, f"change{i}").random() < change.share
-    ]
-    factors = {name: math.prod(c.factors[name] for c in found) for name in ("load", "amplitude")}
-    terms = ("slower_percent", "after_window_percent", "second_foot_percent", "overhang_mm")
-    sums = {name: sum(getattr(c, name) for c in found) for name in terms}
-    return StepChange(of=(trial,), **factors, **sums)
-
-
 WINDOW_S = 0.1  # Time [s] after the onset in which the rendered impedance is fitted
 WANDER_HZ = (0.3, 4.0)
 WANDER_WAVES = 6
@@ -161,27 +116,15 @@ class Step:
     command: float  # Time [s] at which the perturbation is commanded
     angle_factor: float  # Factor of the ankle's angle
     wander: Array  # Smooth deviation [rad] of the ankle's angle, shape (n,)
-    torque_wander: Array  # Smooth deviation [N*m] of the ankle's torque, shape (n,). The leg's equilibrium follows it
     force_factor: Array  # Factor of each component of the ground reaction, shape (3,)
     placement: Array  # Deviation [m] of the foot's place forward, to the left and up, shape (3,)
     yaw: float  # Direction [rad] of the foot, to the left
     hurry: float  # Time [s] by which stance is longer after the window
-    timing: tuple[float, float]
-    """Deviation of the phase of stance in its middle, and of one half of it against the other."""
-    body_mass: float  # Body mass [kg]
-    servo: Servo  # What is random in the platform's motion
-    change: StepChange  # What makes this crossing differ from others
-    condition: Condition  # What the crossing is by plan
 
     @property
     def toe_off(self) -> float:
         """Time [s] at which the foot leaves the platform."""
         return self.heel_strike + self.stance + self.hurry
-
-    @property
-    def load(self) -> float:
-        """Factor of the ground reaction and of the ankle's nominal torque."""
-        return self.change.load * self.change.amplitude
 
     def stance_phase(self, time: Array) -> Array:
         """Phase of stance at times [s]: 0 at heel strike, 1 at toe-off."""
@@ -190,12 +133,7 @@ class Step:
             begins = self.onset + WINDOW_S - self.heel_strike
             left = self.stance + self.hurry - begins
             elapsed = elapsed - self.hurry * smooth_step((elapsed - begins) / left)
-        phase = elapsed / self.stance
-        if not any(self.timing):
-            return phase
-        inside = np.clip(phase, 0.0, 1.0)
-        middle, halves = self.timing
-        return np.asarray(phase + 256.0 * (inside * (1 - inside)) ** 4 * (middle + halves * 2 * (2 * inside - 1)))
+        return np.asarray(elapsed / self.stance)
 
     def cycle_phase(self, time: Array) -> Array:
         """Phase of the gait cycle at times [s]: 0 at the heel strike on the platform, 1 at the next."""
@@ -206,78 +144,37 @@ class Step:
         return self if perturbed or not self.hurry else replace(self, hurry=0.0)
 
 
-def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings, condition: Condition | None = None) -> Step:
+def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings) -> Step:
     """Draw a crossing. Each effect has its own random stream."""
-    effects, nominal, condition = walking.effects, walking.gait, condition or Condition()
-    change = change_of(trial, seed, condition.perturbed, walking.changes)
-    normal = Draws(trial, seed, walking)
-    stance = condition.stance(nominal.stance_s) * (1 + normal("stance_scatter", 0.01))
-    stance *= 1 + 0.01 * change.slower_percent
+    effects, nominal, perturbation = walking.effects, walking.gait, walking.perturbation
+
+    def normal(effect: str, unit: float = 1.0) -> float:
+        """A normal deviate with the effect's standard deviation, in SI units."""
+        return unit * float(getattr(effects, effect).value * stream(seed, trial, effect).standard_normal())
+
+    stance = nominal.stance_s * (1 + normal("stance_scatter", 0.01)) * (1 + 0.01 * nominal.slower_percent)
     heel_strike = nominal.heel_strike_s + normal("heel_strike_scatter")
-    command = heel_strike + command_phase(trial, seed, walking, condition) * stance
-    force = stream(seed, trial, "force_scale").standard_normal(3)
-    load, amplitude = (f * (1 + normal(f"{n}_scatter", 0.01)) for n, f in change.factors.items())
-    onset = command + walking.perturbation.latency_s + normal("trigger_scatter", 1e-3)
-    sideways = normal("placement_sideways", 1e-3) if not change.overhang_mm else overhanging(change, walking)
-    step = Step(
+    phase = float(stream(seed, trial, "perturbation_phase").uniform(*perturbation.stance_phase))
+    command, hurry = heel_strike + phase * stance, 0.01 * nominal.after_window_percent * stance
+    onset = command + perturbation.latency_s
+    left = heel_strike + stance + hurry - onset - WINDOW_S
+    if hurry and not left > STEEPEST * max(hurry, 0.0):
+        raise InputError(
+            f"trial {trial}: after_window_percent {nominal.after_window_percent:g} leaves {left:.3f} s of stance "
+            "after the window; choose a smaller change, or an earlier perturbation"
+        )
+    return Step(
         heel_strike=heel_strike,
         stance=stance,
         onset=onset,
         command=command,
         angle_factor=1 + normal("angle_scale", 0.01),
         wander=np.radians(effects.angle_wander.value) * wandering(stream(seed, trial, "angle_wander"), time),
-        torque_wander=effects.torque_wander.value * wandering(stream(seed, trial, "torque_wander"), time),
-        force_factor=1 + 0.01 * effects.force_scale.value * force,
-        placement=np.array([normal("placement_forward", 1e-3), sideways, 0.0]),
+        force_factor=1 + 0.01 * effects.force_scale.value * stream(seed, trial, "force_scale").standard_normal(3),
+        placement=np.array([normal("placement_forward", 1e-3), normal("placement_sideways", 1e-3), 0.0]),
         yaw=normal("foot_yaw", np.pi / 180),
-        hurry=0.01 * change.after_window_percent * stance,
-        timing=(normal("timing_wander", 0.01), 0.01 * effects.timing_wander.value * normal.of("timing_halves")),
-        body_mass=condition.body_mass(nominal.body_mass_kg),
-        servo=draw_servo(trial, seed, time, walking),
-        change=change.model_copy(update={"load": load, "amplitude": amplitude}),
-        condition=condition,
+        hurry=hurry,
     )
-    return with_a_stance_that_can_be(step, trial)
-
-
-class Draws:
-    """Normal deviates of the effects of one crossing."""
-
-    def __init__(self, trial: str, seed: int, walking: WalkingSettings) -> None:
-        self.trial, self.seed, self.effects = trial, seed, walking.effects
-
-    def __call__(self, effect: str, unit: float = 1.0) -> float:
-        """A normal deviate with the effect's standard deviation, in SI units."""
-        return unit * float(getattr(self.effects, effect).value * self.of(effect))
-
-    def of(self, name: str) -> float:
-        """A standard normal deviate."""
-        return float(stream(self.seed, self.trial, name).standard_normal())
-
-
-def command_phase(trial: str, seed: int, walking: WalkingSettings, condition: Condition) -> float:
-    """Phase of stance at which the perturbation is commanded."""
-    first, last = walking.perturbation.stance_phase
-    middle = 0.0 if condition.stance_phase is None else condition.stance_phase - 0.5 * (first + last)
-    return float(middle + stream(seed, trial, "perturbation_phase").uniform(first, last))
-
-
-def overhanging(change: StepChange, walking: WalkingSettings) -> float:
-    """Deviation [m] of a foot's place to the left, whose outer side is `overhang_mm` beyond the plate's right edge."""
-    plate = walking.plate
-    outer = -0.5 * plate.size_m[1] - 1e-3 * change.overhang_mm
-    return outer + 0.5 * FOOT_WIDTH - plate.nominal_ankle_m[1]
-
-
-def with_a_stance_that_can_be(step: Step, trial: str) -> Step:
-    """The step, if time after the window can be stretched as it asks."""
-    left = step.toe_off - step.onset - WINDOW_S
-    if step.hurry and not left > STEEPEST * max(step.hurry, 0.0):
-        raise InputError(
-            f"trial {trial}: after_window_percent {step.change.after_window_percent:g} leaves {left:.3f} s of stance "
-            "after the window; choose a smaller change, or an earlier perturbation"
-        )
-    return step
 
 
 def wandering(random: np.random.Generator, time: Array) -> Array:
@@ -285,3 +182,71 @@ def wandering(random: np.random.Generator, time: Array) -> Array:
     sizes = random.standard_normal(WANDER_WAVES) * np.sqrt(2 / WANDER_WAVES)
     pitches, phases = random.uniform(*WANDER_HZ, WANDER_WAVES), random.uniform(0, 2 * np.pi, WANDER_WAVES)
     return np.asarray(np.cos(2 * np.pi * np.outer(time, pitches) + phases) @ sizes)
+
+
+UNLOADED_COMMAND_S = 0.5
+SHIFT_M = np.array([0.012, 0.008, 0.006])
+TILT_RAD = np.radians(2.0)
+UNLOADED_RANGE = ([0.85, 0.9], [1.15, 1.3])  # Lowest and highest factors of size and duration of an unloaded ramp
+
+
+@dataclass(frozen=True)
+class PlatformMotion:
+    """True motion of the platform."""
+
+    angle: Array  # Dorsiflexion (toes-up) angle [rad], shape (n,)
+    pose: Pose  # Displacement of the platform from where it is at rest
+    command: float | None  # Time [s] at which the trigger fires. None if the platform stays at rest
+    onset: float | None  # Time [s] at which the platform starts to move. None if it stays at rest
+
+
+def pulse(time: Array, start: float, rise: float, back: float, fall: float) -> Array:
+    """0, smoothly to 1 from `start` within `rise` [s], and to 0 again from `back` within `fall` [s]."""
+    return np.asarray(smooth_step((time - start) / rise) - smooth_step((time - back) / fall))
+
+
+def turned(angle: Array, walking: WalkingSettings) -> Pose:
+    """Rotation of the platform by an angle [rad, toes up] about the mediolateral axis through the nominal ankle."""
+    rotation, pivot = rotation_about(1, -angle), nominal_ankle(walking)
+    return Pose(rotation, pivot - rotation @ pivot)
+
+
+def nominal_ankle(walking: WalkingSettings) -> Array:
+    """Position [m] of the ankle of a nominally placed flat foot."""
+    return np.add(walking.plate.centre_m, [*walking.plate.nominal_ankle_m, ANKLE_HEIGHT])
+
+
+def perturbed_platform(time: Array, step: Step, walking: WalkingSettings) -> PlatformMotion:
+    """The ramp under a walking foot, held until after toe-off."""
+    ramp = walking.perturbation
+    held = pulse(time, step.onset, ramp.rise_s, step.toe_off + ramp.hold_s, ramp.return_s)
+    angle = np.radians(ramp.angle_deg) * held
+    return PlatformMotion(angle, turned(angle, walking), step.command, step.onset)
+
+
+def resting_platform(time: Array, walking: WalkingSettings) -> PlatformMotion:
+    """A platform that stays flat."""
+    still = np.zeros_like(time)
+    return PlatformMotion(still, turned(still, walking), None, None)
+
+
+def unloaded_platform(time: Array, trial: str, seed: int, walking: WalkingSettings) -> PlatformMotion:
+    """The perturbation of an unloaded platform: the ramp, with small random variations, and its return. Every
+    `full_motion_every`-th trial (by the number at the end of its name) then also shifts along all three axes and tilts
+    slowly about the walking direction. A regression can then estimate all inertial parameters of the plate."""
+    ramp, onset = walking.perturbation, UNLOADED_COMMAND_S + walking.perturbation.latency_s
+    size, slowness = stream(seed, trial, "unloaded_ramp").uniform(*UNLOADED_RANGE)
+    back = onset + 0.5
+    angle = size * (np.radians(ramp.angle_deg) * pulse(time, onset, slowness * ramp.rise_s, back, ramp.return_s))
+    pose = turned(angle, walking)
+    number, every = re.search(r"\d+$", trial), walking.plate.full_motion_every
+    if number and every and int(number.group()) % every == 0:
+        pose = shifted_and_tilted(time, back + ramp.return_s, ramp.rise_s).after(pose)
+    return PlatformMotion(angle, pose, UNLOADED_COMMAND_S, onset)
+
+
+def shifted_and_tilted(time: Array, start: float, rise: float) -> Pose:
+    """A shift along each axis in turn, as fast as the ramp, and a tilt about x that is three times slower."""
+    shifts = [pulse(time, start + k * 3 * rise, 1.5 * rise, start + (k * 3 + 2) * rise, 1.5 * rise) for k in range(3)]
+    tilt = TILT_RAD * pulse(time, start + 9 * rise, 3 * rise, start + 13 * rise, 3 * rise)
+    return Pose(rotation_about(0, tilt), np.stack(shifts, axis=-1) * SHIFT_M)

@@ -1,4 +1,9 @@
-"""The simulated Vicon recording: markers with noise and gaps, force plate, sync and trigger, as a C3D file of Nexus."""
+"""The simulated Vicon recording: markers with noise and gaps, force plate, sync and trigger, as a C3D file of Nexus.
+
+The plate's axes are those of C3D force plates: x along laboratory +y, y along laboratory +x, z down, all turning with
+the platform. Corners 1-4 lie in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of these axes. The plate is of
+type 2, whose channels are force and moment about the sensor origin.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,10 +14,9 @@ import ezc3d
 import numpy as np
 
 from osl_analysis.files import atomic_path
-from osl_analysis.simulator.plate import SensorReading, plate_channels, plate_corners, sensor_reading
-from osl_analysis.simulator.rigid_body import Pose, TrueWrench, interpolated_at
+from osl_analysis.simulator.rigid_body import GRAVITY, Pose, RigidBody, TrueWrench, interpolated_at
 from osl_analysis.simulator.settings import stream
-from osl_analysis.simulator.walking_settings import CaptureSettings, WalkingSettings
+from osl_analysis.simulator.walking_settings import Plate, WalkingSettings
 from osl_analysis.trial import Array
 
 MM = 1e3
@@ -20,24 +24,12 @@ RESIDUAL_SEEN, RESIDUAL_HIDDEN = 0.0, -1.0
 """Residuals of seen and hidden markers. 0, because readers disagree about the byte that holds a positive residual."""
 TEXT, WHOLE_NUMBER, FLOAT = -1, 2, 4
 """C3D's parameter types: bytes per element, -1 for characters."""
-CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}  # Channels of a force plate, by its type
-
-
-@dataclass(frozen=True)
-class RecordedPlate:
-    """Corners [m], shape (4, 3), in laboratory axes and C3D's order, and ORIGIN [m] in the plate's axes, shape (3,).
-    Its channels are the recording's first ones: six, or eight of type 3. Type 4 has a calibration matrix, (6, 6)."""
-
-    corners: Array
-    origin: Array
-    type: int = 2
-    calibration: Array | None = None
 
 
 @dataclass(frozen=True)
 class C3dRecording:
-    """Markers [m], shape (frames, labels, 3), NaN where hidden, and analogs, shape (samples, channels). Analogs are in
-    `units` already; their rate [Hz] is a whole multiple of the markers'."""
+    """Markers [m], shape (frames, labels, 3), NaN where hidden, and analogs, shape (samples, channels), in `units`. The
+    rate of the analogs [Hz] is a whole multiple of the markers'. The first six channels are the force plate's."""
 
     labels: tuple[str, ...]
     points: Array
@@ -46,11 +38,8 @@ class C3dRecording:
     units: tuple[str, ...]
     analogs: Array
     analog_rate_hz: int
-    plate: RecordedPlate
-    screen: tuple[str, str] | None = ("+X", "+Z")
-    """Axes of the file to the right and upward on a screen (POINT:X_SCREEN, Y_SCREEN). None: they are not stated."""
-    body_mass_kg: float | None = None  # Body mass [kg] that the file states. None: it states none
-    subject: str | None = None  # Name of the person that the file states. None: it states none
+    corners: Array  # of the plate [m], shape (4, 3), in laboratory axes and C3D's order
+    origin: Array  # FORCE_PLATFORM:ORIGIN [m] in the plate's axes, shape (3,)
 
 
 def write_c3d(path: Path, recording: C3dRecording) -> None:
@@ -80,7 +69,8 @@ def describe(file: Any, recording: C3dRecording) -> None:
         DESCRIPTIONS=[""] * len(recording.labels),
         UNITS=["mm"],
         RATE=np.array([float(recording.point_rate_hz)]),
-        **({"X_SCREEN": [recording.screen[0]], "Y_SCREEN": [recording.screen[1]]} if recording.screen else {}),
+        X_SCREEN=["+X"],
+        Y_SCREEN=["+Z"],
         FORCE_UNITS=["N"],
         MOMENT_UNITS=["Nmm"],
     )
@@ -97,18 +87,14 @@ def describe(file: Any, recording: C3dRecording) -> None:
         file,
         "FORCE_PLATFORM",
         USED=np.array([1]),
-        TYPE=np.array([recording.plate.type]),
+        TYPE=np.array([2]),
         ZERO=np.array([1, 0]),
-        CORNERS=recording.plate.corners.T[:, :, None] * MM,
-        ORIGIN=recording.plate.origin[:, None] * MM,
-        CHANNEL=np.arange(1, CHANNELS[recording.plate.type] + 1)[:, None],
-        CAL_MATRIX=np.zeros(0) if recording.plate.calibration is None else recording.plate.calibration[:, :, None],
+        CORNERS=recording.corners.T[:, :, None] * MM,
+        ORIGIN=recording.origin[:, None] * MM,
+        CHANNEL=np.arange(1, 7)[:, None],
+        CAL_MATRIX=np.zeros(0),
     )
     set_parameters(file, "TRIAL", CAMERA_RATE=np.array([float(recording.point_rate_hz)]))
-    if recording.body_mass_kg is not None:
-        set_parameters(file, "PROCESSING", BODYMASS=np.array([recording.body_mass_kg]))
-    if recording.subject is not None:
-        set_parameters(file, "SUBJECTS", NAMES=[recording.subject])
     set_parameters(file, "MANUFACTURER", COMPANY=["osl-analysis"], SOFTWARE=["simulator"])
 
 
@@ -147,47 +133,16 @@ PLATFORM = {
 ANKLE_AXIS = {"ANKLE_MED": (0.0, 0.042, 0.0), "ANKLE_LAT": (0.0, -0.042, 0.0)}
 HIGH_V = 5.0
 TRIGGER_S = 0.02
-SYNC_INTERVAL_S = (0.06, 0.25)
 LONG_GAP_SHARE = 0.25
 SHORT_GAP_S, LONG_GAP_S = (0.007, 0.04), (0.05, 0.2)
 
 
-@dataclass(frozen=True)
-class Session:
-    """Where the markers of the leg are in one session of one person, from where they are in the first one."""
-
-    scatter: float = 0.0  # Standard deviation [m] of each marker's place, each axis
-    seed: int = 0
-    name: str = ""  # Name of person and session; empty: the first session of the first person
-
-    def places(self, nominal: Mapping[str, Place]) -> dict[str, Place]:
-        """The places [m] of markers on their body."""
-        if not (self.name and self.scatter):
-            return dict(nominal)
-        found = {}
-        for label, place in nominal.items():
-            moved = stream(self.seed, self.name, f"marker_placement_{label}").standard_normal(3)
-            x, y, z = np.add(place, self.scatter * moved)
-            found[label] = (float(x), float(y), float(z))
-        return found
-
-
-@dataclass(frozen=True)
-class SyncLine:
-    """Times [s] at which the synchronisation line changes its level. The line is low before the first."""
-
-    edges: Array
-
-    def level(self, time: Array) -> Array:
-        """0 or 1 at times [s]."""
-        return np.asarray(np.searchsorted(self.edges, time, side="right") % 2, dtype=float)
-
-
-def draw_sync(trial: str, seed: int, duration: float) -> SyncLine:
-    """An irregular pulse train over the duration [s] of a recording. Its pattern does not repeat."""
-    intervals = stream(seed, trial, "sync").uniform(*SYNC_INTERVAL_S, int(duration / SYNC_INTERVAL_S[0]) + 1)
-    edges = np.cumsum(intervals)
-    return SyncLine(edges[edges < duration])
+def sync_level(trial: str, seed: int, duration: float, time: Array) -> Array:
+    """Level, 0 or 1, of the synchronisation line at times [s]: an irregular pulse train over the duration [s] of a
+    recording, whose pattern does not repeat. It is low before the first pulse."""
+    shortest, longest = 0.06, 0.25  # intervals [s] between two changes
+    edges = np.cumsum(stream(seed, trial, "sync").uniform(shortest, longest, int(duration / shortest) + 1))
+    return np.asarray(np.searchsorted(edges[edges < duration], time, side="right") % 2, dtype=float)
 
 
 @dataclass(frozen=True)
@@ -198,8 +153,6 @@ class Scene:
     platform: Pose  # Pose of the platform
     reaction: TrueWrench  # Ground reaction on the plate
     command: float | None  # Time [s] at which the trigger fires. None if it does not
-    body_mass: float | None = None  # Body mass [kg] of the person. None if nobody is there
-    subject: str | None = None  # Name of the person. None if it has none
 
 
 def platform_markers(platform: Pose, walking: WalkingSettings) -> dict[str, Array]:
@@ -208,10 +161,9 @@ def platform_markers(platform: Pose, walking: WalkingSettings) -> dict[str, Arra
     return {label: platform.point(centre + np.array(place)) for label, place in PLATFORM.items()}
 
 
-def leg_markers(foot: Pose, shank: Pose, session: Session | None = None) -> dict[str, Array]:
+def leg_markers(foot: Pose, shank: Pose) -> dict[str, Array]:
     """Exact paths [m], shape (n, 3) each, of the markers that foot and shank always carry."""
-    places = (session or Session()).places
-    return on_body(foot, places(FOOT)) | on_body(shank, places(SHANK))
+    return on_body(foot, FOOT) | on_body(shank, SHANK)
 
 
 def on_body(body: Pose, places: Mapping[str, Place]) -> dict[str, Array]:
@@ -219,46 +171,69 @@ def on_body(body: Pose, places: Mapping[str, Place]) -> dict[str, Array]:
     return {label: body.point(np.array(place)) for label, place in places.items()}
 
 
+PLATE_AXES = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+def plate_corners(plate: Plate) -> Array:
+    """The four corners [m] of the resting plate in laboratory axes, shape (4, 3), in C3D's order."""
+    quadrants = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]], dtype=float) @ PLATE_AXES.T
+    half = 0.5 * np.array([*plate.size_m, 0.0])
+    return np.asarray(np.array(plate.centre_m) + quadrants * half)
+
+
+def sensor_from_centre(plate: Plate) -> Array:
+    """The sensor origin [m] from the surface's centre, laboratory axes of the resting plate, shape (3,)."""
+    return np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
+
+
+def sensor_reading(
+    reaction: TrueWrench, platform: Pose, plate: Plate, mass: float, rate_hz: float
+) -> tuple[Array, Array]:
+    """Force [N] and moment about the sensor origin [N*m] that the plate reads, shape (n, 3) each, in its moving axes.
+
+    Signs are as Vicon Nexus stores them: the reaction on the foot, so that a standing person reads Fz < 0 along z down.
+    The sensors carry the foot and the plate's own `mass` [kg] above them: force F + m (a - g), moment
+    M + dH/dt + r x m (a - g). The zero was set on the unloaded plate at rest, in the sensors' axes. The plate's weight
+    therefore appears only when it tilts.
+    """
+    sensor = np.array(plate.centre_m) + sensor_from_centre(plate)
+    turned = platform.rotation @ PLATE_AXES
+    body = RigidBody(mass, np.add(plate.centre_m, plate.centre_of_mass_m), np.array(plate.gyration_m))
+    own = body.support(platform, rate_hz)
+    origin = platform.point(sensor)
+    resting = -mass * GRAVITY
+    zero_moment = np.cross(body.centre_of_mass - sensor, resting)
+    return (
+        in_axes(turned, reaction.force + own.force) - resting @ PLATE_AXES,
+        in_axes(turned, reaction.moment_about(origin) + own.moment_about(origin)) - zero_moment @ PLATE_AXES,
+    )
+
+
+def in_axes(rotation: Array, vectors: Array) -> Array:
+    """Laboratory vectors, shape (n, 3), in the axes that are the columns of rotation (n, 3, 3)."""
+    return np.asarray(np.einsum("nji,nj->ni", rotation, vectors))
+
+
 def vicon_recording(trial: str, seed: int, scene: Scene, walking: WalkingSettings) -> C3dRecording:
-    """The Vicon recording of a scene, with the sync line of the trial (`draw_sync`)."""
-    rates, effects, capture = walking.rates, walking.effects, walking.capture
+    """The Vicon recording of a scene. ORIGIN of the plate has the sign of Vicon Nexus: z > 0 for a sensor below the
+    surface. The C3D manual defines the opposite vector, and readers reverse it by the sign of z."""
+    rates, plate = walking.rates, walking.plate
     exact = np.stack(list(scene.markers.values()), axis=1)[:: rates.motion_hz // rates.points_hz]
     time = np.arange(len(exact) * (rates.analogs_hz // rates.points_hz)) / rates.analogs_hz
-    reading = sensor_reading(
-        scene.reaction, scene.platform, walking.plate, effects.plate_inertia.value, rates.motion_hz
-    )
-    sync = draw_sync(trial, seed, walking.gait.recording_s)
-    plate = plate_channels(disturbed_reading(trial, seed, reading, time, walking), walking)
-    channels = [plate.values, HIGH_V * sync.level(time)[:, None], HIGH_V * trigger(time, scene.command)[:, None]]
-    corners = in_file_axes(plate_corners(walking.plate), capture)
-    screen = ("+X", f"+{capture.up_axis.upper()}")
+    true = sensor_reading(scene.reaction, scene.platform, plate, walking.effects.plate_inertia.value, rates.motion_hz)
+    channels = disturbed_reading(trial, seed, true, time, walking)
+    levels = [sync_level(trial, seed, walking.gait.recording_s, time), trigger(time, scene.command)]
     return C3dRecording(
-        labels=labels_in(trial, tuple(scene.markers), capture),
-        points=in_file_axes(seen_markers(trial, seed, exact, walking), capture),
+        labels=tuple(scene.markers),
+        points=seen_markers(trial, seed, exact, walking),
         point_rate_hz=rates.points_hz,
-        channels=(*plate.labels, "Sync", "Trigger"),
-        units=(*plate.units, "V", "V"),
-        analogs=np.hstack(channels),
+        channels=("Fx1", "Fy1", "Fz1", "Mx1", "My1", "Mz1", "Sync", "Trigger"),
+        units=("N", "N", "N", "Nmm", "Nmm", "Nmm", "V", "V"),
+        analogs=np.column_stack([channels, *(HIGH_V * level for level in levels)]),
         analog_rate_hz=rates.analogs_hz,
-        plate=RecordedPlate(corners, plate.origin, capture.plate_type, plate.calibration),
-        screen=screen if capture.states_axes else None,
-        body_mass_kg=scene.body_mass if capture.states_body_mass else None,
-        subject=scene.subject,
+        corners=plate_corners(plate),
+        origin=np.asarray(PLATE_AXES.T @ sensor_from_centre(plate)),
     )
-
-
-def in_file_axes(places: Array, capture: CaptureSettings) -> Array:
-    """Laboratory coordinates, shape (..., 3), in the axes of the file. With y up, z points to the right."""
-    x, y, z = np.moveaxis(places, -1, 0)
-    return places if capture.up_axis == "z" else np.stack([x, z, -y], axis=-1)
-
-
-def labels_in(trial: str, labels: tuple[str, ...], capture: CaptureSettings) -> tuple[str, ...]:
-    """The labels that a trial's markers have in the file."""
-    if capture.swapped_in is not None and trial not in capture.swapped_in:
-        return labels
-    other = {a: b for pair in capture.swapped_labels for a, b in (pair, pair[::-1])}
-    return tuple(other.get(label, label) for label in labels)
 
 
 def trigger(time: Array, command: float | None) -> Array:
@@ -269,18 +244,18 @@ def trigger(time: Array, command: float | None) -> Array:
 
 
 def disturbed_reading(
-    trial: str, seed: int, reading: SensorReading, time: Array, walking: WalkingSettings
-) -> SensorReading:
-    """The plate's reading at times [s], with its lag, offset and noise."""
+    trial: str, seed: int, reading: tuple[Array, Array], time: Array, walking: WalkingSettings
+) -> Array:
+    """The plate's channels [N, N*mm], shape (n, 6), at times [s], with its lag, offset and noise."""
     effects, rate = walking.effects, walking.rates.motion_hz
     late = time - 1e-3 * effects.plate_lag.value
-    columns = []
-    for quantity, values in (("force", reading.force), ("moment", reading.moment)):
+    channels = []
+    for (quantity, unit), values in zip({"force": 1.0, "moment": 1e3}.items(), reading, strict=True):
         noise = stream(seed, trial, f"{quantity}_noise").standard_normal((len(time), 3))
         offset = stream(seed, trial, f"{quantity}_offset").standard_normal(3)
         disturbed = interpolated_at(values, rate, late) + getattr(effects, f"{quantity}_noise").value * noise
-        columns.append(disturbed + getattr(effects, f"{quantity}_offset").value * offset)
-    return SensorReading(*columns)
+        channels.append(unit * (disturbed + getattr(effects, f"{quantity}_offset").value * offset))
+    return np.hstack(channels)
 
 
 def seen_markers(trial: str, seed: int, exact: Array, walking: WalkingSettings) -> Array:

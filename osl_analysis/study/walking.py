@@ -14,11 +14,17 @@ from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.simulator.bench import drivetrain_effects
-from osl_analysis.simulator.crossing import SimulatedCrossing, rendered_impedance, simulate_crossing
+from osl_analysis.simulator.crossing import (
+    SimulatedCrossing,
+    motion_grid,
+    rendered_impedance,
+    scene_of,
+    simulate_crossing,
+    simulate_walking_trial,
+)
 from osl_analysis.simulator.settings import SimulationSettings, stream
 from osl_analysis.simulator.step import draw_step
 from osl_analysis.simulator.vicon import vicon_recording, write_c3d
-from osl_analysis.simulator.walking import motion_grid, scene_of, simulate_walking_trial
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.study.bench import STUDIED_QUANTITIES, StudyInputs, StudyRow

@@ -22,14 +22,14 @@ MAY_IMPORT = {
     "design": COMMON | {"design", "spectral", "stats", "signals", "multisine", "second_order"},
     "timebase": COMMON | {"timebase", "signals"},
     "bench": COMMON
-    | {"bench", "protocol", "spectral", "stats", "second_order", "judge", "signals", "uniform", "timebase"}
+    | {"bench", "protocol", "spectral", "stats", "second_order", "judge", "signals", "timebase"}
     | {"model", "parameters", "yaml_settings"},
     "walking": COMMON
-    | {"walking", "stats", "second_order", "signals", "uniform", "timebase", "yaml_settings"}
+    | {"walking", "stats", "second_order", "signals", "timebase", "yaml_settings"}
     | {"plate_surface"},
     "judge": COMMON
     | {"judge", "plate_surface", "plateaus", "protocol", "experiments", "files", "parameters", "refusal"}
-    | {"signals", "stats", "table", "timebase", "uniform", "yaml_settings"},
+    | {"signals", "stats", "table", "timebase", "yaml_settings"},
     "figures": COMMON | {"figures", "judge"},
     "report": COMMON | {"report", "experiments", "dictionary", "summary", "campaign", "judge"},
 }

@@ -12,14 +12,13 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.counting import count_from_stamps
-from osl_analysis.timebase.drift import (
+from osl_analysis.timebase.device_clock import (
     ClockDrift,
     check_drift,
 )
 from osl_analysis.timebase.grid import UniformGrid, one_time_base
 from osl_analysis.timebase.samples import take
-from osl_analysis.timebase.stream import Stream
+from osl_analysis.timebase.stream import Stream, count_from_stamps
 
 JOINT = np.array([300.0, 5.0, 0.02])
 SIZE = np.deg2rad(4.0)

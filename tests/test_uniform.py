@@ -15,9 +15,8 @@ from osl_analysis.bench.record import sine_record
 from osl_analysis.bench.segments import Segment, settled
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.grid import GapLimits
+from osl_analysis.timebase.grid import GapLimits, uniform_signals
 from osl_analysis.trial import Trial
-from osl_analysis.uniform import uniform_signals
 
 K, B, I = 300.0, 5.0, 0.02
 RATE, FINE = 1000, 20

@@ -16,8 +16,8 @@ from osl_analysis.signals import LowPass, differentiate, sampling_rate
 from osl_analysis.stats.covariance import ResidualCorrelation
 from osl_analysis.stats.fit_row import covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit, linear_fit
+from osl_analysis.timebase.grid import UniformSignals, uniform_signals
 from osl_analysis.trial import Array, Trial
-from osl_analysis.uniform import UniformSignals, uniform_signals
 
 PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
 """Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping, inertia."""

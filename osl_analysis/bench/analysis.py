@@ -17,9 +17,8 @@ from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.errors import InputError
 from osl_analysis.stats.fit_row import Row, covariance_row, estimates_row, judged_row
 from osl_analysis.stats.regression import LinearFit, with_shared_error
-from osl_analysis.timebase.grid import StreamReport
+from osl_analysis.timebase.grid import StreamReport, UniformSignals
 from osl_analysis.trial import Array
-from osl_analysis.uniform import UniformSignals
 
 MOST_ROWS = 10_000
 """Rows of a thinned table: two minutes of a stepped sine have some fifteen for a period of its fastest one."""

@@ -19,8 +19,8 @@ from osl_analysis.signals import LowPass
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit, with_shared_error
 from osl_analysis.stats.slow_motion import fit_slow_motion
+from osl_analysis.timebase.grid import UniformSignals, uniform_signals
 from osl_analysis.trial import Array, Trial
-from osl_analysis.uniform import UniformSignals, uniform_signals
 
 ONSET_FRACTION = 0.05
 """Deflection at which loading begins, as a share of the peak; below it the hysteresis of the belt reverses."""

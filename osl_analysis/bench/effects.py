@@ -30,7 +30,7 @@ from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisErr
 from osl_analysis.signals import Motion, seven_point_motion
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import CONDITION_LIMIT
-from osl_analysis.timebase.drift import ClockDrift, check_drift
+from osl_analysis.timebase.device_clock import ClockDrift, check_drift
 from osl_analysis.trial import Array
 
 Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]

@@ -53,7 +53,7 @@ from osl_analysis.spectral.tables import NO_RESPONSE, RecordedMotion, ResponseTa
 from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.repeats import summary_row
 from osl_analysis.stats.rounding import distinct_values
-from osl_analysis.timebase.drift import drift_row
+from osl_analysis.timebase.device_clock import drift_row
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15

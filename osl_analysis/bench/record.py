@@ -23,9 +23,8 @@ from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
 from osl_analysis.spectral.realisations import PeriodicMotion, periodic_motion
 from osl_analysis.stats.covariance import FEWEST_CYCLES, sums_between
 from osl_analysis.stats.rounding import noise_before_rounding, visible_step
-from osl_analysis.timebase.grid import GapLimits
+from osl_analysis.timebase.grid import GapLimits, UniformSignals, origin, regridded, uniform_signals
 from osl_analysis.trial import Array, Trial
-from osl_analysis.uniform import UniformSignals, origin, regridded, uniform_signals
 
 Kind = Literal["cycles", "periods", "stretches"]
 Label = float | str | None

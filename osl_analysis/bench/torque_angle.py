@@ -20,8 +20,8 @@ from osl_analysis.judge.impossible import check_changes
 from osl_analysis.stats.regression import variance_accounted_for
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.stats.slow_motion import fit_slow_motion
+from osl_analysis.timebase.grid import UniformSignals, uniform_signals
 from osl_analysis.trial import Array, Trial
-from osl_analysis.uniform import UniformSignals, uniform_signals
 
 SMALLEST_SWING = 0.1  # part of the range of motion by which the angle must come back for a turning point
 AT_AN_END = 0.1  # part of the range of motion within which a start counts as one end of the motion

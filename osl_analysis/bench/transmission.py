@@ -9,7 +9,7 @@ from osl_analysis.bench.phasors import at_amplitude, harmonic_shares, phasors_of
 from osl_analysis.bench.record import Record
 from osl_analysis.judge.doubts import summary_of_trials
 from osl_analysis.stats.fit_row import Row, estimates_row
-from osl_analysis.timebase.drift import drift_row
+from osl_analysis.timebase.device_clock import drift_row
 
 SUMMARISED = ("B_j", "J_j", "VAF", "T_C", "VAF_coulomb")
 """Columns of the transmission table of which `transmission_summary.csv` has a mean over trials."""

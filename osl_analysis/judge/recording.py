@@ -14,10 +14,9 @@ from osl_analysis.judge.channels import CHANNEL_CHECKS, not_applicable, worst
 from osl_analysis.judge.table import Cause, Check, CheckResult, Commanded, Examined, QualityRules
 from osl_analysis.protocol.likeness import Likeness
 from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, SteppedSineProtocol, find_runs
-from osl_analysis.timebase.grid import GapLimits
+from osl_analysis.timebase.grid import GapLimits, sampled_rows, streams, uniform_signals
 from osl_analysis.timebase.samples import take
 from osl_analysis.trial import Trial
-from osl_analysis.uniform import sampled_rows, streams, uniform_signals
 
 GAP = 1.5  # median steps; a longer step is a gap
 TOO_FEW = "no channel has three samples"

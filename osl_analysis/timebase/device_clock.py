@@ -1,16 +1,19 @@
-"""The clock of a device that samples evenly: a straight line through the stamps of its counted samples."""
+"""The clock of a device that samples evenly: a straight line through the stamps of its counted samples; and by how much
+the clocks of two devices, one of which measured the angle and the other the torque, drift apart."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 
-from osl_analysis.timebase.counting import Counts, line_slope
+from osl_analysis.errors import InputError
+from osl_analysis.timebase.stream import Places, line_through
 from osl_analysis.trial import Array
 
 ONE_SIDED = 0.5
 """Skew of the usual residual from which stamps are late and never early: the line then runs along their lower edge."""
-FAR, NEAR = 5.0, 1e-6
+FAR, NO_SPREAD = 5.0, 1e-6
 """Usual spreads, and usual steps besides, from which a sample lies far off the line and says nothing about it."""
 WANDER_SAMPLES = 50  # samples over which the residual is averaged to see whether it wanders slowly; jitter averages out
 
@@ -20,20 +23,14 @@ class DeviceClock:
     """Stamps of a stream against the least-squares line through them.
 
     stamps: (n,) [s].
-    counted: (n,) place of every sample in the device's count; None where none is missing.
+    count: (n,) place of every sample in the device's count.
     start, step: [s] the line's value at count 0 and its slope.
-
     """
 
     stamps: Array
-    counted: Counts | None
+    count: Places
     start: float
     step: float
-
-    @cached_property
-    def count(self) -> Counts:
-        """Place (n,) of every sample in the device's count."""
-        return np.arange(len(self.stamps)) if self.counted is None else self.counted
 
     @cached_property
     def residual(self) -> Array:
@@ -44,20 +41,15 @@ class DeviceClock:
     def rate_hz(self) -> float:
         return 1 / self.step
 
-    @property
+    @cached_property
     def sd(self) -> float:
         """Standard deviation [s] of the residual."""
-        return self.shape[0]
+        return float(np.std(self.residual))
 
     @property
     def skew(self) -> float:
         """Skewness of the residual; 0 where there is none to speak of."""
-        return self.shape[1] if self.sd > NEAR * self.step else 0.0
-
-    @cached_property
-    def shape(self) -> tuple[float, float]:
-        """Standard deviation [s] and skewness of the residual."""
-        return spread_and_skewness(self.residual)
+        return skewness(self.residual) if self.sd > NO_SPREAD * self.step else 0.0
 
     @property
     def usual_spread(self) -> float:
@@ -82,44 +74,35 @@ class DeviceClock:
     @property
     def missing(self) -> int:
         """Samples that the count leaves free."""
-        return 0 if self.counted is None else int(self.counted[-1] - self.counted[0] + 1 - len(self.counted))
+        return int(self.count[-1] - self.count[0] + 1 - len(self.count))
 
     def times(self) -> Array:
         """When the samples were taken, (n,) [s], if the device samples evenly. The least-squares line through all but
         the few samples that lie far off. Where the residual of these is still one-sided, the line along its lower edge:
         a host's stamp is late by what the message waited, and the promptest messages waited least."""
-        start, step = self.even_line
+        residual, (middle, spread) = self.residual, self.middle_and_spread
+        near = np.abs(residual - middle) <= FAR * spread + NO_SPREAD * self.step
+        count, usual = self.count[near], residual[near]
+        if np.std(usual) > NO_SPREAD * self.step and skewness(usual) > ONE_SIDED:
+            start, step = lower_edge(self.count.astype(float), residual)
+        else:
+            step = line_through(count, usual)[0]
+            start = float(np.mean(usual) - step * np.mean(count))
         times = (self.step + step) * self.count
         times += self.start + start
         return np.asarray(times, dtype=np.float64)
 
-    @cached_property
-    def even_line(self) -> tuple[float, float]:
-        """By how much the line of `times` differs from the least-squares line: at count 0 [s], and its slope [s]."""
-        residual, (middle, spread) = self.residual, self.middle_and_spread
-        count, usual, far = self.count, residual, FAR * spread + NEAR * self.step
-        if residual.max() > middle + far or residual.min() < middle - far:
-            near = np.abs(residual - middle) <= far
-            count, usual = count[near], residual[near]
-        sd, skewness = spread_and_skewness(usual)
-        if sd > NEAR * self.step and skewness > ONE_SIDED:
-            return lower_edge(self.count.astype(float), residual)
-        step = line_slope(count, usual)
-        return float(np.mean(usual) - step * np.mean(count)), step
 
-
-def spread_and_skewness(values: Array) -> tuple[float, float]:
-    """Standard deviation, and third moment about the mean in standard deviations (NaN where they do not scatter)."""
+def skewness(values: Array) -> float:
+    """Third moment about the mean in standard deviations; NaN where they do not scatter."""
     apart, sd = values - values.mean(), float(np.std(values))
-    return sd, float(apart @ (apart * apart)) / len(apart) / sd**3 if sd else np.nan
+    return float(apart @ (apart * apart)) / len(apart) / sd**3 if sd else np.nan
 
 
-def device_clock(stamps: Array, count: Counts) -> DeviceClock:
+def device_clock(stamps: Array, count: Places) -> DeviceClock:
     """The line through stamps (n,) [s] over their count (n,)."""
-    step = line_slope(count, stamps)
-    start = float(np.mean(stamps) - step * np.mean(count))
-    none_missing = count[0] == 0 and count[-1] == len(count) - 1
-    return DeviceClock(stamps, None if none_missing else count, start, step)
+    step = line_through(count, stamps)[0]
+    return DeviceClock(stamps, count, float(np.mean(stamps) - step * np.mean(count)), step)
 
 
 def lower_edge(x: Array, y: Array) -> tuple[float, float]:
@@ -136,3 +119,39 @@ def lower_edge(x: Array, y: Array) -> tuple[float, float]:
             break
         left, right = (lowest, right) if x[lowest] <= middle else (left, lowest)
     return float(y[left] - slope * x[left]), float(slope)
+
+
+SURE = 4.0  # standard errors by which a drift must differ from zero before it is believed, if they are known exactly
+
+
+@dataclass(frozen=True)
+class ClockDrift:
+    """How much faster the torque's clock runs than the angle's [ppm], and its standard error [ppm]."""
+
+    ppm: float
+    se: float
+    freedom: float = np.inf  # degrees of freedom of the standard error
+
+    @property
+    def certain_ppm(self) -> float:
+        """The drift [ppm] if it is larger than chance makes it, else 0. Of an estimated error as many are needed as are
+        as rare as `SURE` of an exact one (Student)."""
+        rare = float(scipy.special.ndtr(-SURE))
+        enough = SURE if np.isinf(self.freedom) else float(-scipy.special.stdtrit(self.freedom, rare))
+        return self.ppm if abs(self.ppm) > enough * self.se else 0.0
+
+
+def drift_row(drift: ClockDrift | None) -> dict[str, float | str | None]:
+    """The drift [ppm], its standard error, and the drift if it is certain, as columns of a table; null without one."""
+    values = (None, None, None) if drift is None else (drift.ppm, drift.se, drift.certain_ppm)
+    return dict(zip(("clock_drift_ppm", "clock_drift_se_ppm", "certain_clock_drift_ppm"), values, strict=True))
+
+
+def check_drift(drift: ClockDrift, largest_ppm: float) -> None:
+    """Refuse a drift beyond what B and I bear."""
+    if abs(drift.certain_ppm) > largest_ppm:
+        raise InputError(
+            f"the clocks of angle and torque drift apart by {drift.ppm:.2f} +- {drift.se:.2f} ppm, "
+            f"more than {largest_ppm:g}: B and I would be wrong; "
+            "synchronise the clocks, or record both channels with one device"
+        )

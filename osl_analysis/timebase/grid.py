@@ -1,11 +1,12 @@
-"""One uniform grid for all streams of a trial, with the report of what was done.
+"""The one door from a trial to uniform signals: its columns on one grid, with what the source file says of its sensors,
+and the report of what was done.
 
-Filter, differentiate and fit only what stands on it. Short gaps are bridged, longer ones marked so that fits leave
-their rows out, long ones refused.
+Trials stay as recorded. Filter, differentiate and fit only what stands on the grid. Short gaps are bridged, longer ones
+marked so that fits leave their rows out, long ones refused.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,17 +14,16 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.counting import LONG_STEP
 from osl_analysis.timebase.samples import Samples, Taken, take
-from osl_analysis.timebase.stream import FEWEST_SAMPLES, Stream
-from osl_analysis.trial import Array
+from osl_analysis.timebase.stream import FEWEST_STAMPS, LONG_STEP, Stream
+from osl_analysis.trial import Array, Trial, counter_column
 
 BRIDGE_MORE = (
     "record again with fewer lost samples, or lower time_base.highest_hz, which bridges gaps up to 0.1/highest_hz: "
     "50 ms bridged in every cycle change I by about 1 %"
 )
 """What the user may do where gaps leave nothing to fit."""
-ROUNDING = 0.1  # steps by which jitter may lengthen a gap that is still bridged
+JITTER = 0.1  # steps by which jitter may lengthen a gap that is still bridged
 
 
 @dataclass(frozen=True)
@@ -59,42 +59,22 @@ class Gaps:
     bridged: Array
     marked: Array
 
-    @property
-    def longest_bridged(self) -> float:
-        """Length [s] of the longest bridged gap; 0 where there is none."""
-        return float(np.max(self.bridged[:, 1] - self.bridged[:, 0], initial=0.0))
-
-
-def gaps_of(samples: Samples, first: float, last: float, limits: GapLimits) -> Gaps:
-    """Gaps of a stream between two times [s]."""
-    times = samples.times
-    row = np.flatnonzero(np.diff(times) > LONG_STEP * samples.step)
-    ends = np.stack([times[row], times[row + 1]], axis=1)
-    ends = ends[(ends[:, 1] > first) & (ends[:, 0] < last)]
-    length = ends[:, 1] - ends[:, 0] - (1 + ROUNDING) * samples.step
-    if (length > limits.longest_s).any():
-        refuse_gap(samples, ends[np.argmax(length)], limits)
-    return Gaps(ends[length <= limits.bridged_s], ends[length > limits.bridged_s])
-
-
-def refuse_gap(samples: Samples, ends: Array, limits: GapLimits) -> None:
-    """Say where a stream lacks data for too long."""
-    names = ", ".join(samples.taken.decision.signals)
-    raise InputError(
-        f"{samples.name}: {names} has no sample from {ends[0]:.4f} s to {ends[1]:.4f} s, "
-        f"{ends[1] - ends[0]:.3f} s long; "
-        f"gaps up to {limits.longest_s:g} s are bridged: cut the log there, or see whether the recorder's clock jumped"
-    )
-
-
-def usable_rows(time: Array, marked: Array, margin: float) -> NDArray[np.bool_]:
-    """Rows of a rising time (m,) [s] that lie outside all marked gaps (gaps, 2) [s] and their margins [s]."""
-    first = np.searchsorted(time, marked[:, 0] - margin, side="left")
-    last = np.searchsorted(time, marked[:, 1] + margin, side="right")
-    usable = np.ones(len(time), dtype=bool)
-    for start, stop in zip(first, last, strict=True):
-        usable[start:stop] = False
-    return usable
+    @classmethod
+    def of(cls, samples: Samples, first: float, last: float, limits: GapLimits) -> "Gaps":
+        """Gaps of a stream between two times [s]; one that is too long is refused."""
+        times = samples.times
+        row = np.flatnonzero(np.diff(times) > LONG_STEP * samples.step)
+        ends = np.stack([times[row], times[row + 1]], axis=1)
+        ends = ends[(ends[:, 1] > first) & (ends[:, 0] < last)]
+        length = ends[:, 1] - ends[:, 0] - (1 + JITTER) * samples.step
+        if (length > limits.longest_s).any():
+            begin, end = ends[np.argmax(length)]
+            raise InputError(
+                f"{samples.name}: {', '.join(samples.taken.decision.signals)} has no sample from {begin:.4f} s to "
+                f"{end:.4f} s, {end - begin:.3f} s long; gaps up to {limits.longest_s:g} s are bridged: cut the log "
+                "there, or see whether the recorder's clock jumped"
+            )
+        return cls(ends[length <= limits.bridged_s], ends[length > limits.bridged_s])
 
 
 NOMINALLY_EQUAL = 1e-3  # difference of two rates below which it is the clocks' and not the devices' intention
@@ -180,27 +160,11 @@ def cubic_error(frequency_hz: float, step: float) -> float:
     return float((2 * np.pi * frequency_hz * step) ** 4 / 384)
 
 
-def report_of(
-    parts: Sequence[Samples],
-    gaps: Sequence[Gaps],
-    time: Array,
-    usable: NDArray[np.bool_],
-    farthest: float,
-    limits: GapLimits,
-) -> TimebaseReport:
-    """Everything that provenance states about the grid with times (m,) [s], its rows `farthest` [s] from a sample."""
-    rate = (len(time) - 1) / float(time[-1] - time[0])
-    streams = tuple(stream_report(part, found, rate, limits) for part, found in zip(parts, gaps, strict=True))
-    masked = int(np.count_nonzero(~usable))
-    return TimebaseReport(
-        rate, float(time[0]), float(time[-1]), len(time), masked, farthest, limits.highest_hz, streams
-    )
-
-
 def stream_report(part: Samples, gaps: Gaps, rate_hz: float, limits: GapLimits) -> StreamReport:
     """What was found and done in one stream, beside a grid of the given rate [Hz]."""
     clock, decision = part.taken.clock, part.taken.decision
     ratio = clock.rate_hz / rate_hz - 1
+    longest = float(np.max(gaps.bridged[:, 1] - gaps.bridged[:, 0], initial=0.0))
     return StreamReport(
         name=part.name,
         signals=decision.signals,
@@ -223,12 +187,12 @@ def stream_report(part: Samples, gaps: Gaps, rate_hz: float, limits: GapLimits) 
         interpolation="cubic spline at true stamps" if not decision.even else "cubic spline on the device's even clock",
         delay_s=part.taken.delay,
         error=cubic_error(limits.highest_hz, part.step),
-        bridge_error=cubic_error(limits.highest_hz, gaps.longest_bridged),
+        bridge_error=cubic_error(limits.highest_hz, longest),
     )
 
 
 ON_GRID = 1e-6  # distance, in steps, at which a sample counts as lying on the grid
-ROUNDED = 1e6  # rows of a grid from which that distance grows with their number: a step is known to 1e-13 of itself
+STEP_KNOWN = 1e6  # rows of a grid from which that distance grows with their number: a step is known to 1e-13 of itself
 
 
 @dataclass(frozen=True)
@@ -272,11 +236,22 @@ def one_time_base(streams: Sequence[Stream], limits: GapLimits | None = None) ->
 def on_one_grid(taken: Sequence[Taken], limits: GapLimits) -> UniformGrid:
     """The grid for streams whose decisions stand."""
     parts = [t.samples() for t in taken]
-    first, last, step = overlap(parts)
-    gaps = [gaps_of(part, first, last, limits) for part in parts]
-    time, rate = step * np.arange(whole_steps(first, last, step) + 1, dtype=np.float64), 1 / step
+    late, early = max(parts, key=lambda part: part.times[0]), min(parts, key=lambda part: part.times[-1])
+    first, last, step = float(late.times[0]), float(early.times[-1]), min(part.step for part in parts)
+    rows = int(np.floor((last - first) / step + ON_GRID)) + 1  # a last row that rounding shortened counts
+    if rows < FEWEST_STAMPS:
+        raise InputError(
+            f"{late.name} begins at {first:.4f} s and {early.name} ends at {last:.4f} s: they "
+            f"overlap in {max(rows, 0)} rows, at least {FEWEST_STAMPS} are needed; "
+            "check that both clocks count from the same time"
+        )
+    gaps = [Gaps.of(part, first, last, limits) for part in parts]
+    time, rate = step * np.arange(rows, dtype=np.float64), 1 / step
     time += first
-    usable = usable_rows(time, np.concatenate([g.marked for g in gaps]), limits.margin_s)
+    usable = np.ones(rows, dtype=bool)
+    for begin, end in np.concatenate([g.marked for g in gaps]):
+        inner = np.searchsorted(time, begin - limits.margin_s), np.searchsorted(time, end + limits.margin_s, "right")
+        usable[slice(*inner)] = False
     if not usable.any():
         raise InputError(
             f"{parts[0].name}: every row from {round(time[0], 4) + 0.0:.4f} s to "
@@ -284,35 +259,15 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits) -> UniformGrid:
             f"{limits.bridged_s * 1e3:g} ms; {BRIDGE_MORE}"
         )
     signals = {name: values for part in parts for name, values in zip(part.names, resampled(part, time), strict=True)}
-    farthest = max(float(distances(part.times, time[usable]).max()) for part in parts)
-    report = report_of(parts, gaps, time, usable, farthest, limits)
+    farthest, at, masked = 0.0, time[usable], int(np.count_nonzero(~usable))
+    for times in (part.times for part in parts):
+        behind = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
+        farthest = max(farthest, float(np.minimum(np.abs(at - times[behind - 1]), np.abs(times[behind] - at)).max()))
+    measured_rate = (len(time) - 1) / float(time[-1] - time[0])
+    streams = tuple(stream_report(part, found, measured_rate, limits) for part, found in zip(parts, gaps, strict=True))
+    ends = float(time[0]), float(time[-1])
+    report = TimebaseReport(measured_rate, *ends, rows, masked, farthest, limits.highest_hz, streams)
     return UniformGrid(time, rate, signals, usable, report, tuple(taken), limits)
-
-
-def overlap(parts: Sequence[Samples]) -> tuple[float, float, float]:
-    """First and last time [s] that all streams cover, and the step [s] of the fastest of them."""
-    late = max(parts, key=lambda part: part.times[0])
-    early = min(parts, key=lambda part: part.times[-1])
-    first, last, step = float(late.times[0]), float(early.times[-1]), min(part.step for part in parts)
-    rows = whole_steps(first, last, step) + 1
-    if rows < FEWEST_SAMPLES:
-        raise InputError(
-            f"{late.name} begins at {first:.4f} s and {early.name} ends at {last:.4f} s: they "
-            f"overlap in {max(rows, 0)} rows, at least {FEWEST_SAMPLES} are needed; "
-            "check that both clocks count from the same time"
-        )
-    return first, last, step
-
-
-def whole_steps(first: float, last: float, step: float) -> int:
-    """Steps [s] between two times [s]; a last one that rounding shortened counts."""
-    return int(np.floor((last - first) / step + ON_GRID))
-
-
-def distances(times: Array, at: Array) -> Array:
-    """Distance [s] of each of some times (m,) [s] to the nearest of rising times (k,) [s]."""
-    behind = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
-    return np.asarray(np.minimum(np.abs(at - times[behind - 1]), np.abs(times[behind] - at)))
 
 
 def resampled(part: Samples, time: Array) -> Sequence[Array]:
@@ -331,7 +286,158 @@ def rows_on_grid(part: Samples, time: Array) -> slice | None:
     """The samples that are the rows of a grid with times (m,) [s]; None where they do not lie on it."""
     row = int(np.searchsorted(part.times, time[0] - ON_GRID * part.step))
     there = part.times[row : row + len(time)]
-    apart = ON_GRID * part.step * max(len(time) / ROUNDED, 1.0)  # the rounding of a step adds up
+    apart = ON_GRID * part.step * max(len(time) / STEP_KNOWN, 1.0)  # the rounding of a step adds up
     if len(there) < len(time) or np.max(np.abs(there - time)) >= apart:
         return None
     return slice(row, row + len(time))
+
+
+@dataclass(frozen=True)
+class SensorLowPass:
+    """Analogue Butterworth low-pass of a sensor or its amplifier: causal, run once, with its phase."""
+
+    cutoff_hz: float  # cut-off [Hz]
+    order: int  # order
+
+    def __call__(self, values: Array, rate_hz: float) -> Array:
+        """Samples (n,), taken at `rate_hz`, after the filter. The filter starts at rest at the first sample.
+
+        The bilinear transform without prewarping: at frequency f it is the analogue filter at f (1 + (pi f/rate)^2/3),
+        8e-5 too high for 5 Hz at 1 kHz. The cut-off may lie above half the rate.
+        """
+        unwarped = rate_hz / np.pi * np.arctan(np.pi * self.cutoff_hz / rate_hz)
+        sections = scipy.signal.butter(self.order, unwarped, fs=rate_hz, output="sos")
+        filtered, _ = scipy.signal.sosfilt(sections, values, zi=scipy.signal.sosfilt_zi(sections) * values[0])
+        return np.asarray(filtered)
+
+    def __str__(self) -> str:
+        return f"{self.cutoff_hz:g} Hz, order {self.order}"
+
+
+@dataclass(frozen=True)
+class UniformSignals:
+    """Columns of a trial on one uniform grid.
+
+    trial: name of the trial.
+    grid: the time base and what it did.
+    signals: column -> (m,), after the low-pass filters that other columns' sensors have and its own has not.
+    low_passes: column -> its sensor's own low-pass, as stated in the source file; only the columns that have one.
+    devices: column -> the column that stands for all columns with the same stamps.
+    """
+
+    trial: str
+    grid: UniformGrid
+    signals: Mapping[str, Array]
+    low_passes: Mapping[str, SensorLowPass]
+    devices: Mapping[str, str]
+
+    def __getitem__(self, column: str) -> Array:
+        return self.signals[column]
+
+    @property
+    def time(self) -> Array:
+        return self.grid.time
+
+    @property
+    def rate_hz(self) -> float:
+        return self.grid.rate_hz
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Rows (m,) that are not near a marked gap: filter and differentiate all rows, then fit these."""
+        return self.grid.usable
+
+    @property
+    def report(self) -> TimebaseReport:
+        """What was decided about the stamps of every stream."""
+        return self.grid.report
+
+    def sampled(self, column: str) -> Array:
+        """When the sensor of a column took its samples (k,) [s], on the grid's clock; `time` where it took the rows."""
+        sensor = next((one for one in self.grid.taken if column in one.decision.signals), None)
+        if sensor is None:  # no stream has it by this name: the rows are all that is known
+            return self.time
+        samples = sensor.samples()
+        return samples.times if rows_on_grid(samples, self.time) is None else self.time
+
+    def as_recorded(self, column: str) -> Array:
+        """The values (k,) of a column as its recorder has them, without those that are missing."""
+        taken = next(one for one in self.grid.taken if column in one.decision.signals)
+        return taken.stream.signals[column][taken.present]
+
+    def alike(self, column: str, signal: Array) -> Array:
+        """A column (m,) through the low-pass filters of the others that its own sensor lacks, each once."""
+        for low_pass in dict.fromkeys(self.low_passes.values()):
+            if low_pass != self.low_passes.get(column):
+                signal = low_pass(signal, self.rate_hz)
+        return signal
+
+    def other(self) -> "UniformSignals | None":
+        """The same if the streams whose stamps nothing decided were taken the other way; None where all are decided."""
+        grid = self.grid.other_hypothesis()
+        return None if grid is None else self.on(grid)
+
+    def on(self, grid: UniformGrid) -> "UniformSignals":
+        """The same columns on another grid, each through the low-pass filters of the others that its own lacks."""
+        signals = {column: replace(self, grid=grid).alike(column, signal) for column, signal in grid.signals.items()}
+        return replace(self, grid=grid, signals=signals)
+
+    def one_device(self, *columns: str) -> bool:
+        """Whether these columns share their stamps."""
+        return len({self.devices[column] for column in columns}) == 1
+
+
+def uniform_signals(
+    trial: Trial, columns: Sequence[str], limits: GapLimits, computed: Sequence[str] = ()
+) -> UniformSignals:
+    """The columns of a trial on one uniform grid: stated delays taken out, sensors' low-pass filters made alike.
+
+    `computed` are columns without a sensor, such as a command. They are named where they have the stamps of one of the
+    others, and say nothing about these.
+
+    Raises InputError: A column is missing, or its stamps cannot be brought on a grid; the message names the trial.
+    """
+    rows = {column: trial.present(column).tobytes() for column in columns}
+    also = {column: trial.present(column).tobytes() for column in computed if column in trial.columns}
+    rows |= {column: there for column, there in also.items() if there in rows.values()}
+    first: dict[bytes, str] = {}
+    devices = {column: first.setdefault(there, column) for column, there in rows.items()}
+    try:
+        grid = one_time_base(streams(trial, devices, frozenset(also)), limits)
+        stated = {column: one for column in rows if (one := origin(trial, column).get("low_pass"))}
+        low_passes = {column: SensorLowPass(**one) for column, one in stated.items()}
+        return UniformSignals(trial.name, grid, {}, low_passes, devices).on(grid)
+    except InputError as error:
+        raise InputError(f"trial {trial.name}: {error}") from error
+
+
+def regridded(signals: UniformSignals, limits: GapLimits) -> UniformSignals:
+    """The same signals with other limits of their gaps; raises as `uniform_signals`, without the trial's name."""
+    return signals.on(on_one_grid(signals.grid.taken, limits))
+
+
+def streams(trial: Trial, devices: Mapping[str, str], silent: frozenset[str]) -> list[Stream]:
+    """The streams of a trial: columns with samples in the same rows share their stamps, and have one of the
+    `devices`."""
+    found = []
+    for first in dict.fromkeys(devices.values()):
+        names = [column for column, device in devices.items() if device == first]
+        stamps, *values = trial.arrays(*names)
+        counter = next((c for c in map(counter_column, names) if c in trial.columns), None)
+        one = Stream(
+            ", ".join(names),
+            stamps,
+            dict(zip(names, values, strict=True)),
+            choice=trial.provenance.get(origin(trial, first).get("file", ""), {}).get("time", {}).get("stamps", "auto"),
+            counter=None if counter is None else np.asarray(trial.arrays(counter)[1], dtype=np.int64),
+            silent=silent,
+            delays={name: origin(trial, name).get("delay") or 0.0 for name in names},
+        )
+        found.append(one)
+    return found
+
+
+def origin(trial: Trial, column: str) -> Mapping[str, Any]:
+    """What the provenance has on a column; nothing for a trial that was not ingested."""
+    found: Mapping[str, Any] = trial.provenance.get("columns", {}).get(column, {})
+    return found

@@ -1,18 +1,28 @@
-"""A stream: the signals that one device or topic recorded at the same stamps."""
+"""A stream: the signals that one device or topic recorded at the same stamps, and which of its samples are missing.
+
+The place of a sample in the device's own count comes from its stamps where no counter tells it. A late sample and a
+missing one both leave a long step. After a late sample the next ones return to the old level of (stamp - count * step);
+after a missing one they stay a whole step higher. Only the level decides.
+
+Where a host stamps late and loses samples at regular intervals, counting by steps fails. The stamp of sample k is
+t = start + k step + wait: the spectrum of the stamps, |mean exp(2 pi i f t)|, has a line at the device's own rate
+1/step, and none at the rate of the samples that are left.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
-Stamps = Literal["auto", "even", "exact"]
-FEWEST_SAMPLES = 20
+FEWEST_STAMPS = 20
 """Samples below which neither a line through the stamps nor a spline through the samples means anything."""
+Places = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -27,56 +37,49 @@ class Stream:
     silent: signals that say nothing about the stamps, as a command, which is computed and not sampled.
     delays: signal -> time [s] by which its samples are older than their stamps; none for a signal that is not there.
 
-    Raises
-    ------
-    InputError
-        Too few samples, a stamp that is not finite, an infinite value, stamps that run backwards or stand still.
+    Raises InputError: Too few samples, a stamp that is not finite, an infinite value, stamps that run backwards or
+    stand still.
     """
 
     name: str
     stamps: Array
     signals: Mapping[str, Array]
-    choice: Stamps = "auto"
-    counter: NDArray[np.int64] | None = None
+    choice: Literal["auto", "even", "exact"] = "auto"
+    counter: Places | None = None
     silent: frozenset[str] = frozenset()
     delays: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if len(self.stamps) < FEWEST_SAMPLES:
+        stamps = self.stamps
+        if len(stamps) < FEWEST_STAMPS:
             raise InputError(
-                f"{self.name}: {len(self.stamps)} samples are too few for a time base; "
-                f"record at least {FEWEST_SAMPLES}, or exclude the trial in the sheet"
+                f"{self.name}: {len(stamps)} samples are too few for a time base; "
+                f"record at least {FEWEST_STAMPS}, or exclude the trial in the sheet"
             )
-        self._check_finite()
-        self._check_forward()
-        if not self.stamps[-1] > self.stamps[0]:
-            raise InputError(
-                f"{self.name}: time stands still at {self.stamps[0]:.6f} s for {len(self.stamps)} samples; "
-                "take another time source"
-            )
-
-    def _check_finite(self) -> None:
-        for name, values in {"stamps": self.stamps, **self.signals}.items():
+        for name, values in {"stamps": stamps, **self.signals}.items():
             bad = ~np.isfinite(values) if name == "stamps" else np.isinf(values)
             there = np.count_nonzero(~np.isnan(values))
-            if there < FEWEST_SAMPLES and not bad.any():
+            if there < FEWEST_STAMPS and not bad.any():
                 raise InputError(
-                    f"{self.name}: {name} has {there} values in {len(values)} rows; at least {FEWEST_SAMPLES} are "
+                    f"{self.name}: {name} has {there} values in {len(values)} rows; at least {FEWEST_STAMPS} are "
                     "needed: repair the log or exclude the trial"
                 )
             if bad.any():
                 row = int(np.argmax(bad))
                 raise InputError(
-                    f"{self.name}: {name} is {values[row]} at row {row}, after {self.stamps[max(row - 1, 0)]:.6f} s; "
+                    f"{self.name}: {name} is {values[row]} at row {row}, after {stamps[max(row - 1, 0)]:.6f} s; "
                     f"{bad.sum()} of {len(values)} values are not finite: repair the log or exclude the trial"
                 )
-
-    def _check_forward(self) -> None:
-        if (self.stamps[1:] < self.stamps[:-1]).any():
-            row = int(np.argmin(np.diff(self.stamps)))
+        if (stamps[1:] < stamps[:-1]).any():
+            row = int(np.argmin(np.diff(stamps)))
             raise InputError(
-                f"{self.name}: time runs backwards from {self.stamps[row]:.6f} s to {self.stamps[row + 1]:.6f} s "
+                f"{self.name}: time runs backwards from {stamps[row]:.6f} s to {stamps[row + 1]:.6f} s "
                 f"at row {row + 1}; the recorder's clock was set back: cut the log there, or take another time source"
+            )
+        if not stamps[-1] > stamps[0]:
+            raise InputError(
+                f"{self.name}: time stands still at {stamps[0]:.6f} s for {len(stamps)} samples; "
+                "take another time source"
             )
 
     def only(self, names: Sequence[str]) -> "Stream":
@@ -84,21 +87,211 @@ class Stream:
         kept = {name: self.signals[name] for name in names}
         return replace(self, name=f"{self.name} [{', '.join(names)}]", signals=kept)
 
-
-def without_repeats(stream: Stream) -> Stream:
-    """The stream without rows that equal their predecessor in stamp and every value: a recorder wrote them twice."""
-    new = np.concatenate([[True], changes(stream.stamps)])
-    for column in stream.signals.values():
+    def without_repeats(self) -> "Stream":
+        """Without rows that equal their predecessor in stamp and every value, NaN in both too: they were written
+        twice."""
+        new = np.ones(len(self.stamps), dtype=bool)
+        new[1:] = self.stamps[1:] != self.stamps[:-1]
+        for column in self.signals.values():
+            new[1:] |= (column[1:] != column[:-1]) & ~(np.isnan(column[1:]) & np.isnan(column[:-1]))
         if new.all():
-            return stream
-        new[1:] |= changes(column)
-    if new.all():
-        return stream
-    counter = None if stream.counter is None else stream.counter[new]
-    signals = {name: values[new] for name, values in stream.signals.items()}
-    return replace(stream, stamps=stream.stamps[new], signals=signals, counter=counter)
+            return self
+        counter = None if self.counter is None else self.counter[new]
+        signals = {name: values[new] for name, values in self.signals.items()}
+        return replace(self, stamps=self.stamps[new], signals=signals, counter=counter)
 
 
-def changes(column: Array) -> NDArray[np.bool_]:
-    """Whether each value but the first differs from the one before, (n - 1,); a missing one equals a missing one."""
-    return np.asarray((column[1:] != column[:-1]) & ~(np.isnan(column[1:]) & np.isnan(column[:-1])))
+EVENLY = 0.2  # range of the steps, in mean steps, below which none is missing: a missing sample makes one step of two
+LONG_STEP = 1.5  # step, in usual steps, from which it counts as a gap
+SUSPECT = 1.3  # step from which a sample may be missing before it: the sample before the missing one may have been late
+BURST = 10  # step from which samples are missing in a burst
+BLOCKS = (25, 25, 25, 100, 100)
+"""Samples among which the promptest is sought, to find the usual step: first so few that most blocks miss none."""
+FEWEST_WHOLE = 0.05  # share of the blocks that must lack no sample if the step is to be taken from them
+BESIDE = 100  # samples on either side of a long step whose levels are compared; three times the step if that is longer
+FEW, TIDY = 20, 0.1
+"""Samples below which the level of an end of the record is believed only if stamps scatter by less than TIDY steps."""
+LATE_SHARE, EVEN_SHARE = 0.03, 0.2
+"""Share of the window below its level: the promptest few where stamps are late, never early; else the lowest fifth."""
+LATE_RATIO = 0.7
+"""Distance of the lowest of 20 stamps to their median over that of the highest, below which all are late."""
+NOTICED = 0.3  # change of the level, in steps, below which a count stands without a closer look
+CLOCK_JUMP_S = 5e-3  # change of the level that a counter does not confirm, from which the clock is said to jump
+
+
+def places_of_samples(stream: Stream) -> Places:
+    """Count of every sample, (n,), from 0, with what is missing left free; the device's counter where there is one.
+
+    Raises InputError: The counter does not rise, or the clock jumps where the counter says that no sample is missing.
+    """
+    counter, stamps = stream.counter, stream.stamps
+    if counter is None:
+        return count_from_stamps(stamps)
+    back = np.diff(counter) <= 0
+    if back.any():
+        row = int(np.argmax(back))
+        raise InputError(
+            f"{stream.name}: the sample counter goes from {counter[row]} to {counter[row + 1]} "
+            f"at {stamps[row + 1]:.6f} s; it must rise: cut the log there, or do not map the counter"
+        )
+    count = np.asarray(counter - counter[0], dtype=np.int64)
+    step = line_through(count, stamps)[0]
+    level, jumps = stamps - stamps[0] - step * count, max(CLOCK_JUMP_S, LONG_STEP * step)
+    for row in (np.flatnonzero(np.abs(np.diff(level)) > jumps) + 1).tolist():
+        jump = np.median(level[row : row + BESIDE]) - np.median(level[max(row - BESIDE, 0) : row])
+        if abs(jump) > jumps:
+            raise InputError(
+                f"{stream.name}: the clock jumps by {jump:.2g} s at {stamps[row]:.6f} s, row {row}, "
+                "while the sample counter runs on; cut the log there, or take the device's own clock as time source"
+            )
+    return count
+
+
+def count_from_stamps(stamps: Array) -> Places:
+    """Count of every sample, (n,), from its stamp (n,) [s]. A sample is missing where the level of the stamps changes
+    by a step for good, and only if that lowers the residual of the line through all of them. Every change moves the
+    levels behind it, so that a few passes are made."""
+    place, steps = np.arange(len(stamps)), np.diff(stamps)
+    if np.ptp(steps) < EVENLY * float(np.mean(steps)):
+        return place
+    step = usual_step(stamps)
+    rows = np.flatnonzero(steps > SUSPECT * step) + 1
+    if not len(rows):
+        return place
+    long = LongSteps.of(rows, steps[rows - 1] / step)
+    level, missing = (stamps - stamps[0]) / step - place, np.zeros_like(rows)
+    blocks = level[: len(level) // FEW * FEW].reshape(-1, FEW)
+    low, middle, high = np.min(blocks, axis=1), np.median(blocks, axis=1), np.max(blocks, axis=1)
+    late_only = np.median(middle - low) < LATE_RATIO * np.median(high - middle)
+    for _ in range(4):
+        if not settle(level, long, missing, LATE_SHARE if late_only else EVEN_SHARE):
+            break
+    extra = np.zeros_like(place)
+    extra[rows] = missing
+    return min(place, place + np.cumsum(extra), key=lambda count: line_through(count, stamps)[1])
+
+
+@dataclass(frozen=True)
+class LongSteps:
+    """Steps after which samples may be missing, (steps,) each: row of the sample behind, the most that may be missing,
+    samples on either side whose levels are compared, and the order in which they are examined."""
+
+    rows: Places
+    most: Places
+    windows: Places
+    order: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, rows: Places, length: Array) -> "LongSteps":
+        """By the lengths (steps,) in usual steps. Before a burst one may have been late by 0.8 steps; a burst of held
+        samples fills a third of the window at most. The longest are examined first, lest a late sample takes what is
+        missing a few samples further; a quarter of a step tells lengths apart, up to two steps."""
+        burst = np.where(length > BURST, np.floor(length - 0.2), np.rint(length) - 1)
+        most = np.maximum(burst.astype(np.int64), 1)
+        order = np.argsort(-np.minimum(np.rint(4 * length), 8), kind="stable")
+        return cls(rows, most, np.maximum(BESIDE, 3 * most), order)
+
+
+def settle(level: Array, long: LongSteps, missing: Places, share: float) -> bool:
+    """Correct `missing` (steps,) and `level` (n,) [steps] in place where the level changes over a long step. Returns
+    whether anything changed."""
+    changed = False
+    for k in long.order[suspicious(level, long, share)[long.order]]:
+        row, window = int(long.rows[k]), int(long.windows[k])
+        change = level_change(level[max(row - window, 0) : row], level[row : row + window], share)
+        more = min(max(int(missing[k]) + change, 0), int(long.most[k])) - int(missing[k])
+        if more:
+            level[row:] -= more
+            missing[k] += more
+            changed = True
+    return changed
+
+
+def suspicious(level: Array, long: LongSteps, share: float) -> NDArray[np.bool_]:
+    """Long steps (steps,) that deserve a closer look: a rough level, the lowest or the mean, changes over them."""
+    if share == LATE_SHARE:
+        smooth = scipy.ndimage.minimum_filter1d(level, BESIDE, mode="nearest")
+    else:
+        smooth = scipy.ndimage.uniform_filter1d(level, BESIDE, mode="nearest")
+    half, last = BESIDE // 2, len(level) - 1
+    after, before = np.minimum(long.rows + half, last), np.maximum(long.rows - half, 0)
+    near_an_end = (long.rows < BESIDE) | (long.rows > last - BESIDE)
+    return (np.abs(smooth[after] - smooth[before]) > NOTICED) | (3 * long.most > BESIDE) | near_an_end
+
+
+def level_change(before: Array, after: Array, share: float) -> int:
+    """Whole steps by which the level (window,), which `share` of the samples lie below, changes; none at an end of the
+    record with too few untidy samples."""
+    low, high = (float(np.partition(side, int(share * len(side)))[int(share * len(side))]) for side in (before, after))
+    longer, its_level = (before, low) if len(before) > len(after) else (after, high)
+    if min(len(before), len(after)) < FEW and float(np.median(longer)) - its_level > TIDY:
+        return 0
+    return round(high - low)
+
+
+def usual_step(stamps: Array) -> float:
+    """Step [s] of a device from its stamps (n,), late and missing samples apart. The promptest sample of each block is
+    hardly late; from block to block its level changes by the error of the step, and by whole steps where samples are
+    missing, which are left out."""
+    n = len(stamps)
+    mean, median = float(stamps[-1] - stamps[0]) / (n - 1), float(np.median(np.diff(stamps)))
+    step = min(mean, median) if median > 0.8 * mean else mean  # the shorter of the two: steps are found too long
+    for k, block in enumerate(min(size, n // 4) for size in BLOCKS):
+        late = (stamps - step * np.arange(n))[: n // block * block]
+        change = np.diff(late.reshape(-1, block).min(axis=1))
+        usual = 0.0 if k else float(np.quantile(change, 0.25))
+        whole = np.abs(change - usual) <= 0.5 * step
+        step += float(np.mean(change[whole])) / block if np.mean(whole) > FEWEST_WHOLE else 0.0
+    return step if step > 0 else mean
+
+
+def line_through(count: Places, stamps: Array) -> tuple[float, float]:
+    """Step [s] of the least-squares line through stamps (n,) over their count, and the sum of squares [s^2] that it
+    leaves."""
+    x, y = count - count.mean(), stamps - stamps.mean()
+    along, across = float(x @ x), float(x @ y)
+    return across / along, float(y @ y) - across**2 / along
+
+
+PROMPT_BLOCKS = (16, 128)
+"""Samples of which only the promptest is used: it waited least. The longer blocks are for waits of several steps."""
+FEWEST_PROMPT = 60  # promptest samples below which no line stands out
+LOWEST, HIGHEST = 0.998, 1.1
+"""Where the line is sought, in rates of the samples that are left: up to one sample in ten is lost."""
+BINS = 6  # bins per step into which stamps are sorted for the spectrum; the line is refined from the stamps themselves
+STANDS_OUT = 6.0
+"""Height of the line over the median of the spectrum. Of 100 000 frequencies of noise the highest reaches 4."""
+REFINED = (0.5, 0.1, 0.02)  # half-widths of three searches around the line, in cycles over the record
+
+
+def missing_by_rhythm(stamps: Array) -> int | None:
+    """Samples missing between the ends of a record, by its stamps (n,) [s]; None where no line stands out. Steps of the
+    device between the promptest samples at both ends, less the samples between them."""
+    step = next(filter(None, (device_step(stamps, block) for block in PROMPT_BLOCKS)), None)
+    if step is None:
+        return None
+    late = stamps / step - np.arange(len(stamps))
+    ends = min(200, len(stamps) // 4)  # whose promptest shows how many ticks have passed
+    return max(round(float(late[-ends:].min() - late[:ends].min())), 0)
+
+
+def device_step(stamps: Array, block: int) -> float | None:
+    """Step [s] of the device, by the promptest stamp of each `block` of them; None where no line stands out."""
+    n, blocks, duration = len(stamps), len(stamps) // block, float(stamps[-1] - stamps[0])
+    above = stamps[: blocks * block] - (stamps[-1] - stamps[0]) / (n - 1) * np.arange(blocks * block)
+    prompt = stamps[np.arange(blocks) * block + above.reshape(blocks, block).argmin(axis=1)] - stamps[0]
+    if len(prompt) < FEWEST_PROMPT:
+        return None
+    rate = (n - 1) / duration
+    size = scipy.fft.next_fast_len(int(2 * duration * rate * BINS) + 2)
+    histogram = np.bincount((prompt * rate * BINS).astype(np.intp), minlength=size)
+    frequency = np.arange(size // 2 + 1) * BINS * rate / size
+    near = (frequency > LOWEST * rate) & (frequency < HIGHEST * rate)
+    height = np.abs(scipy.fft.rfft(histogram.astype(np.float64)))[near]
+    if height.max() < STANDS_OUT * float(np.median(height)):
+        return None
+    line = float(frequency[near][np.argmax(height)])
+    for width in REFINED:
+        tried = line + width / duration * np.linspace(-1, 1, 11)
+        line = float(tried[np.argmax([abs(np.exp(2j * np.pi * f * prompt).sum()) for f in tried])])
+    return 1 / line

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.signals import LowPass, sampling_rate
-from osl_analysis.timebase.grid import GapLimits
+from osl_analysis.timebase.grid import GapLimits, uniform_signals
 from osl_analysis.trial import AXES, Array, Trial
-from osl_analysis.uniform import uniform_signals
 from osl_analysis.walking.bodies import Poses
 from osl_analysis.walking.plate import Stance
 

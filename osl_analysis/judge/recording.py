@@ -14,7 +14,7 @@ from osl_analysis.judge.channels import CHANNEL_CHECKS, not_applicable, worst
 from osl_analysis.judge.table import Cause, Check, CheckResult, Commanded, Examined, QualityRules
 from osl_analysis.protocol.likeness import Likeness
 from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, SteppedSineProtocol, find_runs
-from osl_analysis.timebase.grid import GapLimits, sampled_rows, streams, uniform_signals
+from osl_analysis.timebase.grid import GapLimits, devices_of, streams, uniform_signals
 from osl_analysis.timebase.samples import take
 from osl_analysis.trial import Trial
 
@@ -39,7 +39,7 @@ def measure_jitter(examined: Examined) -> CheckResult:
     wander, remarks = {}, []
     columns = [column for column in examined.experiment.needed_columns if column in examined.samples.columns]
     try:
-        parts = take(streams(examined.trial, {c: sampled_rows(examined.trial, c) for c in columns}, frozenset()))
+        parts = take(streams(examined.trial, devices_of(examined.trial, columns), frozenset()))
     except InputError as error:
         return not_applicable(f"no time base, {error}")
     for part in parts:

@@ -397,14 +397,11 @@ def uniform_signals(
 
     Raises InputError: A column is missing, or its stamps cannot be brought on a grid; the message names the trial.
     """
-    rows = {column: trial.present(column).tobytes() for column in columns}
-    also = {column: trial.present(column).tobytes() for column in computed if column in trial.columns}
-    rows |= {column: there for column, there in also.items() if there in rows.values()}
-    first: dict[bytes, str] = {}
-    devices = {column: first.setdefault(there, column) for column, there in rows.items()}
+    also = [column for column in computed if column in trial.columns]
+    devices = {c: device for c, device in devices_of(trial, [*columns, *also]).items() if device in columns}
     try:
         grid = one_time_base(streams(trial, devices, frozenset(also)), limits)
-        stated = {column: one for column in rows if (one := origin(trial, column).get("low_pass"))}
+        stated = {column: one for column in devices if (one := origin(trial, column).get("low_pass"))}
         low_passes = {column: SensorLowPass(**one) for column, one in stated.items()}
         return UniformSignals(trial.name, grid, {}, low_passes, devices).on(grid)
     except InputError as error:
@@ -416,9 +413,14 @@ def regridded(signals: UniformSignals, limits: GapLimits) -> UniformSignals:
     return signals.on(on_one_grid(signals.grid.taken, limits))
 
 
+def devices_of(trial: Trial, columns: Sequence[str]) -> dict[str, str]:
+    """For each column the first one with samples in the same rows, which share their stamps."""
+    first: dict[bytes, str] = {}
+    return {column: first.setdefault(trial.present(column).tobytes(), column) for column in columns}
+
+
 def streams(trial: Trial, devices: Mapping[str, str], silent: frozenset[str]) -> list[Stream]:
-    """The streams of a trial: columns with samples in the same rows share their stamps, and have one of the
-    `devices`."""
+    """The streams of a trial, one for all columns of one of the `devices` (`devices_of`)."""
     found = []
     for first in dict.fromkeys(devices.values()):
         names = [column for column, device in devices.items() if device == first]

@@ -27,7 +27,6 @@ from osl_analysis.commands.bench import (
     fit_trial,
     said_not_checked,
 )
-from osl_analysis.commands.figure import figure_module
 from osl_analysis.commands.gains import Request, requested_gains
 from osl_analysis.commands.tables import read_summary as read_summary_file
 from osl_analysis.commands.trials import checked_trial
@@ -36,6 +35,7 @@ from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.parameters import joint_of
 from osl_analysis.config.shared_choices import WeightSettings
 from osl_analysis.errors import InputError, listing, nearest, printable, printable_lines
+from osl_analysis.figures import drawing
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.known_formats import FORMATS, read_source
 from osl_analysis.judge.doubts import IS_DOUBTFUL, marked, with_doubts_of
@@ -301,7 +301,6 @@ def frequency_response(
     from osl_analysis.commands.figure import beside_theory
     from osl_analysis.commands.tables import pooled_schema
     from osl_analysis.figures.names import of_place
-    from osl_analysis.figures.response import points as any_motion_points
 
     path, read = config_of(config), as_trial(trial)
     device = device_of(parameters, path)
@@ -311,7 +310,7 @@ def frequency_response(
         own = marked(tables[name], limits.of(name), name)
         found[name] = with_doubts_of(own, tables["impedance"], limits.of("impedance"), "impedance")
     if found["phasors"].is_empty():  # the motion is no stepped sine
-        plotted = any_motion_points(found["response"], pl.DataFrame(schema=pooled_schema()))
+        plotted = drawing("response").points(found["response"], pl.DataFrame(schema=pooled_schema()))
         return Response(read.name, "response", found["response"], found["response_models"], plotted)
     table = frequency_response_table(found["phasors"])
     joint = pl.lit(joint_of(device) if device else None, pl.String)
@@ -502,7 +501,7 @@ def plot_torque_angle(*fits: Fit) -> "NotebookFigure":
     names = [fit.trial for fit in fits]
     if len(set(names)) < len(names):
         raise InputError(f"two fits are of trials of one name, {listing(names)}; name each trial differently")
-    points = figure_module("torque_angle").points
+    points = drawing("torque_angle").points
     tables = pl.concat([fit.table for fit in fits], how="diagonal_relaxed")
     return drawn(
         "torque_angle",
@@ -519,4 +518,4 @@ def checked(fit: Fit) -> Fit:
 def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":
     from osl_analysis.figures.style import on_screen  # matplotlib takes half a second
 
-    return on_screen(figure_module(name).draw(table))
+    return on_screen(drawing(name).draw(table))

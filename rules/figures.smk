@@ -43,7 +43,7 @@ def plotted(command: str, name: str, **constraints):
 def plot_numbers(wildcards):
     figure = FIGURES[wildcards.figure]
     return {
-        "modules": (f"figures.{figure.name}",),
+        "modules": (f"figures.{figure.module}",),
         "input": {"table": tabled(figure.table)},
         "settings": {"name": figure.name, "option": figure.option and setting(figure.option)},
     }
@@ -122,7 +122,7 @@ def plot_numbers_torque_angle(_):
 @step("figure.draw_figure", [RESULTS / f"figures/{{figure}}.{suffix}" for suffix in SUFFIXES], "figures/{figure}")
 def draw_figure(wildcards):
     return {
-        "modules": ("figures.names", f"figures.{wildcards.figure}"),
+        "modules": ("figures.names", f"figures.{FIGURES[wildcards.figure].module}"),
         "input": {"table_csv": RESULTS / f"figures/{wildcards.figure}.csv"},
         "read": {"fitted": shown_rows(wildcards.figure)},
         "settings": {"name": wildcards.figure, "footer": ABOUT.of_figure()},
@@ -133,7 +133,7 @@ def draw_figure(wildcards):
 def captions(_):
     tables = {name: RESULTS / f"figures/{name}.csv" for name in drawn_names()}
     return {
-        "modules": ("figures.names", *(f"figures.{name}" for name in tables)),
+        "modules": ("figures.names", *sorted({f"figures.{FIGURES[name].module}" for name in tables})),
         "input": {"fitted": list(tables.values())},
         "read": {"shown": {name: shown_rows(name) for name in tables}},
         "settings": {"tables": {name: str(path) for name, path in tables.items()}, "footer": ABOUT.sentence()},

@@ -31,7 +31,7 @@ from osl_analysis.config.campaign import ImpedanceExample
 from osl_analysis.config.configuration import read_section
 from osl_analysis.config.parameters import read_parameters
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER
-from osl_analysis.figures.fig4 import draw as draw_fig4
+from osl_analysis.figures.impedance import draw_fig4
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.impossible import Saturated
 from osl_analysis.judge.table import Doubt, DoubtfulFits

@@ -10,8 +10,9 @@ from test_figures import plotted
 from osl_analysis.commands.figure import caption_of, write_captions
 from osl_analysis.commands.tables import write_table_metadata
 from osl_analysis.config.campaign import About
-from osl_analysis.figures import FIGURES, fig3
+from osl_analysis.figures import FIGURES
 from osl_analysis.figures.names import as_text, doubtful_said, listed_text, rounded_number, with_interval, with_sd
+from osl_analysis.figures.quasi_static import MEAN_SLOPE
 from osl_analysis.jobs.refusal import Refusal, write_refusals
 from osl_analysis.table import write_table
 
@@ -84,9 +85,7 @@ def test_a_caption_is_one_paragraph_in_which_no_name_of_a_file_is_markup(name, t
     table = plotted(name)
     hostile = pl.lit("<img src=x onerror=alert(1)> *")
     columns = [column for column in ("joint", "controller", "group", "trajectory") if column in table.columns]
-    trials = (
-        pl.when(pl.col("trial").is_in([fig3.MEAN_SLOPE, "ensemble"])).then("trial").otherwise(hostile + pl.col("trial"))
-    )
+    trials = pl.when(pl.col("trial").is_in([MEAN_SLOPE, "ensemble"])).then("trial").otherwise(hostile + pl.col("trial"))
     if "trial" in table.columns:
         table = table.with_columns(trial=trials)
     table = table.with_columns(pl.when(pl.col(c).is_not_null()).then(hostile + pl.col(c)).alias(c) for c in columns)

@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from importlib import import_module
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -15,24 +15,11 @@ from matplotlib.figure import Figure
 
 from osl_analysis.commands.figure import draw_figure, draw_table, plot_numbers
 from osl_analysis.errors import InputError
-from osl_analysis.figures import (
-    FIGURES,
-    drawn_figures,
-    fig3,
-    fig4,
-    fig5,
-    fig6,
-    fig7,
-    fig8,
-    fig9,
-    impedance_over_stance,
-    model_comparison,
-    others,
-    response,
-    torque_angle,
-    walking_page,
-)
+from osl_analysis.figures import FIGURES, drawing, drawn_figures, others
+from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, OBSERVED, grid_of, response_curve, why_no_distortion
+from osl_analysis.figures.impedance import LARGEST_VAF
 from osl_analysis.figures.names import write_footer
+from osl_analysis.figures.quasi_static import MEAN_SLOPE
 from osl_analysis.figures.style import (
     LOOKS,
     MAGENTA,
@@ -41,9 +28,14 @@ from osl_analysis.figures.style import (
     SINGLE_COLUMN,
     paper_style,
 )
+from osl_analysis.figures.walking import BY_ENSEMBLE, PER_PERTURBATION
 from osl_analysis.jobs.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
+fig3, fig4, fig5, fig6, fig7, fig8, fig9 = (drawing(f"fig{number}") for number in range(3, 10))
+impedance_over_stance, model_comparison, response, torque_angle, walking_page = map(
+    drawing, ("impedance_over_stance", "model_comparison", "response", "torque_angle", "walking_page")
+)
 K_S = 685.6
 PLACE_UNKNOWN = {"joint": pl.lit(None, pl.String), "side": pl.lit(None, pl.String)}
 PLACE = {"joint": pl.lit("ankle"), "side": pl.lit(None, pl.String)}
@@ -55,7 +47,7 @@ def belt_table():
         torque = i + 12 * deflection
         rows = {"trial": f"belt_{i:02d}", "branch": "loading", "theta_s_deg": deflection, "torque": torque}
         frames.append(pl.DataFrame(rows))
-    mean = {"trial": fig3.MEAN_SLOPE, "branch": "loading", "theta_s_deg": [0.0, 5.0], "torque": [0.0, 59.8]}
+    mean = {"trial": MEAN_SLOPE, "branch": "loading", "theta_s_deg": [0.0, 5.0], "torque": [0.0, 59.8]}
     mean |= {"K_s": K_S, "K_s_low": 682.9, "K_s_high": 688.3}
     mean |= {"hysteresis_area": 0.0451, "hysteresis_area_low": 0.0449, "hysteresis_area_high": 0.0453}
     table = pl.concat([*frames, pl.DataFrame(mean)], how="diagonal")
@@ -103,9 +95,9 @@ def response_table():
         magnitude_max=magnitude + 3e-4, phase_low_deg=phase - 1, phase_high_deg=phase + 1, phase_min_deg=phase - 3,
         phase_max_deg=phase + 2,
     )  # fmt: skip
-    curves = [(fig7.DESIRED, None), (fig7.LINEAR_MODEL, "compensated"), (fig7.LINEAR_MODEL, "uncompensated")]
+    curves = [(DESIRED, None), (LINEAR_MODEL, "compensated"), (LINEAR_MODEL, "uncompensated")]
     flat, Y = np.array(frequency), 4e-3 * np.exp(-1j * np.deg2rad(30)) * np.ones(5)
-    drawn = pl.concat(fig7.response_curve(curve, name, flat, Y) for curve, name in curves)
+    drawn = pl.concat(response_curve(curve, name, flat, Y) for curve, name in curves)
     return fig7.points(response, drawn.with_columns(**PLACE_UNKNOWN))
 
 
@@ -119,8 +111,8 @@ def gains():
 def walking_summary():
     """The ensemble reads a tenth more than the mean, give or take a hundredth below and two above."""
     mean, sd = np.array([338.0, 4.3, 0.012, 97.0]), [20.0, 0.7, 0.02, 1.0]
-    fits = {"estimator": fig9.PER_PERTURBATION, "mean": mean, "sd": sd, "low": 0.9 * mean, "high": 1.1 * mean}
-    ensemble = {"estimator": fig9.BY_ENSEMBLE, "mean": 1.1 * mean, "sd": None, "low": 1.09 * mean, "high": 1.12 * mean}
+    fits = {"estimator": PER_PERTURBATION, "mean": mean, "sd": sd, "low": 0.9 * mean, "high": 1.1 * mean}
+    ensemble = {"estimator": BY_ENSEMBLE, "mean": 1.1 * mean, "sd": None, "low": 1.09 * mean, "high": 1.12 * mean}
     shared = {"group": "all", "quantity": ["K", "B", "I", "VAF"], "n": 31, "n_doubtful": 0, "commanded": None}
     return pl.concat([pl.DataFrame(shared | rows) for rows in (fits, ensemble)], how="vertical_relaxed")
 
@@ -234,32 +226,32 @@ def plotted(name):
 
 
 CAPTIONS = {
-    fig3: ["Ankle (10 trials): the mean stiffness $K_s$ is 685.6 N·m/rad (95 % interval 682.9 to 688.3)"],
-    fig7: [
+    "fig3": ["Ankle (10 trials): the mean stiffness $K_s$ is 685.6 N·m/rad (95 % interval 682.9 to 688.3)"],
+    "fig7": [
         "$K_d$ = 200 N·m/rad, $B_d$ = 7.5 N·m·s/rad.",
         "at most ± 5.7 % and ± 1 deg",  # 2e-4 of 3.5e-3
         "compensated 1 trial, uncompensated 1 trial",
     ],
-    impedance_over_stance: ["all at 25 % of stance: $K$ 75.0 N·m/rad (95 % interval 67.5 to 82.5)"],
-    model_comparison: [
+    "impedance_over_stance": ["all at 25 % of stance: $K$ 75.0 N·m/rad (95 % interval 67.5 to 82.5)"],
+    "model_comparison": [
         "Transmission (no panel: two models alone), mean of 1 trial: $B_j$, $J_j$ 0.1 %",
         "Rendered impedance, compensated, mean of 2 trials: Eq. 15 3.2 %; Eq. 9 6.3 %",
     ],
-    response: [
+    "response": [
         "within 2.6 % of the second-order system",  # |1 - 0.98 exp(j deg)| = 0.0263
         "within 0.5 % of the drivetrain",
     ],
-    torque_angle: [r"both\_cams\_00mm: −4 to 6 N·m, steepest 62 N·m/rad.", r"1 of 11 trials (both\_cams\_15mm)"],
+    "torque_angle": [r"both\_cams\_00mm: −4 to 6 N·m, steepest 62 N·m/rad.", r"1 of 11 trials (both\_cams\_15mm)"],
 }
 
 
-@pytest.mark.parametrize("module", CAPTIONS)
-def test_a_caption_says_in_numbers_of_the_table_what_is_drawn(module):
-    table = conditions_of(1) if module is response else plotted(module.__name__.rpartition(".")[2])
-    if module is torque_angle:
+@pytest.mark.parametrize("name", CAPTIONS)
+def test_a_caption_says_in_numbers_of_the_table_what_is_drawn(name):
+    table = conditions_of(1) if name == "response" else plotted(name)
+    if name == "torque_angle":
         table = table.with_columns(stiffness=57 + pl.col("angle_deg"))
-    said = module.caption(table)
-    assert [part for part in CAPTIONS[module] if part not in said] == []
+    said = drawing(name).caption(table)
+    assert [part for part in CAPTIONS[name] if part not in said] == []
     assert "Commanded" not in said
 
 
@@ -279,14 +271,14 @@ def conditions_of(number):
 
 @pytest.mark.parametrize(("number", "grid"), [(1, (1, 1)), (3, (1, 3)), (9, (3, 3)), (10, (3, 4)), (12, (3, 4))])
 def test_as_many_conditions_as_are_shown_fit_a_page_of_a_journal(number, grid):
-    assert response.grid_of(number) == grid
+    assert grid_of(number) == grid
     width, height = response.draw(conditions_of(number)).get_size_inches()
     assert width == (SINGLE_COLUMN if number == 1 else 7.16)
     assert height < 9.5, "the text block of an IEEE page is 9.6 in high"
 
 
 def test_conditions_stand_side_by_side_each_in_its_place(monkeypatch):
-    monkeypatch.setattr(response, "MOST_CONDITIONS", 4)
+    monkeypatch.setattr("osl_analysis.figures.frequency.MOST_CONDITIONS", 4)
     table = conditions_of(5)
     figure = response.draw(table)
     assert len(figure.axes) == 3 * 4
@@ -309,9 +301,9 @@ def test_a_condition_without_distortion_says_why():
     said = {name: ax.get_title(loc="left") for name, ax in zip("pl", response.draw(table).axes[4:], strict=True)}
     assert said == {"p": "", "l": "Distortion is in the noise"}
     quiet = table.with_columns(odd_level=pl.col("noise_level") / 2, method=pl.lit("fast"))
-    assert response.why_no_distortion(quiet) == "Distortion below noise"
+    assert why_no_distortion(quiet) == "Distortion below noise"
     unseen = table.with_columns(odd_level=None, even_level=None, method=pl.lit("fast"))
-    assert response.why_no_distortion(unseen) == "No line shows distortion"
+    assert why_no_distortion(unseen) == "No line shows distortion"
 
 
 def line(ax, label):
@@ -342,9 +334,9 @@ def test_fig3_draws_every_trial_grey_and_the_mean_slope_dashed_magenta_with_its_
 
 
 def test_fig3_tells_trials_apart_below_by_branch_with_their_names_and_the_area_of_their_loops():
-    there = belt_table().filter(pl.col("trial") != fig3.MEAN_SLOPE)
+    there = belt_table().filter(pl.col("trial") != MEAN_SLOPE)
     back = there.with_columns(branch=pl.lit("unloading"), deviation=pl.col("deviation") - 0.5)
-    table = pl.concat([there, back, belt_table().filter(pl.col("trial") == fig3.MEAN_SLOPE)])
+    table = pl.concat([there, back, belt_table().filter(pl.col("trial") == MEAN_SLOPE)])
     loops = fig3.draw(table).axes[1]
     _, *branches = [a for a in loops.lines if len(a.get_xdata())]
     assert len(branches) == 20
@@ -534,7 +526,7 @@ def test_fig6_draws_fits_beyond_the_end_of_its_axis_there_and_its_caption_says_s
     vaf = pl.Series([99.99999999, 99.0, 97.0])
     table = fig6.points(impedance().filter(pl.col("amplitude_deg") == 2).head(3).with_columns(VAF=vaf))
     drawn = scattered(fig6.draw(table).axes[0], "Compensated")[0][:, 1]
-    np.testing.assert_allclose(drawn, [fig6.LARGEST_VAF, 99, 97], rtol=1e-12)
+    np.testing.assert_allclose(drawn, [LARGEST_VAF, 99, 97], rtol=1e-12)
     said = fig6.caption(table)
     assert "(3 trials): median 99.00 %, 97.00 % to 100.000000 %" in said
     assert "Larger VAFs than 99.9999 % are drawn there" in said
@@ -544,11 +536,11 @@ def test_fig7_draws_observed_points_with_intervals_and_links_to_their_trials_and
     table = response_table()
     magnitude, phase = fig7.draw(table).axes
     for ax, column in ((magnitude, "magnitude"), (phase, "phase_deg")):
-        desired = table.filter(pl.col("curve") == fig7.DESIRED)
+        desired = table.filter(pl.col("curve") == DESIRED)
         np.testing.assert_array_equal(line(ax, "Desired"), [desired["frequency_hz"], desired[column]])
         for name in ("compensated", "uncompensated"):
             rows, look = table.filter(pl.col("controller") == name), LOOKS[name]
-            observed, curve = (rows.filter(pl.col("curve") == kind) for kind in (fig7.OBSERVED, fig7.LINEAR_MODEL))
+            observed, curve = (rows.filter(pl.col("curve") == kind) for kind in (OBSERVED, LINEAR_MODEL))
             points, _, links = scattered(ax, look.label)
             np.testing.assert_array_equal(points.T, [observed["frequency_hz"], observed[column]])
             assert links == [f"../report.html#trial={name}%20trial"] * 5
@@ -830,8 +822,9 @@ def test_models_that_were_not_held_against_other_data_are_not_drawn():
 @pytest.mark.parametrize("name", FIGURES)
 def test_every_figure_fits_the_page_reads_at_8_points_and_comes_out_the_same_twice(name, tmp_path, monkeypatch):
     """PNG is the same twice on the page of `test_a_figure_without_numbers_...`."""
-    module, drawn = import_module(f"osl_analysis.figures.{name}"), []
-    monkeypatch.setattr(module, "draw", lambda table, draw=module.draw: drawn.append(draw(table)) or drawn[-1])
+    found, drawn = drawing(name), []
+    kept = replace(found, draw=lambda table: drawn.append(found.draw(table)) or drawn[-1])
+    monkeypatch.setattr("osl_analysis.commands.figure.drawing", lambda _: kept)
     write_table(plotted(name), tmp_path / "t.csv")
     outputs = [tmp_path / f"{name}{suffix}" for suffix in (".pdf", ".svg")]
     draw_figure(name, tmp_path / "t.csv", outputs)
@@ -874,9 +867,9 @@ def test_colours_of_controllers_stand_out_from_paper():
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_a_table_without_a_column_is_refused_by_file_and_column_and_nothing_is_drawn(name, tmp_path):
-    module = import_module(f"osl_analysis.figures.{name}")
-    write_table(plotted(name).drop(module.COLUMNS[-1]), tmp_path / "t.csv")
-    with pytest.raises(InputError, match=rf"t\.csv: no column '{module.COLUMNS[-1]}'"):
+    module = drawing(name)
+    write_table(plotted(name).drop(module.columns[-1]), tmp_path / "t.csv")
+    with pytest.raises(InputError, match=rf"t\.csv: no column '{module.columns[-1]}'"):
         draw_figure(name, tmp_path / "t.csv", [tmp_path / "f.pdf"])
     assert [path.name for path in tmp_path.iterdir()] == ["t.csv"]
 
@@ -917,8 +910,8 @@ def test_a_figure_names_below_it_the_trials_that_it_lacks(tmp_path):
 )
 def test_a_figure_that_no_trial_has_numbers_for_is_a_page_that_says_so(name, reason, tmp_path, monkeypatch):
     write_table(plotted(name).clear(), tmp_path / "empty.csv")
-    drawn, draw = [], others.DRAWINGS["not_drawn"].draw
-    monkeypatch.setitem(others.DRAWINGS, "not_drawn", SimpleNamespace(draw=lambda t: drawn.append(draw(t)) or drawn[0]))
+    drawn, draw = [], others.draw_reasons
+    monkeypatch.setattr(others, "NOT_DRAWN", SimpleNamespace(draw=lambda t: drawn.append(draw(t)) or drawn[0]))
     draw_figure(name, tmp_path / "empty.csv", [tmp_path / "f.png"])
     assert reason in " ".join(texts(drawn[0]).split())
 
@@ -934,11 +927,11 @@ def test_unknown_figures_and_formats_are_refused(tmp_path):
 def test_plotted_numbers_are_written_from_the_result_table_that_the_list_names(name, tmp_path):
     write_table(TABLES[FIGURES[name].table](), tmp_path / "table.csv")
     plot_numbers(name, tmp_path / "table.csv", 340.0 if FIGURES[name].option else None, tmp_path / f"{name}.csv")
-    module = import_module(f"osl_analysis.figures.{name}")
-    written = read_table(tmp_path / f"{name}.csv", required=module.COLUMNS)
+    module = drawing(name)
+    written = read_table(tmp_path / f"{name}.csv", required=module.columns)
     assert written.equals(plotted(name).cast(dict(written.schema)))
-    write_table(TABLES[FIGURES[name].table]().drop(module.TABLE_COLUMNS[-1]), tmp_path / "table.csv")
-    with pytest.raises(InputError, match=rf"table\.csv: no column '{module.TABLE_COLUMNS[-1]}'"):
+    write_table(TABLES[FIGURES[name].table]().drop(module.needs[-1]), tmp_path / "table.csv")
+    with pytest.raises(InputError, match=rf"table\.csv: no column '{module.needs[-1]}'"):
         plot_numbers(name, tmp_path / "table.csv", None, tmp_path / f"{name}.csv")
 
 

@@ -20,14 +20,11 @@ from osl_analysis.config.campaign import ImpedanceExample
 from osl_analysis.config.configuration import FrequencyResponseFigure
 from osl_analysis.config.parameters import FileOrNone, joint_of, read_parameters
 from osl_analysis.errors import InputError
-from osl_analysis.figures import FIGURES, OTHER_DRAWINGS
-from osl_analysis.figures.fig7 import CURVE_TYPES, DESIRED, LINEAR_MODEL, RESPONSE_COLUMNS, points, response_curve
-from osl_analysis.figures.fig9 import FIT_COLUMNS, SUMMARY_NEEDED
-from osl_analysis.figures.fig9 import points as fig9_points
+from osl_analysis.figures import drawing
+from osl_analysis.figures.frequency import CURVE_TYPES, DESIRED, FIG7, LINEAR_MODEL, RESPONSE, response_curve
 from osl_analysis.figures.names import look_numbers, of_place
-from osl_analysis.figures.response import points as response_points
-from osl_analysis.figures.torque_angle import TABLE_COLUMNS
-from osl_analysis.figures.torque_angle import points as torque_angle_points
+from osl_analysis.figures.quasi_static import TORQUE_ANGLE
+from osl_analysis.figures.walking import FIG9, FIT_COLUMNS, SUMMARY_NEEDED
 from osl_analysis.files import atomic_path, digest
 from osl_analysis.jobs.refusal import Refusal, is_refused, read_refusals
 from osl_analysis.judge.doubts import DOUBTFUL, marked
@@ -40,20 +37,9 @@ from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.settings import TimingSettings
 from osl_analysis.walking.tables import trajectory_points, walking_page_points
 
-NOTHING_SHOWN = "no trial of the campaign has the numbers that this figure shows"
-"""Why a figure without any number is not drawn; a module with a reason of its own has `NOTHING`."""
 METADATA = {".pdf": ("Subject", "CreationDate"), ".svg": ("Description", "Date"), ".png": ("Description", "Date")}
 """Formats that can be written, each with the entries of its metadata that say what the data are, and the time. That is
 left out: equal numbers give equal files."""
-
-
-def figure_module(name: str) -> Any:
-    """The module of one drawing, imported only when it is needed: importing matplotlib takes half a second."""
-    if name in OTHER_DRAWINGS:
-        return import_module("osl_analysis.figures.others").DRAWINGS[name]
-    if name not in FIGURES:
-        raise InputError(f"no figure '{name}'; there are {', '.join((*FIGURES, *OTHER_DRAWINGS))}")
-    return import_module(f"osl_analysis.figures.{name}")
 
 
 def plot_numbers(name: str, table: Path, option: Any, output: Path) -> None:
@@ -63,9 +49,9 @@ def plot_numbers(name: str, table: Path, option: Any, output: Path) -> None:
 
     Raises InputError: the result table is missing, lacks a column, or holds nothing that the figure draws.
     """
-    module = figure_module(name)
-    rows = read_table(table, required=module.TABLE_COLUMNS)
-    write_table(module.points(rows) if option is None else module.points(rows, option), output)
+    figure = drawing(name)
+    rows = read_table(table, required=figure.needs)
+    write_table(figure.points(rows) if option is None else figure.points(rows, option), output)
 
 
 def draw_figure(
@@ -84,11 +70,10 @@ def draw_figure(
         causes = [(cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
         draw_table("not_drawn", not_drawn(name, causes), outputs, footer=footer)
         return
-    module = figure_module(name)
-    table = read_table(table_csv, required=module.COLUMNS)
+    figure = drawing(name)
+    table = read_table(table_csv, required=figure.columns)
     if table.is_empty():
-        why = getattr(module, "NOTHING", NOTHING_SHOWN)
-        draw_table("not_drawn", not_drawn(name, [("", str(table_csv), why)]), outputs, footer=footer)
+        draw_table("not_drawn", not_drawn(name, [("", str(table_csv), figure.nothing)]), outputs, footer=footer)
         return
     draw_table(name, table, outputs, list(dict.fromkeys(cause.trial for cause in refused if cause.trial)), footer)
 
@@ -108,7 +93,7 @@ def draw_table(
         if path.suffix not in METADATA:
             raise InputError(f"{path}: figures are written as {', '.join(METADATA)}; choose one of these suffixes")
     names, style = (import_module(f"osl_analysis.figures.{module}") for module in ("names", "style"))
-    figure = figure_module(name).draw(table)
+    figure = drawing(name).draw(table)
     footer = ". ".join(filter(None, [footer, names.said_of_missing(missing)]))
     page_box = names.write_footer(figure, footer) if footer else None
     style.lay_out(figure)
@@ -149,12 +134,11 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     if is_refused(table_csv):
         causes = (f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv))
         return f"This figure is not drawn. {names.listed_text(causes)}."
-    module = figure_module(name)
-    table = read_table(table_csv, required=module.COLUMNS)
+    figure = drawing(name)
+    table = read_table(table_csv, required=figure.columns)
     if table.is_empty():
-        why = getattr(module, "NOTHING", NOTHING_SHOWN)
-        return f"This figure is not drawn. {names.as_text(why[:1].upper() + why[1:])}."
-    said: str = module.caption(table)
+        return f"This figure is not drawn. {names.as_text(figure.nothing[:1].upper() + figure.nothing[1:])}."
+    said: str = figure.caption(table)
     lacks = f"Without {names.count_of(len(missing), 'trial')} whose recordings or fits were refused: "
     return f"{said} {lacks}{names.listed_text(missing)}." if missing else said
 
@@ -205,7 +189,7 @@ def fig7(
     desired response; where the gains are not (`DesiredImpedance.gains`), or the parameter file is of another joint,
     there is no linear model. Trials that no stepped sine moved have no responses; without any other the table is empty.
     """
-    responses = of_place(read_table(table, required=RESPONSE_COLUMNS))
+    responses = of_place(read_table(table, required=FIG7.needs))
     responses = responses.with_columns(look_numbers(responses["controller"]))
     K_d, B_d = (choice.K_d, choice.B_d) if choice else most_frequent_impedance(responses)
     shown = responses.filter(pl.col("K_d").eq_missing(pl.lit(K_d)), pl.col("B_d").eq_missing(pl.lit(B_d)))
@@ -221,15 +205,15 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
     shown = responses.sort("frequency_hz", maintain_order=True)
     parts = shown.partition_by(PLACE, maintain_order=True)
     curves = [curve for part in parts for curve in responses_in_theory(part, parameters, weight)]
-    return points(shown, pl.concat([pl.DataFrame(schema=CURVE_TYPES), *curves]))
+    return FIG7.points(shown, pl.concat([pl.DataFrame(schema=CURVE_TYPES), *curves]))
 
 
 def fig9(table: Path, fits: Path, over_stance: Path, output: Path, commanded_K: float | None = None) -> None:
     """The numbers of Fig. 9: groups from `walking_summary.csv`, single perturbations from `walking.csv`, and what was
-    commanded, also from `impedance_over_stance.csv`. `commanded_K` [N*m/rad] and what is raised as in `fig9.points`."""
+    commanded, also from `impedance_over_stance.csv`. `commanded_K` [N*m/rad] and what is raised as in `FIG9.points`."""
     summary, single = read_table(table, SUMMARY_NEEDED), read_table(fits, FIT_COLUMNS)
     trajectory = read_table(over_stance, ("group", "quantity", "commanded"))
-    write_table(fig9_points(summary, single, trajectory, commanded_K), output)
+    write_table(FIG9.points(summary, single, trajectory, commanded_K), output)
 
 
 def most_frequent_impedance(responses: pl.DataFrame) -> tuple[float | None, float | None]:
@@ -257,8 +241,8 @@ def responses_in_theory(measured: pl.DataFrame, parameters: Path | None, weight:
 
 def torque_angle(curves: Path, table: Path, output: Path) -> None:
     """The numbers of the figure `torque_angle`, from `torque_angle_curves.csv` and `torque_angle.csv`."""
-    read = read_table(curves, required=TABLE_COLUMNS)
-    write_table(torque_angle_points(read, read_table(table, ["trial", "doubtful"])), output)
+    read = read_table(curves, required=TORQUE_ANGLE.needs)
+    write_table(TORQUE_ANGLE.points(read, read_table(table, ["trial", "doubtful"])), output)
 
 
 def plot_walking_page(
@@ -301,4 +285,4 @@ def plot_over_stance(
 
 def response(table: Path, pooled_table: Path, output: Path) -> None:
     """The numbers of the figure `response`: pooled conditions, and the trials that are in none."""
-    write_table(response_points(read_table(table), read_table(pooled_table)), output)
+    write_table(RESPONSE.points(read_table(table), read_table(pooled_table)), output)

@@ -10,10 +10,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from osl_analysis.commands.figure import draw_table, figure_module
+from osl_analysis.commands.figure import draw_table
 from osl_analysis.config.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
 from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.errors import InputError, UnreachableImpedanceError
+from osl_analysis.figures import drawing
 from osl_analysis.files import atomic_path
 from osl_analysis.model.compensator import (
     PAPER_WEIGHT,
@@ -170,14 +171,14 @@ def plot_gains(request: Request, table: pl.DataFrame, parameters: Path, output: 
         p, row = read_parameters(parameters), table.to_dicts()[0]
         draw_table("fig7", pair_response(row, p), [output])
     elif request.trajectory is not None:
-        draw_table("fig8", figure_module("fig8").points(table), [output])
+        draw_table("fig8", drawing("fig8").points(table), [output])
     else:
         draw_table("gain_grid", table, [output])
 
 
 def pair_response(row: dict[str, float], p: DrivetrainParameters) -> pl.DataFrame:
     """Desired and predicted response of one pair over 0.1 to 10 Hz, as rows of Fig. 7."""
-    from osl_analysis.figures.fig7 import COLUMNS, DESIRED, LINEAR_MODEL, response_curve  # matplotlib: half a second
+    from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve  # matplotlib: half a second
 
     f = np.geomspace(0.1, 10, 201)
     curves = (
@@ -185,5 +186,5 @@ def pair_response(row: dict[str, float], p: DrivetrainParameters) -> pl.DataFram
         (LINEAR_MODEL, "compensated", joint_admittance(row["K_1"], row["B_1"], p, p.J_j)),
     )
     frames = [response_curve(curve, name, f, Y(2j * np.pi * f)) for curve, name, Y in curves]
-    others = [name for name in COLUMNS if name not in frames[0].columns]
+    others = [name for name in FIG7.columns if name not in frames[0].columns]
     return pl.concat(frames).with_columns(pl.lit(None, pl.Float64).alias(name) for name in others)

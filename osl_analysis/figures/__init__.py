@@ -1,25 +1,27 @@
 """The list of figures, which the workflow, the command line and the tests read.
 
-A new figure is a module here, an entry in `figures.yaml`, and its test. Its module has `COLUMNS` (the columns of the
-plotted numbers), `draw` (plotted numbers -> page) and `caption` (plotted numbers -> a paragraph of Markdown, by the
-words of `names.py`). Where the numbers come from one result table, the module has `TABLE_COLUMNS` (what it needs of
-that table) and `points` (result table -> plotted numbers) too.
+A new figure is a `style.Drawing` in a module here, an object of its name in capitals; an entry in `figures.yaml`; and
+its test. Captions are said by the words of `names.py`.
 """
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
+
+from osl_analysis.errors import InputError
 
 
 @dataclass(frozen=True)
 class CampaignFigure:
     """A figure of a campaign, drawn if the campaign has what it needs; the fields are explained in `figures.yaml`."""
 
-    name: str  # name of its module and of its files
+    name: str  # name of its files
     table: str
+    module: str
     setting: str | None = None
     option: str | None = None
     own_rule: bool = False
@@ -30,15 +32,23 @@ def read_figures(path: Path) -> dict[str, CampaignFigure]:
     entries = {place.removeprefix("figures/"): entry for place, entry in YAML(typ="safe", pure=True).load(path).items()}
     optional = ("setting", "option", "own_rule")
     return {
-        name: CampaignFigure(name, entry["from"], **{key: entry[key] for key in optional if key in entry})
+        name: CampaignFigure(
+            name, entry["from"], entry.get("module", name), **{key: entry[key] for key in optional if key in entry}
+        )
         for name, entry in entries.items()
     }
 
 
 FIGURES = read_figures(Path(__file__).with_name("figures.yaml"))  # the figures of a campaign by name
+OTHER_DRAWINGS = ("torque", "gain_grid", "study", "not_drawn")  # drawings in `others.py` that are none of a campaign
 
-OTHER_DRAWINGS = ("torque", "gain_grid", "study", "not_drawn")
-"""Drawings in `others.py` that are no figures of a campaign."""
+
+def drawing(name: str) -> Any:
+    """The `style.Drawing` of a figure, imported only when it is needed: importing matplotlib takes half a second."""
+    if name not in FIGURES and name not in OTHER_DRAWINGS:
+        raise InputError(f"no figure '{name}'; there are {', '.join((*FIGURES, *OTHER_DRAWINGS))}")
+    module = FIGURES[name].module if name in FIGURES else "others"
+    return getattr(import_module(f"osl_analysis.figures.{module}"), name.upper())
 
 
 def drawn_figures(tables: Collection[str], setting: Callable[[str], Any]) -> list[CampaignFigure]:

@@ -13,8 +13,7 @@ from osl_analysis.figures import style
 from osl_analysis.figures.names import MARKERS, PLACE, as_text, count_of, of_place, place_name
 from osl_analysis.trial import Array
 
-TABLE_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out")
-COLUMNS = (*PLACE, *TABLE_COLUMNS)
+SCORE_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out")
 RIVALS = {
     "belt": ("Belt", {"M1": "linear", "M2": "quadratic", "M3": "linear,\nhysteresis", "M4": "quadratic,\nhysteresis"}),
     "transmission": ("Transmission", {"M1": "$B_j$, $J_j$", "M2": "$B_j$, $J_j$,\nCoulomb"}),
@@ -27,8 +26,8 @@ RIVALS = {
 REPEATS = style.Look(style.GREY, "o", 2.6, "Repeat")
 
 
-def points(scores: pl.DataFrame) -> pl.DataFrame:
-    table = of_place(scores).select(COLUMNS).filter(pl.col("VAF_held_out").is_finite())
+def scores_points(scores: pl.DataFrame) -> pl.DataFrame:
+    table = of_place(scores).select(*PLACE, *SCORE_COLUMNS).filter(pl.col("VAF_held_out").is_finite())
     if table.is_empty():
         raise InputError(
             "no model was held against data that it was not fitted to; add a second belt or transmission trial, or a "
@@ -37,7 +36,7 @@ def points(scores: pl.DataFrame) -> pl.DataFrame:
     return table
 
 
-def caption(table: pl.DataFrame) -> str:
+def models_caption(table: pl.DataFrame) -> str:
     said = [
         "Rival models, held against data that they were not fitted to: a repeat by the others, or an amplitude by the "
         "others. The axis is the share of the variance of torque that a model leaves, on a logarithmic scale: lower is "
@@ -65,7 +64,7 @@ def drawn_experiments(table: pl.DataFrame) -> list[str]:
 
 
 @style.paper_style()
-def draw(table: pl.DataFrame) -> Figure:
+def draw_models(table: pl.DataFrame) -> Figure:
     """A panel per experiment with three models or more, the draft's model on the left: each line is a trial, each bar
     the geometric mean. Joints and sides stand side by side, each with a marker and a mean of its own.
 
@@ -131,3 +130,8 @@ def geometric_means(rows: pl.DataFrame, models: list[str]) -> Array:
     means = np.full(len(models), np.nan)
     means[seen] = np.exp(np.nanmean(left[:, seen], axis=0))
     return means
+
+
+MODEL_COMPARISON = style.Drawing(
+    (*PLACE, *SCORE_COLUMNS), draw_models, models_caption, scores_points, needs=SCORE_COLUMNS
+)

@@ -1,6 +1,6 @@
 """The style of all figures: page size, lettering, colours and markers, panels, axes with their ticks, and swarms."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -73,6 +73,18 @@ PAPER: dict[Any, Any] = {
 
 
 Dash = Literal["-", ""] | tuple[float, tuple[float, ...]]  # A line style as matplotlib takes it
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure: plotted numbers -> page, plotted numbers -> caption, and where they come from one table, `points`."""
+
+    columns: Sequence[str]  # of the plotted numbers
+    draw: Callable[[pl.DataFrame], Figure]
+    caption: Callable[[pl.DataFrame], str] = lambda _: ""  # a paragraph of Markdown
+    points: Callable[..., pl.DataFrame] = lambda table: table  # result tables -> plotted numbers
+    needs: Sequence[str] = ()  # columns of the result table from which `points` are
+    nothing: str = "no trial of the campaign has the numbers that this figure shows"  # why, without any number
 
 
 @dataclass(frozen=True)

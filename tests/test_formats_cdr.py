@@ -15,8 +15,8 @@ from mcap_builder import HEADER, assert_decoded, stamped, write_log
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.cdr import MessageType, message_type, messages_at, shape_of
 from osl_analysis.formats.mcap import read_mcap
+from osl_analysis.formats.message_fields import MessageType, message_type, messages_at, shape_of
 from osl_analysis.formats.messages import decode_topics
 
 REAL_DATA = Path(__file__).parents[2] / "shared" / "real_data"

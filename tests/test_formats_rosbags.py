@@ -20,7 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
-from osl_analysis.formats.cdr import message_type, messages_at, shape_of
+from osl_analysis.formats.message_fields import message_type, messages_at, shape_of
 from osl_analysis.formats.rosbag import record_at
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import trial_from_files

@@ -12,8 +12,7 @@ import numpy as np
 
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.csv_table import UTF_16_MARKS
-from osl_analysis.formats.messages import joined_field, without_mixed
-from osl_analysis.formats.object_messages import Indices, array_labels, is_array_of, json_reader, path_to
+from osl_analysis.formats.message_fields import Indices, array_labels, is_array_of, json_reader, path_to
 from osl_analysis.trial import Array
 
 MOST_ELEMENTS = 64
@@ -117,29 +116,25 @@ def is_whole(text: bytes) -> bool:
 
 def decode_lines(lines: JsonLines, paths: Sequence[str]) -> DecodedLines:
     """The fields at `paths` (`variables.ankle_angle`, `position[0]`) of all lines."""
-    reader = json_reader(paths)
-    parts, mixed = without_mixed(list(reader.read(lines.data, lines.starts, lines.lengths)))
-    misfit = reader.misfit or mixed
-    misfits = lines.starts.size - sum(rows.size for rows, _ in parts)
-    if not parts:
-        raise InputError(f"{in_lines(misfit, lines)}; {NUMBER}")
-    order = np.argsort(np.concatenate([rows for rows, _ in parts]))
-    values, present = {}, {}
-    sized = [(rows.size, numbers) for rows, numbers in parts]
-    for path in dict.fromkeys(paths):
-        values[path], present[path] = joined_field(sized, path, order)
-        if not present[path].any():
-            check_misfit(lines, path, misfit)
+    reader = json_reader([*dict.fromkeys(paths)])
+    reader.read(lines.data, lines.starts, lines.lengths)
+    rows, values, present = reader.columns()
+    if not rows.size:
+        raise InputError(f"{in_lines(reader.misfit, lines)}; {NUMBER}")
+    for path, there in present.items():
+        if not there.any():
+            check_misfit(lines, path, reader.misfit)
             names, _ = addresses_of(lines)
             advice = nearest(path, names) or "; correct `field` in the source file"
             raise InputError(f"no line has a field '{path}'; there are {listing(names)}{advice}")
-    rows = np.concatenate([rows for rows, _ in parts])[order]
-    return DecodedLines(rows, values, present, misfits, in_lines(misfit, lines))
+    return DecodedLines(rows, values, present, lines.starts.size - rows.size, in_lines(reader.misfit, lines))
 
 
 def check_misfit(lines: JsonLines, path: str, misfit: str) -> None:
     """Blame the lines that cannot be used where only these have a number at the path."""
-    if misfit and any(path in one for _, one in json_reader([path]).read(lines.data, lines.starts, lines.lengths)):
+    alone = json_reader([path])
+    alone.read(lines.data, lines.starts, lines.lengths)
+    if misfit and alone.columns().present[path].any():
         raise InputError(
             f"every line with a field '{path}' has something else than a number in another field: "
             f"{in_lines(misfit, lines)}; {NUMBER}"

@@ -23,9 +23,8 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.cdr import numbers_at
+from osl_analysis.formats.message_fields import Indices, numbers_at
 from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFileError
-from osl_analysis.formats.object_messages import Indices
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")  # opcode, length of the content

@@ -4,7 +4,6 @@ A container (`mcap.py`, `rosbag.py`) gives its messages in blocks, and counts wh
 become columns, from all channels of a topic, in the order of recording.
 """
 
-import json
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,24 +16,19 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing
-from osl_analysis.formats.cdr import ShapeReader, describe_ros, message_type
-from osl_analysis.formats.object_messages import (
-    FieldDescription,
+from osl_analysis.formats.message_fields import (
+    Columns,
     Indices,
-    ObjectReader,
+    NoNumberError,
+    Reader,
     Values,
-    WholeArrayError,
-    described,
-    json_reader,
-    protobuf_decoder,
+    describe_message,
+    reader_of,
 )
 
 MOST_REMARKS = 20
 MOST_RESTARTS = 10
 """Times that sequence numbers may go back in a file that is in the order of recording: its publisher was restarted."""
-ENCODINGS = (("cdr", "ros2msg"), ("ros1", "ros1msg"), ("protobuf", "protobuf"))  # of messages and schema; JSON: none
-NOT_DEFINED = "not defined"
-"""Key in a channel's metadata under which a reader says why the channel has no schema, and what to do."""
 
 
 class WrongFieldError(InputError):
@@ -68,6 +62,10 @@ class MessageBlock:
     def of(self, rows: NDArray[np.intp]) -> "MessageBlock":
         channel, sequence, log_time = self.channel[rows], self.sequence[rows], self.log_time[rows]
         return MessageBlock(self.buffer, channel, sequence, log_time, self.starts[rows], self.lengths[rows])
+
+    def first(self) -> bytes:
+        """The first message."""
+        return self.buffer[int(self.starts[0]) : int(self.starts[0] + self.lengths[0])]
 
 
 @dataclass
@@ -295,41 +293,44 @@ class ChannelReader:
 
     channel: Channel
     schema: Schema | None
-    reader: ShapeReader | ObjectReader
-    parts: list[tuple[Indices, Values]] = field(default_factory=list)
-    """Places among the channel's messages, and values, of batches of messages."""
+    reader: Reader
     log_times: list[Indices] = field(default_factory=list)  # when the messages of each block were logged [ns]
     sequences: list[NDArray[np.uint32]] = field(default_factory=list)
-    first: bytes = b""  # the first message, to list its fields
-    messages: int = 0
+    first: bytes | None = None  # the first message, to list its fields
+    columns: Columns = field(init=False)
+    """The wanted fields, once all messages were read, in the order of recording."""
 
     def add(self, mine: MessageBlock) -> None:
-        if not self.messages:
-            self.first = mine.buffer[int(mine.starts[0]) : int(mine.starts[0] + mine.lengths[0])]
+        self.first = mine.first() if self.first is None else self.first
         try:
-            for rows, values in self.reader.read(mine.buffer, mine.starts, mine.lengths):
-                self.parts.append((self.messages + rows, values))
-        except WholeArrayError as error:
+            self.reader.read(mine.buffer, mine.starts, mine.lengths)
+        except NoNumberError as error:
             raise self.wrong_field(str(error)) from error
-        self.messages += mine.starts.size
         self.log_times.append(mine.log_time)
         self.sequences.append(mine.sequence)
 
     def settle(self, damage: Damage) -> None:
-        """Count what does not fit, and remark on what is missing, once all messages were read."""
-        self.parts, mixed = without_mixed(self.parts)
-        wrong = self.messages - sum(rows.size for rows, _ in self.parts)
-        self.reader.misfit, self.reader.misfits = self.reader.misfit or mixed, wrong
-        topic = f"topic '{self.channel.topic}'"
-        if wrong:
-            damage.misfits[self.channel.id] += wrong
-            damage.remark(f"{wrong} of {self.messages} messages of {topic} are lost: {self.reader.misfit}")
-        missing = missing_numbers(np.concatenate(self.sequences))
+        """Make the columns, count what does not fit, and remark on what is missing, once all messages were read."""
+        sequence, found = np.concatenate(self.sequences), self.reader.columns()
+        order = np.argsort(rank_of(np.concatenate(self.log_times), sequence)[found.rows], kind="stable")
+        if (np.diff(order) == 1).all():
+            self.columns = found
+        else:
+            values, present = ({path: one[order] for path, one in some.items()} for some in found[1:])
+            self.columns = Columns(found.rows[order], values, present)
+        count, topic = self.reader.count, f"topic '{self.channel.topic}'"
+        if self.misfits:
+            damage.misfits[self.channel.id] += self.misfits
+            damage.remark(f"{self.misfits} of {count} messages of {topic} are lost: {self.reader.misfit}")
+        missing = missing_numbers(sequence)
         if missing:  # the recorder dropped messages, or a chunk was removed
             damage.remark(
-                f"the sequence numbers of {topic} say that {missing} messages beside its {self.messages} are not in "
-                "the file"
+                f"the sequence numbers of {topic} say that {missing} messages beside its {count} are not in the file"
             )
+
+    @property
+    def misfits(self) -> int:
+        return self.reader.count - self.columns.rows.size
 
     def wrong_field(self, what: str) -> WrongFieldError:
         """The error for a field that is no number in any message; it names those that are."""
@@ -355,64 +356,10 @@ class ChannelReader:
         return {
             "channel": self.channel.id,
             "encoding": self.channel.message_encoding,
-            "messages": self.messages,
-            "one_by_one": self.reader.read_alone,
-            "misfits": self.reader.misfits,
+            "messages": self.reader.count,
+            "one_by_one": self.reader.one_by_one,
+            "misfits": self.misfits,
         }
-
-
-def without_mixed(parts: Sequence[tuple[Indices, Values]]) -> tuple[list[tuple[Indices, Values]], str]:
-    """Batches without those in which a truth value stands where others have a number; and what is wrong with these."""
-    numeric = {path for _, values in parts for path, one in values.items() if one.dtype != bool}
-    kept, wrong = [], ""
-    for rows, values in parts:
-        mixed = sorted(path for path, one in values.items() if one.dtype == bool and path in numeric)
-        if mixed:
-            shown = str(bool(values[mixed[0]][0])).lower()
-            wrong = wrong or f"field '{mixed[0]}' is {shown}, not a number as elsewhere, in message {int(rows[0]) + 1}"
-        else:
-            kept.append((rows, values))
-    return kept, wrong
-
-
-def reader_of(file: MessageFile, number: int, paths: Sequence[str]) -> ChannelReader:
-    """A reader for the messages of a channel; raises InputError if its encoding or its schema cannot be read."""
-    channel = file.channels[number]
-    schema = file.schemas.get(channel.schema_id)
-    check_encoding(channel, schema)
-    if channel.message_encoding == "json" or schema is None:
-        return ChannelReader(channel, schema, json_reader(paths))
-    try:
-        if channel.message_encoding == "protobuf":
-            return ChannelReader(channel, schema, ObjectReader(paths, protobuf_decoder(schema)))
-        kind = message_type(schema, ros1=channel.message_encoding == "ros1")
-        return ChannelReader(channel, schema, ShapeReader(kind, paths))
-    except InputError as error:
-        raise InputError(
-            f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions that its "
-            "publisher was built with, or map another topic"
-        ) from error
-
-
-def describe_message(channel: Channel, schema: Schema | None, payload: bytes | None) -> list[FieldDescription]:
-    """The fields of a channel's message; without a message, the fields of its schema."""
-    check_encoding(channel, schema)
-    if channel.message_encoding == "json" or schema is None:
-        return [] if payload is None else list(described(json.loads(payload), ""))
-    if channel.message_encoding == "protobuf":
-        return list(described(protobuf_decoder(schema)(payload or b""), ""))
-    return describe_ros(schema, payload, ros1=channel.message_encoding == "ros1")
-
-
-def check_encoding(channel: Channel, schema: Schema | None) -> None:
-    encoding = (channel.message_encoding, schema.encoding if schema else "no schema")
-    if NOT_DEFINED in channel.metadata:
-        raise InputError(f"topic '{channel.topic}': {channel.metadata[NOT_DEFINED]}")
-    if encoding not in ENCODINGS and channel.message_encoding != "json":
-        raise InputError(
-            f"topic '{channel.topic}' is encoded as {encoding[0]} ({encoding[1]}); read are cdr (ros2msg), ros1 "
-            "(ros1msg), protobuf (protobuf) and json: convert the log"
-        )
 
 
 @dataclass(frozen=True)
@@ -421,7 +368,7 @@ class Decoded:
 
     log_time: Indices  # when each message was logged [ns]
     channel: NDArray[np.uint16]  # number of each message's channel
-    values: dict[str, NDArray[Any]]  # numbers by path of the field, in the type of the message
+    values: Values  # numbers by path of the field, in the type of the message
     present: dict[str, NDArray[np.bool_]]  # whether the message has the field, by path
     how: list[dict[str, Any]] = field(default_factory=list)
     """How the messages of each channel were decoded, for the provenance."""
@@ -436,30 +383,33 @@ def decode_topics(
 
     Fields of `optional` may be absent.
     """
-    readers: dict[int, ChannelReader] = {}
+    by_topic: dict[str, dict[int, ChannelReader]] = {topic: {} for topic in wanted}
     for block in file.blocks():
         for number in block.counts:
-            topic = file.channels[number].topic
-            if topic in wanted:
+            channel = file.channels[number]
+            if channel.topic in wanted:
+                readers = by_topic[channel.topic]
                 if number not in readers:
-                    readers[number] = reader_of(file, number, wanted[topic])
+                    schema = file.schemas.get(channel.schema_id)
+                    asked = [*dict.fromkeys(wanted[channel.topic])]
+                    readers[number] = ChannelReader(channel, schema, reader_of(channel, schema, asked))
                 readers[number].add(block.of_channel(number))
-    by_topic: dict[str, list[ChannelReader]] = defaultdict(list)
-    for reader in readers.values():
-        by_topic[reader.channel.topic].append(reader)
-        reader.settle(file.damage)
-    decoded = {topic: decoded_topic(file, topic, by_topic[topic], paths) for topic, paths in wanted.items()}
-    for topic, one in decoded.items():
-        for path in wanted[topic]:
-            if path not in optional and not one.present[path].any():
+    for readers in by_topic.values():
+        for one in readers.values():
+            one.settle(file.damage)
+    decoded = {topic: decoded_topic(file, topic, [*readers.values()]) for topic, readers in by_topic.items()}
+    for topic, paths in wanted.items():
+        for path in paths:
+            if path not in optional and not decoded[topic].present[path].any():
+                first = next(iter(by_topic[topic].values()))
                 raise InputError(
-                    f"topic '{topic}' has no field '{path}' (it has {by_topic[topic][0].names_of_fields(path)}); "
+                    f"topic '{topic}' has no field '{path}' (it has {first.names_of_fields(path)}); "
                     "correct `field` in the source file, or exclude the trial if its log is not the right one"
                 )
     return decoded
 
 
-def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader], paths: Sequence[str]) -> Decoded:
+def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader]) -> Decoded:
     if not file.channels_of(topic):
         topics = sorted({channel.topic for channel in file.channels.values()})
         raise InputError(
@@ -468,39 +418,22 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
         )
     if not readers:
         raise InputError(f"topic '{topic}' has no messages; check that its sensor was running")
-    decoded = [reader for reader in readers if reader.parts]
-    if not decoded:
+    used = [one for one in readers if one.columns.rows.size]
+    if not used:
         for one in readers:
-            if one.reader.misfits == one.reader.no_numbers > 0:
+            if one.misfits == one.reader.no_numbers > 0:
                 raise one.wrong_field(one.reader.misfit)
         raise InputError(f"topic '{topic}': {readers[0].reader.misfit}; record the log again, or exclude the trial")
-    log_time, channel, rows, before = [], [], [], 0
-    for reader in decoded:
-        logged, places = np.concatenate(reader.log_times), np.concatenate([place for place, _ in reader.parts])
-        order = np.argsort(rank_of(logged, np.concatenate(reader.sequences))[places], kind="stable")
-        log_time.append(logged[places[order]])
-        channel.append(np.full(places.size, reader.channel.id, np.uint16))
-        rows.append(before + order)
-        before += places.size
-    parts = [(places.size, values) for reader in decoded for places, values in reader.parts]
-    every, values, present = np.concatenate(rows), {}, {}
-    in_order = slice(None) if (np.diff(every) == 1).all() else every
-    for path in dict.fromkeys(paths):
-        values[path], present[path] = joined_field(parts, path, in_order)
-    how = [reader.how() for reader in readers]
-    return Decoded(np.concatenate(log_time), np.concatenate(channel), values, present, how)
-
-
-def joined_field(
-    parts: Sequence[tuple[int, Values]], path: str, order: Indices | slice
-) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """One field of all messages, from the parts, each with its number of messages; and which ones have it."""
-    # False joins with any number type without changing it
-    pieces = [values.get(path, np.zeros(size, bool)) for size, values in parts]
-    there = np.repeat([path in values for _, values in parts], [size for size, _ in parts])
-    if {piece.dtype.kind for piece in pieces} - {"b"} == {"i", "u"} and all((piece >= 0).all() for piece in pieces):
-        pieces = [piece.astype(np.uint64) for piece in pieces]  # numpy would make floats of them
-    return np.concatenate(pieces)[order], there[order]
+    log_time = [np.concatenate(one.log_times)[one.columns.rows] for one in used]
+    channel = np.repeat(np.array([one.channel.id for one in used], np.uint16), [one.columns.rows.size for one in used])
+    (_, values, present), *others = (one.columns for one in used)
+    for path in values if others else ():
+        pieces = [one.columns.values[path] for one in used]
+        if {one.dtype.kind for one in pieces} - {"b"} == {"i", "u"} and all((one >= 0).all() for one in pieces):
+            pieces = [one.astype(np.uint64) for one in pieces]  # numpy would make floats of them
+        values[path] = np.concatenate(pieces)
+        present[path] = np.concatenate([one.columns.present[path] for one in used])
+    return Decoded(np.concatenate(log_time), channel, values, present, [one.how() for one in readers])
 
 
 def rank_of(log_time: Indices, sequence: NDArray[np.uint32]) -> Indices:
@@ -535,25 +468,19 @@ class ChannelSurvey:
 
     channel: Channel
     schema: Schema | None  # schema of its messages; None for JSON
-    first: bytes | None = None  # its first message
-    log_time: Indices = field(default_factory=lambda: np.empty(0, np.int64))
-    """Log times of its messages [ns], in the order of the file."""
+    first: bytes | None  # its first message
+    log_time: Indices  # log times of its messages [ns], in the order of the file
 
 
 def survey_channels(file: MessageFile) -> list[ChannelSurvey]:
     first: dict[int, bytes] = {}
-    stamps: dict[int, list[Indices]] = defaultdict(list)
+    stamps: dict[int, list[Indices]] = defaultdict(lambda: [np.empty(0, np.int64)])
     for block in file.blocks():
         for number in block.counts:
             mine = block.of_channel(number)
             stamps[number].append(mine.log_time)
-            first.setdefault(number, mine.buffer[int(mine.starts[0]) : int(mine.starts[0] + mine.lengths[0])])
+            first.setdefault(number, mine.first())
     return [
-        ChannelSurvey(
-            channel,
-            file.schemas.get(channel.schema_id),
-            first.get(number),
-            np.concatenate([np.empty(0, np.int64), *stamps[number]]),
-        )
-        for number, channel in sorted(file.channels.items())
+        ChannelSurvey(one, file.schemas.get(one.schema_id), first.get(number), np.concatenate(stamps[number]))
+        for number, one in sorted(file.channels.items())
     ]

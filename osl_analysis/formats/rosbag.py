@@ -24,10 +24,10 @@ from mcap.records import Channel, Schema
 
 from osl_analysis.errors import InputError, listing
 from osl_analysis.formats import optional_module
-from osl_analysis.formats.cdr import parse_schema
 from osl_analysis.formats.mcap import MAGIC as MCAP
 from osl_analysis.formats.mcap import DamagedChunkError, read_mcap
-from osl_analysis.formats.messages import NOT_DEFINED, MessageBlock, MessageFile, RefusedFileError, SplitLog
+from osl_analysis.formats.message_fields import NOT_DEFINED, message_type
+from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFileError, SplitLog
 
 BAG1 = b"#ROSBAG V2.0\n"
 ANY_BAG1 = b"#ROSBAG V"
@@ -536,16 +536,17 @@ def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: s
         return b"", f"type '{kind}' is defined in IDL, which is not read; {CONVERT}"
     lacking = f"the bag has no definition of type '{kind}'"
     try:
-        types = optional_module("rosbags.typesys", "ros", "a bag without definitions of its messages")
+        library = optional_module("rosbags.typesys", "ros", "a bag without definitions of its messages")
     except InputError as error:
         return b"", f"{lacking}: {error}"
-    stores = {store.name: types.get_typestore(store) for store in types.Stores if store.name.startswith("ROS2_")}
+    stores = {store.name: library.get_typestore(store) for store in library.Stores if store.name.startswith("ROS2_")}
     stores = {name: store for name, store in stores.items() if kind in store.types}
     found = {name: str(store.generate_msgdef(kind, ros_version=2)[0]) for name, store in stores.items()}
     own_distribution = f"ROS2_{distribution.upper()}"
     if not found:
         return b"", f"{lacking}, which is no standard one; {CONVERT}"
-    if own_distribution not in found and len({repr(parse_schema(kind, one)) for one in found.values()}) > 1:
+    types = {repr(message_type(Schema(0, one.encode(), "", kind), ros1=False)) for one in found.values()}
+    if own_distribution not in found and len(types) > 1:
         return b"", f"{lacking}, which differs between the distributions of ROS 2; {CONVERT}"
     return found.get(own_distribution, next(iter(found.values()))).encode(), ""
 

@@ -33,8 +33,8 @@ from osl_analysis.formats.json_lines import (
     read_json_lines,
 )
 from osl_analysis.formats.mat import Value, open_mat
-from osl_analysis.formats.messages import ChannelSurvey, describe_message, survey_channels
-from osl_analysis.formats.object_messages import FieldDescription, last_name
+from osl_analysis.formats.message_fields import FieldDescription, describe_message, last_name
+from osl_analysis.formats.messages import ChannelSurvey, survey_channels
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest.message_log import FILES
 from osl_analysis.ingest.overview import (

@@ -9,8 +9,8 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import read_mcap
+from osl_analysis.formats.message_fields import Indices
 from osl_analysis.formats.messages import Decoded, MessageFile, RefusedFileError, WrongFieldError, decode_topics
-from osl_analysis.formats.object_messages import Indices
 from osl_analysis.formats.rosbag import read_rosbag1, read_rosbag2, siblings
 from osl_analysis.ingest.recording import LEVEL, Recording, canonical_series, checked_numbers
 from osl_analysis.ingest.source import Channel, Source

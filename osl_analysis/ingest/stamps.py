@@ -17,8 +17,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
+from osl_analysis.formats.message_fields import Indices
 from osl_analysis.formats.messages import Decoded
-from osl_analysis.formats.object_messages import Indices
 
 SECOND = 1_000_000_000
 LATEST = SECOND  # by which a message may come after one of a later stamp [ns]

@@ -1,0 +1,679 @@
+"""Fields of messages as columns of numbers: ROS's own encodings by shape, JSON and protobuf one by one.
+
+A walk through one ROS message finds where its numbers stand. They stand in the same places in all messages of its
+*shape*: of the same length and with the same bytes where it says how long its strings and sequences are (its *guards*).
+
+A path is dotted: `variables.ankle_angle`, `position[0]`, `position[name=ankle]` (the element at the place of `ankle` in
+the array `name` beside it). A name that has a dot or a bracket in it stands in brackets and double quotes, written as
+JSON writes a text: `functions["loadcell.mz"]`.
+"""
+
+import json
+import re
+import struct
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from mcap.records import Channel, Schema
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+
+PART = re.compile(
+    r"(?P<name>[^.\[\]]+)|\[(?P<quoted>\"(?:[^\"\\]|\\.)*\")\]|\[(?P<index>\d+)\]|\[(?P<names>\w+)=(?P<one>[^\]]+)\]|\."
+)
+ENCODINGS = (("cdr", "ros2msg"), ("ros1", "ros1msg"), ("protobuf", "protobuf"))  # of messages and schema; JSON: none
+NOT_DEFINED = "not defined"
+"""Key in a channel's metadata under which a reader says why the channel has no schema, and what to do."""
+
+Indices = NDArray[np.int64]
+Values = dict[str, NDArray[Any]]
+Key = str | int | tuple[str, str]
+"""Name of a field, index in an array, or the array of names beside it with the wanted name."""
+
+
+class NoNumberError(ValueError):
+    """Something else than a number stands in a wanted field."""
+
+
+class Columns(NamedTuple):
+    """The wanted fields of those messages of a channel that can be used."""
+
+    rows: Indices  # their places among all of its messages, (n,), in any order
+    values: Values  # numbers (n,) by path, in the type of the message
+    present: dict[str, NDArray[np.bool_]]  # whether the message has the field, (n,) by path
+
+
+@dataclass(frozen=True)
+class FieldDescription:
+    """A number in a message, or an array of numbers, for a user who writes a source file."""
+
+    path: str  # dotted path; of an array of messages it passes element 0
+    type: str  # type of the number, such as float64 or bool
+    length: int | None = None  # number of elements in the inspected message; None for a single number
+    labels: tuple[str, ...] = ()
+    """The array's elements by label, such as `name=ankle`; empty where no array of text beside it names them."""
+
+    def addresses(self) -> list[str]:
+        """The paths by which single numbers are asked for: every labelled element, or else element 0."""
+        if self.length is None:
+            return [self.path]
+        return [f"{self.path}[{label}]" for label in self.labels] or [f"{self.path}[0]"]
+
+    def in_words(self) -> str:
+        return self.path if self.length is None else f"{self.path}[0..{self.length - 1}]"
+
+
+def array_labels(path: str, length: int | None, texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """Labels of an array's elements, from an array of as many different texts beside it in the message."""
+    parent = path.rpartition(".")[0]
+    for array, names in texts.items():
+        beside, _, name = array.rpartition(".")
+        is_beside = beside == parent and re.fullmatch(r"\w+", name)
+        if is_beside and len(names) == length == len(set(names)) and all(one and "]" not in one for one in names):
+            return tuple(f"{name}={one}" for one in names)
+    return ()
+
+
+@cache
+def steps_of(path: str) -> tuple[tuple[Key, str], ...]:
+    """The steps to a field, each with the way that leads to it."""
+    steps: list[tuple[Key, str]] = []
+    for part in PART.finditer(path):
+        way = path[: part.start()].rstrip(".")
+        if part["names"] is not None:
+            steps.append(((part["names"], part["one"]), way))
+        elif part["index"] is not None:
+            steps.append((int(part["index"]), way))
+        elif part["quoted"] is not None:
+            try:
+                steps.append((str(json.loads(part["quoted"])), way))
+            except ValueError:  # an escape that JSON does not know stays as it was written
+                steps.append((part["quoted"][1:-1], way))
+        elif part["name"] is not None:
+            steps.append((part["name"], way))
+    return tuple(steps)
+
+
+def path_to(above: str, name: str) -> str:
+    """The path of the field `name` of the object at the path `above`; empty for the message itself."""
+    if not re.fullmatch(r"[^.\[\]]+", name):
+        return f"{above}[{json.dumps(name, ensure_ascii=False)}]"
+    return f"{above}.{name}" if above else name
+
+
+def last_name(path: str) -> str:
+    """The name at the end of a path, also where an index or a choice follows it."""
+    return next((key for key, _ in reversed(steps_of(path)) if isinstance(key, str)), path)
+
+
+# --- types of ROS
+
+PRIMITIVES = {
+    "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
+    "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+"""Types in numpy's spelling. rosidl maps `char` to uint8: design.ros2.org/articles/legacy_interface_definition.html."""
+FIELD = re.compile(r"(?P<type>[A-Za-z][\w/]*)(<=\d+)?(?P<array>\[(?P<bound><=)?(?P<size>\d*)\])?\s+(?P<name>\w+)")
+ROS1_TYPE = re.compile(r"^([ \t]*)(time|duration|Header|byte)(?=(?:\[\d*\])?[ \t]+\w)", re.MULTILINE)
+ROS1_AS_ROS2 = {"time": "ros1/Time", "duration": "ros1/Duration", "Header": "std_msgs/Header", "byte": "int8"}
+"""What the types that ROS 2 does not have, or means otherwise, are (wiki.ros.org/msg)."""
+ROS1_STAMPS = "\n===\nMSG: ros1/Time\nuint32 secs\nuint32 nsecs\n===\nMSG: ros1/Duration\nint32 secs\nint32 nsecs\n"
+
+
+class MessageField(NamedTuple):
+    """One field of a message type."""
+
+    name: str
+    type: str  # a primitive, a string or `package/Name`
+    array: int | Literal["sequence"] | None = None
+    """Length of an array of fixed size, "sequence" where the length is in the message, None for no array."""
+
+
+class MessageType(NamedTuple):
+    """The type of a channel's messages."""
+
+    name: str  # `package/Name`
+    definitions: dict[str, list[MessageField]]  # fields of it and of all types in it
+    ros1: bool  # little-endian, not aligned, no zero at the end of strings (wiki.ros.org/msg)
+
+
+def message_type(schema: Schema, *, ros1: bool) -> MessageType:
+    """The type that a schema in ros2msg or ros1msg defines; InputError if it cannot be read."""
+    text = schema.data.decode(errors="replace")
+    if ros1:
+        text = ROS1_TYPE.sub(lambda match: match[1] + ROS1_AS_ROS2[match[2]], text) + ROS1_STAMPS
+    stamp = [MessageField("sec", "int32"), MessageField("nanosec", "uint32")]
+    definitions = {"builtin_interfaces/Time": stamp, "builtin_interfaces/Duration": stamp}
+    for number, part in enumerate(re.split(r"^={3,}\s*$", text, flags=re.MULTILINE)):
+        head = re.match(r"\s*MSG:\s*(\S+)[ \t]*$", part, re.MULTILINE) if number else None
+        if number and not head:
+            raise InputError(f"schema {schema.name}: a line 'MSG: package/Name' is missing after a separator")
+        name = short_name(head[1] if head else schema.name)
+        definitions[name] = list(parse_fields(name, part[head.end() :] if head else part))
+    for name, fields in definitions.items():
+        for number, one in enumerate(fields):
+            if one.name in [other.name for other in fields[:number]]:
+                raise InputError(f"schema {name}: field '{one.name}' is defined twice")
+            if one.type not in definitions and one.type not in (*PRIMITIVES, "string", "wstring"):
+                raise InputError(f"schema {name}: type '{one.type}' of field '{one.name}' is not defined")
+    return MessageType(short_name(schema.name), definitions, ros1)
+
+
+def parse_fields(owner: str, body: str) -> Iterator[MessageField]:
+    """The fields of one definition, without comments, constants and default values."""
+    for raw in body.splitlines():
+        line = raw.split("#")[0].strip()
+        match = FIELD.match(line)
+        if line and not match:
+            raise InputError(f"schema {owner}: cannot read the line '{line[:60]}'; expected a type and a name")
+        if not match or line[match.end() :].lstrip().startswith("="):
+            continue
+        kind, array = match["type"], None
+        if kind not in (*PRIMITIVES, "string", "wstring"):  # a bare name belongs to the package that uses it
+            kind = short_name(kind) if "/" in kind else f"{owner.split('/')[0]}/{kind}"
+        if match["array"] is not None:
+            array = int(match["size"]) if match["size"] and not match["bound"] else "sequence"
+        yield MessageField(match["name"], kind, array)  # type: ignore[arg-type]
+
+
+def short_name(name: str) -> str:
+    """`package/msg/Name` as `package/Name`."""
+    parts = name.split("/")
+    return f"{parts[0]}/{parts[-1]}"
+
+
+# --- messages of ROS, by their shapes
+
+Messages = np.ndarray[tuple[int], np.dtype[np.void]]
+"""Messages of one length, one after the other."""
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A number, or an array of numbers, in the messages of one shape."""
+
+    offset: int  # first byte in the message
+    dtype: str  # type of the number in numpy's spelling, with its byte order; `?` for a bool
+    count: int | None = None  # length of the array; None for a single number
+
+
+@dataclass
+class Shape:
+    """Where the numbers of a message are, which a walk through one finds, and how to read those of its likes."""
+
+    payload: bytes
+    kind: MessageType
+    order: str = "<"  # byte order, as `struct` spells it
+    position: int = 0
+    leaves: dict[str, Leaf] = field(default_factory=dict)  # the numbers by path
+    texts: dict[str, range] = field(default_factory=dict)  # extents of the strings in arrays of strings, by path
+    guards: list[range] = field(default_factory=list)
+    """Extents of the bytes that another message must share to have the same shape."""
+    wanted: dict[str, Leaf] = field(default_factory=dict)  # the numbers to read, by path
+
+    def align(self, size: int) -> None:
+        """Go on to the next multiple of `size` bytes, counted from the encapsulation header's end."""
+        if not self.kind.ros1:
+            self.position += (4 - self.position) % size
+
+    def length(self) -> int:
+        """Read the length of a string or a sequence; its bytes become guards."""
+        self.align(4)
+        if self.position + 4 > len(self.payload):
+            raise self.too_short()
+        (value,) = struct.unpack_from(f"{self.order}I", self.payload, self.position)
+        self.guards.append(range(self.position, self.position + 4))
+        self.position += 4
+        return int(value)
+
+    def walk(self, name: str, prefix: str = "") -> None:
+        """Walk the fields of the message type `name`; one without fields has a byte in CDR."""
+        fields = self.kind.definitions[name]
+        self.position += not fields and not self.kind.ros1
+        for item in fields:
+            path = f"{prefix}{item.name}"
+            if item.type == "wstring":
+                raise InputError(f"field '{path}' is a wstring, which has no portable encoding; record it as string")
+            number = PRIMITIVES.get(item.type)
+            size = np.dtype(number).itemsize if number else 4 if item.type == "string" else 1  # at least
+            count = self.length() if item.array == "sequence" else 1 if item.array is None else item.array
+            if item.array is not None and count * size > len(self.payload) - self.position:
+                raise self.too_short()  # a damaged length would make a loop without end
+            if number:
+                if count:
+                    self.align(size)
+                self.leaves[path] = Leaf(self.position, self.order + number, None if item.array is None else count)
+                self.position += count * size
+                continue
+            for index in range(count):
+                own = path if item.array is None else f"{path}[{index}]"
+                if item.type != "string":
+                    self.walk(item.type, f"{own}.")
+                    continue
+                length = self.length()
+                if item.array is not None:
+                    self.texts[own] = range(self.position, self.position + length)
+                self.position += length
+
+    def too_short(self) -> InputError:
+        return InputError(
+            f"a message of {len(self.payload)} bytes is too short for its schema; the schema is not its own"
+        )
+
+    def text_at(self, path: str) -> bytes:
+        extent = self.texts[path]
+        return self.payload[extent.start : extent.stop].rstrip(b"\0")
+
+    def want(self, paths: Sequence[str]) -> "Shape":
+        """Read the fields at `paths`, as far as the message has them."""
+        self.wanted = {path: leaf for path in paths if (leaf := self.leaf_at(path))}
+        return self
+
+    def leaf_at(self, path: str) -> Leaf | None:
+        """The single number at `path`; None where the message lacks the field or its array is too short."""
+        leaf = self.leaves.get(path)
+        if leaf is not None and leaf.count is not None:
+            raise NoNumberError(f"field '{path}' is an array of {leaf.count}, not one number")
+        if leaf is not None or not steps_of(path):
+            return leaf
+        key, way = steps_of(path)[-1]
+        if isinstance(key, tuple):
+            names = f"{way.rpartition('.')[0]}.{key[0]}[".removeprefix(".")
+            for text in [one for one in self.texts if one.startswith(names)]:
+                self.guards.append(self.texts[text])  # in another message this element may have another name
+                if self.text_at(text) == key[1].encode():
+                    return self.leaf_at(f"{way}[{text.removeprefix(names)}")
+        array = self.leaves.get(way)
+        if not isinstance(key, int) or array is None or array.count is None or key >= array.count:
+            return None
+        return Leaf(array.offset + key * np.dtype(array.dtype).itemsize, array.dtype)
+
+    def fits(self, messages: Messages) -> NDArray[np.bool_]:
+        """Which messages of this length have this shape, (messages,)."""
+        same = np.ones(messages.size, bool)
+        for guard in self.guards:
+            kind = np.dtype({2: "u2", 4: "u4"}.get(len(guard), f"S{len(guard)}"))
+            if len(guard):
+                same &= members_at(messages, guard.start, kind) == np.frombuffer(self.payload, kind, 1, guard.start)
+        return same
+
+    def read(self, messages: Messages) -> Values:
+        """The wanted numbers of messages of this shape, by path."""
+        values = {}
+        for path, leaf in self.wanted.items():
+            kind = np.dtype(leaf.dtype.replace("?", "u1"))
+            native = members_at(messages, leaf.offset, kind).astype(kind.newbyteorder("="))
+            values[path] = native != 0 if "?" in leaf.dtype else native
+        return values
+
+
+def shape_of(kind: MessageType, payload: bytes | None) -> Shape:
+    """The shape of one message; without one, that of zeros, whose strings and sequences are empty."""
+    if payload is None:
+        empty = Shape(bytes((0, not kind.ros1, 0, 0)) + bytes(1 << 16), kind, position=0 if kind.ros1 else 4)
+        empty.walk(kind.name)
+        return empty
+    if kind.ros1:
+        shape = Shape(payload, kind)
+        shape.walk(kind.name)
+        if shape.position != len(payload):
+            raise InputError(
+                f"a message of {len(payload)} bytes has {shape.position} by its definition, which is not its own; "
+                "record the bag again with the definitions that its publisher was built with"
+            )
+        return shape
+    if len(payload) < 4 or payload[0] != 0 or payload[1] > 1:
+        raise InputError(f"encapsulation {payload[:4].hex()} is not plain CDR; record with the default encoding")
+    shape = Shape(payload, kind, "<" if payload[1] else ">", 4, guards=[range(2)])
+    shape.walk(kind.name)
+    if shape.position > len(payload):
+        raise shape.too_short()
+    left = payload[shape.position :]
+    if len(left) > (7 if not left.strip(b"\0") else 3):  # DDS pads to four bytes of any content (RTPS 2.5, 9.4.1)
+        raise InputError(
+            f"a message of {len(payload)} bytes has {len(left)} more than its schema describes; the schema is not its "
+            "own: record the log again with the definitions that its publisher was built with"
+        )
+    if len(left) > 3:  # to eight bytes, of zeros
+        shape.guards.append(range(shape.position, len(payload)))
+    return shape
+
+
+def numbers_at(buffer: bytes, places: Indices, kind: np.dtype[Any]) -> NDArray[Any]:
+    """The numbers of one type at places in a buffer [bytes], which need not be aligned, (places,)."""
+    everywhere = np.ndarray((len(buffer) - kind.itemsize + 1,), kind, buffer, 0, (1,))
+    return everywhere[places]
+
+
+def messages_at(buffer: bytes, starts: Indices, length: int) -> Messages:
+    """Messages of one length that begin at places in a buffer [bytes], (starts,): a view where these are even."""
+    steps = np.diff(starts)
+    if not length or not steps.size or (steps != steps[0]).any():
+        return numbers_at(buffer, starts, np.dtype(f"V{length}"))
+    return np.ndarray(starts.shape, f"V{length}", buffer, int(starts[0]), (int(steps[0]),))
+
+
+def members_at(messages: Messages, offset: int, kind: np.dtype[Any]) -> NDArray[Any]:
+    """A view of the numbers of one type at a place [bytes] in each message, (messages,)."""
+    itemsize = messages.itemsize
+    return messages.view(np.dtype({"names": ["it"], "formats": [kind], "offsets": [offset], "itemsize": itemsize}))[
+        "it"
+    ]
+
+
+class Reader:
+    """Reads the wanted fields of a channel's messages, block by block; misfits are counted, and the first is told."""
+
+    def __init__(self, paths: Sequence[str]) -> None:
+        self.paths = paths
+        self.count = 0  # messages so far
+        self.misfit = ""  # what is wrong with the first message that is not what its type says
+        self.no_numbers = 0  # messages that are lost since they have something else than a number
+        self.one_by_one = 0  # messages that were read one by one
+
+    def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
+        """Take in messages that begin at `starts` [bytes]; NoNumberError if a wanted field is a number in none."""
+        raise NotImplementedError
+
+    def columns(self) -> Columns:
+        raise NotImplementedError
+
+
+class ShapeReader(Reader):
+    """Reads messages of ROS by their shapes; it learns one from the first message of each."""
+
+    def __init__(self, paths: Sequence[str], kind: MessageType) -> None:
+        super().__init__(paths)
+        self.kind = kind
+        self.shapes: dict[int, list[Shape]] = defaultdict(list)  # the shapes so far, by length of the message
+        self.parts: list[tuple[Indices, Values]] = []  # places of the messages of one shape, and their numbers by path
+
+    def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
+        alike = not lengths.size or bool((lengths == lengths[0]).all())
+        for length in lengths[:1].tolist() if alike else np.unique(lengths).tolist():
+            mine = np.flatnonzero(lengths == length)
+            rest, known, tried = messages_at(buffer, starts[mine], length), self.shapes[length], 0
+            while mine.size:
+                if tried == len(known):
+                    try:
+                        known.append(shape_of(self.kind, rest[0].tobytes()).want(self.paths))
+                    except (InputError, RecursionError) as error:
+                        self.misfit = self.misfit or str(error)
+                        mine, rest = mine[1:], rest[1:]
+                        continue
+                same = known[tried].fits(rest)
+                if same.all():
+                    self.parts.append((self.count + mine, known[tried].read(rest)))
+                    break
+                if same.any():
+                    self.parts.append((self.count + mine[same], known[tried].read(rest[same])))
+                    mine, rest = mine[~same], rest[~same]
+                tried += 1
+        self.count += starts.size
+
+    def columns(self) -> Columns:
+        rows = np.concatenate([np.empty(0, np.int64), *(rows for rows, _ in self.parts)])
+        columns = Columns(rows, {}, {})
+        for path in self.paths:
+            parts = [values.get(path, np.zeros(rows.size, bool)) for rows, values in self.parts]
+            there = [np.full(rows.size, path in values) for rows, values in self.parts]
+            columns.values[path] = np.concatenate([np.empty(0, bool), *parts])
+            columns.present[path] = np.concatenate([np.empty(0, bool), *there])
+        return columns
+
+
+def describe_ros(schema: Schema, payload: bytes | None, *, ros1: bool) -> list[FieldDescription]:
+    """The fields of one message; without a message, those of one whose strings and sequences are empty."""
+    shape = shape_of(message_type(schema, ros1=ros1), payload)
+    texts: dict[str, list[str]] = defaultdict(list)
+    for path in shape.texts:
+        texts[path.rpartition("[")[0]].append(shape.text_at(path).decode(errors="replace"))
+    return [
+        FieldDescription(path, np.dtype(leaf.dtype).name, leaf.count, array_labels(path, leaf.count, texts))
+        for path, leaf in shape.leaves.items()
+        if not re.search(r"\[(?!0\])\d+\]", path)  # of an array of messages the first one tells
+    ]
+
+
+# --- JSON and protobuf, message by message
+
+
+class ObjectReader(Reader):
+    """Reads messages of which a library makes objects."""
+
+    def __init__(self, paths: Sequence[str], decode: Callable[[bytes], Any]) -> None:
+        super().__init__(paths)
+        self.decode = decode  # makes an object of a message; raises ValueError if it does not fit its type
+        self.rows: list[int] = []  # places of the messages that could be read
+        self.found: list[list[float | bool | None]] = []  # what these have at each path
+
+    def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
+        for start, length in zip(starts.tolist(), lengths.tolist(), strict=True):
+            self.count += 1
+            try:
+                message = self.decode(buffer[start : start + length])
+                self.found.append([number_at(message, path) for path in self.paths])
+                self.rows.append(self.count - 1)
+            except NoNumberError as error:
+                self.no_numbers += 1
+                self.misfit = self.misfit or f"{error}, in message {self.count}"
+            except (ValueError, RecursionError) as error:
+                self.misfit = self.misfit or str(error)
+        self.one_by_one = len(self.rows)
+
+    def columns(self) -> Columns:
+        """A message with a truth value where others have a number is a misfit: joined, `True` would become 1."""
+        by_path = dict(
+            zip(self.paths, zip(*self.found, strict=True) if self.found else [()] * len(self.paths), strict=True)
+        )
+        lost: dict[int, str] = {}  # the field with a truth value, by row
+        for path, values in sorted(by_path.items()):
+            if {int, float} & {one.__class__ for one in values}:
+                lost = {row: path for row, one in enumerate(values) if one.__class__ is bool} | lost
+        if lost and not self.misfit:
+            row = min(lost)
+            shown = str(by_path[lost[row]][row]).lower()
+            where = f"in message {self.rows[row] + 1}"
+            self.misfit = f"field '{lost[row]}' is {shown}, not a number as elsewhere, {where}"
+        kept = [row for row in range(len(self.rows)) if row not in lost]
+        columns = Columns(np.array([self.rows[row] for row in kept], np.int64), {}, {})
+        for path, values in by_path.items():
+            there = np.array([values[row] is not None for row in kept], bool)
+            some = as_array([one for row in kept if (one := values[row]) is not None])
+            columns.values[path], columns.present[path] = np.zeros(there.size, some.dtype), there
+            columns.values[path][there] = some
+        return columns
+
+
+def as_array(numbers: Sequence[float | bool]) -> NDArray[Any]:
+    """Numbers in one type that holds them all; integers beyond 64 bits become floats. Truth values if there are none,
+    which join with any numbers."""
+    if not numbers:
+        return np.empty(0, bool)
+    if all(one.__class__ is int for one in numbers) and min(numbers) >= 0 and 2**63 <= max(numbers) < 2**64:
+        return np.array(numbers, np.uint64)  # numpy would make floats of them
+    values = np.array(numbers)
+    return values.astype(np.float64) if values.dtype == object else values
+
+
+def number_at(message: Any, path: str) -> float | bool | None:
+    """The number at a path of an object; None where a field is absent, `null` or not written, or an array too short.
+
+    Raises NoNumberError where something else stands.
+    """
+    value, parent = message, None
+    for key, way in steps_of(path):
+        if value is None:
+            return None
+        if isinstance(key, str):
+            parent, value = value, member(value, key, way)
+            continue
+        if not is_array(value):
+            raise no_number(value, way, "an array")
+        if isinstance(key, tuple):
+            names = None if parent is None else member(parent, key[0])
+            if names is not None and not is_array(names):
+                raise no_number(names, key[0], "an array of names")
+            key = names.index(key[1]) if names and key[1] in names else len(value)
+        value = value[key] if key < len(value) else None
+    if value is None or value.__class__ in (int, float, bool):
+        return value
+    if not is_array(value):
+        raise no_number(value, path, "a number")
+    if len(value):
+        raise NoNumberError(f"field '{path}' is an array of {len(value)}, not one number")
+    return None
+
+
+def no_number(value: Any, way: str, expected: str) -> NoNumberError:
+    shown = json.dumps(value, ensure_ascii=False, default=lambda one: " ".join(str(one).split()))
+    shown = shown if len(shown) <= 40 else f"{shown[:40]}..."
+    what = f"field '{way}'" if way else "the whole"
+    return NoNumberError(f"{what} is {shown}, not {expected}")
+
+
+def is_array(value: Any) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
+
+
+def is_array_of(value: Any, kind: Any) -> bool:
+    return is_array(value) and len(value) > 0 and all(isinstance(one, kind) for one in value)
+
+
+def member(record: Any, name: str, way: str = "") -> Any:
+    """A field of an object of JSON or a message of protobuf, which stands at the path `way`.
+
+    None where it is absent, or optional and not written; raises NoNumberError where there is no object.
+    """
+    if record.__class__ is dict:
+        return record.get(name)
+    descriptor = getattr(record, "DESCRIPTOR", None)
+    if descriptor is None:
+        raise no_number(record, way, "an object with fields")
+    item = descriptor.fields_by_name.get(name)
+    if item is None or (item.has_presence and not record.HasField(name)):
+        return None
+    return getattr(record, name)
+
+
+PROTOBUF_TYPES = ("", "int32", "int64", "uint32", "uint64", "float64", "float32", "bool", "int32")
+"""Types of numbers by `FieldDescriptor.cpp_type`; the last one is an enumeration."""
+
+
+def described(
+    value: Any, path: str = "", kind: str = "", texts: Mapping[str, Any] | None = None
+) -> Iterator[FieldDescription]:
+    """The numbers of one value, of the type `kind` if its schema names one; `texts` are arrays of text beside it."""
+    types = dict.fromkeys(value, "") if isinstance(value, dict) else {}
+    if hasattr(value, "DESCRIPTOR"):  # maps of protobuf are no fields
+        fields = [
+            one for one in value.DESCRIPTOR.fields if not (one.message_type and one.message_type.GetOptions().map_entry)
+        ]
+        types = {one.name: PROTOBUF_TYPES[one.cpp_type] if one.cpp_type < len(PROTOBUF_TYPES) else "" for one in fields}
+    inner = {path_to(path, name): (member(value, name), of) for name, of in types.items()}
+    beside = {name: list(one) for name, (one, _) in inner.items() if is_array_of(one, str)}
+    for name, (one, of) in inner.items():
+        yield from described(one, name, of, beside)
+    if is_array_of(value, int | float):
+        labels = array_labels(path, len(value), texts or {})
+        yield FieldDescription(path, kind or np.dtype(type(value[0])).name, len(value), labels)
+    elif is_array(value) and value:
+        yield from described(value[0], f"{path}[0]")
+    elif isinstance(value, int | float):
+        yield FieldDescription(path, kind or np.dtype(type(value)).name)
+
+
+def json_reader(paths: Sequence[str]) -> ObjectReader:
+    """A reader of JSON messages. A wanted name that is written twice is refused: RFC 8259 leaves open which counts."""
+    keys = {key for path in paths for key, _ in steps_of(path)}
+    names = {name for key in keys if not isinstance(key, int) for name in (key if isinstance(key, tuple) else [key])}
+
+    def as_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        made = dict(pairs)
+        if len(made) < len(pairs):
+            written = [name for name, _ in pairs]
+            twice = [name for name in made if name in names and written.count(name) > 1]
+            if twice:
+                raise InputError(f"field '{twice[0]}' is written twice")
+        return made
+
+    parser = json.JSONDecoder(object_pairs_hook=as_object)
+
+    def decode(text: bytes) -> Any:
+        try:
+            return parser.decode(text.decode(json.detect_encoding(text), "surrogatepass"))
+        except InputError:
+            raise
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"a message of {len(text)} bytes is not JSON: {error}") from error
+
+    return ObjectReader(paths, decode)
+
+
+def protobuf_decoder(schema: Schema) -> Callable[[bytes], Any]:
+    """Makes a message of google.protobuf; refuses what does not fit the schema."""
+    from google.protobuf.message import DecodeError  # these cost time to import, and few logs need them
+    from mcap.exceptions import McapError
+    from mcap_protobuf.decoder import DecoderFactory
+
+    try:
+        decode = DecoderFactory().decoder_for("protobuf", schema)
+        if decode is None:
+            raise TypeError(f"its encoding is '{schema.encoding}'")
+        decode(b"")
+    except (McapError, DecodeError, TypeError, KeyError, ValueError, RecursionError) as error:
+        raise InputError(f"schema {schema.name}: cannot be read: {' '.join(str(error).split())}") from error
+
+    def checked(payload: bytes) -> Any:
+        try:
+            return decode(payload)
+        except DecodeError:
+            text = f"a message of {len(payload)} bytes is not what its schema says, or is damaged"
+            raise InputError(text) from None
+
+    return checked
+
+
+# --- whatever the encoding
+
+
+def reader_of(channel: Channel, schema: Schema | None, paths: Sequence[str]) -> Reader:
+    """A reader of the fields at `paths`; InputError if the channel's encoding or schema cannot be read."""
+    check_encoding(channel, schema)
+    if channel.message_encoding == "json" or schema is None:
+        return json_reader(paths)
+    try:
+        if channel.message_encoding == "protobuf":
+            return ObjectReader(paths, protobuf_decoder(schema))
+        return ShapeReader(paths, message_type(schema, ros1=channel.message_encoding == "ros1"))
+    except InputError as error:
+        raise InputError(
+            f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions that its "
+            "publisher was built with, or map another topic"
+        ) from error
+
+
+def describe_message(channel: Channel, schema: Schema | None, payload: bytes | None) -> list[FieldDescription]:
+    """The fields of a channel's message; without a message, the fields of its schema. ValueError as `reader_of`."""
+    check_encoding(channel, schema)
+    if channel.message_encoding == "json" or schema is None:
+        return [] if payload is None else list(described(json.loads(payload)))
+    if channel.message_encoding == "protobuf":
+        return list(described(protobuf_decoder(schema)(payload or b"")))
+    return describe_ros(schema, payload, ros1=channel.message_encoding == "ros1")
+
+
+def check_encoding(channel: Channel, schema: Schema | None) -> None:
+    encoding = (channel.message_encoding, schema.encoding if schema else "no schema")
+    if NOT_DEFINED in channel.metadata:
+        raise InputError(f"topic '{channel.topic}': {channel.metadata[NOT_DEFINED]}")
+    if encoding not in ENCODINGS and channel.message_encoding != "json":
+        raise InputError(
+            f"topic '{channel.topic}' is encoded as {encoding[0]} ({encoding[1]}); read are cdr (ros2msg), ros1 "
+            "(ros1msg), protobuf (protobuf) and json: convert the log"
+        )

@@ -24,22 +24,23 @@ from osl_analysis.commands.walking import (
     calibrate,
     fit_perturbation,
     identify_plate,
-    read_calibration,
     read_crossing,
     read_crossing_file,
-    read_plate,
+    read_model,
     select_crossings,
     summarise_perturbations,
     write_crossing,
-    write_plate,
+    write_model,
 )
 from osl_analysis.config.campaign import About
 from osl_analysis.errors import InputError
 from osl_analysis.judge.table import Doubt
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial, write_trial
+from osl_analysis.walking.bodies import StaticCalibration
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.gait import unperturbed_gait
+from osl_analysis.walking.plate import PlateModel
 from osl_analysis.walking.response import fit_response, isolate_response
 from osl_analysis.walking.settings import WalkingAnalysis
 
@@ -178,7 +179,7 @@ def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent
 
 
 def test_the_plate_and_its_lag_are_the_simulated_ones(real: Session) -> None:
-    model = read_plate(real.plate)
+    model = read_model(real.plate, PlateModel)
     simulated = real.truth("plate_01")["gait_laboratory"]
     mass, com = simulated["effects"]["plate_inertia"]["size"], np.array(simulated["plate"]["centre_of_mass_m"])
     assert model.lag == pytest.approx(1e-3 * simulated["effects"]["plate_lag"]["size"], abs=1e-4)
@@ -192,8 +193,8 @@ def test_the_plate_and_its_lag_are_the_simulated_ones(real: Session) -> None:
 
 
 def test_a_plate_whose_inertia_stays_in_passes_for_the_ankles(real: Session, tmp_path: Path) -> None:
-    plate = read_plate(real.plate)
-    write_plate(replace(plate, inertia=replace(plate.inertia, parameters=np.zeros(10))), tmp_path / "plate.json")
+    plate = read_model(real.plate, PlateModel)
+    write_model(replace(plate, inertia=replace(plate.inertia, parameters=np.zeros(10))), tmp_path / "plate.json")
     name, chosen = real.perturbed[0], settings(foot=FOOT)
     analyse(real.trial(name), real.calibration, tmp_path / "plate.json", True, chosen, tmp_path / "c.parquet")
     fit_perturbation(tmp_path / "c.parquet", real.selection, real.gait, chosen, tmp_path / "fit.csv")
@@ -261,9 +262,9 @@ def test_the_functional_hinge_takes_the_place_of_wrong_malleoli(real: Session, t
     calibrate(tmp_path / "static.parquet", motion, settings(hinge="anatomical"), *outputs)
     assert read_table(outputs[1])["angle_deg"][0] == pytest.approx(13.4, abs=0.5)
     assert read_table(outputs[1])["trial"].to_list() == ["static_1"]
-    assert read_calibration(outputs[0]).ankle_axis[0] == pytest.approx(np.sin(np.deg2rad(13.4)), abs=0.01)
+    assert read_model(outputs[0], StaticCalibration).ankle_axis[0] == pytest.approx(np.sin(np.deg2rad(13.4)), abs=0.01)
     calibrate(tmp_path / "static.parquet", motion, settings(hinge="functional"), *outputs)
-    np.testing.assert_allclose(read_calibration(outputs[0]).ankle_axis, [0, 1, 0], atol=5e-3)
+    np.testing.assert_allclose(read_model(outputs[0], StaticCalibration).ankle_axis, [0, 1, 0], atol=5e-3)
 
 
 def test_without_a_motion_the_anatomical_axis_stays_and_the_functional_one_is_refused(
@@ -390,10 +391,10 @@ def test_a_cluster_hidden_for_long_is_refused_and_for_short_is_bridged(ideal: Se
 
 
 def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real: Session, tmp_path: Path) -> None:
-    name, plate = real.perturbed[0], read_plate(real.plate)
+    name, plate = real.perturbed[0], read_model(real.plate, PlateModel)
     crossing = read_crossing(real.crossing(name))
     assert len(crossing.plate_errors) == len(plate.leave_one_out) > 1
-    write_plate(plate.leave_one_out[1], tmp_path / "plate.json")
+    write_model(plate.leave_one_out[1], tmp_path / "plate.json")
     chosen = settings(foot=FOOT)
     analyse(real.trial(name), real.calibration, tmp_path / "plate.json", True, chosen, tmp_path / "c.parquet")
     without = read_crossing(tmp_path / "c.parquet")
@@ -437,11 +438,11 @@ def test_one_perturbation_has_no_summary(ideal: Session, tmp_path: Path) -> None
 def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Session, tmp_path: Path) -> None:
     broken, perturbed = tmp_path / "plate.json", ideal.crossing(ideal.perturbed[0])
     with pytest.raises(InputError, match=r"plate\.json: no such file; run the step 'identify-plate'"):
-        read_plate(broken)
-    for content, problem in (("{", "not JSON"), ("{}", "no field 'parameters'")):
+        read_model(broken, PlateModel)
+    for content, problem in (("{", "not JSON"), ("{}", "no field 'inertia'")):
         broken.write_text(content)
         with pytest.raises(InputError, match=rf"plate\.json: {problem}"):
-            read_plate(broken)
+            read_model(broken, PlateModel)
     with pytest.raises(InputError, match="a trial without events"):
         read_crossing(ideal.trial(ideal.unperturbed[0]))
     with pytest.raises(InputError, match=r"n\.parquet: no such file; run the step 'average-unperturbed'"):

@@ -13,14 +13,7 @@ from conftest import ROOT
 from walking_platform import Ramp, Rig, ankle_answer, plate_trials, standing, walked
 from walking_synthetic import PLATE_RATE, changed, hidden, settings
 
-from osl_analysis.commands.walking import (
-    average_unperturbed,
-    identify_plate,
-    read_plate,
-    read_platform,
-    write_platform,
-    write_refusal,
-)
+from osl_analysis.commands.walking import average_unperturbed, identify_plate, read_model, write_model, write_refusal
 from osl_analysis.config.campaign import Campaign, check_walking, open_campaign
 from osl_analysis.config.configuration import campaign_config
 from osl_analysis.errors import InputError
@@ -211,12 +204,12 @@ def test_a_trigger_tells_the_onset_only_if_its_latency_is_constant(scatter: floa
 
 def test_the_shared_motion_survives_its_file(tmp_path) -> None:
     trials, model = shared(ramps(3, 9), 9)
-    write_platform(model, tmp_path / "platform.json")
-    again = read_platform(tmp_path / "platform.json")
+    write_model(model, tmp_path / "platform.json")
+    again = read_model(tmp_path / "platform.json", PlatformModel)
     assert platform_table(again).equals(platform_table(model))
     assert len(again.leave_out) == len(model.leave_out) == 3
-    write_platform(identify_platform(trials[:1], CALIBRATION, settings()), tmp_path / "none.json")
-    assert read_platform(tmp_path / "none.json").template is None
+    write_model(identify_platform(trials[:1], CALIBRATION, settings()), tmp_path / "none.json")
+    assert read_model(tmp_path / "none.json", PlatformModel).template is None
 
 
 def test_the_jackknife_of_both_sources_is_the_sum_of_their_variances() -> None:
@@ -397,7 +390,7 @@ def test_without_a_correction_the_torque_of_a_light_plate_is_that_of_the_wrench_
     table = read_table(outputs[1])
     assert table["plate_inertia"].unique().to_list() == ["none"]
     assert table["rms_before"].null_count() == len(table)
-    model = read_plate(outputs[0])
+    model = read_model(outputs[0], PlateModel)
     assert (model.delay, model.lag, model.leave_one_out) == (0.0, None, ())
     calibration = static_calibration(standing(), settings())
     weightless, stamps = replace(QUIET, mass=1e-9), np.arange(3 * PLATE_RATE) / PLATE_RATE

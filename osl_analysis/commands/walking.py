@@ -3,9 +3,10 @@
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import MISSING, asdict, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import polars as pl
@@ -17,32 +18,25 @@ from osl_analysis.files import atomic_path
 from osl_analysis.jobs.refusal import check_not_refused
 from osl_analysis.judge.doubts import DOUBTFUL, EXCLUDED, doubtful_row, marked
 from osl_analysis.judge.table import Doubt
-from osl_analysis.table import MEASURED, Places, finite_or_null, read_table, with_places, write_table
+from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Array, Trial, read_trial, write_trial
-from osl_analysis.walking.bodies import SEGMENTS, StaticCalibration, hinge_of_trials, hinge_row, static_calibration
-from osl_analysis.walking.crossing import Crossing, CrossingQuality, RefusedCrossing, analyse_crossing
+from osl_analysis.walking.bodies import StaticCalibration, hinge_of_trials, hinge_row, static_calibration
+from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing
 from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.gait import PHASES, UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.groups import ALL, SEPARATOR, selection_rows, statements
 from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.plate import (
-    COMPONENTS,
     NO_CORRECTION,
     NOT_REMOVED,
-    PARAMETERS,
     Load,
-    PlateInertia,
     PlateModel,
-    Stance,
     identify_plate_model,
     plate_table,
 )
 from osl_analysis.walking.platform import (
     ALONE,
-    Alignment,
     PlatformModel,
-    PlatformTemplate,
-    TriggerLatency,
     identify_platform,
     platform_table,
 )
@@ -57,7 +51,7 @@ from osl_analysis.walking.settings import (
     SelectionSettings,
     UnperturbedSettings,
 )
-from osl_analysis.walking.setup import EncoderCheck, body_mass, check_direction
+from osl_analysis.walking.setup import body_mass, check_direction
 from osl_analysis.walking.tables import (
     ENSEMBLE,
     FACTS,
@@ -76,70 +70,43 @@ from osl_analysis.walking.tables import (
 )
 
 SIGNALS = ("time", "phase", "theta", "torque", "platform")
-LOAD, LOAD_LEFT = "load", "pressure_left"
+LOADS = ("load", "pressure_left")
 """Columns with the vertical force [N] on the foot, and the centre of pressure to the left of the ankle [m]."""
-PLATE_ERROR = "plate_error_"  # Prefix of the columns with the plate's errors
-REFUSED = "refused"
+PLATE_ERROR = "plate_error_"  # prefix of the columns with the plate's errors
+EVENTS = ("stance", "onset", "bridged", "quality", "turn", "body_mass")
+"""What else a crossing has; its file says it in the provenance."""
+STEPS = {StaticCalibration: "calibrate", PlateModel: "identify-plate", PlatformModel: "measure-platform"}
+"""The step that writes each model."""
+Built = TypeVar("Built")
 
 
-def write_calibration(calibration: StaticCalibration, trial: str, path: Path) -> None:
-    """Write the static calibration from a trial [m, laboratory axes of the static trial]."""
-    write_json({"trial": trial, **asdict(calibration)}, path)
-
-
-def read_calibration(path: Path) -> StaticCalibration:
-    """Read what `write_calibration` wrote."""
-    content = read_json(path, "calibrate", *SEGMENTS, "ankle_centre", "ankle_axis")
-    foot, shank, platform = ({marker: np.array(p) for marker, p in content[name].items()} for name in SEGMENTS)
-    return StaticCalibration(foot, shank, platform, np.array(content["ankle_centre"]), np.array(content["ankle_axis"]))
-
-
-def write_plate(plate: PlateModel, path: Path) -> None:
-    """Write the plate's model, and the models without each trial in turn under `leave_one_out`."""
-    others = [plate_content(model) for model in plate.leave_one_out]
-    write_json({**plate_content(plate), "leave_one_out": others}, path)
-
-
-def plate_content(plate: PlateModel) -> dict[str, Any]:
-    """The plate's inertial parameters [SI] with standard errors, lag [s], wrench before and after [N, N*m]."""
-    inertia = plate.inertia
-    parameters = {
-        name: {"value": float(value), "se": float(se)}
-        for name, value, se in zip(PARAMETERS, inertia.parameters, inertia.standard_errors, strict=True)
-    }
-    before, after = (
-        finite_or_null(dict(zip(COMPONENTS, rms.tolist(), strict=True)))
-        for rms in (inertia.rms_before, inertia.rms_after)
-    )
-    lag = {"lag_s": plate.lag, "lag_unknown": plate.lag_reason, "lag_se_s": plate.lag_se, "lags_s": plate.lags.tolist()}
-    return {"parameters": parameters, **lag, "rms_before": before, "rms_after": after}
-
-
-def read_plate(path: Path) -> PlateModel:
-    """Read what `write_plate` wrote."""
-    required = ("parameters", "lag_s", "lag_unknown", "lag_se_s", "lags_s", "rms_before", "rms_after", "leave_one_out")
-    content = read_json(path, "identify-plate", *required)
-    others = tuple(plate_from_content(model) for model in content["leave_one_out"])
-    return replace(plate_from_content(content), leave_one_out=others)
-
-
-def plate_from_content(content: Mapping[str, Any]) -> PlateModel:
-    """The model that `plate_content` described."""
-    values, errors = (np.array([content["parameters"][p][field] for p in PARAMETERS]) for field in ("value", "se"))
-    before, after = (np.array([content[f][c] for c in COMPONENTS], dtype=float) for f in ("rms_before", "rms_after"))
-    inertia = PlateInertia(values, errors, before, after)
-    lags = np.array(content["lags_s"], dtype=float)
-    return PlateModel(inertia, content["lag_s"], content["lag_se_s"], lags, lag_reason=content["lag_unknown"])
-
-
-def write_json(content: Mapping[str, Any], path: Path) -> None:
-    """Write a JSON file, complete or not at all; arrays are lists, dataclasses objects."""
-
-    def plain(value: Any) -> Any:
-        return value.tolist() if isinstance(value, np.ndarray) else asdict(value)
-
+def write_model(model: Any, path: Path) -> None:
+    """Write a calibration, the plate's model or the platform's as JSON; arrays are lists, NaN is null."""
+    text = json.dumps(asdict(model), default=np.ndarray.tolist)
     with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=1, default=plain) + "\n", encoding="utf-8")
+        finite = json.loads(text, parse_constant=lambda _: None)
+        temporary.write_text(json.dumps(finite, indent=1) + "\n", encoding="utf-8")
+
+
+def read_model(path: Path, kind: type[Built]) -> Built:
+    """Read what `write_model` wrote."""
+    needed = (one.name for one in fields(kind) if one.default is MISSING)  # type: ignore[arg-type]
+    return built(kind, read_json(path, STEPS[kind], *needed))  # type: ignore[index]
+
+
+def built(kind: Any, content: Any) -> Any:
+    """A value of a type, made of dataclasses, arrays and numbers, from what JSON keeps of it."""
+    inner = get_args(kind)
+    if content is None or get_origin(kind) in (Union, UnionType):
+        return None if content is None else built(inner[0], content)
+    if is_dataclass(kind):
+        types = get_type_hints(kind)
+        return kind(**{name: built(types[name], value) for name, value in content.items()})  # type: ignore[operator]
+    if get_origin(kind) is np.ndarray:
+        return np.array(content, dtype=float)
+    if get_origin(kind) is tuple:
+        return tuple(built(inner[0], value) for value in content)
+    return {name: built(inner[1], value) for name, value in content.items()} if isinstance(content, dict) else content
 
 
 def read_json(path: Path, step: str, *required: str) -> dict[str, Any]:
@@ -159,33 +126,25 @@ def read_json(path: Path, step: str, *required: str) -> dict[str, Any]:
 
 def write_crossing(crossing: Crossing, path: Path) -> None:
     """Write a crossing as a trial: its signals and `plate_error_0`, ...; the events in the provenance."""
-    phase = (crossing.time - crossing.stance.heel_strike) / crossing.stance.duration
+    phase = crossing.stance.phase(crossing.time)
     signals = (crossing.time, phase, crossing.theta, crossing.torque, crossing.platform)
+    load = {} if crossing.load is None else dict(zip(LOADS, (crossing.load.force, crossing.load.left), strict=True))
     errors = {f"{PLATE_ERROR}{i}": error for i, error in enumerate(crossing.plate_errors)}
-    load = {} if crossing.load is None else {LOAD: crossing.load.force, LOAD_LEFT: crossing.load.left}
     samples = pl.DataFrame(dict(zip(SIGNALS, signals, strict=True)) | load | errors)
-    events = {
-        "heel_strike_s": crossing.stance.heel_strike,
-        "toe_off_s": crossing.stance.toe_off,
-        "onset_s": crossing.onset,
-        "bridged": crossing.bridged,
-        "turn_rad": crossing.turn,
-        "body_mass_kg": crossing.body_mass,
-        "quality": asdict(crossing.quality),
-    }
-    write_trial(Trial(crossing.name, samples, events), path)
+    events = {name: getattr(crossing, name) for name in EVENTS}
+    write_trial(Trial(crossing.name, samples, json.loads(json.dumps(events, default=asdict))), path)
 
 
 def write_refusal(refused: RefusedCrossing, path: Path) -> None:
     """Write a crossing's file without rows, with the reason in its provenance, so that other crossings are analysed."""
-    reason = {REFUSED: refused.reason, "perturbed": refused.perturbed}
+    reason = {"refused": refused.reason, "perturbed": refused.perturbed}
     metadata = {NAME_KEY: refused.name, PROVENANCE_KEY: json.dumps(reason)}
     with atomic_path(path) as temporary:
         pl.DataFrame(schema=dict.fromkeys(SIGNALS, pl.Float64)).write_parquet(temporary, metadata=metadata)
 
 
 def read_crossing(path: Path) -> Crossing:
-    """Read a crossing."""
+    """A crossing that was not refused."""
     crossing = read_crossing_file(path)
     if isinstance(crossing, RefusedCrossing):
         raise InputError(f"{path}: the crossing was refused: {crossing.reason}")
@@ -200,28 +159,21 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
         except (pl.exceptions.PolarsError, OSError):
             metadata = {}
         facts = json.loads(metadata.get(PROVENANCE_KEY, "{}"))
-        if REFUSED in facts:
-            return RefusedCrossing(metadata[NAME_KEY], facts["perturbed"], facts[REFUSED])
-    trial = read_trial(path)
-    events = trial.provenance
-    if "heel_strike_s" not in events:
+        if "refused" in facts:
+            return RefusedCrossing(metadata[NAME_KEY], facts["perturbed"], facts["refused"])
+    trial, types = read_trial(path), get_type_hints(Crossing)
+    if "stance" not in trial.provenance:
         raise InputError(f"{path}: a trial without events; run the step 'analyse' and use its crossing")
-    quality, (time, theta, torque, platform) = events["quality"], trial.signals("theta", "torque", "platform")
-    encoder, (forward, left) = quality["encoder"] and EncoderCheck(**quality["encoder"]), quality["placement"]
+    time, theta, torque, platform = trial.signals("theta", "torque", "platform")
     return Crossing(
         trial.name,
         time,
         theta,
         torque,
         platform,
-        stance=Stance(events["heel_strike_s"], events["toe_off_s"]),
-        onset=events["onset_s"],
-        bridged=events["bridged"],
-        quality=CrossingQuality(quality["residuals"], quality["zero"], (forward, left), encoder, quality["outside"]),
         plate_errors=plate_error_columns(trial.samples).reshape(-1, len(time)),
-        load=Load(*trial.signals(LOAD, LOAD_LEFT)[1:]) if LOAD in trial.samples.columns else None,
-        turn=events.get("turn_rad"),
-        body_mass=events.get("body_mass_kg"),
+        load=Load(*trial.signals(*LOADS)[1:]) if LOADS[0] in trial.samples.columns else None,
+        **{name: built(types[name], trial.provenance[name]) for name in EVENTS},
     )
 
 
@@ -234,30 +186,6 @@ def on_the_walkway(table: pl.DataFrame, places: Places | None, by: str = "trial"
     """A table of crossings or groups with the columns `joint`, which the walkway decides, and `side`."""
     known = {name: {"joint": JOINT, "side": (places or {}).get(name, {}).get("side")} for name in table[by].unique()}
     return with_places(table, known, by)
-
-
-def write_platform(model: PlatformModel, path: Path) -> None:
-    """Write the shape, how each crossing follows it, and the trigger's latency [SI]."""
-    write_json({**vars(model), "alignments": list(model.alignments.values())}, path)
-
-
-def read_platform(path: Path) -> PlatformModel:
-    """Read what `write_platform` wrote."""
-
-    def shape(content: Mapping[str, Any]) -> PlatformTemplate:
-        arrays = {name: np.array(content[name], dtype=float) for name in ("axes", "time", "shape")}
-        return PlatformTemplate(**{**content, **arrays})
-
-    content = read_json(path, "measure-platform", *(field.name for field in fields(PlatformModel)))
-    alignments = [Alignment(**{**a, "offset": np.array(a["offset"], dtype=float)}) for a in content["alignments"]]
-    return PlatformModel(
-        content["template"] and shape(content["template"]),
-        content["reason"],
-        {a.name: a for a in alignments},
-        content["triggers"],
-        content["latency"] and TriggerLatency(**content["latency"]),
-        tuple(map(shape, content["leave_out"])),
-    )
 
 
 def write_unperturbed_gaits(gaits: Mapping[str, UnperturbedGait], path: Path) -> None:
@@ -282,9 +210,8 @@ def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
     try:
         for frame in pl.read_parquet(path).partition_by("gait", maintain_order=True):
             names = frame["trial"].unique(maintain_order=True).to_list()
-            theta, torque, stance = (
-                frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s")
-            )
+            columns = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
+            theta, torque, stance = columns
             errors = plate_error_columns(frame).reshape(-1, *theta.shape)
             gaits[str(frame["gait"][0])] = UnperturbedGait(tuple(names), theta, torque, stance[:, 0], errors)
     except (pl.exceptions.PolarsError, OSError) as error:
@@ -312,12 +239,12 @@ def calibrate(
         if settings.hinge == "functional":
             static = replace(static, ankle_axis=hinge.axis, ankle_centre=hinge.centre)
     write_table(pl.DataFrame([{"trial": standing.name} | row]), comparison)
-    write_calibration(static, standing.name, output)
+    write_model(static, output)
 
 
 def calibrations_of(calibrations: Sequence[Path], statics: Mapping[str, str]) -> dict[str, StaticCalibration]:
     """The calibration of each trial that has one. `statics` has the static trial of each, which names the file."""
-    read = {path.stem: read_calibration(path) for path in calibrations}
+    read = {path.stem: read_model(path, StaticCalibration) for path in calibrations}
     return {trial: read[static] for trial, static in statics.items() if static in read}
 
 
@@ -339,7 +266,7 @@ def identify_plate(
         calibrated = calibrations_of(calibrations, statics)
         read = [read_trial(path) for path in trials if path.stem in calibrated]
         model = identify_plate_model(read, calibrated, settings)
-    write_plate(model, output)
+    write_model(model, output)
     table = plate_table(model).fill_nan(None)
     write_table(table.with_columns(plate_inertia=pl.lit(settings.plate_inertia)), comparison)
 
@@ -359,7 +286,7 @@ def measure_platform(
     calibrated = calibrations_of(calibrations, statics)
     read = [read_trial(path) for path in trials if path.stem in calibrated]
     model = identify_platform(read, calibrated, settings)
-    write_platform(model, output)
+    write_model(model, output)
     write_table(on_the_walkway(platform_table(model), places), comparison)
 
 
@@ -377,8 +304,8 @@ def analyse(
     """Angle and torque of one crossing, with its events, to a Parquet file. `perturbed`, `direction` and `body_mass_kg`
     are entries of the sheet. Without the file `platform`, the crossing has its own motion and onset of the platform.
     The file of a crossing that cannot be analysed has the reason instead of samples, and a warning states it."""
-    static, model, walked = read_calibration(calibration), read_plate(plate), read_trial(trial)
-    shared = ALONE if platform is None else read_platform(platform)
+    static, model, walked = read_model(calibration, StaticCalibration), read_model(plate, PlateModel), read_trial(trial)
+    shared = ALONE if platform is None else read_model(platform, PlatformModel)
     try:
         crossing = analyse_crossing(walked, static, model, perturbed, settings, shared)
         check_direction(walked.name, direction, crossing.turn)

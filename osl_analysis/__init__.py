@@ -13,60 +13,24 @@ For notebooks and scripts that need no workflow (docs/notebook.md):
 The names of `__all__` are all that there is to use; the other modules may change. They stand in `notebook`.
 """
 
+# ruff: noqa: F405
+
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from osl_analysis.bench.impedance import DesiredImpedance
+    from osl_analysis.commands.bench import Fit
     from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError, UnreachableImpedanceError
-    from osl_analysis.notebook import (
-        Fit,
-        Response,
-        check,
-        fit_actuator,
-        fit_belt,
-        fit_impedance,
-        fit_torque_angle,
-        fit_transmission,
-        frequency_response,
-        gains,
-        plot_frequency_response,
-        plot_torque,
-        plot_torque_angle,
-        read_recording,
-        read_summary,
-        read_table,
-        read_trial,
-        simulate_trial,
-    )
+    from osl_analysis.notebook import *  # noqa: F403
     from osl_analysis.trial import Trial
 
 __all__ = [
-    "DesiredImpedance",
-    "Fit",
-    "IdentifiabilityError",
-    "InputError",
-    "OslAnalysisError",
-    "Response",
-    "Trial",
-    "UnreachableImpedanceError",
-    "check",
-    "fit_actuator",
-    "fit_belt",
-    "fit_impedance",
-    "fit_torque_angle",
-    "fit_transmission",
-    "frequency_response",
-    "gains",
-    "plot_frequency_response",
-    "plot_torque",
-    "plot_torque_angle",
-    "read_recording",
-    "read_summary",
-    "read_table",
-    "read_trial",
-    "simulate_trial",
-]
+    "DesiredImpedance", "Fit", "IdentifiabilityError", "InputError", "OslAnalysisError", "Response", "Trial",
+    "UnreachableImpedanceError", "check", "fit_actuator", "fit_belt", "fit_impedance", "fit_torque_angle",
+    "fit_transmission", "frequency_response", "gains", "plot_frequency_response", "plot_torque", "plot_torque_angle",
+    "read_recording", "read_summary", "read_table", "read_trial", "simulate_trial",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

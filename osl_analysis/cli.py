@@ -341,16 +341,17 @@ def fit(
     request = command.fit_request(model, config_path, desired)
     fitted = command.fit_trial(model, read_trial(trial), None if device == NO_FILE else device, request)
     if model == "impedance" and desired is None:
-        click.echo(command.NOT_CHECKED, err=True)
-    if unchecked := command.said_not_checked(fitted):
-        say(unchecked, err=True)
+        said = "whether the torque is late or the bench's frame yields, and whether K is what the gains should give"
+        click.echo(f"not checked without --stiffness and --damping: {said}", err=True)
+    if fitted.not_checked:
+        say(fitted.not_checked, err=True)
     if plot is not None:
         from osl_analysis.commands.figure import draw_table
 
         if fitted.series.is_empty():
             raise click.UsageError(f"a fit of {model} has no modelled torque to draw; leave out --plot")
         draw_table("torque", fitted.series, [plot])
-    say(command.estimates_json(fitted.estimates) if as_json else command.estimates_text(fitted.estimates))
+    say(command.rows_json(fitted.table) if as_json else command.estimates_text(fitted.table))
 
 
 @main.command(epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md")
@@ -569,6 +570,7 @@ def gains(
     passivity and the frequency up to which the desired impedance is rendered.
     """
     from osl_analysis.commands import gains as command
+    from osl_analysis.commands.bench import rows_json
     from osl_analysis.model.gain_selection import Weight
 
     if trajectory is not None and (stiffness is not None or damping is not None):
@@ -581,7 +583,7 @@ def gains(
         command.write_gains(table, output)
     if plot is not None:
         command.plot_gains(request, table, parameters, plot)
-    say(command.gains_json(table) if as_json else command.gains_text(request, table))
+    say(rows_json(table) if as_json else command.gains_text(request, table))
 
 
 @main.command(

@@ -3,11 +3,10 @@
 They call what the jobs of a campaign call: their numbers are those of its tables.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from html import escape
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
@@ -15,18 +14,7 @@ import polars as pl
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.phasors import frequency_response_table
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.commands.bench import (
-    UNITS,
-    FitRequest,
-    FittedTrial,
-    campaign_parameters,
-    estimated,
-    estimates_text,
-    fit_request,
-    fit_tables,
-    fit_trial,
-    said_not_checked,
-)
+from osl_analysis.commands.bench import Fit, campaign_parameters, fit_request, fit_tables, fit_trial
 from osl_analysis.commands.gains import Request, requested_gains
 from osl_analysis.commands.tables import read_summary as read_summary_file
 from osl_analysis.commands.trials import checked_trial
@@ -34,7 +22,7 @@ from osl_analysis.config.configuration import read_section
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.parameters import joint_of
 from osl_analysis.config.shared_choices import WeightSettings
-from osl_analysis.errors import InputError, listing, nearest, printable, printable_lines
+from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.figures import drawing
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.known_formats import FORMATS, read_source
@@ -92,82 +80,6 @@ def device_of(parameters: File | None, config: Path) -> Path | None:
     return None if parameters is None else path_of(parameters, "parameters")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Fit:
-    """A fitted trial. Nothing of it can be changed: its data frames are copies.
-
-    Every column of its table is an attribute, with the value of the fit to all data: `fit.K`, `fit.K_se`, `fit.VAF`;
-    `fit.K_interval` is (low, high), the 95 % interval. `osl-analysis describe-tables` has meaning and unit of each.
-    """
-
-    experiment: str  # Experiment, which names the table that the fit has rows of in a campaign
-    _fitted: FittedTrial
-
-    @property
-    def table(self) -> pl.DataFrame:
-        """The rows of the result table: one per amplitude, if there are several, and last the fit to all data."""
-        return self._fitted.estimates.clone()
-
-    @property
-    def series(self) -> pl.DataFrame:
-        """`time` [s] from the start, `torque` and `torque_model` [N*m] of all samples that the fit explains."""
-        return self._fitted.series.clone()
-
-    @property
-    def curves(self) -> pl.DataFrame | None:
-        """Torque over angle: rows of `belt_curves` or `torque_angle_curves`; None for another experiment."""
-        return None if self._fitted.curves is None else self._fitted.curves.clone()
-
-    @property
-    def row(self) -> Mapping[str, Any]:
-        return self._fitted.estimates.row(-1, named=True)
-
-    @property
-    def doubtful(self) -> str:
-        """Why the fit to all data is not to be trusted: what is beyond which limit, and what to do. Empty: nothing."""
-        return self.row.get("doubtful") or ""
-
-    @property
-    def not_checked(self) -> str:
-        """What could not be checked, and why; empty if everything was."""
-        return said_not_checked(self._fitted)
-
-    def __getattr__(self, name: str) -> Any:
-        """A column of the table by name, of the fit to all data, or `NAME_interval`."""
-        if name.startswith("_"):  # also while a copy is made, which has no fields yet
-            raise AttributeError(name)
-        row, of = self.row, name.removesuffix("_interval")
-        if of != name and f"{of}_low" in row:
-            return row[f"{of}_low"], row[f"{of}_high"]
-        if name not in row:
-            known = ", ".join(estimated(row))
-            raise AttributeError(f"a fit of {self.experiment} has no '{name}'{nearest(name, row)}; it has {known}")
-        return row[name]
-
-    def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *self.row, *(f"{name}_interval" for name in estimated(self.row))})
-
-    def __repr__(self) -> str:
-        estimates = f"{self.experiment}, {estimates_text(self._fitted.estimates.tail(1))}"
-        return printable_lines("\n".join(filter(None, [estimates, self.not_checked])))
-
-    def _repr_html_(self) -> str:
-        """The fit to all data as an HTML table, for a notebook. Text of the recording is escaped."""
-        row, rows = self.row, []
-        for name in estimated(row):
-            value, low, high = (
-                "–" if row[cell] is None else f"{row[cell]:.5g}" for cell in (name, f"{name}_low", f"{name}_high")
-            )
-            rows.append(f"<tr><td>{name}</td><td>{value}</td><td>{low} to {high}</td><td>{UNITS[name]}</td></tr>")
-        said = [f"Doubtful: {self.doubtful}"] * bool(self.doubtful) + self.not_checked.splitlines()
-        title = f"{self.experiment}, {row['trial']}: VAF {row['VAF']:.2f} %"
-        head = "<tr><th></th><th>estimate</th><th>95 % interval</th><th>unit</th></tr>"
-        return (
-            f"<table><caption>{escape(printable(title))}</caption>{head}{''.join(rows)}</table>"
-            f"{''.join(f'<p>{escape(printable(line))}</p>' for line in said)}"
-        )
-
-
 def fit_impedance(
     trial: Trial | File,
     desired: DesiredImpedance | None = None,
@@ -201,8 +113,8 @@ def fit_impedance(
     The device has no gains for the desired impedance.
     """
     path = config_of(config)
-    request = replace(fit_request("impedance", path, desired_of(desired)), windows=windows)
-    return fitted("impedance", trial, request, device_of(parameters, path))
+    request = fit_request("impedance", path, desired_of(desired), windows)
+    return fit_trial("impedance", as_trial(trial), device_of(parameters, path), request)
 
 
 def fit_belt(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
@@ -240,16 +152,12 @@ def fit_torque_angle(trial: Trial | File, curve: str | None = None, config: File
     and what is raised as in `fit_impedance`; there may be no such curve.
     """
     path = config_of(config)
-    return fitted("torque_angle", trial, fit_request("torque_angle", path, {"desired": curve}), None)
+    return fit_trial("torque_angle", as_trial(trial), None, fit_request("torque_angle", path, {"desired": curve}))
 
 
 def fitted_alone(experiment: str, trial: Trial | File, config: File | None, parameters: File | None) -> Fit:
     path = config_of(config)
-    return fitted(experiment, trial, fit_request(experiment, path), device_of(parameters, path))
-
-
-def fitted(experiment: str, trial: Trial | File, request: FitRequest, parameters: Path | None) -> Fit:
-    return Fit(experiment, fit_trial(experiment, as_trial(trial), parameters, request))
+    return fit_trial(experiment, as_trial(trial), device_of(parameters, path), fit_request(experiment, path))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -304,7 +212,7 @@ def frequency_response(
 
     path, read = config_of(config), as_trial(trial)
     device = device_of(parameters, path)
-    request = replace(fit_request("impedance", path, desired_of(desired)), windows=windows)
+    request = fit_request("impedance", path, desired_of(desired), windows)
     tables, found, limits = fit_tables("impedance", read, device, request), {}, request.limits
     for name in ("phasors", "response", "response_models"):
         own = marked(tables[name], limits.of(name), name)

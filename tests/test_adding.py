@@ -39,7 +39,7 @@ ADDITIONS = {
         motion="theta",
         torque="torque",
         tables=(Table("holding", derived={"holding_summary": "bench.summarise_holding"}),),
-        fit=Fit("bench.fit_holding_trial", {"settings": ("dynamometer", "FilterSettings")}),
+        fit=FitJob("bench.fit_holding_trial", {"settings": ("dynamometer", "FilterSettings")}),
     ),
 """,
     ),

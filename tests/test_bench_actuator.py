@@ -225,7 +225,7 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documen
     analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
     expected = fit_trial(
         "actuator", read_trial(tmp_path / "a.parquet"), DEVICE, FitRequest({"settings": analysis}, DoubtfulFits())
-    ).estimates
+    ).table
     log, _ = simulate_actuator_trial("actuator_1", read_yaml(campaign, SimulationSettings), P)
 
     shutil.copytree(ROOT / "config", tmp_path / "laboratory/config")
@@ -241,7 +241,7 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documen
     assert re.search(r"J_m +0\.009\d+ ± \S+ +kg·m²", said.output)
     found = fit_trial(
         "actuator", read_trial(Path("bench.parquet")), DEVICE, FitRequest({"settings": analysis}, DoubtfulFits())
-    ).estimates
+    ).table
     assert (found["motion"][0], expected["motion"][0]) == (motion, "theta_m")
     assert found.select(PARAMETERS).row(0) == pytest.approx(expected.select(PARAMETERS).row(0), rel=1e-3)
     assert found["J_m_se"][0] == pytest.approx(expected["J_m_se"][0], rel=0.02)
@@ -254,7 +254,7 @@ def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_r
     write_trial(Trial("a", pl.DataFrame({**samples, "theta_m": theta, "omega_m": 7 * omega})), tmp_path / "a.parquet")
     both = fit_trial(
         "actuator", read_trial(tmp_path / "a.parquet"), DEVICE, FitRequest({"settings": analysis}, DoubtfulFits())
-    ).estimates
+    ).table
     assert (both["motion"][0], both["J_m"][0]) == ("theta_m", pytest.approx(TRUE["J_m"], rel=0.02))
     write_trial(Trial("b", pl.DataFrame(samples)), tmp_path / "b.parquet")
     with pytest.raises(InputError, match="trial b: no column 'theta_m'"):

@@ -95,7 +95,7 @@ def on_the_command_line(tmp_path, experiment, recording, bench=BENCH, asked=None
     settings = ACTUATOR if experiment == "actuator" else bench
     chosen = {"settings": settings} | ({"weight": PAPER_WEIGHT} if experiment == "impedance" else {})
     fitted = fit_trial(experiment, read_trial(tmp_path / "made.parquet"), DEVICE, FitRequest(chosen, LIMITS, asked))
-    return fitted.estimates.to_dicts()[-1]
+    return fitted.table.to_dicts()[-1]
 
 
 BOTH = pytest.mark.parametrize("way", [in_campaign, on_the_command_line])

@@ -220,7 +220,7 @@ def test_a_degenerate_bench_trial_is_fitted_or_refused_in_one_sentence(experimen
         still = {"theta_m": 0 * t} if moved == "theta" else {}
         current = 4 * np.sin(0.34 * np.pi * np.arange(len(t)) / BENCH_RATE)
         samples = pl.DataFrame({"time": t, moved: angle, exerted: torque, "current": current} | still)
-        return fit_trial(experiment, Trial("made", samples), DEVICE, request_of(experiment)).estimates
+        return fit_trial(experiment, Trial("made", samples), DEVICE, request_of(experiment)).table
 
     defined_or_refused(fit, {name: (lambda case=case: case) for name, case in cases.items()})
 

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from osl_analysis.commands.tables import gather
 from osl_analysis.config.configuration import read_section
 from osl_analysis.errors import InputError
-from osl_analysis.jobs.job import is_to_do
+from osl_analysis.jobs.job import reason_and_remedy
 from osl_analysis.judge.doubts import CAUSES, counted, doubtful_count, marked, summary_of_trials
 from osl_analysis.judge.findings import findings, findings_report
 from osl_analysis.judge.recording import CHECKS
@@ -61,7 +61,7 @@ def test_no_text_of_the_table_has_the_sign_that_separates_doubts_and_remedies_te
     for cause in (*CAUSES.values(), *(check.cause for check in CHECKS.values())):
         assert ";" not in cause.says + cause.remedy + cause.name
         assert ":" not in cause.name
-        assert is_to_do(cause.remedy), cause
+        assert reason_and_remedy(f"{cause.name}; {cause.remedy}") == (cause.name, cause.remedy)
 
 
 def test_any_numeric_column_of_any_table_can_have_a_limit_and_null_takes_it_out():

@@ -182,7 +182,7 @@ def test_a_trial_of_the_sheet_is_fitted_in_its_windows_and_against_its_curve(mon
     disturbed = np.where((motion[0] > 15) & (motion[0] < 25), 30 * np.sin(9 * motion[0]), 0.0)
     trial = made_trial(rng, motion, more=disturbed)
     row = {"experiment": "impedance", "controller": "mine", "K_d": 250.0, "B_d": None, "windows": "2-14.5 25.5-40"}
-    (found,) = fit_of_row(trial, row, None, default_config()).estimates.to_dicts()
+    (found,) = fit_of_row(trial, row, None, default_config()).table.to_dicts()
     assert [found[name] for name in TRUE] == pytest.approx(list(TRUE.values()), rel=0.01)
     assert (found["controller"], found["K_d"]) == ("mine", 250.0)
     assert "the configuration names no parameter file" in found["not_checked"]

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -49,10 +50,10 @@ from osl_analysis.bench.torque_angle import torque_angle_trial
 from osl_analysis.bench.torque_angle_tables import curve_table, cycle_table, torque_angle_table, torque_angle_time_base
 from osl_analysis.bench.transmission import LOSSES, transmission_of, transmission_summary, transmission_table
 from osl_analysis.config.configuration import Config, read_section
-from osl_analysis.config.experiments import EXPERIMENTS, Fit
+from osl_analysis.config.experiments import EXPERIMENTS, FitJob
 from osl_analysis.config.parameters import FileOrNone, known_parameters, read_parameters
 from osl_analysis.config.yaml_settings import read_mapping
-from osl_analysis.errors import InputError
+from osl_analysis.errors import InputError, nearest, printable, printable_lines
 from osl_analysis.files import default_config, shipped
 from osl_analysis.judge.doubts import marked, not_checked_of
 from osl_analysis.judge.impossible import (
@@ -230,53 +231,110 @@ def compare_impedance_models(
     write_table(impedance_scores(drivetrain_of(record, gains, p, sign_width), condition.controller), output)
 
 
-@dataclass(frozen=True)
-class FittedTrial:
-    """A fitted trial for the command line and for notebooks."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit:
+    """A fitted trial. Nothing of it can be changed: its data frames are copies.
 
-    estimates: pl.DataFrame  # a row per fit, as in the result tables
-    series: pl.DataFrame  # time [s] from the start, measured and modelled torque [N*m]; empty for a fit without them
-    curves: pl.DataFrame | None = None  # torque over angle, as in the table of curves; None for one without
+    Every column of its table is an attribute, with the value of the fit to all data: `fit.K`, `fit.K_se`, `fit.VAF`;
+    `fit.K_interval` is (low, high), the 95 % interval. `osl-analysis describe-tables` has meaning and unit of each.
+    """
+
+    experiment: str  # it names the table that the fit has rows of in a campaign
+    _table: pl.DataFrame
+    _series: pl.DataFrame
+    _curves: pl.DataFrame | None
+
+    @property
+    def table(self) -> pl.DataFrame:
+        """The rows of the result table: one per amplitude, if there are several, and last the fit to all data."""
+        return self._table.clone()
+
+    @property
+    def series(self) -> pl.DataFrame:
+        """`time` [s] from the start, `torque` and `torque_model` [N*m] of all samples that the fit explains."""
+        return self._series.clone()
+
+    @property
+    def curves(self) -> pl.DataFrame | None:
+        """Torque over angle: rows of `belt_curves` or `torque_angle_curves`; None for another experiment."""
+        return None if self._curves is None else self._curves.clone()
+
+    @property
+    def row(self) -> Mapping[str, Any]:
+        return self._table.row(-1, named=True)
+
+    @property
+    def doubtful(self) -> str:
+        """Why the fit to all data is not to be trusted: what is beyond which limit, and what to do. Empty: nothing."""
+        return self.row.get("doubtful") or ""
+
+    @property
+    def not_checked(self) -> str:
+        """What could not be checked, and why, a line each; empty if everything was."""
+        return "\n".join(f"not checked: {what}: {why}" for what, why in not_checked_of(self._table).items())
+
+    def __getattr__(self, name: str) -> Any:
+        """A column of the table by name, of the fit to all data, or `NAME_interval`."""
+        if name.startswith("_"):  # also while a copy is made, which has no fields yet
+            raise AttributeError(name)
+        row, of = self.row, name.removesuffix("_interval")
+        if of != name and f"{of}_low" in row:
+            return row[f"{of}_low"], row[f"{of}_high"]
+        if name not in row:
+            known = ", ".join(estimated(row))
+            raise AttributeError(f"a fit of {self.experiment} has no '{name}'{nearest(name, row)}; it has {known}")
+        return row[name]
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *self.row, *(f"{name}_interval" for name in estimated(self.row))})
+
+    def __repr__(self) -> str:
+        estimates = f"{self.experiment}, {estimates_text(self._table.tail(1))}"
+        return printable_lines("\n".join(filter(None, [estimates, self.not_checked])))
+
+    def _repr_html_(self) -> str:
+        """The fit to all data as an HTML table, for a notebook. Text of the recording is escaped."""
+        row, rows = self.row, []
+        for name in estimated(row):
+            cells = (row[f"{name}{end}"] for end in ("", "_low", "_high"))
+            value, low, high = ("–" if cell is None else f"{cell:.5g}" for cell in cells)
+            rows.append(f"<tr><td>{name}</td><td>{value}</td><td>{low} to {high}</td><td>{UNIT_OF[name]}</td></tr>")
+        said = [f"Doubtful: {self.doubtful}"] * bool(self.doubtful) + self.not_checked.splitlines()
+        title = f"{self.experiment}, {row['trial']}: VAF {row['VAF']:.2f} %"
+        head = "<tr><th></th><th>estimate</th><th>95 % interval</th><th>unit</th></tr>"
+        return (
+            f"<table><caption>{escape(printable(title))}</caption>{head}{''.join(rows)}</table>"
+            f"{''.join(f'<p>{escape(printable(line))}</p>' for line in said)}"
+        )
 
 
 @dataclass(frozen=True)
 class FitRequest:
     """What the fit of a trial uses besides the trial: settings and limits of a campaign, and what the sheet states."""
 
-    settings: Mapping[str, Any]  # by argument of the fit (`Fit.settings`): the section of the configuration
+    settings: Mapping[str, Any]  # by argument of the fit (`FitJob.settings`): the section of the configuration
     limits: DoubtfulFits  # limits beyond which a fit is doubtful
     condition: Any = None  # what the sheet states of the trial: `DesiredImpedance`, or cells by column; None: unknown
     windows: str | None = None  # what of an impedance trial is fitted [s], as in the sample sheet; None: all that moves
 
 
-def fit_of(experiment: str) -> Fit:
+def job_of(experiment: str) -> FitJob:
     """The fit of an experiment's trials. Raises InputError where it has none."""
     if (fit := EXPERIMENTS[experiment].fit) is None:
         raise InputError(f"a trial of '{experiment}' is not fitted alone; choose another experiment for it")
     return fit
 
 
-def fit_request(experiment: str, config: Path, condition: Any = None) -> FitRequest:
+def fit_request(experiment: str, config: Path, condition: Any = None, windows: str | None = None) -> FitRequest:
     """What the fit of an experiment uses, from a configuration file that may override fields of the default only.
 
     Raises InputError where the file is none.
     """
     models: Mapping[str, Any] = {name: field.annotation for name, field in Config.model_fields.items()}
-    settings = {name: read_section(config, of, models[of]) for name, (of, _) in fit_of(experiment).settings.items()}
+    settings = {name: read_section(config, of, models[of]) for name, (of, _) in job_of(experiment).settings.items()}
     if "weight" in settings:
         settings["weight"] = settings["weight"].weight  # the cut-off and order are W themselves
-    return FitRequest(settings, read_section(config, "doubtful", DoubtfulFits), condition)
-
-
-NOT_CHECKED = (
-    "not checked without --stiffness and --damping: whether the torque is late or the bench's frame yields, and "
-    "whether K is what the gains should give"
-)
-
-
-def said_not_checked(fitted: FittedTrial) -> str:
-    """What the fit of a trial could not check, as a line for the user; empty if it checked all."""
-    return "\n".join(f"not checked: {what}: {why}" for what, why in not_checked_of(fitted.estimates).items())
+    return FitRequest(settings, read_section(config, "doubtful", DoubtfulFits), condition, windows)
 
 
 def campaign_parameters(config: Path) -> Path | None:
@@ -293,30 +351,26 @@ def fit_tables(
     Raises InputError or IdentifiabilityError where the trial lacks a signal, does not follow the protocol, or cannot
     identify the model.
     """
-    fit = fit_of(experiment)
+    fit = job_of(experiment)
     module, _, function = fit.job.partition(".")
     stated = {"parameters": parameters, "condition": request.condition, "windows": request.windows}
     taken = {"parameters": fit.parameters, "condition": bool(fit.sheet), "windows": fit.windows}
     given = {**request.settings, **{name: value for name, value in stated.items() if taken[name]}}
-    found: Mapping[str, pl.DataFrame] = getattr(import_module(f"osl_analysis.commands.{module}"), function)(
-        trial, **given
-    )
+    job = getattr(import_module(f"osl_analysis.commands.{module}"), function)
+    found: Mapping[str, pl.DataFrame] = job(trial, **given)
     return found
 
 
-def fit_trial(experiment: str, trial: Trial, parameters: Path | None, request: FitRequest) -> FittedTrial:
+def fit_trial(experiment: str, trial: Trial, parameters: Path | None, request: FitRequest) -> Fit:
     """Fit a trial and judge it; arguments and errors as `fit_tables`."""
     found = fit_tables(experiment, trial, parameters, request)
     own = EXPERIMENTS[experiment].tables[0].name
     curves = next((frame for name, frame in found.items() if name.endswith("_curves")), None)
-    estimates = marked(found[own], request.limits.of(own), own)
-    return FittedTrial(estimates, found.get("torque", NO_TORQUE), curves)
+    no_torque = pl.DataFrame(schema=dict.fromkeys(("time", "torque", "torque_model"), pl.Float64))
+    return Fit(experiment, marked(found[own], request.limits.of(own), own), found.get("torque", no_torque), curves)
 
 
-NO_TORQUE = pl.DataFrame(schema=dict.fromkeys(("time", "torque", "torque_model"), pl.Float64))
-
-
-UNITS = {
+UNIT_OF = {
     "K": "N·m/rad", "B": "N·m·s/rad", "B_viscous": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad",
     "J_j": "kg·m²",
     "T_C": "N·m", "k_tau_n_m": "N·m/A", "f_C": "N·m", "f_G": "N·m/A", "B_m": "N·m·s/rad", "J_m": "kg·m²",
@@ -325,9 +379,9 @@ UNITS = {
 }  # fmt: skip
 
 
-def estimates_json(estimates: pl.DataFrame) -> str:
-    """The estimates as JSON in SI units: an object per fit, null for what is not finite."""
-    return json.dumps([finite_or_null(row) for row in estimates.to_dicts()], indent=2)
+def rows_json(table: pl.DataFrame) -> str:
+    """A table as JSON in SI units: an object per row, null for what is not finite."""
+    return json.dumps([finite_or_null(row) for row in table.to_dicts()], indent=2)
 
 
 def estimates_text(estimates: pl.DataFrame) -> str:
@@ -342,9 +396,10 @@ def estimates_text(estimates: pl.DataFrame) -> str:
             quality += f", R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}"
         lines.append(f"{row['trial']}, {which}: {quality}")
         for name in estimated(row):
-            high = row.get(f"{name}_high")
+            high, low = row.get(f"{name}_high"), row.get(f"{name}_amplitudes_low")
             half = f"± {high - row[name]:<10.2g}" if high is not None else f"{'':<12}"
-            lines.append(f"  {name:<15}{row[name]:>12.5g} {half} {UNITS.get(name, '')}{amplitudes_text(row, name)}")
+            single = "" if low is None else f", single amplitudes {low:.5g} to {row[f'{name}_amplitudes_high']:.5g}"
+            lines.append(f"  {name:<15}{row[name]:>12.5g} {half} {UNIT_OF.get(name, '')}{single}")
         if row.get("doubtful"):
             lines.append(f"  doubtful: {row['doubtful']}")
     return "\n".join([*lines, "± is the half-width of the 95 % interval, by the method that interval_method names"])
@@ -355,7 +410,7 @@ def estimated(row: Mapping[str, Any]) -> list[str]:
 
     A belt that moves at a constant velocity has no B_j.
     """
-    known = [name for name in UNITS if f"{name}_se" in row and row[name] is not None]
+    known = [name for name in UNIT_OF if f"{name}_se" in row and row[name] is not None]
     return known or [name for name, value in row.items() if isinstance(value, float)]
 
 
@@ -366,9 +421,3 @@ def motion_text(row: Mapping[str, Any]) -> str:
         return "all amplitudes"
     band = f"{row['band_low_hz']:.3g} to {row['band_high_hz']:.3g} Hz, {row['theta_rms_deg']:.2g} deg RMS"
     return f"{row['fitted_s']:.1f} s of {'periodic' if excitation == 'periodic' else 'any'} motion, {band}"
-
-
-def amplitudes_text(row: Mapping[str, Any], name: str) -> str:
-    """The lowest and the highest estimate of a single amplitude, if the row has them."""
-    low, high = row.get(f"{name}_amplitudes_low"), row.get(f"{name}_amplitudes_high")
-    return "" if low is None or high is None else f", single amplitudes {low:.5g} to {high:.5g}"

@@ -1,6 +1,5 @@
 """Gain selection for one pair, a grid or a trajectory of desired impedances, and the behaviour that theory predicts."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
+from osl_analysis.commands.bench import rows_json
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.config.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
 from osl_analysis.config.shared_choices import read_impedance_trajectory
@@ -26,7 +26,7 @@ from osl_analysis.model.compensator import (
 )
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.model.gain_selection import Weight, optimal_damping
-from osl_analysis.table import finite_or_null, write_table
+from osl_analysis.table import write_table
 
 TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)  # frequencies of Section III-B, at which the fit of Eq. 15 is predicted
 
@@ -123,14 +123,9 @@ def write_gains(table: pl.DataFrame, output: Path) -> None:
         write_table(table, output)
     elif output.suffix == ".json":
         with atomic_path(output) as temporary:
-            temporary.write_text(gains_json(table) + "\n", encoding="utf-8")
+            temporary.write_text(rows_json(table) + "\n", encoding="utf-8")
     else:
         raise InputError(f"{output}: gains are written as .csv or .json; choose one of these suffixes")
-
-
-def gains_json(table: pl.DataFrame) -> str:
-    """A list of rows; a number that is infinite or undefined becomes null."""
-    return json.dumps([finite_or_null(row) for row in table.to_dicts()], indent=2)
 
 
 def gains_text(request: Request, table: pl.DataFrame) -> str:

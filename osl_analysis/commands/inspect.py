@@ -13,7 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import chdir, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -21,7 +21,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.commands.bench import UNITS, FittedTrial, estimated, estimates_text, fit_of, fit_request, fit_trial
+from osl_analysis.commands.bench import UNIT_OF, Fit, estimated, estimates_text, fit_request, fit_trial, job_of
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.commands.reference import write_schemas
 from osl_analysis.commands.trials import checked_trial
@@ -90,18 +90,17 @@ def off_desired(estimates: pl.DataFrame, row: Mapping[str, Any]) -> str:
     )
 
 
-def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> FittedTrial:
+def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> Fit:
     """The fit of a trial in memory, by what its row of a sheet says, drafted or not, as in the workflow.
 
     `device` is its parameter file. Raises as `fit_request` and `fit_trial`.
     """
     experiment = str(row["experiment"])
-    condition: Any = {column: row.get(column) for column in fit_of(experiment).sheet}
+    condition: Any = {column: row.get(column) for column in job_of(experiment).sheet}
     if experiment == "impedance":
         K_d, B_d = (None if row[name] is None else float(row[name]) for name in ("K_d", "B_d"))
         condition = DesiredImpedance(row["controller"], K_d, B_d)
-    request = replace(fit_request(experiment, config, condition), windows=row.get("windows"))
-    return fit_trial(experiment, trial, device, request)
+    return fit_trial(experiment, trial, device, fit_request(experiment, config, condition, row.get("windows")))
 
 
 def look(campaign: Campaign, name: str, config: Path) -> FirstLook:
@@ -115,11 +114,11 @@ def look(campaign: Campaign, name: str, config: Path) -> FirstLook:
         return FirstLook(name, experiment, str(error), is_sound=False)
     except Exception as fault:  # a fault of the program in one recording must not hide the others
         return FirstLook(name, experiment, unexpected(fault), is_sound=False)
-    far = off_desired(fitted.estimates, row)
+    far = off_desired(fitted.table, row)
     if far:
-        return FirstLook(name, experiment, f"{far}\n{estimates_text(fitted.estimates)}", is_sound=False)
-    doubts = [text for text in fitted.estimates["doubtful"].to_list() if text] if "doubtful" in fitted.estimates else []
-    return FirstLook(name, experiment, estimates_text(fitted.estimates), is_sound=not doubts)
+        return FirstLook(name, experiment, f"{far}\n{estimates_text(fitted.table)}", is_sound=False)
+    doubts = [text for text in fitted.table["doubtful"].to_list() if text] if "doubtful" in fitted.table else []
+    return FirstLook(name, experiment, estimates_text(fitted.table), is_sound=not doubts)
 
 
 MOST_LETTERS = 60  # characters of a name that are printed
@@ -548,8 +547,8 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> str:
     if EXPERIMENTS[str(row["experiment"])].place != "bench":
         return "; ".join(said)
     fitted = fit_of_row(trial, row, device_of_row(row, bench.config), bench.config_path)
-    far = off_desired(fitted.estimates, row)
-    said = [estimates_line(fitted.estimates), *[f"LOOK AT IT: {far}"] * bool(far), *said]
+    far = off_desired(fitted.table, row)
+    said = [estimates_line(fitted.table), *[f"LOOK AT IT: {far}"] * bool(far), *said]
     if fitted.series.is_empty():
         return "; ".join(said)
     picture = bench.output / f"{row['trial']}.png"
@@ -650,7 +649,7 @@ def estimates_line(estimates: pl.DataFrame) -> str:
     for name in (n for n in estimated(row) if n not in ("offset", "drift")):
         high = row.get(f"{name}_high")
         half = "" if high is None else f" ± {high - row[name]:.2g}"
-        values.append(f"{name} {row[name]:.4g}{half} {UNITS.get(name, '')}".rstrip())
+        values.append(f"{name} {row[name]:.4g}{half} {UNIT_OF.get(name, '')}".rstrip())
     quality = [f"VAF {row['VAF']:.2f} %"] if "VAF" in row else []
     doubts = f"; DOUBTFUL: {row['doubtful']}" if row.get("doubtful") else ""
     return f"{'; '.join([', '.join(values), *quality])}{doubts}"

@@ -91,7 +91,8 @@ def write_model(model: Any, path: Path) -> None:
 def read_model(path: Path, kind: type[Built]) -> Built:
     """Read what `write_model` wrote."""
     needed = (one.name for one in fields(kind) if one.default is MISSING)  # type: ignore[arg-type]
-    return built(kind, read_json(path, STEPS[kind], *needed))  # type: ignore[index]
+    model: Built = built(kind, read_json(path, STEPS[kind], *needed))
+    return model
 
 
 def built(kind: Any, content: Any) -> Any:

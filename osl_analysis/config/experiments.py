@@ -37,7 +37,7 @@ OF_ALL = (Table("timebase", judged=False), Table("series", judged=False, publish
 
 
 @dataclass(frozen=True)
-class Fit:
+class FitJob:
     """The fit of one trial, for the workflow, the command line, `watch` and notebooks alike.
 
     job: `module.function` of `commands`. It takes `trial` and the arguments below, and returns its rows of each table
@@ -94,7 +94,7 @@ class Experiment:
     tables: tuple[Table, ...] = ()
     further_tables: tuple[str, ...] = ()
     judged_further: tuple[str, ...] = ()
-    fit: Fit | None = None
+    fit: FitJob | None = None
     impedance: tuple[str, str, str] = ("K", "B", "I")
 
     @property
@@ -119,14 +119,16 @@ EXPERIMENTS: dict[str, Experiment] = {
             Table("belt_curves", judged=False, published=False),
             *OF_ALL,
         ),
-        fit=Fit("bench.fit_belt_trial", {"settings": ("dynamometer", "BeltAnalysis")}, parameters=True),
+        fit=FitJob("bench.fit_belt_trial", {"settings": ("dynamometer", "BeltAnalysis")}, parameters=True),
         impedance=("K_s", "", ""),
     ),
     "transmission": on_dynamometer(
         "motor detached, stepped sine: B_j and J_j",
         stepped_sine=True,
         tables=(Table("transmission", derived={"transmission_summary": "bench.summarise_transmission"}), *OF_ALL),
-        fit=Fit("bench.fit_transmission_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")}, parameters=True),
+        fit=FitJob(
+            "bench.fit_transmission_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")}, parameters=True
+        ),
         impedance=("", "B_j", "J_j"),
     ),
     "actuator": Experiment(
@@ -137,7 +139,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         signals=("current",),
         log="actuator",
         tables=(Table("actuator", derived={"actuator_summary": "bench.summarise_actuator"}), *OF_ALL),
-        fit=Fit("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}, parameters=True),
+        fit=FitJob("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}, parameters=True),
         impedance=("", "B_m", "J_m"),
     ),
     "impedance": on_dynamometer(
@@ -153,7 +155,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             *OF_ALL,
         ),
         further_tables=("response_pooled", "response_models_pooled"),
-        fit=Fit(
+        fit=FitJob(
             "bench.fit_impedance_trial",
             {"settings": ("dynamometer", "ImpedanceAnalysis"), "weight": ("gain_weight", "WeightSettings")},
             parameters=True,
@@ -169,7 +171,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             Table("torque_angle_cycles", judged=False),
             *OF_ALL,
         ),
-        fit=Fit(
+        fit=FitJob(
             "bench.fit_torque_angle_trial", {"settings": ("torque_angle", "TorqueAngleAnalysis")}, sheet=("desired",)
         ),
     ),
@@ -211,7 +213,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         bare_plate=True,
         walker=True,
         tables=(Table("ankle_moment", judged=False),),
-        fit=Fit(
+        fit=FitJob(
             "walking.compare_ankle_moment", {"settings": ("overground", "OvergroundAnalysis")}, sheet=("body_mass_kg",)
         ),
     ),

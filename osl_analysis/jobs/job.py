@@ -25,16 +25,15 @@ from osl_analysis.judge.usable import Judge, exclusions, without_excluded, witho
 from osl_analysis.table import archives, tables_of, write_table
 from osl_analysis.trial import read_trial
 
-REMEDIES = {
+WHAT_TO_DO = {
     "refused": "correct or replace the file, or its source file, or give a reason under `exclude` in the sample sheet",
+    "refused, of several": "correct or exclude the trials behind it, or change the settings of this analysis in the "
+    "configuration",
     "failed": "a fault of this program: report it with the traceback in {log}; the next run tries it again",
+    "failed, of the system": "make the file or its folder accessible, or room on the disk; the next run tries it again",
     "died": "run again; if memory was short, with fewer jobs at once (`--cores 1`)",
 }
-"""What to do after each outcome of a job, where its message does not say; `log` is the path of its log."""
-NO_ACCESS = "make the file or its folder accessible, or room on the disk; the next run tries it again"
-"""After an error of the system."""
-OF_SEVERAL = "correct or exclude the trials behind it, or change the settings of this analysis in the configuration"
-"""Where a result over several trials is refused with a message that says nothing of what to do."""
+"""After each outcome of a job, where its message does not say; `log` is the path of its log."""
 TO_DO = frozenset({
     "add", "ask", "calibrate", "check", "choose", "clear", "convert", "copy", "correct", "cut", "delete", "drive",
     "enable", "exclude", "excite", "export", "fill", "find", "fit", "give", "ingest", "keep", "label", "leave",
@@ -143,34 +142,28 @@ def end(job: Job, ended: JobLog, causes: Sequence[Refusal] | None = None) -> Non
 
 def refusal(job: Job, ended: JobLog) -> Refusal:
     """The record of a job that refused its input, failed or died."""
-    reason, remedy = ended.error, REMEDIES[ended.outcome].format(log=job.log)
-    if ended.outcome == "failed" and not ended.traceback:
-        reason, said = reason_and_remedy(ended.error)
-        remedy = said or NO_ACCESS
-    elif ended.outcome == "refused":
-        reason, said = reason_and_remedy(ended.error)
-        remedy = said or (remedy if trial_of(job) else OF_SEVERAL)
-    return Refusal(trial_of(job), file_of(job, reason), job.command, ended.outcome, reason, remedy)
+    trial, outcome, reason, remedy = trial_of(job), ended.outcome, ended.error, ""
+    if outcome == "refused" or (outcome == "failed" and not ended.traceback):
+        reason, remedy = reason_and_remedy(ended.error)
+    kind = {"refused": "" if trial else ", of several", "failed": "" if ended.traceback else ", of the system"}
+    remedy = remedy or WHAT_TO_DO[outcome + kind.get(outcome, "")].format(log=job.log)
+    files = [*files_read(job), *job.files]  # the first is to blame, unless the reason names another one
+    file = next((file for file in files if file in reason), files[0] if files else "")
+    return Refusal(trial, file, job.command, outcome, reason, remedy)
 
 
 def reason_and_remedy(message: str) -> tuple[str, str]:
     """What a message says is wrong, and what to do; the latter is empty where it cannot be told from the former.
 
-    It begins at the first semicolon outside brackets after which a verb of `TO_DO` stands.
+    It begins at the first semicolon outside brackets after which a verb of `TO_DO` stands, also after "if ...,".
     """
     for found in re.finditer("; ", message):
         reason, rest = message[: found.start()], message[found.end() :]
         outside = all(reason.count(left) == reason.count(right) for left, right in ("()", "[]"))
-        if outside and is_to_do(rest):
+        first = re.match(r"(?:(?:if|for|to) [^;,]*, )?([A-Za-z]+)", rest)
+        if outside and first and first[1].lower() in TO_DO:
             return reason, rest
     return message, ""
-
-
-def is_to_do(text: str) -> bool:
-    """Whether a text begins with what to do: a verb of `TO_DO`, also after "if ...," or "for ...,"."""
-    condition = re.match(r"(?:if|for|to) [^;,]*, ", text)
-    first = re.match(r"[A-Za-z]+", text[condition.end() :] if condition else text)
-    return first is not None and first[0].lower() in TO_DO
 
 
 def trial_of(job: Job) -> str:
@@ -178,12 +171,6 @@ def trial_of(job: Job) -> str:
     settings, inputs = job.request["settings"], job.request["input"]
     named = settings.get("trial") or (settings.get("row") or {}).get("trial")
     return str(named or Path(str(inputs.get("trial") or inputs.get("crossing") or "")).stem)
-
-
-def file_of(job: Job, reason: str) -> str:
-    """The file that a reason names: a recording, an input or an output; the first of these if it names none."""
-    files = [*files_read(job), *job.files]
-    return next((file for file in files if file in reason), files[0] if files else "")
 
 
 def files_read(job: Job) -> list[str]:

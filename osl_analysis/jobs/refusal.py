@@ -1,7 +1,7 @@
 """Refusal records: what stands in place of a result that a refused recording, or a failed job, did not give.
 
 A record is a small CSV file under the name of the result. Jobs over several trials go on without it, and jobs that need
-it leave the same record. The run ends with a list of them (`osl_analysis/refusal_report.py`).
+it leave the same record. The run ends with a list of them.
 """
 
 import csv
@@ -23,18 +23,12 @@ TRIED_AGAIN = ("died", "failed")
 class Refusal:
     """Why there is no result."""
 
-    trial: str
-    """The trial; empty for a result over several trials."""
-    file: str
-    """The file that is to blame."""
-    job: str
-    """The command that refused it, `module.function`."""
-    outcome: str
-    """As in `JobLog`: `refused`, `failed` or `died`."""
-    reason: str
-    """What was wrong, on one line."""
-    remedy: str
-    """What the user can do, on one line."""
+    trial: str  # empty for a result over several trials
+    file: str  # the file that is to blame
+    job: str  # the command that refused it, `module.function`
+    outcome: str  # as in `JobLog`: `refused`, `failed` or `died`
+    reason: str  # what was wrong, on one line
+    remedy: str  # what the user can do, on one line
 
 
 RECORD_COLUMNS = (RECORD_MARK, *(field.name for field in fields(Refusal)))
@@ -81,30 +75,19 @@ def distinct_causes(refusals: Iterable[Refusal]) -> tuple[Refusal, ...]:
     return tuple(found.values())
 
 
-def refused_trials(refusals: Iterable[Refusal]) -> dict[str, Refusal]:
+def refused_trials(refusals: Sequence[Refusal]) -> dict[str, Refusal]:
     """The first cause of each trial, by trial."""
-    found: dict[str, Refusal] = {}
-    for refusal in refusals:
-        if refusal.trial:
-            found.setdefault(refusal.trial, refusal)
-    return found
+    causes = {one.trial: one for one in reversed(refusals)}
+    return {one.trial: causes[one.trial] for one in refusals if one.trial}
 
 
-ACCEPTED_SAID = "accepted: `failed_trials: accept` in the configuration"
-MOST_TOLD = 12
-"""Largest number of trials, or of results, that are named in one line."""
-
-
-def records_in(files: Iterable[str]) -> tuple[str, ...]:
-    """Those of the files that are refusal records."""
-    return tuple(file for file in files if is_refused(file))
+MOST_TOLD = 12  # trials, or results, that are named in one line
 
 
 def unfinished(files: Iterable[str]) -> str:
     """A line on results of a run that are not there, as of a job that was killed from outside; empty without."""
     missing = [file for file in files if not Path(file).exists()]
-    named = f"not made: {listing(missing, MOST_TOLD)}; run again, what is finished stays"
-    return named if missing else ""
+    return f"not made: {listing(missing, MOST_TOLD)}; run again, what is finished stays" if missing else ""
 
 
 def refusals_in(files: Iterable[Path | str], more: Iterable[Refusal] = ()) -> tuple[Refusal, ...]:
@@ -143,7 +126,8 @@ def refusal_report(
         "Correct these and run again. To go on without a trial, give a reason under `exclude` in the sample sheet; "
         "without all of these, write `failed_trials: accept` in the configuration."
     )
-    return "\n".join(["", f"NOT ANALYSED: {first}{more}{rest}.", *lines, ACCEPTED_SAID if accept else ways_out])
+    end = "accepted: `failed_trials: accept` in the configuration" if accept else ways_out
+    return "\n".join(["", f"NOT ANALYSED: {first}{more}{rest}.", *lines, end])
 
 
 def line(refusal: Refusal, recordings: Sequence[str]) -> str:

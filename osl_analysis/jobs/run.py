@@ -24,9 +24,6 @@ from osl_analysis.jobs import server
 NO_JOBS = {"--lint", "--dag", "--rulegraph", "--filegraph", "--d3dag", "--summary", "--unlock", "--report", "--list"}
 NO_JOBS |= {"-n", "--dry-run", "--dryrun", "--touch", "--delete-all-output", "--archive", "--print-compilation"}
 """Options of Snakemake with which it runs no job."""
-LONGEST_PLACE = 70
-"""Largest length [bytes] of the folder for temporary files: a socket's path has 107."""
-INTERRUPTED = "interrupted: what had begun was brought to its end; run again to go on from here"
 STARTED = time.time()
 """Start of this run [s]. Its report covers the logs that were written after this time."""
 
@@ -43,7 +40,7 @@ def start_server() -> None:
     if os.environ.get(server.OWNER) == str(os.getppid()):
         return
     places = [place for place in (tempfile.gettempdir(), "/tmp", "/var/tmp", "/dev/shm") if os.access(place, os.W_OK)]
-    short = [place for place in places if len(os.fsencode(place)) <= LONGEST_PLACE]
+    short = [place for place in places if len(os.fsencode(place)) <= 70]  # bytes: a socket's path has 107
     os.environ[server.JOBS] = f"{short[0]}/osl-jobs-{os.getuid()}-{os.getpid()}/jobs" if short else ""
     os.environ[server.OWNER] = str(os.getpid())
     if short and NO_JOBS.isdisjoint(sys.argv):
@@ -59,7 +56,9 @@ def run_job(request: str) -> None:
     """
     code, number, pid = served(request)
     if code is None:
-        code, number, pid = alone(request, pid)
+        job = apart("--job", request, str(pid))  # the process `pid` died over it
+        code, pid = job.wait(), job.pid
+        number = max(-code, 0)
     if number:
         from osl_analysis.jobs.job import died
 
@@ -125,13 +124,6 @@ def apart(*arguments: str, **files: Any) -> subprocess.Popen[bytes]:
     return subprocess.Popen([sys.executable, server.__file__, *arguments], start_new_session=True, **files)
 
 
-def alone(request: str, pid: int) -> tuple[int, int, int]:
-    """As `served`, in a Python of its own. `pid` is a process that died over the job."""
-    job = apart("--job", request, str(pid))
-    code = job.wait()
-    return (0, -code, job.pid) if code < 0 else (code, 0, job.pid)
-
-
 def noticed_interrupt() -> threading.Event:
     """What is set when the user ends the run by Ctrl-C. Snakemake goes on to handle it as it does."""
     pressed = threading.Event()
@@ -172,12 +164,13 @@ def at_end_of_run(
             print(text, file=sys.stderr, end="\n" * bool(text), flush=True)
             return
         from osl_analysis.jobs.job_log import read_logs, run_report
-        from osl_analysis.jobs.refusal import records_in, unfinished
+        from osl_analysis.jobs.refusal import is_refused, unfinished
 
         files = [str(file) for job in workflow.dag.jobs for file in job.output]
-        records = records_in(files)
-        times = run_report(read_logs(logs, STARTED))
-        texts = [INTERRUPTED] if interrupted.is_set() else [times, unfinished(files), said(records)]
+        records = [file for file in files if is_refused(file)]
+        texts = [run_report(read_logs(logs, STARTED)), unfinished(files), said(records)]
+        if interrupted.is_set():
+            texts = ["interrupted: what had begun was brought to its end; run again to go on from here"]
         print("\n".join(filter(None, texts)), file=sys.stderr, flush=True)
         if records and not accept:
             sys.stdout.flush()

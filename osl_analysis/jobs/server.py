@@ -23,13 +23,8 @@ if __name__ == "__main__":  # started by its path
 
 JOBS, OWNER = "OSL_JOBS", "OSL_JOBS_OWNER"
 """Variables of the environment: the server's socket, and the process that it ends with."""
-IDLE_S = 30.0
-"""Time without a job after which a server that belongs to no run ends [s]."""
-LOOK_S = 2.0
-"""Between two looks whether the run goes on [s]."""
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
 """Snakemake counts one core per job."""
-PR_SET_PDEATHSIG = 1
 OF_MOST_JOBS = (
     "osl_analysis.jobs.job",
     "scipy.signal",  # our modules name these at their use: the workflow is read without them
@@ -42,10 +37,13 @@ OF_MOST_JOBS = (
     "osl_analysis.commands.tables",
 )
 """Imported while no job waits, as when Snakemake plans."""
-BACKENDS = ("backend_pdf", "backend_svg", "backend_agg")
 USED_WITH = {
     "simulate": [f"osl_analysis.simulator.{name}" for name in ("bench", "crossing", "preloaded")],
-    "figure": ["osl_analysis.figures.names", "fontTools.subset", *(f"matplotlib.backends.{name}" for name in BACKENDS)],
+    "figure": [
+        "osl_analysis.figures.names",
+        "fontTools.subset",
+        *(f"matplotlib.backends.backend_{name}" for name in ("pdf", "svg", "agg")),
+    ],
 }
 """By module of a command: what its functions import when they are called."""
 
@@ -65,17 +63,10 @@ def prepare(folder: str, request: str) -> None:
                 read_mapping(Path(folder, file))
 
 
-def run(request: str) -> int:
-    """Do one job; its exit code."""
-    from osl_analysis.jobs.job import run as run_job
-
-    return run_job(request)
-
-
 def dies_with(parent: int) -> None:
     """Let the kernel kill this process when its parent ends (Linux; elsewhere its job comes to its end)."""
     with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
         if os.getppid() != parent:
             os._exit(1)
 
@@ -104,6 +95,8 @@ def forked(server: int, words: list[str], files: list[int]) -> NoReturn:
         os.dup2(file, wanted)
     code = 1
     try:
+        from osl_analysis.jobs.job import run
+
         os.chdir(words[0])
         code = run(words[1])
     except BaseException:
@@ -117,8 +110,7 @@ def forked(server: int, words: list[str], files: list[int]) -> NoReturn:
 
 
 def goes_on(owner: int) -> bool:
-    """Whether the process that this server is for goes on; True if it belongs to none. One that nobody has asked for
-    its end yet does not."""
+    """Whether the process that this server is for goes on, and is not a zombie; True if it belongs to none."""
     try:
         if owner:
             os.kill(owner, 0)
@@ -132,7 +124,7 @@ def goes_on(owner: int) -> bool:
 
 
 class Server:
-    """Takes jobs at a socket until its owner has ended; without an owner, until nothing has come for `IDLE_S`."""
+    """Takes jobs at a socket until its owner has ended; without an owner, until nothing has come for 30 s."""
 
     def __init__(self, path: str, owner: int) -> None:
         self.path, self.owner = path, owner
@@ -155,8 +147,8 @@ class Server:
         signal.signal(signal.SIGCHLD, lambda *_: None)
         signal.set_wakeup_fd(self.woken.fileno())
         last, ahead = time.monotonic(), list(OF_MOST_JOBS)
-        while self.clients or (goes_on(self.owner) and (self.owner or time.monotonic() - last < IDLE_S)):
-            came = self.ready.select(0 if ahead else LOOK_S)
+        while self.clients or (goes_on(self.owner) and (self.owner or time.monotonic() - last < 30)):
+            came = self.ready.select(0 if ahead else 2)  # [s] between two looks whether the run goes on
             if ahead and not came:
                 with suppress(ImportError):  # a job that needs it will say so
                     importlib.import_module(ahead.pop(0))

@@ -109,6 +109,16 @@ EXPLAINED += [
       ("new", "impedance_K400_B0.0_uncompensated", "at 6 deg: the share of friction is that of its column"))),
     ("*/summary.json", "numbers.VAF_*.n_doubtful", "", 0.8, "doubts by the columns of friction, see above"),
 ]  # fmt: skip
+OF_UNITS = "an interval is that of units that are left out one at a time, as of every motion (docs/method.md)"
+EXPLAINED += [
+    *(("*/belt.csv", name, "*", size, OF_UNITS) for name, size in (("*_se", 0.5), ("*_low", 0.7), ("*_high", 0.7))),
+    *(("*/actuator.csv", name, "*", 0.2, OF_UNITS) for name in ("*_se", "*_low", "*_high")),
+    *((f"*/{part}.csv", name, "*", ANY, OF_UNITS) for part in ("belt", "actuator")
+      for name in ("cov_*", "correlation_k_f_G", "time_base_shift")),
+    *(("*/belt.csv", name, "*", 1e-5, "derivative by seven samples, as of every motion") for name in ("B_j", "offset",
+      "residual_autocorrelation", "ljung_box_*")),
+    ("*/actuator.csv", "residual_autocorrelation", "*", 1e-5, "a correlation of 0.001 is a difference of sums"),
+]  # fmt: skip
 OF_THE_RELEASE = re.compile(r"osl(Version|Configuration)\}|^% Simulated data|^% Measured data")
 """Lines of `numbers.tex` that name the release."""
 NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")

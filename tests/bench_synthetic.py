@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from osl_analysis.bench.components import branches_of
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
-from osl_analysis.bench.record import cycles_of, record_of
+from osl_analysis.bench.record import Record, cycles_of, record_of
 from osl_analysis.bench.segments import find_segments, unit_sines
 from osl_analysis.protocol.runs import SteppedSineProtocol
 from osl_analysis.second_order import impedance_torque
@@ -36,6 +37,14 @@ def record_of_sines(time, theta, torque, protocol=PROTOCOL):
     groups = cycles_of(segments, 2, np.ones(len(time), dtype=bool))
     made = record_of("made", time, theta, torque, LOW_PASS, groups)
     return replace(made, band_hz=(min(protocol.frequencies_hz), max(protocol.frequencies_hz)))
+
+
+def belt_record(theta_s, torque, rate=RATE):
+    """The record of a belt's deflection [rad] and torque [N*m], as if they were filtered."""
+    time, everywhere = np.arange(len(theta_s)) / rate, np.ones(len(theta_s), dtype=bool)
+    omega = np.gradient(theta_s) * rate
+    motion, groups = Motion(theta_s, omega, np.gradient(omega) * rate), branches_of(theta_s, rate, everywhere, 15.0)
+    return Record("b", time, theta_s, torque, motion, torque, LOW_PASS, everywhere, groups)
 
 
 def table_of(record):

@@ -11,7 +11,7 @@ import yaml
 from click.testing import CliRunner
 from conftest import ROOT
 
-from osl_analysis.bench.actuator import PARAMETERS, ActuatorSignals, actuator_columns, actuator_trial, fit_actuator
+from osl_analysis.bench.components import PARAMETERS, actuator_alone, actuator_trial
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.cli import main
 from osl_analysis.commands.bench import FitRequest, fit_actuator_trial, fit_trial, summarise_actuator
@@ -22,7 +22,6 @@ from osl_analysis.config.parameters import read_parameters
 from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.table import DoubtfulFits
-from osl_analysis.signals import LowPass
 from osl_analysis.simulator.bench import simulate_actuator_trial, turning
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.study.bench import recorded_trial
@@ -34,7 +33,7 @@ DEFAULT = ROOT / "config/simulation/default.yaml"
 DEVICE = ROOT / "config/parameters/default.yaml"
 P = read_parameters(DEVICE)
 TRUE = {"k_tau_n_m": 0.1133 * 9, "f_C": 0.377, "f_G": 0.0896, "B_m": 5.6e-3, "J_m": 9.211e-3}
-LOW_PASS, WIDTH, SLOWEST = LowPass(15), 0.01, 0.5
+ANALYSIS = ActuatorAnalysis(cutoff_hz=15, order=4, sign_width=0.01, slowest=0.5)
 RATE = 1000.0
 
 
@@ -46,9 +45,9 @@ def settings(duration_s=20.0, effects=True):
     return found.model_copy(update={"actuator": shorter, "effects": kept, "recorder": RecorderSettings()})
 
 
-def fit_log(time, theta_m, current, torque_m, low_pass=LOW_PASS, slowest=SLOWEST):
-    columns, torque = actuator_columns(ActuatorSignals(time, theta_m, current, torque_m), low_pass, WIDTH)
-    return fit_actuator(columns, torque, RATE, low_pass, slowest)
+def fit_log(time, theta_m, current, torque_m, **changes):
+    signals = {"theta_m": theta_m, "current": current, "torque_m": torque_m}
+    return actuator_alone("made", time, signals, ANALYSIS.model_copy(update=changes)).whole
 
 
 def fitted(log):
@@ -95,7 +94,7 @@ def test_inertia_does_not_depend_on_when_the_torque_is_sampled(later_s):
     log, _ = simulate_actuator_trial("actuator_1", two_nodes(later_s), P)
     motion = {"theta_m": log["actuator_angle"], "current": log["motor_current"]}
     trial = recorded_trial("actuator_1", log.time, motion, log.torque_time, {"torque_m": log["output_torque"]})
-    fit = actuator_trial(trial, ActuatorAnalysis(cutoff_hz=15, order=4, sign_width=0.002, slowest=0.5)).fit
+    fit = actuator_trial(trial, ANALYSIS.model_copy(update={"sign_width": 0.002})).whole
     assert fit["J_m"] == pytest.approx(TRUE["J_m"], rel=2e-4)
 
 
@@ -154,7 +153,8 @@ def test_slow_samples_are_left_out_because_friction_is_not_at_its_limit_there():
     sticking = np.abs(omega) < 0.3
     torque[sticking] += 0.5 * np.sign(omega[sticking]) * TRUE["f_C"]
     errors = [
-        abs(fit_log(t, theta, current, torque, LowPass(100), slowest)["f_C"] - TRUE["f_C"]) for slowest in (0.0, 0.5)
+        abs(fit_log(t, theta, current, torque, cutoff_hz=100, slowest=slowest)["f_C"] - TRUE["f_C"])
+        for slowest in (0.0, 0.5)
     ]
     assert errors[1] < errors[0] / 4
 

@@ -3,18 +3,18 @@
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import LOW_PASS, RATE, stepped_sine
+from bench_synthetic import LOW_PASS, RATE, belt_record, stepped_sine
 from conftest import filtered_noise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from osl_analysis.bench.belt import (
-    BeltTrial,
+from osl_analysis.bench.components import (
     belt_figure_points,
     belt_table,
-    fit_belt_stiffness,
+    fit_belt,
+    transmission_of,
+    transmission_table,
 )
-from osl_analysis.bench.transmission import transmission_of, transmission_table
 from osl_analysis.errors import InputError
 
 
@@ -25,53 +25,53 @@ def belt_cycle(K_s=685.6, K_s2=0.0, coulomb=0.0, peak=0.0873):
     return theta_s, K_s * theta_s + K_s2 * theta_s * np.abs(theta_s) + coulomb * direction + 2.0
 
 
+def fitted(theta_s, torque, drift=0.0, rate=RATE):
+    return fit_belt(belt_record(theta_s, torque, rate), drift)
+
+
 @given(st.floats(100, 2000), st.sampled_from([-1, 1]))
 def test_recovers_the_stiffness_of_the_belt_in_both_directions(K_s, sign):
     theta_s, torque = belt_cycle(K_s)
-    assert fit_belt_stiffness(sign * theta_s, sign * torque).K_s == pytest.approx(K_s, rel=1e-8)
+    assert fitted(sign * theta_s, sign * torque).loading.whole["K_s"] == pytest.approx(K_s, rel=1e-8)
 
 
 def test_belt_refuses_a_joint_that_hardly_moved_and_a_record_that_ends_loaded():
     theta_s, torque = belt_cycle()
     with pytest.raises(InputError, match=r"deflects by 0\.050 deg"):
-        fit_belt_stiffness(theta_s / 100, torque)
+        fitted(theta_s / 100, torque)
     with pytest.raises(InputError, match="ends while the belt is still loaded"):
-        fit_belt_stiffness(theta_s[:2000], torque[:2000])
+        fitted(theta_s[:2000], torque[:2000])
 
 
 def test_belt_refuses_a_motion_that_goes_there_and_back_more_than_once():
     once, torque = belt_cycle()
     with pytest.raises(InputError, match="no single loading"):
-        fit_belt_stiffness(np.concatenate([0.9 * once, once]), np.concatenate([torque, torque]))
+        fitted(np.concatenate([0.9 * once, once]), np.concatenate([torque, torque]))
 
 
 def test_quadratic_belt_is_recovered_where_the_line_is_not():
-    fit = fit_belt_stiffness(*belt_cycle(K_s=876, K_s2=14913))
+    fit = fitted(*belt_cycle(K_s=876, K_s2=14913))
     assert (fit.quadratic["K_s"], fit.quadratic["K_s2"]) == pytest.approx((876, 14913), rel=1e-6)
-    assert fit.K_s > 1500
+    assert fit.loading.whole["K_s"] > 1500
 
 
 def test_belt_intervals_hold_what_drift_makes_of_the_slope():
     theta_s, torque = belt_cycle()
-    drift = 0.05 / 60 / RATE
+    drift = 0.05 / 60
     torque = torque + filtered_noise(np.random.default_rng(19), n=len(theta_s))
-    every = LOW_PASS.independent_samples(1000)
-    alone, known = fit_belt_stiffness(theta_s, torque, every), fit_belt_stiffness(theta_s, torque, every, drift)
-    drifted = fit_belt_stiffness(theta_s, torque + drift * np.arange(len(theta_s)), every)
-    for name in ("loading", "unloading"):
-        added = getattr(known, name).se("K_s") ** 2 - getattr(alone, name).se("K_s") ** 2
-        assert np.sqrt(added) == pytest.approx(
-            abs(getattr(drifted, name)["K_s"] - getattr(alone, name)["K_s"]), rel=1e-6
-        )
-    assert known.quadratic.interval_method == "noise + drift"
+    alone, known = fitted(theta_s, torque), fitted(theta_s, torque, drift)
+    drifted = fitted(theta_s, torque + drift * np.arange(len(theta_s)) / RATE)
+    for of in (lambda belt: belt.loading.whole, lambda belt: belt.unloading):
+        added = of(known).se("K_s") ** 2 - of(alone).se("K_s") ** 2
+        assert np.sqrt(added) == pytest.approx(abs(of(drifted)["K_s"] - of(alone)["K_s"]), rel=1e-6)
+    assert known.quadratic.interval_method == "units + drift"
 
 
 def test_a_belt_tells_what_a_straight_line_leaves_out():
     """Energy lost to friction of 0.5 N*m over the elastic one; slope of 876 theta + 14913 theta |theta| at the peak."""
 
     def row(theta_s, torque):
-        time, fit = np.arange(len(theta_s)) / RATE, fit_belt_stiffness(theta_s, torque)
-        return belt_table(BeltTrial("b", time, RATE, LOW_PASS, theta_s, torque, fit)).row(0, named=True)
+        return belt_table(fitted(theta_s, torque)).row(0, named=True)
 
     rubbing, stiffening = row(*belt_cycle(685, coulomb=0.5)), row(*belt_cycle(876, K_s2=14913))
     assert rubbing["energy_lost"] == pytest.approx(2 * 0.5 / (685 * 0.0873 / 2), rel=1e-3)
@@ -96,7 +96,7 @@ def test_a_single_trial_covers_the_stiffness_of_its_belt_beside_the_damping_of_t
     theta_s = LOW_PASS(theta, rate)
     for _ in range(150):
         torque = LOW_PASS(685.6 * theta + 0.45 * omega + 0.3 + 0.05 * rng.standard_normal(len(time)), rate)
-        loading = fit_belt_stiffness(theta_s, torque, LOW_PASS.independent_samples(rate)).loading
+        loading = fitted(theta_s, torque, rate=rate).loading.whole
         low, high = loading.interval("K_s")
         covered += low <= 685.6 <= high
         errors.append((loading["K_s"] - 685.6) / loading.se("K_s"))

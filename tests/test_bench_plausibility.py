@@ -136,7 +136,7 @@ def test_what_cannot_be_is_refused_with_its_cause(way, experiment, factors, word
 )
 def test_what_is_not_likely_is_doubtful_with_its_cause(way, experiment, factors, words, tmp_path, monkeypatch):
     if factors:
-        monkeypatch.setattr("osl_analysis.bench.actuator.FEWEST_MOVING_S", 0.1)
+        monkeypatch.setattr("osl_analysis.bench.components.FEWEST_MOVING_S", 0.1)
     row = way(tmp_path, experiment, scaled(experiment, **factors))
     assert re.search(words, row["doubtful"]), row["doubtful"]
 

@@ -14,8 +14,13 @@ from scipy.integrate import simpson
 from scipy.stats import t as student
 
 from osl_analysis.bench.settings import TorqueAngleAnalysis
-from osl_analysis.bench.torque_angle import find_cycles, torque_angle_trial
-from osl_analysis.bench.torque_angle_tables import curve_table, cycle_table, torque_angle_table
+from osl_analysis.bench.torque_angle import (
+    curve_table,
+    cycle_table,
+    find_cycles,
+    torque_angle_table,
+    torque_angle_trial,
+)
 from osl_analysis.config.campaign import open_campaign
 from osl_analysis.config.configuration import read_config
 from osl_analysis.config.sheet import read_sheet

@@ -67,7 +67,7 @@ def test_the_interval_of_a_belt_counts_the_drift_that_the_configuration_names(fo
         )
         (row,) = json.loads(said.stdout)
         widths.append(row["K_s_se"])
-        assert row["interval_method"] == ("noise + drift" if drift else "noise")
+        assert row["interval_method"] == ("units + drift" if drift else "units")
     shares = [np.sqrt(width**2 - widths[0] ** 2) for width in widths[1:]]
     # slope of time on deflection beside a constant and the velocity: a raised cosine of 1 s and 5 deg, from 5 % on
     t = np.linspace(np.arccos(0.9) / np.pi, 1, 1000)

@@ -30,7 +30,6 @@ from osl_analysis.stats.covariance import Cycles, ResidualCorrelation
 from osl_analysis.stats.fit_row import whiteness
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.sinusoid import fit_sinusoid
-from osl_analysis.stats.slow_motion import fit_slow_motion
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import group_headline
@@ -145,7 +144,6 @@ FITS_OF_SIGNALS: dict[str, Callable[[Array, Array, Array], Any]] = {
     "linear_fit of two cycles": by_cycles(2),
     "linear_fit of one cycle": by_cycles(1),
     "with_shared_error": lambda t, x, y: regression.with_shared_error(linear_fit(y, {"a": x}), np.array([0.1])),
-    "fit_slow_motion": lambda t, x, y: fit_slow_motion(y, columns(x), {"b": np.roll(x, 9)}, 3, 0.1),
     "fit_sinusoid": lambda t, x, y: fit_sinusoid(t, y, 2.0),
     "fit_sinusoid of two cycles": lambda t, x, y: fit_sinusoid(t[:100], y[:100], 2.0),
     "fit_sinusoid of one cycle": lambda t, x, y: fit_sinusoid(t[:50], y[:50], 2.0),

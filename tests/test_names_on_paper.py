@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 from test_figures import gains, impedance, response_table, texts
 
-from osl_analysis.bench.belt import belt_figure_points, belt_summary, check_locked
+from osl_analysis.bench.components import belt_figure_points, belt_summary, check_locked
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands import tables
 from osl_analysis.commands.bench import by_place

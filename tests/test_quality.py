@@ -13,8 +13,7 @@ import yaml
 from c3d_builder import REAL_DATA
 from conftest import ROOT
 
-from osl_analysis.bench.actuator import actuator_trial
-from osl_analysis.bench.belt import belt_trial
+from osl_analysis.bench.components import actuator_trial, belt_trial
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.config.campaign import check_campaign, open_campaign
 from osl_analysis.config.configuration import campaign_config, read_section

@@ -8,8 +8,7 @@ import polars as pl
 import pytest
 from conftest import ROOT
 
-from osl_analysis.bench.torque_angle import torque_angle_trial
-from osl_analysis.bench.torque_angle_tables import cycle_table, torque_angle_table
+from osl_analysis.bench.torque_angle import cycle_table, torque_angle_table, torque_angle_trial
 from osl_analysis.commands.simulate import read_simulation, row_of_trial, simulate_campaign, simulate_trial
 from osl_analysis.config.configuration import read_config
 from osl_analysis.config.parameters import read_parameters

@@ -111,7 +111,7 @@ def test_estimates_are_near_what_made_the_torque(experiment, truth):
 def test_a_single_belt_says_how_far_noise_and_drift_carry_it():
     """120 seeded trials within three Monte Carlo errors: 6.5 % of a ratio, 2 % of a coverage."""
     table = rows("belt", 120)
-    assert set(table["interval_method"]) == {"noise + drift"}
+    assert set(table["interval_method"]) == {"units + drift"}
     rms = float(np.sqrt((table["error"] ** 2).mean()))
     assert rms / table["bound"][0] == pytest.approx(1, abs=0.194)
     assert table["se"].mean() / rms == pytest.approx(1, abs=0.194)
@@ -197,7 +197,7 @@ def test_batches_become_a_table_and_a_figure(tmp_path):
     draw_figure("study", tmp_path / "study.csv", [tmp_path / "study.png"])
     figure = others.draw_study(table)
     names = [text.get_text() for text in figure.axes[0].get_yticklabels()]
-    assert names[:2] == ["belt", "filtered, noise + drift"]
+    assert names[:2] == ["belt", "filtered, units + drift"]
     assert [name for name in names if name in set(table["experiment"])] == ["belt", "walking", "actuator"]
     rules = [line.get_ydata()[0] for line in figure.axes[0].lines if set(line.get_xdata()) == {0, 1}]
     assert rules == [names.index(name) - 0.5 for name in ("walking", "actuator")]

@@ -10,11 +10,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.effects import Model, plain_sums, with_effects
+from osl_analysis.bench.effects import SURE, Model, plain_sums, with_effects
 from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf, repeat_row, residual_whiteness
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.settings import BenchStiffness
-from osl_analysis.errors import InputError
+from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.stats.fit_row import Row, covariance_row, estimates_row, judged_row
 from osl_analysis.stats.regression import LinearFit, with_shared_error
 from osl_analysis.timebase.grid import StreamReport, UniformSignals
@@ -34,21 +34,27 @@ class Analysis:
     model: Model
     fits: Mapping[Label, GroupFit]  # the intervals have the error of the bench's stiffness; offsets are at angle 0
     others: Mapping[Label, LinearFit]  # the same if undecided stamps were taken the other way; empty: all are decided
+    label: Label = None  # whose fit stands for the trial
 
     @property
     def whole(self) -> GroupFit:
-        return self.fits[None]
+        return self.fits[self.label]
 
     def rows(self, label: Label, *names: str) -> Row:
         """The columns that every table of fits has: estimates, covariances, repeatability, diagnostics."""
-        fit, record = self.fits[label], self.record
-        white = residual_whiteness(record, self.sums, centred(fit, self.sums), self.model, label)
+        fit = self.fits[label]
         return {
             **estimates_row(fit, *names, "offset"),
             **covariance_row(fit, *names),
             **repeat_row(fit, *names),
-            **judged_row(fit, record.rate_hz, white),
+            **self.judged(label),
         }
+
+    def judged(self, label: Label = None) -> Row:
+        """The diagnostics of a fit and of its interval."""
+        fit, record = self.fits[label], self.record
+        white = residual_whiteness(record, self.sums, centred(fit, self.sums), self.model, label)
+        return judged_row(fit, record.rate_hz, white)
 
     def shared(self, label: Label, *names: str) -> Row:
         """VAF on data held out, the drift that was subtracted, and the change by another time base."""
@@ -60,7 +66,7 @@ class Analysis:
 
     def time_base(self, names: Sequence[str]) -> pl.DataFrame:
         """The trial's rows of `timebase.csv`."""
-        words = time_base_words(self.whole, self.others.get(None), names)
+        words = time_base_words(self.whole, self.others.get(self.label), names)
         return timebase_table(self.record.uniform, words, self.record.bench)
 
     def modelled(self, label: Label = None, rows: slice | NDArray[np.intp] = slice(None)) -> Array:
@@ -70,11 +76,11 @@ class Analysis:
         return np.asarray(np.sum(parts, axis=0))
 
     def series(self) -> "Series":
-        """Measured torque and that of the fit to all of the record, over the whole trial."""
+        """Measured torque and that of the fit that stands for the trial, over all of it."""
         record = self.record
         fitted = np.zeros(len(record.time), dtype=bool)
-        fitted[record.rows()] = True
-        return Series(record.time, record.filtered_torque, self.modelled(), record.motion.theta, fitted)
+        fitted[record.rows(self.label)] = True
+        return Series(record.time, record.filtered_torque, self.modelled(self.label), record.motion.theta, fitted)
 
     def last_seconds(self, label: Label, duration_s: float) -> pl.DataFrame:
         """The last seconds of the motion of a label, measured and by its fit (Fig. 4). Rests and other labels within
@@ -105,7 +111,7 @@ def analysed(record: Record, sums: Sums, model: Model) -> Analysis:
     fits = {label: at_zero(with_effects(sums, model, (), label), sums.centre) for label in labels}
     if record.softer is not None:
         softer = plain_fits(record.softer, model)
-        fits = {label: shifted(fit, softer[label]) for label, fit in fits.items()}
+        fits = {label: widened(fit, softer[label].estimates - fit.estimates) for label, fit in fits.items()}
     others = {} if record.other is None else plain_fits(record.other, model)
     return Analysis(record, sums, model, fits, others)
 
@@ -117,9 +123,9 @@ def plain_fits(record: Record, model: Model) -> Mapping[Label, GroupFit]:
     return {label: at_zero(with_effects(sums, model, (), label), sums.centre) for label in labels}
 
 
-def shifted(fit: GroupFit, softer: LinearFit) -> GroupFit:
-    """The fit with the error of the bench's stiffness in its intervals."""
-    found = with_shared_error(fit, softer.estimates - fit.estimates)
+def widened(fit: GroupFit, change: Array) -> GroupFit:
+    """The fit with an error of type B in its intervals, one SD of which makes this change (p,) of the estimates."""
+    found = with_shared_error(fit, change)
     return replace(fit, covariance=found.covariance, degrees_of_freedom=found.degrees_of_freedom)
 
 
@@ -136,6 +142,23 @@ def at_zero(fit: GroupFit, centre: float) -> GroupFit:
 def centred(fit: GroupFit, sums: Sums) -> GroupFit:
     """The fit with its offset at the angle that the column `theta` of the sums is about."""
     return at_zero(fit, -sums.centre)
+
+
+def friction_row(s: Sums, model: Model, fit: LinearFit, label: Label) -> Row:
+    """Coulomb friction [N*m] of a fit that has it beside the others, and the share of the damping that it makes; where
+    it is certain, the viscous damping and the friction, each with its interval."""
+    damping = next(name for name, column in model.items() if column == "omega")
+    names = [f"{name}{end}" for name in (f"{damping}_viscous", "f_C") for end in ("", "_se", "_low", "_high")]
+    try:
+        beside = with_effects(s, model, ("T_C",), label)
+    except IdentifiabilityError:
+        return dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
+    made = fit[damping] - beside[damping]
+    row: Row = {"coulomb_torque": beside["T_C"], "coulomb_damping": made, "coulomb_share": made / fit[damping]}
+    if beside["T_C"] <= 0 or not beside.certain("T_C", SURE):
+        return row | dict.fromkeys(names)
+    values = [v for name in (damping, "T_C") for v in (beside[name], beside.se(name), *beside.interval(name))]
+    return row | dict(zip(names, values, strict=True))
 
 
 def time_base_row(fit: LinearFit, other: LinearFit | None, names: Sequence[str]) -> Row:

@@ -23,8 +23,8 @@ from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import check_all_measured, rounding_of
 from osl_analysis.stats.covariance import between_cycles, products_between, welch_satterthwaite
 from osl_analysis.stats.fit_row import Row, Whiteness, thinned_rows, whiteness_of
-from osl_analysis.stats.least_squares import largest_correlation, refuse_unidentifiable
-from osl_analysis.stats.regression import CONDITION_LIMIT, LinearFit
+from osl_analysis.stats.least_squares import largest_correlation, refuse_unidentifiable, scaled_condition
+from osl_analysis.stats.regression import CONDITION_LIMIT, ROUNDED, LinearFit
 from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # strata from which on these are the units that are left out; below, each group is one
@@ -154,8 +154,10 @@ def fit_groups(
     # signal itself would count as noise
     raw_g = G[:, at, q + 1] @ C if s.groups.repeat else b_g
     A, b, total = A_g.sum(axis=0), b_g.sum(axis=0), G.sum(axis=0)
-    condition = checked_condition(names, A, limit)
     estimates, inverse = solved(A, b)
+    varies = [k for k, column in enumerate(model.values()) if column != "one"]
+    about_means = inverse[np.ix_(varies, varies)]
+    condition = checked_condition(names, A, limit, about_means)
     square = total[q, q]
     if n <= len(names):
         raise InputError(f"{n:.0f} samples cannot determine {len(names)} parameters; record for longer")
@@ -196,7 +198,7 @@ def fit_groups(
         UNITS if unit is stratum or not s.groups.repeat else REPEATS,
         freedom,
         np.empty(0),
-        largest_correlation(inverse),
+        largest_correlation(about_means),
         noise if repeats else None,
         left,
         units,
@@ -211,8 +213,9 @@ def accounted_for(left: float, varied: float, square: float) -> float:
     return 100.0 if left <= rounding else 0.0
 
 
-def checked_condition(names: tuple[str, ...], A: Array, limit: float) -> float:
-    """The scaled condition number of columns with the products A (p, p); raises as `fit_groups`."""
+def checked_condition(names: tuple[str, ...], A: Array, limit: float, about_means: Array) -> float:
+    """The scaled condition number of columns with the products A (p, p), beside an offset that of the columns about
+    their means, which have the inverse `about_means`; raises as `fit_groups`."""
     size = np.diag(A)
     if not (size > 0).all():
         name = names[int(np.argmin(size))]
@@ -220,6 +223,8 @@ def checked_condition(names: tuple[str, ...], A: Array, limit: float) -> float:
     scale = np.sqrt(size)
     values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
     condition = float(np.sqrt(values[-1] / max(values[0], 1e-30 * values[-1])))
+    if len(about_means) > 1 and condition < ROUNDED:
+        condition = scaled_condition(about_means)
     if condition > limit:
         refuse_unidentifiable(names, vectors[:, 0], condition)
     return condition

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer
+from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_row
 from osl_analysis.bench.effects import (
     IMPEDANCE,
     LITTLE,
-    SURE,
     UNSEEN,
     Admittance,
     Causes,
@@ -26,7 +25,6 @@ from osl_analysis.bench.effects import (
     stiffness_change,
     sums_of,
     taken_by,
-    with_effects,
 )
 from osl_analysis.bench.excitation_limits import check_alias, check_band
 from osl_analysis.bench.gram import GroupFit, Sums, paired_errors
@@ -254,7 +252,7 @@ def impedance_table(rendered: Rendered) -> pl.DataFrame:
                 **analysis.rows(label, *QUANTITIES),
                 **lag_row(lag, fit, frame),
                 **harmonic_row(rendered, label),
-                **friction_row(rendered, label),
+                **friction_row(s, IMPEDANCE, fit, label),
                 **spring_row(rendered, label),
                 **analysis.shared(label, *QUANTITIES),
                 **change_row(change, s, fit, label),
@@ -335,23 +333,6 @@ def harmonic_row(rendered: Rendered, label: Label) -> Row:
     levels = periodic_response(found.realisations)[1]
     shares = (float(x / levels.torque) if np.isfinite(x) else None for x in (levels.even, levels.odd))
     return dict(zip(names, shares, strict=True))
-
-
-def friction_row(rendered: Rendered, label: Label) -> Row:
-    """Coulomb friction [N*m] of a fit that has it beside K, B and I, and the share of B that it makes; where it is
-    certain, the viscous damping and the friction, each with its interval."""
-    fit = rendered.analysis.fits[label]
-    names = [f"{name}{end}" for name in ("B_viscous", "f_C") for end in ("", "_se", "_low", "_high")]
-    try:
-        beside = with_effects(rendered.effects, IMPEDANCE, ("T_C",), label)
-    except IdentifiabilityError:
-        return dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
-    damping = fit["B"] - beside["B"]
-    row: Row = {"coulomb_torque": beside["T_C"], "coulomb_damping": damping, "coulomb_share": damping / fit["B"]}
-    if beside["T_C"] <= 0 or not beside.certain("T_C", SURE):
-        return row | dict.fromkeys(names)
-    values = [v for name in ("B", "T_C") for v in (beside[name], beside.se(name), *beside.interval(name))]
-    return row | dict(zip(names, values, strict=True))
 
 
 def spring_row(rendered: Rendered, label: Label) -> Row:

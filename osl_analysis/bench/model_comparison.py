@@ -11,7 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from osl_analysis.bench.belt import BeltTrial, loaded_rows
+from osl_analysis.bench.components import PLACE, BeltTrial, loaded_rows
 from osl_analysis.bench.record import Record
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
@@ -32,7 +32,6 @@ HELD_OUT_BY_TRIAL = ("belt", "transmission")
 """Experiments in which each trial is predicted from the other trials; elsewhere each amplitude from the others."""
 SCORE_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out", "BIC")
 """Columns of `model_comparison.csv` that its summary uses."""
-PLACE = ("joint", "side")  # columns by which its summary is split too, where the table has them
 OF_MODEL = ("experiment", *PLACE, "controller", "model", "terms", "parameters")
 SMALLEST_LOSS = 1e-9  # percent of the variance below which what a model leaves is rounding error
 SAMPLES_PER_PERIOD = 6
@@ -218,7 +217,9 @@ def fitted_drivetrain(trial: DrivetrainTrial, model: str, terms: str) -> Candida
 
 def belt_scores(trials: Iterable[BeltTrial]) -> pl.DataFrame:
     """Rows of `model_comparison.csv`: the belt models on each trial, predicted by fits to all the others."""
-    return scores_by_trial("belt", {belt.name: belt_fold(belt.theta_s, belt.torque) for belt in trials}, BELT_MODELS)
+    records = [belt.record for belt in trials]
+    folds = {record.name: belt_fold(record.motion.theta, record.filtered_torque) for record in records}
+    return scores_by_trial("belt", folds, BELT_MODELS)
 
 
 def transmission_scores(trials: Iterable[Record], sign_width: float) -> pl.DataFrame:

@@ -331,6 +331,14 @@ def stretches_of(pieces: Sequence[slice], rate_hz: float, seconds: float = STRET
     return Groups("stretches", first, stop, np.zeros(len(first), dtype=np.intp), (whole,))
 
 
+def joined_groups(parts: Sequence[Groups]) -> Groups:
+    """Groups of one kind, none of which are parts of periods, with the strata of all."""
+    before = np.cumsum([0, *(len(part.strata) for part in parts)])
+    number = np.concatenate([part.stratum + k for part, k in zip(parts, before, strict=False)])
+    first, stop = (np.concatenate([getattr(part, edge) for part in parts]) for edge in ("first", "stop"))
+    return Groups(parts[0].kind, first, stop, number, tuple(one for part in parts for one in part.strata))
+
+
 def resolution_of(trial: Trial, column: str, signals: UniformSignals) -> float | None:
     """The step to which a column was rounded, in its unit: what the source file states, else what the values show."""
     stated = origin(trial, column).get("resolution")

@@ -5,37 +5,35 @@ on its way keeps a torque of up to half the width of its loop there. One recordi
 before the motion, or the loop around it, says that it may be there.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.analysis import Series, check_stiffer
+from osl_analysis.bench.analysis import Series, check_stiffer, timebase_table
 from osl_analysis.bench.record import joint_angle
 from osl_analysis.bench.settings import TorqueAngleAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.judge.impossible import check_changes
-from osl_analysis.stats.regression import variance_accounted_for
-from osl_analysis.stats.repeats import over_repeats
-from osl_analysis.stats.slow_motion import fit_slow_motion
+from osl_analysis.stats.fit_row import Row
+from osl_analysis.stats.regression import CONDITION_LIMIT, variance_accounted_for
+from osl_analysis.stats.repeats import CommonError, over_repeats
 from osl_analysis.timebase.grid import UniformSignals, uniform_signals
 from osl_analysis.trial import Array, Trial
 
-SMALLEST_SWING = 0.1  # part of the range of motion by which the angle must come back for a turning point
+Rows = NDArray[np.intp]
+SWING = 0.1  # part of the range of motion by which the angle must come back for a turning point
 AT_AN_END = 0.1  # part of the range of motion within which a start counts as one end of the motion
 CLOSED = 0.05  # largest distance of a cycle's ends, as a part of the range of motion
-WHOLE = 0.9  # smallest range of a cycle, as a part of the range of motion
-NO_RETURN = 0.005
-"""Part of the range of torque by which a first cycle may miss its begin without differing from the later ones."""
-MUCH_MORE = 3.0
-"""Ratio of this distance to that of later cycles from which on the first one differs: drift makes them alike."""
 RESTS = 0.01  # part of the range of motion within which the joint rests
 
 
 @dataclass(frozen=True)
-class Cycle:
+class LoadingCycle:
     """One closed cycle: rows from `start` to `stop`, both included, and its turning points in between."""
 
     start: int
@@ -53,68 +51,60 @@ class Cycle:
 
 
 @dataclass(frozen=True)
-class Cycles:
-    """The cycles of a recording.
+class FoundCycles:
+    """The cycles of a recording."""
 
-    used: those that are analysed. settled: number of first ones that are not. smaller: number of further ones of a
-    smaller range. partial: number of further stretches that are no whole cycle. loading: direction in which the joint
-    moves away from rest, 1 up or -1 down. starts_at: the angle [rad] at which a cycle begins.
-    """
+    used: tuple[LoadingCycle, ...]  # those that are analysed
+    settled: int  # number of first ones that are not
+    smaller: int  # number of further ones of a smaller range
+    partial: int  # number of further stretches that are no whole cycle
+    loading: int  # direction in which the joint moves away from rest, 1 up or -1 down
 
-    used: tuple[Cycle, ...]
-    settled: int
-    smaller: int
-    partial: int
-    loading: int
-    starts_at: float
-
-    def settled_for(self, torque: Array) -> "Cycles":
+    def settled_for(self, torque: Array) -> "FoundCycles":
         """Without the first cycle if it differs: its torque (n,) [N*m] does not come back, that of later ones does. A
-        device with hysteresis that starts from rest begins within its loop and ends on it."""
+        device with hysteresis that starts from rest begins within its loop and ends on it. It may miss its begin by
+        three times as much as later cycles, which drift makes alike, or by 0.5 % of the range of torque."""
         first, *later = (abs(float(torque[cycle.stop] - torque[cycle.start])) for cycle in self.used)
-        if not later or first <= max(MUCH_MORE * max(later), NO_RETURN * float(np.ptp(torque))):
+        if not later or first <= max(3.0 * max(later), 0.005 * float(np.ptp(torque))):
             return self
         return replace(self, used=self.used[1:], settled=self.settled + 1)
 
 
-def find_cycles(theta: Array, settle: int = 0) -> Cycles:
+def find_cycles(theta: Array, settle: int = 0) -> FoundCycles:
     """The cycles of an angle theta (n,) [rad], filtered, without the first `settle` ones. A cycle begins where the
     recording begins, and ends where the angle comes back in the same direction; if the motion starts at one of its
-    ends, where the angle comes back to this end. Loading is the way to the end that is farther from the start."""
-    low, high = float(theta.min()), float(theta.max())
-    span, start = high - low, float(theta[0])
-    turns = turning_points(theta, SMALLEST_SWING * span)
+    ends, where the angle comes back to this end. Loading is the way to the end that is farther from the start. A whole
+    cycle has nine tenths of the range of motion.
+
+    Raises InputError: there is no whole cycle, or none behind the first ones.
+    """
+    low, high, start = float(theta.min()), float(theta.max()), float(theta[0])
+    span = high - low
+    turns = turning_points(theta, SWING * span)
     edges = cycle_edges(theta, turns, span)
     closed = [
-        Cycle(a, b, tuple(t for t in turns if a < t < b))
+        LoadingCycle(a, b, tuple(t for t in turns if a < t < b))
         for a, b in pairwise(edges)
-        if abs(theta[b] - theta[a]) <= CLOSED * span and np.ptp(theta[a : b + 1]) > SMALLEST_SWING * span
+        if abs(theta[b] - theta[a]) <= CLOSED * span and np.ptp(theta[a : b + 1]) > SWING * span
     ]
-    found = [cycle for cycle in closed if np.ptp(theta[cycle.rows]) >= WHOLE * span]
+    found = [cycle for cycle in closed if np.ptp(theta[cycle.rows]) >= 0.9 * span]
     if not found:
+        start_deg, low_deg, high_deg, last_deg = (
+            f"{round(np.rad2deg(angle), 2) + 0.0:.2f}" for angle in (start, low, high, theta[-1])
+        )
         raise InputError(
-            f"no whole cycle: the angle begins at {in_deg(start)} deg, goes to {in_deg(low)} and {in_deg(high)} deg, "
-            f"and ends at {in_deg(theta[-1])} deg; record the way back to the start"
+            f"no whole cycle: the angle begins at {start_deg} deg, goes to {low_deg} and {high_deg} deg, "
+            f"and ends at {last_deg} deg; record the way back to the start"
         )
     if len(found) <= settle:
         raise InputError(
             f"the first {settle} of {len(found)} whole cycles are not analysed; record more, or lower settle_cycles"
         )
     farther = 1 if high - theta[found[0].start] >= theta[found[0].start] - low else -1
-    partial, smaller = partial_cycles(theta, edges, closed), len(closed) - len(found)
-    return Cycles(tuple(found[settle:]), settle, smaller, partial, farther, start)
-
-
-def in_deg(angle: float) -> str:
-    return f"{round(np.rad2deg(angle), 2) + 0.0:.2f}"
-
-
-def partial_cycles(theta: Array, edges: Sequence[int], found: Sequence[Cycle]) -> int:
-    """Number of stretches of the angle (n,) between edges, or at its ends, that move and are no cycle."""
-    swing = SMALLEST_SWING * float(np.ptp(theta))
+    ends = {(cycle.start, cycle.stop) for cycle in closed}
     stretches = pairwise(sorted({0, *edges, len(theta) - 1}))
-    moves = [(a, b) for a, b in stretches if np.ptp(theta[a : b + 1]) > swing]
-    return sum((a, b) not in {(cycle.start, cycle.stop) for cycle in found} for a, b in moves)
+    partial = sum((a, b) not in ends for a, b in stretches if np.ptp(theta[a : b + 1]) > SWING * span)
+    return FoundCycles(tuple(found[settle:]), settle, len(closed) - len(found), partial, farther)
 
 
 def turning_points(theta: Array, swing: float) -> list[int]:
@@ -140,9 +130,8 @@ def turning_points(theta: Array, swing: float) -> list[int]:
 def cycle_edges(theta: Array, turns: Sequence[int], span: float) -> list[int]:
     """Rows at which cycles of an angle (n,) may begin or end."""
     start, last = float(theta[0]), len(theta) - 1
-    at_low, at_high = start - theta.min() < AT_AN_END * span, theta.max() - start < AT_AN_END * span
-    if at_low or at_high:
-        same = [turn for turn in turns if abs(theta[turn] - start) < AT_AN_END * span + CLOSED * span]
+    if min(start - theta.min(), theta.max() - start) < AT_AN_END * span:
+        same = [turn for turn in turns if abs(theta[turn] - start) < (AT_AN_END + CLOSED) * span]
         return [0, *same, last]
     segments = list(pairwise([0, *turns, last]))
     direction = np.sign(theta[segments[0][1]] - start)
@@ -154,36 +143,25 @@ def cycle_edges(theta: Array, turns: Sequence[int], span: float) -> list[int]:
     return [*edges, last]
 
 
-def moving(theta: Array) -> slice:
+def between_rests(theta: Array) -> slice:
     """The rows of an angle (n,) between its rests at both ends."""
     near = RESTS * np.ptp(theta)
     away, back = np.abs(theta - theta[0]) > near, np.abs(theta - theta[-1]) > near
     return slice(max(int(np.argmax(away)) - 1, 0), len(theta) - max(int(np.argmax(back[::-1])) - 1, 0))
 
 
-def joined(pieces: Sequence[slice]) -> NDArray[np.intp]:
-    """The rows of several pieces, one after the other."""
+def rows_of_pieces(pieces: Sequence[slice]) -> Rows:
     return np.concatenate([np.arange(piece.start, piece.stop) for piece in pieces])
 
 
-AT_REST = 0.01  # part of the range of motion by which the angle may change while the joint rests
-OFF_MIDDLE = 0.25
-"""Distance of the zero from the middle of the loop, as a part of its width there, from which it is said: 0.5 on a
-branch, 0 where friction lets go at rest."""
-LEAST_SHIFT = 0.005  # the same as a part of the range of torque, below which it is not worth a word
-LEAST_LOOP = 0.02
-"""Width of the loop, as a part of the range of torque, below which hysteresis leaves nothing worth a word."""
-SMALL_ZERO = 0.1  # torque taken for zero, as a part of the width of the loop, below which it is no matter what it is
-
-
 def torque_zero(theta: Array, torque: Array, rate_hz: float, settings: TorqueAngleAnalysis) -> float:
-    """Torque [N*m] at rest, by the rule of the settings; 0 if there is none."""
+    """Torque [N*m] at rest, by the rule of the settings; 0 if there is none. Raises InputError: the joint moves."""
     if settings.zero == "none":
         return 0.0
     count = max(round(settings.rest_s * rate_hz), 1)
     rows = slice(-count, None) if settings.zero == "end" else slice(count)
     moved = float(np.ptp(theta[rows]))
-    if count >= len(theta) or moved > AT_REST * np.ptp(theta):
+    if count >= len(theta) or moved > RESTS * np.ptp(theta):
         other = "start" if settings.zero == "end" else "end"
         raise InputError(
             f"the joint does not rest at the {settings.zero} of the recording: the angle moves by "
@@ -199,13 +177,12 @@ def rest_change(theta: Array, torque: Array, rate_hz: float, settings: TorqueAng
     before the device was moved, is right although hysteresis leaves a torque at the end."""
     count = max(round(settings.rest_s * rate_hz), 1)
     ends = np.concatenate([theta[:count], theta[-count:]])
-    if settings.zero != "end" or float(np.ptp(ends)) > AT_REST * float(np.ptp(theta)):
+    if settings.zero != "end" or float(np.ptp(ends)) > RESTS * float(np.ptp(theta)):
         return None
     return float((torque[-count:].mean() - torque[:count].mean()) / np.ptp(torque))
 
 
-@dataclass(frozen=True)
-class Loop:
+class Loop(NamedTuple):
     """The loop at the angle of the rest, [N*m] from the zero."""
 
     middle: float  # mean of loading and unloading
@@ -220,6 +197,14 @@ def loop_at(at_deg: float, angle_deg: Array, loading: Array, unloading: Array) -
     return Loop((one + other) / 2, abs(one - other))
 
 
+OFF_MIDDLE = 0.25
+"""Distance of the zero from the middle of the loop, as a part of its width there, from which it is said: 0.5 on a
+branch, 0 where friction lets go at rest."""
+LEAST_SHIFT, LEAST_LOOP = 0.005, 0.02
+"""The same, and the width of the loop, as parts of the range of torque, below which they are not worth a word."""
+SMALL_ZERO = 0.1  # torque taken for zero, as a part of the width of the loop, below which it is no matter what it is
+
+
 def may_be_left(zero: float, loop: Loop | None, widest: float, torque_range: float) -> bool:
     """Whether the torque [N*m] at rest that was taken for zero may be what hysteresis leaves: it lies on a branch of
     the loop and not in its middle. Where the joint rests at an end of the motion the loop does not tell. There a `zero`
@@ -229,21 +214,20 @@ def may_be_left(zero: float, loop: Loop | None, widest: float, torque_range: flo
     return abs(loop.middle) > max(OFF_MIDDLE * loop.width, LEAST_SHIFT * torque_range)
 
 
-FEWEST_SAMPLES = 10  # samples around a point of a curve below which it stays empty
-NORMAL = 1.96  # half-width of the 95 % interval, in standard errors, where the noise is known well
-FEWEST_POINTS = 5  # points of a curve below which a trial is refused
+def energies(theta: Array, torque: Array, cycle: LoadingCycle) -> tuple[float, float]:
+    """Energies of a cycle [J], taken up from the bench and given back: the integral of torque [N*m] over angle [rad],
+    piece by piece. A piece ends where the angle turns or the torque changes its sign, so that noise is not counted as
+    energy to and fro."""
+    angle, load = theta[cycle.rows], torque[cycle.rows]
+    work = np.concatenate([[0.0], np.cumsum((load[1:] + load[:-1]) / 2 * np.diff(angle))])
+    signs = np.flatnonzero(np.diff(np.signbit(load))) + 1
+    edges = np.unique([0, *signs, *(turn - cycle.start for turn in cycle.turns), len(work) - 1])
+    pieces = np.diff(work[edges])
+    return float(pieces[pieces > 0].sum()), float(-pieces[pieces < 0].sum())
 
 
-@dataclass(frozen=True)
-class Energies:
-    """Energies of one cycle [J]: taken up from the bench, given back, and the difference."""
-
-    stored: float
-    returned: float
-
-    @property
-    def lost(self) -> float:
-        return self.stored - self.returned
+FEWEST_AT_A_POINT, FEWEST_POINTS = 10, 5
+"""Samples around a point of a curve below which it stays empty, and points below which a trial is refused."""
 
 
 @dataclass(frozen=True)
@@ -257,18 +241,7 @@ class Curve:
     torques: Array  # torque of each cycle (cycles, m)
 
 
-def energies(theta: Array, torque: Array, cycle: Cycle) -> Energies:
-    """Energies of a cycle: the integral of torque [N*m] over angle [rad], piece by piece. A piece ends where the angle
-    turns or the torque changes its sign, so that noise is not counted as energy to and fro."""
-    angle, load = theta[cycle.rows], torque[cycle.rows]
-    work = np.concatenate([[0.0], np.cumsum((load[1:] + load[:-1]) / 2 * np.diff(angle))])
-    signs = np.flatnonzero(np.diff(np.signbit(load))) + 1
-    edges = np.unique([0, *signs, *(turn - cycle.start for turn in cycle.turns), len(work) - 1])
-    pieces = np.diff(work[edges])
-    return Energies(float(pieces[pieces > 0].sum()), float(-pieces[pieces < 0].sum()))
-
-
-def grid_deg(theta: Array, branches: Sequence[Sequence[NDArray[np.intp]]], step_deg: float) -> Array:
+def grid_deg(theta: Array, branches: Sequence[Sequence[Rows]], step_deg: float) -> Array:
     """The angles [deg], multiples of a step, that every branch of every cycle passes."""
     low = max(float(theta[rows].min()) for cycle in branches for rows in cycle)
     high = min(float(theta[rows].max()) for cycle in branches for rows in cycle)
@@ -282,75 +255,44 @@ def grid_deg(theta: Array, branches: Sequence[Sequence[NDArray[np.intp]]], step_
     return np.asarray(np.arange(first, last + 1) * step_deg, dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class Smoothing:
-    """How a point of a curve is fitted: samples within `window` [rad] to each side, of which noise is independent after
-    `every` samples (`LowPass.independent_samples`)."""
-
-    window: float
-    every: int
-
-
-@dataclass(frozen=True)
-class Point:
-    """A point of a curve: torque [N*m] and slope [N*m/rad], with what their errors are made of.
-
-    unit: squared standard errors (2,) of both if the noise has a spectral density of 1 [(N*m)^2 per sample].
-    noise: the density that the samples around show. freedom: its degrees of freedom. All NaN without enough samples.
-    """
-
-    torque: float
-    slope: float
-    unit: tuple[float, float]
-    noise: float
-    freedom: float
-
-
-EMPTY = Point(np.nan, np.nan, (np.nan, np.nan), np.nan, np.nan)
-
-
-def local_line(theta: Array, torque: Array, at: float, smoothing: Smoothing) -> Point:
-    """Torque and slope at an angle [rad] of the samples (n,) of one branch: a parabola through those around. The slope
-    is NaN where they do not reach as far as the window on both sides. What a cubic describes is not noise."""
-    window = smoothing.window
+def local_parabola(theta: Array, torque: Array, at: float, window: float, independent: int) -> Array:
+    """What the samples (n,) of one branch within a window [rad] to each side of an angle say of it, by a parabola (6,):
+    torque [N*m] and slope [N*m/rad], their squared standard errors in noise of a density of 1 [(N*m)^2 per sample],
+    the density of what a cubic leaves, as an AR(1) at steps after which the filter leaves noise `independent`, and its
+    degrees of freedom. NaN where samples are too few, and a slope where they do not reach as far as the window."""
     near = np.abs(theta - at) <= window
     x = (theta[near] - at) / window
-    if x.size < FEWEST_SAMPLES:
-        return EMPTY
-    columns = {"torque": np.ones_like(x), "slope": x, "curvature": x**2}
-    fit = fit_slow_motion(torque[near], columns, {"cubic": x**3}, smoothing.every)
-    solution = np.linalg.pinv(np.column_stack(list(columns.values())))
-    unit = np.sum(solution[:2] ** 2, axis=1)
+    cubic = np.vander(x, 4, increasing=True)
+    if x.size < FEWEST_AT_A_POINT or np.linalg.cond(cubic[:, :3]) > CONDITION_LIMIT:
+        return np.full(6, np.nan)
+    solution = np.linalg.pinv(cubic[:, :3])
+    unit = np.sum(solution[:2] ** 2, axis=1) / [1.0, window**2]
+    left = torque[near] - cubic @ np.linalg.lstsq(cubic, torque[near])[0]
+    alike = float(left[independent:] @ left[:-independent]) / max(float(left @ left), np.finfo(float).tiny)
+    memory = independent * (1 + max(alike, 0.0)) / (1 - max(alike, 0.0))
+    freedom = max(x.size / memory - 4, 1.0)
+    value, slope = solution[:2] @ torque[near] / [1.0, window]
     reaches = theta.min() <= at - window and theta.max() >= at + window
-    slope = fit["slope"] / window if reaches else np.nan
-    noise, freedom = float(fit.covariance[0, 0] / unit[0]), float(fit.degrees_of_freedom[0])
-    return Point(fit["torque"], slope, (float(unit[0]), float(unit[1]) / window**2), noise, freedom)
+    return np.array([value, slope if reaches else np.nan, *unit, left @ left / freedom, freedom])
 
 
 def branch_curve(
-    theta: Array, torque: Array, branches: Sequence[NDArray[np.intp]], at: Array, smoothing: Smoothing
+    theta: Array, torque: Array, branches: Sequence[Rows], at: Array, window: float, independent: int
 ) -> Curve:
     """A branch at the angles `at` (m,) [rad], from its rows in each cycle. With two cycles or more the intervals are
-    those of their scatter (Student), with one those of its noise."""
-    points = [[local_line(theta[rows], torque[rows], a, smoothing) for a in at] for rows in branches]
-    torques = np.array([[point.torque for point in cycle] for cycle in points])
-    slopes = np.array([[point.slope for point in cycle] for cycle in points])
-    if len(branches) == 1:
-        halves = NORMAL * np.sqrt(usual_noise(points[0]) * np.array([point.unit for point in points[0]]))
-        return Curve(torques[0], slopes[0], halves[:, 0], halves[:, 1], torques)
-    scatter = [np.array([half_width(values[:, k]) for k in range(len(at))]) for values in (torques, slopes)]
-    return Curve(torques.mean(axis=0), slopes.mean(axis=0), scatter[0], scatter[1], torques)
-
-
-def usual_noise(points: Sequence[Point]) -> float:
-    """Spectral density of the noise of a branch [(N*m)^2 per sample]: the median over its points. At a kink of the
-    curve, what the cubic cannot describe would count as noise. The median of few degrees of freedom is below their mean
-    by the factor of Wilson and Hilferty (1931)."""
-    found = np.array([(point.noise, point.freedom) for point in points if np.isfinite(point.noise)]).reshape(-1, 2)
-    if not len(found):
-        return np.nan
-    density, freedom = np.median(found, axis=0)
-    return float(density / (1 - 2 / (9 * freedom)) ** 3)
+    those of their scatter (Student), with one those of its noise: the median density of its points, since at a kink
+    what the cubic cannot describe would count. The median of few degrees of freedom is below their mean by the factor
+    of Wilson and Hilferty (1931)."""
+    points = np.array([[local_parabola(theta[r], torque[r], a, window, independent) for a in at] for r in branches])
+    torques, slopes = points[..., 0], points[..., 1]
+    if len(branches) > 1:
+        halves = [np.array([half_width(values) for values in signal.T]) for signal in (torques, slopes)]
+        return Curve(torques.mean(axis=0), slopes.mean(axis=0), halves[0], halves[1], torques)
+    seen = points[0][np.isfinite(points[0, :, 4])]
+    density, freedom = np.median(seen[:, 4:], axis=0) if len(seen) else (np.nan, np.nan)
+    noise = density / (1 - 2 / (9 * freedom)) ** 3
+    half = 1.96 * np.sqrt(noise * points[0, :, 2:4])
+    return Curve(torques[0], slopes[0], half[:, 0], half[:, 1], torques)
 
 
 def half_width(values: Array) -> float:
@@ -364,14 +306,14 @@ def half_width(values: Array) -> float:
 def straight_line(theta: Array, torque: Array, pieces: Sequence[slice]) -> float:
     """Slope [N*m/rad] of the straight line through a branch by least squares over angle. Each sample counts by the
     angle that it covers, so that a rest on the way, or a slower end, does not weigh more."""
-    rows = joined(pieces)
+    rows = rows_of_pieces(pieces)
     weight = np.concatenate([np.abs(np.gradient(theta[piece])) for piece in pieces])
     angle, load = theta[rows], torque[rows]
     centred = angle - np.average(angle, weights=weight)
     return float(np.sum(weight * centred * load) / np.sum(weight * centred**2))
 
 
-def secant(theta: Array, torque: Array, rows: NDArray[np.intp]) -> float:
+def secant(theta: Array, torque: Array, rows: Rows) -> float:
     """Slope [N*m/rad] of the line between the lowest and the highest angle of a branch."""
     low, high = rows[np.argmin(theta[rows])], rows[np.argmax(theta[rows])]
     return float((torque[high] - torque[low]) / (theta[high] - theta[low]))
@@ -384,33 +326,32 @@ LEAST_VAF = 50.0  # VAF [percent] of the torque by its curve over angle below wh
 class TorqueAngleTrial:
     """One trial: filtered signals, shape (n,) each, cycles, and curves at the angles of the grid, (m,)."""
 
-    name: str  # name of the trial
-    time: Array  # time [s]
     theta: Array  # angle of the joint [rad], without the bench's yielding
     bench_theta: Array  # angle of the bench [rad]
     torque: Array  # resisting torque [N*m] from its zero
     zero: float  # torque [N*m] that was taken for zero
-    cycles: Cycles  # its cycles
+    cycles: FoundCycles  # its cycles
     angle_deg: Array  # angles of the grid [deg]
     curves: tuple[Curve, Curve]  # loading and unloading
     settings: TorqueAngleAnalysis  # the choices of the analysis
     uniform: UniformSignals  # the signals on their time base
 
-    def rows(self, branch: int) -> list[NDArray[np.intp]]:
-        return [joined(pieces) for pieces in self.pieces(branch)]
+    @property
+    def name(self) -> str:
+        return self.uniform.trial
+
+    @property
+    def time(self) -> Array:
+        return self.uniform.time
 
     def pieces(self, branch: int) -> list[list[slice]]:
-        """The same, piece by piece."""
+        """The rows of a branch, 0 loading or 1 unloading, in each cycle, piece by piece."""
         direction = self.cycles.loading * (1, -1)[branch]
         return [cycle.pieces(self.theta, direction) for cycle in self.cycles.used]
 
-    def energies(self) -> list[Energies]:
-        """Energies of each cycle."""
-        return [energies(self.theta, self.torque, cycle) for cycle in self.cycles.used]
-
     def durations(self) -> Array:
         """Duration [s] of each cycle (k,), without the rests at the ends of the recording."""
-        moves, step = moving(self.theta), float(self.time[1] - self.time[0])
+        moves, step = between_rests(self.theta), float(self.time[1] - self.time[0])
         rows = [min(c.stop, moves.stop - 1) - max(c.start, moves.start) for c in self.cycles.used]
         return np.array(rows) * step
 
@@ -418,14 +359,16 @@ class TorqueAngleTrial:
         """Torque beside its curve over angle, which the rows of all cycles have."""
         model = np.full(len(self.theta), np.nan)
         for branch, curve in enumerate(self.curves):
-            for rows in self.rows(branch):
+            for pieces in self.pieces(branch):
+                rows = rows_of_pieces(pieces)
                 model[rows] = along(np.rad2deg(self.theta[rows]), self.angle_deg, curve.torque)
         return Series(self.time, self.torque, model, self.theta, np.isfinite(model))
 
-    def modelled(self) -> tuple[Array, Array]:
-        """Torque [N*m] and its curve over angle, of the rows of all cycles, (n,) each."""
+    def vaf(self) -> float:
+        """VAF [percent] of the torque by its curve over angle, in the rows of all cycles."""
         series = self.series()
-        return series.torque[series.fitted], series.torque_model[series.fitted]
+        torque = series.torque[series.fitted]
+        return variance_accounted_for(torque, torque - series.torque_model[series.fitted])
 
 
 def along(x: Array, at: Array, y: Array) -> Array:
@@ -446,7 +389,7 @@ def torque_angle_trial(trial: Trial, settings: TorqueAngleAnalysis) -> TorqueAng
     signals = uniform_signals(trial, ("theta", "torque"), settings.gap_limits)
     bench = settings.bench_stiffness
     try:
-        found = analysed(signals, settings, bench.compliance if bench else 0.0)
+        found = torque_angle_of(signals, settings, bench.compliance if bench else 0.0)
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
     slopes = [straight_line(found.theta, found.torque, pieces) for pieces in found.pieces(0)]
@@ -454,7 +397,7 @@ def torque_angle_trial(trial: Trial, settings: TorqueAngleAnalysis) -> TorqueAng
     return found
 
 
-def analysed(signals: UniformSignals, settings: TorqueAngleAnalysis, compliance: float) -> TorqueAngleTrial:
+def torque_angle_of(signals: UniformSignals, settings: TorqueAngleAnalysis, compliance: float) -> TorqueAngleTrial:
     """The trial behind uniform signals on a bench of a compliance [rad/(N*m)]; raises as `torque_angle_trial`."""
     check_changes("torque", signals["torque"])
     check_changes("theta", signals["theta"])
@@ -471,34 +414,202 @@ def analysed(signals: UniformSignals, settings: TorqueAngleAnalysis, compliance:
     cycles = find_cycles(theta, settings.settle_cycles or 0)
     if settings.settle_cycles is None:
         cycles = cycles.settled_for(torque)
-    branches = [[joined(c.pieces(theta, cycles.loading * sign)) for c in cycles.used] for sign in (1, -1)]
+    branches = [[rows_of_pieces(c.pieces(theta, cycles.loading * sign)) for c in cycles.used] for sign in (1, -1)]
     at = grid_deg(theta, branches, settings.angle_step_deg)
-    smoothing = Smoothing(settings.window_share * float(np.ptp(theta)), low_pass.independent_samples(rate))
-    loading, unloading = (branch_curve(theta, torque, rows, np.deg2rad(at), smoothing) for rows in branches)
-    name, time, curves = signals.trial, signals.time, (loading, unloading)
-    found = TorqueAngleTrial(name, time, theta, bench_theta, torque, zero, cycles, at, curves, settings, signals)
+    around = settings.window_share * float(np.ptp(theta)), low_pass.independent_samples(rate)
+    loading, unloading = (branch_curve(theta, torque, rows, np.deg2rad(at), *around) for rows in branches)
+    curves = loading, unloading
+    found = TorqueAngleTrial(theta, bench_theta, torque, zero, cycles, at, curves, settings, signals)
     shortest = float(found.durations().min())
     if shortest < settings.shortest_cycle_s:
         raise InputError(
             f"a cycle takes {shortest:.2g} s, which is not quasi-static: below {settings.shortest_cycle_s:g} s "
             "(shortest_cycle_s) inertia and damping are in the torque; record it slower, or take experiment 'impedance'"
         )
-    check_follows(found)
-    return found
-
-
-def check_follows(trial: TorqueAngleTrial) -> None:
-    """Refuse a torque that does not follow the angle, and one that drives it."""
-    torque, model = trial.modelled()
-    vaf = variance_accounted_for(torque, torque - model)
-    if vaf < LEAST_VAF:
+    if (vaf := found.vaf()) < LEAST_VAF:
+        follows = torque[found.series().fitted]
         raise InputError(
             f"torque does not follow the angle: its curve over angle accounts for {vaf:.3g} % of its variance, and it "
-            f"changes by {np.ptp(torque):.3g} N*m; check the torque's channel and the mounting of the load cell"
+            f"changes by {np.ptp(follows):.3g} N*m; check the torque's channel and the mounting of the load cell"
         )
-    slope = straight_line(trial.theta, trial.torque, trial.pieces(0)[0])
+    slope = straight_line(theta, torque, found.pieces(0)[0])
     if slope < 0:
         raise InputError(
             f"K = {slope:.4g} N*m/rad is negative, so the torque drives the motion instead of resisting it; turn the "
             "`sign` of the torque, or of the angle, in the source file"
         )
+    return found
+
+
+OVER_CYCLES = ("K", "K_secant", "K_unloading", "energy_stored", "energy_returned", "energy_lost")
+"""Columns of the table of cycles of which the trial's row has mean and interval."""
+
+
+def cycle_table(trial: TorqueAngleTrial) -> pl.DataFrame:
+    """The trial's rows of `torque_angle_cycles.csv`: one per cycle."""
+    theta, torque, rows = trial.theta, trial.torque, []
+    durations, loading, unloading = trial.durations(), trial.pieces(0), trial.pieces(1)
+    for k, cycle in enumerate(trial.cycles.used):
+        path = float(np.abs(np.diff(theta[[cycle.start, *cycle.turns, cycle.stop]])).sum())
+        stored, returned = energies(theta, torque, cycle)
+        rows.append(
+            {
+                "trial": trial.name,
+                "cycle": k + 1,
+                "start_s": float(trial.time[cycle.start]),
+                "stop_s": float(trial.time[cycle.stop]),
+                "duration_s": float(durations[k]),
+                "speed_deg_s": float(np.rad2deg(path) / durations[k]),
+                "K": straight_line(theta, torque, loading[k]),
+                "K_secant": secant(theta, torque, rows_of_pieces(loading[k])),
+                "K_unloading": straight_line(theta, torque, unloading[k]),
+                "energy_stored": stored,
+                "energy_returned": returned,
+                "energy_lost": stored - returned,
+                "closure_angle": float(abs(theta[cycle.stop] - theta[cycle.start]) / np.ptp(theta)),
+                "closure_torque": float(abs(torque[cycle.stop] - torque[cycle.start]) / np.ptp(torque)),
+            }
+        )
+    return pl.DataFrame(rows)
+
+
+def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> pl.DataFrame:
+    """The trial's row of `torque_angle.csv`; `desired` is the name of the curve that it should follow.
+
+    Intervals are those of the mean over cycles (Student), with the error of the bench's stiffness where it is stated;
+    null with one cycle. `cycle_drift` is the change of torque at the same angles from the first cycle to the last, and
+    `bridged_share` the share of the rows of the cycles in gaps of the recording, or near them.
+
+    Raises InputError: The settings have no such curve.
+    """
+    cycles = cycle_table(trial)
+    bench = trial.settings.bench_stiffness
+    softer = None  # the cycles with a bench that is softer by one standard error
+    if bench is not None and bench.compliance_error:
+        softer = cycle_table(torque_angle_of(trial.uniform, trial.settings, bench.compliance + bench.compliance_error))
+    loading, unloading = trial.curves
+    moved, torque = trial.theta[between_rests(trial.theta)], trial.torque
+    widest = float(np.nanmax(np.abs(loading.torque - unloading.torque)))
+    drift = float(np.nanmean(loading.torques[-1] - loading.torques[0]) / np.ptp(torque))
+    uncorrected = [straight_line(trial.bench_theta, torque, pieces) for pieces in trial.pieces(0)]
+    usable = np.concatenate([trial.uniform.usable[cycle.rows] for cycle in trial.cycles.used])
+    row: Row = {
+        "trial": trial.name,
+        "cycles": len(cycles),
+        "settled_cycles": trial.cycles.settled,
+        "smaller_cycles": trial.cycles.smaller,
+        "partial_cycles": trial.cycles.partial,
+        "loading": "rising" if trial.cycles.loading > 0 else "falling",
+        "angle_min_deg": float(np.rad2deg(moved.min())),
+        "angle_max_deg": float(np.rad2deg(moved.max())),
+        "bench_angle_min_deg": float(np.rad2deg(trial.bench_theta.min())),
+        "bench_angle_max_deg": float(np.rad2deg(trial.bench_theta.max())),
+        "torque_min": float(torque.min()),
+        "torque_max": float(torque.max()),
+        **zero_row(trial, widest),
+        **{key: value for name in OVER_CYCLES for key, value in mean_over_cycles(name, cycles, softer).items()},
+        "K_uncorrected": float(np.mean(uncorrected)),
+        "K_lowest": float(np.nanmin(loading.stiffness)),
+        "K_highest": float(np.nanmax(loading.stiffness)),
+        "returned_share": float(
+            np.sum(cycles["energy_returned"].to_numpy()) / np.sum(cycles["energy_stored"].to_numpy())
+        ),
+        "hysteresis_torque": widest,
+        "interval_method": "cycles" if len(cycles) > 1 else None,
+        "VAF": trial.vaf(),
+        "speed_deg_s": float(np.mean(cycles["speed_deg_s"].to_numpy())),
+        "shortest_cycle_s": float(trial.durations().min()),
+        "closure_angle": float(cycles["closure_angle"].to_numpy().max()),
+        "closure_torque": float(cycles["closure_torque"].to_numpy().max()),
+        "cycle_drift": drift if len(cycles) > 1 else None,
+        "rate_change": rate_change(cycles),
+        "bridged_share": float(np.mean(~usable)),
+        **desired_row(trial, desired),
+    }
+    texts = dict.fromkeys(("interval_method", "desired", "not_checked"), pl.String)
+    empty = {name: texts.get(name, pl.Float64) for name, value in row.items() if value is None}
+    return pl.DataFrame([row], schema_overrides=empty)
+
+
+def zero_row(trial: TorqueAngleTrial, widest: float) -> Mapping[str, float | str | None]:
+    """The torque taken for zero, and what speaks against it; the loop is `widest` [N*m] at its widest."""
+    torque, zero, settings = trial.torque, trial.zero, trial.settings
+    rest = float(np.rad2deg(trial.theta[0 if settings.zero == "start" else -1]))
+    loop = loop_at(rest, trial.angle_deg, *(curve.torque for curve in trial.curves))
+    stated, reasons = settings.zero == "none", []
+    if trial.cycles.smaller:
+        reasons.append(
+            "smaller_cycles, whole but smaller than the largest, are not analysed: record each amplitude as its own "
+            "trial"
+        )
+    if not stated and may_be_left(zero, loop, widest, float(np.ptp(torque))):
+        reasons.append(
+            "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device "
+            "(zero_off_middle): torque_min, torque_max, energy_stored and energy_returned depend on it"
+        )
+    return {
+        "torque_zero": zero,
+        "zero_off_middle": None if stated or loop is None else -loop.middle,
+        "rest_change": rest_change(trial.bench_theta, torque, trial.uniform.rate_hz, settings),
+        "not_checked": "; ".join(reasons) or None,
+    }
+
+
+def mean_over_cycles(name: str, cycles: pl.DataFrame, softer: pl.DataFrame | None) -> Mapping[str, float | None]:
+    """Mean of a column over the cycles with standard error and bounds of its 95 % interval; null with one cycle."""
+    values = cycles[name].to_numpy()
+    if len(values) < 2:
+        return {name: float(values[0]), **dict.fromkeys((f"{name}_se", f"{name}_low", f"{name}_high"))}
+    change = 0.0 if softer is None else float(softer[name].to_numpy().mean() - values.mean())
+    found = over_repeats(values, [CommonError(change**2, np.inf)] if change else [])
+    return {name: found.mean, f"{name}_se": found.se, f"{name}_low": found.low, f"{name}_high": found.high}
+
+
+def rate_change(cycles: pl.DataFrame) -> float | None:
+    """Relative change of the energy lost from the slowest cycle to the fastest; None where their speeds differ by less
+    than 30 %."""
+    speed, lost = cycles["speed_deg_s"].to_numpy(), cycles["energy_lost"].to_numpy()
+    if speed.max() < 1.3 * speed.min():
+        return None
+    slope = np.polyfit(np.log(speed), lost, 1)[0]
+    return float(slope * np.log(speed.max() / speed.min()) / abs(lost.mean()))
+
+
+def desired_row(trial: TorqueAngleTrial, desired: str | None) -> Mapping[str, float | str | None]:
+    """Distance [N*m] of the mean of both branches from the desired curve, RMS over its angles; null without one."""
+    if desired is None:
+        return {"desired": None, "desired_rms": None}
+    middle = (trial.curves[0].torque + trial.curves[1].torque) / 2
+    distance = middle - desired_torque(trial, desired)
+    return {"desired": desired, "desired_rms": float(np.sqrt(np.nanmean(distance**2)))}
+
+
+def desired_torque(trial: TorqueAngleTrial, desired: str) -> Array:
+    """Torque (m,) [N*m] of a desired curve at the angles of the grid; NaN beyond its ends; raises as the table."""
+    curves = trial.settings.desired
+    if desired not in curves:
+        raise InputError(
+            f"trial {trial.name}: no desired curve '{desired}'; torque_angle.desired in the configuration has "
+            f"{', '.join(curves) or 'none'}"
+        )
+    return curves[desired].at(trial.angle_deg)
+
+
+def curve_table(trial: TorqueAngleTrial, desired: str | None = None) -> pl.DataFrame:
+    """The trial's rows of `torque_angle_curves.csv`: per branch and angle; raises as `torque_angle_table`."""
+    wanted = np.full(len(trial.angle_deg), np.nan) if desired is None else desired_torque(trial, desired)
+    frames = []
+    for branch, curve in zip(("loading", "unloading"), trial.curves, strict=True):
+        columns = {"angle_deg": trial.angle_deg}
+        for name, half in (("torque", curve.torque_half), ("stiffness", curve.stiffness_half)):
+            value = getattr(curve, name)
+            columns |= {name: value, f"{name}_low": value - half, f"{name}_high": value + half}
+        frame = pl.DataFrame(columns | {"desired_torque": wanted}).fill_nan(None)
+        texts = pl.lit(trial.name).alias("trial"), pl.lit(branch).alias("branch")
+        frames.append(frame.select(*texts, pl.all(), pl.lit(desired, pl.String).alias("desired")))
+    return pl.concat(frames)
+
+
+def torque_angle_time_base(trial: TorqueAngleTrial) -> pl.DataFrame:
+    """The trial's rows of `timebase.csv`."""
+    return timebase_table(trial.uniform, None, trial.settings.bench_stiffness)

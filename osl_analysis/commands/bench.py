@@ -10,15 +10,24 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench.actuator import (
+from osl_analysis.bench.analysis import FitTables
+from osl_analysis.bench.components import (
+    LOSSES,
+    PARAMETERS,
+    PLACE,
     actuator_series,
     actuator_summary,
     actuator_table,
-    actuator_time_base,
     actuator_trial,
+    belt_curve,
+    belt_series,
+    belt_summary,
+    belt_table,
+    belt_trial,
+    transmission_of,
+    transmission_summary,
+    transmission_table,
 )
-from osl_analysis.bench.analysis import FitTables
-from osl_analysis.bench.belt import belt_curve, belt_series, belt_summary, belt_table, belt_time_base, belt_trial
 from osl_analysis.bench.impedance import (
     QUANTITIES,
     AskedImpedance,
@@ -29,7 +38,6 @@ from osl_analysis.bench.impedance import (
     repeated_trials_table,
 )
 from osl_analysis.bench.model_comparison import (
-    PLACE,
     SCORE_COLUMNS,
     belt_scores,
     comparison_summary,
@@ -46,9 +54,13 @@ from osl_analysis.bench.settings import (
     SteppedSineAnalysis,
     TorqueAngleAnalysis,
 )
-from osl_analysis.bench.torque_angle import torque_angle_trial
-from osl_analysis.bench.torque_angle_tables import curve_table, cycle_table, torque_angle_table, torque_angle_time_base
-from osl_analysis.bench.transmission import LOSSES, transmission_of, transmission_summary, transmission_table
+from osl_analysis.bench.torque_angle import (
+    curve_table,
+    cycle_table,
+    torque_angle_table,
+    torque_angle_time_base,
+    torque_angle_trial,
+)
 from osl_analysis.config.configuration import Config, read_section
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
 from osl_analysis.config.parameters import FileOrNone, known_parameters, read_parameters
@@ -80,7 +92,7 @@ def fit_belt_trial(trial: Trial, parameters: FileOrNone, settings: BeltAnalysis)
     belt = belt_trial(trial, p, settings)
     return FitTables(
         belt_series(belt),
-        lambda: {"timebase": belt_time_base(belt)},
+        lambda: {"timebase": belt.loading.time_base(["K_s"])},
         belt=plausible_belt(belt_table(belt), rails, p),
         belt_curves=belt_curve(belt),
     )
@@ -133,7 +145,8 @@ def fit_actuator_trial(trial: Trial, parameters: FileOrNone, settings: ActuatorA
     rails = saturated(trial, "torque_m", "current")
     actuator = actuator_trial(trial, settings)
     table = plausible_actuator(actuator_table(actuator), rails, p)
-    return FitTables(actuator_series(actuator), lambda: {"timebase": actuator_time_base(actuator)}, actuator=table)
+    series = actuator_series(actuator)
+    return FitTables(series, lambda: {"timebase": actuator.time_base(PARAMETERS)}, actuator=table)
 
 
 def fit_torque_angle_trial(
@@ -372,7 +385,7 @@ def fit_trial(experiment: str, trial: Trial, parameters: Path | None, request: F
 
 UNIT_OF = {
     "K": "N·m/rad", "B": "N·m·s/rad", "B_viscous": "N·m·s/rad", "I": "kg·m²", "K_s": "N·m/rad", "B_j": "N·m·s/rad",
-    "J_j": "kg·m²",
+    "B_j_viscous": "N·m·s/rad", "J_j": "kg·m²",
     "T_C": "N·m", "k_tau_n_m": "N·m/A", "f_C": "N·m", "f_G": "N·m/A", "B_m": "N·m·s/rad", "J_m": "kg·m²",
     "offset": "N·m", "drift": "N·m/s", "K_secant": "N·m/rad", "K_unloading": "N·m/rad", "energy_stored": "J",
     "energy_returned": "J", "energy_lost": "J",

@@ -261,9 +261,10 @@ def doubt(cause: Cause, row: AnyRow, found: Found) -> str:
     details = dict.fromkeys(EVIDENCE[name].words(value, row) for name, (value, _) in found.items())
     if cause in (YIELDING, LATE_OR_YIELDING):
         details[f"a spring of {number(row, 'frame_stiffness'):.3g} N*m/rad in series would explain it"] = None
-    viscous, f_C = number(row, "B_viscous"), number(row, "f_C")
+    damping = "B_j" if "B_j_viscous" in row else "B"
+    viscous, f_C = number(row, f"{damping}_viscous"), number(row, "f_C")
     if cause is FRICTION and viscous is not None and f_C is not None:
-        details[f"without it B is {viscous:.3g} N*m*s/rad, and the friction is {f_C:.2g} N*m"] = None
+        details[f"without it {damping} is {viscous:.3g} N*m*s/rad, and the friction is {f_C:.2g} N*m"] = None
     said = ": ".join(filter(None, [cause.says, ", ".join(filter(None, details))]))
     remedy = cause.remedy[0].upper() + cause.remedy[1:]
     return f"{cause.name}: {said}. {remedy} [{', '.join(how for _, how in found.values())}]"

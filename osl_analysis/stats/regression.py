@@ -40,7 +40,7 @@ class LinearFit:
     correlation_samples: int  # number of samples over which the residuals were allowed to be correlated
     samples: int  # number of samples n that were fitted
     interval_method: str
-    """Source of the covariance: `HAC`, `cycles`, or the source that `fit_slow_motion` or `fit_response` names."""
+    """Source of the covariance: `HAC`, `cycles`, or the source that its own fit names."""
     degrees_of_freedom: Array  # degrees of freedom (p,) of the estimates' variances, for Student's quantile
     residual: Array  # y minus the fit (n,) [unit of y]
     largest_correlation: float

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.actuator import EDGE_PERIODS, PARAMETERS, actuator_alone
-from osl_analysis.bench.belt import belt_trial
+from osl_analysis.bench.components import PARAMETERS, actuator_trial, belt_trial, moving_rows
 from osl_analysis.bench.effects import IMPEDANCE, TRANSMISSION, Model, plain_sums, with_effects
 from osl_analysis.bench.phasors import SegmentPhasors, phasors_of_record
 from osl_analysis.bench.record import Record, sine_record
@@ -216,7 +215,7 @@ def transmission_fit(bench: StudyBench, trial: Trial) -> tuple[str, LinearFit]:
 
 def belt_fit(bench: StudyBench, trial: Trial) -> tuple[str, LinearFit]:
     """K_s, the slope while loading. Nothing repeats within a trial."""
-    fit = belt_trial(trial, bench.p, bench.analysis).fit.loading
+    fit = belt_trial(trial, bench.p, bench.analysis).loading.whole
     return fit.interval_method, fit
 
 
@@ -422,16 +421,14 @@ class ActuatorExperiment:
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """The estimates of the pipeline's fit."""
-        fit = actuator_alone(self.trial(trial, ideal), self.analysis).fit
+        fit = actuator_trial(self.trial(trial, ideal), self.analysis).whole
         yield from of_filtered(fit.interval_method, fit, self.names)
 
     def bounds(self) -> dict[str, float]:
         """Cramer-Rao bound of the torque's noise in the fitted rows. Noise in the columns would increase it
         slightly."""
         rate, omega = self.settings.dynamometer.rate_hz, self.motion.omega
-        edge = int(np.ceil(EDGE_PERIODS * rate / self.analysis.cutoff_hz))
-        rows = np.flatnonzero(np.abs(omega) > self.analysis.slowest)
-        rows = rows[(rows >= edge) & (rows < len(omega) - edge)]
+        rows = np.flatnonzero(moving_rows(omega, rate, self.analysis))
         direction, time = np.sign(omega), np.arange(len(omega)) / rate
         columns = {
             "k_tau_n_m": self.current,

@@ -1,0 +1,445 @@
+"""The parts of the drivetrain, each alone on its bench: belt (Fig. 3), transmission (Eq. 4), actuator (Eqs. 1-2).
+
+A part is the columns of its equation and the groups of rows in which it holds; the regression, the interval and the
+diagnostics are those of every record (gram.py, analysis.py).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.bench.analysis import (
+    Analysis,
+    Series,
+    analysed,
+    check_stiffer,
+    friction_row,
+    time_base_row,
+    widened,
+)
+from osl_analysis.bench.effects import (
+    TRANSMISSION,
+    Model,
+    causes,
+    clock_drift_of,
+    plain_sums,
+    sums_of,
+    taken_by,
+    with_effects,
+)
+from osl_analysis.bench.gram import GroupFit, fit_groups, gram_sums
+from osl_analysis.bench.phasors import at_amplitude, harmonic_shares, phasors_of_record
+from osl_analysis.bench.record import Groups, Label, Record, joined_groups, joint_angle, stretches_of
+from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
+from osl_analysis.config.parameters import DrivetrainParameters
+from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.judge.doubts import summary_of_trials
+from osl_analysis.judge.impossible import check_changes
+from osl_analysis.model.drivetrain import belt_deflection
+from osl_analysis.signals import Motion, differentiate, filtered_motion, runs
+from osl_analysis.stats.fit_row import Row, covariance_row, estimates_row
+from osl_analysis.timebase.device_clock import drift_row
+from osl_analysis.timebase.grid import UniformSignals, uniform_signals
+from osl_analysis.trial import Array, Trial
+
+BELT: Model = {"K_s": "theta", "offset": "one"}
+DAMPED: Model = {**BELT, "B_j": "omega"}
+QUADRATIC: Model = {"K_s": "theta", "K_s2": "square", "offset": "one"}
+"""On a raised cosine damping and curvature look alike, so that the quadratic belt has no damping."""
+ONSET = 0.05  # deflection at which loading begins, as a share of the peak; below it the belt's hysteresis reverses
+LARGEST_FALL = 0.2  # largest fall of the deflection while loading, as a share of the peak
+CONSTANT_VELOCITY = 0.05  # scatter of the velocity on one branch, as a share of its mean, up to which it is constant
+BRANCH_STRETCHES = 16  # stretches into which a branch is cut, from whose scatter its interval comes
+LOCKED = 0.01
+"""Largest turn of the shaft, as a share of the joint's, that counts as rest where n_T is not known: K_s is 1 % off at
+most."""
+CURVE_STEP_HZ = 50.0  # points per second of the torque-deflection curve that is kept for the figure
+PLACE = ("joint", "side")
+
+
+@dataclass(frozen=True)
+class BeltTrial:
+    """Fits to one load-unload cycle. The angle of the record is the belt's deflection."""
+
+    loading: Analysis  # straight line with the joint's damping: `K_s`, `offset`, `B_j` where the velocity varies
+    unloading: GroupFit  # the same while unloading
+    quadratic: GroupFit  # torque on theta_s and theta_s |theta_s| while loading: `K_s`, `K_s2` [N*m/rad^2], `offset`
+
+    @property
+    def record(self) -> Record:
+        return self.loading.record
+
+    @property
+    def hysteresis_area(self) -> float:
+        """Area of the loop [N*m*rad = J]."""
+        return float(np.trapezoid(self.record.filtered_torque, self.record.motion.theta))
+
+    def widened_by(self, softer: "BeltTrial") -> "BeltTrial":
+        """The fits with the error of the bench's stiffness in their intervals, as type B."""
+        loading = widened(self.loading.whole, softer.loading.whole.estimates - self.loading.whole.estimates)
+        return BeltTrial(
+            replace(self.loading, fits={self.loading.label: loading}),
+            widened(self.unloading, softer.unloading.estimates - self.unloading.estimates),
+            widened(self.quadratic, softer.quadratic.estimates - self.quadratic.estimates),
+        )
+
+
+def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> BeltTrial:
+    """Filter and fit one canonical trial. Without parameters (None) the ratio n_T is not known: the shaft must rest.
+
+    Raises InputError: as `fit_belt`, the belt is stiffer than the bench, or a signal is missing or irregular; the
+    message names the trial.
+    """
+    signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
+    other, bench = signals.other(), settings.bench_stiffness
+    try:
+        belt = belt_of(signals, p, settings)
+        if bench is not None:
+            belt = belt.widened_by(belt_of(signals, p, settings, bench.compliance_error))
+        if other is None:
+            return belt
+        return replace(belt, loading=replace(belt.loading, others=belt_of(other, p, settings).loading.fits))
+    except InputError as error:
+        raise InputError(f"trial {trial.name}: {error}") from error
+
+
+def belt_of(
+    signals: UniformSignals, p: DrivetrainParameters | None, settings: BeltAnalysis, more_compliance: float = 0.0
+) -> BeltTrial:
+    """The fits to uniform signals; the bench is softer than its settings by `more_compliance` [rad/(N*m)]."""
+    low_pass, rate, bench = settings.low_pass, signals.rate_hz, settings.bench_stiffness
+    check_changes("torque", signals["torque"])
+    theta = joint_angle(signals["theta"], signals["torque"], (bench.compliance if bench else 0.0) + more_compliance)
+    if p is None:
+        check_locked(low_pass(theta, rate), low_pass(signals["theta_m"], rate))
+    deflection = theta if p is None else belt_deflection(theta, signals["theta_m"], p)
+    motion, torque = filtered_motion(signals.time, deflection, signals["torque"], low_pass)
+    groups = branches_of(motion.theta, rate, signals.usable, low_pass.cutoff_hz)
+    raw = deflection, signals["torque"], motion, torque
+    record = Record(signals.trial, signals.time, *raw, low_pass, signals.usable, groups, uniform=signals, bench=bench)
+    belt = fit_belt(record, settings.load_cell_drift / 60)
+    check_stiffer(signals.trial, "K_s", belt.loading.whole["K_s"], bench)
+    return belt
+
+
+def fit_belt(record: Record, drift: float = 0.0) -> BeltTrial:
+    """Fit one load-unload cycle, whose groups are those of `branches_of`.
+
+    The load cell's drift has a standard deviation of `drift` [N*m/s]. A straight line cannot tell it from stiffness, so
+    that no scatter shows it: it is added to the intervals as a component of type B (JCGM 100:2008, 4.3).
+    """
+    motion = record.motion
+    x = motion.theta - motion.theta[0]
+    columns = {"theta": x, "omega": motion.omega, "one": np.ones_like(x), "square": x * np.abs(x)}
+    columns["late"] = record.time - record.time.mean()
+    s = gram_sums(record, columns, ["theta", "omega", "one", "square"])
+
+    def fitted(model: Model, label: Label) -> GroupFit:
+        taken = taken_by(s, model, "late", label)
+        found = widened(fit_groups(s, model, label), drift * np.array([taken[name] for name in model]))
+        return replace(found, interval_method=f"{found.interval_method} + drift") if drift else found
+
+    # Left in the slope, B_j omega shifts K_s by 0.12 N*m/rad on a raised cosine, because loading begins at a velocity
+    # and ends at rest. A constant velocity makes a constant torque, which the offset contains.
+    models = {}
+    for label in record.groups.labels:
+        velocity = motion.omega[record.rows(label)]
+        constant = float(np.std(velocity)) <= CONSTANT_VELOCITY * abs(float(np.mean(velocity)))
+        models[label] = BELT if constant else DAMPED
+    loading = Analysis(record, s, models["loading"], {"loading": fitted(models["loading"], "loading")}, {}, "loading")
+    return BeltTrial(loading, fitted(models["unloading"], "unloading"), fitted(QUADRATIC, "loading"))
+
+
+def branches_of(theta_s: Array, rate_hz: float, usable: NDArray[np.bool_], cutoff_hz: float) -> Groups:
+    """Stretches of loading and unloading of a deflection theta_s (n,) [rad] in usable rows."""
+    onset, peak, release = loaded_rows(theta_s - theta_s[0])
+    found = []
+    for label, rows in (("loading", slice(onset, peak + 1)), ("unloading", slice(peak, release))):
+        inside = np.zeros(len(theta_s), dtype=np.bool_)
+        inside[rows] = usable[rows]
+        seconds = max((rows.stop - rows.start) / rate_hz / BRANCH_STRETCHES, 0.5 / cutoff_hz)
+        found.append(stretches_of(runs(inside), rate_hz, seconds, label))
+    return joined_groups(found)
+
+
+def loaded_rows(deflection: Array) -> tuple[int, int, int]:
+    """Rows of one load-unload cycle: the onset of loading, the peak, and the row after unloading.
+
+    Raises InputError: the belt hardly deflects, is not unloaded again, or is loaded more than once.
+    """
+    peak = int(np.argmax(np.abs(deflection)))
+    if abs(deflection[peak]) < np.deg2rad(0.5):
+        raise InputError(
+            f"the belt deflects by {np.rad2deg(abs(deflection[peak])):.3f} deg at most, expected 0.5 deg or more; "
+            "check the angle channels and their units in the source file"
+        )
+    loaded = np.abs(deflection) >= ONSET * abs(deflection[peak])
+    onset = int(np.argmax(loaded))
+    release = len(loaded) - int(np.argmax(loaded[::-1]))
+    if release - peak < 10 or release == len(loaded):
+        raise InputError("the trial ends while the belt is still loaded; record the way back too")
+    way = deflection[onset : peak + 1] * np.sign(deflection[peak])
+    fall = float(np.max(np.maximum.accumulate(way) - way))
+    if fall > LARGEST_FALL * abs(float(way[-1])):
+        raise InputError(
+            f"the belt falls back by {np.rad2deg(fall):.2f} deg before its peak of {np.rad2deg(abs(way[-1])):.2f} deg: "
+            "this is no single loading; check that the trial is of experiment 'belt'"
+        )
+    return onset, peak, release
+
+
+def check_locked(theta: Array, theta_m: Array) -> None:
+    """Refuse a shaft that turns where n_T is not known, and so its share of the deflection; angles (n,) [rad]."""
+    turned, whole = float(np.ptp(theta_m)), float(np.ptp(theta))
+    if turned > LOCKED * whole:
+        raise InputError(
+            f"theta_m turns by {turned:.3g} rad while theta turns by {whole:.3g} rad, and without a parameter file its "
+            "ratio n_T to the joint is not known; lock the shaft, or name a parameter file under `parameters` in the "
+            "configuration"
+        )
+
+
+def belt_table(belt: BeltTrial) -> pl.DataFrame:
+    """The trial's row of `belt.csv`: loading and unloading slope, loop area [J], quadratic belt, what a line lacks.
+    `energy_lost` is the loop's area divided by the energy K_s theta_s^2/2 at the peak. `stiffening` is the share by
+    which the slope of the quadratic belt grows from rest to the peak."""
+    loading, quadratic = belt.loading.whole, belt.quadratic
+    peak = float(np.max(np.abs(belt.loading.sums.columns["theta"])))
+    damped = "B_j" in loading.names
+    row: Row = {
+        "trial": belt.record.name,
+        **estimates_row(loading, "K_s", "offset"),
+        **covariance_row(loading, "K_s", "offset"),
+        **(estimates_row(loading, "B_j") if damped else dict.fromkeys(("B_j", "B_j_se", "B_j_low", "B_j_high"))),
+        **belt.loading.judged("loading"),
+        "unloading": belt.unloading["K_s"],
+        "unloading_se": belt.unloading.se("K_s"),
+        "hysteresis_area": belt.hysteresis_area,
+        "quadratic_K_s": quadratic["K_s"],
+        "quadratic_K_s2": quadratic["K_s2"],
+        "quadratic_K_s2_se": quadratic.se("K_s2"),
+        "quadratic_VAF": quadratic.vaf,
+        "energy_lost": belt.hysteresis_area / (loading["K_s"] * peak**2 / 2),
+        "stiffening": 2 * quadratic["K_s2"] * peak / quadratic["K_s"],
+        **time_base_row(loading, belt.loading.others.get("loading"), ["K_s"]),
+    }
+    return pl.DataFrame([row])
+
+
+def belt_curve(belt: BeltTrial) -> pl.DataFrame:
+    """Deflection [deg] and torque [N*m] relative to rest, by branch, for Fig. 3."""
+    record = belt.record
+    step = slice(None, None, max(round(record.rate_hz / CURVE_STEP_HZ), 1))
+    theta_s, torque = record.motion.theta[step], record.filtered_torque[step]
+    deflection = np.rad2deg(theta_s - theta_s[0])
+    branch = np.where(np.arange(len(theta_s)) <= np.argmax(np.abs(deflection)), "loading", "unloading")
+    columns = {"branch": branch, "theta_s_deg": deflection, "torque": torque - torque[0]}
+    return pl.DataFrame(columns).select(pl.lit(record.name).alias("trial"), pl.all())
+
+
+def belt_series(belt: BeltTrial) -> Series:
+    """Torque against deflection beside the straight line, which is fitted while loading."""
+    return replace(belt.loading.series(), motion=belt.loading.sums.columns["theta"])
+
+
+def belt_summary(table: pl.DataFrame) -> pl.DataFrame:
+    return summary_of_trials(table, ("K_s", "unloading", "hysteresis_area", "quadratic_K_s2"))
+
+
+def belt_figure_points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> pl.DataFrame:
+    """The numbers of Fig. 3: the curves with what they differ by from the mean slope and the reason why a fit is
+    doubtful, and the mean slope as two points. `curves` are the trials' `belt_curve`s, `table` is `belt.csv`, `summary`
+    is `belt_summary.csv`."""
+    facts = table.select("trial", *PLACE, "doubtful")
+    marked_curves = curves.join(facts, on="trial", how="left", maintain_order="left")
+    parts = marked_curves.partition_by(PLACE, maintain_order=True)
+    return pl.concat([frame for part in parts for frame in beside_mean_slope(part, summary)], how="diagonal")
+
+
+def beside_mean_slope(curves: pl.DataFrame, summary: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """The belts of one joint and side with the `deviation` of torque [N*m] from the mean slope; this slope as two
+    points, from 0 to the largest deflection, with the mean area of the loops [J]."""
+    place = curves.select(PLACE).row(0, named=True)
+    same = [pl.col(name).eq_missing(pl.lit(value, pl.String)) for name, value in place.items()]
+    numbers = {
+        f"{quantity}{ending}": summary.filter(pl.col("quantity") == quantity, *same)[column][0]
+        for quantity in ("K_s", "hysteresis_area")
+        for ending, column in (("", "mean"), ("_low", "low"), ("_high", "high"))
+    }
+    slope = numbers["K_s"] * np.pi / 180
+    deflection = curves["theta_s_deg"]
+    ends = pl.DataFrame({"theta_s_deg": [0.0, deflection[int(np.argmax(deflection.abs().to_numpy()))]]})
+    constant = {"trial": "mean slope", "branch": "loading", **place, **numbers}
+    types = dict.fromkeys(numbers, pl.Float64)
+    mean = ends.with_columns(
+        torque=slope * pl.col("theta_s_deg"),
+        **{name: pl.lit(value, types.get(name, pl.String)) for name, value in constant.items()},
+    )
+    return curves.with_columns(deviation=pl.col("torque") - slope * pl.col("theta_s_deg")), mean
+
+
+LOSSES = ("B_j", "J_j")
+
+
+def transmission_of(record: Record) -> Analysis:
+    """Losses with the motor detached, Eq. 4 with theta_s = 0, fitted to a stepped sine; raises as `analysed`."""
+    return analysed(record, plain_sums(record, TRANSMISSION), TRANSMISSION)
+
+
+def transmission_table(analysis: Analysis) -> pl.DataFrame:
+    """The trial's rows of `transmission.csv`: one per amplitude [deg], and one for all of them (amplitude null).
+
+    `load_cell_drift` [N*m/min] was subtracted from the torque. A lag of the torque is not among the diagnostics,
+    because it cannot be told from an inertia of -B_j times the lag.
+    """
+    record, s = analysis.record, sums_of(analysis.record, TRANSMISSION)
+    phasors, found = phasors_of_record(record), causes(record, s, TRANSMISSION)
+    largest = record.settings.time_base.largest_drift_ppm if record.settings else np.inf
+    clocks = drift_row(clock_drift_of(record, s, TRANSMISSION, found, largest))
+    commanded = {one.label: one.commanded for one in record.groups.strata}
+    rows: list[Row] = []
+    for label, fit in analysis.fits.items():
+        friction, meant = with_effects(s, TRANSMISSION, ("T_C",), label), commanded.get(label)
+        even, odd = harmonic_shares(at_amplitude(phasors, label), (0.0, fit["B_j"], fit["J_j"]))
+        rows.append(
+            {
+                "trial": record.name,
+                "amplitude_deg": label if isinstance(label, float) else None,
+                "commanded_deg": None if meant is None else round(float(np.rad2deg(meant)), 9),
+                **analysis.rows(label, *LOSSES),
+                **estimates_row(friction, "T_C"),
+                "B_j_coulomb": friction["B_j"],
+                "VAF_coulomb": friction.vaf,
+                "even_harmonics": even,
+                "odd_harmonics": odd,
+                **analysis.shared(label, *LOSSES),
+                **friction_row(s, TRANSMISSION, fit, label),
+                **clocks,
+            }
+        )
+    return pl.DataFrame(rows, infer_schema_length=None).with_columns(pl.col(pl.Null).cast(pl.Float64))
+
+
+def transmission_summary(table: pl.DataFrame) -> pl.DataFrame:
+    whole = table.filter(pl.col("amplitude_deg").is_null())
+    return summary_of_trials(whole, (*LOSSES, "VAF", "T_C", "VAF_coulomb"))
+
+
+PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
+"""Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping, inertia."""
+ACTUATOR: Model = {**{name: name for name in PARAMETERS}, "offset": "one", "drift": "drift"}
+"""torque_m = k_tau n_m I_q - f - B_m omega_m - J_m alpha_m + offset + drift (Eqs. 1-2)"""
+FEWEST_MOVING_S = 1.0  # shortest duration [s] of the samples that are fitted
+EDGE_PERIODS = 3
+"""Periods of the filter's cut-off at both ends that are not fitted: there the filter had to extrapolate."""
+
+
+def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
+    """Filter and fit one canonical trial. Its motion is theta_m, or omega_m of a bench that logs no angle.
+
+    Raises InputError, IdentifiabilityError: as `fit_actuator_signals`, or a signal is missing; the message names the
+    trial.
+    """
+    motion = next((name for name in ("theta_m", "omega_m") if name in trial.samples.columns), "theta_m")
+    uniform = uniform_signals(trial, (motion, "current", "torque_m"), settings.gap_limits)
+
+    def of(signals: UniformSignals) -> Analysis:
+        found = actuator_alone(trial.name, signals.time, signals.signals, settings, signals.usable)
+        return replace(found, record=replace(found.record, uniform=signals))
+
+    try:
+        found, other = of(uniform), uniform.other()
+        return found if other is None else replace(found, others=of(other).fits)
+    except (InputError, IdentifiabilityError) as error:
+        raise type(error)(f"trial {trial.name}: {error}") from error
+
+
+def moved_by(signals: Mapping[str, Array]) -> str:
+    """The column that the actuator's motion is from."""
+    return "theta_m" if "theta_m" in signals else "omega_m"
+
+
+def actuator_alone(
+    name: str,
+    time: Array,
+    signals: Mapping[str, Array],
+    settings: ActuatorAnalysis,
+    usable: NDArray[np.bool_] | None = None,
+) -> Analysis:
+    """Eqs. 1-2 fitted to uniform signals (n,): `theta_m` [rad] or `omega_m` [rad/s] and `torque_m` [N*m] of the
+    actuator's output, and its `current` [A].
+
+    The sign of the velocity is tanh(omega_m/sign_width). It is taken before the filter, so that friction's jumps are
+    smeared in the column as they are in the torque, which biases nothing. f_G can be told from k_tau n_m only if the
+    current both drives and brakes: as long as it has the direction of the motion, sign(omega_m) |I_q| equals I_q. The
+    drift is that of the torque transducer. Left in the residual it would multiply the standard error of f_G by four.
+
+    Raises InputError: the actuator hardly moves. Raises IdentifiabilityError: the schedule cannot tell two parameters
+    apart; the message names them.
+    """
+    check_changes("torque_m", signals["torque_m"])
+    low_pass, rate, raw = settings.low_pass, (len(time) - 1) / float(time[-1] - time[0]), signals[moved_by(signals)]
+    smooth = differentiate(time, low_pass(raw, rate))
+    of_velocity = moved_by(signals) == "omega_m"
+    omega, alpha = (smooth.theta, smooth.omega) if of_velocity else (smooth.omega, smooth.alpha)
+    direction, current = np.tanh(omega / settings.sign_width), signals["current"]
+    columns = {
+        "k_tau_n_m": low_pass(current, rate),
+        "f_C": -low_pass(direction, rate),
+        "f_G": -low_pass(direction * np.abs(current), rate),
+        "B_m": -omega,
+        "J_m": -alpha,
+        "one": np.ones_like(time),
+        "drift": time - np.mean(time),
+    }
+    usable = np.ones(len(time), dtype=np.bool_) if usable is None else usable
+    moving = moving_rows(omega, rate, settings) & usable
+    if np.count_nonzero(moving) < FEWEST_MOVING_S * rate:
+        raise InputError(
+            f"the actuator is faster than {settings.slowest:g} rad/s in {np.count_nonzero(moving)} of {len(time)} "
+            "samples; drive it faster or longer, or check the unit of theta_m or omega_m in the source file"
+        )
+    motion, torque = Motion(smooth.theta, omega, alpha), low_pass(signals["torque_m"], rate)
+    groups = stretches_of(runs(moving), rate)
+    record = Record(name, time, raw, signals["torque_m"], motion, torque, low_pass, usable, groups)
+    return analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR)
+
+
+def moving_rows(omega: Array, rate_hz: float, settings: ActuatorAnalysis) -> NDArray[np.bool_]:
+    """The rows (n,) that are fitted: away from both ends, and faster than the settings' slowest velocity, because
+    friction may have any value up to its limit below."""
+    moving = np.abs(omega) > settings.slowest
+    edge = int(np.ceil(EDGE_PERIODS * rate_hz / settings.cutoff_hz))
+    moving[:edge] = moving[-edge:] = False
+    return moving
+
+
+def actuator_series(actuator: Analysis) -> Series:
+    """Measured torque and that of Eqs. 1-2."""
+    record = actuator.record
+    assert record.uniform is not None
+    of_velocity = moved_by(record.uniform.signals) == "omega_m"
+    return replace(actuator.series(), motion=record.theta, is_velocity=of_velocity)
+
+
+def actuator_table(actuator: Analysis) -> pl.DataFrame:
+    """The trial's row of `actuator.csv`."""
+    fit, record = actuator.whole, actuator.record
+    assert record.uniform is not None
+    row = {
+        "trial": record.name,
+        "motion": moved_by(record.uniform.signals),
+        **estimates_row(fit, *PARAMETERS, "offset", "drift"),
+        **covariance_row(fit, *PARAMETERS),
+        **actuator.judged(),
+        "correlation_k_f_G": fit.correlation("k_tau_n_m", "f_G"),
+        **time_base_row(fit, actuator.others.get(None), PARAMETERS),
+    }
+    return pl.DataFrame([row], schema_overrides={"time_base_shift": pl.Float64})
+
+
+def actuator_summary(table: pl.DataFrame) -> pl.DataFrame:
+    return summary_of_trials(table, (*PARAMETERS, "VAF"))

@@ -43,6 +43,10 @@ def test_a_doubt_begins_with_its_cause_and_a_misfit_that_this_explains_is_no_dou
     assert "60 % of B is Coulomb friction and not damping" in said
     assert said.endswith("[coulomb_share 0.6 is above 0.5, odd_harmonics 0.3 is above 0.25, VAF 80 is below 90]")
     assert doubts(row, {}, {"VAF": 90}).startswith("model that does not fit: ")
+    assert "single amplitudes" not in said, "there are none"
+    rows = pl.DataFrame({"trial": "a", "amplitude_deg": [2.0, None], "coulomb_share": 0.6})
+    said = marked(rows, Doubt(above={"coulomb_share": 0.5}), "impedance")["doubtful"].to_list()
+    assert all("Use the rows of single amplitudes, or the damping" in text for text in said)
 
 
 def test_a_fault_of_the_recording_that_one_amplitude_alone_shows_accuses_nobody():

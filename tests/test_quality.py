@@ -21,10 +21,10 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.known_formats import FORMATS
-from osl_analysis.judge.channels import length_of_longest
 from osl_analysis.judge.recording import CHECKS, examine, quality_table, validate_rules
 from osl_analysis.judge.table import CheckResult, Commanded, QualityRules
 from osl_analysis.plateaus import longest_at_extreme
+from osl_analysis.signals import longest_run
 from osl_analysis.trial import Array, Trial
 
 COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6)
@@ -117,7 +117,8 @@ def test_jitter_is_the_wander_of_stamps_about_which_nothing_decides() -> None:
 def test_a_load_cell_that_rails_is_seen_at_either_end_by_its_samples(sign: int) -> None:
     torque = bench()["torque"].to_numpy().copy()
     found = results(bench(torque=sign * np.minimum(torque, 15.0)))
-    assert found["saturation"] == CheckResult(length_of_longest(torque > 15), "torque")
+    beyond = longest_run(torque > 15)
+    assert found["saturation"] == CheckResult(beyond.stop - beyond.start, "torque")
     assert failed(found) == {"saturation"}
     torque[1000:1009] = torque[1100:1104] = 40.0
     assert results(bench(torque=sign * torque))["saturation"].value == 9

@@ -3,15 +3,13 @@ force plates whose centre of pressure is beside them or stands.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.config.experiments import EXPERIMENTS, Experiment
+from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.judge.table import Cause, Check, CheckResult, Examined
 from osl_analysis.measured import usual_size
@@ -35,26 +33,18 @@ def worst(values: Mapping[str, float], reason: str) -> CheckResult:
     return CheckResult(float(values[name]), name if values[name] else "")
 
 
-def channel(samples: pl.DataFrame, column: str) -> tuple[Array, Array]:
-    """Time [s] and values of one column, (n,) each, where it was sampled. NaN is left out, but for hidden markers."""
-    rows = samples.select("time", column).drop_nulls()
-    rows = rows if column.startswith("marker_") else rows.drop_nans(column)
-    return rows["time"].to_numpy(), rows[column].to_numpy()
+def sampled(trial: Trial, column: str | None) -> tuple[Array, Array]:
+    """Time [s] and values of a column, (n,) each, where it was sampled; empty without the column. NaN is left out."""
+    if column is None or column not in trial.columns:
+        return np.empty(0), np.empty(0)
+    time, values = trial.arrays(column)
+    missing = np.isnan(values)
+    return (time[~missing], values[~missing]) if missing.any() else (time, values)
 
 
 def median_step(time: Array) -> float:
     """Median step [s]; 0 for a single sample."""
     return float(np.median(np.diff(time))) if time.size > 1 else 0.0
-
-
-def duration(time: Array) -> float:
-    return float(np.ptp(time)) if time.size else 0.0
-
-
-def length_of_longest(true: NDArray[np.bool_]) -> int:
-    """Samples in the longest run of true ones."""
-    run = longest_run(true)
-    return int(run.stop - run.start)
 
 
 # Sensors at the end of their range: load cells, currents and encoders that stand at a rail.
@@ -112,21 +102,13 @@ def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int
     return max(at_stated, seen)
 
 
-def sampled(trial: Trial, column: str | None) -> tuple[Array, Array]:
-    """Time [s] and values of a column, (n,) each, where it was sampled; empty without the column."""
-    if column is None or column not in trial.columns:
-        return np.empty(0), np.empty(0)
-    time, values = trial.arrays(column)
-    missing = np.isnan(values)
-    return (time[~missing], values[~missing]) if missing.any() else (time, values)
-
-
 def longest_at_stated(values: Array, ends: tuple[float, float] | None) -> int:
     """Longest run [samples] of a channel (n,) at a stated end of its range, or beyond it."""
     if ends is None or not values.size:
         return 0
     near = AT_RAIL * (ends[1] - ends[0])
-    return max(length_of_longest(values <= ends[0] + near), length_of_longest(values >= ends[1] - near))
+    runs_there = (longest_run(at_end) for at_end in (values <= ends[0] + near, values >= ends[1] - near))
+    return max(int(run.stop - run.start) for run in runs_there)
 
 
 def is_command(values: Array) -> bool:
@@ -166,8 +148,6 @@ def smallest_step(values: Array) -> float:
 
 # Noisy channels, of torque, current and plates, and angles that stand.
 
-NOISY = {"current"} | {facts.torque for facts in EXPERIMENTS.values() if facts.torque}
-"""Columns that a sensor's noise keeps changing."""
 AT_REST = 0.02  # share of the angle's range by which a joint at rest may creep
 MOVES = 0.2  # of the reference's range: while it changes by more, the joint should have moved
 SMOOTHED = 0.05  # s, over which a reference is averaged; a sine of 5 Hz keeps nine tenths of its amplitude
@@ -182,12 +162,13 @@ def raw_channels(trial: Trial) -> dict[str, Mapping[str, Any]]:
     }
 
 
-def own_channels(examined: Examined, raw: Iterable[str]) -> dict[str, tuple[Array, Array]]:
-    """Time [s] and values of the noisy channels with samples, except force and moment of plates whose raw channels are
-    known."""
+def noisy_channels(trial: Trial, raw: Iterable[str]) -> dict[str, tuple[Array, Array]]:
+    """Time [s] and values of the channels with samples that a sensor's noise keeps changing: torques, current, and
+    force and moment of plates whose raw channels are not known."""
+    noisy = {"current"} | {facts.torque for facts in EXPERIMENTS.values()}
     plates = {name.partition(" ")[0] for name in raw}
-    columns = [c for c in examined.samples.columns if c in NOISY or c.startswith("plate")]
-    found = {c: channel(examined.samples, c) for c in columns if c.partition("_")[0] not in plates}
+    columns = [c for c in trial.samples.columns if c in noisy or c.startswith("plate")]
+    found = {c: sampled(trial, c) for c in columns if c.partition("_")[0] not in plates}
     return {name: x for name, x in found.items() if x[1].size}
 
 
@@ -197,107 +178,73 @@ def measure_saturation(examined: Examined) -> CheckResult:
     """
     trial, raw = examined.trial, raw_channels(examined.trial)
     driven = examined.experiment.motion  # what nobody drives may stand by friction
-    names = [*own_channels(examined, raw), *(c for c in trial.samples.columns if c == driven or stated_range(trial, c))]
+    names = [*noisy_channels(trial, raw), *(c for c in trial.samples.columns if c == driven or stated_range(trial, c))]
     lengths = {name: samples_at_rail(trial, name, examined.experiment.torque) for name in names}
     return worst(lengths | {name: facts["clipped_samples"] for name, facts in raw.items()}, NO_ANALOG)
 
 
 def measure_stuck(examined: Examined) -> CheckResult:
-    """Longest time [s] that a noisy channel repeats one value, or that an angle stands while it should change."""
-    raw = raw_channels(examined.trial)
-    channels = own_channels(examined, raw)
-    column = next((c for c in (moving_angle(examined.experiment), "theta") if c in examined.samples.columns), None)
-    angle = channel(examined.samples, column) if column else (np.empty(0), np.empty(0))
-    times = {name: held_while_moving(*x, angle) for name, x in channels.items()}
-    if "current" in channels:
-        times["current"] = 0.0 if is_command(channels["current"][1]) else held(*channels["current"])
-    plates = {name: x for name, x in channels.items() if name.startswith("plate")}
-    for name, (time, x) in plates.items():  # Nexus writes 0 without load
-        loaded = length_of_longest((np.diff(x) == 0) & (x[1:] != 0)) * median_step(time)
-        times[name] = duration(time) if dead(name, plates) else loaded
+    """Longest time [s] that a noisy channel repeats one value, or that an angle stands while it should change.
+
+    A load cell whose steps are larger than its noise repeats a value while the joint rests, and Nexus writes 0 without
+    load. The angle should follow its command, or else the torque, averaged: while the joint rests, the noise of a
+    small torque is a part of its range. It may rest in static and plate trials.
+    """
+    trial, columns, raw = examined.trial, examined.samples.columns, raw_channels(examined.trial)
+    moving = examined.experiment.motion or ("theta" if examined.experiment.tables else "")
+    angle = sampled(trial, moving if moving in columns else "theta")
+    creep = AT_REST * float(np.ptp(angle[1])) if angle[1].size else 0.0
+    times, channels = {}, noisy_channels(trial, raw)
+    silent = {name for name, (_, x) in channels.items() if not x.any()}
+    used = {name.partition("_")[0] for name in channels.keys() - silent}
+    for name, (time, x) in channels.items():
+        if name.startswith("plate"):  # one that is 0 throughout is dead if another of its plate is not
+            times[name] = held(time, np.where(x == 0, np.nan, x))
+            if name in silent and name.partition("_")[0] in used:
+                times[name] = float(np.ptp(time))
+        elif name == "current":
+            times[name] = 0.0 if is_command(x) else held(time, x)
+        elif angle[0].size < 2 or not np.ptp(x):
+            times[name] = held(time, x)
+        else:
+            times[name] = held(time, x, (time, np.interp(time, *angle)), creep)
     times |= {name: (facts["stands_to_s"] or 0.0) - (facts["stands_from_s"] or 0.0) for name, facts in raw.items()}
-    return worst(times | standing_angles(examined), NO_ANALOG)
+    reference = next((c for c in ("theta_command", "torque") if c in columns), None)
+    time, theta = sampled(trial, "theta")
+    if reference and time.size and (means := averaged(*sampled(trial, reference)))[0].size:
+        beside = SMOOTHED / 2 + median_step(time)  # at the start of a motion the torque jumps before the angle
+        times["theta"] = held(time, theta, means, MOVES * float(np.ptp(means[1])), beside)
+    if moving in columns and angle[1].size and not np.ptp(angle[1]):
+        times[moving] = float(np.ptp(angle[0]))
+    return worst(times, NO_ANALOG)
 
 
-def held(time: Array, values: Array) -> float:
-    return length_of_longest(np.diff(values) == 0) * median_step(time)
+def held(
+    time: Array,
+    values: Array,
+    reference: tuple[Array, Array] | None = None,
+    least: float = 0.0,
+    beside: float = 0.0,
+) -> float:
+    """Longest time [s] that a channel (n,) repeats one value while its reference, times and values, changes by more
+    than `least`. At both ends of the repetition `beside` [s] do not count."""
+    edges = run_edges(np.diff(values) == 0)
+    for first, last in edges[np.argsort(edges[:, 0] - edges[:, 1], kind="stable")].tolist():
+        if reference is not None:
+            start = np.searchsorted(reference[0], time[first] + beside)
+            within = reference[1][start : np.searchsorted(reference[0], time[last] - beside, "right")]
+            if not within.size or np.ptp(within) <= least:
+                continue
+        return float((last - first) * median_step(time))
+    return 0.0
 
 
-def held_while_moving(time: Array, values: Array, angle: tuple[Array, Array]) -> float:
-    """Longest time [s] that a channel repeats one value, (n,) each, while the joint's angle changes.
-
-    A load cell whose steps are larger than its noise repeats a value while the joint rests. Without an angle, or where
-    the channel never changes, the motion does not matter.
-    """
-    if angle[0].size < 2 or not values.size or not np.ptp(values):
-        return held(time, values)
-    there, moved = np.interp(time, *angle), AT_REST * float(np.ptp(angle[1]))
-    repeated = run_edges(np.diff(values) == 0)
-    if not len(repeated):
-        return 0.0
-    ends = np.add(repeated, [0, 1]).ravel()  # the rows of each run, and after each the rows up to the next
-    padded = np.append(there, there[-1])
-    turned = (np.maximum.reduceat(padded, ends) - np.minimum.reduceat(padded, ends))[::2]
-    moving = (repeated[:, 1] - repeated[:, 0])[turned > moved]
-    return int(moving.max(initial=0)) * median_step(time)
-
-
-def dead(name: str, plates: Mapping[str, tuple[Array, Array]]) -> bool:
-    """Whether a plate's channel is exactly 0 throughout and another of its plate is not: all are if it is unused."""
-    plate = name.partition("_")[0]
-    silent = {other for other, (_, values) in plates.items() if not values.any()}
-    return name in silent and any(other.partition("_")[0] == plate for other in plates.keys() - silent)
-
-
-def standing_angles(examined: Examined) -> dict[str, float]:
-    """Longest time [s] that an angle stands: all the time if it never changes, else while its reference changes.
-
-    The reference of the joint's angle is its command, or else the torque, smoothed: while the joint rests, the noise of
-    a small torque is a part of its range.
-    """
-    samples, times = examined.samples, {}
-    reference = next((c for c in ("theta_command", "torque") if c in samples.columns), None)
-    if reference and "theta" in samples.columns:
-        time, values = channel(samples, "theta")
-        commanded = smoothed(*channel(samples, reference))
-        if time.size and commanded[0].size:
-            times["theta"] = standing(time, values, commanded)
-    angle = moving_angle(examined.experiment)
-    if angle in samples.columns:
-        time, values = channel(samples, angle)
-        if values.size and not np.ptp(values):
-            times[angle] = duration(time)
-    return times
-
-
-def smoothed(time: Array, values: Array) -> tuple[Array, Array]:
+def averaged(time: Array, values: Array) -> tuple[Array, Array]:
     """Times [s] and mean values of consecutive stretches of `SMOOTHED` seconds."""
     length = max(round(SMOOTHED / median_step(time)), 1) if time.size > 1 else 1
     whole = values.size // length * length
     means = [x[:whole].reshape(-1, length).mean(axis=1) for x in (time, values)]
     return means[0], means[1]
-
-
-def moving_angle(experiment: Experiment) -> str:
-    """The angle that changes in every trial; empty for static and plate trials, in which the joint may rest."""
-    return experiment.motion or ("theta" if experiment.tables else "")
-
-
-def standing(time: Array, theta: Array, reference: tuple[Array, Array]) -> float:
-    """Longest time [s] that theta (n,) repeats one value while the reference goes through a part of its range.
-
-    `reference` has times [s] and means of stretches (m,), of which those within the repetition count: at the start of a
-    motion the torque jumps before the angle leaves its value.
-    """
-    middle, means = reference
-    least, half = MOVES * float(np.ptp(means)), SMOOTHED / 2 + median_step(time)
-    ends = time[run_edges(np.diff(theta) == 0)]
-    longest = 0.0
-    for start, stop in ends[ends[:, 1] - ends[:, 0] > 2 * half].tolist():
-        first, after = np.searchsorted(middle, start + half, "right"), np.searchsorted(middle, stop - half)
-        if first < after and np.ptp(means[first:after]) > least:
-            longest = max(longest, stop - start)
-    return longest
 
 
 # Zeros, turns, and markers.
@@ -316,7 +263,7 @@ def measure_unzeroed_load_cell(examined: Examined) -> CheckResult:
     """Size of the mean torque [N*m] before the dynamometer first moves the joint."""
     if not {"theta", "torque"} <= set(examined.samples.columns):
         return not_applicable(NO_DYNAMOMETER)
-    (moving, angle), (time, torque) = (channel(examined.samples, name) for name in ("theta", "torque"))
+    (moving, angle), (time, torque) = (sampled(examined.trial, name) for name in ("theta", "torque"))
     moved = abs(angle - angle[:1]) > AT_REST * np.ptp(angle) if angle.size else np.zeros(0, bool)
     rest = time < moving[np.argmax(moved)] if moved.any() else np.ones(time.size, bool)
     if rest.sum() < 2 or np.ptp(time[rest]) < LEAST_REST:
@@ -329,7 +276,7 @@ def measure_unzeroed_plate(examined: Examined) -> CheckResult:
     """Largest size of the level [N] of a bare plate. A negative level is always an error, a positive one where it is
     below what a resting plate may scatter, or every plate is bare at some time."""
     columns = [c for c in examined.samples.columns if c.startswith("plate") and c.endswith("_force_z")]
-    levels = {c.removesuffix("_force_z"): bare_level(*channel(examined.samples, c)) for c in columns}
+    levels = {c.removesuffix("_force_z"): bare_level(*sampled(examined.trial, c)) for c in columns}
     bare = examined.experiment.bare_plate
     counted = {plate: level for plate, level in levels.items() if level is not None and (level < QUIET or bare)}
     if not counted:
@@ -364,7 +311,7 @@ def measure_encoder_wrap(examined: Examined) -> CheckResult:
     jumps: dict[str, float] = {}
     for column in ("theta", "theta_m", "theta_command"):
         if column in examined.samples.columns:
-            jump = abs(np.diff(channel(examined.samples, column)[1]))
+            jump = abs(np.diff(sampled(examined.trial, column)[1]))
             jumps[column] = float(sum((abs(jump / turn - 1) < TURN_TOLERANCE).sum() for turn in TURNS))
     return worst(jumps, "no angle")
 
@@ -374,7 +321,7 @@ def measure_marker_gap(examined: Examined) -> CheckResult:
     gaps = {}
     for column in examined.samples.columns:
         if column.startswith("marker_") and column.endswith("_x"):
-            time, x = channel(examined.samples, column)
+            time, x = examined.trial.arrays(column)
             gaps[column.removeprefix("marker_").removesuffix("_x")] = hidden(time, ~np.isnan(x))
     result = worst(gaps, "no markers")
     with_gaps = sum(gap > 0 for gap in gaps.values())
@@ -384,14 +331,14 @@ def measure_marker_gap(examined: Examined) -> CheckResult:
 def hidden(time: Array, seen: NDArray[np.bool_]) -> float:
     """Longest time [s] between two sightings, beyond one step; all the time if it was never seen."""
     if not seen.any():
-        return duration(time)
+        return float(np.ptp(time)) if time.size else 0.0
     longest = float(np.diff(time[seen]).max(initial=0.0)) - median_step(time)
     return longest if longest > 0.5 * median_step(time) else 0.0
 
 
 # Force plates: the centre of pressure lies on the plate, and moves, while somebody walks over it.
 
-PRESSED = 100.0
+UNDER_FOOT = 100.0
 """Vertical force [N] from which a plate has a centre of pressure; below, noise and a moving platform shift it."""
 FEWEST_PRESSED = 10  # fewest samples under load from which a plate is judged
 OFTEN = 95.0  # percentile of the distances that is judged: the first and last samples of a stance are inexact
@@ -399,62 +346,42 @@ ROLLS = 0.02  # way [m] of the centre of pressure under a rolling foot, at least
 NO_LOAD = "no plate is stood on"
 
 
-@dataclass(frozen=True)
-class PlateRecord:
-    """What one plate recorded. force, moment: (n, 3) [N, N*m]; corners: (4, 3) [m], all in laboratory axes at rest."""
-
-    number: int
-    corners: Array
-    force: Array
-    moment: Array
-
-    @cached_property
-    def pressure_centre(self) -> Array:
-        """Centre of pressure (k, 2) [m] from the plate's centre along its edges, in the samples under load."""
-        axes = plate_axes(self.corners)
-        vertical = self.force @ axes[:, 2]
-        loaded = vertical > PRESSED
-        point = np.cross(axes[:, 2], self.moment[loaded]) / vertical[loaded, None]
-        return np.asarray(point @ axes[:, :2])
-
-    def outside(self, pressure_centre: Array) -> float:
-        """Distance [m] of the 5 % of points (k, 2) that lie furthest outside the plate; 0 inside."""
-        return float(np.percentile(beside(pressure_centre, self.corners), OFTEN))
-
-
-def pressed_plates(trial: Trial) -> Iterator[PlateRecord]:
-    """The plates of a trial that somebody stands on, as far as their corners and columns are known."""
+def pressed_plates(trial: Trial) -> Iterator[tuple[int, Array, Array]]:
+    """Of every plate that somebody stands on, as far as corners and columns are known: its number, corners (4, 3) [m],
+    and centre of pressure (k, 2) [m] from its centre along its edges, in the samples under load."""
     for plate in trial.provenance.get("plates", []):
-        number = int(plate["plate"])
+        number, corners = int(plate["plate"]), np.array(plate["corners"], dtype=float)
         columns = [*plate_columns(number, "force"), *plate_columns(number, "moment")]
-        if set(columns) <= set(trial.samples.columns):
-            values = trial.sampled(*columns).select(columns).to_numpy()
-            record = PlateRecord(number, np.array(plate["corners"], dtype=float), values[:, :3], values[:, 3:])
-            if len(record.pressure_centre) >= FEWEST_PRESSED:
-                yield record
+        if not set(columns) <= set(trial.samples.columns):
+            continue
+        values, axes = trial.sampled(*columns).select(columns).to_numpy(), plate_axes(corners)
+        vertical = values[:, :3] @ axes[:, 2]
+        loaded = vertical > UNDER_FOOT
+        if loaded.sum() >= FEWEST_PRESSED:
+            point = np.cross(axes[:, 2], values[loaded, 3:]) / vertical[loaded, None]
+            yield number, corners, np.asarray(point @ axes[:, :2])
 
 
 def measure_pressure_centre(examined: Examined) -> CheckResult:
     """Largest distance [m] by which a centre of pressure lies outside its plate under load; the remark says why."""
     distances, remarks = [], []
-    for plate in pressed_plates(examined.trial):
-        points = plate.pressure_centre
-        distances.append(plate.outside(points))
-        if distances[-1] > 0:
-            thousandth = plate.outside(points / 1000) == 0 and travel(points / 1000) > ROLLS
+    for number, corners, points in pressed_plates(examined.trial):
+        distance, thousandth = (float(np.percentile(beside(p, corners), OFTEN)) for p in (points, points / 1000))
+        distances.append(distance)
+        if distance > 0:
             why = (
                 "its moments look a thousand times too large; state `plate_units` in the source file, as {force: N, "
                 "moment: N*mm}"
-                if thousandth
+                if thousandth == 0 and travel(points / 1000) > ROLLS
                 else "a moment channel is dead, clipped or of the other sign, or the corners are wrong"
             )
-            remarks.append(f"plate{plate.number}: the centre of pressure is {distances[-1]:.3g} m outside: {why}")
+            remarks.append(f"plate{number}: the centre of pressure is {distance:.3g} m outside: {why}")
     return CheckResult(max(distances), "; ".join(remarks)) if distances else not_applicable(NO_LOAD)
 
 
 def measure_pressure_travel(examined: Examined) -> CheckResult:
     """Shortest way [m] that the centre of pressure covers under a loaded plate, from its 5th to its 95th percentile."""
-    ways = {plate.number: travel(plate.pressure_centre) for plate in pressed_plates(examined.trial)}
+    ways = {number: travel(points) for number, _, points in pressed_plates(examined.trial)}
     if not ways:
         return not_applicable(NO_LOAD)
     number = min(ways, key=lambda plate: ways[plate])

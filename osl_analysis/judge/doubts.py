@@ -14,7 +14,7 @@ from typing import NamedTuple
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.judge.impossible import wrong_scale
+from osl_analysis.judge.impossible import known_factor
 from osl_analysis.judge.table import AnyRow, Cause, Doubt, Evidence
 from osl_analysis.stats.repeats import summary_table
 
@@ -25,13 +25,13 @@ SAME_K = 0.03
 
 def too_far(symbol: str, reference: str = "that of the parameter file") -> Callable[[float, AnyRow], str]:
     """Words for an estimate of `symbol` that is far from its `reference`, by their ratio."""
-    return lambda ratio, _: f"{symbol} is {ratio:.3g} times {reference}, {wrong_scale(ratio)}"
+    return lambda ratio, _: ", ".join(filter(None, [f"{symbol} is {ratio:.3g} times {reference}", known_factor(ratio)]))
 
 
 def far_from_gains(ratio: float, row: AnyRow) -> str:
     """The words for a K that is far from what the gains should give: units, or a frame that yields if K is low."""
     words = too_far("K", "what K_d and the controller should give")(ratio, row)
-    frame = ", or state `bench_stiffness` in the configuration if the bench's frame yields"
+    frame = " (state `bench_stiffness` in the configuration if the bench's frame yields)"
     return words + (frame if SOFT_FRAME < ratio < 1 else "")
 
 
@@ -74,12 +74,13 @@ LATE_OR_YIELDING = Cause("late torque or yielding bench", "the torque comes late
     "channel in the source file, or `bench_stiffness` in the configuration", explains=True)
 FRICTION = Cause("friction", "it does not grow with the motion, so that B, and K of small motions, depend on the "
     "amplitude", "use the rows of single amplitudes, or the damping that is not friction (B_viscous, "
-    "beside f_C)", explains=True)
+    "beside f_C)", explains=True, otherwise="use the damping that is not friction (B_viscous, beside f_C)")
 CLIPPED = Cause("clipped signal", "a torque, angle or current is clipped, it stands at an end of its sensor's range "
     "or of a motor's limit", "use a sensor of larger range, or a smaller motion, see the quality check "
     "`saturation`", explains=True)
 STIFFENING = Cause("spring that is not linear", "the stiffness depends on the deflection, the spring stiffens, or "
-    "softens", "use the rows of single amplitudes", explains=True)
+    "softens", "use the rows of single amplitudes", explains=True, otherwise="state the deflection that it is "
+    "meant for")
 BACKLASH = Cause("backlash", "play between joint and bench takes off stiffness", "mend the mount", explains=True)
 WARMING = Cause("stiffness that changes", "K changes while the trial is recorded, as by warming up or creep, and I "
     "takes what differs from one frequency to the next for its own", "record the joint warm and in a shorter time, "
@@ -241,9 +242,9 @@ def explaining(row: AnyRow, found: Found) -> Cause | None:
     return next((cause for cause in causes if cause is not None and cause.explains), None)
 
 
-def reasons(row: AnyRow, found: Found, of_trial: Cause | None = None) -> list[str]:
+def reasons(row: AnyRow, found: Found, of_trial: Cause | None, single: bool) -> list[str]:
     """The doubts about a row for what was `found` in it, one per cause. `of_trial` explains a misfit for which the row
-    itself has no cause. A column that is no row of the table speaks for itself."""
+    itself has no cause, `single`: there are rows of single amplitudes. A column without a row speaks for itself."""
     misfit_by = explaining(row, found) or of_trial
     by_cause: dict[Cause, list[str]] = {}
     unknown = []
@@ -253,10 +254,11 @@ def reasons(row: AnyRow, found: Found, of_trial: Cause | None = None) -> list[st
             unknown.append(how)
         else:
             by_cause.setdefault(misfit_by if misfit_by and EVIDENCE[name].misfit else cause, []).append(name)
-    return [doubt(cause, row, {name: found[name] for name in names}) for cause, names in by_cause.items()] + unknown
+    said = [doubt(cause, row, {name: found[name] for name in names}, single) for cause, names in by_cause.items()]
+    return said + unknown
 
 
-def doubt(cause: Cause, row: AnyRow, found: Found) -> str:
+def doubt(cause: Cause, row: AnyRow, found: Found, single: bool) -> str:
     """A doubt in words: its cause, what it does here, what to do, and the numbers that show it."""
     details = dict.fromkeys(EVIDENCE[name].words(value, row) for name, (value, _) in found.items())
     if cause in (YIELDING, LATE_OR_YIELDING):
@@ -266,8 +268,8 @@ def doubt(cause: Cause, row: AnyRow, found: Found) -> str:
     if cause is FRICTION and viscous is not None and f_C is not None:
         details[f"without it {damping} is {viscous:.3g} N*m*s/rad, and the friction is {f_C:.2g} N*m"] = None
     said = ": ".join(filter(None, [cause.says, ", ".join(filter(None, details))]))
-    remedy = cause.remedy[0].upper() + cause.remedy[1:]
-    return f"{cause.name}: {said}. {remedy} [{', '.join(how for _, how in found.values())}]"
+    remedy = cause.remedy if single else cause.otherwise or cause.remedy
+    return f"{cause.name}: {said}. {remedy[0].upper()}{remedy[1:]} [{', '.join(how for _, how in found.values())}]"
 
 
 def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
@@ -295,7 +297,11 @@ def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
             if column not in whole.get(row.get("trial"), one):
                 del one[column]  # at one amplitude friction passes for it
         of_trial[row.get("trial")] = of_trial.get(row.get("trial")) or explaining(row, one)
-    said = ["; ".join(reasons(row, one, of_trial[row.get("trial")])) for row, one in zip(rows, found, strict=True)]
+    single = {row.get("trial") for row in rows if row.get("amplitude_deg") is not None}
+    said = [
+        "; ".join(reasons(row, one, of_trial[row.get("trial")], row.get("trial") in single))
+        for row, one in zip(rows, found, strict=True)
+    ]
     judged = table.with_columns(pl.Series(DOUBTFUL, said, dtype=pl.String))
     if "not_checked" in table.columns:
         judged = judged.with_columns(pl.Series("not_checked", [sized(row) for row in rows], dtype=pl.String))

@@ -73,9 +73,9 @@ def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[Finding]:
             judged += f", in {table}.csv alone" if of else ""
             for cause, trials in by_cause.items():
                 known = CAUSES.get(cause) or Cause(cause, next(iter(trials.values())), "")
-                yield Finding(
-                    "doubtful", judged, cause, known.says, known.remedy, tuple(trials), tuple(map(str, causes))
-                )
+                single = not known.otherwise or any(known.remedy[1:] in text for text in trials.values())
+                remedy = known.remedy if single else known.otherwise
+                yield Finding("doubtful", judged, cause, known.says, remedy, tuple(trials), tuple(map(str, causes)))
 
 
 def flags_in(verdicts: pl.DataFrame) -> Iterator[Finding]:

@@ -32,13 +32,13 @@ NEAR = 0.08
 """Largest relative distance of a ratio from a factor, or from its inverse, that names the factor as the cause."""
 
 
-def wrong_scale(ratio: float) -> str:
-    """What may make a number `ratio` times too large: the factor between two units, or else where to look."""
+def known_factor(ratio: float) -> str:
+    """The factor between two units that may make a number `ratio` times too large, in words; empty if there is none."""
     size = max(abs(ratio), 1 / abs(ratio)) if ratio else math.inf
     name = min(FACTORS, key=lambda known: abs(math.log(size / FACTORS[known])) if math.isfinite(size) else math.inf)
     if math.isfinite(size) and abs(size / FACTORS[name] - 1) < NEAR:
-        return f"{FACTORS[name]:.3g} is the factor {name}: correct the `unit` or the `scale` in the source file"
-    return "check unit and scale of the channels in the source file"
+        return f"{FACTORS[name]:.3g} is the factor {name}"
+    return ""
 
 
 @dataclass(frozen=True)
@@ -243,9 +243,13 @@ def plausible_impedance(
     check_resists(rails.trial, "K", K, high)
     if p is not None and K > SAME_AS_BELT * p.K_s:
         ratio, reference = K / (predicted or p.K_s), "what the gains should give" if predicted else "K_s"
-        raise REFUSALS["belt"].of(
-            trial=rails.trial, K=K, K_s=p.K_s, ratio=ratio, reference=reference, cause=wrong_scale(ratio)
+        factor = known_factor(ratio)
+        cause = (
+            f"{factor}: correct the `unit` or the `scale` in the source file"
+            if factor
+            else "check unit and scale of the channels in the source file"
         )
+        raise REFUSALS["belt"].of(trial=rails.trial, K=K, K_s=p.K_s, ratio=ratio, reference=reference, cause=cause)
     largest = pl.lit(table.sort("amplitude_deg", nulls_last=False)["K"][-1])
     of_gains = (largest / predicted if predicted else pl.lit(None, pl.Float64)).alias("K_ratio")
     of_belt = (pl.col("K") / p.K_s if p and p.K_s else pl.lit(None, pl.Float64)).alias("K_over_K_s")

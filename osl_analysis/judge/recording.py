@@ -18,7 +18,6 @@ from osl_analysis.timebase.grid import GapLimits, devices_of, streams, uniform_s
 from osl_analysis.timebase.samples import take
 from osl_analysis.trial import Trial
 
-GAP = 1.5  # median steps; a longer step is a gap
 TOO_FEW = "no channel has three samples"
 
 
@@ -57,7 +56,7 @@ def measure_gap(examined: Examined) -> CheckResult:
     gaps = {}
     for column, step in examined.steps.items():
         usual = float(np.median(step))
-        gaps[column] = float(step.max()) - usual if step.max() > GAP * usual else 0.0
+        gaps[column] = float(step.max()) - usual if step.max() > 1.5 * usual else 0.0
     return worst(gaps, TOO_FEW)
 
 
@@ -77,12 +76,12 @@ def measure_damage(examined: Examined) -> CheckResult:
     damage = damage_report(examined.trial)
     if not damage:
         return not_applicable("no damage report")
-    lost = [f"{damage[key]} {key.replace('_', ' ')}" for key in ("chunks_lost", "messages_lost") if damage.get(key)]
-    ending = [] if damage.get("complete", True) else ["the file is not complete"]
-    checksum = [f"CRC {damage['crc']}"] if damage.get("crc") else []
+    said = [f"{damage[key]} {key.replace('_', ' ')}" for key in ("chunks_lost", "messages_lost") if damage.get(key)]
+    said += [] if damage.get("complete", True) else ["the file is not complete"]
+    said += [f"CRC {damage['crc']}"] if damage.get("crc") else []
     remarks = damage.get("remarks") or []
-    remarks = [remarks] if isinstance(remarks, str) else [str(remark) for remark in remarks]
-    return CheckResult(100 * float(damage.get("share_lost") or 0.0), "; ".join([*lost, *ending, *checksum, *remarks]))
+    said += [remarks] if isinstance(remarks, str) else map(str, remarks)
+    return CheckResult(100 * float(damage.get("share_lost") or 0.0), "; ".join(said))
 
 
 def measure_truncation(examined: Examined) -> CheckResult:
@@ -99,14 +98,8 @@ def damage_report(trial: Trial) -> dict[str, Any]:
     return dict(trial.provenance.get("damage") or trial.provenance.get("log", {}).get("damage") or {})
 
 
-SAME_COUNT = 0.05
-"""Relative difference of numbers of cycles that are the same, but half a cycle at least: a ramp has no sharp end."""
-CLOCK = 1e-3  # relative deviation of the frequencies from the commanded ones that is mentioned
-MOST_REMARKS, MOST_RUNS = 20, 3
-"""Largest numbers of differences, and of runs of one amplitude at one frequency, that are said one by one."""
 NO_STEPPED_SINE = "no stepped sine"
-
-Pair = tuple[float, float]  # commanded amplitude [rad] and frequency [Hz]
+MOST_DIFFERENCES, MOST_RUNS = 20, 3  # differences, and runs of one amplitude at one frequency, that are said one by one
 
 
 def measure_protocol(examined: Examined) -> CheckResult:
@@ -129,49 +122,36 @@ def measure_protocol(examined: Examined) -> CheckResult:
     if alike is not None and alike.kind == "other":
         return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")
     found = find_runs(time, theta, fewest) if alike is None else alike.runs
-    remarks = [*differences(found, commanded), *(f"besides {run}" for run in found if not pair_of(run, commanded))]
+    remarks = differences(found, commanded)
+    more = [f"and {len(remarks) - MOST_DIFFERENCES} differences more"] * (len(remarks) > MOST_DIFFERENCES)
     pairs = len(commanded.amplitudes) * len(commanded.frequencies_hz)
-    more = [f"and {len(remarks) - MOST_REMARKS} differences more"] * (len(remarks) > MOST_REMARKS)
-    words = [*remarks[:MOST_REMARKS], *more] or [f"{pairs} commanded pairs of amplitude and frequency found"]
-    return CheckResult(float(len(remarks)), "; ".join([*words, *clock_remark(found, commanded)]))
+    words = [*remarks[:MOST_DIFFERENCES], *more] or [f"{pairs} commanded pairs of amplitude and frequency found"]
+    off = [run.frequency_hz / f - 1 for run in found if (f := commanded.frequency_near(run.frequency_hz))]
+    median = float(np.median(off)) if off else 0.0
+    if abs(median) >= 1e-3:
+        side = "above" if median > 0 else "below"
+        words.append(f"frequencies are {100 * abs(median):.2g} % {side} the commanded ones")
+    return CheckResult(float(len(remarks)), "; ".join(words))
 
 
 def differences(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[str]:
-    """A remark on every commanded pair of amplitude and frequency that is missing or has other numbers of cycles."""
-    remarks = []
-    followed = [pair_of(run, commanded) for run in found]
-    for (amplitude, frequency), cycles in commanded_cycles(commanded).items():
-        own = [run for run, pair in zip(found, followed, strict=True) if pair == (amplitude, frequency)]
-        really = sum(run.cycles for run in own)
-        if not own:
-            remarks.append(f"missing {np.rad2deg(amplitude):g} deg at {frequency:g} Hz")
-        elif abs(really - cycles) > max(SAME_COUNT * cycles, 0.5 * len(own)):
-            more = f" and {len(own) - MOST_RUNS} times more" if len(own) > MOST_RUNS else ""
-            remarks.append(f"{' and '.join(map(str, own[:MOST_RUNS]))}{more}, commanded are {cycles:g}")
-    return remarks
-
-
-def commanded_cycles(commanded: SteppedSineProtocol) -> dict[Pair, float]:
-    """Cycles in all of each commanded pair; a protocol may have a pair more than once."""
-    cycles: dict[Pair, float] = {}
+    """A remark on every commanded pair of amplitude and frequency that is missing or has other numbers of cycles, and
+    on every run that was not commanded. A protocol may have a pair more than once."""
+    followed = [(commanded.amplitude_near(run.amplitude), commanded.frequency_near(run.frequency_hz)) for run in found]
+    cycles: dict[tuple[float, float], float] = {}
     for amplitude in commanded.amplitudes:
         for frequency, count in zip(commanded.frequencies_hz, commanded.cycles_at, strict=True):
             cycles[amplitude, frequency] = cycles.get((amplitude, frequency), 0.0) + count
-    return cycles
-
-
-def pair_of(run: Run, commanded: SteppedSineProtocol) -> Pair | None:
-    """The commanded pair that a run follows; None if there is none."""
-    amplitude, frequency = commanded.amplitude_near(run.amplitude), commanded.frequency_near(run.frequency_hz)
-    return None if amplitude is None or frequency is None else (amplitude, frequency)
-
-
-def clock_remark(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[str]:
-    beside = [run.frequency_hz / f - 1 for run in found if (f := commanded.frequency_near(run.frequency_hz))]
-    median = float(np.median(beside)) if beside else 0.0
-    if abs(median) < CLOCK:
-        return []
-    return [f"frequencies are {100 * abs(median):.2g} % {'above' if median > 0 else 'below'} the commanded ones"]
+    remarks = []
+    for (amplitude, frequency), wanted in cycles.items():
+        own = [run for run, pair in zip(found, followed, strict=True) if pair == (amplitude, frequency)]
+        # the same within 5 %, or half a cycle of each run: a ramp has no sharp end
+        if not own:
+            remarks.append(f"missing {np.rad2deg(amplitude):g} deg at {frequency:g} Hz")
+        elif abs(sum(run.cycles for run in own) - wanted) > max(0.05 * wanted, 0.5 * len(own)):
+            more = f" and {len(own) - MOST_RUNS} times more" if len(own) > MOST_RUNS else ""
+            remarks.append(f"{' and '.join(map(str, own[:MOST_RUNS]))}{more}, commanded are {wanted:g}")
+    return remarks + [f"besides {run}" for run, pair in zip(found, followed, strict=True) if None in pair]
 
 
 RECORDING_CHECKS = (
@@ -218,8 +198,12 @@ def validate_rules(rules: QualityRules) -> None:
         if name not in rules.by_check:
             raise InputError(f"configuration, quality: no rule for the check '{name}'; add it as in config/config.yaml")
         threshold = rules.rule(name).threshold
-        number, _, unit = threshold.partition(" ")
-        if unit.strip() != check.unit or not is_size(number):
+        size, _, unit = threshold.partition(" ")
+        try:
+            fits = unit.strip() == check.unit and 0 <= float(size) < float("inf")
+        except ValueError:
+            fits = False
+        if not fits:
             raise InputError(
                 f"configuration, quality.{name}: threshold '{threshold}' must be a number from 0 and its unit, "
                 f"as in '1 {check.unit}'"
@@ -231,14 +215,6 @@ def unknown_check(name: str) -> str:
     if name in QualityRules.RENAMED:
         return f"the check '{name}' is now called '{QualityRules.RENAMED[name]}'; rename it"
     return f"'{name}' is no quality check; the checks are {', '.join(CHECKS)}"
-
-
-def is_size(text: str) -> bool:
-    """Whether the text is a finite number from 0 up."""
-    try:
-        return 0 <= float(text) < float("inf")
-    except ValueError:
-        return False
 
 
 def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, CheckResult]:

@@ -28,6 +28,7 @@ class Cause:
     says: str  # what is wrong, and what it does to the results
     remedy: str  # what to do, beginning with a verb
     explains: bool = False  # whether it makes a fit worse: the misfit of the same trial is then no cause of its own
+    otherwise: str = ""  # what to do in place of `remedy` where there are no rows of single amplitudes
 
 
 @dataclass(frozen=True)

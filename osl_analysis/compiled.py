@@ -1,10 +1,9 @@
-"""Functions that numba compiles on their first call and keeps on disk. A cache that is broken or read-only harms not.
+"""Functions that numba compiles on their first call and keeps on disk.
 
 Numba is installed with the extra `simulator`. Without it the same functions run as plain Python.
 """
 
 from collections.abc import Callable
-from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, ParamSpec, TypeVar, cast
@@ -14,34 +13,6 @@ from osl_analysis.errors import InputError
 numba: Any = import_module("numba") if find_spec("numba") else None
 P = ParamSpec("P")
 R = TypeVar("R")
-FunctionCache: Any = import_module("numba.core.caching").FunctionCache if numba else object
-Dispatcher: Any = import_module("numba.core.registry").CPUDispatcher if numba else object
-
-
-class HealingCache(FunctionCache):  # type: ignore[misc]
-    """Numba's cache of one function. A damaged file, as after a full disk, would end numba with a traceback."""
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The compiled function for a signature; None if it is not in the cache, or cannot be read from it."""
-        try:
-            return super().load_overload(sig, target_context)
-        except Exception:  # whatever a damaged file makes of pickle and LLVM
-            with suppress(OSError):
-                self.flush()
-            return None
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the compiled function, if the disk takes it."""
-        with suppress(OSError):
-            super().save_overload(sig, data)
-
-
-class Compiled(Dispatcher):  # type: ignore[misc]
-    """What `numba.njit` makes of a function, with a cache that heals."""
-
-    def enable_caching(self) -> None:
-        """Keep what is compiled on disk."""
-        self._cache = HealingCache(self.py_func)
 
 
 def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
@@ -49,9 +20,10 @@ def compiled(function: Callable[P, R], **options: Any) -> Callable[P, R]:
     for changes in the function's own file only: compiled functions that call one another share a file."""
     if numba is None:
         return function
-    fast = Compiled(function, targetoptions={"nopython": True, "error_model": "numpy", **options})
-    with suppress(RuntimeError, OSError):  # no folder can be written: each process compiles anew
-        fast.enable_caching()
+    try:
+        fast = numba.njit(function, cache=True, error_model="numpy", **options)
+    except (RuntimeError, OSError):  # no folder can be written: each process compiles anew
+        fast = numba.njit(function, error_model="numpy", **options)
     return cast(Callable[P, R], fast)
 
 

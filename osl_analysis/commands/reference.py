@@ -129,7 +129,7 @@ def schema_of_sources() -> dict[str, Any]:
 
 
 def definitions_of(models: Mapping[str, type[BaseModel]]) -> tuple[dict[str, str], dict[str, Any]]:
-    """Where the definition of each model stands, and all definitions, whose fields have their docstrings as text."""
+    """Where the definition of each model stands, and all definitions, whose fields are explained as in the code."""
     unique = list(dict.fromkeys(models.values()))
     places, content = models_json_schema([(model, "validation") for model in unique], ref_template="#/$defs/{model}")
     definitions, waiting, seen = content["$defs"], list(unique), set[type[BaseModel]]()
@@ -140,7 +140,7 @@ def definitions_of(models: Mapping[str, type[BaseModel]]) -> tuple[dict[str, str
         seen.add(model)
         waiting += [inner for field in model.model_fields.values() for inner in models_in(field.annotation)]
         fields = definitions.get(model.__name__, {}).get("properties", {})
-        for name, text in docstrings(model).items():
+        for name, text in explanations(model).items():
             if name in fields:
                 fields[name]["description"] = text
     return {name: places[model, "validation"]["$ref"] for name, model in models.items()}, definitions
@@ -153,22 +153,26 @@ def models_in(annotation: Any) -> list[type[BaseModel]]:
 
 
 @cache
-def classes_of(module: str) -> dict[str, ast.ClassDef]:
-    """The classes in the source of a module, by name."""
-    tree = ast.parse(inspect.getsource(sys.modules[module]))
-    return {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+def source_of(module: str) -> tuple[dict[str, ast.ClassDef], list[str]]:
+    """The classes of a module by name, and its lines."""
+    text = inspect.getsource(sys.modules[module])
+    return {node.name: node for node in ast.parse(text).body if isinstance(node, ast.ClassDef)}, text.splitlines()
 
 
-def docstrings(model: type[BaseModel]) -> dict[str, str]:
-    """The texts below the fields of a model and of its bases."""
+def explanations(model: type[BaseModel]) -> dict[str, str]:
+    """What stands below or behind the fields of a model and of its bases, by field."""
     texts: dict[str, str] = {}
     for one in reversed(model.__mro__):
         if not issubclass(one, BaseModel) or one is BaseModel:
             continue
         written = one.__dict__.get("CATALOGUE", one)  # a source file's fields stand in the catalogue of all formats
-        for field, text in pairwise(classes_of(written.__module__)[written.__name__].body):
-            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(text, ast.Expr):
-                texts[field.target.id] = " ".join(str(ast.literal_eval(text.value)).split())
+        classes, lines = source_of(written.__module__)
+        for field, below in pairwise([*classes[written.__name__].body, None]):
+            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+                _, _, said = lines[(field.end_lineno or 1) - 1].partition("  # ")
+                if isinstance(below, ast.Expr):
+                    said = " ".join(str(ast.literal_eval(below.value)).split())
+                texts |= {field.target.id: said} if said else {}
     return texts
 
 

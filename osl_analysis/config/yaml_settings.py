@@ -33,21 +33,6 @@ ShippedPath = Annotated[Path, AfterValidator(shipped)]
 Place = Sequence[int | str]
 """Keys and numbers of list entries that lead to a field, from the outermost."""
 
-ADVICE = {
-    "string_type": "write text, in quotes if it looks like a number, a list or nothing",
-    "float_type": "write a number, without a unit",
-    "float_parsing": "write a number, without a unit, with a full stop as decimal sign",
-    **dict.fromkeys(("int_parsing", "int_type", "int_from_float"), "write a whole number"),
-    "int_parsing_size": "write a smaller number",
-    "string_too_short": "write at least one character",
-    **dict.fromkeys(("bool_parsing", "bool_type"), "write true or false"),
-    **dict.fromkeys(("tuple_type", "list_type"), "write a list, as [first, second]"),
-    "too_short": "name at least one",
-    "path_type": "write a path",
-    "finite_number": "write a finite number",
-}
-"""What to write, by the type of a problem that pydantic found."""
-
 
 class Settings(BaseModel):
     """Base of every validated file. The settings are immutable, and an unknown field is an error.
@@ -124,9 +109,6 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
         raise InputError(f"{path}: its fields are nested too deeply; write them as in the shipped files") from error
     except (YAMLError, ValueError, AttributeError, KeyError, TypeError, OverflowError) as error:  # of a wrong tag
         raise InputError(f"{path}: not YAML: {not_yaml(error)}") from error
-    most = 100_000  # 500 bytes of nested aliases stand for billions
-    if extent(node, {}) > most:
-        raise InputError(f"{path}: its aliases (`*name`) stand for more than {most} values; write them out")
     if not isinstance(content, dict):
         raise InputError(f"{path}: has no fields; write `name: value` lines as in the shipped files")
     return content
@@ -148,20 +130,9 @@ def parsed_yaml(text: str) -> tuple[Node | None, Any]:
     return node, yaml.constructor.construct_document(node) if node is not None else None
 
 
-def extent(node: Node | None, known: dict[int, float]) -> float:
-    """Number of values in a node with every alias written out, from those that are `known`; infinite in a circle."""
-    if not isinstance(node, MappingNode | SequenceNode):
-        return 1.0
-    if id(node) not in known:
-        known[id(node)] = float("inf")  # while it is counted: where it contains itself
-        inner = [value for _, value in node.value] if isinstance(node, MappingNode) else node.value
-        known[id(node)] = 1.0 + sum(extent(one, known) for one in inner)
-    return known[id(node)]
-
-
 def mappings(node: Node | None) -> list[MappingNode]:
     """The mappings in a node, each once, though aliases may name it again."""
-    found: dict[int, Any] = {}
+    found: dict[int, Node] = {}
     waiting = [node]
     while waiting:
         one = waiting.pop()
@@ -206,12 +177,11 @@ def field_line(path: Path, place: Place) -> int | None:
         return None
     line = None
     for name in place:
+        key = None
         if isinstance(node, MappingNode):
             key, node = next((pair for pair in node.value if pair[0].value == str(name)), (None, None))
         elif isinstance(node, SequenceNode) and isinstance(name, int) and name < len(node.value):
             key = node = node.value[name]
-        else:
-            break
         if key is None:
             break
         line = key.start_mark.line + 1
@@ -220,11 +190,9 @@ def field_line(path: Path, place: Place) -> int | None:
 
 def located(files: Sequence[Path], place: Place) -> str:
     """`line 12: ` in the last of the files that has the field, with its name if there are several; empty if none."""
-    for file in reversed(files):
-        line = field_line(file, place)
-        if line is not None:
-            return f"line {line}: " if len(files) == 1 else f"line {line} of {file.name}: "
-    return ""
+    lines = ((file, field_line(file, place)) for file in reversed(files))
+    found = (f"line {line}{f' of {file.name}' * (len(files) > 1)}: " for file, line in lines if line is not None)
+    return next(found, "")
 
 
 def dotted(place: Place) -> str:
@@ -273,17 +241,15 @@ def problem_place(problem: Mapping[str, Any], content: Any) -> tuple[int | str, 
     place: list[int | str] = []
     here = content
     for name in problem["loc"]:
-        here_has = name in here if isinstance(here, dict) else isinstance(here, BaseModel | list | tuple)
-        if not here_has and not (problem["type"] == "missing" and name == problem["loc"][-1]):
-            continue
-        if isinstance(here, list | tuple) and not isinstance(name, int):
-            continue
-        place.append(name)
-        if isinstance(here, dict):
-            here = here.get(name)
-        elif isinstance(here, list | tuple):
-            here = here[name] if name < len(here) else None
-        else:
+        if isinstance(here, list | tuple):
+            if isinstance(name, int):
+                place.append(name)
+                here = here[name] if name < len(here) else None
+        elif isinstance(here, dict) and name in here:
+            place.append(name)
+            here = here[name]
+        elif isinstance(here, BaseModel) or (problem["type"] == "missing" and name == problem["loc"][-1]):
+            place.append(name)
             here = getattr(here, str(name), None)
     return (*place, *problem.get("ctx", {}).get("place", ()))
 
@@ -340,7 +306,20 @@ def plain_reason(problem: Mapping[str, Any], place: Place, model: type[BaseModel
         return f"write text of the form {problem['ctx']['pattern']}"
     if kind.startswith(("greater_than", "less_than")):
         return text.replace("Input should be", "write a number")
-    return ADVICE.get(kind) or text.replace("Input should be", "write")
+    advice = {
+        "string_type": "write text, in quotes if it looks like a number, a list or nothing",
+        "float_type": "write a number, without a unit",
+        "float_parsing": "write a number, without a unit, with a full stop as decimal sign",
+        **dict.fromkeys(("int_parsing", "int_type", "int_from_float"), "write a whole number"),
+        "int_parsing_size": "write a smaller number",
+        "string_too_short": "write at least one character",
+        **dict.fromkeys(("bool_parsing", "bool_type"), "write true or false"),
+        **dict.fromkeys(("tuple_type", "list_type"), "write a list, as [first, second]"),
+        "too_short": "name at least one",
+        "path_type": "write a path",
+        "finite_number": "write a finite number",
+    }
+    return advice.get(kind) or text.replace("Input should be", "write")
 
 
 def known_fields(model: type[BaseModel], place: Place) -> str:

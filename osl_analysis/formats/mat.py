@@ -103,7 +103,7 @@ def told_in_one_line() -> Iterator[None]:
         raise
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, struct.error) as error:
         reason = " ".join(str(error).split())
-        raise InputError(f"cannot be read ({type(error).__name__}: {reason}); {DAMAGED}") from error
+        raise InputError(f"cannot be read ({reason}); {DAMAGED}") from error
 
 
 @dataclass(frozen=True)
@@ -221,9 +221,7 @@ def read_version5(data: bytes, wanted: Sequence[str]) -> dict[str, Value]:
         return {name: value5(raw[name]) for name in wanted if name in raw}
     except Exception as error:  # on a damaged file scipy raises whatever its parser comes across
         reason = " ".join(str(error).split())[:160]
-        raise InputError(
-            f"{listing(wanted, 4)} cannot be read ({type(error).__name__}: {reason}); {DAMAGED}"
-        ) from error
+        raise InputError(f"{listing(wanted, 4)} cannot be read ({reason}); {DAMAGED}") from error
 
 
 def value5(raw: Any) -> Value:

@@ -138,12 +138,12 @@ def quoted_unit(unit: str) -> str:
     return f"'{unit[:40]}...'" if len(unit) > 40 else f"'{unit}'"
 
 
-KNOWN_NAMES = """
-    percent dimensionless ppm s ms us ns µs μs sec min minute minutes h hour hours Hz kHz MHz hertz mrad urad µrad μrad
-    mdeg º turn turns gon arcmin arcsec cycle cycles m dm cm mm um nm km µm μm centimeter centimeters centimetre centimetres
-    in inch inches ft foot feet A kA mA uA µA μA V kV mV uV µV μV N kN cN mN uN µN μN lbf ozf kgf gf dyn dyne
-    kg g mg lb lbs gram grams kilogram kilograms J mJ kJ joule joules
-""".split()
+KNOWN_NAMES = (
+    "percent|dimensionless|ppm|s|ms|us|ns|µs|μs|sec|min|minute|minutes|h|hour|hours|Hz|kHz|MHz|hertz|mrad|urad|µrad|μrad|"
+    "mdeg|º|turn|turns|gon|arcmin|arcsec|cycle|cycles|m|dm|cm|mm|um|nm|km|µm|μm|centimeter|centimeters|centimetre|"
+    "centimetres|in|inch|inches|ft|foot|feet|A|kA|mA|uA|µA|μA|V|kV|mV|uV|µV|μV|N|kN|cN|mN|uN|µN|μN|lbf|ozf|kgf|gf|dyn|"
+    "dyne|kg|g|mg|lb|lbs|gram|grams|kilogram|kilograms|J|mJ|kJ|joule|joules"
+)
 """Names that an editor takes, besides `ALIASES` and those whose case has no meaning. Of all that pint knows it would
 take nearly every slip for a unit."""
 
@@ -158,8 +158,12 @@ def measured_in(expected: str = "") -> tuple[AfterValidator, WithJsonSchema]:
         return unit
 
     words = re.sub("[a-z]", lambda one: f"[{one[0].upper()}{one[0]}]", ANY_CASE.pattern).replace("(", "(?:")
-    name = f"(?:{'|'.join(map(re.escape, [*KNOWN_NAMES, *ALIASES]))}|{words})"
-    proposed = [*EXAMPLES[expected]] if expected else list(dict.fromkeys(sum(EXAMPLES.values(), ())))
+    name = f"(?:{KNOWN_NAMES}|{'|'.join(map(re.escape, ALIASES))}|{words})"
+    proposed = (
+        [*EXAMPLES[expected]]
+        if expected
+        else list(dict.fromkeys(unit for units in EXAMPLES.values() for unit in units))
+    )
     pattern = f"^ *{name}(?:(?: +|[*/·⋅∙.]){name}){{0,7}} *$"
     return AfterValidator(checked), WithJsonSchema(
         {"type": "string", "anyOf": [{"enum": proposed}, {"pattern": pattern}]}

@@ -26,7 +26,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSe
 from mcap.writer import CompressionType, IndexType, Writer
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.raw_files import FORMATS
 
 MESSAGES = 60
 LONGEST = 5.0

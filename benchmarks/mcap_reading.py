@@ -37,7 +37,7 @@ from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoderFactory
 from mcap_ros2.decoder import DecoderFactory as Ros2DecoderFactory
 
-from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import Source
 
 RATE = 1000
@@ -60,7 +60,7 @@ REPEATS = 5
 EARLIER = """
 import sys, time
 from pathlib import Path
-from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.raw_files import FORMATS
 source, times = FORMATS["mcap"].source.model_validate_json(sys.argv[2]), []
 for _ in range(int(sys.argv[3])):
     start = time.process_time()

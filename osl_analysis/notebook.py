@@ -25,7 +25,7 @@ from osl_analysis.config.shared_choices import WeightSettings
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.figures import drawing
 from osl_analysis.files import config_here, shipped
-from osl_analysis.ingest.known_formats import FORMATS, read_source
+from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.judge.doubts import IS_DOUBTFUL, marked, with_doubts_of
 from osl_analysis.judge.recording import examine, quality_table, validate_rules
 from osl_analysis.judge.table import Commanded, QualityRules

@@ -161,3 +161,40 @@ def seven_point_motion(time: Array, theta: Array, rate_hz: float) -> Motion:
         end = differentiate(time[rows], theta[rows])
         omega[own], alpha[own] = end.omega[own], end.alpha[own]
     return Motion(theta, omega, alpha)
+
+
+NEAR_ZERO = 0.05  # share of a channel's range: an extreme this close to zero is an unloaded sensor and not clipped
+AWAY = 0.25
+"""Share of a channel's range: an extreme this close to the median is where the channel mostly is, and not clipped."""
+CUT_OFF = 3.0  # steps of the converter by which a signal would have gone beyond a plateau, had it not been clipped
+
+
+def run_at_extreme(values: Array) -> slice:
+    """Longest run of a noisy channel (n,) at its lowest or highest value, away from zero and from the median.
+
+    Every noisy channel has one sample at its extreme; a clipped one has many in a row. The peak of a slow signal also
+    repeats a value for as long as it stays within one step of its converter. It is not clipped: the parabola that has
+    the slopes at the ends of the plateau rises by less than `CUT_OFF` steps. Empty for a channel that is not finite.
+    """
+    if not values.size or not np.isfinite(values).all():
+        return slice(0, 0)
+    low, high = float(values.min()), float(values.max())
+    span, middle = high - low, float(np.median(values))
+    extremes = [e for e in (low, high) if abs(e) > NEAR_ZERO * span and abs(e - middle) > AWAY * span]
+    found = [longest_run(values == e) for e in extremes]
+    steps = np.abs(np.diff(values))
+    step = float(steps[steps > 0].min(initial=np.inf))
+    cut = []
+    for run in found:
+        level, length = values[run.start], run.stop - run.start
+        sides = values[max(run.start - 5, 0) : run.start], values[run.stop : run.stop + 5]
+        slope = min((float(np.abs(side - level).max()) / side.size for side in sides if side.size), default=0.0)
+        if length == 1 or slope * length / 4 > CUT_OFF * step:
+            cut.append(run)
+    return max(cut, key=lambda run: run.stop - run.start, default=slice(0, 0))
+
+
+def longest_at_extreme(values: Array) -> int:
+    """Length [samples] of `run_at_extreme`."""
+    run = run_at_extreme(values)
+    return int(run.stop - run.start)

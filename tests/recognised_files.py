@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.known_formats import FORMATS, recognise
+from osl_analysis.ingest.raw_files import FORMATS, recognise
 from osl_analysis.ingest.recording import Recording
 
 

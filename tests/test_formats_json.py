@@ -10,7 +10,7 @@ from mcap_builder import assert_decoded, write_payloads
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.messages import Decoded, decode_topics
-from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.raw_files import FORMATS
 
 
 def write(path: Path, texts: list[str], chunk_size: int = 1 << 20) -> Path:

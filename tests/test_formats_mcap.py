@@ -23,7 +23,7 @@ from test_ingest_mutilated import mutilated
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import CHUNK_HEAD, MAGIC, RECORD, read_mcap
 from osl_analysis.formats.messages import survey_channels
-from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source import Source
 

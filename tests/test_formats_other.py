@@ -14,8 +14,7 @@ from c3d_builder import write_c3d
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import MAGIC
 from osl_analysis.formats.other_formats import OTHERS
-from osl_analysis.ingest.known_formats import recognise
-from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.ingest.raw_files import recognise, trial_from_files
 
 BENCH = "t,angle\n0,1\n0.01,2\n0.02,3\n"
 

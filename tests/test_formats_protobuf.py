@@ -16,7 +16,7 @@ from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.messages import decode_topics
-from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import Source
 
 MILLISECOND = 1_000_000

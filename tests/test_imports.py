@@ -15,7 +15,7 @@ MAY_IMPORT = {
     | {"simulator", "shared_choices", "model", "parameters", "sheet", "yaml_settings", "files"}
     | {"experiments", "multisine"},
     "formats": COMMON | {"formats"},
-    "ingest": COMMON | {"ingest", "formats", "memory", "plateaus", "signals", "yaml_settings"},
+    "ingest": COMMON | {"ingest", "formats", "memory", "signals", "yaml_settings"},
     "stats": COMMON | {"stats", "signals"},
     "protocol": COMMON | {"protocol", "signals"},
     "spectral": COMMON | {"spectral", "stats", "signals", "model", "parameters"},
@@ -28,7 +28,7 @@ MAY_IMPORT = {
     | {"walking", "stats", "second_order", "signals", "timebase", "yaml_settings"}
     | {"plate_surface"},
     "judge": COMMON
-    | {"judge", "plate_surface", "plateaus", "protocol", "experiments", "files", "parameters", "refusal"}
+    | {"judge", "plate_surface", "protocol", "experiments", "files", "parameters", "refusal"}
     | {"signals", "stats", "table", "timebase", "yaml_settings"},
     "figures": COMMON | {"figures", "judge"},
     "report": COMMON | {"report", "experiments", "dictionary", "summary", "campaign", "judge"},

@@ -20,9 +20,8 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.formats.csv_table import MOST_CELLS
 from osl_analysis.ingest.clock import ClockFit
-from osl_analysis.ingest.known_formats import FORMATS
-from osl_analysis.ingest.raw_files import merged
-from osl_analysis.ingest.recording import LARGEST, Recording
+from osl_analysis.ingest.raw_files import FORMATS, merged
+from osl_analysis.ingest.recording import LARGEST_MEASURED, Recording
 from osl_analysis.trial import COLUMNS, FAMILIES, Trial, read_trial, write_trial
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"
@@ -377,7 +376,7 @@ def seen(frames: int = 6) -> np.ndarray:
 
 def test_every_unit_of_a_column_has_a_largest_value() -> None:
     units = {column.unit for name, column in COLUMNS.items() if name != "time"} | set(FAMILIES.values())
-    assert units == set(LARGEST)
+    assert units == set(LARGEST_MEASURED)
 
 
 @pytest.mark.parametrize(

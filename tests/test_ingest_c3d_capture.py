@@ -13,10 +13,9 @@ from recognised_files import refusal_by
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d import read_c3d
-from osl_analysis.ingest.captures import plates_of
+from osl_analysis.ingest.captures import ForcePlate, plates_of
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.known_formats import FORMATS, read_source
-from osl_analysis.ingest.plates import ForcePlate
+from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.ingest.source import Source
 
 

@@ -16,9 +16,8 @@ from osl_analysis.cli import main
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.known_formats import FORMATS, read_source
 from osl_analysis.ingest.overview import likely_unit
-from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.ingest.raw_files import FORMATS, read_source, trial_from_files
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source import Source
 from osl_analysis.trial import Trial

@@ -14,8 +14,7 @@ from recognised_files import read_recognised, refusal_of
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.known_formats import FORMATS, read_source, recognise
-from osl_analysis.ingest.raw_files import trial_from_files
+from osl_analysis.ingest.raw_files import FORMATS, read_source, recognise, trial_from_files
 
 ROWS = 200
 CHANNELS = {

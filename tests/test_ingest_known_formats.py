@@ -13,8 +13,8 @@ from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.configuration import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.known_formats import FORMATS, KnownFormat, read_source, recognise
 from osl_analysis.ingest.overview import Overview, RecordedChannel
+from osl_analysis.ingest.raw_files import FORMATS, KnownFormat, read_source, recognise
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source import Keys, Source
 from osl_analysis.judge.table import QualityRules

@@ -13,10 +13,8 @@ from test_formats_mat import RUNS, struct_array
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.known_formats import FORMATS, read_source
-from osl_analysis.ingest.overview import UNKNOWN
-from osl_analysis.ingest.raw_files import trial_from_files
-from osl_analysis.ingest.source import Source
+from osl_analysis.ingest.raw_files import FORMATS, read_source, trial_from_files
+from osl_analysis.ingest.source import UNKNOWN, Source
 
 TIME = np.arange(40) / 500
 ANGLE, TORQUE = np.sin(40 * TIME), 30 * np.sin(40 * TIME)

@@ -14,7 +14,7 @@ from mcap_builder import HEADER, SAMPLE, SAMPLE_NAME, stamped, write_log, write_
 from recognised_files import refusal_by
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source import Source
 

@@ -18,7 +18,7 @@ from test_formats_rosbags import CHANNELS
 
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.raw_files import FORMATS
 
 SEEDS = range(12)
 

@@ -8,7 +8,7 @@ import pytest
 from c3d_builder import REAL_DATA
 from recognised_files import refusal_by
 
-from osl_analysis.ingest.known_formats import FORMATS, read_source
+from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.ingest.source import Source
 
 SOURCES = Path(__file__).parents[1] / "config" / "sources"

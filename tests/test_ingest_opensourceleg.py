@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.known_formats import FORMATS, read_source, recognise
+from osl_analysis.ingest.raw_files import FORMATS, read_source, recognise
 from osl_analysis.ingest.source import Source
 
 osl_logging = pytest.importorskip("opensourceleg.logging", reason="the package opensourceleg is not installed")

@@ -15,8 +15,9 @@ from osl_analysis.cli import main
 from osl_analysis.commands.inspect import draft_campaign, inspect_file, left_to_decide, new_campaign, overview_text
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import channel_lines, draft_source, likely_column
-from osl_analysis.ingest.known_formats import FORMATS, read_source
-from osl_analysis.ingest.overview import RecordedChannel, likely_clock, open_places
+from osl_analysis.ingest.overview import RecordedChannel, likely_clock
+from osl_analysis.ingest.raw_files import FORMATS, read_source
+from osl_analysis.ingest.source import open_places
 from osl_analysis.trial import COLUMNS
 
 NASTY = 'a\x1b[2J": {x\n# y\u202eb'

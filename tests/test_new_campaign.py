@@ -19,8 +19,8 @@ from osl_analysis.config.configuration import read_config
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
 from osl_analysis.ingest.draft import Recorded, draft_trials
-from osl_analysis.ingest.known_formats import FORMATS, read_source
-from osl_analysis.ingest.overview import open_places
+from osl_analysis.ingest.raw_files import FORMATS, read_source
+from osl_analysis.ingest.source import open_places
 
 STIFFNESS, DAMPING, INERTIA = 120.0, 2.0, 0.02
 KINDS = {

@@ -20,11 +20,10 @@ from osl_analysis.config.configuration import campaign_config, read_section
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
-from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.judge.recording import CHECKS, examine, quality_table, validate_rules
 from osl_analysis.judge.table import CheckResult, Commanded, QualityRules
-from osl_analysis.plateaus import longest_at_extreme
-from osl_analysis.signals import longest_run
+from osl_analysis.signals import longest_at_extreme, longest_run
 from osl_analysis.trial import Array, Trial
 
 COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6)

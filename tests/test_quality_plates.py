@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from c3d_builder import REAL_DATA, write_c3d
 
-from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.judge.recording import examine
 from osl_analysis.judge.table import CheckResult, Commanded
-from osl_analysis.plateaus import run_at_extreme
+from osl_analysis.signals import run_at_extreme
 from osl_analysis.trial import Array, Trial
 
 RATE, FRAMES = 500, 200

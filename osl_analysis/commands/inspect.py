@@ -44,10 +44,10 @@ from osl_analysis.ingest.draft import (
     guessed_lines,
     trial_name,
 )
-from osl_analysis.ingest.known_formats import FORMATS, NOT_READ, SUFFIXES, read_source, recognise
-from osl_analysis.ingest.overview import Overview, RecordedChannel, open_places
-from osl_analysis.ingest.raw_files import check_file
+from osl_analysis.ingest.overview import Overview, RecordedChannel
+from osl_analysis.ingest.raw_files import FORMATS, NOT_READ, SUFFIXES, check_file, read_source, recognise
 from osl_analysis.ingest.recording import Recording
+from osl_analysis.ingest.source import open_places
 from osl_analysis.judge.recording import CHECKS, examine, quality_table, validate_rules
 from osl_analysis.judge.table import Commanded, QualityRules
 from osl_analysis.trial import Trial

@@ -17,7 +17,7 @@ from osl_analysis.config.configuration import Config
 from osl_analysis.config.parameters import ParameterFile
 from osl_analysis.dictionary import described_tables
 from osl_analysis.files import atomic_path
-from osl_analysis.ingest.known_formats import FORMATS
+from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.judge.recording import CHECKS
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings

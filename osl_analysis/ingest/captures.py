@@ -1,7 +1,10 @@
 """Captures of a motion-capture laboratory, in C3D, TRC or the CSV export of Nexus, as canonical columns.
 
-FORCE_PLATFORM:ZERO, the frames of a baseline to subtract, is applied only if the source file asks for it: most files
-name their first ten frames there, whether the plates were empty or not.
+Force plates of types 1 to 4 become force and moment on the foot (C3D manual, Kistler). The moment is about the centre
+of the plate's surface. It is not computed from a centre of pressure, so that it is also valid for an unloaded plate.
+The exception is type 1, which records only the centre of pressure. FORCE_PLATFORM:ZERO, the frames of a baseline to
+subtract, is applied only if the source file asks for it: most files name their first ten frames there, whether the
+plates were empty or not.
 """
 
 from collections import Counter
@@ -14,13 +17,13 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError, listing, nearest, printable
-from osl_analysis.formats.c3d import C3DRecording, read_c3d
+from osl_analysis.formats.c3d import C3DHeader, C3DRecording, read_c3d
 from osl_analysis.formats.gait_text import NexusSection, read_sections, read_trc, without_subject
 from osl_analysis.formats.table import Table
-from osl_analysis.ingest.plates import CHANNELS, ForcePlate, channel_facts
-from osl_analysis.ingest.recording import Recording, check_finite
+from osl_analysis.ingest.recording import Recording, check_values
 from osl_analysis.ingest.source import Plate, Source
 from osl_analysis.ingest.units import si_factor
+from osl_analysis.signals import run_at_extreme, runs
 from osl_analysis.trial import AXES, Array, marker_columns, plate_columns, unit_of
 
 Columns = dict[str, Array]
@@ -48,7 +51,7 @@ class PlateLoad:
     moment: Array  # (samples, 3) [N*m], on the foot, about the centre of the corners
     origin: Mapping[str, Any]  # source channels, for the provenance
     channels: Sequence[Mapping[str, Any]] = ()
-    """What each raw channel shows, as `raw_channels.channel_facts` gives it."""
+    """What each raw channel shows, as `channel_facts` gives it."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ class Capture:
     warnings: Sequence[str] = ()  # warnings, a sentence each
 
 
-def recording_of(capture: Capture, source: Source) -> Recording:
+def captured(capture: Capture, source: Source) -> Recording:
     """The columns that the source file asks for, in SI units and our axes.
 
     Markers and model outputs have a sample per frame, plates and analogs several: a row per analog sample, and null
@@ -95,7 +98,7 @@ def recording_of(capture: Capture, source: Source) -> Recording:
     ratio = capture.samples_per_frame if fast else 1
     time = np.arange(capture.frames * ratio) / (capture.frame_rate * ratio)
     for column, values in fast.items():
-        check_finite(column, values, time)
+        check_values(column, values, time)
     facts = {
         "frame_rate_hz": capture.frame_rate,
         "samples_per_frame": capture.samples_per_frame,
@@ -106,16 +109,10 @@ def recording_of(capture: Capture, source: Source) -> Recording:
     }
     hidden = f"none of the {len(capture.markers)} markers was seen in any of the {capture.frames} frames"
     seen = not capture.markers or any(np.isfinite(marker.positions).any() for marker in capture.markers)
-    warnings = [*capture.warnings, *[hidden] * (not seen)]
-    return Recording(interleaved(time, fast, slow, ratio), origins, facts, warnings)
-
-
-def interleaved(time: Array, fast: Columns, slow: Columns, ratio: int) -> pl.DataFrame:
-    """Columns of both rates under one time [s]; every `ratio`-th row has a sample of the slow ones."""
-    index = pl.Series("index", np.arange(time.size))
-    rows = pl.DataFrame([index, pl.Series("time", time), *(pl.Series(name, values) for name, values in fast.items())])
+    rows, index = pl.DataFrame({"time": time, **fast}), pl.Series("index", np.arange(time.size))
     frames = pl.DataFrame([index.gather_every(ratio), *(pl.Series(name, values) for name, values in slow.items())])
-    return rows.join(frames, on="index", how="left", maintain_order="left").drop("index")
+    samples = rows.with_columns(index).join(frames, on="index", how="left", maintain_order="left").drop("index")
+    return Recording(samples, origins, facts, [*capture.warnings, *[hidden] * (not seen)])
 
 
 def marker_signals(capture: Capture, source: Source) -> tuple[Columns, Origins]:
@@ -165,9 +162,18 @@ def read_c3d_capture(path: Path, source: Source) -> Recording:
     recording = read_c3d(path, source.counts)
     header, points, labels = recording.header, recording.points, recording.point_labels
     plates = plate_loads(recording, source)
+    names = source.markers
+    if names == "all":  # but for model outputs and what has no label
+        if header.points and not any(labels):
+            how = "empty" if "POINT:LABELS" in header.parameters else "missing"
+            raise InputError(
+                f"POINT:LABELS is {how}: none of its {header.points} points has a name; label them and export the "
+                f"trial again, or leave them out with `markers: none`, as {source.place('markers')}"
+            )
+        names = tuple(label for label in labels if is_labelled(label) and label not in recording.model_outputs)
     markers = [
         MarkerTrack(one, one, points[:, place_of(one, labels, "marker")], unit_of_length(recording, source))
-        for one in c3d_markers(recording, source)
+        for one in names
     ]
     outputs = {
         column: points[:, place_of(one.label, labels, "model output"), AXES.index(one.component)]
@@ -181,9 +187,15 @@ def read_c3d_capture(path: Path, source: Source) -> Recording:
         "plate_zero_frames": baseline_frames(recording, source) if plates else None,
         "body_mass_kg": next(iter(header.numbers("PROCESSING:BODYMASS").tolist()), None),
     }
-    warnings = [f"{printable(path.name)}: {text}" for text in c3d_warnings(recording, source)]
+    said, (stated, actual) = [printable(header.remark)] * bool(header.remark), analog_rates(header)
+    if stated is not None:
+        said.append(f"ANALOG:RATE is {stated} Hz, the frames hold samples at {actual} Hz; the latter is used")
+    upward = "".join(header.texts("POINT:Y_SCREEN")[:1]).upper()
+    if source.axes == ("x", "y", "z") and upward not in ("", "+Z", "-Z", "Z"):
+        said.append(f"its vertical axis seems to be {printable(upward)}; state `axes` in the source file")
+    warnings = [f"{printable(path.name)}: {text}" for text in said]
     counts = (header.frames, header.rate, header.samples_per_frame, header.first_frame)
-    return recording_of(Capture(*counts, markers, outputs, analogs, plates, facts, warnings), source)
+    return captured(Capture(*counts, markers, outputs, analogs, plates, facts, warnings), source)
 
 
 def unit_of_length(recording: C3DRecording, source: Source) -> str:
@@ -194,20 +206,6 @@ def unit_of_length(recording: C3DRecording, source: Source) -> str:
     except InputError as error:
         raise InputError(f"unit of length: {error}, as {source.place('point_unit')}") from error
     return unit
-
-
-def c3d_markers(recording: C3DRecording, source: Source) -> tuple[str, ...]:
-    """Labels of the markers to read; "all" excludes model outputs and what has no label."""
-    if source.markers != "all":
-        return source.markers
-    outputs, count = recording.model_outputs, recording.header.points
-    if count and not any(recording.point_labels):
-        how = "empty" if "POINT:LABELS" in recording.header.parameters else "missing"
-        raise InputError(
-            f"POINT:LABELS is {how}: none of its {count} points has a name; label them and export the trial again, or "
-            f"leave them out with `markers: none`, as {source.place('markers')}"
-        )
-    return tuple(label for label in recording.point_labels if is_labelled(label) and label not in outputs)
 
 
 def place_of(label: str, labels: list[str], what: str) -> int:
@@ -223,28 +221,123 @@ def place_of(label: str, labels: list[str], what: str) -> int:
     return labels.index(label)
 
 
-def c3d_warnings(recording: C3DRecording, source: Source) -> list[str]:
-    found, header = [], recording.header
-    if header.remark:
-        found.append(printable(header.remark))
-    rate = header.numbers("ANALOG:RATE")
-    actual = header.rate * header.samples_per_frame
-    if header.channels and rate.size and abs(rate[0] - actual) > 1e-3 * actual:
-        found.append(f"ANALOG:RATE is {rate[0]} Hz, the frames hold samples at {actual} Hz; the latter is used")
-    upward = "".join(header.texts("POINT:Y_SCREEN")[:1]).upper()
-    if source.axes == ("x", "y", "z") and upward not in ("", "+Z", "-Z", "Z"):
-        found.append(f"its vertical axis seems to be {printable(upward)}; state `axes` in the source file")
-    return found
+def analog_rates(header: C3DHeader) -> tuple[float | None, float]:
+    """ANALOG:RATE [Hz] where it contradicts the frames, and the rate [Hz] at which these hold samples."""
+    rate, actual = header.numbers("ANALOG:RATE"), header.rate * header.samples_per_frame
+    contradicts = header.channels and rate.size and abs(rate[0] - actual) > 1e-3 * actual
+    return (rate[0] if contradicts else None), actual
 
 
-QUANTITIES = {1: ("N",) * 3 + ("m",) * 2 + ("N*m",), 2: ("N",) * 3 + ("N*m",) * 3, 3: ("N",) * 8}
+PLATE_CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}
+MEASURED_BY_TYPE = {1: ("N",) * 3 + ("m",) * 2 + ("N*m",), 2: ("N",) * 3 + ("N*m",) * 3, 3: ("N",) * 8}
 
-MOST_PLATES = 99
+
+@dataclass(frozen=True)
+class ForcePlate:
+    """One plate."""
+
+    number: int
+    type: int  # 1 to 4, as in the C3D manual
+    corners: Array
+    """(4, 3) [m], in the laboratory; in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of the plate's axes."""
+    origin: Array  # FORCE_PLATFORM:ORIGIN, (3,) [m], in the plate's axes
+    calibration: Array | None = None  # (6, 6), which turns the channels of type 4 into [N] and [N*m]
+
+    def __post_init__(self) -> None:
+        if self.type not in PLATE_CHANNELS:
+            raise InputError(f"plate {self.number} is of type {self.type}; types 1 to 4 are read")
+        if not np.isfinite(self.axes()).all():
+            raise InputError(f"plate {self.number}: its corners span no plane; correct FORCE_PLATFORM:CORNERS")
+        if self.type == 3 and not self.origin[:2].all():
+            raise InputError(
+                f"plate {self.number} of type 3 has ORIGIN {self.origin.tolist()}; without its sensors' distances "
+                "there is no moment: correct FORCE_PLATFORM:ORIGIN"
+            )
+        if self.type == 4 and self.calibration is None:
+            raise InputError(f"plate {self.number} of type 4 has no FORCE_PLATFORM:CAL_MATRIX; export it with one")
+
+    def axes(self) -> Array:
+        """The plate's axes in the laboratory, as columns, (3, 3): x along corners 2 to 1, z normal to the surface."""
+        x = self.corners[0] - self.corners[1]
+        z = np.cross(x, self.corners[0] - self.corners[3])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
+        return np.column_stack([x, np.cross(z, x), z])
+
+    def wrench(self, channels: Array) -> tuple[Array, Array]:
+        """Force [N] and moment [N*m] about the surface's centre, (n, 3) each, in laboratory axes, on the foot.
+
+        `channels` (n, channels) are in [N], [N*m] and for type 1 [m]; for type 4 in the units of the calibration.
+        They are in the plate's axes, whose z points down, with a negative Fz under load; in the laboratory's axes this
+        is the ground reaction.
+        """
+        # from the plate's origin to the surface's centre: the origin lies under the surface and z points down, so z is
+        # negative; a file with a positive z stores the opposite vector
+        centre = -self.origin if self.origin[2] > 0 else self.origin
+        if self.type == 4:
+            assert self.calibration is not None  # checked at construction
+            channels = channels @ self.calibration.T
+        force = channels[:, :3]
+        if self.type == 3:  # Kistler's four sensors, at distances a and b, in a depth that files write with either sign
+            a, b, depth = self.origin[0], self.origin[1], abs(self.origin[2])
+            x12, x34, y14, y23, z1, z2, z3, z4 = channels.T
+            force = np.column_stack([x12 + x34, y14 + y23, z1 + z2 + z3 + z4])
+            moment = np.column_stack(
+                [b * (z1 + z2 - z3 - z4), a * (-z1 + z2 + z3 - z4), b * (-x12 + x34) + a * (y14 - y23)]
+            )
+            centre = np.array([0.0, 0.0, -depth])
+        elif self.type == 1:  # centre of pressure x and y, free moment: M = p x F + (0, 0, T)
+            level = np.zeros(len(channels))
+            pressure = np.column_stack([channels[:, 3:5], level])
+            moment = np.cross(pressure, force) + np.column_stack([level, level, channels[:, 5]])
+        else:  # moments about the plate's origin
+            moment = channels[:, 3:6]
+        axes = self.axes()
+        return force @ axes.T, (moment - np.cross(centre, force)) @ axes.T
+
+
+USED_SHARE = 0.2
+"""Share of the range of the plate's force: where the force changes by more, every channel should change."""
+LEAST_FORCE = 50.0  # range [N] of the plate's force above which the plate was used
+
+
+def channel_facts(labels: Sequence[str], channels: Array, force: Array, rate: float) -> list[dict[str, Any]]:
+    """Facts about each raw channel of a plate, for the trial's provenance.
+
+    After the rotation a clipped or dead sensor cannot be seen, so what each raw channel shows is kept. `labels` are the
+    names of the raw `channels` (n, channels), which are in the file's units and together give the `force` (n, 3) [N].
+
+    `clipped_samples` is the length of the longest run at an extreme, `clipped_at` its value in the unit of the file.
+    `stands_samples` is the length of the longest run of one value while the plate's force changes. `..._from_s` and
+    `..._to_s` are the times of a run's first and last sample.
+    """
+    load = np.linalg.norm(force, axis=1)
+    least = max(USED_SHARE * float(np.ptp(load)), LEAST_FORCE) if load.size else LEAST_FORCE
+    facts = []
+    for label, values in zip(labels, channels.T, strict=True):
+        clipped = run_at_extreme(values)
+        repeated = [slice(run.start, run.stop + 1) for run in runs(np.diff(values) == 0)]
+        standing = [run for run in repeated if np.ptp(load[run]) > least]
+        longest = max(standing, key=lambda run: run.stop - run.start, default=slice(0, 0))
+        at = float(values[clipped.start]) if clipped.stop > clipped.start else None
+        spans = spanned("clipped", clipped, rate) | {"clipped_at": at} | spanned("stands", longest, rate)
+        facts.append({"label": label, **spans})
+    return facts
+
+
+def spanned(name: str, run: slice, rate: float) -> dict[str, Any]:
+    """A run's length in samples, and the times [s] of its first and last sample; None for an empty run."""
+    found = run.stop > run.start
+    return {
+        f"{name}_samples": int(run.stop - run.start),
+        f"{name}_from_s": run.start / rate if found else None,
+        f"{name}_to_s": (run.stop - 1) / rate if found else None,
+    }
 
 
 def plate_count(recording: C3DRecording) -> int:
     used = recording.header.numbers("FORCE_PLATFORM:USED")
-    if used.size and not 0 <= used[0] <= MOST_PLATES:
+    if used.size and not 0 <= used[0] <= 99:
         raise InputError(f"FORCE_PLATFORM:USED is {used[0]:g}; correct it, or write plates: none")
     return int(used[0]) if used.size else 0
 
@@ -285,32 +378,25 @@ def plate_loads(recording: C3DRecording, source: Source) -> list[PlateLoad]:
 
 
 def c3d_plate(recording: C3DRecording, source: Source, number: int) -> ForcePlate:
-    """Geometry of one plate in SI units, in the axes of the file."""
-    metre = si_factor(unit_of_length(recording, source), "m")
-    kind = int(plate_parameter(recording, "TYPE", number))
-    return ForcePlate(
-        number,
-        kind,
-        plate_parameter(recording, "CORNERS", number, (3, 4)).T * metre,
-        plate_parameter(recording, "ORIGIN", number, (3,)) * metre,
-        calibration(recording, source, number) if kind == 4 else None,
-    )
-
-
-def calibration(recording: C3DRecording, source: Source, number: int) -> Array:
-    """Matrix of a type 4 plate; its moments are in N times the file's unit of length unless overridden."""
-    matrix = plate_parameter(recording, "CAL_MATRIX", number, (6, 6))
-    if recording.header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
-        matrix = matrix.T
-    units = source.plate_units
-    moment = units.moment if units else f"N*{unit_of_length(recording, source)}"
-    force_factor = si_factor(units.force, "N") if units else 1.0
-    return np.asarray(matrix * np.repeat([force_factor, si_factor(moment, "N*m")], 3)[:, None])
+    """Geometry of one plate in SI units, in the axes of the file. The matrix of a type 4 plate gives moments in N times
+    the file's unit of length unless overridden."""
+    length = unit_of_length(recording, source)
+    metre, kind, matrix = si_factor(length, "m"), int(plate_parameter(recording, "TYPE", number)), None
+    corners = plate_parameter(recording, "CORNERS", number, (3, 4)).T * metre
+    origin = plate_parameter(recording, "ORIGIN", number, (3,)) * metre
+    if kind == 4:
+        matrix = plate_parameter(recording, "CAL_MATRIX", number, (6, 6))
+        if recording.header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
+            matrix = matrix.T
+        units = source.plate_units
+        moment, force = (units.moment, si_factor(units.force, "N")) if units else (f"N*{length}", 1.0)
+        matrix = np.asarray(matrix * np.repeat([force, si_factor(moment, "N*m")], 3)[:, None])
+    return ForcePlate(number, kind, corners, origin, matrix)
 
 
 def channel_numbers(recording: C3DRecording, plate: ForcePlate) -> list[int]:
     """The plate's analog channels, counted from 0."""
-    needed = CHANNELS[plate.type]
+    needed = PLATE_CHANNELS[plate.type]
     numbers = plate_parameter(recording, "CHANNEL", plate.number, (0,)).astype(int)[:needed]
     if numbers.size < needed or (numbers < 1).any() or (numbers > recording.header.channels).any():
         raise InputError(
@@ -339,7 +425,7 @@ def channels_in_si(recording: C3DRecording, source: Source, plate: ForcePlate) -
         values = values - unloaded
     if plate.type == 4:
         return values
-    quantities = zip(numbers, QUANTITIES[plate.type], strict=True)
+    quantities = zip(numbers, MEASURED_BY_TYPE[plate.type], strict=True)
     return np.asarray(values * np.array([plate_factor(recording, source, n, q, plate.type) for n, q in quantities]))
 
 
@@ -389,11 +475,6 @@ def plate_parameter(recording: C3DRecording, name: str, number: int, shape: tupl
     return np.asarray(whole[..., number - 1])
 
 
-MILLIMETRE = 1e-3
-SLOW = ("Trajectories", "Model Outputs")
-FLAT = 0.5
-"""Largest ratio of the motion of markers along an axis to their distance along it, where the axis may be vertical."""
-
 Sections = dict[str, NexusSection]
 
 
@@ -415,12 +496,12 @@ def read_nexus_capture(path: Path, source: Source) -> Recording:
     }
     plates = [nexus_plate(sections, number, plate) for number, plate in source.plates.items()]
     counts = timing(sections, bool(markers or outputs), bool(analogs or plates))
-    return recording_of(Capture(*counts, markers, outputs, analogs, plates), source)
+    return captured(Capture(*counts, markers, outputs, analogs, plates), source)
 
 
 def timing(sections: Sections, slow: bool, fast: bool) -> tuple[int, float, int, int]:
     """Number of frames, frame rate [Hz], samples per frame and first frame, of the sections that are used."""
-    used = [sections[title] for title in SLOW if slow and title in sections]
+    used = [sections[title] for title in ("Trajectories", "Model Outputs") if slow and title in sections]
     devices = [sections["Devices"]] if fast else []
     if not used and not devices:
         raise InputError("nothing to read; name markers, outputs, analogs or plates in the source file")
@@ -460,12 +541,16 @@ def nexus_plate(sections: Sections, number: int, plate: Plate) -> PlateLoad:
         columns = [devices.column(f"{plate.device} - {kind}", f"{kind[0]}{axis}") for axis in AXES]
         exported.append(np.column_stack([plate.sign * si_factor(unit, si_unit) * values for values, unit in columns]))
         labels += [f"{plate.device} {kind[0]}{axis}" for axis in AXES]
-    force, centre = exported[0], np.mean(plate.corners, axis=0)
+    force, centre, millimetre = exported[0], np.mean(plate.corners, axis=0), 1e-3
     about = centre if plate.moment_about is None else np.array(plate.moment_about)
-    moment = exported[1] + np.cross((about - centre) * MILLIMETRE, force)
+    moment = exported[1] + np.cross((about - centre) * millimetre, force)
     origin = {"device": plate.device, "sign": plate.sign}
     raw = channel_facts(labels, np.hstack(exported), force, devices.rate)
-    return PlateLoad(number, 2, np.array(plate.corners) * MILLIMETRE, force, moment, origin, raw)
+    return PlateLoad(number, 2, np.array(plate.corners) * millimetre, force, moment, origin, raw)
+
+
+STAYS = 0.5
+"""Largest ratio of the motion of markers along an axis to their distance along it, where the axis may be vertical."""
 
 
 def read_trc_capture(path: Path, source: Source) -> Recording:
@@ -485,7 +570,7 @@ def read_trc_capture(path: Path, source: Source) -> Recording:
     tracks = [file.positions[:, place_of(label, file.labels, "marker")] for label in labels]
     markers = [MarkerTrack(label, label, track, unit) for label, track in zip(labels, tracks, strict=True)]
     capture = Capture(frames, file.rate, 1, file.first_frame, markers, facts=facts, warnings=warnings)
-    return recording_of(capture, source)
+    return captured(capture, source)
 
 
 def vertical_axis(positions: Array) -> str:
@@ -498,7 +583,7 @@ def vertical_axis(positions: Array) -> str:
         return ""
     apart = np.median(seen, axis=0).std(axis=0)
     moved = np.median(seen.std(axis=0), axis=0)
-    candidates = np.flatnonzero((apart == apart.max()) & (moved < FLAT * apart))
+    candidates = np.flatnonzero((apart == apart.max()) & (moved < STAYS * apart))
     return "xyz"[candidates[0]] if candidates.size and moved.max() > moved[candidates[0]] else ""
 
 
@@ -519,7 +604,7 @@ def exported_plates(table: Table, recording: Recording, source: Source) -> Recor
         names = exported_columns(plate)
         columns = np.column_stack([table.columns[name] for name in names])
         for name, values in zip(names, columns.T, strict=True):
-            check_finite(f"column '{name}'", values, time)
+            check_values(f"column '{name}'", values, time)
         force, point, moment = plate.sign * columns[:, :3], columns[:, 3:6], plate.sign * columns[:, 6:]
         about = moment + np.cross(point - np.mean(plate.corners, axis=0), force)
         origin = plate.model_dump(include={"force", "point", "moment", "sign"})

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.ingest.known_formats import FORMATS
-from osl_analysis.ingest.overview import NAME_OF_TIME, UNKNOWN, Overview, RecordedChannel
+from osl_analysis.ingest.overview import Overview, RecordedChannel
+from osl_analysis.ingest.raw_files import FORMATS
+from osl_analysis.ingest.source import NAME_OF_TIME, UNKNOWN
 from osl_analysis.ingest.units import base_units, dimension, is_unit, normalised
 from osl_analysis.trial import COLUMNS
 

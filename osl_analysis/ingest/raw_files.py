@@ -1,50 +1,216 @@
-"""The raw files of one trial, read by their source files and put together to canonical samples."""
+"""The raw files of one trial: recognised, read by their source files, and put together to canonical samples.
+
+Each known format says how a file is recognised, which keys its source files have, how it is read and listed.
+"""
 
 import hashlib
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
 import polars as pl
+from pydantic import ConfigDict, field_validator
 
-from osl_analysis.errors import InputError
-from osl_analysis.formats.rosbag import files_in
+from osl_analysis.config.yaml_settings import Settings, read_mapping, read_yaml
+from osl_analysis.errors import InputError, nearest, printable
+from osl_analysis.formats.c3d import is_c3d
+from osl_analysis.formats.csv_table import is_text
+from osl_analysis.formats.gait_text import is_nexus, is_opensim, is_trc
+from osl_analysis.formats.json_lines import is_json_lines
+from osl_analysis.formats.mat import is_mat
+from osl_analysis.formats.mcap import MAGIC
+from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
+from osl_analysis.formats.rosbag import ANY_BAG1, SQLITE, files_in, folder_format
+from osl_analysis.formats.tdms import is_tdms
+from osl_analysis.ingest.captures import read_c3d_capture, read_nexus_capture, read_trc_capture
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
-from osl_analysis.ingest.known_formats import FORMATS, check_format, named, read_source
+from osl_analysis.ingest.message_log import read_message_log
+from osl_analysis.ingest.overview import (
+    Overview,
+    inspect_c3d,
+    inspect_csv,
+    inspect_json,
+    inspect_mat,
+    inspect_messages,
+    inspect_nexus,
+    inspect_opensim,
+    inspect_tdms,
+    inspect_trc,
+)
 from osl_analysis.ingest.recording import Recording, check_sizes
-from osl_analysis.ingest.source import SharedAngle
+from osl_analysis.ingest.source import KEYS, Keys, SharedAngle, Source, model_of, refuse_draft
+from osl_analysis.ingest.table_log import read_table_log
 from osl_analysis.trial import Trial
+
+
+@contextmanager
+def named(path: Path) -> Iterator[None]:
+    """Every refusal names the file."""
+    try:
+        yield
+    except InputError as error:
+        if printable(str(path)) in str(error):
+            raise
+        raise InputError(f"{path}: {error}") from error
+
+
+@dataclass(frozen=True)
+class KnownFormat:
+    """One format of logs or captures."""
+
+    name: str  # its name in source files
+    begins: Callable[[bytes], bool]  # whether a file that begins with these bytes is of this format
+    suffixes: tuple[str, ...]
+    """Endings of files of this format, for files that are not recognised by their first bytes."""
+    reader: Callable[[Path, Source], Recording]  # reads a file by its source file
+    lister: Callable[[Path], Overview]  # lists what a file holds, without a source file
+    own_keys: Keys | None = None  # keys of its source files, where `KEYS` has none
+    source: type[Source] = field(init=False)
+    """The model of its source files, made at import, so that processes forked later share it."""
+
+    @property
+    def keys(self) -> Keys:
+        """The keys of its source files."""
+        return self.own_keys or KEYS[self.name]
+
+    @property
+    def is_capture(self) -> bool:
+        """Whether its files come from a motion-capture laboratory."""
+        return "channels" not in self.keys.source.split()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "source", model_of(self.name, self.keys))
+
+    def read(self, path: Path, source: Source) -> Recording:
+        """A file as canonical columns in SI units, by its source file. Raises InputError, which names the file."""
+        with named(path):
+            return self.reader(path, source)
+
+    def inspect(self, path: Path) -> Overview:
+        """What a file holds. Raises InputError, which names the file."""
+        with named(path):
+            return self.lister(path)
+
+
+def of_messages(name: str, magic: bytes, suffix: str) -> KnownFormat:
+    return KnownFormat(
+        name, lambda begin: begin.startswith(magic), (suffix,), read_message_log, partial(inspect_messages, name)
+    )
+
+
+FORMATS = {
+    "mcap": of_messages("mcap", MAGIC, ".mcap"),
+    "rosbag1": of_messages("rosbag1", ANY_BAG1, ".bag"),
+    "rosbag2": of_messages("rosbag2", SQLITE, ".db3"),
+    "c3d": KnownFormat("c3d", is_c3d, (".c3d",), read_c3d_capture, inspect_c3d),
+    "nexus_csv": KnownFormat("nexus_csv", is_nexus, (), read_nexus_capture, inspect_nexus),
+    "mat": KnownFormat("mat", is_mat, (".mat",), read_table_log, inspect_mat),
+    "tdms": KnownFormat("tdms", is_tdms, (".tdms",), read_table_log, inspect_tdms),
+    "trc": KnownFormat("trc", is_trc, (".trc",), read_trc_capture, inspect_trc),
+    "opensim": KnownFormat("opensim", is_opensim, (".mot", ".sto"), read_table_log, inspect_opensim),
+    "json_lines": KnownFormat("json_lines", is_json_lines, (".jsonl", ".ndjson"), read_table_log, inspect_json),
+    "csv": KnownFormat("csv", is_text, (".csv",), read_table_log, inspect_csv),
+}
+SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)
+"""Endings of recordings that are read."""
+ANY_TEXT = "csv"  # format of a text file that is not recognised by content or name
+NOT_READ = (".h5", ".tsv", ".xlsx")
+"""Endings of recordings whose formats are not read: `samples` lists them with the remedy."""
+
+
+class NamedFormat(Settings):
+    """The field of a source file that names the format."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    format: str
+    """A name of `FORMATS`."""
+
+    @field_validator("format")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        if name not in FORMATS:
+            raise ValueError(f"write one of {', '.join(FORMATS)}{nearest(name, FORMATS)}")
+        return name
+
+
+def read_source(path: Path) -> Source:
+    """A source file, checked: columns are canonical, every unit converts to its column's."""
+    name = read_yaml(path, NamedFormat).format
+    refuse_draft(path, read_mapping(path))
+    source = read_yaml(path, FORMATS[name].source)
+    source.written_in(path)
+    return source
+
+
+def recognise(path: Path) -> str:
+    """Name of a file's format, by what it begins with, or else by its ending."""
+    if path.is_dir():
+        return folder_format(path)
+    begin, found = formats_of(path)
+    by_suffix = [name for name, known in FORMATS.items() if path.suffix.lower() in known.suffixes]
+    candidates = [*found, *by_suffix, *[ANY_TEXT] * is_text(begin)]
+    if not candidates:
+        raise InputError(
+            f"{path}: neither MCAP, C3D nor text (it begins with {begin[:8]!r}); export it as one of these"
+        )
+    return candidates[0]
+
+
+def check_format(path: Path, source: Source) -> None:
+    """Refuse a file whose content is of another format than its source file says."""
+    if path.is_dir():
+        found_in = folder_format(path)
+        if source.format != found_in:
+            raise InputError(
+                f"{path}: a folder with a recording in {found_in}, its source file says {source.format}; write "
+                f"`format: {found_in}` in a source file for it, or name a file in it"
+            )
+        return
+    begin, found = formats_of(path)
+    if (found and source.format not in found) or (source.format == ANY_TEXT and not is_text(begin)):
+        what = f"is {found[0]}" if found else f"is no text (it begins with {begin[:8]!r})"
+        remedy = f"write `format: {found[0]}` in a source file for it" if found else "name the recording itself"
+        raise InputError(f"{path}: {what}, its source file says {source.format}; {remedy}")
+
+
+def formats_of(path: Path) -> tuple[bytes, list[str]]:
+    """What a file begins with, and the formats that it has by that; none for text that only its name can tell."""
+    with path.open("rb") as file:
+        begin = file.read(FIRST_BYTES)
+    refuse_others(path, begin)  # first: a PNG image begins like C3D
+    return begin, [name for name, known in FORMATS.items() if name != ANY_TEXT and known.begins(begin)]
 
 
 def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path) -> Trial:
     """The trial whose raw files, relative to `raw_folder`, one row of the sample sheet names.
 
-    `row` has the sheet's columns (`sheet.py`). An absent or missing value (None, NA) counts as empty.
+    `row` has the sheet's columns (`config/sheet.py`). A value that is not text (None, NA) counts as empty.
 
-    Raises
-    ------
-    InputError
-        A file is missing, empty or not what its source file says, changes while it is read, holds values that
-        nothing can reach, or the recordings do not fit together.
+    Raises InputError: A file is missing, empty or not what its source file says, changes while it is read, holds values
+    that nothing can reach, or the recordings do not fit together.
     """
-    name = text(row, "trial")
-    files = {role: text(row, role) for role in ("log", "mocap") if text(row, role)}
+    said = {column: value.strip() for column, value in row.items() if isinstance(value, str)}
+    name, files = said.get("trial", ""), {role: said[role] for role in ("log", "mocap") if said.get(role)}
     if not files:
         raise InputError(f"trial {name}: the sheet names no file; fill in log or mocap, or exclude the trial")
     recordings, identities, shared = {}, {}, None
     for role, given in files.items():
-        path, source = raw_folder / given, text(row, f"{role}_source")
+        path, source = raw_folder / given, said.get(f"{role}_source", "")
         if not source:
             raise InputError(f"trial {name}: {role}_source is empty; name the file in {sources_folder} for {given}")
         check_file(path)
-        before = identities_of(path)
+        before = [Identity.of(file) for file in (files_in(path) if path.is_dir() else [path])]
         described = read_source(sources_folder / f"{source}.yaml")
         is_capture = FORMATS[described.format].is_capture
         if not is_capture:
-            described = described.of_part(text(row, "log_part"))
+            described = described.of_part(said.get("log_part", ""))
         check_format(path, described)
         if len(files) == 2 and not is_capture and described.clock == "master":
             raise InputError(
@@ -55,8 +221,9 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             with named(path):
                 recordings[role] = FORMATS[described.format].read(path, described)
                 check_sizes(recordings[role])
-        finally:
-            check_unchanged(before)  # also where it cannot be read: it may have changed in between
+        finally:  # also where it cannot be read: it may have changed in between
+            for one in before:
+                one.check_unchanged()
         shared = described.shared if is_capture else shared
         identities[role] = {**identified(path, before), "path": given, "source": source}
     try:
@@ -100,12 +267,6 @@ def check_file(path: Path) -> None:
         raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet")
 
 
-def text(row: Mapping[str, Any], column: str) -> str:
-    """A value of the sheet as text. A value that is not text counts as empty."""
-    value = row.get(column)
-    return value.strip() if isinstance(value, str) else ""
-
-
 @dataclass(frozen=True)
 class Identity:
     """A raw file at the moment at which it was hashed."""
@@ -115,27 +276,35 @@ class Identity:
     sha256: str
     state: tuple[int, ...]
     """Device, number, size and times [ns] of the file; another value means another file or other bytes."""
+    young: bool  # written so shortly before that another writing may leave the same times
 
     @classmethod
     def of(cls, path: Path) -> Self:
         with path.open("rb") as file:
             state = state_of(os.fstat(file.fileno()))
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-            return cls(path, file.tell(), digest, state)
+            return cls(path, file.tell(), digest, state, young=time.time_ns() - max(state[3:]) < 2_000_000_000)
 
     @property
     def report(self) -> dict[str, Any]:
         return {"path": self.path.name, "bytes": self.size, "sha256": self.sha256}
 
+    def check_unchanged(self) -> None:
+        """Refuse a file that is not the one that was hashed, now that it has been read."""
+        try:
+            same = state_of(self.path.stat()) == self.state and self.size == self.state[2]
+            same = same and (not self.young or Identity.of(self.path).sha256 == self.sha256)
+        except OSError:
+            same = False
+        if not same:
+            raise InputError(
+                f"{self.path}: the file changed while it was read; wait until it is recorded or copied, then run again"
+            )
+
 
 def state_of(stat: os.stat_result) -> tuple[int, ...]:
     """What changes in a file's entry when the file is replaced or written to."""
     return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns
-
-
-def identities_of(path: Path) -> list[Identity]:
-    """A raw file, or every file of a folder, before it is read."""
-    return [Identity.of(file) for file in (files_in(path) if path.is_dir() else [path])]
 
 
 def identified(path: Path, parts: Sequence[Identity]) -> dict[str, Any]:
@@ -146,23 +315,6 @@ def identified(path: Path, parts: Sequence[Identity]) -> dict[str, Any]:
     return {"bytes": sum(one.size for one in parts), "sha256": together, "parts": [one.report for one in parts]}
 
 
-def check_unchanged(parts: Sequence[Identity]) -> None:
-    """Refuse a file that is not the one that was hashed, now that it has been read."""
-    for one in parts:
-        try:
-            same = state_of(one.path.stat()) == one.state and one.size == one.state[2]
-        except OSError:
-            same = False
-        if not same:
-            raise InputError(
-                f"{one.path}: the file changed while it was read; wait until it is recorded or copied, then run again"
-            )
-
-
-NANOSECOND = 1e-9
-SHARED_FACTS = ("plates", "damage")  # facts that have a key of their own in the provenance
-
-
 def assemble(
     name: str,
     recordings: Mapping[str, Recording],
@@ -171,52 +323,46 @@ def assemble(
 ) -> Trial:
     """A trial of the recordings `log`, `mocap` or both; with both, the log's clock is fitted to motion capture's.
 
-    `files` identifies the file of each recording (`identity`), `shared` an angle that aligns the clocks without sync
+    `files` identifies the file of each recording (`identified`), `shared` an angle that aligns the clocks without sync
     edges. The log's rows before and after motion capture are counted and not used. The column `sync` is motion
     capture's.
     """
-    provenance = provenance_of(recordings, files)
-    if len(recordings) == 1:
-        (only,) = recordings.values()
-        return Trial(name, only.samples, provenance)
-    log, mocap = recordings["log"], recordings["mocap"]
-    both = sorted((set(log.columns) & set(mocap.columns)) - {"sync"})
-    if both:
-        raise InputError(f"column '{both[0]}' is mapped in log and motion capture; remove it from one source file")
-    fit, warnings = aligned_clock(log, mocap, shared)
-    time, end = fit.to_master(log.samples["time"].to_numpy()), float(mocap.samples["time"][-1])
-    clock = {**asdict(fit), "rows_before": int((time < 0.0).sum()), "rows_after": int((time > end).sum())}
-    warnings = [*provenance["warnings"], *warnings]
-    return Trial(name, merged(log, mocap, fit), {**provenance, "warnings": warnings, "clock": clock})
-
-
-def provenance_of(recordings: Mapping[str, Recording], files: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Where every column comes from, and the facts and warnings of each recording."""
     in_order = [(role, recordings[role]) for role in ("log", "mocap") if role in recordings]
-    return {
+    own_keys = ("plates", "damage")  # facts that have a key of their own
+    provenance: dict[str, Any] = {
         "software": {"name": "osl-analysis", "version": version("osl-analysis")},
         "files": dict(files),
         "columns": {name: {"file": role, **origin} for role, one in in_order for name, origin in one.columns.items()},
         "plates": [plate for _, one in in_order for plate in one.facts.get("plates", [])],
         "warnings": [warning for _, one in in_order for warning in one.warnings],
         **{key: fact for _, one in in_order for key, fact in one.facts.items() if key == "damage"},
-        **{role: {key: fact for key, fact in one.facts.items() if key not in SHARED_FACTS} for role, one in in_order},
+        **{role: {key: fact for key, fact in one.facts.items() if key not in own_keys} for role, one in in_order},
     }
+    if len(recordings) == 1:
+        return Trial(name, in_order[0][1].samples, provenance)
+    log, mocap = recordings["log"], recordings["mocap"]
+    both = sorted((set(log.columns) & set(mocap.columns)) - {"sync"})
+    if both:
+        raise InputError(f"column '{both[0]}' is mapped in log and motion capture; remove it from one source file")
+    fit, warnings = aligned_clock(log, mocap, shared)
+    on_master, end = fit.to_master(log.samples["time"].to_numpy()), float(mocap.samples["time"][-1])
+    clock = {**asdict(fit), "rows_before": int((on_master < 0.0).sum()), "rows_after": int((on_master > end).sum())}
+    warnings = [*provenance["warnings"], *warnings]
+    return Trial(name, merged(log, mocap, fit), {**provenance, "warnings": warnings, "clock": clock})
 
 
 def merged(log: Recording, mocap: Recording, fit: ClockFit) -> pl.DataFrame:
     """The rows of both in the order of motion capture's time [s]; rows of the same nanosecond become one row."""
-    time = pl.Series("log_time", fit.to_master(log.samples["time"].to_numpy()))
+
+    def whole_nanoseconds(column: str) -> pl.Expr:  # on which tables can be joined; floats would not match
+        return (pl.col(column) / 1e-9).round().cast(pl.Int64)
+
+    log_time = pl.Series("log_time", fit.to_master(log.samples["time"].to_numpy()))
     end = float(mocap.samples["time"][-1])
     own = log.samples.drop("time", "sync", strict=False)
-    rows = own.insert_column(0, time).filter(time.is_between(0.0, end))
+    rows = own.insert_column(0, log_time).filter(log_time.is_between(0.0, end))
     if rows.is_empty():
         raise InputError("log and motion capture do not overlap in time; check that they are of the same trial")
     rows = rows.with_columns(key=whole_nanoseconds("log_time"))
     joined = mocap.samples.with_columns(key=whole_nanoseconds("time")).join(rows, on="key", how="full", coalesce=True)
     return joined.sort("key").with_columns(time=pl.coalesce("time", "log_time")).drop("key", "log_time")
-
-
-def whole_nanoseconds(column: str) -> pl.Expr:
-    """Times [s] as whole nanoseconds, on which tables can be joined; floats would not match."""
-    return (pl.col(column) / NANOSECOND).round().cast(pl.Int64)

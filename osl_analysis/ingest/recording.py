@@ -37,8 +37,8 @@ class Recording:
                 )
 
 
-LEVEL = "V"
-"""Unit of the columns that may be read from truth values: levels of `sync` and `trigger`."""
+LEVEL_UNIT = "V"
+"""Of the columns that may be read from truth values: levels of `sync` and `trigger`."""
 
 
 def canonical_series(
@@ -60,7 +60,7 @@ def checked_numbers(
         values: Array = np.ma.getdata(raw).astype(np.float64)
     values[np.ma.getmaskarray(raw)] = 0.0
     missing = np.isnan(values)
-    check_finite(what, np.where(missing, 0.0, values) if missing.any() else values, time)
+    check_values(what, np.where(missing, 0.0, values) if missing.any() else values, time)
     count = int(missing.sum())
     if count > most_missing * values.size:
         row, noun, failed = int(np.argmax(missing)), table.noun if table else "sample", table.failed if table else "NaN"
@@ -72,7 +72,7 @@ def checked_numbers(
     return values
 
 
-def check_finite(what: str, values: Array, time: Array) -> None:
+def check_values(what: str, values: Array, time: Array) -> None:
     """Refuse NaN and infinity in a channel, (n,), naming the first with its time [s]."""
     finite = np.isfinite(values)
     if not finite.all():
@@ -83,7 +83,7 @@ def check_finite(what: str, values: Array, time: Array) -> None:
         )
 
 
-LARGEST = {
+LARGEST_MEASURED = {
     "m": 1e3,  # no laboratory is a kilometre long
     "rad": 1e6,  # 160 000 turns
     "rad/s": 1e5,  # a million turns per minute
@@ -99,10 +99,10 @@ LARGEST = {
 
 
 def check_sizes(recording: Recording) -> None:
-    """Refuse values beyond `LARGEST`, and infinite ones. NaN, which is a value that was not seen, passes."""
+    """Refuse values beyond `LARGEST_MEASURED`, and infinite ones. NaN, which is a value that was not seen, passes."""
     time = recording.samples["time"].to_numpy()
     for column in recording.columns:
-        bound, values = LARGEST[unit_of(column)], recording.samples[column].to_numpy()
+        bound, values = LARGEST_MEASURED[unit_of(column)], recording.samples[column].to_numpy()
         if np.fmax.reduce(values, initial=0.0) > bound or np.fmin.reduce(values, initial=0.0) < -bound:
             beyond = np.abs(values) > bound
             row = int(np.argmax(beyond))

@@ -4,7 +4,8 @@ The fields of `Source`, `Channel`, `Time` and `Plate` are those of all formats. 
 format have, and `model_of` makes the model from it, so that a key of another format is refused by name.
 """
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -25,20 +26,19 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError, PydanticUndefined
 
-from osl_analysis.config.yaml_settings import Settings, field_line
-from osl_analysis.errors import InputError, nearest
+from osl_analysis.config.yaml_settings import Settings, dotted, field_line
+from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.mat import checked_address
 from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
 from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
 
-Share = Annotated[float, Field(ge=0, le=1)]
+SampleShare = Annotated[float, Field(ge=0, le=1)]
 Stamps = Literal["auto", "exact", "even"]
 """How stamps are taken (docs/time_base.md). `exact`: each sample was taken at its stamp. `even`: the device samples
 evenly, and only the stamps scatter. `auto`: stamps and signals decide."""
-HIGHEST_ORDER = 8  # highest order of a sensor's low-pass that is accepted
-LARGEST = 1e12  # largest size of a scale or an offset: what is larger is a slip
+NoSlip = Annotated[float, Field(ge=-1e12, le=1e12)]  # a scale or an offset: what is larger is a slip
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
-Point = tuple[float, float, float]
+Corner = tuple[float, float, float]
 
 
 def misplaced(reason: str, *place: str) -> PydanticCustomError:
@@ -51,7 +51,7 @@ class SensorFilter(Settings):
 
     cutoff: str
     """Cut-off with its unit, as `100 Hz`."""
-    order: int = Field(default=1, ge=1, le=HIGHEST_ORDER)
+    order: int = Field(default=1, ge=1, le=8)
     """Order."""
 
     @field_validator("cutoff")
@@ -82,9 +82,9 @@ class Conversion(Settings):
     """Unit of the numbers, as laboratories spell it. Without it, the unit that the file states is used."""
     sign: Literal[1, -1] = 1
     """-1 if the recorder has the opposite direction as positive."""
-    scale: float = Field(default=1.0, ge=-LARGEST, le=LARGEST)
+    scale: NoSlip = 1.0
     """Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits."""
-    offset: float = Field(default=0.0, ge=-LARGEST, le=LARGEST)
+    offset: NoSlip = 0.0
     """Offset that is added to the raw numbers before the scale, in the raw unit."""
 
     @field_validator("delay")
@@ -108,24 +108,23 @@ class Conversion(Settings):
             raise ValueError("a scale of zero makes every number zero; write the size of one count")
         return value
 
-    def stated_unit(self, unit_of_file: str) -> str:
-        """The source file's unit, or else the recording's."""
-        return unit_of_file if self.unit is None else self.unit
+    def factor_to(self, si_unit: str, unit_of_file: str = "") -> float:
+        """From the source file's unit, or else the recording's, to SI."""
+        return si_factor(unit_of_file if self.unit is None else self.unit, si_unit)
 
     def to_si(self, raw: Array, si_unit: str, unit_of_file: str = "") -> Array:
         """Recorded numbers, of any shape, in the SI unit."""
-        factor = si_factor(self.stated_unit(unit_of_file), si_unit)
+        factor = self.factor_to(si_unit, unit_of_file)
         with np.errstate(over="ignore"):  # what overflows is refused with what is too large
-            found = np.asarray(raw + self.offset)
-            return np.multiply(self.sign * self.scale * factor, found, out=found)
+            return np.asarray(self.sign * self.scale * factor * (raw + self.offset))
 
     def origin(self, column: str, unit_of_file: str = "") -> dict[str, Any]:
         """Where a canonical column comes from, how it was converted, and what is stated of its sensor in SI units.
 
         For the trial's provenance. `range` is what the column can reach, after `sign` and `offset`.
         """
-        unit, si_unit = self.stated_unit(unit_of_file), unit_of(column)
-        factor, stated = si_factor(unit, si_unit), dict[str, Any]()
+        unit, si_unit = unit_of_file if self.unit is None else self.unit, unit_of(column)
+        factor, stated = self.factor_to(si_unit, unit_of_file), dict[str, Any]()
         if self.delay is not None:
             stated["delay"] = quantity(self.delay, "s")
         if self.low_pass is not None:
@@ -182,12 +181,8 @@ class Addressed(Settings):
         return f"{self.ADDRESS} '{self.name}'"
 
 
-def text_of_number(value: Any) -> Any:
-    """A column's number as text; anything else as it is."""
-    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
-
-ColumnName = Annotated[str, BeforeValidator(text_of_number)]
+NumberOrName = BeforeValidator(lambda given: str(given) if type(given) is int else given)
+ColumnName = Annotated[str, NumberOrName]
 AddressText = Annotated[str, AfterValidator(checked_address)]
 
 
@@ -267,9 +262,9 @@ class Plate(Settings):
     """Beginning of the names of the columns of the point of application [m]: `R_ground_force_p`."""
     moment: str
     """Beginning of the names of the columns of the moment about this point [N*m]: `R_ground_torque_`."""
-    corners: tuple[Point, Point, Point, Point]
+    corners: tuple[Corner, Corner, Corner, Corner]
     """Corners of the surface in the file's axes [m], in an export of Nexus [mm]."""
-    moment_about: Point | None = None
+    moment_about: Corner | None = None
     """Point about which the file's moment is taken [mm]; without it the centre of the corners."""
     sign: Literal[1, -1] = 1
     """-1 if the file has the force on the plate instead of the force on the foot."""
@@ -363,8 +358,25 @@ class SourceFile(Settings):
     @field_validator("channels", "analogs", "outputs", check_fields=False)
     @classmethod
     def _canonical(cls, channels: Mapping[str, Conversion]) -> Mapping[str, Conversion]:
+        """In the nomenclature, and of units that can become the column's."""
+        names = [name for name in COLUMNS if name != "time"]
         for column, channel in channels.items():
-            check_canonical(column, channel)
+            try:
+                canonical = unit_of(column)
+            except KeyError:
+                advice = f"the columns are {', '.join(names)}{nearest(column, names)}"
+                raise misplaced(f"'{column}' is not a canonical column; {advice}", column) from None
+            if column == "time":
+                raise misplaced("time is not a channel; state its source under `time`", column)
+            step = channel.step
+            checks = {"unit": channel.factor_to, "resolution": step, "bits": step, "range": channel.ends}
+            for key, check in checks.items():
+                value = getattr(channel, key)
+                try:
+                    if value is not None:
+                        check(canonical)
+                except ValueError as error:
+                    raise misplaced(f"{value!r} is not allowed: {error}", column, key) from None
         return channels
 
     @field_validator("log_part", check_fields=False)
@@ -404,10 +416,10 @@ class Source(SourceFile):
     """The recorded channel of each canonical column."""
     time: Time
     """Where the time of a row or message comes from."""
-    most_missing: Share = 0.01
+    most_missing: SampleShare = 0.01
     """Largest share of a channel's numbers that may be NaN or missing, and of the rows that may be skipped. More where
     a channel has a lower rate than the rows."""
-    largest_loss: Share = 0.01
+    largest_loss: SampleShare = 0.01
     """Largest share of a topic's messages that may be lost; a log that has lost more is refused."""
     log_part: str = ""
     """Address of the struct or cell that holds the trial, where the file holds several. That of the sample
@@ -458,31 +470,6 @@ class Source(SourceFile):
     counted from 1, between which the plates were unloaded."""
 
 
-def check_canonical(column: str, channel: Conversion) -> None:
-    """Refuse a column that is not in the nomenclature, or a unit that cannot become the column's."""
-    names = [name for name in COLUMNS if name != "time"]
-    try:
-        canonical = unit_of(column)
-    except KeyError:
-        advice = f"the columns are {', '.join(names)}{nearest(column, names)}"
-        raise misplaced(f"'{column}' is not a canonical column; {advice}", column) from None
-    if column == "time":
-        raise misplaced("time is not a channel; state its source under `time`", column)
-    checks: dict[str, Callable[[], object]] = {
-        "unit": lambda: si_factor(str(channel.unit), canonical),
-        "resolution": lambda: channel.step(canonical),
-        "bits": lambda: channel.step(canonical),
-        "range": lambda: channel.ends(canonical),
-    }
-    for key, check in checks.items():
-        value = getattr(channel, key)
-        try:
-            if value is not None:
-                check()
-        except ValueError as error:
-            raise misplaced(f"{value!r} is not allowed: {error}", column, key) from None
-
-
 @dataclass(frozen=True)
 class Keys:
     """The keys that source files of one format have, besides `format` and `description`."""
@@ -505,13 +492,13 @@ class Keys:
 
 
 OPTIONAL = (None, None)  # marks `time` and `channels` as keys that a source file may leave out
-UNIT = {"channel.unit": (Unit, ...)}  # of formats that state no units
-ROWS = "unit rate repeated stamps"
+NO_UNITS = {"channel.unit": (Unit, ...)}  # of formats that state no units
+OF_ROWS = "unit rate repeated stamps"
 MESSAGES = Keys(
     "clock channels time largest_loss most_missing",
     "field topic counter unit",
     "source field stamps",
-    kinds={**UNIT, "time.field": (str, "header.stamp")},
+    kinds={**NO_UNITS, "time.field": (str, "header.stamp")},
 )
 KEYS: Mapping[str, Keys] = {
     "mcap": MESSAGES,
@@ -520,29 +507,29 @@ KEYS: Mapping[str, Keys] = {
     "csv": Keys(
         "clock channels delimiter decimal comment header units_row missing most_missing extra_cells ragged time",
         "column counter",
-        f"column {ROWS}",
+        f"column {OF_ROWS}",
     ),
-    "json_lines": Keys("clock channels most_missing time", "field counter unit", f"field {ROWS}", kinds=UNIT),
+    "json_lines": Keys("clock channels most_missing time", "field counter unit", f"field {OF_ROWS}", kinds=NO_UNITS),
     "mat": Keys(
         "clock channels log_part most_missing time",
         "variable counter unit",
-        f"variable {ROWS}",
-        kinds={**UNIT, "channel.counter": (AddressText | None, None)},
+        f"variable {OF_ROWS}",
+        kinds={**NO_UNITS, "channel.counter": (AddressText | None, None)},
     ),
     "tdms": Keys(
         "clock channels most_missing time",
         "channel counter",
-        f"channel {ROWS}",
+        f"channel {OF_ROWS}",
         kinds={"time": OPTIONAL},
         time_in_file=True,
     ),
     "opensim": Keys(
         "clock channels most_missing time plates axes",
         "column counter unit",
-        f"column {ROWS}",
+        f"column {OF_ROWS}",
         "force point moment corners sign",
         {
-            **UNIT,
+            **NO_UNITS,
             "clock": (Literal["master", "sync", "shared", "common"], "master"),
             "channels": OPTIONAL,
             "time": OPTIONAL,
@@ -598,3 +585,30 @@ def model_of(name: str, keys: Keys) -> type[Source]:
         plate = narrowed("plate.", (Settings,), Plate, keys.plate)
         below["plates"] = (GenericAlias(dict, (PositiveInt, plate)), {})
     return cast(type[Source], narrowed("", (SourceFile,), Source, f"format description {keys.source}"))
+
+
+UNKNOWN = "UNKNOWN"  # stands in a draft where the file does not tell a value
+NAME_OF_TIME = "NAME_OF_TIME"  # stands for the column of time where no column is called like a clock
+
+
+def refuse_draft(path: Path, content: dict[str, Any]) -> None:
+    """Refuse a source file in which places of a draft are not edited."""
+    places = list(open_places(content))
+    if places:
+        named = listing([f"`{dotted(place)}` in line {field_line(path, place)}" for place in places], 6)
+        raise InputError(
+            f"{path}: a draft of `osl-analysis inspect` in which {len(places)} places are to be edited: {named}; give "
+            f"each signal that you need its canonical name ({', '.join(c for c in COLUMNS if c != 'time')}), state "
+            f"each {UNKNOWN}, and delete the other lines of `channels`"
+        )
+
+
+def open_places(content: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """The places of a draft that are not edited yet: channels without a name, and what is UNKNOWN, which in other
+    fields may be a name in the recording."""
+    for key, value in content.items() if isinstance(content, dict) else ():
+        place, is_open = (*above, str(key)), value == UNKNOWN and key in ("unit", "extra_cells", "counts")
+        if re.fullmatch(r"NAME_\d+", str(key)) or is_open or value == NAME_OF_TIME:
+            yield place
+        else:
+            yield from open_places(value, place)

@@ -29,14 +29,13 @@ from osl_analysis.formats.mat import find, no_variable, open_mat, parsed, vector
 from osl_analysis.formats.table import Loss, Table
 from osl_analysis.formats.tdms import TdmsChannel, TdmsFile, read_tdms
 from osl_analysis.ingest.captures import exported_columns, exported_plates
-from osl_analysis.ingest.recording import LEVEL, Recording, canonical_series, checked_numbers
+from osl_analysis.ingest.message_log import LAST_SECOND, SECOND, joined_on_stamp, median_rate, stamp_fields
+from osl_analysis.ingest.recording import LEVEL_UNIT, Recording, canonical_series, checked_numbers
 from osl_analysis.ingest.source import Channel, Source
-from osl_analysis.ingest.stamps import LAST_SECOND, SECOND, joined_on_stamp, stamp_fields
 from osl_analysis.ingest.units import is_unit, si_factor
 from osl_analysis.trial import Array, check_time, counter_column, unit_of
 
 RATE = "state the rate: `time: {rate: 1000}`"
-COMMENTS = 100  # lines of a file's own header that the provenance keeps
 
 
 def read_table_log(path: Path, source: Source) -> Recording:
@@ -45,9 +44,9 @@ def read_table_log(path: Path, source: Source) -> Recording:
     Rows of another timing, as TDMS may have, are null in the columns of the others. Nothing is interpolated.
     Raises InputError: the recording is not what the source file says, or holds no numbers where it should.
     """
-    tables = TABLES[source.format](path, source)
-    parts = [(start, recording_of(table, source, path.name)) for start, table in tables]
-    recording = parts[0][1] if len(parts) == 1 else joined(parts, path.name)
+    tables = TABLE_FORMATS[source.format](path, source)
+    parts = [(start, recorded(table, source, path.name)) for start, table in tables]
+    recording = parts[0][1] if len(parts) == 1 else on_one_time(parts, path.name)
     if source.format == "opensim" and source.plates:
         return exported_plates(tables[0][1], recording, source)
     return recording
@@ -59,19 +58,22 @@ def wanted(source: Source) -> list[str]:
     return [*dict.fromkeys(name for name in [source.time.name, *named] if name)]
 
 
-def recording_of(table: Table, source: Source, file: str) -> Recording:
+def recorded(table: Table, source: Source, file: str) -> Recording:
     """The channels of the source file that a table has."""
     channels = {column: one for column, one in source.channels.items() if one.name in table.columns}
     time, start = time_of(table, source)
-    check_own_columns(table, source, channels)
+    first_by: dict[int, str] = {}
+    for column, channel in channels.items():  # two signals of different units, such as angle and torque, of one column
+        other = first_by.setdefault(id(table.columns[channel.name]), column)
+        if unit_of(other) != unit_of(column):
+            raise InputError(
+                f"{channel.title} is {other} and {column} in the source file; correct "
+                f"{source.place('channels', column, channel.ADDRESS)}"
+            )
     columns, origins, missing, absent, units = [pl.Series("time", time)], {}, {}, [], []
     for column, channel in channels.items():
-        what, raw, unit = (
-            f"{channel.title}",
-            table.columns[channel.name],
-            table.units.get(channel.name, ""),
-        )
-        if raw.dtype == bool and unit_of(column) != LEVEL:
+        what, raw, unit = channel.title, table.columns[channel.name], table.units.get(channel.name, "")
+        if raw.dtype == bool and unit_of(column) != LEVEL_UNIT:
             needed = f"no numbers in {unit_of(column)}"
             raise InputError(f"{what} holds truth values and {needed}; name another one in the source file")
         values = checked_numbers(what, raw, time, source.most_missing, table)
@@ -99,28 +101,18 @@ def recording_of(table: Table, source: Source, file: str) -> Recording:
         **({"damage": dict(table.loss.report)} if table.loss.report else {}),
     }
     failed = [f"{name} is {table.failed} in {n} of {time.size} {table.noun}s" for name, n in missing.items() if n]
-    said = [*absent, *failed, *units, *repeats(fresh, table.noun, source)]
-    warnings = [f"{file}: {text}" for text in [*table.loss.notes, *said]]
+    said = [*table.loss.notes, *absent, *failed, *units]
+    if not fresh.all():
+        did = (
+            "and were left out"
+            if source.time.repeated == "drop"
+            else "and are taken for samples whose stamps were rounded; if the device was read faster than it sampled, "
+            f"write `repeated: drop` under {source.place('time')}"
+        )
+        repeated = f"{int((~fresh).sum())} of {fresh.size} {table.noun}s repeat the stamp of the {table.noun} before"
+        said.append(f"{repeated} {did}")
+    warnings = [f"{file}: {text}" for text in said]
     return Recording(pl.DataFrame(columns).filter(pl.Series(kept)), origins, facts, warnings)
-
-
-def repeats(fresh: NDArray[np.bool_], noun: str, source: Source) -> list[str]:
-    """What was done with rows that repeat a stamp, if there are any."""
-    if fresh.all():
-        return []
-    counted = f"{int((~fresh).sum())} of {fresh.size} {noun}s repeat the stamp of the {noun} before"
-    if source.time.repeated == "drop":
-        return [f"{counted} and were left out"]
-    return [
-        f"{counted} and are taken for samples whose stamps were rounded; if the device was read faster than it "
-        f"sampled, write `repeated: drop` under {source.place('time')}"
-    ]
-
-
-def median_rate(time: Array) -> float | None:
-    """Median sampling rate [Hz] of stamps (n,) [s]; None for a single row, or if most rows repeat a stamp."""
-    step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
-    return 1 / step if step > 0 else None
 
 
 def time_of(table: Table, source: Source) -> tuple[Array, float]:
@@ -130,7 +122,7 @@ def time_of(table: Table, source: Source) -> tuple[Array, float]:
         own = np.arange(table.rows) / stated.rate if stated.rate is not None else table.time
         assert own is not None  # the model of the source file asks for a rate or a name where the file has no time
         return own - own[0], float(own[0])
-    what, raw = f"{stated.title}", np.ma.getdata(table.columns[stated.name])
+    what, raw = stated.title, np.ma.getdata(table.columns[stated.name])
     lacking = np.isnan(raw.astype(np.float64)) | np.ma.getmaskarray(table.columns[stated.name])
     if raw.dtype == bool or lacking.any():
         where = "but truth values" if raw.dtype == bool else f"in {table.place(int(np.argmax(lacking)))}"
@@ -145,18 +137,6 @@ def time_of(table: Table, source: Source) -> tuple[Array, float]:
         still = f"time stands still at {raw[0]:g} in all {time.size} {table.noun}s"
         raise InputError(f"{what}: {still}; take another {stated.ADDRESS}, or {RATE}")
     return time, float(raw[0])
-
-
-def check_own_columns(table: Table, source: Source, channels: Mapping[str, Channel]) -> None:
-    """Refuse two signals of different units, such as angle and torque, from one column of the file."""
-    by_values: dict[int, str] = {}
-    for column, channel in channels.items():
-        other = by_values.setdefault(id(table.columns[channel.name]), column)
-        if unit_of(other) != unit_of(column):
-            raise InputError(
-                f"{channel.title} is {other} and {column} in the source file; correct "
-                f"{source.place('channels', column, channel.ADDRESS)}"
-            )
 
 
 def counter_of(table: Table, channel: Channel, time: Array) -> pl.Series:
@@ -174,7 +154,7 @@ def counter_of(table: Table, channel: Channel, time: Array) -> pl.Series:
     return pl.Series(np.ma.getdata(found).astype(np.int64))
 
 
-def joined(parts: Sequence[tuple[float, Recording]], file: str) -> Recording:
+def on_one_time(parts: Sequence[tuple[float, Recording]], file: str) -> Recording:
     """Recordings of several timings as one, each with the time [s] by which it begins after the first."""
     last = max(start for start, _ in parts)
     lasts = min(start + float(one.samples["time"][-1]) for start, one in parts)
@@ -200,7 +180,7 @@ def joined(parts: Sequence[tuple[float, Recording]], file: str) -> Recording:
 Tables = Sequence[tuple[float, Table]]
 """The tables of a recording, each with the time [s] by which it begins after the first."""
 
-DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}:\d{2}")  # such as 2024-05-01T12:00:00 and 12:00:00.5
+LIKE_A_DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}:\d{2}")  # such as 2024-05-01T12:00:00 and 12:00:00.5
 TRUTHS = {"true": "1", "false": "0"}
 
 
@@ -208,7 +188,7 @@ def csv_tables(path: Path, source: Source) -> Tables:
     layout = CsvLayout(**{one.name: getattr(source, one.name) for one in fields(CsvLayout)})
     text = read_csv_table(path, layout)
     places = {name: text.column(name) for name in wanted(source)}
-    levels = {places[one.name] for column, one in source.channels.items() if unit_of(column) == LEVEL}
+    levels = {places[one.name] for column, one in source.channels.items() if unit_of(column) == LEVEL_UNIT}
     clock = places.get(source.time.name)
     values = {place: cells_of(text, place, source, place in levels, place == clock) for place in {*places.values()}}
     full = {name: text.names[place] for name, place in places.items()}
@@ -218,7 +198,7 @@ def csv_tables(path: Path, source: Source) -> Tables:
         {name: values[place] for name, place in places.items()},
         {name: text.units[place] for name, place in places.items()},
         loss=Loss(text.notes, {} if text.complete else {"complete": False}),
-        facts={"comments": text.comments[:COMMENTS]},
+        facts={"comments": text.comments[:100]},
         found=found,
         lines=text.lines,
         failed="missing",
@@ -252,7 +232,7 @@ def remedy_for(text: str, name: str, source: Source, is_time: bool, first: bool)
     """What to do about a cell that is not a number; `first`: it stands in the first row of data."""
     if text.casefold() in TRUTHS:
         return "name a column of numbers; a truth value can only be `sync` or `trigger`"
-    if DATE.search(text):
+    if LIKE_A_DATE.search(text):
         return "write time as seconds, or state the rate of the rows in place of the column: `time: {rate: 1000}`"
     if text == name:
         return "the header stands here again: cut the file in two, a log each"
@@ -292,12 +272,15 @@ def json_tables(path: Path, source: Source) -> Tables:
             f"{advice if source.time.rate is None else ''}"
         )
     notes = notes_on(lines, decoded)
-    if field:  # with a rate, every line counts
-        decoded, note = without_other_lines(lines, decoded, [*names, *(parts or ())])
-        notes += note
-    columns: dict[str, NDArray[Any]] = {
-        name: np.ma.array(decoded.values[name], mask=~decoded.present[name]) for name in names
-    }
+    kept = np.any([decoded.present[name] for name in [*names, *(parts or ())]], axis=0)
+    if field and not kept.all():  # lines without any of the fields, such as a header; with a rate, every line counts
+        left_out, first = int((~kept).sum()), lines.numbers[decoded.rows[int(np.argmin(kept))]]
+        notes.append(f"{left_out} of {kept.size} lines have none of the fields and were left out, first line {first}")
+        values = {name: one[kept] for name, one in decoded.values.items()}
+        present = {name: one[kept] for name, one in decoded.present.items()}
+        decoded = replace(decoded, rows=decoded.rows[kept], values=values, present=present)
+    given, there = decoded.values, decoded.present
+    columns: dict[str, NDArray[Any]] = {name: np.ma.array(given[name], mask=~there[name]) for name in names}
     units = {}
     if parts and field:
         columns[field], units[field] = stamp_column(lines, decoded, parts), "ns"
@@ -329,20 +312,6 @@ def stamp_column(lines: JsonLines, decoded: DecodedLines, parts: Parts) -> NDArr
     there = decoded.present[parts[0]] & decoded.present[parts[1]]
     seconds, nanoseconds = (np.where(there, decoded.values[name], 0).astype(np.int64) for name in parts)
     return np.ma.array(seconds * SECOND + nanoseconds, mask=~there)
-
-
-def without_other_lines(
-    lines: JsonLines, decoded: DecodedLines, names: Sequence[str]
-) -> tuple[DecodedLines, list[str]]:
-    """The lines that have one of the fields at least, and a sentence on the others, such as a header."""
-    kept = np.any([decoded.present[name] for name in names], axis=0)
-    if kept.all():
-        return decoded, []
-    first = lines.numbers[decoded.rows[int(np.argmin(kept))]]
-    note = f"{int((~kept).sum())} of {kept.size} lines have none of the fields and were left out, first line {first}"
-    values = {name: one[kept] for name, one in decoded.values.items()}
-    present = {name: one[kept] for name, one in decoded.present.items()}
-    return replace(decoded, rows=decoded.rows[kept], values=values, present=present), [note]
 
 
 def notes_on(lines: JsonLines, decoded: DecodedLines) -> list[str]:
@@ -437,7 +406,7 @@ def opensim_tables(path: Path, source: Source) -> Tables:
     return [(0.0, Table(len(table.rows), columns, facts=facts))]
 
 
-TABLES: Mapping[str, Callable[[Path, Source], Tables]] = {
+TABLE_FORMATS: Mapping[str, Callable[[Path, Source], Tables]] = {
     "csv": csv_tables,
     "json_lines": json_tables,
     "mat": mat_tables,

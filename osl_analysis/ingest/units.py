@@ -159,11 +159,7 @@ def measured_in(expected: str = "") -> tuple[AfterValidator, WithJsonSchema]:
 
     words = re.sub("[a-z]", lambda one: f"[{one[0].upper()}{one[0]}]", ANY_CASE.pattern).replace("(", "(?:")
     name = f"(?:{KNOWN_NAMES}|{'|'.join(map(re.escape, ALIASES))}|{words})"
-    proposed = (
-        [*EXAMPLES[expected]]
-        if expected
-        else list(dict.fromkeys(unit for units in EXAMPLES.values() for unit in units))
-    )
+    proposed = list(dict.fromkeys(unit for key in [expected] * bool(expected) or EXAMPLES for unit in EXAMPLES[key]))
     pattern = f"^ *{name}(?:(?: +|[*/·⋅∙.]){name}){{0,7}} *$"
     return AfterValidator(checked), WithJsonSchema(
         {"type": "string", "anyOf": [{"enum": proposed}, {"pattern": pattern}]}

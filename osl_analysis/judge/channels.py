@@ -14,8 +14,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.judge.table import Cause, Check, CheckResult, Examined
 from osl_analysis.measured import usual_size
 from osl_analysis.plate_surface import beside, plate_axes
-from osl_analysis.plateaus import longest_at_extreme
-from osl_analysis.signals import longest_run, run_edges, runs
+from osl_analysis.signals import longest_at_extreme, longest_run, run_edges, runs
 from osl_analysis.trial import Array, Trial, plate_columns, unit_of
 
 NO_ANALOG = "no torque, current or plate"

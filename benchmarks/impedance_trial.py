@@ -31,7 +31,6 @@ from osl_analysis.bench.impedance import (
     rendered_phasors,
 )
 from osl_analysis.bench.record import record_of_trial
-from osl_analysis.bench.segments import find_segments
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.simulate import row_of_trial, simulate_trial
 from osl_analysis.commands.trials import ingest_trial
@@ -41,6 +40,7 @@ from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.files import default_config
 from osl_analysis.judge.impossible import check_recording, saturated
 from osl_analysis.model.compensator import PAPER_WEIGHT
+from osl_analysis.protocol.stepped_sine import find_segments
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, read_trial

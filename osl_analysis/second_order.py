@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from osl_analysis.signals import Motion
-from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
 from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.trial import Array
 
@@ -29,15 +28,15 @@ def impedance_torque(K: float, B: float, I: float, motion: Motion) -> Array:
     return K * motion.theta + B * motion.omega + I * motion.alpha
 
 
-def fit_impedance(motion: Motion, torque: Array, residuals: ResidualCorrelation = NO_REPEATS) -> ImpedanceFit:
+def fit_impedance(motion: Motion, torque: Array) -> ImpedanceFit:
     """Fit Eq. 15 with an offset to a motion and resisting torque [N*m] of shape (n,).
 
     Angle and torque must have passed the same filter. If only the angle is filtered at 15 Hz, B is estimated as 3.43
-    instead of 3. `residuals` decides the covariance, as in `linear_fit`.
+    instead of 3.
 
     Raises InputError, IdentifiabilityError: As `linear_fit`; from a single sine K and I cannot be told apart.
     """
-    fit = linear_fit(torque, impedance_columns(motion), residuals)
+    fit = linear_fit(torque, impedance_columns(motion))
     return ImpedanceFit(fit["K"], fit["B"], fit["I"], fit["offset"], fit)
 
 

@@ -7,8 +7,7 @@ import numpy as np
 from osl_analysis.bench.components import branches_of
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.record import Record, cycles_of, record_of
-from osl_analysis.bench.segments import find_segments, unit_sines
-from osl_analysis.protocol.runs import SteppedSineProtocol
+from osl_analysis.protocol.stepped_sine import SteppedSineProtocol, find_segments, unit_sines
 from osl_analysis.second_order import impedance_torque
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 

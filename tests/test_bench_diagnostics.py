@@ -15,7 +15,7 @@ from osl_analysis.config.parameters import read_parameters
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.impossible import Saturated, plausible_impedance
 from osl_analysis.judge.table import Doubt, DoubtfulFits
-from osl_analysis.protocol.runs import SteppedSineProtocol
+from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.signals import LowPass, filtered_motion
 
 P = read_parameters(ROOT / "config/parameters/default.yaml")

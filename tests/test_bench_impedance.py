@@ -23,7 +23,6 @@ from osl_analysis.bench.impedance import AskedImpedance, DesiredImpedance, judge
 from osl_analysis.bench.model_comparison import thinned_amplitudes
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table, phasors_of_record
 from osl_analysis.bench.record import record_of_trial
-from osl_analysis.bench.segments import unit_sines
 from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands.bench import average_over_amplitudes, estimates_text
@@ -37,7 +36,7 @@ from osl_analysis.judge.impossible import Saturated
 from osl_analysis.judge.table import Doubt, DoubtfulFits
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.protocol.runs import SteppedSineProtocol
+from osl_analysis.protocol.stepped_sine import SteppedSineProtocol, unit_sines
 from osl_analysis.signals import LowPass, filtered_motion
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial, write_trial

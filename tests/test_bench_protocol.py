@@ -8,10 +8,16 @@ import pytest
 from bench_synthetic import table_of, unit_block
 
 from osl_analysis.bench.record import cycles_of, drift_rate, record_of_trial
-from osl_analysis.bench.segments import Segment, find_segments, labels_deg, settled
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.protocol.runs import SteppedSineProtocol, find_runs
+from osl_analysis.protocol.stepped_sine import (
+    Segment,
+    SteppedSineProtocol,
+    find_runs,
+    find_segments,
+    labels_deg,
+    settled,
+)
 from osl_analysis.signals import Motion
 from osl_analysis.trial import Trial
 

@@ -11,7 +11,7 @@ from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of, with_effects
 from osl_analysis.bench.record import record_of_trial, sine_record, stretches_of
 from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
-from osl_analysis.protocol.runs import SteppedSineProtocol
+from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.signals import filtered_motion
 from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Trial
@@ -111,6 +111,16 @@ def test_a_fit_to_few_cycles_has_an_interval():
     fit = fitted(trial(1, 1000.0), SETTINGS.model_copy(update={"settle_cycles": 7}))
     assert fit.repeat_se("K") > 0
     assert fitted(trial(1, 1000.0), SETTINGS.model_copy(update={"settle_cycles": 8})).repeat_se("K") is None
+
+
+def test_one_cycle_at_each_frequency_has_an_interval_that_holds():
+    """Four cycles, of which one is left: 60 seeded records; 95 % with Monte Carlo errors of 1.6 %."""
+    protocol, covered = SteppedSineProtocol((0.07,), FIVE, 4), []
+    for seed in range(60):
+        record = stepped_sine(second_order, 0.05, protocol, seed)
+        bounds = [with_effects(plain_sums(record, IMPEDANCE), IMPEDANCE).interval(name) for name in "KBI"]
+        covered += [low <= truth <= high for (low, high), truth in zip(bounds, (200, 4, 0.05), strict=True)]
+    assert np.mean(covered) == pytest.approx(0.96, abs=0.035)
 
 
 def test_a_step_is_stated_or_seen():

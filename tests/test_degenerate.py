@@ -22,11 +22,10 @@ from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.commands.bench import fit_request, fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.protocol.runs import SteppedSineProtocol
+from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.second_order import fit_impedance
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
 from osl_analysis.stats import regression, repeats
-from osl_analysis.stats.covariance import Cycles, ResidualCorrelation
 from osl_analysis.stats.fit_row import whiteness
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.stats.sinusoid import fit_sinusoid
@@ -122,27 +121,14 @@ def columns(x: Array) -> dict[str, Array]:
     return {"a": x, "offset": np.ones_like(x)}
 
 
-def in_cycles(n: int, count: int) -> Cycles:
-    edges = np.linspace(0, n, count + 1)
-    return Cycles(edges[:-1], edges[1:], np.zeros(count, dtype=np.intp))
-
-
 def all_of(fit: regression.LinearFit) -> tuple[Any, ...]:
     """A fit with everything that is computed from it."""
     return fit, fit.se("a"), fit.interval("a"), fit.correlation("a", "offset")
 
 
-def by_cycles(count: int) -> Callable[[Array, Array, Array], Any]:
-    return lambda t, x, y: all_of(linear_fit(y, columns(x), ResidualCorrelation(cycles=in_cycles(len(x), count))))
-
-
 FITS_OF_SIGNALS: dict[str, Callable[[Array, Array, Array], Any]] = {
     "linear_fit": lambda t, x, y: all_of(linear_fit(y, columns(x))),
     "linear_fit of one column": lambda t, x, y: linear_fit(y, {"a": x}),
-    "linear_fit behind a filter": lambda t, x, y: linear_fit(y, columns(x), ResidualCorrelation(every=3)),
-    "linear_fit of eight cycles": by_cycles(8),
-    "linear_fit of two cycles": by_cycles(2),
-    "linear_fit of one cycle": by_cycles(1),
     "with_shared_error": lambda t, x, y: regression.with_shared_error(linear_fit(y, {"a": x}), np.array([0.1])),
     "fit_sinusoid": lambda t, x, y: fit_sinusoid(t, y, 2.0),
     "fit_sinusoid of two cycles": lambda t, x, y: fit_sinusoid(t[:100], y[:100], 2.0),

@@ -17,7 +17,7 @@ MAY_IMPORT = {
     "formats": COMMON | {"formats"},
     "ingest": COMMON | {"ingest", "formats", "memory", "signals", "yaml_settings"},
     "stats": COMMON | {"stats", "signals"},
-    "protocol": COMMON | {"protocol", "signals"},
+    "protocol": COMMON | {"protocol", "signals", "stats", "timebase"},
     "spectral": COMMON | {"spectral", "stats", "signals", "model", "parameters"},
     "design": COMMON | {"design", "spectral", "stats", "signals", "multisine", "second_order"},
     "timebase": COMMON | {"timebase", "signals"},

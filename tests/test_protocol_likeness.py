@@ -5,8 +5,7 @@ import pytest
 from any_motion import RATE, chirp, multisine, noise
 from bench_synthetic import unit_block
 
-from osl_analysis.protocol.likeness import Likeness, moving_bins
-from osl_analysis.protocol.runs import SteppedSineProtocol
+from osl_analysis.protocol.stepped_sine import Likeness, SteppedSineProtocol, moving_bins
 
 PROTOCOL = SteppedSineProtocol(tuple(np.deg2rad([2.0, 4.0, 6.0])), (1.0, 2.0, 3.0, 4.0, 5.0), 8)
 

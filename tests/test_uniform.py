@@ -12,9 +12,9 @@ from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import QUANTITIES
 from osl_analysis.bench.record import sine_record
-from osl_analysis.bench.segments import Segment, settled
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.errors import InputError
+from osl_analysis.protocol.stepped_sine import Segment, settled
 from osl_analysis.timebase.grid import GapLimits, uniform_signals
 from osl_analysis.trial import Trial
 

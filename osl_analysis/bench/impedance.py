@@ -44,7 +44,7 @@ from osl_analysis.judge.impossible import Saturated, not_checked, plausible_impe
 from osl_analysis.model.compensator import CONTROLLERS, Gains, predicted_impedance, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.gain_selection import Weight
-from osl_analysis.protocol.likeness import moving_bins
+from osl_analysis.protocol.stepped_sine import moving_bins
 from osl_analysis.spectral.realisations import distinct
 from osl_analysis.spectral.response import periodic_response
 from osl_analysis.spectral.tables import NO_RESPONSE, RecordedMotion, ResponseTables, response_tables

@@ -15,10 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from osl_analysis.bench.segments import Segment, find_segments, labels_deg, settled, whole_rows
 from osl_analysis.bench.settings import BenchStiffness, ImpedanceAnalysis, SteppedSineAnalysis
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.protocol.likeness import BIN_S, HARDLY, MOVES, Likeness, moving_bins
+from osl_analysis.protocol.stepped_sine import (
+    BIN_S,
+    HARDLY,
+    MOVING_SHARE,
+    Likeness,
+    Segment,
+    find_segments,
+    labels_deg,
+    moving_bins,
+    settled,
+    whole_rows,
+)
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
 from osl_analysis.spectral.realisations import PeriodicMotion, periodic_motion
 from osl_analysis.stats.covariance import FEWEST_CYCLES, sums_between
@@ -403,7 +413,7 @@ def at_rest(theta: Array) -> str:
     if degrees > SLOW_TURN_DEG:
         return (
             f"the joint moves too slowly: theta changes by {degrees:.3g} deg in all, but by no more than "
-            f"{100 * MOVES:g} % of it, or its noise, within {BIN_S:g} s; move it by 0.5 to 6 Hz, or take the "
+            f"{100 * MOVING_SHARE:g} % of it, or its noise, within {BIN_S:g} s; move it by 0.5 to 6 Hz, or take the "
             "stiffness alone by experiment 'torque_angle'"
         )
     return (

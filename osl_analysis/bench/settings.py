@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from osl_analysis.config.yaml_settings import Degrees, Positive, Settings
-from osl_analysis.protocol.runs import SteppedSineProtocol
+from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.signals import LowPass
 from osl_analysis.timebase.grid import GapLimits
 from osl_analysis.trial import Array

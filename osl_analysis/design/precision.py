@@ -28,7 +28,7 @@ from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.second_order import impedance_columns
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.spectral.equation_error import DETECTION, ENOUGH_REALISATIONS, REALISATIONS
-from osl_analysis.stats.covariance import CYCLES, FEWEST_CYCLES, FILTER_SPAN, welch_satterthwaite
+from osl_analysis.stats.covariance import CYCLES, FEWEST_CYCLES, welch_satterthwaite
 from osl_analysis.stats.regression import CONDITION_LIMIT
 from osl_analysis.trial import Array
 
@@ -439,7 +439,7 @@ def interval_of(plan: Plan, fit: PlannedFit, errors: Mapping[str, Array], low_pa
         return DETECTION, np.array([2 * plan.realisations * u.sum() ** 2 / np.sum(u**2) for u in together])
     cycles = fit.sines.cycles
     if isinstance(plan, Continuous) or cycles.min() < FEWEST_CYCLES:
-        windows = plan.record_s * 2 * low_pass.cutoff_hz / FILTER_SPAN
+        windows = plan.record_s * 2 * low_pass.cutoff_hz / 8  # of eight half periods: weights lose 1 % of the noise
         return "HAC", np.full(3, max(1.5 * windows - 4, 1.0))
     seen = fit.share(errors["torque noise"]) + fit.share(errors["angle noise"])
     return CYCLES, welch_satterthwaite(list(seen), cycles - 1)

@@ -12,8 +12,7 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.judge.channels import CHANNEL_CHECKS, not_applicable, worst
 from osl_analysis.judge.table import Cause, Check, CheckResult, Commanded, Examined, QualityRules
-from osl_analysis.protocol.likeness import Likeness
-from osl_analysis.protocol.runs import FEWEST_CYCLES, Run, SteppedSineProtocol, find_runs
+from osl_analysis.protocol.stepped_sine import FEWEST_OF_A_RUN, Likeness, Run, SteppedSineProtocol, find_runs
 from osl_analysis.timebase.grid import GapLimits, devices_of, streams, uniform_signals
 from osl_analysis.timebase.samples import take
 from osl_analysis.trial import Trial
@@ -109,7 +108,7 @@ def measure_protocol(examined: Examined) -> CheckResult:
     if "theta" not in examined.samples.columns:
         return not_applicable(NO_STEPPED_SINE)
     commanded = examined.commanded.protocol
-    fewest = min(FEWEST_CYCLES, int(min(commanded.cycles_at, default=FEWEST_CYCLES)))
+    fewest = min(FEWEST_OF_A_RUN, int(min(commanded.cycles_at, default=FEWEST_OF_A_RUN)))
     try:
         angle = uniform_signals(examined.trial, ["theta"], GapLimits())
     except InputError as error:

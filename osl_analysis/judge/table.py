@@ -14,7 +14,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.config.experiments import Experiment, judged_tables
 from osl_analysis.config.yaml_settings import Settings
-from osl_analysis.protocol.runs import SteppedSineProtocol
+from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.trial import Array, Trial
 
 AnyRow = Mapping[str, object]  # a row of a result table

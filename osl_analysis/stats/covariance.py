@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from osl_analysis.errors import InputError
 from osl_analysis.measured import LARGEST_VARIANCE, check_finite, check_measured
 from osl_analysis.trial import Array
 
@@ -24,10 +23,6 @@ class Cycles:
     first: Array  # where each cycle begins, in rows of the fit, shape (m,)
     stop: Array  # where it ends, shape (m,)
     stratum: NDArray[np.intp]  # number of the stratum that each cycle belongs to, from 0 on and rising, shape (m,)
-
-    def sums(self, X: Array, y: Array) -> Array:
-        """Sums (m, p) of X times y in each cycle, for columns X (n, p) and y (n,) in the rows of the fit."""
-        return self.products(X, y[:, None])[..., 0]
 
     def products(self, X: Array, Y: Array) -> Array:
         """X'Y (m, p, q) in each cycle, for columns X (n, p) and Y (n, q) in the rows of the fit.
@@ -82,63 +77,39 @@ Covariance = tuple[Array, Array]
 CYCLES = "cycles"  # name of the spread between cycles in the tables
 FEWEST_CYCLES = 5  # smallest number of cycles at one frequency whose spread gives an interval
 CERTAIN = 1e12  # degrees of freedom from which a variance is certain: the rounding of a sum would decide on more
-FILTER_SPAN = 8
-"""Shortest window, in half periods of the filter's cut-off. Over this window the Bartlett weights lose 1 % of the
-noise's variance."""
 
 
 @dataclass(frozen=True)
 class ResidualCorrelation:
-    """How the residuals of a fit are correlated. This decides how the covariance of the estimates is computed."""
-
-    cycles: Cycles | None = None
-    """Cycles that the experiment repeats. The covariance then comes from the spread between them. With None it comes
-    from the autocorrelation of the residuals."""
-    every: int = 1
-    """Number of samples after which the low-pass filter leaves noise independent (`LowPass.independent_samples`)."""
-    lags: int | None = None
-    """Number of samples over which residuals may be correlated. None: the bandwidth that `correlation_samples` finds
-    with `every`."""
-    filtered_off: Array | None = None
-    """What a filter took away from y (n,). Noise that is independent from sample to sample is so only before the
-    filter, which smears it over the edge between two cycles: behind it neighbouring cycles are correlated by 0.05
-    where a column is not zero at the edge, as the velocity is not, and the spread of cycles is too small by 5 %."""
+    """How the residuals of a fit are correlated, which decides on the covariance of the estimates: here by their own
+    autocorrelation (HAC)."""
 
     @property
     def method(self) -> str:
-        """Source of the covariance, as the tables name it: `cycles`, or `HAC` (from the autocorrelation)."""
-        return "HAC" if self.cycles is None else CYCLES
+        """Source of the covariance, as the tables name it."""
+        return "HAC"
 
     def window(self, residual: Array) -> int:
         """Number of samples over which a residual (n,) may be correlated."""
-        return self.lags or correlation_samples(residual, self.every)
+        return correlation_samples(residual)
 
     def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
         """Covariance of the estimates, its degrees of freedom, and where it comes from. X (n, p) times `inverse` (p, p)
         is by how much each estimate changes with each sample of y; `residual` (n,) is what is left."""
-        if self.cycles is None:
-            scores = X @ inverse * residual[:, None]
-            return *moving_sums(scores, self.window(residual), slow=self.every > 1), self.method
-        noise = residual if self.filtered_off is None else residual + self.filtered_off
-        return *between_cycles(self.cycles.sums(X, noise) @ inverse, self.cycles.stratum), self.method
+        return *moving_sums(X @ inverse * residual[:, None], self.window(residual)), self.method
 
 
 NO_REPEATS = ResidualCorrelation()
-"""No repeated cycles and no known filter: the bandwidth is computed from the residuals at every sample."""
 
 
-def correlation_samples(residual: Array, every: int = 1) -> int:
+def correlation_samples(residual: Array) -> int:
     """Andrews' plug-in bandwidth for the Bartlett kernel from an AR(1) fit, at most an eighth of the samples.
 
-    Low-pass filtered noise is not an AR(1) at the sampling rate. An AR(1) fitted at that rate turns a correlation time
-    of 30 ms into 2.5 s. The AR(1) is therefore fitted to every `every`-th sample. These samples are half a period of
-    the cut-off apart; at this distance such noise is nearly white.
+    Low-pass filtered noise is not an AR(1) at the sampling rate: 30 ms of it are taken for 2.5 s.
 
     Raises InputError: A value is not finite or cannot be measured.
     """
     check_measured("the residual", residual)
-    if every > 1:
-        return min(every * max(correlation_samples(residual[::every]), FILTER_SPAN), max(len(residual) // 8, 1))
     n = len(residual)
     power = float(residual[:-1] @ residual[:-1])
     rho = float(residual[1:] @ residual[:-1]) / power if power > 0 else 0.0
@@ -147,50 +118,30 @@ def correlation_samples(residual: Array, every: int = 1) -> int:
     return int(np.clip(np.ceil(1.1447 * (alpha * n) ** (1 / 3)), 1, max(n // 8, 1)))
 
 
-def moving_sums(scores: Array, window: int, slow: bool = False) -> Covariance:
+def moving_sums(scores: Array, window: int) -> Covariance:
     """Long-run covariance of the scores (n, p) after Newey and West: Bartlett weights up to `window` - 1 lags.
 
     The sum over all lags with the weights 1 - lag/window equals the sum of squares of moving sums over `window` samples
     (zeros beyond the ends) divided by `window`. It is therefore positive semi-definite. It has 1.5 n/window degrees of
     freedom (Priestley, Spectral Analysis and Time Series, 1981, table 6.2, at frequency zero). The fit uses up p of the
-    n samples. If its columns are `slow` compared with the window, it uses up p of the n/window sums (Kiefer and
-    Vogelsang, Econometric Theory 21, 2005, to first order in window/n).
+    n samples.
     """
     n, p = scores.shape
-    left = max(n - p * window, window) if slow else n - p
     cumulative = np.concatenate([np.zeros((window, p)), np.cumsum(scores, axis=0)])
     cumulative = np.concatenate([cumulative, np.repeat(cumulative[-1:], window - 1, axis=0)])
     sums = cumulative[window:] - cumulative[:-window]
-    return sums.T @ sums / window * n / left, np.full(p, max(1.5 * n / window - p, 1.0))
+    return sums.T @ sums / window * n / (n - p), np.full(p, max(1.5 * n / window - p, 1.0))
 
 
 def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> Covariance:
     """Covariance from the spread of the cycles' sums of scores (m, p) about the mean of their `stratum` (m,), rising. A
     bootstrap that draws cycles within each stratum converges to this covariance, apart from the factor m/(m - 1) for
-    the mean that was estimated from the m cycles of the stratum."""
+    the mean that was estimated from the m cycles of the stratum, two or more."""
     members = np.bincount(stratum).astype(float)
-    check_repeated(members)
     begins = np.flatnonzero(np.diff(stratum, prepend=-1))
     mean = np.add.reduceat(sums, begins) / members[:, None]
     spread = (sums - mean[stratum]) * np.sqrt(members / (members - 1))[stratum, None]
     return spread.T @ spread, welch_satterthwaite(np.add.reduceat(spread**2, begins), members - 1)
-
-
-def check_repeated(members: Array) -> None:
-    """Refuse strata with fewer than two cycles; `members` (strata,) are their numbers of cycles."""
-    if not len(members) or np.min(members) < 2:
-        raise InputError("one cycle has no spread to take an interval from; record two or more at each frequency")
-
-
-def nearest_covariance(matrix: Array) -> Array:
-    """The symmetric matrix (p, p) without its negative eigenvalues, which a difference of covariances may have.
-
-    Raises InputError: A value is not finite or beyond `LARGEST_VARIANCE`.
-    """
-    check_finite("the covariance", matrix, LARGEST_VARIANCE)
-    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
 
 
 def welch_satterthwaite(variances: Sequence[ArrayLike] | Array, degrees_of_freedom: ArrayLike) -> Array:

@@ -84,14 +84,13 @@ def linear_fit(
 ) -> LinearFit:
     """Least squares of y (n,) on named columns (n,) each, with standard errors for correlated residuals.
 
-    Consecutive samples of a filtered signal are not independent. If the experiment repeats cycles, the covariance is
-    that of resampling the cycles. Otherwise it is Newey and West's (Econometrica 55, 1987) with the bandwidth of
-    Andrews (Econometrica 59, 1991). `residuals` says which.
+    Consecutive samples of a filtered signal are not independent. The covariance is Newey and West's (Econometrica 55,
+    1987) with the bandwidth of Andrews (Econometrica 59, 1991), or what `residuals` say.
 
     An exact fit has covariance 0, or that of rounding; degrees of freedom are infinite where a variance is 0.
 
-    Raises InputError: Lengths differ, a value cannot be measured (`check_measured`), there are not more samples than
-    columns, or a stratum has a single cycle. Raises IdentifiabilityError: The scaled condition number exceeds
+    Raises InputError: Lengths differ, a value cannot be measured (`check_measured`), or there are not more samples than
+    columns. Raises IdentifiabilityError: The scaled condition number exceeds
     `condition_limit`; the message names the two columns that look alike.
     """
     return regressors(columns, np.shape(y), condition_limit).fit(y, residuals)

@@ -1,0 +1,616 @@
+"""The stepped sine: what was commanded, what the joint did, the cycles that are fitted, and what is another motion.
+
+A run is a stretch of one frequency and amplitude. A segment is the whole cycles of a run that follows a commanded
+amplitude. Likeness says which share of a motion is sines, and which those commanded.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from statistics import median
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.measured import usual_size
+from osl_analysis.signals import longest_run, run_edges, runs, sampling_rate
+from osl_analysis.stats.covariance import FEWEST_CYCLES
+from osl_analysis.stats.sinusoid import waves
+from osl_analysis.timebase.grid import BRIDGE_MORE
+from osl_analysis.trial import Array
+
+FREQUENCY_TOLERANCE = 0.05
+"""Largest relative deviation of a recorded frequency from the commanded one that it follows: a clock is off by less."""
+AMPLITUDE_TOLERANCE = 0.25
+"""Largest relative deviation of a recorded amplitude from the commanded one. Some is lost to the dynamometer's
+bandwidth."""
+
+
+@dataclass(frozen=True)
+class SteppedSineProtocol:
+    """A stepped sine: each amplitude at every frequency, in any order and with or without rests."""
+
+    amplitudes: Sequence[float]  # amplitudes [rad]
+    frequencies_hz: Sequence[float]  # frequencies [Hz]
+    cycles: float | Sequence[float]  # number of cycles at each frequency: one number for all, or one for each
+
+    @property
+    def cycles_at(self) -> tuple[float, ...]:
+        """Number of cycles at each frequency; not whole where a time per frequency is commanded."""
+        each = np.broadcast_to(np.asarray(self.cycles, dtype=float), len(self.frequencies_hz))
+        return tuple(float(n) for n in each)
+
+    def amplitude_near(self, amplitude: float) -> float | None:
+        """The commanded amplitude [rad] that a recorded one follows; None if it is beyond the tolerance of all."""
+        nearest = min(self.amplitudes, key=lambda commanded: abs(amplitude / commanded - 1), default=None)
+        if nearest is None or abs(amplitude / nearest - 1) > AMPLITUDE_TOLERANCE:
+            return None
+        return nearest
+
+    def frequency_near(self, frequency_hz: float) -> float | None:
+        """The commanded frequency [Hz] that a recorded one follows; None if it is beyond the tolerance of all."""
+        nearest = min(self.frequencies_hz, key=lambda commanded: abs(frequency_hz / commanded - 1), default=None)
+        if nearest is None or abs(frequency_hz / nearest - 1) > FREQUENCY_TOLERANCE:
+            return None
+        return nearest
+
+
+DEAD_BAND = 0.02
+"""Share of the largest angle that the angle must reach on both sides of its centre; rests and noise stay below."""
+
+
+def noise_of(theta: Array) -> float:
+    """Standard deviation of the noise of an angle (n,), in its unit, by its second differences; 0 of two samples."""
+    return usual_size(np.diff(theta, 2)) / (0.6745 * np.sqrt(6)) if len(theta) > 2 else 0.0
+
+
+def upward_crossings(time: Array, theta: Array) -> Array:
+    """Times [s] at which the angle rises through its centre, from below a dead band to above it."""
+    x = theta - centre_of_motion(time, theta)
+    dead = max(DEAD_BAND * max(float(x.max()), -float(x.min())), 5 * noise_of(theta))
+    high, low = run_edges(x > dead), run_edges(x < -dead)
+    last_low = np.append(low[:, 1], 0)[np.searchsorted(low[:, 1], high[:, 0], side="right") - 1]  # 0: never yet
+    came_up = high[last_low > np.append(0, high[:-1, 1]), 0]
+    rises = np.flatnonzero((x[:-1] <= 0) & (x[1:] > 0))
+    before = rises[np.searchsorted(rises, came_up) - 1]
+    return np.asarray(time[before] - x[before] * (time[before + 1] - time[before]) / (x[before + 1] - x[before]))
+
+
+def centre_of_motion(time: Array, theta: Array) -> float:
+    """The median angle [rad] where the joint moves, and so changes measurably in 20 ms; it may rest elsewhere, and for
+    longer."""
+    apart = max(round(0.02 / float(np.median(np.diff(time)))), 1)
+    change = np.abs(theta[apart:] - theta[:-apart])
+    moving = change > 0.1 * np.quantile(change, 0.95) if change.size else change > 0
+    return float(np.median(theta[apart:][moving] if moving.any() else theta))
+
+
+SAME_FREQUENCY, SAME_AMPLITUDE = 0.05, 0.15
+"""Relative differences of neighbouring cycles that belong to one run; what a bench loses of an amplitude at 5 Hz."""
+ONE_HEIGHT = 0.06
+"""Relative difference of a cycle's amplitude from the median of its run; cycles beyond, at its ends, are a ramp."""
+LEAVES = 0.08
+"""Distance between angle and sine, as a share of the amplitude, at which a run has ended; twice the misfit of its
+own cycles is added."""
+FEWEST_OF_A_RUN = 3  # smallest number of cycles of a run; what is shorter may be a transient
+
+
+@dataclass(frozen=True)
+class Run:
+    """A stretch of one frequency and amplitude."""
+
+    amplitude: float  # amplitude [rad]
+    frequency_hz: float  # frequency [Hz]
+    phasor: complex
+    """The sine is the real part of phasor exp(2j pi frequency t) about the centre, t the time of the record [s]."""
+    centre: float  # angle [rad] about which the sine goes
+    start: float  # time [s] at which it begins
+    stop: float  # time [s] at which it ends
+    misfit: float  # RMS distance [rad] of its angle from the sine: harmonics, a decay, rounding
+
+    @property
+    def cycles(self) -> float:
+        """Number of cycles, which need not be whole: the ends of a run are known to a few hundredths."""
+        return (self.stop - self.start) * self.frequency_hz
+
+    @property
+    def whole_cycles(self) -> int:
+        """Number of whole cycles, up to a quarter that its ends may lack."""
+        return int(self.cycles + 0.25)
+
+    @property
+    def amplitude_deg(self) -> float:
+        return float(np.rad2deg(self.amplitude))
+
+    def angle(self, time: Array) -> Array:
+        """The sine's angle [rad] at times [s]."""
+        turn = 2 * np.pi * self.frequency_hz * time + np.angle(self.phasor)
+        return np.asarray(self.centre + abs(self.phasor) * np.cos(turn))
+
+    def phase_at(self, time: float) -> float:
+        """Phase [rad] at a time [s] of the sine, between -pi and pi; 0 where the angle rises through its centre."""
+        return float(np.angle(1j * self.phasor * np.exp(2j * np.pi * self.frequency_hz * time)))
+
+    def __str__(self) -> str:
+        return f"{self.amplitude_deg:.2g} deg at {self.frequency_hz:.4g} Hz ({self.cycles:.1f} cycles)"
+
+
+def find_runs(time: Array, theta: Array, fewest: int = FEWEST_OF_A_RUN) -> list[Run]:
+    """The runs of `fewest` or more cycles of a joint angle theta [rad] at increasing times [s], shape (n,) each.
+
+    Consecutive cycles that are alike make a run. A sine is then fitted to it, which gives its frequency and amplitude.
+    The run extends as far as the angle follows this sine; where two runs touch, each sample belongs to the sine that
+    is nearer. Rests, ramps and transients lie between the runs.
+    """
+    seen = np.isfinite(theta)
+    time, theta = time[seen], theta[seen]
+    if len(theta) < 8 or not np.ptp(theta):
+        return []
+    stretches = alike_cycles(time, theta, upward_crossings(time, theta))
+    fitted = [run for rows, rate in stretches if (run := fit_run(time, theta, rows, rate)) is not None]
+    return [run for run in prolonged_runs(time, theta, joined_runs(time, theta, fitted)) if run.cycles > fewest - 0.25]
+
+
+def alike_cycles(time: Array, theta: Array, crossings: Array) -> list[tuple[slice, float]]:
+    """Rows and frequency [Hz] of two or more consecutive cycles, each from one upward crossing [s] to the next, that
+    are alike in frequency and amplitude; a single one may be a ramp's, or a rest's."""
+    if len(crossings) < 2:
+        return []
+    rows = np.searchsorted(time, crossings)
+    height = np.maximum.reduceat(theta, rows)[:-1] - np.minimum.reduceat(theta, rows)[:-1]
+    frequency = 1 / np.diff(crossings)
+    stretches, start = list[tuple[slice, float]](), 0
+    for stop in range(1, len(frequency) + 1):
+        recent = slice(max(start, stop - 5), stop)
+        if (
+            stop == len(frequency)
+            or abs(frequency[stop] / median(frequency[recent].tolist()) - 1) > SAME_FREQUENCY
+            or abs(height[stop] / median(height[recent].tolist()) - 1) > SAME_AMPLITUDE
+        ):
+            first, last = (start + end for end in plateau(height[start:stop]))
+            rate = (last - first) / float(crossings[last] - crossings[first])
+            if last - first >= 2:
+                stretches.append((slice(int(rows[first]), int(rows[last])), rate))
+            start = stop
+    return stretches
+
+
+def plateau(height: Array) -> tuple[int, int]:
+    """First cycle and the one after the last whose height (n,) is that of the run; a slow ramp stands outside."""
+    usual = np.flatnonzero(np.abs(height / np.median(height) - 1) < ONE_HEIGHT)
+    return (int(usual[0]), int(usual[-1]) + 1) if len(usual) else (0, len(height))
+
+
+def fit_run(time: Array, theta: Array, rows: slice, frequency: float) -> Run | None:
+    """The sine of about some frequency [Hz] through some rows; None where they follow no sine, whose misfit is 0.3 of
+    its RMS at most. The phasor of the fitted sine may change linearly in time. The growth of its phase corrects the
+    frequency, so that few steps suffice; 64 samples of a cycle tell all."""
+    duration = float(time[rows.stop - 1] - time[rows.start])
+    every = max(int((rows.stop - rows.start) / (duration * frequency) / 64), 1)
+    t, x = time[rows][::every], theta[rows][::every]
+    if len(t) < 8:
+        return None
+    middle = float(t.mean())
+    share, columns = (t - middle) / duration, np.ones((5, len(t)))
+    for _ in range(4):
+        turn = 2 * np.pi * frequency * (t - middle)
+        np.cos(turn, out=columns[1])
+        np.negative(np.sin(turn, out=turn), out=columns[2])
+        np.multiply(share, columns[1:3], out=columns[3:])
+        found, *_ = np.linalg.lstsq(columns @ columns.T, columns @ x, rcond=None)
+        phasor, growth = complex(*found[1:3]), complex(*found[3:])
+        slip = (growth / phasor).imag / (2 * np.pi)
+        frequency += slip / duration
+        if abs(slip) < 1e-9:  # cycles over the run
+            break
+    misfit, centre = x - found @ columns, found[0]
+    if float(np.sqrt(np.mean(misfit**2))) > 0.3 * abs(phasor) / np.sqrt(2):
+        return None
+    phasor *= np.exp(-2j * np.pi * frequency * middle)
+    start, stop = float(time[rows.start]), float(time[rows.stop - 1])
+    run = Run(abs(phasor), frequency, phasor, float(centre), start, stop, 0.0)
+    return replace(run, misfit=float(np.sqrt(np.mean((x - run.angle(t)) ** 2))))
+
+
+def joined_runs(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
+    """The runs (n,), two of them as one where the same sine goes on behind a cycle that was disturbed."""
+    whole: list[Run] = []
+    for run in runs:
+        again = None
+        if whole and is_same_sine(whole[-1], run):
+            rows = slice(*np.searchsorted(time, [whole[-1].start, run.stop]))
+            again = fit_run(time, theta, rows, whole[-1].frequency_hz)
+        if again is None:
+            whole.append(run)
+        else:
+            whole[-1] = again
+    return whole
+
+
+def is_same_sine(run: Run, following: Run) -> bool:
+    """Whether `following` is the same sine: frequency, amplitude and phase, two cycles later at most."""
+    middle = (run.stop + following.start) / 2
+    slip = np.angle(np.exp(1j * (run.phase_at(middle) - following.phase_at(middle))))
+    return (
+        (following.start - run.stop) * run.frequency_hz < 2.5
+        and abs(following.frequency_hz / run.frequency_hz - 1) < SAME_FREQUENCY
+        and abs(following.amplitude / run.amplitude - 1) < ONE_HEIGHT
+        and abs(float(slip)) < 0.3
+    )
+
+
+def prolonged_runs(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
+    """The runs, each as far as the angle follows its sine."""
+    if not runs:
+        return []
+    befores = [float(time[0]), *(run.stop for run in runs[:-1])]
+    afters = [*(run.start for run in runs[1:]), float(time[-1])]
+    longer = [
+        replace(run, start=followed_until(time, theta, run, before), stop=followed_until(time, theta, run, after))
+        for run, before, after in zip(runs, befores, afters, strict=True)
+    ]
+    for k, (run, following) in enumerate(pairwise(longer)):
+        if run.stop > following.start:
+            border = nearer_until(time, theta, run, following)
+            longer[k], longer[k + 1] = replace(run, stop=border), replace(following, start=border)
+    return longer
+
+
+def followed_until(time: Array, theta: Array, run: Run, limit: float) -> float:
+    """Time [s] up to which the angle follows the run's sine, from the middle of its end cycle towards `limit` [s]."""
+    forwards = limit >= run.stop
+    end = run.stop if forwards else run.start
+    low, high = np.searchsorted(time, sorted((end, limit)))
+    rows = np.arange(low, min(high + 1, len(time)))
+    rows = rows if forwards else rows[::-1]
+    away = np.abs(theta[rows] - run.angle(time[rows])) > LEAVES * run.amplitude + 2 * run.misfit
+    if not away.any():
+        return limit
+    return float(time[rows[max(int(np.argmax(away)) - 1, 0)]])
+
+
+def nearer_until(time: Array, theta: Array, run: Run, following: Run) -> float:
+    """Time [s] in the overlap of two runs from which the angle is nearer to the sine of the following one."""
+    low, high = np.searchsorted(time, [following.start, run.stop])
+    t, x = time[low : high + 1], theta[low : high + 1]
+    gain = (x - following.angle(t)) ** 2 - (x - run.angle(t)) ** 2
+    return float(t[int(np.argmax(np.cumsum(gain)))])
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Whole cycles of one amplitude at one frequency. Rows are counted in the record; they need not be whole."""
+
+    amplitude: float  # measured amplitude [rad]
+    frequency_hz: float  # frequency [Hz], the commanded one where the recorded one cannot be told from it
+    start: float  # row at which the first cycle begins
+    stop: float  # row at which the last one ends
+    cycles: int  # number of cycles in between
+    commanded: float | None = None  # amplitude of the protocol that it follows [rad]
+    used: tuple[int, ...] = ()  # its cycles that are fitted, counted from 0; see `settled`
+
+    @cached_property
+    def edges(self) -> Array:
+        """Where each cycle begins and the last one ends, shape (cycles + 1,). The first edge is a whole row.
+
+        The others are not rounded: a cycle with a fraction of a row too many has a mean, and products of sine and
+        cosine, that no other cycle has. At 250 Hz and 3 Hz the stated error of B was 5.8 times too large.
+        """
+        period = (self.stop - self.start) / self.cycles
+        return np.asarray(np.rint(self.start) + period * np.arange(self.cycles + 1))
+
+    @property
+    def rows(self) -> slice:
+        """Its rows, transient included."""
+        return slice(round(self.start), round(self.stop))
+
+
+def whole_rows(start: float, stop: float) -> slice:
+    """The rows that lie between two edges at least in part, but for errors of rounding."""
+    return slice(int(np.floor(start + 1e-6)), int(np.ceil(stop - 1e-6)))
+
+
+def settled(segment: Segment, settle_cycles: int, usable: NDArray[np.bool_]) -> Segment:
+    """The segment with the cycles that are `used`: not its first `settle_cycles` and not its last one; one is kept.
+
+    The first cycles still contain the transient. Into the last one the zero-phase filter smears the beginning of the
+    next frequency. Cycles with a row that is not `usable` (n,) are not used, nor are stretches between them with too
+    few cycles for an interval where there is a longer one. The first edge of what is left is a whole row again.
+    """
+    before = min(settle_cycles, segment.cycles - 1)
+    after = min(1, segment.cycles - before - 1)
+    period = (segment.stop - segment.start) / segment.cycles
+    count, start = segment.cycles - before - after, segment.start + before * period
+    kept = replace(segment, start=start, stop=start + count * period, cycles=count)
+    whole = np.array([bool(usable[whole_rows(a, b)].all()) for a, b in pairwise(kept.edges)])
+    if not whole.any():
+        raise InputError(
+            f"no cycle of {np.rad2deg(segment.amplitude):.3g} deg at {segment.frequency_hz:g} Hz is free of rows near "
+            f"a gap that is too long to be bridged; {BRIDGE_MORE}"
+        )
+    longest = longest_run(whole)
+    fewest = min(longest.stop - longest.start, FEWEST_CYCLES)
+    used = [k for run in runs(whole) if run.stop - run.start >= fewest for k in range(run.start, run.stop)]
+    return replace(kept, used=tuple(used))
+
+
+def labels_deg(segments: Sequence[Segment]) -> list[float]:
+    """The measured amplitude [deg] by which each segment is named, to three digits: the median of all that share it.
+
+    Segments share a label if they follow one commanded amplitude and no gap in size lies between them: two amplitudes
+    are never one.
+    """
+    found = [0.0] * len(segments)
+    for commanded in dict.fromkeys(segment.commanded for segment in segments):
+        alike = sorted((s.amplitude, k) for k, s in enumerate(segments) if s.commanded == commanded)
+        cuts = [k for k in range(1, len(alike)) if alike[k][0] > (1 + SAME_AMPLITUDE) * alike[k - 1][0]]
+        for a, b in pairwise([0, *cuts, len(alike)]):
+            label = float(f"{np.rad2deg(np.median([size for size, _ in alike[a:b]])):.3g}")
+            for _, k in alike[a:b]:
+                found[k] = label
+    return found
+
+
+def find_segments(
+    time: Array, theta: Array, protocol: SteppedSineProtocol, known: Sequence[Run] | None = None
+) -> list[Segment]:
+    """The segments of a joint angle theta [rad] at uniform times [s], shape (n,) each, in the order of time.
+
+    `known` are the runs of its `likeness`, where they are known already.
+
+    Frequencies, their order, rests, ramps and numbers of cycles are as recorded. The protocol says which amplitudes
+    are meant. A run of another amplitude is not used if all of the commanded ones were recorded.
+    """
+    rate = sampling_rate(time)
+    found = Likeness(time, theta, protocol).runs if known is None else known
+    check_amplitudes(theta, found, protocol, float(time[0]))
+    followed = [(run, a) for run in found if (a := protocol.amplitude_near(run.amplitude)) is not None]
+    frequencies = common_frequencies([run for run, _ in followed], protocol)
+    segments = [
+        Segment(run.amplitude, frequency, *placed(run, frequency, rate), run.whole_cycles, amplitude)
+        for (run, amplitude), frequency in zip(followed, frequencies, strict=True)
+    ]
+    deviation = theta - np.mean(theta)
+    aligned: list[Segment] = []
+    for group in without_a_rest([run for run, _ in followed], segments):
+        plain = all(is_plain(run) for run, _ in group)
+        alike = [segment for _, segment in group]
+        aligned += shifted(alike, best_start(deviation, alike, rate)) if plain else alike
+    return aligned
+
+
+def check_amplitudes(theta: Array, found: Sequence[Run], protocol: SteppedSineProtocol, begin: float) -> None:
+    """Refuse an angle (n,) [rad] without a sine, and runs of another amplitude than a commanded one. `begin` is the
+    time [s] of the first row."""
+    commanded = ", ".join(f"{np.rad2deg(a):g}" for a in protocol.amplitudes)
+    if not found:
+        raise InputError(
+            f"no sine was found: the joint angle moves by {np.rad2deg(np.ptp(theta)):.3g} deg in all, the protocol "
+            f"says sines of {commanded} deg; check the channel and the unit of theta in the source file, and that "
+            "the trial is a stepped sine"
+        )
+    others = [run for run in found if protocol.amplitude_near(run.amplitude) is None]
+    recorded = {protocol.amplitude_near(run.amplitude) for run in found}
+    if others and any(amplitude not in recorded for amplitude in protocol.amplitudes):
+        run = others[0]
+        raise InputError(
+            f"the sine of {run.frequency_hz:.4g} Hz at {run.start + begin:.1f} s has an amplitude of "
+            f"{run.amplitude_deg:.2f} deg, the protocol says {commanded} deg; correct `amplitudes_deg` in the "
+            "configuration, or the angle's unit in the source file"
+        )
+
+
+def common_frequencies(found: Sequence[Run], protocol: SteppedSineProtocol) -> list[float]:
+    """The frequency [Hz] of each run, the same for all runs that are alike to 0.1 %.
+
+    It is the commanded one where none of them slips against it by 0.2 % of a cycle, else the mean of those found: where
+    the clock of the bench is off, the recorded frequency counts.
+    """
+    frequencies = []
+    for run in found:
+        alike = [other for other in found if abs(other.frequency_hz / run.frequency_hz - 1) < 1e-3]
+        mean = float(np.average([r.frequency_hz for r in alike], weights=[r.cycles**2 for r in alike]))
+        commanded = protocol.frequency_near(mean)
+        slip = np.inf if commanded is None else abs(mean / commanded - 1) * max(r.cycles for r in alike)
+        frequencies.append(float(commanded) if commanded is not None and slip < 2e-3 else float(f"{mean:.6g}"))
+    return frequencies
+
+
+def placed(run: Run, frequency_hz: float, rate: float) -> tuple[float, float]:
+    """First and last edge, in rows at `rate` [Hz], of the whole cycles of a run, in the middle of the run."""
+    length = run.whole_cycles / frequency_hz
+    start = max((run.start + run.stop - length) / 2, 0.0)
+    return start * rate, (start + length) * rate
+
+
+def is_plain(run: Run) -> bool:
+    """Whether a run is whole cycles, to 0.15, of a sine that begins at its centre, to 0.5 rad, and rises."""
+    return abs(run.cycles - run.whole_cycles) < 0.15 and abs(run.phase_at(run.start)) < 0.5
+
+
+def without_a_rest(found: Sequence[Run], segments: Sequence[Segment]) -> list[list[tuple[Run, Segment]]]:
+    """Runs of one amplitude, with their segments, that follow one another without a rest of 0.3 cycles or more."""
+    pairs = list(zip(found, segments, strict=True))
+    groups = [pairs[:1]]
+    for (run, segment), (following, its) in pairwise(pairs):
+        gap = (following.start - run.stop) * max(run.frequency_hz, following.frequency_hz)
+        if gap < 0.3 and segment.commanded == its.commanded:
+            groups[-1].append((following, its))
+        else:
+            groups.append([(following, its)])
+    return groups
+
+
+def best_start(theta: Array, group: Sequence[Segment], rate: float) -> float:
+    """Row at which a group of plain sines begins: there the angle (n,) [rad] agrees best with them."""
+    template = unit_sines([(s.frequency_hz, s.cycles) for s in group], rate)
+    reach = int(rate / max(s.frequency_hz for s in group) / 2)
+    low = max(round(group[0].start) - reach, 0)
+    near = theta[low : round(group[0].start) + reach + len(template)]
+    if len(near) < len(template):
+        return group[0].start
+    return float(low + np.argmax(np.correlate(near, template, "valid")))
+
+
+def shifted(group: Sequence[Segment], start: float) -> list[Segment]:
+    """The segments of a group, one after the other from row `start` on."""
+    lengths = [segment.stop - segment.start for segment in group]
+    edges = start + np.cumsum([0.0, *lengths])
+    return [replace(s, start=float(a), stop=float(b)) for s, a, b in zip(group, edges, edges[1:], strict=False)]
+
+
+def unit_sines(sines: Sequence[tuple[float, float]], rate: float) -> Array:
+    """Sines of unit amplitude, one after the other: frequency [Hz] and number of cycles of each, at `rate` [Hz]."""
+    pieces = [waves(np.arange(round(cycles / f * rate)) / rate, f)[1] for f, cycles in sines]
+    return np.concatenate(pieces)
+
+
+BIN_S = 0.25  # time [s] within which a joint that moves turns measurably
+MOVING_SHARE = 0.02
+"""Share of the largest turn that it makes in this time; at the peak of a sine of 1 Hz it makes a seventh of its own."""
+HARDLY = 0.25  # share of the moving time in sines below which a motion is no stepped sine; it is one above 0.5
+AS_COMMANDED = 0.6
+"""Share of the moving time in cycles of a commanded frequency and amplitude, from which a damaged stepped sine is
+likely. Noise of 0.5 to 6 Hz has up to 0.4 of them by chance."""
+ONE_LINE = 0.85
+"""Mean share of a piece's power at one commanded frequency, from which a damaged stepped sine is likely: a stepped sine
+has 0.95 beside spikes, hum and a wandering angle, a sweep 0.7 to 0.8, noise less."""
+WON = 0.6
+"""Share of a piece's power at one commanded frequency that it holds for its own, and share of the commanded
+frequencies of which a damaged stepped sine has such pieces."""
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """Likeness of a joint angle to a stepped sine: shares of the moving time, 0 to 1. Each is found when it is asked
+    for, and most motions are known for what they are by the first."""
+
+    recorded: Array  # uniform times (n,) [s]
+    theta: Array  # joint angle (n,) [rad]
+    protocol: SteppedSineProtocol  # what was commanded
+
+    @property
+    def time(self) -> Array:
+        return np.asarray(self.recorded - self.recorded[0])
+
+    @cached_property
+    def moving(self) -> NDArray[np.bool_]:
+        return moving_bins(self.time, self.theta)
+
+    @cached_property
+    def crossings(self) -> Array:
+        """Times [s] at which the angle rises through its centre."""
+        return upward_crossings(self.time, self.theta)
+
+    @cached_property
+    def runs(self) -> list[Run]:
+        """What the joint did, as `find_runs` has it, of three cycles or as few as were commanded."""
+        fewest = min(FEWEST_OF_A_RUN, int(min(self.protocol.cycles_at, default=FEWEST_OF_A_RUN)))
+        return find_runs(self.time, self.theta, fewest)
+
+    @property
+    def moves(self) -> bool:
+        return bool(self.moving.any())
+
+    @cached_property
+    def sines(self) -> float:
+        """In sines of three cycles or more, each of one frequency and amplitude."""
+        if not self.moves:
+            return 0.0
+        found = [run for run in self.runs if is_sine(run, self.crossings, self.protocol)]
+        return share_of(self.moving, self.time, [(run.start, run.stop) for run in found])
+
+    @cached_property
+    def commanded(self) -> float:
+        """In single cycles of a commanded frequency and amplitude."""
+        time = self.time
+        cycles = ((self.theta[rows_between(time, *cycle)], cycle) for cycle in pairwise(self.crossings))
+        found = [cycle for angle, cycle in cycles if as_commanded(angle, cycle, self.protocol)]
+        return share_of(self.moving, self.time, found)
+
+    @cached_property
+    def one_line(self) -> float:
+        """Power at one commanded frequency at a time, as a share of all; 0 if most of them never come."""
+        return one_line_share(self.time, self.theta, self.protocol)
+
+    @property
+    def kind(self) -> Literal["stepped sine", "unclear", "other"]:
+        """`stepped sine`; `unclear` where sines, commanded cycles or frequencies are in a part of it, or where nothing
+        moves; else `other`."""
+        if self.sines > 0.5:
+            return "stepped sine"
+        if not self.moves:
+            return "unclear"
+        damaged = self.sines > HARDLY or self.commanded > AS_COMMANDED or self.one_line > ONE_LINE
+        return "unclear" if damaged else "other"
+
+
+def moving_bins(time: Array, theta: Array) -> NDArray[np.bool_]:
+    """Rows (n,) of a joint angle theta [rad] at times [s] in which the joint moves, in bins of `BIN_S`. A bin in which
+    a sensor at rest only rounds or makes noise does not count."""
+    bins = np.floor((time - time[0]) / BIN_S)
+    first = np.flatnonzero(np.concatenate([[True], bins[1:] != bins[:-1]]))
+    turn = np.maximum.reduceat(theta, first) - np.minimum.reduceat(theta, first)
+    moves = turn > max(MOVING_SHARE * float(np.ptp(theta)), 12 * noise_of(theta))
+    return np.asarray(np.repeat(moves, np.diff(np.append(first, len(theta)))))
+
+
+def rows_between(time: Array, start: float, stop: float) -> slice:
+    return slice(*(int(row) for row in np.searchsorted(time, [start, stop])))
+
+
+def share_of(moving: NDArray[np.bool_], time: Array, parts: Sequence[tuple[float, float]]) -> float:
+    """Share of the moving rows (n,) that lie in parts, from a time [s] to another one."""
+    inside = np.zeros_like(moving)
+    for part in parts:
+        inside[rows_between(time, *part)] = True
+    return float(np.count_nonzero(inside & moving) / np.count_nonzero(moving))
+
+
+def as_commanded(theta: Array, cycle: tuple[float, float], protocol: SteppedSineProtocol) -> bool:
+    """Whether the angle (n,) [rad] of a cycle, from a time [s] to another one, is one that was commanded."""
+    half, frequency = (float(np.ptp(theta)) / 2 if theta.size else 0.0), 1 / (cycle[1] - cycle[0])
+    return bool(half) and protocol.frequency_near(frequency) is not None and protocol.amplitude_near(half) is not None
+
+
+def is_sine(run: Run, crossings: Array, protocol: SteppedSineProtocol) -> bool:
+    """Whether a run is a sine of one frequency: one that was commanded, or a pure one, whose misfit is 0.08 of its RMS
+    at most; that of a triangle is 0.12. `crossings` are its upward ones [s]."""
+    commanded = protocol.frequency_near(run.frequency_hz) and protocol.amplitude_near(run.amplitude)
+    return is_steady(run, crossings) and bool(commanded or run.misfit < 0.08 * run.amplitude / np.sqrt(2))
+
+
+def is_steady(run: Run, crossings: Array) -> bool:
+    """Whether both halves of a run have one frequency to 1 %, by two or more upward crossings [s] of each; those of a
+    sweep differ by more."""
+    margin = 0.1 / run.frequency_hz
+    own = crossings[(crossings > run.start - margin) & (crossings < run.stop + margin)]
+    middle = len(own) // 2
+    if middle < 2:
+        return True
+    periods = (own[middle] - own[0]) / middle, (own[-1] - own[middle]) / (len(own) - 1 - middle)
+    return bool(max(periods) / min(periods) - 1 < 0.01)
+
+
+def one_line_share(time: Array, theta: Array, protocol: SteppedSineProtocol) -> float:
+    """Mean over pieces of 4 s of the largest share of power of the angle (n,) [rad] at one commanded frequency. Power
+    counts from below the slowest to above the fastest commanded frequency. 0 if fewer than `WON` of the commanded
+    frequencies prevail in a piece, as they do in turn in a stepped sine."""
+    rate, commanded = (len(time) - 1) / float(time[-1]), np.unique(protocol.frequencies_hz)
+    n = round(4.0 * rate)
+    f = np.fft.rfftfreq(n, 1 / rate)
+    band = (f >= 0.6 * commanded[0]) & (f <= 1.5 * commanded[-1])
+    near = np.abs(f[:, None] - commanded) <= np.maximum(0.05 * commanded, 1.01 / 4.0)
+    shares, most = [], MOVING_SHARE * float(np.ptp(theta))
+    for start in range(0, len(theta) - n + 1, n // 2):
+        piece = theta[start : start + n]
+        power = np.abs(np.fft.rfft(np.hanning(n) * (piece - piece.mean()))) ** 2
+        if np.ptp(piece) > most and power[band].sum() > 0:
+            shares.append((power[:, None] * near).sum(axis=0) / power[band].sum())
+    if not shares:
+        return 0.0
+    won = np.count_nonzero((np.array(shares) > WON).any(axis=0))
+    return float(np.max(shares, axis=1).mean()) if won >= WON * len(commanded) else 0.0

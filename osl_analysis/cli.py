@@ -499,12 +499,10 @@ def completion(shell: str) -> None:
 def print_first_look(folder: Path) -> None:
     """Print what the first bench trials of a campaign give, or why nothing can be said."""
     from osl_analysis.commands.inspect import first_look
-    from osl_analysis.errors import OslAnalysisError
 
     try:
-        for look in first_look(folder):
-            say(f"first trial of experiment {look.experiment}, {look.trial}: {'ok' if look.is_sound else 'LOOK AT IT'}")
-            say("\n".join(f"  {line}" for line in look.said.splitlines()))
+        for said in first_look(folder):
+            say(said)
     except OslAnalysisError as error:
         say(f"no first look: {error}")
 

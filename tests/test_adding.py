@@ -145,7 +145,7 @@ from osl_analysis.notebook import fitted_alone
 trial, ours, bench = "results/trials/holding_2.parquet", Path("ours.yaml"), bench_of(Path("ours.yaml"), None, Path())
 fit = [CliRunner().invoke(main, ["fit", trial, "--model", "holding", "--config", "ours.yaml", *more]).output
        for more in ([], ["--json"])]
-first, watched = look(bench.campaign, "holding_2", ours).said, recording_line(Path("holding_2.csv"), Path(), bench)
+first, watched = look(bench.campaign, "holding_2", ours)[1], recording_line(Path("holding_2.csv"), Path(), bench)
 print(json.dumps([*fit, first, watched, repr(fitted_alone("holding", trial, ours, None))]))
 """
 

@@ -82,10 +82,7 @@ from osl_analysis.trial import Trial, read_trial
 
 
 def fit_belt_trial(trial: Trial, parameters: FileOrNone, settings: BeltAnalysis) -> Mapping[str, pl.DataFrame]:
-    """The belt's row, and torque against deflection.
-
-    `parameters` is the file of the device, None for one without, here as in all these fits.
-    """
+    """The belt's row, and torque against deflection. `parameters` is the device's file, None for one without."""
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
@@ -339,10 +336,7 @@ def job_of(experiment: str) -> FitJob:
 
 
 def fit_request(experiment: str, config: Path, condition: Any = None, windows: str | None = None) -> FitRequest:
-    """What the fit of an experiment uses, from a configuration file that may override fields of the default only.
-
-    Raises InputError where the file is none.
-    """
+    """What the fit of an experiment uses, from a configuration file that may override fields of the default only."""
     models: Mapping[str, Any] = {name: field.annotation for name, field in Config.model_fields.items()}
     settings = {name: read_section(config, of, models[of]) for name, (of, _) in job_of(experiment).settings.items()}
     if "weight" in settings:
@@ -359,11 +353,7 @@ def campaign_parameters(config: Path) -> Path | None:
 def fit_tables(
     experiment: str, trial: Trial, parameters: Path | None, request: FitRequest
 ) -> Mapping[str, pl.DataFrame]:
-    """The tables of a trial's fit, as the job of a campaign gives them; `request` as `fit_request` gives it.
-
-    Raises InputError or IdentifiabilityError where the trial lacks a signal, does not follow the protocol, or cannot
-    identify the model.
-    """
+    """The tables of a trial's fit, as the job of a campaign gives them; `request` as `fit_request` gives it."""
     fit = job_of(experiment)
     module, _, function = fit.job.partition(".")
     stated = {"parameters": parameters, "condition": request.condition, "windows": request.windows}
@@ -419,10 +409,7 @@ def estimates_text(estimates: pl.DataFrame) -> str:
 
 
 def estimated(row: Mapping[str, Any]) -> list[str]:
-    """The quantities that a fit estimates, or all its numbers where it has none that we know.
-
-    A belt that moves at a constant velocity has no B_j.
-    """
+    """The quantities that a fit estimates (a belt at a constant velocity has no B_j), or all its numbers."""
     known = [name for name in UNIT_OF if f"{name}_se" in row and row[name] is not None]
     return known or [name for name, value in row.items() if isinstance(value, float)]
 

@@ -1,7 +1,6 @@
 """Figures: the numbers to be plotted from result tables, the drawn page from those numbers, and the captions."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from osl_analysis.config.campaign import ImpedanceExample
 from osl_analysis.config.configuration import FrequencyResponseFigure
 from osl_analysis.config.parameters import FileOrNone, joint_of, read_parameters
 from osl_analysis.errors import InputError
-from osl_analysis.figures import drawing
+from osl_analysis.figures import drawing, names
 from osl_analysis.figures.frequency import CURVE_TYPES, DESIRED, FIG7, LINEAR_MODEL, RESPONSE, response_curve
 from osl_analysis.figures.names import look_numbers, of_place
 from osl_analysis.figures.quasi_static import TORQUE_ANGLE
@@ -43,12 +42,8 @@ left out: equal numbers give equal files."""
 
 
 def plot_numbers(name: str, table: Path, option: Any, output: Path) -> None:
-    """Write what figure `name` plots, from the one result table that it shows.
-
-    `option` is the value of the setting that the list of figures names; None: not set.
-
-    Raises InputError: the result table is missing, lacks a column, or holds nothing that the figure draws.
-    """
+    """Write what figure `name` plots, from the one result table that it shows. `option` is the value of the setting
+    that the list of figures names; None: not set."""
     figure = drawing(name)
     rows = read_table(table, required=figure.needs)
     write_table(figure.points(rows) if option is None else figure.points(rows, option), output)
@@ -61,8 +56,6 @@ def draw_figure(
 
     `refused` are the causes of what the figure lacks. It names these trials; if there are no numbers, it says why. The
     `footer` says what the data are; the first digits of the SHA-256 of `table_csv` are added to it.
-
-    Raises InputError: unknown figure or suffix; the table is missing or lacks a column.
     """
     if footer:
         footer += f", numbers {str(digest(table_csv))[:8]}"
@@ -92,7 +85,8 @@ def draw_table(
     for path in outputs:
         if path.suffix not in METADATA:
             raise InputError(f"{path}: figures are written as {', '.join(METADATA)}; choose one of these suffixes")
-    names, style = (import_module(f"osl_analysis.figures.{module}") for module in ("names", "style"))
+    from osl_analysis.figures import style  # matplotlib takes half a second
+
     figure = drawing(name).draw(table)
     footer = ". ".join(filter(None, [footer, names.said_of_missing(missing)]))
     page_box = names.write_footer(figure, footer) if footer else None
@@ -114,10 +108,7 @@ def write_captions(
 
     `tables` are the plotted numbers by the name of the figure, `shown` the results of single trials that it shows; of
     these, the refused ones are named. `footer` says once, above all sections, what the data are.
-
-    Raises InputError: a table is missing or lacks a column.
     """
-    names = import_module("osl_analysis.figures.names")
     sections = [
         f"## {names.figure_title(name)}\n\n{caption_of(name, table, blamed_trials(shown.get(name, ())))}\n"
         for name, table in tables.items()
@@ -130,7 +121,6 @@ def write_captions(
 
 def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     """The caption of one figure from its plotted numbers, with the trials that it lacks; or why it is not drawn."""
-    names = import_module("osl_analysis.figures.names")
     if is_refused(table_csv):
         causes = (f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv))
         return f"This figure is not drawn. {names.listed_text(causes)}."

@@ -53,18 +53,8 @@ from osl_analysis.judge.table import Commanded, QualityRules
 from osl_analysis.trial import Trial
 
 
-@dataclass(frozen=True)
-class FirstLook:
-    """What the first trial of a source file gave."""
-
-    trial: str
-    experiment: str
-    said: str  # the estimates with their doubts, or why there are none
-    is_sound: bool  # whether it was fitted, without a doubt
-
-
-def first_look(folder: Path) -> Iterator[FirstLook]:
-    """The first trial of each experiment and source file of a folder's campaign, fitted. Nothing is left behind."""
+def first_look(folder: Path) -> Iterator[str]:
+    """What the first trial of each experiment and source file of a folder's campaign gives. Nothing is left behind."""
     with chdir(folder):
         config = read_config(CAMPAIGN)
         campaign = open_campaign(config, None)
@@ -72,8 +62,10 @@ def first_look(folder: Path) -> Iterator[FirstLook]:
         for trial in campaign.trials(*(name for name, facts in EXPERIMENTS.items() if facts.place == "bench")):
             row = campaign.row(trial)
             first.setdefault((row["experiment"], row["log_source"] or row["mocap_source"]), trial)
-        for trial in first.values():
-            yield look(campaign, trial, CAMPAIGN)
+        for (experiment, _), trial in first.items():
+            is_sound, said = look(campaign, trial, CAMPAIGN)
+            title = f"first trial of experiment {experiment}, {trial}: {'ok' if is_sound else 'LOOK AT IT'}"
+            yield "\n  ".join([title, *said.splitlines()])
 
 
 def off_desired(estimates: pl.DataFrame, row: Mapping[str, Any]) -> str:
@@ -103,26 +95,20 @@ def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config
     return fit_trial(experiment, trial, device, fit_request(experiment, config, condition, row.get("windows")))
 
 
-def look(campaign: Campaign, name: str, config: Path) -> FirstLook:
-    """Ingest and fit one trial. Nothing is written."""
+def look(campaign: Campaign, name: str, config: Path) -> tuple[bool, str]:
+    """Ingest and fit one trial: whether it was fitted without a doubt, and the estimates, or why there are none."""
     row, folders = campaign.row(name), campaign.config
-    experiment = str(row["experiment"])
     try:
         trial = checked_trial(campaign.recording(name), folders.raw_data, folders.sources)
         fitted = fit_of_row(trial, row, campaign.device(name), config)
     except OslAnalysisError as error:
-        return FirstLook(name, experiment, str(error), is_sound=False)
+        return False, str(error)
     except Exception as fault:  # a fault of the program in one recording must not hide the others
-        return FirstLook(name, experiment, unexpected(fault), is_sound=False)
-    far = off_desired(fitted.table, row)
-    if far:
-        return FirstLook(name, experiment, f"{far}\n{estimates_text(fitted.table)}", is_sound=False)
-    doubts = [text for text in fitted.table["doubtful"].to_list() if text] if "doubtful" in fitted.table else []
-    return FirstLook(name, experiment, estimates_text(fitted.table), is_sound=not doubts)
-
-
-MOST_LETTERS = 60  # characters of a name that are printed
-LISTED_SUFFIXES = (*NOT_READ, *SUFFIXES)  # endings of the files that `samples` lists
+        return False, unexpected(fault)
+    far, doubts = off_desired(fitted.table, row), []
+    if "doubtful" in fitted.table:
+        doubts = [text for text in fitted.table["doubtful"].to_list() if text]
+    return not (far or doubts), "\n".join([far] * bool(far) + [estimates_text(fitted.table)])
 
 
 def inspect_file(path: Path) -> Overview:
@@ -148,16 +134,17 @@ def channel_text(channel: RecordedChannel) -> str:
 
 def shortened(text: str) -> str:
     """Text of a file for the terminal: printable, and not longer than a line can hold."""
-    safe = printable(text)
-    return safe if len(safe) <= MOST_LETTERS else f"{safe[:MOST_LETTERS]}..."
+    safe, most = printable(text), 60  # characters
+    return safe if len(safe) <= most else f"{safe[:most]}..."
 
 
 def samples_table(folder: Path, rules: QualityRules) -> str:
     """Markdown: a row per recording below a folder, with what it holds and what ingest and the quality checks say."""
     validate_rules(rules)
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in LISTED_SUFFIXES)
+    listed = (*NOT_READ, *SUFFIXES)
+    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in listed)
     if not paths:
-        raise InputError(f"{folder}: no recordings below it ({', '.join(LISTED_SUFFIXES)}); name another folder")
+        raise InputError(f"{folder}: no recordings below it ({', '.join(listed)}); name another folder")
     rows = ["| file | format | holds | ingest and quality |", "|---|---|---|---|"]
     for path in paths:
         cells = [cell.replace(f"{path}: ", "") for cell in (str(path.relative_to(folder)), *row_of(path, rules))]
@@ -237,10 +224,8 @@ class Draft:
 
     sources: dict[str, str] = field(default_factory=dict)  # texts of the source files, by name
     recordings: list[Recorded] = field(default_factory=list)
-    open: list[tuple[Path, str]] = field(default_factory=list)
-    """What the files themselves leave open, as which of two clocks counts: file and question."""
-    refused: list[str] = field(default_factory=list)
-    """Files that are no recordings, or cannot be read, with the reason."""
+    open: list[tuple[Path, str]] = field(default_factory=list)  # file and question, as which of two clocks counts
+    refused: list[str] = field(default_factory=list)  # files that are no recordings, or cannot be read, with the reason
     trials: list[DraftedTrial] = field(default_factory=list)
 
 
@@ -256,8 +241,7 @@ def new_campaign(
         what = "exists and is not empty" if folder.is_dir() else "is a file"
         raise InputError(f"{folder}: {what}; name a new folder, nothing is overwritten")
     draft = Draft() if recordings is None else draft_campaign(recordings)
-    where = "recordings" if recordings is None else os.path.relpath(recordings.resolve(), folder.resolve())
-    raw_data = Path(where)
+    raw_data = Path(os.path.relpath(recordings.resolve(), folder.resolve()) if recordings else "recordings")
     names = sorted({"dynamometer", "dynamometer_nodes"}) if example else [known_recorder(name) for name in recorders]
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -296,19 +280,8 @@ def write_campaign(folder: Path, name: str, raw_data: Path, draft: Draft, exampl
         return
     for source, content in draft.sources.items():
         (folder / f"sources/{source}.yaml").write_text(SCHEMA + content, encoding="utf-8")
-    columns = [
-        "trial",
-        "experiment",
-        "controller",
-        "K_d",
-        "B_d",
-        "perturbed",
-        "log",
-        "log_source",
-        "mocap",
-        "mocap_source",
-        "exclude",
-    ]
+    given = ["trial", "experiment", "controller", "K_d", "B_d", "perturbed"]
+    columns = [*given, "log", "log_source", "mocap", "mocap_source", "exclude"]
     with (folder / "trials.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
         writer.writeheader()
@@ -359,10 +332,8 @@ def recordings_in(folder: Path) -> Iterable[Path]:
 
 
 def layout(overview: Overview) -> tuple[object, ...]:
-    """What two files share that one source file can describe: format, clock, and the channels of a log.
-
-    Captures of one laboratory have other markers in each trial.
-    """
+    """What two files share that one source file can describe: format, clock, and the channels of a log. (Captures of
+    one laboratory have other markers in each trial.)"""
     if FORMATS[overview.format].is_capture:
         return (overview.format,)
     channels = tuple((*channel.address.values(), channel.unit) for channel in overview.channels)
@@ -420,19 +391,14 @@ class Arrivals:
     """Which recordings in a folder are complete and new."""
 
     folder: Path
-    seen: dict[str, State] = field(default_factory=dict)
-    """Recordings that were examined, by their path in the folder."""
-    growing: dict[str, tuple[State, float]] = field(default_factory=dict)
-    """Those that are not, with the time [s] since which they have been as they are."""
-    pauses: dict[str, float] = field(default_factory=dict)
-    """The longest time [s] between two changes of a recording that was seen to grow."""
+    seen: dict[str, State] = field(default_factory=dict)  # that were examined, by their path in the folder
+    growing: dict[str, tuple[State, float]] = field(default_factory=dict)  # others, with the time [s] of their change
+    pauses: dict[str, float] = field(default_factory=dict)  # longest time [s] between two changes of one that grew
 
     def complete(self, now: float) -> list[tuple[Path, State]]:
         """Recordings that are new, or other than when they were examined, and rest: they have not changed for
-        `QUIET_S`, or twice as long as they paused before, and no process writes to them.
-
-        The caller enters them in `seen` once they are examined.
-        """
+        `QUIET_S`, or twice as long as they paused before, and no process writes to them. The caller enters them in
+        `seen` once they are examined."""
         found = []
         for path in recordings_in(self.folder):
             name, state = path.relative_to(self.folder).as_posix(), recording_state(path)
@@ -487,17 +453,12 @@ def write_notes(path: Path, seen: Mapping[str, State]) -> None:
         temporary.write_text(json.dumps(seen, indent=1) + "\n", encoding="utf-8")
 
 
-MOST_FAILED = 4  # largest number of failed checks in a line
-
-
 @dataclass(frozen=True)
 class WatchedBench:
     config_path: Path
     config: Config
     campaign: Campaign | None  # the campaign whose sheet may name a recording; None without a sheet
-    source: str | None
-    """The source file that describes the recordings; None: the sheet's, else one of the folder that fits, else a
-    guess."""
+    source: str | None  # the source file; None: the sheet's, else one of the folder that fits, else a guess
     output: Path  # folder of pictures and of the notes on what was examined
 
 
@@ -616,12 +577,12 @@ def fitting_source(path: Path, bench: WatchedBench, place: Path) -> tuple[str, P
     guesses = [line.split("#")[0].strip() for line in guessed_lines(text)]
     places = [f"`{dotted(one)}`" for one in open_places(read_mapping(place / "draft.yaml"))]
     if places:
-        questions = "; ".join(printable(text) for text in overview.open) or f"open are {listing(places, MOST_FAILED)}"
+        questions = "; ".join(printable(text) for text in overview.open) or f"open are {listing(places, 4)}"
         raise InputError(
             f"{path}: its channels cannot be guessed: {questions}; edit the draft of `osl-analysis inspect`, and name "
             "it by --source"
         )
-    said = [f"channels are guessed: {listing(guesses, MOST_FAILED)}"] * bool(guesses)
+    said = [f"channels are guessed: {listing(guesses, 4)}"] * bool(guesses)
     return "draft", place, [*said, *(printable(text) for text in overview.open)]
 
 
@@ -632,14 +593,11 @@ def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collec
     failed = table.filter(pl.col("verdict").is_in(["flag", "exclude"]))
     if failed.is_empty():
         return "quality ok"
-    named = [failed_check(row["verdict"], row["check"], row["remark"]) for row in failed.to_dicts()]
-    return f"QUALITY {listing(named, MOST_FAILED)}"
-
-
-def failed_check(verdict: str, name: str, remark: str) -> str:
-    """A check that a trial does not pass: its key, cause, what was found, and what to do."""
-    cause = CHECKS[name].cause
-    return f"{verdict} {name}: {cause.name}, {', '.join(filter(None, [remark.replace('; ', ', '), cause.remedy]))}"
+    named = []
+    for row in failed.to_dicts():  # key, cause, what was found, and what to do
+        cause, found = CHECKS[row["check"]].cause, row["remark"].replace("; ", ", ")
+        named.append(f"{row['verdict']} {row['check']}: {cause.name}, {', '.join(filter(None, [found, cause.remedy]))}")
+    return f"QUALITY {listing(named, 4)}"
 
 
 def estimates_line(estimates: pl.DataFrame) -> str:

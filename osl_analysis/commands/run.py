@@ -52,10 +52,7 @@ def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
 
 
 def profile(named: str) -> str:
-    """The folder of a profile, here or shipped; `none` is Snakemake's word for no profile.
-
-    Another name that is neither is refused: Snakemake would go on without a profile.
-    """
+    """The folder of a profile, here or shipped, or `none`; another name is refused: Snakemake would go on without."""
     folder = shipped(named)
     if named != "none" and not folder.is_dir():
         known = sorted(f"profiles/{one.name}" for one in shipped("profiles").iterdir())
@@ -88,10 +85,8 @@ def run_workflow(arguments: Sequence[str]) -> None:
 
 @contextmanager
 def asking_no_cluster() -> Iterator[None]:
-    """Let the commands of SLURM fail at once: its plug-in for Snakemake asks them for a help text while it is imported.
-
-    It is imported for local runs too, and would wait 10 s where SLURM is installed and does not answer.
-    """
+    """Let the commands of SLURM fail at once: its plug-in for Snakemake asks them for a help text while it is imported,
+    for local runs too, and would wait 10 s where SLURM is installed and does not answer."""
     configured = os.environ.get("SLURM_CONF")
     os.environ["SLURM_CONF"] = os.devnull
     try:

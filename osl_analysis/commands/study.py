@@ -65,13 +65,7 @@ def write_page(table: Path, output: Path) -> None:
 
 
 def summarise(batches: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:
-    """Bias, error over the bound and coverage, for each experiment, estimator, kind of interval and quantity.
-
-    Raises
-    ------
-    InputError
-        There are `refused` batches: without those that fail, a study would be too good.
-    """
+    """Bias, error over the bound and coverage, for each experiment, estimator, kind of interval and quantity."""
     if refused:
         raise InputError(
             f"{output}: {len(refused)} batches failed; there is no study without them, because it would be too good; "

@@ -171,11 +171,7 @@ def list_excluded(
     write_table(with_places(table.drop("joint", "side", strict=False), places or {}), output)
 
 
-NEEDED = ("trial", "check", "value", "unit", "threshold", "remark")  # columns of `excluded.csv`
-SHOW = {"figure", "report"}
-"""Modules of jobs that show numbers and make none: they run beside the summary's own, and after it."""
-CAPTIONS = "figures/captions.md"  # what the tables of plotted numbers show, in words; beside the metadata of the tables
-REMEDY = "delete it and run `snakemake reproduce-all`"
+MAKE_AGAIN = "delete it and run `snakemake reproduce-all`"
 
 
 def write_summary(
@@ -195,14 +191,12 @@ def write_summary(
     `about` says what they are made of, `example` which desired impedance Fig. 4 shows, `trials` has those of each
     experiment, `excluded` is the table of those that are not used, `verdicts` is `quality.csv`, `refused` are the
     causes of missing tables.
-
-    Raises InputError: a table is missing, lacks a column, or has no finite mean where it lists one; neither file is
-    written then.
     """
     needed = {name: needed_columns(name) for name in table_paths}
     tables = {name: read_table(table_paths[name], required=columns) for name, columns in needed.items() if columns}
     headlines = headline_numbers(tables, example or DRAFT_EXAMPLE)
-    used = trials_content(trials or {}, read_table(excluded, NEEDED)) if excluded else {}
+    of_excluded = ("trial", "check", "value", "unit", "threshold", "remark")
+    used = trials_content(trials or {}, read_table(excluded, of_excluded)) if excluded else {}
     judged = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
     said = {"findings": [one.content() for one in findings(judged, tables)]}
     missing = {"trials": used, "missing_results": missing_results(refused)}
@@ -215,12 +209,13 @@ def write_table_metadata(about: About, tables: Sequence[str], output: Path) -> N
     """Say in one file what all tables are made of, as CSV on the Web (W3C, 2015) does: a table itself has only its
     column `data`, because a comment above the header stops other readers.
     """
+    has_figures = any(table.startswith("figures/") for table in tables)
     content = {
         "@context": ["http://www.w3.org/ns/csvw", {"@language": "en"}],
         "dc:title": f"Tables of campaign {about.campaign}",
         "dc:description": about.sentence(),
         **{f"osl:{name}": value for name, value in asdict(about).items()},
-        **({"rdfs:seeAlso": {"@id": CAPTIONS}} if any(table.startswith("figures/") for table in tables) else {}),
+        **({"rdfs:seeAlso": {"@id": "figures/captions.md"}} if has_figures else {}),
         "tables": [{"url": table} for table in tables],
     }
     with atomic_path(output) as path:
@@ -268,28 +263,23 @@ class Summary(Settings):
 
 
 def read_summary(summary_json: Path) -> dict[str, Any]:
-    """The summary that `write_summary` wrote.
-
-    Raises InputError: the file is missing or is not a summary; the message names the number and what is wrong with it.
-    """
+    """The summary that `write_summary` wrote. Raises InputError where it is missing or is none."""
     check_not_refused(summary_json)
     if not summary_json.is_file():
         there = summary_json / "summary.json"
-        remedy = (
-            "run `osl-analysis run` (in a clone `snakemake reproduce-all`) first, or name the folder of your results"
-        )
-        remedy = f"write `--summary {there}`" if there.is_file() else remedy
+        run = "run `osl-analysis run` (in a clone `snakemake reproduce-all`) first, or name the folder of your results"
+        remedy = f"write `--summary {there}`" if there.is_file() else run
         raise InputError(f"{summary_json}: no such summary; {remedy}")
     try:
         content = json.loads(summary_json.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{summary_json}: not a summary ({error}); {REMEDY}") from error
+        raise InputError(f"{summary_json}: not a summary ({error}); {MAKE_AGAIN}") from error
     if not isinstance(content, dict):
-        raise InputError(f"{summary_json}: not a summary (it holds no names); {REMEDY}")
+        raise InputError(f"{summary_json}: not a summary (it holds no names); {MAKE_AGAIN}")
     try:
         validated(content, Summary, summary_json)
     except InputError as error:
-        raise InputError(f"{error}; {REMEDY}") from error
+        raise InputError(f"{error}; {MAKE_AGAIN}") from error
     return content
 
 
@@ -309,7 +299,8 @@ def later_failures(summary_json: Path) -> str:
     made = summary_json.stat().st_mtime
     logs = (path for path in (summary_json.parent / "logs").rglob("*.log") if path.stat().st_mtime > made)
     read = ((path.stem, read_log(path)) for path in sorted(logs))
-    ended = [(name, log) for name, log in read if log and log.outcome != "done" and log.job.split(".")[0] not in SHOW]
+    show = {"figure", "report"}  # modules of jobs that show numbers and make none: they run after the summary's own
+    ended = [(name, log) for name, log in read if log and log.outcome != "done" and log.job.split(".")[0] not in show]
     if not ended:
         return ""
     name, first = ended[0]

@@ -17,10 +17,7 @@ from osl_analysis.trial import Trial, write_trial
 def ingest_trial(
     row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, output: Path, needed_columns: Sequence[str] = ()
 ) -> Trial:
-    """The trial of one row of the sheet, written as Parquet to `output`; arguments and errors as in `checked_trial`.
-
-    Nothing is written where it is refused.
-    """
+    """The trial of one row of the sheet, written as Parquet to `output`; arguments and errors as in `checked_trial`."""
     trial = checked_trial(row, raw_folder, sources_folder, needed_columns)
     write_trial(trial, output)
     return trial
@@ -29,10 +26,7 @@ def ingest_trial(
 def checked_trial(
     row: Mapping[str, Any], raw_folder: Path, sources_folder: Path, needed_columns: Sequence[str] = ()
 ) -> Trial:
-    """The trial of one row of the sheet, from its files relative to `raw_folder`.
-
-    `needed_columns` are those that a trial of its experiment must have.
-    """
+    """The trial of one row of the sheet, from its files relative to `raw_folder`, with the `needed_columns`."""
     trial = trial_from_files(row, raw_folder, sources_folder)
     check_columns(trial, row.get("experiment"), needed_columns)
     facts = EXPERIMENTS.get(str(row.get("experiment")))
@@ -58,8 +52,7 @@ def ingest_and_check(
 ) -> None:
     """Write the trial of one row of the sheet to `trial`, and what every check measures on it to `quality`.
 
-    The arguments are those of `ingest_trial` and `measure_trial`. Raises PartialResultError where the
-    trial is written and nothing measured, for the error that this one is raised from.
+    Raises PartialResultError where the trial is written and nothing measured.
     """
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
     try:

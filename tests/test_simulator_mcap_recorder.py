@@ -59,7 +59,7 @@ def written_by_the_mcap_package(path, topics, metadata):
         messages = [
             (message["publish"], channel, message["sequence"], message["data"].tobytes())
             for channel, topic in zip(channels, topics, strict=True)
-            for message in topic.messages(channel, np.arange(len(topic.stamps)))
+            for message in topic.records
         ]
         for stamp, channel, row, data in sorted(messages, key=lambda message: message[0]):
             writer.add_message(channel, int(stamp) + LATENCY_NS, data, int(stamp), int(row))

@@ -6,10 +6,10 @@ that `mcap.writer.Writer` writes for the same messages.
 
 import struct
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import zstandard
@@ -35,290 +35,113 @@ from numpy.typing import ArrayLike, NDArray
 from osl_analysis.files import atomic_path
 from osl_analysis.trial import Array
 
+RULE = "=" * 80 + "\n"
+SAMPLE_HEADER = "std_msgs/Header header"
+DEPENDENCIES = f"""\
+{RULE}MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{RULE}MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+
 
 @dataclass(frozen=True)
 class LogTopic:
     """A topic that a recorder writes."""
 
-    name: str  # Name of the topic
+    name: str
     schema_name: str  # Name of the message's type
     schema_text: str  # Definition of the type, with those that it depends on. It begins with `std_msgs/Header header`
     frame_id: str  # Frame in the header of every message
 
 
-SAMPLE_HEADER = "std_msgs/Header header"
-DEPENDENCIES = """\
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
 DYNAMOMETER = LogTopic(
     "/dynamometer",
     "osl_interfaces/msg/DynamometerSample",
-    SAMPLE_HEADER
-    + """
+    f"""{SAMPLE_HEADER}
 float32 joint_angle       # rad, joint encoder of the dynamometer
 float32 load_cell_torque  # N*m, exerted by the joint on the dynamometer
 float32 actuator_angle    # rad, at the actuator's output
 float32 motor_current     # A, q-axis
 float32 commanded_angle   # rad, in counts of the joint encoder
-"""
-    + DEPENDENCIES,
+{DEPENDENCIES}""",
     "dynamometer",
 )
 ACTUATOR = LogTopic(
     "/actuator",
     "osl_interfaces/msg/ActuatorSample",
-    SAMPLE_HEADER
-    + """
+    f"""{SAMPLE_HEADER}
 float32 actuator_angle  # rad, at the actuator's output
 float32 motor_current   # A, q-axis
 float32 output_torque   # N*m, exerted by the actuator's output on the bench
-"""
-    + DEPENDENCIES,
+{DEPENDENCIES}""",
     "actuator_bench",
 )
 LEG = LogTopic(
     "/leg",
     "osl_interfaces/msg/LegSample",
-    SAMPLE_HEADER
-    + """
+    f"""{SAMPLE_HEADER}
 float32 joint_angle     # rad
 float32 actuator_angle  # rad, at the actuator's output
 float32 motor_current   # A, q-axis
 float32 stiffness_gain  # N*m/rad, K_1 at the actuator's output
 float32 damping_gain    # N*m*s/rad, B_1 at the actuator's output
 bool sync               # level of the synchronisation line
-"""
-    + DEPENDENCIES,
+{DEPENDENCIES}""",
     "leg",
 )
+JOINT_STATE_TEXT = (
+    f"{SAMPLE_HEADER}\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n{DEPENDENCIES}"
+)
+WRENCH_TEXT = (
+    f"{SAMPLE_HEADER}\ngeometry_msgs/Wrench wrench\n{RULE}MSG: geometry_msgs/Wrench\n"
+    f"geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n{RULE}MSG: geometry_msgs/Vector3\n"
+    f"float64 x\nfloat64 y\nfloat64 z\n{DEPENDENCIES}"
+)
 
-
-PROFILE, LIBRARY, COMPRESSION = "ros2", "osl-analysis", "zstd"
+LIBRARY, COMPRESSION = "osl-analysis", "zstd"
 CHUNK_SIZE = 1 << 20  # A chunk ends with the message that takes it beyond this size [bytes]
 LATENCY_NS = 150_000  # Time [ns] from a sample's stamp to its arrival at the recorder
-OVERHEAD = 9  # Bytes of a record before its content: the opcode and the length
-MESSAGE = {"opcode": "u1", "length": "<u8", "channel": "<u2", "sequence": "<u4", "log": "<u8", "publish": "<u8"}
+RECORD_HEAD = {"opcode": "u1", "length": "<u8", "channel": "<u2", "sequence": "<u4", "log": "<u8", "publish": "<u8"}
 """Members of a message's record before its data."""
+CDR_TYPES = {"bool": "u1", "uint8": "u1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}
+
+Members = dict[str, tuple[str, Any]]
+"""Members of a message in order: numpy type, and a value for all messages or a column (n,) of values."""
 
 
 @dataclass(frozen=True)
 class Topic:
-    """The messages of one topic, which are equally long: the schema as ros2msg, and time stamps [ns], (n,). A message
-    has the `layout`, with the members `sec` and `nanosec` of its stamp. `constants` are members that are the same in
-    every message, `columns` those that differ, (n,) each. Other members and the padding are zero."""
+    """The messages of one topic, which are equally long."""
 
     name: str
     schema_name: str
-    schema_text: str
-    stamps: NDArray[np.int64]
-    layout: "np.dtype[np.void]"
-    constants: Mapping[str, bytes | int]
-    columns: Mapping[str, NDArray[Any]]
-
-    @property
-    def record(self) -> "np.dtype[np.void]":
-        """A message with what is before it in its record."""
-        return np.dtype([*MESSAGE.items(), ("data", self.layout)])
-
-    def definitions(self, channel: int) -> tuple[Schema, Channel]:
-        """The schema and the channel, which have the same number."""
-        text = self.schema_text.encode()
-        schema = Schema(id=channel, name=self.schema_name, encoding="ros2msg", data=text)
-        return schema, Channel(id=channel, topic=self.name, message_encoding="cdr", schema_id=channel, metadata={})
-
-    def messages(self, channel: int, rows: NDArray[np.intp]) -> "np.ndarray[tuple[int], np.dtype[np.void]]":
-        """The records of some messages; a message's sequence number is its row."""
-        one = np.zeros(1, self.record)
-        one["opcode"], one["length"], one["channel"] = Opcode.MESSAGE, one.itemsize - OVERHEAD, channel
-        for name, value in self.constants.items():
-            one["data"][name] = value
-        messages = np.repeat(one.view(f"V{one.itemsize}"), len(rows)).view(one.dtype)  # as bytes, with the padding
-        stamps, data = self.stamps[rows], messages["data"]
-        messages["sequence"], messages["log"], messages["publish"] = rows, stamps + LATENCY_NS, stamps
-        data["sec"], data["nanosec"] = np.divmod(stamps, 10**9)
-        for name, values in self.columns.items():
-            data[name] = values[rows]
-        return messages
+    schema_text: str  # the schema as ros2msg
+    records: "np.ndarray[tuple[int], np.dtype[np.void]]"
+    """A record of each message, (n,), with the members of `RECORD_HEAD` and `data`; the number of its channel is 0."""
 
 
-@dataclass(frozen=True)
-class Content:
-    """What one chunk holds: its bytes, and by channel the index of its messages, (m, 2): log time [ns] and place."""
-
-    data: memoryview
-    index: Mapping[int, NDArray[np.uint64]]
-
-    def chunk(self) -> Chunk:
-        """The record of the chunk."""
-        times = np.concatenate([index[:, 0] for index in self.index.values()])
-        return Chunk(
-            compression=COMPRESSION,
-            data=zstandard.compress(self.data),
-            message_start_time=int(times.min()),
-            message_end_time=int(times.max()),
-            uncompressed_crc=zlib.crc32(self.data),
-            uncompressed_size=len(self.data),
-        )
-
-
-def write_recording(path: Path, topics: Sequence[Topic], metadata: Metadata) -> None:
-    """Write the messages of all topics, in the order of their stamps, after a metadata record."""
-    definitions = [topic.definitions(number) for number, topic in enumerate(topics, 1)]
-    indexes = list[ChunkIndex]()
-    with path.open("wb") as file:
-        start = MCAP0_MAGIC + encoded([Header(PROFILE, LIBRARY)])
-        described = encoded([metadata])
-        file.write(start + described)
-        for content in contents(topics, encoded(record for pair in definitions for record in pair)):
-            chunk, begin = content.chunk(), file.tell()
-            record = encoded([chunk])
-            file.write(record)
-            offsets, own = dict[int, int](), file.tell()
-            for channel, index in content.index.items():
-                offsets[channel] = file.tell()
-                file.write(message_index(channel, index))
-            indexes.append(chunk_index(chunk, begin, len(record), offsets, file.tell() - own))
-        file.write(encoded([DataEnd(0)]))
-        groups: dict[Opcode, Sequence[McapRecord]] = {
-            Opcode.SCHEMA: [schema for schema, _ in definitions],
-            Opcode.CHANNEL: [channel for _, channel in definitions],
-            Opcode.STATISTICS: [statistics(topics, indexes)],
-            Opcode.CHUNK_INDEX: indexes,
-            Opcode.ATTACHMENT_INDEX: [],
-            Opcode.METADATA_INDEX: [MetadataIndex(offset=len(start), length=len(described), name=metadata.name)],
-        }
-        file.write(summary(groups, file.tell()) + MCAP0_MAGIC)
-
-
-def contents(topics: Sequence[Topic], definitions: bytes) -> Iterator[Content]:
-    """The chunks, the first of which begins with the definitions of schemas and channels."""
-    stamps = np.concatenate([topic.stamps for topic in topics])
-    order = np.argsort(stamps, kind="stable")
-    counts = [len(topic.stamps) for topic in topics]
-    owner, row = np.repeat(np.arange(len(topics)), counts)[order], np.concatenate([np.arange(n) for n in counts])[order]
-    ends = len(definitions) + np.cumsum(np.array([topic.record.itemsize for topic in topics])[owner])
-    first, begin = 0, 0
-    while first < len(ends):
-        last = min(int(np.searchsorted(ends, begin + CHUNK_SIZE, side="right")), len(ends) - 1) + 1
-        data, index = np.empty(int(ends[last - 1]) - begin, np.uint8), dict[int, NDArray[np.uint64]]()
-        if first == 0:
-            data[: len(definitions)] = np.frombuffer(definitions, np.uint8)
-        of_topics = [first + np.flatnonzero(owner[first:last] == k) for k in range(len(topics))]
-        present = [k for k, own in enumerate(of_topics) if len(own)]
-        for k in sorted(present, key=lambda k: of_topics[k][0]):  # as each comes first in the chunk
-            own = of_topics[k]
-            messages = topics[k].messages(k + 1, row[own])
-            places = ends[own] - messages.itemsize - begin
-            every = (len(data) - messages.itemsize + 1,)
-            np.ndarray(every, f"V{messages.itemsize}", data, 0, (1,))[places] = messages.view(f"V{messages.itemsize}")
-            index[k + 1] = np.stack([messages["log"], places], axis=1).astype("<u8")
-        yield Content(data.data, index)
-        first, begin = last, int(ends[last - 1])
-
-
-def encoded(records: Iterable[McapRecord]) -> bytes:
-    """Records as bytes."""
-    builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
-    return bytes(builder.end())  # type: ignore[no-untyped-call]
-
-
-def message_index(channel: int, index: NDArray[np.uint64]) -> bytes:
-    """The record with the index of a channel's messages in the chunk before it."""
-    return struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + index.nbytes, channel, index.nbytes) + index.tobytes()
-
-
-def chunk_index(chunk: Chunk, begin: int, length: int, offsets: dict[int, int], index_length: int) -> ChunkIndex:
-    """The summary's record of a chunk of `length` bytes at `begin`, whose message indexes stand at `offsets`."""
-    return ChunkIndex(
-        chunk_length=length,
-        chunk_start_offset=begin,
-        compression=chunk.compression,
-        compressed_size=len(chunk.data),
-        message_end_time=chunk.message_end_time,
-        message_index_length=index_length,
-        message_index_offsets=offsets,
-        message_start_time=chunk.message_start_time,
-        uncompressed_size=chunk.uncompressed_size,
-    )
-
-
-def statistics(topics: Sequence[Topic], indexes: Sequence[ChunkIndex]) -> Statistics:
-    """The summary's numbers of messages."""
-    used = dict.fromkeys(channel for index in indexes for channel in index.message_index_offsets)
-    counts = {channel: len(topics[channel - 1].stamps) for channel in used}
-    return Statistics(
-        attachment_count=0,
-        channel_count=len(topics),
-        channel_message_counts=counts,
-        chunk_count=len(indexes),
-        message_count=sum(counts.values()),
-        message_end_time=max((index.message_end_time for index in indexes), default=0),
-        message_start_time=min((index.message_start_time for index in indexes), default=0),
-        metadata_count=1,
-        schema_count=len(topics),
-    )
-
-
-def summary(groups: Mapping[Opcode, Sequence[McapRecord]], start: int) -> bytes:
-    """The summary at `start`, its offsets, and the footer with the CRC of both."""
-    data, offsets = b"", list[SummaryOffset]()
-    for opcode, records in groups.items():
-        group = encoded(records)
-        offsets.append(SummaryOffset(group_opcode=opcode, group_start=start + len(data), group_length=len(group)))
-        data += group
-    offsets_start = start + len(data)
-    data += encoded(offsets)
-    crc = zlib.crc32(data + struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start))
-    return data + encoded([Footer(start, offsets_start, crc)])
-
-
-ENCAPSULATION = b"\x00\x01\x00\x00"  # CDR, little endian. Everything after it is aligned as if the message began there
-CDR_TYPES = {"bool": "u1", "uint8": "u1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}
-
-
-def write_mcap(path: Path, topic: LogTopic, time: Array, columns: Mapping[str, ArrayLike]) -> None:
-    """Write one topic with a message for each time stamp [s], from 0 to 2^31 s in whole nanoseconds. The columns, (n,)
-    each, are cast to the types of the fields that the schema lists after its header."""
-    declared = topic.schema_text.split("===", maxsplit=1)[0].splitlines()[1:]
-    types = {words[1]: CDR_TYPES[words[0]] for words in map(str.split, declared) if words}
-    layout = aligned(header_members(topic.frame_id) | {f"field.{field}": kind for field, kind in types.items()})
-    values = {f"field.{field}": np.asarray(columns[field]) for field in types}
-    stamps, constants = nanoseconds(time), header(topic.frame_id)
-    write_topics(path, [Topic(topic.name, topic.schema_name, topic.schema_text, stamps, layout, constants, values)])
-
-
-def write_topics(path: Path, topics: Sequence[Topic]) -> None:
-    """Write several topics, their messages in the order in which they arrive. The file appears whole or not at all."""
-    names = ", ".join(topic.name for topic in topics)
-    metadata = Metadata("recording", {"origin": "simulated", "topic": names, "time": "header stamp"})
-    with atomic_path(path) as temporary:
-        write_recording(temporary, topics, metadata)
-
-
-def nanoseconds(time: Array) -> NDArray[np.int64]:
-    """Time stamps [s] as whole nanoseconds."""
-    return np.rint(np.asarray(time) * 1e9).astype(np.int64)
-
-
-def header_members(frame_id: str) -> dict[str, str]:
-    """Members of a record up to the end of its header, with their numpy types."""
-    frame = f"S{len(frame_id) + 1}"
-    return {"encapsulation": "V4", "sec": "<i4", "nanosec": "<u4", "frame_id_length": "<u4", "frame_id": frame}
-
-
-def header(frame_id: str) -> dict[str, Any]:
-    """The members of a header that are the same in all messages of a topic."""
-    name = frame_id.encode() + b"\0"
-    return {"encapsulation": ENCAPSULATION, "frame_id_length": len(name), "frame_id": name}
+def topic_of(name: str, schema_name: str, schema_text: str, frame_id: str, time: Array, members: Members) -> Topic:
+    """Messages at time stamps [s], (n,), in CDR: a header, then their own members. Padding is zero."""
+    stamps, frame = np.rint(np.asarray(time) * 1e9).astype(np.int64), frame_id.encode() + b"\0"
+    seconds, nanoseconds = np.divmod(stamps, 10**9)
+    whole: Members = {
+        "encapsulation": ("V4", b"\x00\x01\x00\x00"),  # little endian
+        "sec": ("<i4", seconds),
+        "nanosec": ("<u4", nanoseconds),
+        "frame_id_length": ("<u4", len(frame)),
+        "frame_id": (f"S{len(frame)}", frame),
+        **members,
+    }
+    layout = aligned({member: kind for member, (kind, _) in whole.items()})
+    records = np.zeros(stamps.size, np.dtype([*RECORD_HEAD.items(), ("data", layout)]))
+    records["opcode"], records["length"] = Opcode.MESSAGE, records.itemsize - 9  # without opcode and length
+    records["sequence"], records["log"], records["publish"] = np.arange(stamps.size), stamps + LATENCY_NS, stamps
+    for member, (_, value) in whole.items():
+        records["data"][member] = value
+    return Topic(name, schema_name, schema_text, records)
 
 
 def aligned(members: Mapping[str, str]) -> "np.dtype[np.void]":
@@ -333,41 +156,156 @@ def aligned(members: Mapping[str, str]) -> "np.dtype[np.void]":
     return np.dtype({"names": list(members), "formats": list(members.values()), "offsets": offsets, "itemsize": end})
 
 
-RULE = "=" * 80 + "\n"
-JOINT_STATE = "sensor_msgs/msg/JointState"
-JOINT_STATE_TEXT = (
-    f"{SAMPLE_HEADER}\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n" + DEPENDENCIES
-)
-WRENCH = "geometry_msgs/msg/WrenchStamped"
-VECTOR = "float64 x\nfloat64 y\nfloat64 z\n"
-WRENCH_TEXT = (
-    f"{SAMPLE_HEADER}\ngeometry_msgs/Wrench wrench\n{RULE}MSG: geometry_msgs/Wrench\n"
-    f"geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n{RULE}MSG: geometry_msgs/Vector3\n{VECTOR}"
-    + DEPENDENCIES
-)
-
-
 def joint_states(
     topic: str, frame_id: str, time: Array, position: Mapping[str, Array], effort: Mapping[str, Array]
 ) -> Topic:
-    """JointState messages: positions [rad] by joint, (n,) each, and the effort of some joints; the other efforts are
-    0."""
-    names = [name.encode() + b"\0" for name in position]
-    members = header_members(frame_id) | {"names": "<u4"}
-    constants = header(frame_id) | dict.fromkeys(("names", "positions", "efforts"), len(names))
-    for k, name in enumerate(names):
-        members |= {f"name_length.{k}": "<u4", f"name.{k}": f"S{len(name)}"}
-        constants |= {f"name_length.{k}": len(name), f"name.{k}": name}
-    members |= {"positions": "<u4"} | {f"position.{joint}": "<f8" for joint in position}
-    members |= {"velocities": "<u4", "efforts": "<u4"} | {f"effort.{joint}": "<f8" for joint in position}
-    columns = {f"position.{joint}": values for joint, values in position.items()}
-    columns |= {f"effort.{joint}": values for joint, values in effort.items()}
-    return Topic(topic, JOINT_STATE, JOINT_STATE_TEXT, nanoseconds(time), aligned(members), constants, columns)
+    """JointState messages: positions [rad] by joint, (n,) each, and the effort of some joints; other efforts are 0."""
+    members: Members = {"names": ("<u4", len(position))}
+    for joint in position:
+        name = joint.encode() + b"\0"
+        members |= {f"name_length.{joint}": ("<u4", len(name)), f"name.{joint}": (f"S{len(name)}", name)}
+    members |= {"positions": ("<u4", len(position))}
+    members |= {f"position.{joint}": ("<f8", values) for joint, values in position.items()}
+    members |= {"velocities": ("<u4", 0), "efforts": ("<u4", len(position))}
+    members |= {f"effort.{joint}": ("<f8", effort.get(joint, 0.0)) for joint in position}
+    return topic_of(topic, "sensor_msgs/msg/JointState", JOINT_STATE_TEXT, frame_id, time, members)
 
 
 def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> Topic:
     """WrenchStamped messages with a torque [N*m] about z, (n,). All other components are 0."""
-    axes = [f"{vector}.{axis}" for vector in ("force", "torque") for axis in "xyz"]
-    layout = aligned(header_members(frame_id) | dict.fromkeys(axes, "<f8"))
-    columns = {"torque.z": torque}
-    return Topic(topic, WRENCH, WRENCH_TEXT, nanoseconds(time), layout, header(frame_id), columns)
+    members: Members = {f"{vector}.{axis}": ("<f8", 0.0) for vector in ("force", "torque") for axis in "xyz"}
+    members["torque.z"] = ("<f8", torque)
+    return topic_of(topic, "geometry_msgs/msg/WrenchStamped", WRENCH_TEXT, frame_id, time, members)
+
+
+def write_mcap(path: Path, topic: LogTopic, time: Array, columns: Mapping[str, ArrayLike]) -> None:
+    """Write one topic with a message for each time stamp [s], from 0 to 2^31 s in whole nanoseconds. The columns, (n,)
+    each, are cast to the types of the fields that the schema lists after its header."""
+    declared = topic.schema_text.split("===", maxsplit=1)[0].splitlines()[1:]
+    types = {words[1]: CDR_TYPES[words[0]] for words in map(str.split, declared) if words}
+    members: Members = {f"field.{name}": (kind, np.asarray(columns[name])) for name, kind in types.items()}
+    write_topics(path, [topic_of(topic.name, topic.schema_name, topic.schema_text, topic.frame_id, time, members)])
+
+
+def write_topics(path: Path, topics: Sequence[Topic]) -> None:
+    """Write several topics, their messages in the order in which they arrive. The file appears whole or not at all."""
+    names = ", ".join(topic.name for topic in topics)
+    metadata = Metadata("recording", {"origin": "simulated", "topic": names, "time": "header stamp"})
+    with atomic_path(path) as temporary:
+        write_recording(temporary, topics, metadata)
+
+
+def write_recording(path: Path, topics: Sequence[Topic], metadata: Metadata) -> None:
+    """Write the messages of all topics, in the order of their stamps, after a metadata record."""
+    schemas, channels = list[Schema](), list[Channel]()
+    for number, topic in enumerate(topics, 1):
+        schemas.append(Schema(number, topic.schema_text.encode(), "ros2msg", topic.schema_name))
+        channels.append(Channel(number, topic.name, "cdr", {}, number))
+    defined = encoded(one for pair in zip(schemas, channels, strict=True) for one in pair)
+    data, starts, channel = in_order_of_stamps(topics, defined)
+    ends, indexes, first, begin = np.append(starts[1:], len(data)), list[ChunkIndex](), 0, 0
+    with path.open("wb") as file:
+        head, described = MCAP0_MAGIC + encoded([Header("ros2", LIBRARY)]), encoded([metadata])
+        file.write(head + described)
+        while first < len(starts):
+            last = min(int(np.searchsorted(ends, begin + CHUNK_SIZE, side="right")), len(ends) - 1) + 1
+            indexes.append(
+                write_chunk(file, data[begin : ends[last - 1]], starts[first:last] - begin, channel[first:last])
+            )
+            first, begin = last, int(ends[last - 1])
+        file.write(encoded([DataEnd(0)]))
+        used = dict.fromkeys(number for index in indexes for number in index.message_index_offsets)
+        statistics = Statistics(
+            attachment_count=0,
+            channel_count=len(topics),
+            channel_message_counts={number: len(topics[number - 1].records) for number in used},
+            chunk_count=len(indexes),
+            message_count=len(starts),
+            message_end_time=max((index.message_end_time for index in indexes), default=0),
+            message_start_time=min((index.message_start_time for index in indexes), default=0),
+            metadata_count=1,
+            schema_count=len(topics),
+        )
+        groups: dict[Opcode, Sequence[McapRecord]] = {
+            Opcode.SCHEMA: schemas,
+            Opcode.CHANNEL: channels,
+            Opcode.STATISTICS: [statistics],
+            Opcode.CHUNK_INDEX: indexes,
+            Opcode.ATTACHMENT_INDEX: [],
+            Opcode.METADATA_INDEX: [MetadataIndex(offset=len(head), length=len(described), name=metadata.name)],
+        }
+        file.write(summary(groups, file.tell()) + MCAP0_MAGIC)
+
+
+def in_order_of_stamps(
+    topics: Sequence[Topic], defined: bytes
+) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64]]:
+    """The definitions and then the records of all messages, as bytes; where each record begins, and its channel."""
+    order = np.argsort(np.concatenate([topic.records["publish"] for topic in topics]), kind="stable")
+    channel = np.repeat(np.arange(len(topics)) + 1, [len(topic.records) for topic in topics])[order]
+    sizes = np.array([topic.records.itemsize for topic in topics])[channel - 1]
+    ends = len(defined) + np.cumsum(sizes)
+    data = np.empty(len(defined) + int(sizes.sum()), np.uint8)
+    data[: len(defined)] = np.frombuffer(defined, np.uint8)
+    for number, topic in enumerate(topics, 1):
+        as_bytes, own = np.dtype(f"V{topic.records.itemsize}"), np.flatnonzero(channel == number)
+        records = topic.records.view(as_bytes).copy().view(topic.records.dtype)  # as bytes, with the padding
+        records["channel"] = number
+        if own.size:
+            everywhere = np.ndarray((len(data) - records.itemsize + 1,), as_bytes, data, 0, (1,))
+            rows = order[own] - sum(len(other.records) for other in topics[: number - 1])
+            everywhere[ends[own] - records.itemsize] = records.view(as_bytes)[rows]
+    return data, ends - sizes, channel
+
+
+def write_chunk(
+    file: BinaryIO, content: NDArray[np.uint8], starts: NDArray[np.int64], channel: NDArray[np.int64]
+) -> ChunkIndex:
+    """Write a chunk of messages that begin at `starts` [bytes], and the index of each channel, as each comes first."""
+    log = np.ndarray((len(content) - 7,), "<u8", content, 0, (1,))[starts + 15]
+    chunk = Chunk(
+        compression=COMPRESSION,
+        data=zstandard.compress(content.data),
+        message_start_time=int(log.min()),
+        message_end_time=int(log.max()),
+        uncompressed_crc=zlib.crc32(content.data),
+        uncompressed_size=len(content),
+    )
+    begin, record = file.tell(), encoded([chunk])
+    file.write(record)
+    offsets, own = dict[int, int](), file.tell()
+    for number in dict.fromkeys(channel.tolist()):
+        offsets[number] = file.tell()
+        index = np.stack([log, starts.astype(np.uint64)], axis=1)[channel == number]
+        file.write(struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + index.nbytes, number, index.nbytes) + index.tobytes())
+    return ChunkIndex(
+        chunk_length=len(record),
+        chunk_start_offset=begin,
+        compression=chunk.compression,
+        compressed_size=len(chunk.data),
+        message_end_time=chunk.message_end_time,
+        message_index_length=file.tell() - own,
+        message_index_offsets=offsets,
+        message_start_time=chunk.message_start_time,
+        uncompressed_size=chunk.uncompressed_size,
+    )
+
+
+def encoded(records: Iterable[McapRecord]) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
+
+
+def summary(groups: Mapping[Opcode, Sequence[McapRecord]], start: int) -> bytes:
+    """The summary at `start`, its offsets, and the footer with the CRC of both."""
+    data, offsets = b"", list[SummaryOffset]()
+    for opcode, records in groups.items():
+        group = encoded(records)
+        offsets.append(SummaryOffset(group_opcode=opcode, group_start=start + len(data), group_length=len(group)))
+        data += group
+    offsets_start = start + len(data)
+    data += encoded(offsets)
+    crc = zlib.crc32(data + struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start))
+    return data + encoded([Footer(start, offsets_start, crc)])

@@ -33,16 +33,13 @@ MESSAGE = np.dtype(
 )
 MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # within the content
 CHUNK_HEAD = struct.Struct("<QQQII")  # times of first and last message, size, checksum, length of the name
-INDEX_HEAD = struct.Struct("<HI")  # channel, bytes of the entries
 INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 STATISTICS = struct.Struct("<Q14xI16xI")  # messages, chunks, bytes of the map of messages by channel
-LONGEST_NAME = 32
 NUMBERED = range(Opcode.HEADER, Opcode.DATA_END + 1)
 """Opcodes that the format defines. Records of higher ones are private or of a later version, and are skipped."""
-LENGTHS = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
-RESUME_IN_CHUNKS = re.compile(rb"[\x06\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL)
-RESUME_ANYWHERE = re.compile(rb"[\x03-\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL)
-"""Beginnings of records at which reading can go on after damage, in files with and without chunks."""
+RESUME = re.compile(rb"[\x03-\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL)
+"""Beginnings of records at which reading can go on after damage."""
+LOOSE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)  # records within a chunk, or in a file without chunks
 TWO_LOGS = "split them into two files there (`head -c`, `tail -c`) and give each a trial of its own"
 NOWHERE = np.empty(0, np.int64)
 
@@ -112,19 +109,14 @@ class McapFile(MessageFile):
     # --- the top level, from record to record
 
     def scan(self) -> None:
-        """Find the parts of the file; raises RefusedFileError if it is two logs."""
-        position = len(MAGIC)
-        while position < len(self.data) and not self.damage.finished:
+        """Find the parts of the file, and note their damage; raises RefusedFileError if it is two logs."""
+        position, damage = len(MAGIC), self.damage
+        while position < len(self.data) and not damage.finished:
             position = self.scan_record(position)
         self.data_end = self.data_end or len(self.data)
         last = self.sections[-1] if self.sections else None
-        if not self.damage.finished and last and "lost" in last.kind and last.end == len(self.data):
+        if not damage.finished and last and "lost" in last.kind and last.end == len(self.data):
             self.sections.pop()  # the record in which the file was cut off: nobody knows what it held
-        self.report_scan()
-
-    def report_scan(self) -> None:
-        """Note the damage that the scan of the top level found."""
-        damage = self.damage
         damage.gaps = self.summary_damaged or self.missing != 0 or any("lost" in one.kind for one in self.sections)
         damage.bytes = self.data_end - len(MAGIC) + max(0, self.missing)
         if not damage.finished:
@@ -149,9 +141,7 @@ class McapFile(MessageFile):
             return self.take_lost(position)
         opcode, length = RECORD.unpack_from(data, position)
         end = start + length
-        if end <= len(data) and not self.data_end and self.record_follows(end):
-            opcode = self.opcode_by_content(opcode, start, end)
-        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+        if opcode in LOOSE:
             walk = walk_records(data, position, len(data), in_chunk=False)
             if walk.end > position:
                 if self.data_end:
@@ -164,20 +154,6 @@ class McapFile(MessageFile):
         self.take_record(opcode, start, end)
         return int(end)
 
-    def opcode_by_content(self, opcode: int, start: int, end: int) -> int:
-        """The opcode of a record: another one, if a flipped bit has disguised a chunk or the message index of one.
-
-        Each entry of an index leads into the chunk: what stands there in a message is no such small number.
-        """
-        if is_disguised_chunk(self.data, start, end):
-            return Opcode.CHUNK
-        chunk = self.last_chunk()
-        if chunk is not None and is_message_index(self.data, start, end, exact=True):
-            size = chunk.head.size if chunk.head is not None else 1 << 32
-            if (index_entries(self.data, start)[1]["offset"] < np.uint64(size)).all():
-                return Opcode.MESSAGE_INDEX
-        return opcode
-
     def take_record(self, opcode: int, start: int, end: int) -> None:
         data = self.data
         if opcode == Opcode.CHUNK:
@@ -187,8 +163,9 @@ class McapFile(MessageFile):
             self.chunked = True
             self.sections.append(Section("chunk", start, end, head=chunk_head(data, start, end)))
         elif opcode == Opcode.MESSAGE_INDEX and not self.data_end:
-            if (chunk := self.last_chunk()) is not None:
-                chunk.indexes.append(index_entries(data, start))
+            chunk = next((one for one in reversed(self.sections) if "chunk" in one.kind), None)
+            if chunk is not None and (index := message_index(data, start, end)):
+                chunk.indexes.append(index)
         elif opcode == Opcode.DATA_END and not self.data_end:
             self.data_end, self.summary_begin = start - RECORD.size, end
             (expected,) = struct.unpack_from("<I", data, start)
@@ -243,11 +220,11 @@ class McapFile(MessageFile):
         """
         data = self.data
         self.refuse_second_log()
-        resume = self.resume_at(position + 1, RESUME_IN_CHUNKS)
+        resume = self.resume_at(position + 1, loose=False)
         self.chunked |= data[position] == Opcode.CHUNK
         self.chunked |= resume < len(data) and data[resume] in (Opcode.CHUNK, Opcode.MESSAGE_INDEX)
         if not self.chunked:
-            resume = self.resume_at(position + 1, RESUME_ANYWHERE)
+            resume = self.resume_at(position + 1, loose=True)
         if self.data_end:
             self.summary_damaged = True
         elif data[position] == Opcode.CHUNK:
@@ -257,12 +234,16 @@ class McapFile(MessageFile):
             self.sections.append(Section("lost index" if is_index else "lost", position, resume))
         return resume
 
-    def resume_at(self, begin: int, pattern: re.Pattern[bytes]) -> int:
-        """Where the next sound record begins at which the scan can go on, or the end of the file."""
-        while match := pattern.search(self.data, begin):
+    def resume_at(self, begin: int, *, loose: bool) -> int:
+        """Where the next sound record begins, `loose` ones too if asked for, or the end of the file."""
+        while match := RESUME.search(self.data, begin):
             opcode, length = RECORD.unpack_from(self.data, match.start())
-            start = match.start() + RECORD.size
-            if start + length <= len(self.data) and self.is_sound(opcode, start, start + length, exact=True):
+            end = match.end() + length
+            if (
+                (loose or opcode not in LOOSE)
+                and end <= len(self.data)
+                and self.is_sound(opcode, match.end(), end, exact=True)
+            ):
                 return match.start()
             begin = match.start() + 1
         return len(self.data)
@@ -275,9 +256,10 @@ class McapFile(MessageFile):
         if opcode == Opcode.CHUNK:
             return chunk_head(self.data, start, end) is not None
         if opcode == Opcode.MESSAGE_INDEX:
-            return is_message_index(self.data, start, end, exact=exact)
-        if opcode in LENGTHS:
-            return end - start == LENGTHS[Opcode(opcode)] or (not exact and end - start > LENGTHS[Opcode(opcode)])
+            return message_index(self.data, start, end, exact=exact) is not None
+        if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+            more = end - start - (4 if opcode == Opcode.DATA_END else 20)
+            return more == 0 or (not exact and more > 0)
         if opcode == Opcode.STATISTICS and end - start < STATISTICS.size:
             return False
         return opcode != 0 and self.record_follows(end)
@@ -289,9 +271,6 @@ class McapFile(MessageFile):
         if self.data[end] == 0 or end + RECORD.size > len(self.data):
             return False
         return bool(end + RECORD.size + RECORD.unpack_from(self.data, end)[1] <= len(self.data))
-
-    def last_chunk(self) -> Section | None:
-        return next((section for section in reversed(self.sections) if "chunk" in section.kind), None)
 
     def refuse_second_log(self) -> None:
         """Refuse a damaged file in which another log begins: `cat a.mcap b.mcap`, or a recorder that appends.
@@ -432,54 +411,40 @@ def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool, listed:
 
     `listed` is where messages may be, in order. Where they follow each other, the walk leaps over them.
     """
-    leaps, listed_heads = leaps_over(buffer, listed, end)
-    found: list[Indices] = [NOWHERE]
-    messages: list[int] = []
-    others: list[tuple[int, bytes]] = []
-    unknown, position, last = 0, begin, end - RECORD.size
-    while position <= last:
-        if position in leaps:
-            stretch, position = leaps[position]
-            found += [np.array(messages, np.int64), stretch]
-            messages = []
+    stop = leap_over(buffer, listed, end)
+    found, others = list[Indices](), list[tuple[int, bytes]]()
+    messages, unknown, position = list[int](), 0, begin
+    while position + RECORD.size <= end:
+        if stop and position == listed[0]:
+            found, messages, position = [np.array(messages, np.int64), listed], [], stop
             continue
         opcode, length = RECORD.unpack_from(buffer, position)
-        start, stop = position + RECORD.size, position + RECORD.size + length
-        if stop > end:
+        start = position + RECORD.size
+        if start + length > end:
             break
         if opcode == Opcode.MESSAGE and length >= MESSAGE_HEAD:
             messages.append(position)
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and not is_disguised_chunk(buffer, start, stop):
-            others.append((opcode, buffer[start:stop]))
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            others.append((opcode, buffer[start : start + length]))
         elif in_chunk and opcode not in NUMBERED and opcode:
             unknown += 1
         else:
             break
-        position = stop
+        position = start + length
     starts = np.concatenate([*found, np.array(messages, np.int64)])
-    heads = listed_heads if leaps and np.array_equal(starts, listed) else message_heads(buffer, starts)
-    return Walk(heads, starts, others, position, unknown)
+    return Walk(message_heads(buffer, starts), starts, others, position, unknown)
 
 
-def leaps_over(buffer: bytes, listed: Indices, end: int) -> tuple[dict[int, tuple[Indices, int]], NDArray[Any]]:
-    """The stretches of listed messages that follow each other without a gap, and their ends, by where they begin.
-
-    None where the list is wrong. Also gives the heads of the listed messages.
-    """
+def leap_over(buffer: bytes, listed: Indices, end: int) -> int:
+    """Where listed messages that follow each other without a gap end; 0 where the list is wrong or has gaps."""
     if not listed.size or listed[0] < 0 or listed[-1] > end - MESSAGE.itemsize:
-        return {}, np.empty(0, MESSAGE)
+        return 0
     heads = message_heads(buffer, listed)
     lengths = heads["length"].astype(np.int64)  # what is too large becomes negative
     stops = listed + RECORD.size + lengths
-    if (
-        (heads["opcode"] != Opcode.MESSAGE).any()
-        or lengths.min() < MESSAGE_HEAD
-        or max(lengths.max(), stops.max()) > end
-    ):
-        return {}, np.empty(0, MESSAGE)
-    cuts = np.flatnonzero(stops[:-1] != listed[1:]) + 1
-    ends = stops[np.append(cuts, stops.size) - 1].tolist()
-    return {int(one[0]): (one, stop) for one, stop in zip(np.split(listed, cuts), ends, strict=True)}, heads
+    are_messages = (heads["opcode"] == Opcode.MESSAGE).all() and lengths.min() >= MESSAGE_HEAD
+    follow = (stops[:-1] == listed[1:]).all() and max(lengths.max(), stops.max()) <= end
+    return int(stops[-1]) if are_messages and follow else 0
 
 
 def message_heads(buffer: bytes, starts: Indices) -> NDArray[Any]:
@@ -501,18 +466,10 @@ def chunk_head(data: bytes, start: int, end: int) -> ChunkHead | None:
         return None
     _, _, size, crc, length = CHUNK_HEAD.unpack_from(data, start)
     begin = start + CHUNK_HEAD.size + length + 8
-    if length > LONGEST_NAME or begin > end:
+    if length > 32 or begin > end:  # a longer name of a compression is damage
         return None
     stop = begin + struct.unpack_from("<Q", data, begin - 8)[0]
     return ChunkHead(size, crc, data[begin - 8 - length : begin - 8], begin, stop) if stop <= end else None
-
-
-def is_disguised_chunk(data: bytes, start: int, end: int) -> bool:
-    """Whether the content of a record of another opcode is that of a chunk: names and lengths leave no doubt."""
-    head = chunk_head(data, start, end)
-    if head is None or head.end != end:
-        return False
-    return head.name in (b"zstd", b"lz4") or (head.name == b"" and head.size == end - head.begin > 0)
 
 
 def unpacked(data: bytes, head: ChunkHead) -> bytes:
@@ -537,17 +494,15 @@ def unpacked(data: bytes, head: ChunkHead) -> bytes:
     return content
 
 
-def is_message_index(data: bytes, start: int, end: int, *, exact: bool = False) -> bool:
-    """Whether the content of a record can be a message index: its entries fit in, or fill it if `exact`."""
-    if end - start < INDEX_HEAD.size:
-        return False
-    size, space = INDEX_HEAD.unpack_from(data, start)[1], end - start - INDEX_HEAD.size
-    return bool(size % INDEX_ENTRY.itemsize == 0 and (size == space or (size < space and not exact)))
-
-
-def index_entries(data: bytes, start: int) -> tuple[int, NDArray[Any]]:
-    channel, size = INDEX_HEAD.unpack_from(data, start)
-    return channel, np.frombuffer(data, INDEX_ENTRY, size // INDEX_ENTRY.itemsize, start + INDEX_HEAD.size)
+def message_index(data: bytes, start: int, end: int, *, exact: bool = False) -> tuple[int, NDArray[Any]] | None:
+    """Channel and entries of a message index, the content of a record; None if they do not fit in, or fill it if
+    `exact`."""
+    if end - start < 6:
+        return None
+    channel, size = struct.unpack_from("<HI", data, start)
+    if size % INDEX_ENTRY.itemsize or size > end - start - 6 or (exact and size < end - start - 6):
+        return None
+    return channel, np.frombuffer(data, INDEX_ENTRY, size // INDEX_ENTRY.itemsize, start + 6)
 
 
 def leads_to(data: bytes, position: int, footer: int) -> bool:

@@ -15,9 +15,8 @@ import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +28,6 @@ from osl_analysis.trial import Array
 MARK5, MARK73 = b"MATLAB 5.0 MAT", b"MATLAB 7."
 DAMAGED = "copy the file again, or save it again in MATLAB"
 LISTED = 12  # largest number of names in a message
-LONGEST_TEXT = 1000  # characters of a text that are read, for a name by which an element is chosen
-HIDDEN = ("#refs#", "#subsystem#")
-"""Groups of a file of version 7.3 that are no variables."""
-NUMBERS = ("double", "single", "logical", *(f"{u}int{bits}" for u in ("", "u") for bits in (8, 16, 32, 64)))
-"""Classes of MATLAB that hold numbers."""
 REMEDIES = {
     "table": "save it as a struct: `s = table2struct(t, 'ToScalar', true)`",
     "timetable": "save it as a struct: `s = table2struct(timetable2table(t), 'ToScalar', true)`, its times as seconds",
@@ -47,7 +41,6 @@ REMEDIES = {
     "timeseries": "save its `Time` and `Data` as numbers",
 }
 """What to do in MATLAB about a class that is not read, or is no number."""
-OBJECT = "save its numbers in a struct"  # the same for any other class
 
 
 @dataclass(frozen=True)
@@ -73,7 +66,7 @@ class Value:
         return f"{'x'.join(map(str, self.shape))} {'complex ' if self.is_complex else ''}{self.kind}"
 
     def remedy(self) -> str:
-        return "save `real(x)`" if self.is_complex else REMEDIES.get(self.kind, OBJECT)
+        return "save `real(x)`" if self.is_complex else REMEDIES.get(self.kind, "save its numbers in a struct")
 
 
 def real_numbers(place: str, value: Value) -> Array:
@@ -108,14 +101,13 @@ def told_in_one_line() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class MatFile:
-    """A MATLAB file whose variables are read when they are asked for. Raises InputError if it is damaged."""
+    """A MATLAB file whose variables are read when they are asked for."""
 
     path: Path
     data: bytes  # its bytes, for version 5; the header alone for version 7.3
-
-    @property
-    def version(self) -> str:
-        return "7.3" if self.data.startswith(MARK73) else "5"
+    version: str
+    classes: Mapping[str, str]
+    """The variables, in the order of the file: the class of one of version 5 that only MATLAB can read; else empty."""
 
     @property
     def header(self) -> str:
@@ -123,20 +115,10 @@ class MatFile:
 
     @property
     def names(self) -> list[str]:
-        """Names of the variables, in the order of the file."""
         return list(self.classes)
 
-    @cached_property
-    def classes(self) -> Mapping[str, str]:
-        """By name the class of a variable of version 5 that only MATLAB can read; else empty."""
-        with told_in_one_line():
-            if self.version == "5":
-                return variable_classes(self.data)
-            with opened73(self.path) as file:
-                return dict.fromkeys((name for name in file if name not in HIDDEN), "")
-
     def read(self, wanted: Collection[str]) -> Mapping[str, Value]:
-        """The wanted variables that it has."""
+        """The wanted variables that it has; InputError if one is damaged."""
         known = [name for name in self.names if name in wanted]
         with told_in_one_line():
             if self.version == "7.3":
@@ -147,18 +129,23 @@ class MatFile:
 
 
 def open_mat(path: Path) -> MatFile:
-    """The MATLAB file at a path; InputError if it is of another version, or none."""
+    """The MATLAB file at a path; InputError if it is of another version, none, or damaged."""
     with path.open("rb") as file:
         begin = file.read(128)
-        data = begin if begin.startswith(MARK73) else begin + file.read()
+        is_new = begin.startswith(MARK73)
+        data = begin if is_new else begin + file.read()
     if not is_mat(begin):
         raise InputError(f"{path}: no MATLAB file of version 5 or 7.3; save it again in MATLAB with `-v7`")
-    return MatFile(path, data)
+    with told_in_one_line():
+        if not is_new:
+            return MatFile(path, data, "5", variable_classes(data))
+        with opened73(path) as file:
+            names = [name for name in file if name not in ("#refs#", "#subsystem#")]  # groups that are no variables
+            return MatFile(path, data, "7.3", dict.fromkeys(names, ""))
 
 
 MATRIX, COMPRESSED, OPAQUE = 14, 15, 17
 """Types of parts of a file of version 5, and the class of objects that only MATLAB can read."""
-HEAD = 4096  # bytes of a compressed variable that are unpacked for its name
 
 
 def variable_classes(data: bytes) -> dict[str, str]:
@@ -180,36 +167,32 @@ def variable_classes(data: bytes) -> dict[str, str]:
         content = data[start : start + size]
         if kind == COMPRESSED:
             try:
-                content = zlib.decompressobj().decompress(content, HEAD)[8:]
+                content = zlib.decompressobj().decompress(content, 4096)[8:]  # enough for its name
             except zlib.error as error:
                 raise InputError(f"the compressed variable at byte {start} is damaged ({error}); {DAMAGED}") from error
         elif kind != MATRIX:
             raise InputError(f"holds a part of type {kind} at byte {start} where a variable is expected; {DAMAGED}")
-        name, object_class = name_and_class(content, order)
+        flags, dimensions_or_name, *more = parts_of(content, order)
+        is_object = struct.unpack_from(f"{order}I", flags)[0] & 0xFF == OPAQUE
+        name = (dimensions_or_name if is_object else more[0]).decode("latin-1")
         if name and name in found:
             raise InputError(f"variable '{name}' stands twice in the file; {DAMAGED}")
-        found[name] = object_class
+        found[name] = (more[1].decode("latin-1") or "object") if is_object else ""
     return {name: kind for name, kind in found.items() if name}
 
 
-def name_and_class(content: bytes, order: str) -> tuple[str, str]:
-    """Name of a variable of version 5, and its class if it is an object, from its first bytes."""
-
-    def part(at: int) -> tuple[bytes, int]:
+def parts_of(content: bytes, order: str) -> list[bytes]:
+    """The first four parts of a variable of version 5: flags, and then size and name, or name, system and class."""
+    parts, at = [], 0
+    for _ in range(4 if struct.unpack_from(f"{order}I", content, 8)[0] & 0xFF == OPAQUE else 3):
         kind, size = struct.unpack_from(f"{order}II", content, at)
         if kind >> 16:  # up to four bytes stand in the tag itself
-            return content[at + 4 : at + 4 + (kind >> 16)], at + 8
-        return content[at + 8 : at + 8 + size], at + 8 + size + -size % 8
-
-    flags, at = part(0)
-    if struct.unpack_from(f"{order}I", flags)[0] & 0xFF != OPAQUE:
-        _, at = part(at)  # its dimensions
-        return part(at)[0].decode("latin-1"), ""
-    texts = []
-    for _ in range(3):
-        text, at = part(at)
-        texts.append(text.decode("latin-1"))
-    return texts[0], texts[2] or "object"
+            parts.append(content[at + 4 : at + 4 + (kind >> 16)])
+            at += 8
+        else:
+            parts.append(content[at + 8 : at + 8 + size])
+            at += 8 + size + -size % 8
+    return parts
 
 
 def read_version5(data: bytes, wanted: Sequence[str]) -> dict[str, Value]:
@@ -275,15 +258,15 @@ def value73(item: Any) -> Value:
         return Value(kind or "double", empty, np.zeros(empty) if 0 in empty else np.zeros((0, 0)))
     if holds_references(item):
         return Value("cell", shape, cells=[value73(item.file[one]) for one in np.ravel(item[()])])
-    if kind == "char":
-        short = item.size <= LONGEST_TEXT and item.dtype.kind == "u" and 1 in shape
+    if kind == "char":  # 1000 characters are enough for a name by which an element is chosen
+        short = item.size <= 1000 and item.dtype.kind == "u" and 1 in shape
         return Value("char", shape, text="".join(map(chr, np.ravel(item[()]))) if short else "")
     if item.dtype.names == ("real", "imag"):
         return Value(kind or "double", shape, is_complex=True)
     if item.dtype.kind not in "fiub":
         return Value(kind or "object", shape)
-    numbers: NDArray[Any] = np.atleast_2d(item[()])
-    return Value(kind if kind in NUMBERS else "double", shape, np.asarray(numbers.T, dtype=np.float64))
+    is_known = re.fullmatch("double|single|logical|u?int(8|16|32|64)", kind)
+    return Value(kind if is_known else "double", shape, np.asarray(np.atleast_2d(item[()]).T, dtype=np.float64))
 
 
 def struct73(group: Any) -> Value:
@@ -316,12 +299,11 @@ STEP = re.compile(
 )
 
 
-@dataclass(frozen=True)
-class Address:
+class Address(NamedTuple):
     """An address, in the steps of `STEP`."""
 
     text: str  # as it was written
-    steps: tuple[Mapping[str, str], ...]  # the groups of `STEP` that each step has
+    steps: tuple[re.Match[str], ...]
 
     @property
     def variable(self) -> str:
@@ -331,22 +313,18 @@ class Address:
         """The same address within a part of the file; that itself if it begins with `/`, or without a part."""
         if part is None or self.text.startswith("/"):
             return self
-        joint = "" if "name" not in self.steps[0] else "."
+        joint = "." if self.steps[0]["name"] else ""
         return Address(f"{part.text}{joint}{self.text}", (*part.steps, *self.steps))
 
 
 def parsed(text: str, inside: bool = False) -> Address:
     """An address; `inside`: it is one within a part, which may also begin with a choice of a column, as `(:,2)`."""
     plain, at = re.sub(r"\s*([(){}.,:=])\s*", r"\1", text.strip()).removeprefix("/"), 0
-    steps: list[Mapping[str, str]] = []
-    while at < len(plain):
-        found = STEP.match(plain, at)
-        named = found is not None and found["name"] is not None
-        if found is None or (named and (found[0][0] == ".") != (at > 0)):
-            break
-        steps.append({key: value for key, value in found.groupdict().items() if value is not None})
+    steps: list[re.Match[str]] = []
+    while (found := STEP.match(plain, at)) and (not found["name"] or found[0].startswith(".") == (at > 0)):
+        steps.append(found)
         at = found.end()
-    if at < len(plain) or not steps or not ("name" in steps[0] or inside):
+    if at < len(plain) or not steps or not (steps[0]["name"] or inside):
         raise InputError(
             f"'{text}' is no address in a MATLAB file; write it as in MATLAB, such as `Test.run(2).torque`, "
             "`Test.data(:,3)`, `runs{2}.torque`, or `runs(name=slow).torque`"
@@ -371,76 +349,65 @@ def no_variable(file: MatFile, address: Address) -> InputError:
 
 def find(variables: Mapping[str, Value], names: Sequence[str], address: Address) -> Value:
     """What stands at an address. `names` are those of all variables of the file, for messages."""
-    first, *steps = address.steps
-    if first["name"] not in variables:
-        raise InputError(no_such(address, "the file", first["name"], "variable", names))
-    value, place = variables[first["name"]], first["name"]
-    for step in steps:
+    place = address.variable
+    if place not in variables:
+        raise InputError(no_such(address, "the file", place, "variable", names))
+    value = variables[place]
+    for step in address.steps[1:]:
         value = one_step(value, step, place, address)
-        place += written(step)
+        place += f".{step['name']}" if step["name"] else step[0]
     return value
-
-
-def written(step: Mapping[str, str]) -> str:
-    forms = {"name": ".{}", "number": "({})", "cell": "{{{}}}", "column": "(:,{})", "row": "({},:)"}
-    if "field" in step:
-        return f"({step['field']}={step['value']})"
-    ((key, value),) = step.items()
-    return forms[key].format(value)
 
 
 def no_such(address: Address, place: str, name: str, what: str, known: Sequence[str]) -> str:
     return f"{address.text}: {place} has no {what} '{name}'; it has {listing(known, LISTED)}{nearest(name, known)}"
 
 
-def one_step(value: Value, step: Mapping[str, str], place: str, address: Address) -> Value:
+def one_step(value: Value, step: re.Match[str], place: str, address: Address) -> Value:
     """What one step leads to from the value at a place; raises as `find`."""
     here = f"{address.text}: {place}"
     is_a = f"{here} is a {value.described()}"
-    if "name" in step:
+    if name := step["name"]:
         if value.kind != "struct":
             remedy = f"; {value.remedy()}" if value.numbers is None and value.kind != "cell" else ""
             raise InputError(f"{is_a}, no struct with fields{remedy}")
-        if step["name"] not in value.fields:
-            raise InputError(no_such(address, place, step["name"], "field", value.fields))
+        if name not in value.fields:
+            raise InputError(no_such(address, place, name, "field", value.fields))
         if len(value.elements) != 1:
             choice = f"choose one, as {place}(1), or {place}(field=value)"
             raise InputError(f"{here} is an array of {len(value.elements)} structs; {choice}")
-        return value.elements[0][step["name"]]
-    if "column" in step or "row" in step:
+        return value.elements[0][name]
+    if step["column"] or step["row"]:
         numbers = real_numbers(here, value)
-        axis, number = (1, int(step["column"])) if "column" in step else (0, int(step["row"]))
+        axis, number = (1, int(step["column"])) if step["column"] else (0, int(step["row"]))
         if numbers.ndim != 2 or number > numbers.shape[axis]:
-            raise InputError(f"{is_a}; it has no {written(step)}")
-        line: Array = np.take(numbers, number - 1, axis=axis)
-        return Value(value.kind, (line.size, 1), line[:, np.newaxis])
-    if "field" in step:
+            raise InputError(f"{is_a}; it has no {step[0]}")
+        line: Array = np.take(numbers, [number - 1], axis=axis).reshape(-1, 1)
+        return Value(value.kind, line.shape, line)
+    if step["field"]:
         return chosen(value, step, place, address)
-    if "cell" in step and value.kind != "cell":
-        raise InputError(f"{is_a}, no cell; leave out {written(step)}")
-    if "number" in step and value.kind != "struct":
-        if value.kind == "cell":
-            raise InputError(f"{here} is a cell; write {{{step['number']}}} for ({step['number']})")
+    if step["cell"] and value.kind != "cell":
+        raise InputError(f"{is_a}, no cell; leave out {step[0]}")
+    if step["number"] and value.kind == "cell":
+        raise InputError(f"{here} is a cell; write {{{step['number']}}} for ({step['number']})")
+    if step["number"] and value.kind != "struct":
         raise InputError(f"{is_a}; write (:,{step['number']}) for its column")
-    number, count = int(step.get("cell") or step["number"]), len(value.cells or value.elements)
+    number, count = int(step["cell"] or step["number"]), len(value.cells or value.elements)
     if number > count:
         raise InputError(f"{here} has {count} elements; choose one of 1 to {count}")
-    if "cell" in step:
+    if step["cell"]:
         return value.cells[number - 1]
     return Value("struct", fields=value.fields, elements=[value.elements[number - 1]])
 
 
-def chosen(value: Value, step: Mapping[str, str], place: str, address: Address) -> Value:
+def chosen(value: Value, step: re.Match[str], place: str, address: Address) -> Value:
     """The one element of an array of structs whose field has a value."""
-
-    def label_of(one: Value) -> str:
-        if one.kind == "char":
-            return one.text.strip()
-        return f"{one.numbers.item():g}" if one.numbers is not None and one.size == 1 else ""
-
     if value.kind != "struct" or step["field"] not in value.fields:
         raise InputError(no_such(address, place, step["field"], "field", value.fields))
-    labels = [label_of(fields[step["field"]]) for fields in value.elements]
+    labels = []
+    for one in (fields[step["field"]] for fields in value.elements):
+        number = f"{one.numbers.item():g}" if one.numbers is not None and one.size == 1 else ""
+        labels.append(one.text.strip() if one.kind == "char" else number)
     fitting = [fields for fields, label in zip(value.elements, labels, strict=True) if label == step["value"].strip()]
     if len(fitting) != 1:
         raise InputError(

@@ -8,7 +8,7 @@ import re
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -333,7 +333,9 @@ class McapFile(MessageFile):
         listed = [entries["offset"].astype(np.int64) for _, entries in section.indexes]
         offsets = np.sort(np.concatenate([NOWHERE, *listed]), kind="stable")
         try:
-            content = unpacked(self.data, section.head)
+            content = unpacked(self.data[section.head.begin : section.head.end], section.head.name, section.head.size)
+            if section.head.crc and zlib.crc32(content) != section.head.crc:
+                raise DamagedChunkError("does not match its checksum")
             walk = walk_records(content, 0, len(content), in_chunk=True, listed=offsets)
             if walk.end != len(content):
                 raise DamagedChunkError(f"holds no record at byte {walk.end} of its {len(content)} bytes")
@@ -472,25 +474,26 @@ def chunk_head(data: bytes, start: int, end: int) -> ChunkHead | None:
     return ChunkHead(size, crc, data[begin - 8 - length : begin - 8], begin, stop) if stop <= end else None
 
 
-def unpacked(data: bytes, head: ChunkHead) -> bytes:
-    """The content of a chunk, which must be of the declared size and match its checksum."""
-    body = memoryview(data)[head.begin : head.end]
+Unpackers = Mapping[bytes, Callable[[bytes, int], bytes]]
+"""How to unpack bytes into the declared number of bytes, by the name of a compression; the first is none."""
+UNPACKERS: Unpackers = {
+    b"": lambda packed, _: packed,
+    b"zstd": lambda packed, size: zstandard.ZstdDecompressor().decompress(packed, size) if size else b"",
+    b"lz4": lambda packed, _: lz4.frame.LZ4FrameDecompressor().decompress(packed),
+}
+
+
+def unpacked(packed: bytes, name: bytes, size: int, unpackers: Unpackers = UNPACKERS) -> bytes:
+    """The content of a chunk, which must be of the declared size. `name` is its compression."""
+    if name not in unpackers:
+        read = " and ".join([one.decode() for one in unpackers][1:])
+        raise DamagedChunkError(f"says it is compressed with {name[:20].decode('latin1')!a}; {read} are read")
     try:
-        if head.name == b"zstd":
-            content = zstandard.ZstdDecompressor().decompress(body, head.size) if head.size else b""
-        elif head.name == b"lz4":
-            content = lz4.frame.LZ4FrameDecompressor().decompress(body)
-        elif head.name:
-            shown = head.name[:20].decode("latin1")
-            raise DamagedChunkError(f"says it is compressed with {shown!a}; zstd and lz4 are read")
-        else:
-            content = bytes(body)
-    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError, OverflowError) as error:
+        content = unpackers[name](packed, size)
+    except (zstandard.ZstdError, OSError, RuntimeError, EOFError, ValueError, MemoryError, OverflowError) as error:
         raise DamagedChunkError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
-    if len(content) != head.size:
-        raise DamagedChunkError(f"holds {len(content)} of {head.size} bytes")
-    if head.crc and zlib.crc32(content) != head.crc:
-        raise DamagedChunkError("does not match its checksum")
+    if len(content) != size:
+        raise DamagedChunkError(f"holds {len(content)} of {size} bytes")
     return content
 
 

@@ -9,11 +9,11 @@ import re
 import sqlite3
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from urllib.parse import quote
 
 import lz4.frame
@@ -25,7 +25,7 @@ from mcap.records import Channel, Schema
 from osl_analysis.errors import InputError, listing
 from osl_analysis.formats import optional_module
 from osl_analysis.formats.mcap import MAGIC as MCAP
-from osl_analysis.formats.mcap import DamagedChunkError, read_mcap
+from osl_analysis.formats.mcap import DamagedChunkError, Unpackers, read_mcap, unpacked
 from osl_analysis.formats.message_fields import NOT_DEFINED, message_type
 from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFileError, SplitLog
 
@@ -35,8 +35,13 @@ SQLITE = b"SQLite format 3\0"
 MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 """Kinds of records of a ROS 1 bag, by their field `op`."""
 LENGTH = struct.Struct("<I")
+UNPACKERS: Unpackers = {
+    b"none": lambda packed, _: packed,
+    b"bz2": lambda packed, _: bz2.BZ2Decompressor().decompress(packed),
+    b"lz4": lambda packed, _: lz4.frame.LZ4FrameDecompressor().decompress(packed),
+}
 DESCRIPTION = "metadata.yaml"
-"""The file beside the parts of a ROS 2 bag that lists them, with how many messages each topic should have."""
+"""The file beside the parts of a ROS 2 bag, which lists them, with how many messages each topic should have."""
 
 
 # --- ROS 1
@@ -54,7 +59,7 @@ class Record(NamedTuple):
         return self.number(b"op", 1, -1)
 
     def number(self, name: bytes, size: int = 4, default: int = 0) -> int:
-        """An unsigned number in the header; `default` where there is none of this size."""
+        """An unsigned number in the header; `default` without one of this size."""
         value = self.fields.get(name, b"")
         return int.from_bytes(value, "little") if len(value) == size else default
 
@@ -77,22 +82,10 @@ def record_at(data: bytes, position: int) -> Record | None:
     if head > len(data):
         return None
     body = head + LENGTH.unpack_from(data, position)[0]
-    if body + LENGTH.size > len(data):
-        return None
     start = body + LENGTH.size
-    end = start + LENGTH.unpack_from(data, body)[0]
-    return Record(named_fields(data, head, body), start, end) if end <= len(data) else None
-
-
-def is_cut_off(data: bytes, position: int) -> bool:
-    """Whether a record begins at a position and the file ends within it, as a killed recorder leaves it."""
-    head = position + LENGTH.size
-    if head > len(data):
-        return True
-    body = head + LENGTH.unpack_from(data, position)[0]
-    if body + LENGTH.size > len(data):
-        return any(name in (b"op", b"compression", b"conn") for name in named_fields(data, head, len(data)))
-    return b"op" in named_fields(data, head, body)
+    if start > len(data) or (end := start + LENGTH.unpack_from(data, body)[0]) > len(data):
+        return None
+    return Record(named_fields(data, head, body), start, end)
 
 
 @dataclass
@@ -160,7 +153,14 @@ class Bag1(MessageFile):
                     f"two bags were joined: a second one begins at byte {position}; give each a file"
                 )
             after = min((at for at in self.counts if at > position), default=end)
-            expected = not self.damage.finished and after == end and is_cut_off(self.data, position)
+            head = position + LENGTH.size  # a killed recorder leaves the beginning of a record
+            length = LENGTH.unpack_from(self.data, position)[0] if head <= len(self.data) else 0
+            begun = named_fields(self.data, head, min(head + length, len(self.data))).keys() & {
+                b"op",
+                b"compression",
+                b"conn",
+            }
+            expected = not self.damage.finished and after == end and (begun or head > len(self.data))
             if not expected and self.data[position:after].strip(b"\0"):  # some writers leave room before the index
                 self.sections.append((position, after, None))
             position = after
@@ -181,7 +181,9 @@ class Bag1(MessageFile):
                 self.damage.lose(f"bytes {start} to {end} are no chunk of messages", end - start, None, 0)
                 continue
             try:
-                block = self.block_of(self.unpacked(record), start)
+                packed, name = self.data[record.start : record.end], record.fields.get(b"compression", b"")
+                size = len(packed) if name == b"none" else record.number(b"size")
+                block = self.block_of(unpacked(packed, name, size, UNPACKERS), start)
             except DamagedChunkError as error:
                 lost = self.counts.get(start)
                 text = f"the chunk at byte {start} is damaged: it {error}"
@@ -193,24 +195,6 @@ class Bag1(MessageFile):
 
     def by_channel(self, counts: Counter[int]) -> Counter[int]:
         return Counter({self.numbers[one]: count for one, count in counts.items() if one in self.numbers})
-
-    def unpacked(self, chunk: Record) -> bytes:
-        content, compression = self.data[chunk.start : chunk.end], chunk.fields.get(b"compression", b"")
-        unpackers: dict[bytes, Callable[[bytes], bytes]] = {
-            b"none": bytes,
-            b"bz2": lambda packed: bz2.BZ2Decompressor().decompress(packed),
-            b"lz4": lambda packed: lz4.frame.LZ4FrameDecompressor().decompress(packed),
-        }
-        if compression not in unpackers:
-            shown = compression[:20].decode("latin1")
-            raise DamagedChunkError(f"says it is compressed with {shown!a}; bz2 and lz4 are read")
-        try:
-            content = unpackers[compression](content)
-        except (OSError, RuntimeError, EOFError, ValueError) as error:
-            raise DamagedChunkError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
-        if compression != b"none" and len(content) != chunk.number(b"size"):
-            raise DamagedChunkError(f"holds {len(content)} of {chunk.number(b'size')} bytes")
-        return content
 
     def block_of(self, content: bytes, start: int) -> MessageBlock:
         """The messages of an unpacked chunk that begins at `start`."""
@@ -316,13 +300,6 @@ RECOVER = "save what it holds with `sqlite3 BAG .recover | sqlite3 NEW`, or reco
 CONVERT = (
     "convert it with `ros2 bag convert` to MCAP where the type is installed, or record it with ROS 2 Iron or later"
 )
-ZSTD = b"\x28\xb5\x2f\xfd"  # how a compressed message begins. One in CDR begins with a zero byte.
-AT_ONCE = 1 << 14  # messages of a block
-TABLES = {
-    "topics": {"id", "name", "type", "serialization_format"},
-    "messages": {"id", "topic_id", "timestamp", "data"},
-}
-"""Tables of a bag, with the columns that are read."""
 
 
 class Description(NamedTuple):
@@ -379,9 +356,9 @@ def siblings(path: Path) -> tuple[Description | None, str]:
         described = read_description(path.parent)
     except InputError:
         return None, ""
-    count, folder = len(described.parts), path.parent.name
     if path.name not in described.parts:
         return None, ""
+    count, folder = len(described.parts), path.parent.name
     return described, f"one of the {count} files of a recording; name the folder '{folder}' to read all" * (count > 1)
 
 
@@ -392,8 +369,7 @@ def read_rosbag2(path: Path) -> MessageFile:
     described = read_description(path)
     parts: list[MessageFile] = []
     for file in described_parts(path):
-        with file.open("rb") as opened_file:
-            begin = opened_file.read(len(SQLITE))
+        begin = beginning(file)
         if begin.startswith(MCAP):
             parts.append(read_mcap(file))
         elif begin == SQLITE:
@@ -407,12 +383,14 @@ def read_rosbag2(path: Path) -> MessageFile:
     return SplitLog(path, sum(part.size for part in parts), parts=parts, counts=described.counts)
 
 
+def beginning(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(len(SQLITE))
+
+
 @dataclass
 class Database(MessageFile):
-    """A bag in a database of sqlite3 (.db3), whose topics were read; `blocks` reads its messages.
-
-    It is opened read-only and as it stands, so that sqlite writes no file beside it.
-    """
+    """A bag in a database of sqlite3 (.db3), whose topics were read; `blocks` reads its messages."""
 
     numbers: dict[int, int] = field(default_factory=dict)  # channel by number of a topic in the database
 
@@ -421,35 +399,34 @@ class Database(MessageFile):
         strangers = 0
         with opened(self.path) as connection:
             cursor = connection.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
-            while rows := cursor.fetchmany(AT_ONCE):
-                known = [row for row in rows if self.is_message(*row)]
+            while rows := cursor.fetchmany(1 << 14):
+                for topic, time, data in rows:
+                    if not (isinstance(topic, int) and isinstance(time, int) and isinstance(data, bytes)):
+                        raise RefusedFileError(
+                            f"{self.path}: a row of the table 'messages' holds {type(data).__name__} at {time!r:.40} "
+                            f"and no message; {RECOVER}"
+                        )
+                known = [row for row in rows if row[0] in self.numbers]
                 strangers += len(rows) - len(known)
                 if known:
                     yield self.block(known)
         if strangers:
             self.damage.lose(f"{strangers} messages belong to topics that are not in the bag", 0, None, 0)
 
-    def is_message(self, topic: Any, time: Any, data: Any) -> bool:
-        """Whether a row is a message of a topic that is in the bag."""
-        if not (isinstance(topic, int) and isinstance(time, int) and isinstance(data, bytes)):
-            raise RefusedFileError(
-                f"{self.path}: a row of the table 'messages' holds {type(data).__name__} at {time!r:.40} and no "
-                f"message; {RECOVER}"
-            )
-        return topic in self.numbers
-
     def block(self, rows: list[tuple[int, int, bytes]]) -> MessageBlock:
         channel = np.array([self.numbers[topic] for topic, _, _ in rows], np.uint16)
-        payloads = [unpacked_message(data) if data[:4] == ZSTD else data for _, _, data in rows]
+        payloads = [unpacked_message(data) for _, _, data in rows]
         lengths, time = np.array([len(one) for one in payloads]), np.array([time for _, time, _ in rows], np.int64)
-        starts, none = np.cumsum(lengths) - lengths, np.zeros(len(rows), np.uint32)
-        block = MessageBlock(b"".join(payloads), channel, none, time, starts, lengths)
+        none = np.zeros(len(rows), np.uint32)
+        block = MessageBlock(b"".join(payloads), channel, none, time, np.cumsum(lengths) - lengths, lengths)
         self.damage.read.update(block.counts)
         return block
 
 
 def unpacked_message(data: bytes) -> bytes:
-    """A message that was compressed on its own; as it is where it is damaged, which is counted as no message."""
+    """A message without a compression of its own; as it is where that is damaged, which is counted as no message."""
+    if data[:4] != b"\x28\xb5\x2f\xfd":  # as CDR, which begins with a zero byte
+        return data
     try:
         return zstandard.ZstdDecompressor().decompressobj().decompress(data)
     except zstandard.ZstdError:
@@ -458,9 +435,7 @@ def unpacked_message(data: bytes) -> bytes:
 
 def read_database(path: Path, described: Description | None = None) -> Database:
     """Open a bag. `described` is the description of its recording; without it, the one beside it is used."""
-    with path.open("rb") as file:
-        begin = file.read(len(SQLITE))
-    if begin != SQLITE:
+    if (begin := beginning(path)) != SQLITE:
         raise InputError(f"{path}: not a bag in sqlite3 (it begins with {begin[:8]!r}); check the source's format")
     for ending, what in (("-wal", "a write-ahead log"), ("-journal", "a journal")):
         beside = path.with_name(path.name + ending)
@@ -487,10 +462,9 @@ def read_database(path: Path, described: Description | None = None) -> Database:
 @contextmanager
 def opened(path: Path) -> Iterator[sqlite3.Connection]:
     """A database, read-only and as it stands, so that sqlite writes no file beside it."""
+    address = f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1"
     try:
-        with closing(
-            sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1", uri=True)
-        ) as connection:
+        with closing(sqlite3.connect(address, uri=True)) as connection:
             yield connection
     except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
         said = " ".join(str(error).split())[:120]
@@ -499,7 +473,11 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
 
 def declare_topics(bag: Database, connection: sqlite3.Connection, distribution: str) -> None:
     tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")}
-    for table, columns in TABLES.items():
+    needed = {
+        "topics": {"id", "name", "type", "serialization_format"},
+        "messages": {"id", "topic_id", "timestamp", "data"},
+    }
+    for table, columns in needed.items():
         if table not in tables:
             raise InputError(
                 f"{bag.path}: a database without the table '{table}': no bag of ROS 2; name the bag itself"
@@ -524,10 +502,10 @@ def declare_topics(bag: Database, connection: sqlite3.Connection, distribution: 
 
 
 def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: str) -> tuple[bytes, str]:
-    """The definition of messages of type `kind` (`package/msg/Name`): in the bag, or of a standard type in `rosbags`;
-    or why there is none, and what to do.
+    """The definition of messages of type `kind` (`package/msg/Name`), or why there is none and what to do.
 
-    own: encoding and text of the definitions in the bag, which has them since ROS 2 Iron, by type.
+    own: encoding and text of the definitions in the bag, which has them since ROS 2 Iron, by type. Without one,
+    `rosbags` has those of the standard types.
     """
     encoding, text = own.get(kind, ("", ""))
     if encoding == "ros2msg" and text.strip():
@@ -556,8 +534,7 @@ def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: s
 
 def folder_format(folder: Path) -> str:
     """Name of the format of the recording in a folder. What holds bags of ROS 1 and no description is of ROS 1."""
-    is_first = not (folder / DESCRIPTION).is_file() and bool(bags_in(folder))
-    return "rosbag1" if is_first else "rosbag2"
+    return "rosbag1" if not (folder / DESCRIPTION).is_file() and bags_in(folder) else "rosbag2"
 
 
 def files_in(folder: Path) -> list[Path]:

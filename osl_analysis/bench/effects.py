@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, stdtrit
+from scipy.special import chdtrc, chdtri, stdtrit
 
 from osl_analysis.bench.gram import (
     EFFECTS_LIMIT,
@@ -27,6 +27,7 @@ from osl_analysis.bench.gram import (
 )
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
+from osl_analysis.judge.doubts import LARGEST_TURN
 from osl_analysis.signals import Motion, seven_point_motion
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import CONDITION_LIMIT
@@ -49,10 +50,10 @@ FAULTS = ("lag_s", "K_change")  # what a recording may have
 SURE = 1e-3  # probability of a false alarm for one effect
 COUNTS = 1e-3  # share of what is left that an effect takes at least
 ALIKE = 0.01  # probability below which the estimates of parts of a recording differ
-LARGEST_LAG = 0.01  # lag [s] at which Gauss and Newton's steps stop: the series in the lag ends there
-LARGEST_TURN = 0.2
-"""Phase [rad] at the highest frequency, 6 ms at 5 Hz, beyond which a lag stands for other dynamics."""
+SPACING = 5e-3  # between delays that are tried [s]; Gauss and Newton's steps go as far to each side
+CERTAINLY = 50.0  # standard errors from which a reader must know of such a lag
 ONLY_NOISE = 1.5  # what a fit leaves, over the noise, up to which it counts as noise
+LESS_NOISE = 2.0  # the same of a torque that a low-pass of its sensor may have made smoother
 LAG_STEPS = 6  # steps of Gauss and Newton to a lag
 EFFECTS_HZ = 250.0  # rate [Hz] from which on rows are left out where effects are asked for
 BEYOND = 3.0  # cut-offs of the filter up to which the linear model is taken into account
@@ -182,31 +183,129 @@ def with_effects(
     A late torque is m - d m' + d^2/2 m'': its columns hang on the estimates and on d, which is found by Gauss and
     Newton's steps. A `known` column is a part of this torque whose size is 1. Raises as `fit_groups`.
     """
-    if "lag_s" not in effects:
-        names = dict(model) | {effect: COLUMN.get(effect, effect) for effect in effects}
-        return fit_groups(s, names, label, keep, limit=EFFECTS_LIMIT if effects else CONDITION_LIMIT)
-    others = [effect for effect in effects if effect != "lag_s"]
-    base = dict(model) | {effect: COLUMN.get(effect, effect) for effect in others}
+    if "lag_s" in effects:
+        return lags(s, model, effects, label, keep, known)[0][0]
+    return fit_groups(s, with_columns(model, effects), label, keep, limit=EFFECTS_LIMIT if effects else CONDITION_LIMIT)
+
+
+def lags(
+    s: Sums,
+    model: Model,
+    effects: Sequence[str],
+    label: Label = None,
+    keep: NDArray[np.bool_] | None = None,
+    known: str | None = None,
+) -> list[tuple[GroupFit, Sums]]:
+    """The fits with a late torque that leave as little as the best one, the best first; raises as `fit_groups`.
+
+    A lag that is certain has a mirror image of the other sign, or even one at 0, which leaves nearly as little: what is
+    left is asked over all lags. Of equals those count that a joint may have. A delay goes before a low-pass as long as
+    it leaves little more: how smooth friction is changes as much.
+    """
+    base = with_columns(model, effects)
     fixed = {} if known is None else {known: 1.0}
-    first = fit_groups(without(s, fixed), base, label, keep, limit=EFFECTS_LIMIT)
-    found = {name: first[name] for name in base}
-    lag, fit = 0.0, first
+    near = settled(s, base, fixed, 0.0, label, keep)
+    if not near.certain("lag_s", SURE) and possible_joint(near, model):
+        return [(near, s)]
+    tried = []
+    for lag, one in minima(profile(s, base, fixed, label, keep)):
+        try:
+            tried.append((settled(one, base, fixed, lag, label, keep), one))
+        except (IdentifiabilityError, InputError, np.linalg.LinAlgError):
+            continue
+    tried.sort(key=lambda both: both[0].left)
+    if not tried:
+        return [(near, s)]
+    delays = [both for both in tried if both[1].noise_gain == 1 and both[0].left < ONLY_NOISE**2 * tried[0][0].left]
+    tried = delays or tried
+    least = tried[0][0]
+    more = float(chdtri(1, SURE)) * least.left / least.samples * s.independent
+    equal = [both for both in tried if both[0].left < least.left + more]
+    return [both for both in equal if possible_joint(both[0], model)] or tried[:1]
+
+
+def possible_joint(fit: GroupFit, model: Model) -> bool:
+    """Whether no stiffness, damping or inertia of a fit is certainly negative."""
+    names = [name for name, column in model.items() if column in ("theta", "omega", "alpha")]
+    return all(fit[name] > 0 or not fit.certain(name, SURE) for name in names)
+
+
+def profile(
+    s: Sums,
+    base: Model,
+    fixed: Mapping[str, float],
+    label: Label = None,
+    keep: NDArray[np.bool_] | None = None,
+) -> list[tuple[float, float, Sums]]:
+    """What a model leaves of a late torque over all lags: the sum of squares, the lag [s], and sums that are about it.
+    First of delays, then of low-passes."""
+    found = []
+    for one in s.restored:
+        total = one.of(label) if keep is None else one.gram[keep].sum(axis=0)
+        few, is_delay = replace(one, gram=total[None]), one.noise_gain == 1
+        span = SPACING / 2 if is_delay else one.late / 3
+        for lag in np.linspace(-span, span, 5, endpoint=not is_delay):
+            left = left_of(without(few, late_by(lag, fixed)).gram[0], *late_columns(one, base, lag), one.torque)
+            found.append((left / one.noise_gain, one.late + float(lag), one))
+    return found
+
+
+def minima(found: Sequence[tuple[float, float, Sums]]) -> list[tuple[float, Sums]]:
+    """The delays [s] at which less is left than beside them, and the low-pass that leaves least, with their sums."""
+    delays = [entry for entry in found if entry[2].noise_gain == 1]
+    left = [entry[0] for entry in delays]
+    lowest = [k for k in range(1, len(left) - 1) if left[k] <= left[k - 1] and left[k] < left[k + 1]]
+    low_pass = min(found[len(delays) :], key=lambda entry: entry[0])
+    return [entry[1:] for entry in (*(delays[k] for k in lowest), low_pass)]
+
+
+def late_columns(s: Sums, base: Model, lag: float) -> tuple[list[int], Array]:
+    """Columns, and the combinations of them (columns, p) that those of a model are, late by `lag` [s]."""
+    parts = [late_by(lag, {column: 1.0}) for column in base.values()]
+    used = list(dict.fromkeys(name for part in parts for name in part))
+    return s.index(used), np.array([[part.get(name, 0.0) for part in parts] for name in used])
+
+
+def left_of(total: Array, at: list[int], C: Array, q: int) -> float:
+    """Sum of squares that combinations of columns leave of the torque."""
+    A, b = C.T @ total[np.ix_(at, at)] @ C, C.T @ total[at, q]
+    scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
+    estimates = np.linalg.lstsq(A / np.outer(scale, scale), b / scale, rcond=1e-13)[0]
+    return float(total[q, q] - estimates @ (b / scale))
+
+
+def settled(
+    s: Sums,
+    base: Model,
+    fixed: Mapping[str, float],
+    start: float,
+    label: Label = None,
+    keep: NDArray[np.bool_] | None = None,
+) -> GroupFit:
+    """Gauss and Newton's steps from a lag of the torque [s], of which `late` has been taken off the sums already."""
+    lag = start - s.late
+    at, C = late_columns(s, base, lag)
+    names = [s.names[k] for k in at]
+    first = fit_groups(without(s, late_by(lag, fixed)), base, label, keep, (names, C), EFFECTS_LIMIT)
+    found, fit = {name: first[name] for name in base}, first
     for _ in range(LAG_STEPS):
         parts = [late_by(lag, {column: 1.0}) for column in base.values()]
-        slope = {NEXT[c]: -found[n] for n, c in base.items() if c in NEXT and NEXT[c] in s.names}
-        slope |= {NEXT[name]: -weight for name, weight in fixed.items()}
+        slope: dict[str, float] = {}
+        for column, weight in (*((c, found[n]) for n, c in base.items()), *fixed.items()):
+            if column in NEXT and NEXT[column] in s.names:
+                slope[NEXT[column]] = slope.get(NEXT[column], 0.0) - weight
         parts.append(late_by(lag, slope))
         used = [name for name in s.names if any(name in part for part in parts)]
         C = np.array([[part.get(name, 0.0) for part in parts] for name in used])
         rest = without(s, late_by(lag, fixed))
         fit = fit_groups(rest, {**base, "lag_s": "jerk"}, label, keep, (used, C), EFFECTS_LIMIT)
         found = {name: fit[name] for name in base}
-        before, lag = lag, float(np.clip(lag + fit["lag_s"], -LARGEST_LAG, LARGEST_LAG))
+        before, lag = lag, float(np.clip(lag + fit["lag_s"], -SPACING, SPACING))
         if abs(lag - before) < 1e-3 * fit.se("lag_s"):
             break
     estimates = fit.estimates.copy()
-    estimates[-1] = lag
-    return replace(fit, estimates=estimates)
+    estimates[-1] = s.late + lag
+    return replace(fit, estimates=estimates, left=fit.left / s.noise_gain)
 
 
 def without(s: Sums, part: Mapping[str, float]) -> Sums:
@@ -219,16 +318,14 @@ def without(s: Sums, part: Mapping[str, float]) -> Sums:
 
 
 def late_by(lag: float, part: Mapping[str, float]) -> dict[str, float]:
-    """A combination of columns, late by `lag` [s]: c - d c' + d^2/2 c''."""
+    """A combination of columns, late by `lag` [s]: c - d c' + d^2/2 c'' ..., as far as the derivatives go."""
     found = dict(part)
     for column, weight in part.items():
-        first = NEXT.get(column)
-        if first is None or not lag:
-            continue
-        found[first] = found.get(first, 0.0) - lag * weight
-        second = NEXT.get(first)
-        if second is not None:
-            found[second] = found.get(second, 0.0) + lag**2 / 2 * weight
+        at, order = NEXT.get(column), 1
+        while at is not None and lag:
+            weight *= -lag / order
+            found[at] = found.get(at, 0.0) + weight
+            at, order = NEXT.get(at), order + 1
     return found
 
 
@@ -259,16 +356,25 @@ def causes(record: Record, s: Sums, model: Model) -> Causes:
     physics = physics_of(s, model)
     effects = [*physics, *(fault for fault in FAULTS if fault != "K_change" or "theta" in model.values())]
     chosen: list[str] = []
-    now = with_effects(s, model)
+    now, at, lag = with_effects(s, model), s, None
+    wide = not (leaves_noise(record, now) and possible_joint(now, model))
     while len(chosen) < len(effects):
-        left = {e: left_by(s, model, (*chosen, e)) for e in effects if e not in chosen}
-        most = (1 - COUNTS) * left_by(s, model, chosen)
-        tried = ((e, tried_fit(s, model, (*chosen, e))) for e in sorted(left, key=left.__getitem__) if left[e] < most)
+        left = {e: left_by(at, model, (*chosen, e)) for e in effects if e not in chosen}
+        most = (1 - COUNTS) * left_by(at, model, chosen)
+        if wide and "lag_s" in left:
+            left["lag_s"] = min(one for one, *_ in profile(s, with_columns(model, chosen), {}))
+        tried = (
+            (e, tried_fit(at, model, (*chosen, e), lag=lag))
+            for e in sorted(left, key=left.__getitem__)
+            if left[e] < most
+        )
         effect, fit = next(((e, fit) for e, fit in tried if fit and fit.certain(e, SURE)), ("", None))
         if fit is None:
             break
         chosen.append(effect)
         now = fit
+        if effect == "lag_s":
+            lag, at = fit["lag_s"], lags(s, model, chosen)[0][1]
     return Causes(tuple(chosen), now, leaves_noise(record, now))
 
 
@@ -280,10 +386,10 @@ def left_by(s: Sums, model: Model, effects: Sequence[str]) -> float:
     return float(s.total[q, q] - estimates @ s.total[at, q])
 
 
-def leaves_noise(record: Record, fit: GroupFit) -> bool:
-    """Whether a fit leaves no more than the noise of torque and angle."""
+def leaves_noise(record: Record, fit: GroupFit, more: float = ONLY_NOISE) -> bool:
+    """Whether a fit leaves no more than the noise of torque and angle, by a factor that allows for its own error."""
     stiffness = float(abs(fit["K"])) if "K" in fit.names else 0.0
-    return fit.left < ONLY_NOISE**2 * noise_behind(record, stiffness) * fit.samples
+    return fit.left < more**2 * noise_behind(record, stiffness) * fit.samples
 
 
 def physics_of(s: Sums, model: Model) -> tuple[str, ...]:
@@ -297,13 +403,20 @@ def tried_fit(
     model: Model,
     effects: Sequence[str],
     keep: NDArray[np.bool_] | None = None,
-    known: str | None = None,
+    lag: float | None = None,
 ) -> GroupFit | None:
-    """As `with_effects`; None where the motion does not tell the effects apart."""
+    """As `with_effects`, with a lag near a given one [s]; None where the motion does not tell the effects apart."""
     try:
-        return with_effects(s, model, effects, keep=keep, known=known)
+        if lag is None:
+            return with_effects(s, model, effects, keep=keep)
+        return settled(s, with_columns(model, effects), {}, lag, keep=keep)
     except (IdentifiabilityError, InputError, np.linalg.LinAlgError):
         return None
+
+
+def with_columns(model: Model, effects: Sequence[str]) -> Model:
+    """The columns of a model with effects, but for a lag's."""
+    return dict(model) | {effect: COLUMN.get(effect, effect) for effect in effects if effect != "lag_s"}
 
 
 def beside(s: Sums, model: Model, fault: str, found: Causes) -> tuple[str, ...]:
@@ -312,8 +425,9 @@ def beside(s: Sums, model: Model, fault: str, found: Causes) -> tuple[str, ...]:
     return chosen if found.only_noise else tuple(dict.fromkeys((*physics_of(s, model), *chosen)))
 
 
-def is_alike(s: Sums, model: Model, fault: str, found: Causes) -> bool:
-    """Whether the parts of a recording, its labels or else thirds by speed, agree on the size of a fault."""
+def is_alike(s: Sums, model: Model, fault: str, found: Causes, lag: float | None = None) -> bool:
+    """Whether the parts of a recording, its labels or else thirds by speed, agree on the size of a fault; of a lag [s]
+    near that of all of it, whose sums `s` are about it."""
     effects = (*beside(s, model, fault, found), fault)
     labels = s.groups.labels
     if len(labels) > 1:
@@ -323,7 +437,7 @@ def is_alike(s: Sums, model: Model, fault: str, found: Causes) -> bool:
         speed = s.gram[:, omega, omega] / s.gram[:, one, one]
         third = np.digitize(speed, np.quantile(speed, [1 / 3, 2 / 3]))
         parts = [third == k for k in range(3)]
-    fits = [tried_fit(s, model, effects, part) for part in parts if part.sum() > len(model) + len(effects) + 1]
+    fits = [tried_fit(s, model, effects, part, lag) for part in parts if part.sum() > len(model) + len(effects) + 1]
     known = [(fit[fault], fit.se(fault) ** 2) for fit in fits if fit is not None]
     if len(known) < 2:
         return True
@@ -346,22 +460,51 @@ def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None
     """By how much the torque lags the angle [s]; None where the motion does not tell it from the physics.
 
     It is found only in a joint of which the model, the physics and the lag leave no more than noise: what a drivetrain
-    leaves looks like a lag of 2 to 20 ms.
+    leaves looks like a lag of 2 to 20 ms. Beyond `LARGEST_TURN` it may be one and must be as certain as `CERTAINLY`.
+    Where two lags of a possible joint leave as little, the standard error reaches from one to the other.
     """
     others = beside(s, model, "lag_s", found)
-    full = tried_fit(s, model, (*others, "lag_s"))
     if "linear" in s.names:  # of the linear model with its gains, and of none that is free, a lag is told sharply
-        exact = tried_fit(s, model, (*(e for e in others if e != "linear"), "lag_s"), known="linear")
-        if exact is not None and leaves_noise(record, exact):
-            sure = exact.certain("lag_s", SURE) and 2 * np.pi * record.band_hz[1] * abs(exact["lag_s"]) < LARGEST_TURN
-            return Fault(exact["lag_s"], exact.se("lag_s"), sure, abs(exact["lag_s"]) + POSSIBLE * exact.se("lag_s"))
-    if full is None:
+        exact = tried_lags(s, model, (*(e for e in others if e != "linear"), "lag_s"), known="linear")
+        if exact and leaves_noise(record, exact[0][0]):
+            fit, size = exact[0][0], exact[0][0]["lag_s"]
+            sure = fit.certain("lag_s", SURE) and may_be_late(record, fit)
+            return Fault(size, fit.se("lag_s"), sure, abs(size) + POSSIBLE * fit.se("lag_s"))
+    tried = tried_lags(s, model, (*others, "lag_s"))
+    if not tried:
         return None
-    turn = 2 * np.pi * record.band_hz[1] * abs(full["lag_s"])
-    explained = leaves_noise(record, full) and turn < LARGEST_TURN
-    sure = "lag_s" in found.chosen and full.certain("lag_s", SURE) and explained
-    size, se = full["lag_s"], full.se("lag_s")
-    return Fault(size, se, sure and is_alike(s, model, "lag_s", found), abs(size) + POSSIBLE * se)
+    fit, about = tried[0]
+    size, se = fit["lag_s"], fit.se("lag_s")
+    asked = "lag_s" in found.chosen or not possible_joint(found.fit, model)
+    sure = asked and fit.certain("lag_s", SURE) and may_be_late(record, fit)
+    sure = sure and (leaves_noise(record, fit) or leaves_noise_behind_low_pass(record, fit, about, model, others))
+    sure = sure and is_alike(about, model, "lag_s", found, size)
+    apart = max(abs(other["lag_s"] - size) for other, _ in tried)
+    return Fault(size, max(se, apart), sure, abs(size) + POSSIBLE * se)
+
+
+def leaves_noise_behind_low_pass(record: Record, fit: GroupFit, s: Sums, model: Model, others: Sequence[str]) -> bool:
+    """Whether a fit with a lag leaves no more than noise of which a low-pass of the sensor has taken off the part by
+    which it is known: little more, of which the richest model explains nothing."""
+    names = list(dict.fromkeys([*s.rich, *with_columns(model, others).values()]))
+    more = fit.left - left_of(s.total, s.index(names), np.eye(len(names)), s.torque) / s.noise_gain
+    free = max(len(names) - len(fit.names), 1)
+    explained = more > float(chdtri(free, SURE)) * fit.left / fit.samples * s.independent
+    return leaves_noise(record, fit, LESS_NOISE) and not explained
+
+
+def may_be_late(record: Record, fit: GroupFit) -> bool:
+    """Whether a lag is small enough for one, or so certain that a reader must know of it."""
+    turn = 2 * np.pi * record.band_hz[1] * abs(fit["lag_s"])
+    return bool(turn < LARGEST_TURN or abs(fit["lag_s"]) > CERTAINLY * fit.se("lag_s"))
+
+
+def tried_lags(s: Sums, model: Model, effects: Sequence[str], known: str | None = None) -> list[tuple[GroupFit, Sums]]:
+    """As `lags`; none where the motion does not tell the effects apart."""
+    try:
+        return lags(s, model, effects, known=known)
+    except (IdentifiabilityError, InputError, np.linalg.LinAlgError):
+        return []
 
 
 def stiffness_change(s: Sums, model: Model, found: Causes) -> Fault | None:

@@ -11,7 +11,7 @@ repeatability alone: the spread of groups that repeat one another.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -36,6 +36,8 @@ joint turns round, many rows share a step. From 0.4 to 2.5, by how an amplitude 
 EFFECTS_LIMIT = 1e5  # largest scaled condition number of a fit with effects, whose columns are alike at times
 UNITS, REPEATS = "units", "repeats"
 """Source of an interval: units that were left out, with the noise; repeats, of too few units."""
+DELAYS = tuple(5e-3 * k for k in (-3, -2, -1, 0, 1, 2, 3, 4))  # delays of the torque [s] about which a lag is told
+LOW_PASSES = (1.5e-3, 2.5e-3, 4e-3, 6e-3, 9e-3, 13e-3)  # the same of low-passes of first order, from 100 to 12 Hz
 PARTS = 3  # consecutive parts of a record of one label, each of which is predicted by a fit to the others
 
 
@@ -51,7 +53,10 @@ class Sums:
     seconds: float  # time [s] from the first to the last row that is fitted
     centre: float  # angle [rad] about which the column `theta` is; verdicts do not depend on the encoder's zero
     columns: Mapping[str, Array]  # the columns (n,) themselves
+    torques: Array  # the filtered and the raw torque (2, n) [N*m]
     independent: float = 1.0  # rows after which noise behind the filter is independent
+    late: float = 0.0  # lag [s] that was taken off the torque
+    noise_gain: float = 1.0  # power of the torque's noise over that of the measured one, beyond 1 without a low-pass
     rounding: tuple[float, float] = (0.0, 0.0)  # variances of the rounding of angle and torque, `Record.rounding`
 
     def index(self, names: Sequence[str]) -> list[int]:
@@ -65,6 +70,31 @@ class Sums:
     @cached_property
     def torque(self) -> int:
         return len(self.names)
+
+    def of(self, label: Label) -> Array:
+        """The sums of the groups of a label."""
+        return self.total if label is None else np.asarray(self.gram[self.groups.of(label)].sum(axis=0))
+
+    @cached_property
+    def restored(self) -> tuple["Sums", ...]:
+        """The sums of the torque before it came late, by each of the delays and low-passes of first order that are
+        tried: about these the series in the lag is short."""
+        n = self.torques.shape[1]
+        spectrum = np.fft.rfft(np.concatenate([self.torques, self.torques[:, ::-1]], axis=1))
+        s = 2j * np.pi * np.fft.rfftfreq(2 * n, 1 / self.rate_hz)
+        band_hz = self.rate_hz / (2 * self.independent)
+        ways = [(d, np.exp(s * d), 1.0) for d in DELAYS]
+        ways += [(d, 1 + s * d, 1 + (2 * np.pi * d * band_hz) ** 2 / 3) for d in LOW_PASSES]
+        nowhere, X = np.zeros(2 * len(self.groups.first), dtype=np.intp), np.array(list(self.columns.values())).T
+        found = []
+        for late, inverse, noise_gain in ways:
+            Y = np.ascontiguousarray(np.fft.irfft(inverse * spectrum, 2 * n)[:, :n].T)
+            both = products_between(np.column_stack([X, Y]), Y, self.groups.first, self.groups.stop, nowhere)
+            gram = self.gram.copy()
+            gram[:, :, self.torque :] = both
+            gram[:, self.torque :, :] = np.swapaxes(both, 1, 2)
+            found.append(replace(self, gram=gram, late=late, noise_gain=noise_gain))
+        return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -112,8 +142,9 @@ def gram_sums(
         seconds,
         centre,
         columns,
-        max(record.rate_hz / (2 * record.low_pass.noise_bandwidth_hz), 1.0),
-        record.rounding,
+        np.array(Y),
+        independent=max(record.rate_hz / (2 * record.low_pass.noise_bandwidth_hz), 1.0),
+        rounding=record.rounding,
     )
 
 

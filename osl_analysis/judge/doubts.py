@@ -23,6 +23,10 @@ SAME_K = 0.03
 """Largest relative distance of K from what the gains should give that counts as agreement, without much friction."""
 
 
+LARGEST_TURN = 0.2
+"""Phase [rad] by which a lag turns the highest frequency, 6 ms at 5 Hz, beyond which a drivetrain may make it."""
+
+
 def too_far(symbol: str, reference: str = "that of the parameter file") -> Callable[[float, AnyRow], str]:
     """Words for an estimate of `symbol` that is far from its `reference`, by their ratio."""
     return lambda ratio, _: ", ".join(filter(None, [f"{symbol} is {ratio:.3g} times {reference}", known_factor(ratio)]))
@@ -60,11 +64,20 @@ def late(_: float, row: AnyRow) -> str:
     if lag is None or of_damping is None:
         return ""
     makes = f"{100 * of_damping:.1f} % of B" + ("" if of_inertia is None else f" and {100 * of_inertia:.0f} % of I")
-    return f"{late_signal(row)} is late by {1e6 * abs(lag):.0f} us, which make {makes}"
+    size = f"{1e6 * abs(lag):.0f} us"
+    if turns_far(row):
+        return f"a delay of {late_signal(row)} by {size} would explain it, and make {makes}"
+    return f"{late_signal(row)} is late by {size}, which make {makes}"
+
+
+def turns_far(row: AnyRow) -> bool:
+    """Whether a lag turns the highest frequency by more than `LARGEST_TURN`."""
+    lag, highest = (number(row, name) or 0.0 for name in ("lag_s", "band_high_hz"))
+    return 2 * math.pi * highest * abs(lag) > LARGEST_TURN
 
 
 # fmt: off
-LATE = Cause("late torque", "the torque comes late, or the angle where the lag is negative, which falsifies B and I",
+LATE = Cause("late torque", "angle and torque of one time do not stand together, which falsifies B and I",
     "state `delay` or `low_pass` of the channel in the source file, as in `delay: 2 ms` or `low_pass: {cutoff: 100 "
     "Hz, order: 1}`", explains=True)
 YIELDING = Cause("yielding bench", "a spring in series yields, as the bench's frame or a belt, which explains the "
@@ -72,6 +85,9 @@ YIELDING = Cause("yielding bench", "a spring in series yields, as the bench's fr
 LATE_OR_YIELDING = Cause("late torque or yielding bench", "the torque comes late, or a spring in series yields, as "
     "the bench's frame or a belt, which this recording cannot tell apart", "state `delay` or `low_pass` of the "
     "channel in the source file, or `bench_stiffness` in the configuration", explains=True)
+LATE_OR_DRIVETRAIN = Cause("late torque or drivetrain", "the torque comes late, or the joint is not of second order, "
+    "as where a drivetrain turns its torque, which this recording cannot tell apart", "state `delay` or `low_pass` of "
+    "the channel in the source file if a known spring on the same bench shows it, else use K alone", explains=True)
 FRICTION = Cause("friction", "it does not grow with the motion, so that B, and K of small motions, depend on the "
     "amplitude", "use the rows of single amplitudes, or the damping that is not friction (B_viscous, "
     "beside f_C)", explains=True, otherwise="use the damping that is not friction (B_viscous, beside f_C)")
@@ -108,12 +124,15 @@ BENT = Cause("distorted motion", "the bench did not move the joint in a sine", "
 
 
 def late_or_yielding(row: AnyRow) -> Cause:
-    """The cause of a torque that comes late: a delay or low-pass, a spring in series, or both where K does not tell.
+    """The cause of a torque that comes late: a delay or low-pass, a spring in series, or both where K does not tell;
+    or a drivetrain where the lag is large.
 
     A spring of stiffness k in series lowers K by K/k, a delay does not change it. K_ratio says which of the two agrees
     with the gains; without it, or with friction, neither is named alone.
     """
     k, K, ratio = (number(row, name) for name in ("frame_stiffness", "K", "K_ratio"))
+    if turns_far(row):
+        return LATE_OR_DRIVETRAIN
     if k is None or K is None:
         return LATE
     if ratio is None:
@@ -198,7 +217,7 @@ ROWS = (
 )  # fmt: skip
 """The rows of result tables, by column. Any other column may have a limit: its name is then all that is known of it."""
 EVIDENCE = {row.column: row for row in ROWS}
-CAUSES = {cause.name: cause for cause in (*(row.cause for row in ROWS), YIELDING, LATE_OR_YIELDING)}
+CAUSES = {cause.name: cause for cause in (*(row.cause for row in ROWS), YIELDING, LATE_OR_YIELDING, LATE_OR_DRIVETRAIN)}
 DOUBTFUL = "doubtful"  # column with the reasons: empty text if the fit is not doubtful, null in a row without a fit
 IS_DOUBTFUL = pl.col(DOUBTFUL).fill_null("") != ""
 FEWEST_SOUND = 0.5

@@ -4,7 +4,7 @@
     python benchmarks/design.py multisine [trials]      odd multisine: exact joint, Coulomb friction, drivetrain
 
 The study simulates its trials, brings them on a time base, finds their protocol, filters and fits them; it knows
-nothing of the prediction. Trials of a multisine are simulated in memory and fitted by `spectral.equation_error`.
+nothing of the prediction. Trials of a multisine are simulated in memory and fitted by `spectral.models`.
 """
 
 import sys
@@ -25,7 +25,7 @@ from osl_analysis.signals import LowPass
 from osl_analysis.simulator.bench import drivetrain_effects, simulate_impedance
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.spectral.equation_error import fit_periodic
+from osl_analysis.spectral.models import SecondOrder, fit_by_power, lines_of_periods
 from osl_analysis.spectral.realisations import Realisation, period_spectra
 from osl_analysis.spectral.response import periodic_response
 from osl_analysis.study.bench import StudyInputs
@@ -81,7 +81,8 @@ def multisine_trials(torque_of: Torque, trials: int, first: int) -> Array:
     rng, low_pass, found = np.random.default_rng(first), LowPass(15.0, 4), []
     for trial in range(trials):
         numbers = range(first + trial * PLAN.realisations, first + (trial + 1) * PLAN.realisations)
-        fit = fit_periodic([realisation(number, torque_of, rng) for number in numbers], low_pass)
+        lines = lines_of_periods([realisation(number, torque_of, rng) for number in numbers], low_pass)
+        fit = fit_by_power(SecondOrder(), lines, (JOINT.K, JOINT.B))
         found.append([fit[name] for name in KBI])
     return np.array(found)
 
@@ -115,7 +116,7 @@ def seen_before(torque_of: Torque, low_pass: LowPass) -> dict[str, Distortion]:
     response, _ = periodic_response(earlier)
     spacing, band = float(np.min(np.diff(response.frequency_hz))), response.frequency_hz[[0, -1]]
     density = Density(response.frequency_hz, 0.5 * (response.odd_level * response.angle) ** 2 / spacing)
-    fit = fit_periodic(earlier, low_pass)
+    fit = fit_by_power(SecondOrder(), lines_of_periods(earlier, low_pass), (JOINT.K, JOINT.B))
     variance = EARLIER * np.array([fit.se(name) for name in KBI]) ** 2
     return {
         "no distortion stated": Distortion(),

@@ -16,8 +16,7 @@ from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain_response import Friction, belt_response
 from osl_analysis.multisine import odd_multisine
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.equation_error import fit_periodic
-from osl_analysis.spectral.models import SecondOrder, fit_structure, lines_of_periods, lines_of_record
+from osl_analysis.spectral.models import SecondOrder, fit_by_power, fit_structure, lines_of_periods, lines_of_record
 from osl_analysis.spectral.realisations import PeriodicMotion, Realisation, periodic_motion
 from osl_analysis.spectral.response import periodic_response, record_spectrum
 from osl_analysis.trial import Array
@@ -71,7 +70,8 @@ def found(signals: Signals) -> PeriodicMotion:
 
 def coverage(name: str, make: Callable[[int], Signals], seeds: int, truth: Sequence[float] | None = None) -> None:
     """A row: spread of K, B and I, and how many intervals hold the truth, by default the mean of all estimates."""
-    fits = [fit_periodic(found(make(seed)).realisations, LOW_PASS) for seed in range(seeds)]
+    lines = (lines_of_periods(found(make(seed)).realisations, LOW_PASS) for seed in range(seeds))
+    fits = [fit_by_power(SecondOrder(), one, (K, B)) for one in lines]
     estimates = np.array([fit.estimates[:3] for fit in fits])
     true = estimates.mean(axis=0) if truth is None else np.asarray(truth)
     inside = [[low <= x <= high for (low, high), x in zip(map(f.interval, "KBI"), true, strict=True)] for f in fits]

@@ -554,6 +554,29 @@ def test_a_stiffness_that_grows_with_the_frequency_is_no_change_in_a_sweep():
     assert drift is None or not drift.found
 
 
+def test_a_step_of_the_stiffness_is_a_change_though_a_ramp_leaves_more_than_noise_of_it():
+    rng = np.random.default_rng(5)
+    motion = noise(rng)
+    drift = change_in(moving_record(made_trial(rng, motion, more=np.where(motion[0] > 17, 9 * motion[1][0], 0.0))))
+    assert drift.found
+    assert drift.size == pytest.approx(1.5 * 9, abs=2 * drift.possible)  # the line through the step
+
+
+def test_a_motion_by_hand_and_a_sweep_beyond_the_filter_are_no_binary_sequence():
+    """A hand rests between its turns, so that most of the third differences are those of noise."""
+    time = np.arange(0, 34, 1 / 500)
+    rng = np.random.default_rng(3)
+    theta = np.zeros_like(time)
+    for start in np.arange(2, 30, 1.3):
+        u = (time - start) / rng.uniform(0.12, 0.3)
+        theta += rng.normal(0, 0.1) * np.where(abs(u) < 1, (1 - u**2) ** 4, 0.0)
+    motion = theta, np.gradient(theta, time), np.gradient(np.gradient(theta, time), time)
+    for made in ((time, motion), chirp(rng, band=(0.5, 60.0), rms_deg=0.3, rate=500.0)):
+        row = row_of(made_trial(rng, made, bits=24))
+        assert row["K"] == pytest.approx(300, rel=0.01)
+        assert row["angle_noise_share"] < 0.01
+
+
 def test_rounding_to_few_bits_in_a_slow_sweep_is_no_change():
     """Rounding follows the angle, so that standard errors are too small: it passes three of them."""
     motion = chirp(np.random.default_rng(1), band=(1.0, 4.0), duration=40.0)

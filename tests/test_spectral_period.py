@@ -11,7 +11,7 @@ from osl_analysis.commands.tables import pool_responses
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.figures.frequency import condition_words, response_points
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.equation_error import fit_periodic
+from osl_analysis.spectral.models import SecondOrder, fit_by_power, lines_of_periods
 from osl_analysis.spectral.realisations import LINES as COLUMNS
 from osl_analysis.spectral.realisations import distinct, lines_of, period_spectra, periodic_motion
 from osl_analysis.spectral.tables import MODELS, RESPONSE, RecordedMotion, response_tables
@@ -108,19 +108,21 @@ def test_spectra_of_a_period_that_is_no_whole_number_of_samples_leak_nothing():
     assert X[:, k] == pytest.approx(expected * turns, abs=1e-6)
 
 
+def fit_periodic(realisations):
+    return fit_by_power(SecondOrder(), lines_of_periods(realisations, LOW_PASS), (K, B))
+
+
 def test_drift_of_the_load_cell_does_not_reach_the_lines():
     theta, torque = record(7, multisine(1))
     drift = 0.2 * np.arange(len(torque)) / RATE
-    still, moved = (
-        fit_periodic(periodic_motion(theta, y, RATE, 10.0).realisations, LOW_PASS) for y in (torque, torque + drift)
-    )
+    still, moved = (fit_periodic(periodic_motion(theta, y, RATE, 10.0).realisations) for y in (torque, torque + drift))
     assert moved.estimates[:3] == pytest.approx(still.estimates[:3], rel=1e-6)
 
 
 @pytest.mark.parametrize("seeds", [(1,), (1, 2), (1, 2, 3, 4)])
 def test_the_impedance_that_made_the_torque_is_recovered_within_its_interval(seeds):
     found = periodic_motion(*record(8, *map(multisine, seeds), noise=0.02), RATE, 10.0)
-    fit = fit_periodic(found.realisations, LOW_PASS)
+    fit = fit_periodic(found.realisations)
     assert fit.interval_method == ("detection lines" if len(seeds) < 4 else "realisations")
     for name, true in (("K", K), ("B", B), ("I", I)):
         assert abs(fit[name] - true) < 4.5 * fit.se(name) < 0.01 * true
@@ -129,7 +131,7 @@ def test_the_impedance_that_made_the_torque_is_recovered_within_its_interval(see
 
 def test_one_line_does_not_tell_stiffness_from_inertia():
     with pytest.raises((IdentifiabilityError, InputError), match=r"two frequencies|cannot be told apart"):
-        fit_periodic(periodic_motion(*record(10, multisine(1, lines=np.array([5]))), RATE, 10.0).realisations, LOW_PASS)
+        fit_periodic(periodic_motion(*record(10, multisine(1, lines=np.array([5]))), RATE, 10.0).realisations)
 
 
 def recorded(name, theta, torque):

@@ -22,6 +22,7 @@ from osl_analysis.judge.findings import findings
 from osl_analysis.summary.headlines import (
     BOOTSTRAP,
     ENSEMBLE,
+    FEW,
     FIT,
     PAIRED,
     RANGE,
@@ -29,7 +30,7 @@ from osl_analysis.summary.headlines import (
     Headline,
     headline_numbers,
 )
-from osl_analysis.summary.text import decimals, to_json, to_tex, told_apart
+from osl_analysis.summary.text import decimals, rounded_by, to_json, to_tex, told_apart
 from osl_analysis.table import write_table
 from osl_analysis.walking import tables as walking
 
@@ -62,6 +63,7 @@ def impedance():
     whole = pl.col("amplitude_deg").is_null()
     ends = {f"{q}_amplitudes_{end}": pl.when(whole).then(pl.col(q) + step) for q in "KB"
             for end, step in (("low", -2.04), ("high", 1.06))}  # fmt: skip
+    table = table.with_columns(interval_method=pl.lit("units"))
     return table.with_columns(**ends, doubtful=pl.Series(["", "VAF 90 is below 95", "", "", "", "x"]))
 
 
@@ -129,6 +131,12 @@ def test_the_example_says_how_far_the_single_amplitudes_spread_and_is_rounded_to
     assert r"\oslCompensatedExampleStiffnessAmplitudesHigh}{304.1}" in tex
     said = format_results_table(json.loads(to_json(MADE, headlines)))
     assert f"299.0 to 307.5, {FIT}; single amplitudes 301.0 to 304.1" in said
+    few = all_tables()["impedance"].with_columns(interval_method=pl.lit("repeats"), K_amplitudes_high=pl.lit(301.1))
+    K = json.loads(to_json(MADE, headline_numbers(all_tables() | {"impedance": few})))["numbers"][
+        "K_example_compensated"
+    ]
+    assert K["interval"] == FEW
+    assert decimals(303.0, *rounded_by(K)) == 1  # and not two, as by the narrow range over amplitudes
 
 
 def test_doubtful_fits_are_counted_by_table_and_rows_without_a_fit_are_none():

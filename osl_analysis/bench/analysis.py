@@ -145,8 +145,8 @@ def centred(fit: GroupFit, sums: Sums) -> GroupFit:
 
 
 def friction_row(s: Sums, model: Model, fit: LinearFit, label: Label) -> Row:
-    """Coulomb friction [N*m] of a fit that has it beside the others, and the share of the damping that it makes; where
-    it is certain, the viscous damping and the friction, each with its interval."""
+    """Coulomb friction [N*m] of a fit that has it beside the others; where it is certain, the share of the damping that
+    it makes, else 0, and the viscous damping and the friction, each with its interval."""
     damping = next(name for name, column in model.items() if column == "omega")
     names = [f"{name}{end}" for name in (f"{damping}_viscous", "f_C") for end in ("", "_se", "_low", "_high")]
     try:
@@ -154,9 +154,10 @@ def friction_row(s: Sums, model: Model, fit: LinearFit, label: Label) -> Row:
     except IdentifiabilityError:
         return dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
     made = fit[damping] - beside[damping]
-    row: Row = {"coulomb_torque": beside["T_C"], "coulomb_damping": made, "coulomb_share": made / fit[damping]}
+    row: Row = {"coulomb_torque": beside["T_C"], "coulomb_damping": made, "coulomb_share": 0.0}
     if beside["T_C"] <= 0 or not beside.certain("T_C", SURE):
         return row | dict.fromkeys(names)
+    row["coulomb_share"] = made / fit[damping]
     values = [v for name in (damping, "T_C") for v in (beside[name], beside.se(name), *beside.interval(name))]
     return row | dict(zip(names, values, strict=True))
 

@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri, stdtrit
+from scipy.stats import spearmanr
 
 from osl_analysis.bench.gram import (
     EFFECTS_LIMIT,
@@ -58,6 +59,7 @@ LAG_STEPS = 6  # steps of Gauss and Newton to a lag
 EFFECTS_HZ = 250.0  # rate [Hz] from which on rows are left out where effects are asked for
 BEYOND = 3.0  # cut-offs of the filter up to which the linear model is taken into account
 LARGEST_YIELD = 0.5  # largest share of the joint's angle by which a frame may yield; beyond it the fit did not find one
+SWEEPS = 0.5  # correlation of the frequency with time beyond which a motion is a sweep
 FEWEST_REPEATS = 3  # repeats of one motion that tell a change beside their mean
 UNSEEN = 0.1  # share of I, or of B, by an effect that was not found, from which it is not known whether there is one
 POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found
@@ -205,7 +207,8 @@ def lags(
     base = with_columns(model, effects)
     fixed = {} if known is None else {known: 1.0}
     near = settled(s, base, fixed, 0.0, label, keep)
-    if not near.certain("lag_s", SURE) and possible_joint(near, model):
+    joint = {} if known else model  # beside a known column the model is what that lacks, of either sign
+    if not near.certain("lag_s", SURE) and possible_joint(near, joint):
         return [(near, s)]
     tried = []
     for lag, one in minima(profile(s, base, fixed, label, keep)):
@@ -221,7 +224,7 @@ def lags(
     least = tried[0][0]
     more = float(chdtri(1, SURE)) * least.left / least.samples * s.independent
     equal = [both for both in tried if both[0].left < least.left + more]
-    return [both for both in equal if possible_joint(both[0], model)] or tried[:1]
+    return [both for both in equal if possible_joint(both[0], joint)] or tried[:1]
 
 
 def possible_joint(fit: GroupFit, model: Model) -> bool:
@@ -362,7 +365,7 @@ def causes(record: Record, s: Sums, model: Model) -> Causes:
         left = {e: left_by(at, model, (*chosen, e)) for e in effects if e not in chosen}
         most = (1 - COUNTS) * left_by(at, model, chosen)
         if wide and "lag_s" in left:
-            left["lag_s"] = min(one for one, *_ in profile(s, with_columns(model, chosen), {}))
+            left["lag_s"] = min(left["lag_s"], *(one for one, *_ in profile(s, with_columns(model, chosen), {})))
         tried = (
             (e, tried_fit(at, model, (*chosen, e), lag=lag))
             for e in sorted(left, key=left.__getitem__)
@@ -519,9 +522,20 @@ def stiffness_change(s: Sums, model: Model, found: Causes) -> Fault | None:
     enough = len(s.groups.first) >= FEWEST_GROUPS
     full = tried_fit(s, model, (*beside(s, model, "K_change", found), "K_change")) if enough else None
     if full is not None:
-        sure = found.only_noise and "K_change" in found.chosen and full.certain("K_change", SURE)
+        sure = "K_change" in found.chosen and full.certain("K_change", SURE)
+        if sure and not found.only_noise:  # as after a step: no dynamics of higher order may make it
+            others = (e for e in beside(s, model, "K_change", found) if e != "lag_s")
+            rich = tried_fit(s, model, (*others, "jerk", "snap", "K_change"))
+            sure = rich is not None and rich.certain("K_change", SURE**2) and not sweeps(s)
         tried.append(change_of(full, "K_change", sure and is_alike(s, model, "K_change", found)))
     return min(tried, key=lambda fault: fault.possible if not fault.found else fault.se, default=None)
+
+
+def sweeps(s: Sums) -> bool:
+    """Whether the frequency of a motion rises or falls with time, so that dynamics pass for a change over time."""
+    theta, omega = s.index(["theta", "omega"])
+    speed = s.gram[:, omega, omega] / np.maximum(s.gram[:, theta, theta], np.finfo(float).tiny)
+    return abs(float(spearmanr(s.groups.first, speed).statistic)) > SWEEPS
 
 
 def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str, float]]) -> GroupFit | None:

@@ -13,6 +13,8 @@ SPIKE = 8.0  # robust standard deviations of third differences that noise does n
 ROUNDING_REACHES = 4.5  # steps of an encoder that its rounding does not reach in a third difference; four is the most
 LARGEST_ALIAS = 0.01
 """Change of B, and of I, by jumps of the acceleration at an unknown instant within a sample, that is refused."""
+BESIDE_SPIKE = 15
+"""Samples to each side of a spike that it is far above: a hand, or a sweep, is as fast there without a jump."""
 BESIDE_JUMP = 3  # samples on each side of a jump from which its size is read
 
 
@@ -42,6 +44,8 @@ def jumps(record: Record) -> tuple[NDArray[np.intp], Array]:
     noise = 1.4826 * usual_size(np.concatenate([third[piece] for piece in record.pieces]))
     step = record.steps[0] or 0.0
     high = np.flatnonzero(third > max(SPIKE * noise, ROUNDING_REACHES * step, np.finfo(float).tiny))
+    near = np.clip(high[:, None] + np.arange(-BESIDE_SPIKE, BESIDE_SPIKE + 1), 0, len(third) - 1)
+    high = high[third[high] > SPIKE * 1.4826 * np.median(third[near], axis=1)]
     if not high.size:
         return high, np.empty(0)
     first = high[np.diff(high, prepend=-10) > BESIDE_JUMP] + 1  # the middle of the four samples of the difference

@@ -290,8 +290,9 @@ def recorded_facts(rendered: Rendered) -> Row:
 def explained_by(found: Causes, lag: Fault | None, change: Fault | None) -> str | None:
     """What explains the misfit of Eq. 15, the best explanation first, as far as it is no fault that was not found."""
     faults = {"lag_s": lag, "K_change": change}
-    sure = [e for e in found.chosen if e not in faults or ((fault := faults[e]) and fault.found)]
-    return ", ".join(f"{effect} {found.fit[effect]:.3g}" for effect in sure) or None
+    sure = {e: found.fit[e] for e in found.chosen if e not in faults or ((fault := faults[e]) and fault.found)}
+    sure |= {"lag_s": lag.size} if lag and lag.found else {}
+    return ", ".join(f"{effect} {size:.3g}" for effect, size in sure.items()) or None
 
 
 def lag_row(lag: Fault | None, fit: GroupFit, frame: float | None) -> Row:

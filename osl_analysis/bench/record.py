@@ -174,13 +174,15 @@ class Record:
     @cached_property
     def noise(self) -> tuple[float, float]:
         """Densities of the noise of angle [rad^2/Hz] and torque [N^2 m^2/Hz], as if it were white: their levels between
-        two and four cut-offs, of what the filter takes off the rows that are fitted."""
+        two and four cut-offs, of what the filter takes off the rows that are fitted. Where the motion itself reaches
+        there, that of the angle is its level at the highest frequencies."""
         taken = np.array([self.part(self.theta - self.motion.theta), self.part(self.torque - self.filtered_torque)])
         f, power = welch(taken, self.rate_hz, nperseg=min(round(self.rate_hz), self.samples))
         highest = min(4 * self.low_pass.cutoff_hz, 0.45 * self.rate_hz)
         beyond = (f > min(2 * self.low_pass.cutoff_hz, 0.8 * highest)) & (f < highest)
         of_theta, of_torque = np.median(power[:, beyond], axis=1) if beyond.any() else (0.0, 0.0)
-        return float(of_theta), float(of_torque)
+        highest_of_all = float(np.median(power[0, f > 0.35 * self.rate_hz]))
+        return highest_of_all if highest_of_all < 0.3 * of_theta else float(of_theta), float(of_torque)
 
     @cached_property
     def rounding(self) -> tuple[float, float]:

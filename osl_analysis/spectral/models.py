@@ -19,9 +19,8 @@ from scipy.special import fdtrc
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.equation_error import LineScatter, distortion_level, parts
 from osl_analysis.spectral.period import Spectrum
-from osl_analysis.spectral.realisations import NEIGHBOURS, Realisation, distinct, scatter, smoothed
+from osl_analysis.spectral.realisations import NEIGHBOURS, Lines, Realisation, distinct, scatter, smoothed
 from osl_analysis.spectral.response import (
     HALF_WIDTH,
     LOCAL_FREEDOM,
@@ -100,6 +99,76 @@ class Drivetrain:
     def derivatives(self, x: Array, s: Spectrum) -> Spectrum:
         by_gain = (self.p.K_s / self.p.n_T) ** 2 / self._actuator(x, s) ** 2
         return np.array([by_gain, s * by_gain])
+
+
+ENOUGH_REALISATIONS = 4  # number of realisations from which on the interval comes from their spread
+ENOUGH_DETECTION = 4  # smallest number of lines without excitation, over all realisations, that tell the distortion
+REALISATIONS, DETECTION, EXCITED = "realisations", "detection lines", "excited lines"
+"""Sources of the interval: spread of realisations, lines without excitation, what the fit leaves at excited lines."""
+
+
+@dataclass(frozen=True)
+class LineScatter(ResidualCorrelation):
+    """Covariance of a fit to excited lines: rows are real parts, then imaginary parts, realisation by realisation."""
+
+    shape: tuple[int, int] = (0, 0)  # number of realisations and of excited lines
+    level: Array | None = None
+    """E|error|^2 that the weighted rows have at the excited lines, (realisations, lines); None: what the fit leaves."""
+    shares: Array | None = None  # weights (lines, detection lines) with which the level at an excited line was averaged
+
+    def window(self, residual: Array) -> int:
+        return 1  # errors of two lines are not correlated
+
+    @property
+    def method(self) -> str:
+        if self.shape[0] >= ENOUGH_REALISATIONS:
+            return REALISATIONS
+        return EXCITED if self.level is None else DETECTION
+
+    def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
+        """Covariance (p, p) of the estimates, its degrees of freedom (p,) and its source."""
+        influence = X @ inverse
+        count, p = self.shape[0], influence.shape[1]
+        by_line = influence.reshape(count, 2, -1, p)
+        if self.method == REALISATIONS:
+            sums = (influence * residual[:, None]).reshape(count, -1, p).sum(axis=1)
+            spread = (sums - sums.mean(axis=0)) * np.sqrt(count / (count - 1))
+            return spread.T @ spread, np.full(p, count - 1.0), self.method
+        if self.level is None:
+            leverage = np.einsum("np,np->n", influence, influence @ np.linalg.pinv(influence.T @ influence))
+            squares = (residual**2 / np.maximum(1 - leverage, 0.1)).reshape(count, 2, -1)
+            shares = np.einsum("rcmp,rcm->rcmp", by_line**2, squares)
+            freedom = shares.sum(axis=(0, 1, 2)) ** 2 / np.maximum(
+                (shares**2).sum(axis=(0, 1, 2)), np.finfo(float).tiny
+            )
+            lost = p * freedom / max(len(residual), 1)
+            return (
+                np.einsum("rcmp,rcmq,rcm->pq", by_line, by_line, squares),
+                np.maximum(np.where(freedom > 0, freedom - lost, np.inf), 1.0),
+                self.method,
+            )
+        covariance = 0.5 * np.einsum("rcmp,rcmq,rm->pq", by_line, by_line, self.level)
+        assert self.shares is not None
+        each = np.einsum("rcmp,rm,md->rdp", by_line**2, self.level, self.shares)
+        freedom = 2 * each.sum(axis=(0, 1)) ** 2 / np.maximum((each**2).sum(axis=(0, 1)), np.finfo(float).tiny)
+        return covariance, np.where(freedom > 0, freedom, np.inf), self.method
+
+
+def parts(values: Spectrum) -> Array:
+    """Real parts, then imaginary parts of the lines (realisations, lines), realisation by realisation, (n,)."""
+    return np.concatenate([values.real, values.imag], axis=1).ravel()
+
+
+def distortion_level(error: Spectrum, lines: Lines) -> tuple[Array | None, Array | None]:
+    """E|error|^2 at excited lines (realisations, excited), averaged from lines without excitation, and the weights.
+    Between two such lines it is interpolated. None where they are too few. `error` (realisations, lines) is
+    weighted."""
+    at, seen = np.flatnonzero(lines.excited), np.flatnonzero(lines.detection)
+    if len(seen) * len(error) < ENOUGH_DETECTION or len(seen) < 2:
+        return None, None
+    shares = np.array([np.interp(at, seen, row) for row in np.eye(len(seen))]).T
+    level = np.mean(np.abs(error[:, seen]) ** 2, axis=0) @ shares.T
+    return np.tile(level, (len(error), 1)), shares
 
 
 HARMONICS = 100  # harmonics of the error of rounding that are summed
@@ -239,11 +308,21 @@ def lines_of_record(spectrum: RecordSpectrum, low_pass: LowPass) -> FittedLines:
     )
 
 
+def fit_by_power(structure: Structure, lines: FittedLines, first: tuple[float, float]) -> LinearFit:
+    """A structure fitted to lines that weigh as in the fit of filtered signals: by their power behind the filter."""
+    if 2 * lines.theta.size <= len(structure.parameters):
+        raise InputError(
+            f"{lines.theta.size} excited line cannot determine {' and '.join(structure.parameters)}; excite two "
+            "frequencies or more, better ten"
+        )
+    scatter = LineScatter(shape=lines.theta.shape, level=lines.level, shares=lines.shares)
+    return gauss_newton(structure, lines, lines.power, structure.start(*first), scatter)
+
+
 def fit_structure(structure: Structure, lines: FittedLines, first: tuple[float, float]) -> FittedStructure:
     """A structure fitted to lines; `first` are K [N*m/rad] and B [N*m*s/rad] of a fit of Eq. 15, to start from."""
     start = structure.start(*first)
-    scatter = LineScatter(shape=lines.theta.shape, level=lines.level, shares=lines.shares)
-    by_power = gauss_newton(structure, lines, lines.power, start, scatter)
+    by_power = fit_by_power(structure, lines, first)
     left = by_power.residual
     noise = float(np.sum(lines.power**2 * lines.noise))
     torque = float(np.sum(np.abs(lines.power * lines.torque) ** 2))

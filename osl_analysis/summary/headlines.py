@@ -184,6 +184,7 @@ def all_labels() -> list[Label]:
 
 STUDENT = "95 % of the mean (Student)"
 FIT = "95 % for another motion of this kind"
+FEW = "95 % for this motion again, of too few frequencies for what the model misses"
 BOOTSTRAP = "95 % (bootstrap over crossings and trials of the unloaded plate)"
 CYCLES = "95 % of the mean of cycles (Student)"
 PAIRED = "95 % of the mean difference of the same trials (Student)"
@@ -402,9 +403,9 @@ def example_headlines(symbol: str, label: Label, trials: pl.DataFrame, example: 
     if len(rows) != 1:
         used = counted(rows)
         return said_of(over_fits(label, used[symbol], np.mean), rows, used)
-    value, low, high = rows.select(symbol, f"{symbol}_low", f"{symbol}_high").row(0)
+    value, low, high, method = rows.select(symbol, f"{symbol}_low", f"{symbol}_high", "interval_method").row(0)
     lowest, highest = rows.select(f"{symbol}_amplitudes_low", f"{symbol}_amplitudes_high").row(0)
-    number = headline(label, value, 1, Interval(low, high, FIT))
+    number = headline(label, value, 1, Interval(low, high, FEW if method == "repeats" else FIT))
     return said_of([replace(number, amplitudes_low=lowest, amplitudes_high=highest)], rows)
 
 

@@ -148,10 +148,13 @@ def trials_text(number: Mapping[str, Any]) -> str:
 def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None]:
     """Bounds that decide to how many digits a number is rounded, and their kind.
 
-    These are the range over single amplitudes if there is one, otherwise the interval.
+    These are the range over single amplitudes if there is one and it is the wider one, otherwise the interval.
     """
     low, high = (number.get(key) for key in AMPLITUDES)
-    return (number["low"], number["high"], number["interval"]) if low is None else (low, high, None)
+    own = number["low"], number["high"], number["interval"]
+    if low is None or high is None or (number["low"] is not None and number["high"] - number["low"] > high - low):
+        return own
+    return low, high, None
 
 
 def decimals(value: float, low: float | None, high: float | None, interval: str | None) -> int:

@@ -2,7 +2,8 @@
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
@@ -82,22 +83,16 @@ def unit_of(column: str) -> str:
 Array = NDArray[np.float64]
 NAME_KEY = "osl_analysis.trial"
 PROVENANCE_KEY = "osl_analysis.provenance"
-LARGEST_TIME_S, SHORTEST_S = 1e20, 1e-9
-"""Latest stamp [s], beyond that of nanoseconds since 1970 taken for seconds, and shortest span [s] of a log."""
-LISTED = 6  # largest number of names in a message
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Samples of one trial in canonical columns (`columns.py`), a row per time stamp.
+    """Samples of one trial in canonical columns (`COLUMNS`), a row per time stamp.
 
     A *null* means that the column has no sample at that time (another recorder's rate). A *NaN* means that it was
     sampled and nothing was seen (a hidden marker).
 
-    Raises
-    ------
-    InputError
-        No rows, no `time`, time that goes back or is not finite.
+    Raises InputError: No rows, no `time`, time that goes back or is not finite.
     """
 
     name: str
@@ -142,36 +137,24 @@ class Trial:
         return self.samples.select("time", *columns).drop_nulls()
 
     def check_columns(self, *columns: str) -> None:
-        """Refuse a column that the trial does not have.
-
-        Raises InputError: The message suggests those that are like it.
-        """
-        absent = [c for c in columns if c not in self.columns]
-        if absent:
-            raise InputError(
-                f"trial {self.name}: no column '{absent[0]}'; map the channel in the source file "
-                f"({like(absent[0], self.columns)})"
-            )
-
-
-def like(name: str, known: Sequence[str]) -> str:
-    """Suggestions of a message for an unknown name: the most similar known names, or else the first ones."""
-    near = get_close_matches(name, known, n=LISTED)
-    more = ", ..." if len(known) > LISTED and not near else ""
-    return f"the nearest of {len(known)} are {', '.join(near)}" if near else f"it has {', '.join(known[:LISTED])}{more}"
+        """Refuse a column that the trial does not have; the message names those that are like it, or the first ones."""
+        for column in columns:
+            if column not in self.columns:
+                near = get_close_matches(column, self.columns, n=6)
+                known, more = ", ".join(self.columns[:6]), ", ..." if len(self.columns) > 6 else ""
+                like = f"the nearest of {len(self.columns)} are {', '.join(near)}" if near else f"it has {known}{more}"
+                raise InputError(
+                    f"trial {self.name}: no column '{column}'; map the channel in the source file ({like})"
+                )
 
 
 def check_time(name: str, time: Array) -> None:
-    """Refuse stamps [s] that are not finite, go back, or span no time that a clock can tell.
-
-    The message names the first such stamp.
-
-    Equal stamps are allowed: a logger printed few decimals or wrote a row twice. The time base handles them.
-    """
+    """Refuse stamps [s] that are not finite, go back, or span no time that a clock can tell. Equal stamps are allowed:
+    a logger printed few decimals or wrote a row twice. The time base handles them."""
     if not np.isfinite(time).all():
         raise InputError(f"{name}: time is not finite at row {int(np.argmin(np.isfinite(time)))}; repair the log")
     span = float(np.max(np.abs(time), initial=0.0)), float(np.ptp(time)) if len(time) else 0.0
-    if span[0] > LARGEST_TIME_S or 0 < span[1] < SHORTEST_S:
+    if span[0] > 1e20 or 0 < span[1] < 1e-9:  # later than ns since 1970 taken for s; shorter than any log
         raise InputError(
             f"{name}: time reaches {span[0]:.3g} s and spans {span[1]:.3g} s; correct its `unit` in the source file, "
             "or take another time source"
@@ -194,13 +177,7 @@ def write_trial(trial: Trial, path: Path) -> None:
 
 def read_provenance(path: Path) -> dict[str, Any]:
     """The provenance of a trial without its samples; raises as `read_trial`."""
-    check_not_refused(path)
-    try:
-        metadata = pl.read_parquet_metadata(path)
-    except (pl.exceptions.PolarsError, OSError) as error:
-        raise InputError(f"{path}: not a Parquet file ({error}); ingest the trial again") from error
-    content: dict[str, Any] = json.loads(metadata.get(PROVENANCE_KEY, "{}"))
-    return content
+    return read_metadata(path)[1]
 
 
 def read_trial(path: Path) -> Trial:
@@ -209,10 +186,8 @@ def read_trial(path: Path) -> Trial:
     Raises InputError: The file is missing, is not Parquet, or is Parquet that ingest did not write.
     """
     name, provenance = read_metadata(path)
-    try:
+    with told_as_parquet(path):
         return Trial(name, pl.scan_parquet(path).collect(), provenance)
-    except (pl.exceptions.PolarsError, OSError) as error:
-        raise not_parquet(path, error) from error
 
 
 def read_metadata(path: Path) -> tuple[str, dict[str, Any]]:
@@ -220,15 +195,18 @@ def read_metadata(path: Path) -> tuple[str, dict[str, Any]]:
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such trial; ingest it first (osl-analysis ingest)")
-    try:
+    with told_as_parquet(path):
         metadata = pl.read_parquet_metadata(path)
-    except (pl.exceptions.PolarsError, OSError) as error:
-        raise not_parquet(path, error) from error
     if PROVENANCE_KEY not in metadata:
         raise InputError(f"{path}: Parquet without provenance; only a file that ingest wrote is a trial")
     return metadata[NAME_KEY], json.loads(metadata[PROVENANCE_KEY])
 
 
-def not_parquet(path: Path, error: Exception) -> InputError:
-    reason = str(error).splitlines()[0]
-    return InputError(f"{path}: not a Parquet file ({reason}); ingest the trial again")
+@contextmanager
+def told_as_parquet(path: Path) -> Iterator[None]:
+    """What Polars says of a file that is not Parquet, in one line."""
+    try:
+        yield
+    except (pl.exceptions.PolarsError, OSError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"{path}: not a Parquet file ({reason}); ingest the trial again") from error

@@ -17,8 +17,7 @@ from osl_analysis.ingest.source import SharedAngle
 from osl_analysis.trial import Array, marker_columns
 
 MINIMUM_EDGES = 6
-TYPICAL_DRIFT = 100e-6  # two crystal clocks against each other, one standard deviation
-LARGEST_DRIFT = 500e-6
+TYPICAL_DRIFT, LARGEST_DRIFT = 100e-6, 500e-6  # of two crystal clocks, one standard deviation and at most
 FIRST_EDGES = 40  # edges in the first match
 REJECT = 3.5  # standard deviations beyond which an edge is an outlier
 
@@ -143,25 +142,19 @@ def extended(slave: Edges, master: Edges, first: Array, second: Array, noise: fl
         reach *= 2
         near = abs(slave.time - first[used].mean()) <= reach
         tolerance = 2.0 * (slave.step + master.step) + 4.0 * line.drift_error * reach
-        pairs = [
-            nearest_edges(line, slave.time[near & (slave.rising == up)], master.time[master.rising == up], tolerance)
-            for up in (True, False)
-        ]
+        pairs = []
+        for up in (True, False):
+            ours, theirs = slave.time[near & (slave.rising == up)], master.time[master.rising == up]
+            if theirs.size:
+                expected = line.to_master(ours)
+                right = np.minimum(np.searchsorted(theirs, expected), theirs.size - 1)
+                left = np.maximum(right - 1, 0)
+                nearest = theirs[np.where(abs(theirs[left] - expected) < abs(theirs[right] - expected), left, right)]
+                close = abs(nearest - expected) <= tolerance
+                pairs.append((ours[close], nearest[close]))
         first, second = (np.concatenate(column) for column in zip(*pairs, strict=True))
         if reach > 2 * whole:
             return first, second
-
-
-def nearest_edges(line: Line, slave: Array, master: Array, tolerance: float) -> tuple[Array, Array]:
-    """Slave times, and the master times nearest to the line's, where they differ by less than the tolerance [s]."""
-    if not master.size:
-        return slave[:0], master
-    expected = line.to_master(slave)
-    right = np.minimum(np.searchsorted(master, expected), master.size - 1)
-    left = np.maximum(right - 1, 0)
-    closer = np.where(abs(master[left] - expected) < abs(master[right] - expected), left, right)
-    close = abs(master[closer] - expected) <= tolerance
-    return slave[close], master[closer[close]]
 
 
 def robust_line(first: Array, second: Array, noise: float) -> tuple[Line, NDArray[np.bool_]]:
@@ -190,10 +183,10 @@ def robust_line(first: Array, second: Array, noise: float) -> tuple[Line, NDArra
 
 
 SECTIONS = 12  # parts of the recording, whose lags give the drift
-ALIKE = 0.5  # smallest correlation that counts as one signal
+ONE_SIGNAL = 0.5  # smallest correlation that counts as one signal
 RIVAL = 0.8  # of the highest peak: a second peak above this makes the lag ambiguous
 OVERLAP = 0.5  # smallest common part, as a share of the shorter recording
-QUIET = 0.05  # of the variance of the recording: a section with less is not used
+STILL = 0.05  # of the variance of the recording: a section with less is not used
 
 
 @dataclass(frozen=True)
@@ -247,13 +240,27 @@ def correlate_clocks(slave: Course, master: Course) -> ClockFit:
 
 
 def whole_lag(ours: Array, theirs: Array) -> int:
-    """Samples by which `theirs` (m,) is behind `ours` (n,), from the whole recordings."""
-    lags, score = correlation_by_lag(ours, theirs)
+    """Samples by which `theirs` (m,) is behind `ours` (n,), from the highest absolute correlation coefficient over the
+    overlap, where this is long enough."""
+    from scipy.signal import fftconvolve  # half a second, which other trials need not wait for
+
+    flipped, one, other = ours[::-1], np.ones(ours.size), np.ones(theirs.size)
+    overlap = np.maximum(np.rint(fftconvolve(other, one)), 1)
+    sum_ours, sum_theirs = fftconvolve(other, flipped), fftconvolve(theirs, one)
+    covariance = fftconvolve(theirs, flipped) - sum_ours * sum_theirs / overlap
+    scatter_ours = fftconvolve(other, flipped**2) - sum_ours**2 / overlap
+    scatter_theirs = fftconvolve(theirs**2, one) - sum_theirs**2 / overlap
+    # over a quiet overlap the coefficient would be noise: its scatter counts as at least STILL of the whole
+    floor_ours, floor_theirs = (max(STILL * float((x**2).sum()), np.finfo(float).tiny) for x in (ours, theirs))
+    scatter = np.maximum(scatter_ours, floor_ours) * np.maximum(scatter_theirs, floor_theirs)
+    enough = overlap >= OVERLAP * min(ours.size, theirs.size)
+    lags = (np.arange(overlap.size) - (ours.size - 1))[enough]
+    score = (abs(covariance) / np.sqrt(scatter))[enough]
     best = int(np.argmax(score))
-    if not score[best] >= ALIKE:
+    if not score[best] >= ONE_SIGNAL:
         raise InputError(
-            f"the shared signal of both recorders correlates by {score[best]:.2f} at best, {ALIKE} is needed; check "
-            "that both channels show the same thing"
+            f"the shared signal of both recorders correlates by {score[best]:.2f} at best, {ONE_SIGNAL} is needed; "
+            "check that both channels show the same thing"
         )
     low = np.flatnonzero(score < 0.5 * score[best])
     before, after = low[low < best].max(initial=-1), low[low > best].min(initial=score.size)
@@ -266,28 +273,11 @@ def whole_lag(ours: Array, theirs: Array) -> int:
     return int(lags[best])
 
 
-def correlation_by_lag(ours: Array, theirs: Array) -> tuple[NDArray[np.intp], Array]:
-    """Lags [samples] with enough overlap, and the absolute correlation coefficient over the overlap at each lag."""
-    from scipy.signal import fftconvolve  # half a second, which other trials need not wait for
-
-    flipped, one, other = ours[::-1], np.ones(ours.size), np.ones(theirs.size)
-    overlap = np.maximum(np.rint(fftconvolve(other, one)), 1)
-    sum_ours, sum_theirs = fftconvolve(other, flipped), fftconvolve(theirs, one)
-    covariance = fftconvolve(theirs, flipped) - sum_ours * sum_theirs / overlap
-    scatter_ours = fftconvolve(other, flipped**2) - sum_ours**2 / overlap
-    scatter_theirs = fftconvolve(theirs**2, one) - sum_theirs**2 / overlap
-    # over a quiet overlap the coefficient would be noise: its scatter counts as at least QUIET of the whole
-    floor_ours, floor_theirs = (max(QUIET * float((x**2).sum()), np.finfo(float).tiny) for x in (ours, theirs))
-    scatter = np.maximum(scatter_ours, floor_ours) * np.maximum(scatter_theirs, floor_theirs)
-    enough = overlap >= OVERLAP * min(ours.size, theirs.size)
-    lags = np.arange(overlap.size) - (ours.size - 1)
-    return lags[enough], (abs(covariance) / np.sqrt(scatter))[enough]
-
-
 def section_lags(ours: Array, theirs: Array, lag: int) -> tuple[Array, Array]:
     """Middles of the sections of `ours`, and where they are in `theirs` [samples], (sections,) each.
 
-    Quiet sections are not used. A parabola through three samples gives the peak between samples.
+    A section that is quiet, or fits best at an end of its range, is not used. A parabola through three samples gives
+    the peak between samples.
     """
     begin, end = max(0, -lag), min(ours.size, theirs.size - lag)
     length = (end - begin) // SECTIONS
@@ -296,26 +286,18 @@ def section_lags(ours: Array, theirs: Array, lag: int) -> tuple[Array, Array]:
     for start in range(begin, begin + length * SECTIONS, length):
         part = ours[start : start + length]
         low, high = start + lag - reach, start + lag + length + reach
-        if low < 0 or high > theirs.size or part.var() < QUIET * ours.var():
+        if low < 0 or high > theirs.size or part.var() < STILL * ours.var():
             continue
-        shift = best_shift(part, theirs[low:high])
-        if shift is not None:
+        windows = np.lib.stride_tricks.sliding_window_view(theirs[low:high], part.size)
+        scatter = np.maximum(windows.std(axis=1), np.finfo(float).tiny)
+        score = abs(windows @ (part - part.mean())) / (scatter * part.std() * part.size)
+        best = int(np.argmax(score))
+        if best not in (0, score.size - 1) and score[best] >= ONE_SIGNAL:
+            left, middle, right = score[best - 1 : best + 2]
+            shift = best + float(0.5 * (left - right) / (left - 2 * middle + right))
             first.append(start + length / 2)
-            second.append(start + lag - reach + shift + length / 2)
+            second.append(low + shift + length / 2)
     return np.array(first), np.array(second)
-
-
-def best_shift(part: Array, around: Array) -> float | None:
-    """Where in `around` (n + 2 reach,) the part (n,) fits best [samples]; None if that is at its beginning or end."""
-    windows = np.lib.stride_tricks.sliding_window_view(around, part.size)
-    centred = part - part.mean()
-    scatter = np.maximum(windows.std(axis=1), np.finfo(float).tiny)
-    score = abs(windows @ centred) / (scatter * part.std() * part.size)
-    best = int(np.argmax(score))
-    if best in (0, score.size - 1) or score[best] < ALIKE:
-        return None
-    left, middle, right = score[best - 1 : best + 2]
-    return best + float(0.5 * (left - right) / (left - 2 * middle + right))
 
 
 def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) -> tuple[ClockFit, list[str]]:
@@ -333,7 +315,12 @@ def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) 
             )
         return ClockFit(starts[0] - starts[1], 0.0, 0.0, 0.0, 0, 0, "common"), []
     try:
-        edges = [find_edges(*sync_of(one, who)) for one, who in ((log, "log"), (mocap, "motion capture"))]
+        edges = [
+            find_edges(
+                *values_of(one, "sync", f"{who}: the clocks cannot be aligned; map the channel in its source file")
+            )
+            for one, who in ((log, "log"), (mocap, "motion capture"))
+        ]
         return fit_clock(*edges), []
     except InputError as error:
         refused = error
@@ -341,29 +328,21 @@ def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) 
         raise refused
     what = f"'{shared.column}' and the angle at marker {shared.markers[1]}" if shared else "the sync level"
     try:
-        column = shared.column if shared else "sync"
-        if column not in log.samples.columns:
-            raise InputError(f"no column '{column}' from log; map the channel in its source file")
-        ours = Course(*values_of(log, column))
-        theirs = marker_angle(mocap, shared.markers) if shared else Course(*values_of(mocap, "sync"))
+        advice = "log; map the channel in its source file"
+        ours = Course(*values_of(log, shared.column if shared else "sync", advice))
+        theirs = marker_angle(mocap, shared.markers) if shared else Course(*values_of(mocap, "sync", advice))
         fit = correlate_clocks(ours, theirs)
     except InputError as error:
         raise InputError(f"{refused}; cross-correlation of {what} does not align them either: {error}") from error
     return fit, [f"clocks aligned by cross-correlation of {what}, because of the sync edges: {refused}"]
 
 
-def values_of(recording: Recording, column: str) -> tuple[Array, Array]:
-    """Times [s] and values of a column, where it has any."""
+def values_of(recording: Recording, column: str, advice: str) -> tuple[Array, Array]:
+    """Times [s] and values of a column, where it has any; the `advice` of a refusal begins with whose it is."""
+    if column not in recording.samples.columns:
+        raise InputError(f"no column '{column}' from {advice}")
     rows = recording.samples.select("time", column).drop_nulls()
     return rows["time"].to_numpy(), rows[column].to_numpy()
-
-
-def sync_of(recording: Recording, who: str) -> tuple[Array, Array]:
-    if "sync" not in recording.samples.columns:
-        raise InputError(
-            f"no column 'sync' from {who}: the clocks cannot be aligned; map the channel in its source file"
-        )
-    return values_of(recording, "sync")
 
 
 def marker_angle(mocap: Recording, labels: Sequence[str]) -> Course:

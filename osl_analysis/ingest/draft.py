@@ -90,14 +90,9 @@ def words_of(name: str) -> str:
     return " ".join(re.findall(r"[a-z]+|\d+", parted.casefold()))
 
 
-HINT = (
-    f"# give each signal that you need its canonical name instead of NAME_n, state what is {UNKNOWN}, delete the rest"
-)
 NAMES_OF_TIME = ("column", "variable", "field", "channel")
 """Fields of `time` that name a column, in some format."""
 MOST_ACTIVE = 8  # largest number of channels of which all are entries
-GUESSED_CLOCK = "# time: its unit is guessed from its name or from the rate of its readings: check it"
-NO_CLOCK = "# time: name its column and unit, or state the rate of the rows instead, as {rate: 1000}"
 
 
 def draft_source(overview: Overview, name: str, named: bool = False) -> str:
@@ -127,13 +122,16 @@ def log_lines(overview: Overview, named: bool) -> list[str]:
     listed = overview.channels if overview.drafted is None else overview.drafted
     channels = [c for c in listed if not clock_column or clock_column not in c.address.values()]
     channels = [c for c in channels if "topic" not in c.address or ("field" in c.address and c.count)]
-    known = ", ".join(column for column in COLUMNS if column != "time")
+    lines = [f"# {text}" for text in (*overview.open, overview.draft_note) if text]
+    if clock_column == NAME_OF_TIME:
+        lines.append("# time: name its column and unit, or state the rate of the rows instead, as {rate: 1000}")
+    if any(c.likely_unit and not c.unit for c in listed if clock_column in c.address.values()):
+        lines.append("# time: its unit is guessed from its name or from the rate of its readings: check it")
     return [
-        *(f"# {text}" for text in (*overview.open, overview.draft_note) if text),
-        *[NO_CLOCK] * (clock_column == NAME_OF_TIME),
-        *[GUESSED_CLOCK] * any(c.likely_unit and not c.unit for c in listed if clock_column in c.address.values()),
-        HINT,
-        f"# canonical names: {known}",
+        *lines,
+        "# give each signal that you need its canonical name instead of NAME_n, "
+        f"state what is {UNKNOWN}, delete the rest",
+        f"# canonical names: {', '.join(column for column in COLUMNS if column != 'time')}",
         "channels:",
         *channel_lines(channels, named),
     ]
@@ -149,14 +147,14 @@ def channel_lines(channels: Sequence[RecordedChannel], named: bool = False) -> I
     times = Counter(guesses)
     comment_others = any(guesses) and (named or len(channels) > MOST_ACTIVE)
     for number, (channel, guess) in enumerate(zip(channels, guesses, strict=True), start=1):
-        sure = bool(guess) and times[guess] == 1 and unit_of(channel) != UNKNOWN and is_certain(channel, guess)
+        sure = bool(guess) and times[guess] == 1 and known_unit(channel) != UNKNOWN and is_certain(channel, guess)
         line = channel_line(number, channel, guess, named and sure)
         yield f"# {line}" if comment_others and not guess else line
 
 
 def channel_line(number: int, channel: RecordedChannel, guess: str = "", sure: bool = False) -> str:
     """One entry under `channels`; `guess` is the canonical column that it may be, or if that is `sure` is."""
-    unit = unit_of(channel)
+    unit = known_unit(channel)
     is_guessed = bool(channel.likely_unit and not channel.unit)
     said = [("guessed from its name" + ";" * is_guessed) if sure else f"{guess}?"] * bool(guess)
     said += [f"no known unit: {json.dumps(channel.unit)}"] * (bool(channel.unit) and unit == UNKNOWN)
@@ -166,7 +164,7 @@ def channel_line(number: int, channel: RecordedChannel, guess: str = "", sure: b
     return f"  {guess if sure else f'NAME_{number}'}: {{{entry}}}{comment}"
 
 
-def unit_of(channel: RecordedChannel) -> str:
+def known_unit(channel: RecordedChannel) -> str:
     """The unit of a channel as the file or its name tells it, where it is a known one."""
     unit = channel.unit or channel.likely_unit
     return unit if unit and is_unit(unit) else UNKNOWN
@@ -189,12 +187,8 @@ CLUSTERS = {
     "platform": r"PLAT|HEXAPOD|STEWART",
 }
 """What names of markers contain, by cluster."""
-ANKLE = r"ANK|MALL?"
-SIDES = {"ankle_medial": r"MED|(^|_)M(_|MAL|$)", "ankle_lateral": r"LAT|(^|_)L(_|MAL|$)"}
-"""What the names of the malleoli contain, both."""
-FEWEST = 3
-LOADED = 100.0  # range of the force [N] above which somebody stepped on a plate
-TITLE = "Draft of the section `walking` of the configuration, guessed from the names of markers. Check every line."
+MALLEOLI = {"ankle_medial": r"MED|(^|_)M(_|MAL|$)", "ankle_lateral": r"LAT|(^|_)L(_|MAL|$)"}
+"""What the names of the malleoli contain, besides ANK, MAL or MALL."""
 
 
 def draft_walking(overview: Overview) -> list[str]:
@@ -208,19 +202,20 @@ def draft_walking(overview: Overview) -> list[str]:
         return re.search(word, label.rpartition(":")[2].upper()) is not None
 
     labels = list(dict.fromkeys(c.address["label"] for c in overview.channels if c.kind == "marker"))
-    malleoli = {key: [n for n in labels if contains(n, ANKLE) and contains(n, word)] for key, word in SIDES.items()}
+    ankle = [label for label in labels if contains(label, "ANK|MALL?")]
+    malleoli = {key: [name for name in ankle if contains(name, word)] for key, word in MALLEOLI.items()}
     free = [name for name in labels if not any(name in names for names in malleoli.values())]
     clusters = {key: [name for name in free if contains(name, word)] for key, word in CLUSTERS.items()}
     if not clusters["platform"] or not (clusters["foot"] or clusters["shank"]):
         return []
-    few, markers = f"  # UNKNOWN: a cluster has {FEWEST} or more", []
+    markers = []
     for key, names in clusters.items():
-        markers.append(f"    {key}: {json.dumps(names)}{few * (len(names) < FEWEST)}")
+        markers.append(f"    {key}: {json.dumps(names)}{'  # UNKNOWN: a cluster has 3 or more' * (len(names) < 3)}")
     for key, names in malleoli.items():
         several = f"one of {', '.join(json.dumps(name) for name in names)}" if names else "named in the static trial"
         markers.append(f"    {key}: {json.dumps(names[0]) if len(names) == 1 else f'UNKNOWN  # {several}'}")
     return [
-        TITLE,
+        "Draft of the section `walking` of the configuration, guessed from the names of markers. Check every line.",
         "walking:",
         "  side: UNKNOWN  # left or right: the leg that steps on the platform",
         f"  plate: {plate_text(overview, clusters['platform'])}",
@@ -230,28 +225,24 @@ def draft_walking(overview: Overview) -> list[str]:
 
 
 def plate_text(overview: Overview, platform: Sequence[str]) -> str:
-    """The number of the plate on the platform in YAML; of several a guess that is said to be one, or UNKNOWN.
-
-    The guess is the plate with load; of several with load the one nearest to the platform's markers.
-    """
+    """The number of the plate on the platform in YAML; of several a guess that is said to be one, or UNKNOWN: the plate
+    with load, on which somebody stepped; of several with load the one nearest to the platform's markers."""
     plates = [channel for channel in overview.channels if channel.kind == "plate"]
     if len(plates) == 1:
         return "1"
-    loaded = [plate for plate in plates if (plate.load or 0.0) > LOADED]
+    loaded = [plate for plate in plates if (plate.load or 0.0) > 100.0]
     if not loaded:
         return f"{UNKNOWN}  # of {len(plates)} force plates in this file: the one on the platform"
     own = [c for c in overview.channels if c.kind == "marker" and c.address["label"] in platform and c.centre]
+    guess, why = max(loaded, key=lambda plate: plate.load or 0.0), "the one with the load"
     if own and len(loaded) > 1:
         place = np.mean([marker.centre for marker in own], axis=0)
         guess = min(loaded, key=lambda plate: float(np.linalg.norm(np.asarray(plate.centre) - place)))
         why = "with load the one that is nearest to the platform's markers"
-    else:
-        guess = max(loaded, key=lambda plate: plate.load or 0.0)
-        why = "the one with the load"
     return f"{guess.address['plate']}  # a guess, to be confirmed: of {len(plates)} force plates {why}"
 
 
-EXPERIMENTS = {
+WORDS_OF_EXPERIMENTS = {
     "torque_angle": r"\b(torque angle|quasi ?static)\b",
     "plate": r"\b(plate|unloaded)\b",
     "static": r"\b(static|standing|stand|calibration|calib)\b",
@@ -262,11 +253,15 @@ EXPERIMENTS = {
     "impedance": r"\b(impedance|imp|stiffness|multisine|chirp|sines?)\b",
 }
 """By experiment: what the words of a file's name contain. A name that tells several tells none."""
-UNPERTURBED = r"\b(unperturbed|unpert|baseline|normal|level|free|no ?pert)\b"
-PERTURBED = r"\b(perturb|perturbed|perturbation|pert)\b"
-BETWEEN, END = "(?<![A-Za-z])", r"(?=$|[_\s-]|[.,](?!\d)|[BbKk]_?d?[_=-]?\d)"
-STIFFNESS = re.compile(rf"{BETWEEN}K_?d?[_=-]?(\d+(?:\.\d+)?){END}", re.IGNORECASE)
-DAMPING = re.compile(rf"{BETWEEN}B_?d?[_=-]?(\d+(?:\.\d+)?){END}", re.IGNORECASE)
+CROSSINGS = {
+    "false": r"\b(unperturbed|unpert|baseline|normal|level|free|no ?pert)\b",
+    "true": r"\b(perturb|perturbed|perturbation|pert)\b",
+}
+"""By the cell `perturbed`: what the words of a crossing's name contain. The first that fits counts."""
+BETWEEN, BEHIND = "(?<![A-Za-z])", r"(?=$|[_\s-]|[.,](?!\d)|[BbKk]_?d?[_=-]?\d)"
+STIFFNESS, DAMPING = (
+    re.compile(rf"{BETWEEN}{letter}_?d?[_=-]?(\d+(?:\.\d+)?){BEHIND}", re.IGNORECASE) for letter in "KB"
+)
 CONTROLLER = re.compile(rf"{BETWEEN}(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", re.IGNORECASE)
 SOFTEST = 10.0  # smallest stiffness [N*m/rad] that a name is taken to state: `k1` is a number of a file
 UNNAMED = "ingest_only"  # the experiment of a trial whose name tells none
@@ -322,7 +317,7 @@ def drafted(name: str, files: Sequence[Recorded]) -> DraftedTrial:
         role = "mocap" if one.is_capture else "log"
         cells |= {role: one.path.as_posix(), f"{role}_source": one.source}
     trial, words, stiffness = DraftedTrial(cells), words_of(said.replace("_", " ")), stated(STIFFNESS, said, SOFTEST)
-    told = [known for known, wanted in EXPERIMENTS.items() if re.search(wanted, words)]
+    told = [known for known, wanted in WORDS_OF_EXPERIMENTS.items() if re.search(wanted, words)]
     told += ["impedance"] * (stiffness is not None and not {"walking", "impedance"} & {*told})
     cells["experiment"] = told[0] if len(told) == 1 else UNNAMED
     if cells["experiment"] == UNNAMED:
@@ -338,11 +333,9 @@ def drafted(name: str, files: Sequence[Recorded]) -> DraftedTrial:
         if controller:
             cells["controller"] = "uncompensated" if controller[1] else "compensated"
     if cells["experiment"] == "walking":
-        crossing = [
-            is_so for pattern, is_so in ((UNPERTURBED, "false"), (PERTURBED, "true")) if re.search(pattern, words)
-        ]
-        if crossing:
-            cells["perturbed"] = crossing[0]
+        crossing = next((cell for cell, wanted in CROSSINGS.items() if re.search(wanted, words)), None)
+        if crossing is not None:
+            cells["perturbed"] = crossing
         else:
             cells["experiment"] = UNNAMED
             remedy = "write walking, and true or false"

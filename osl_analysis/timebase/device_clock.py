@@ -20,17 +20,12 @@ WANDER_SAMPLES = 50  # samples over which the residual is averaged to see whethe
 
 @dataclass(frozen=True)
 class DeviceClock:
-    """Stamps of a stream against the least-squares line through them.
+    """Stamps of a stream against the least-squares line through them."""
 
-    stamps: (n,) [s].
-    count: (n,) place of every sample in the device's count.
-    start, step: [s] the line's value at count 0 and its slope.
-    """
-
-    stamps: Array
-    count: Places
-    start: float
-    step: float
+    stamps: Array  # (n,) [s]
+    count: Places  # (n,) place of every sample in the device's count
+    start: float  # the line's value [s] at count 0
+    step: float  # its slope [s]
 
     @cached_property
     def residual(self) -> Array:

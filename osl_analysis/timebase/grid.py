@@ -28,18 +28,12 @@ JITTER = 0.1  # steps by which jitter may lengthen a gap that is still bridged
 
 @dataclass(frozen=True)
 class GapLimits:
-    """Which gaps do what.
+    """Which gaps do what. A gap is as long as its missing samples: 20 of them at 1 kHz are 20 ms, between samples that
+    lie 21 ms apart."""
 
-    highest_hz: [Hz] fastest motion that the fits use.
-    cutoff_hz: [Hz] of the filter that the signals pass afterwards.
-    longest_s: [s] longest gap that is not refused.
-
-    A gap is as long as its missing samples: 20 of them at 1 kHz are 20 ms, and the samples beside it lie 21 ms apart.
-    """
-
-    highest_hz: float = 5.0
-    cutoff_hz: float = 15.0
-    longest_s: float = 0.5
+    highest_hz: float = 5.0  # [Hz] fastest motion that the fits use
+    cutoff_hz: float = 15.0  # [Hz] of the filter that the signals pass afterwards
+    longest_s: float = 0.5  # [s] longest gap that is not refused
 
     @property
     def bridged_s(self) -> float:
@@ -82,66 +76,43 @@ NOMINALLY_EQUAL = 1e-3  # difference of two rates below which it is the clocks' 
 
 @dataclass(frozen=True)
 class StreamReport:
-    """What was found and done in one stream.
-
-    name, signals: the stream and its signals.
-    rate_hz: [Hz] samples per second by the line through its stamps.
-    ppm: rate against that of the fastest stream where the two are nominally equal (within 0.1 %), else None.
-    even: the device was taken to sample evenly; else its stamps were taken as true.
-    firm: stated or seen in the signals; else the other hypothesis may be right.
-    why: the decision in words.
-    g, g_se: signal -> slope of the sixth differences (1 true, 0 even) and its standard error, where it was sought;
-        the error is None where the signal says nothing.
-    residual_sd_s, wander_s, skew: residual of the stamps to the line: SD [s], SD of its slow part [s], skewness.
-    missing, empty: samples that the device took and the log lacks; rows of the log in which these signals lack a value.
-    repeated, merged: rows written twice; samples averaged.
-    bridged, marked: gaps filled as data; gaps whose rows are not usable.
-    interpolation: how values came to the grid.
-    delay_s: stated delay [s] of the samples, which was taken out.
-    error: largest error of a sine at the fastest motion, as a share of its amplitude.
-    bridge_error: the same within the longest bridged gap.
-    """
+    """What was found and done in one stream."""
 
     name: str
     signals: tuple[str, ...]
-    rate_hz: float
-    ppm: float | None
-    even: bool
-    firm: bool
-    why: str
-    g: Mapping[str, float]
-    g_se: Mapping[str, float | None]
-    residual_sd_s: float
-    wander_s: float
-    skew: float
-    missing: int
-    empty: int
-    repeated: int
-    merged: int
-    bridged: int
-    marked: int
-    interpolation: str
-    delay_s: float
-    error: float
-    bridge_error: float
+    rate_hz: float  # [Hz] samples per second by the line through its stamps
+    ppm: float | None  # rate against that of the fastest stream where the two are nominally equal, within 0.1 %
+    even: bool  # the device was taken to sample evenly; else its stamps were taken as true
+    firm: bool  # stated or seen in the signals; else the other hypothesis may be right
+    why: str  # the decision in words
+    g: Mapping[str, float]  # by signal the slope of the sixth differences (1 true, 0 even), where it was sought
+    g_se: Mapping[str, float | None]  # its standard error; None where the signal says nothing
+    residual_sd_s: float  # SD [s] of the stamps' residual to the line
+    wander_s: float  # SD [s] of its slow part
+    skew: float  # its skewness
+    missing: int  # samples that the device took and the log lacks
+    empty: int  # rows of the log in which these signals lack a value
+    repeated: int  # rows written twice
+    merged: int  # samples averaged
+    bridged: int  # gaps filled as data
+    marked: int  # gaps whose rows are not usable
+    interpolation: str  # how values came to the grid
+    delay_s: float  # stated delay [s] of the samples, which was taken out
+    error: float  # largest error of a sine at the fastest motion, as a share of its amplitude
+    bridge_error: float  # the same within the longest bridged gap
 
 
 @dataclass(frozen=True)
 class TimebaseReport:
-    """The grid and its streams.
-
-    rate_hz: [Hz]. first_s, last_s: [s] the overlap. rows, masked: rows of the grid, rows that are not usable.
-    farthest_s: [s] largest distance of a usable row to the nearest sample of any stream.
-    highest_hz: [Hz] the motion for which the errors of the interpolation are stated.
-    """
+    """The grid and its streams."""
 
     rate_hz: float
-    first_s: float
+    first_s: float  # of the overlap [s]
     last_s: float
     rows: int
-    masked: int
-    farthest_s: float
-    highest_hz: float
+    masked: int  # rows that are not usable
+    farthest_s: float  # largest distance [s] of a usable row to the nearest sample of any stream
+    highest_hz: float  # [Hz] the motion for which the errors of the interpolation are stated
     streams: tuple[StreamReport, ...]
 
     @property
@@ -197,18 +168,14 @@ STEP_KNOWN = 1e6  # rows of a grid from which that distance grows with their num
 
 @dataclass(frozen=True)
 class UniformGrid:
-    """Signals of all streams at uniform times.
+    """Signals of all streams at uniform times."""
 
-    time: (m,) [s]. rate_hz: [Hz]. signals: name -> (m,), in the units of the streams, without the silent ones.
-    usable: (m,) false where a row lies in or near a marked gap. Filter and differentiate all rows, then drop these.
-    report: what was done, for provenance.
-    """
-
-    time: Array
+    time: Array  # (m,) [s]
     rate_hz: float
-    signals: Mapping[str, Array]
+    signals: Mapping[str, Array]  # (m,) each, in the units of the streams, without the silent ones
     usable: NDArray[np.bool_]
-    report: TimebaseReport
+    """(m,) false where a row lies in or near a marked gap. Filter and differentiate all rows, then drop these."""
+    report: TimebaseReport  # what was done, for provenance
     taken: tuple[Taken, ...]
     limits: GapLimits
 
@@ -296,8 +263,8 @@ def rows_on_grid(part: Samples, time: Array) -> slice | None:
 class SensorLowPass:
     """Analogue Butterworth low-pass of a sensor or its amplifier: causal, run once, with its phase."""
 
-    cutoff_hz: float  # cut-off [Hz]
-    order: int  # order
+    cutoff_hz: float
+    order: int
 
     def __call__(self, values: Array, rate_hz: float) -> Array:
         """Samples (n,), taken at `rate_hz`, after the filter. The filter starts at rest at the first sample.
@@ -316,20 +283,14 @@ class SensorLowPass:
 
 @dataclass(frozen=True)
 class UniformSignals:
-    """Columns of a trial on one uniform grid.
-
-    trial: name of the trial.
-    grid: the time base and what it did.
-    signals: column -> (m,), after the low-pass filters that other columns' sensors have and its own has not.
-    low_passes: column -> its sensor's own low-pass, as stated in the source file; only the columns that have one.
-    devices: column -> the column that stands for all columns with the same stamps.
-    """
+    """Columns of a trial on one uniform grid."""
 
     trial: str
-    grid: UniformGrid
+    grid: UniformGrid  # the time base and what it did
     signals: Mapping[str, Array]
-    low_passes: Mapping[str, SensorLowPass]
-    devices: Mapping[str, str]
+    """By column (m,), after the low-pass filters that other columns' sensors have and its own has not."""
+    low_passes: Mapping[str, SensorLowPass]  # by column its sensor's own, where the source file states one
+    devices: Mapping[str, str]  # by column the one that stands for all columns with the same stamps
 
     def __getitem__(self, column: str) -> Array:
         return self.signals[column]

@@ -118,22 +118,14 @@ WANDERS = 0.1  # slow wander of the residual, in steps, from which an undecided 
 
 @dataclass(frozen=True)
 class Decision:
-    """How the stamps of some signals of a stream are taken.
-
-    signals: their names.
-    even: the device samples evenly (else the stamps are true).
-    firm: stated, or seen in the signals; else the other hypothesis may be right.
-    matters: the two hypotheses differ.
-    why: one sentence for provenance.
-    evidence: g and its error per signal; empty where none was sought.
-    """
+    """How the stamps of some signals of a stream are taken."""
 
     signals: tuple[str, ...]
-    even: bool
-    firm: bool
-    matters: bool
-    why: str
-    evidence: Mapping[str, StampEvidence]
+    even: bool  # the device samples evenly; else the stamps are true
+    firm: bool  # stated, or seen in the signals; else the other hypothesis may be right
+    matters: bool  # the two hypotheses differ
+    why: str  # one sentence for provenance
+    evidence: Mapping[str, StampEvidence]  # per signal; empty where none was sought
 
 
 def decide(stream: Stream, clock: DeviceClock) -> list[Decision]:

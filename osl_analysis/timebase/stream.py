@@ -29,25 +29,19 @@ Places = NDArray[np.int64]
 class Stream:
     """Signals sampled at shared stamps, as recorded.
 
-    name: device, topic or column, for messages.
-    stamps: (n,) [s], on the clock that all streams of the trial share.
-    signals: name -> (n,) samples in any unit; NaN where the device sampled and the value is missing from the log.
-    choice: `exact`, the stamps are true; `even`, the device samples evenly; `auto`, the stamps and signals decide.
-    counter: (n,) the device's own count of its samples, where it writes one.
-    silent: signals that say nothing about the stamps, as a command, which is computed and not sampled.
-    delays: signal -> time [s] by which its samples are older than their stamps; none for a signal that is not there.
-
     Raises InputError: Too few samples, a stamp that is not finite, an infinite value, stamps that run backwards or
     stand still.
     """
 
-    name: str
-    stamps: Array
-    signals: Mapping[str, Array]
+    name: str  # device, topic or column, for messages
+    stamps: Array  # (n,) [s], on the clock that all streams of the trial share
+    signals: Mapping[str, Array]  # (n,) samples each; NaN where the device sampled and the log lacks the value
     choice: Literal["auto", "even", "exact"] = "auto"
-    counter: Places | None = None
-    silent: frozenset[str] = frozenset()
+    """`exact`, the stamps are true; `even`, the device samples evenly; `auto`, the stamps and signals decide."""
+    counter: Places | None = None  # (n,) the device's own count of its samples, where it writes one
+    silent: frozenset[str] = frozenset()  # signals that say nothing about the stamps, as a command: it is computed
     delays: Mapping[str, float] = field(default_factory=dict)
+    """By signal the time [s] by which its samples are older than their stamps; none for a signal that is not there."""
 
     def __post_init__(self) -> None:
         stamps = self.stamps

@@ -70,7 +70,6 @@ def as_trial(trial: Trial | File) -> Trial:
 
 
 def config_of(config: File | None) -> Path:
-    """The configuration file; without one that of the campaign in the working folder, else the shipped one."""
     return config_here() if config is None else path_of(config, "config")
 
 
@@ -94,19 +93,14 @@ def fit_impedance(
 
     Parameters
     ----------
-    trial
-        a trial with `theta` [rad] and the resisting `torque` [N*m], or its file.
-    desired
-        what the leg was asked to render, `DesiredImpedance("compensated", K_d=300, B_d=5)`. With it the fit is judged
-        by what the gains should give. Without it `not_checked` says what is not judged.
-    windows
-        what of the trial is fitted [s], as in the column `windows` of a sample sheet; default: all that moves.
-    config
-        a configuration file, which may state what differs from the default only; default: `config.yaml` of a campaign
-        in the working folder, else the shipped one.
-    parameters
-        the parameter file of the device; default: the one that the configuration names; None: a device without one,
-        whose stiffness is not compared with a belt.
+    trial: a trial with `theta` [rad] and the resisting `torque` [N*m], or its file.
+    desired: what the leg was asked to render, `DesiredImpedance("compensated", K_d=300, B_d=5)`. With it the fit is
+        judged by what the gains should give. Without it `not_checked` says what is not judged.
+    windows: what of the trial is fitted [s], as in the column `windows` of a sample sheet; default: all that moves.
+    config: a configuration file, which may state what differs from the default only; default: `config.yaml` of a
+        campaign in the working folder, else the shipped one.
+    parameters: the parameter file of the device; default: the one that the configuration names; None: a device without
+        one, whose stiffness is not compared with a belt.
 
     Raises InputError: the trial lacks a signal, does not move, or follows a damaged stepped sine; or a file is not
     valid. Raises IdentifiabilityError: the motion cannot tell K, B and I apart. Raises UnreachableImpedanceError:
@@ -245,18 +239,13 @@ def read_recording(path: File, source: File, part: str | None = None, name: str 
 
     Parameters
     ----------
-    path
-        the recording, or the folder of a split ROS 2 bag.
-    source
-        the source file (YAML) with channel, unit and sign of each signal, or the name of a shipped one, such as
+    path: the recording, or the folder of a split ROS 2 bag.
+    source: the source file (YAML) with channel, unit and sign of each signal, or the name of a shipped one, such as
         "opensourceleg". `osl-analysis inspect FILE --draft mine.yaml` drafts one.
-    part
-        the part of a log that holds several trials, such as a struct of a MATLAB file.
-    name
-        name of the trial; default: that of the file.
+    part: the part of a log that holds several trials, such as a struct of a MATLAB file.
+    name: name of the trial; default: that of the file.
 
-    Raises InputError: the recording or the source file is missing, or the recording is not what the source file
-    says.
+    Raises InputError: the recording or the source file is missing, or the recording is not what the source file says.
     """
     file, described = path_of(path, "path"), source_file(source)
     role = "mocap" if FORMATS[read_source(described).format].is_capture else "log"
@@ -356,9 +345,8 @@ def read_summary(folder: File = "results") -> pl.DataFrame:
     """The headline numbers of a campaign from the folder of its results, walking among them: a row per number.
 
     `quantity`, `value`, `unit`, the 95 % interval `low` to `high` and what else `summary.json` says of it. Walking
-    needs all crossings of a campaign, plate and static trials: there is no `fit_walking` of a single crossing.
-
-    Raises InputError: there is no summary, or it is damaged.
+    needs all crossings of a campaign, plate and static trials: there is no `fit_walking` of a single crossing. Raises
+    InputError where there is no summary, or it is damaged.
     """
     numbers = read_summary_file(path_of(folder, "folder") / "summary.json")["numbers"]
     return pl.DataFrame([{"quantity": name, **entry} for name, entry in numbers.items()], infer_schema_length=None)
@@ -366,28 +354,19 @@ def read_summary(folder: File = "results") -> pl.DataFrame:
 
 def read_table(path: File) -> pl.DataFrame:
     """A result table of a campaign, such as `results/tables/impedance.csv`; `osl-analysis describe-tables` explains it.
-
-    Raises InputError: the table is missing, is no CSV, or was refused; the message says why.
-    """
+    Raises InputError where it is missing, is no CSV, or was refused."""
     return read_table_file(path_of(path, "path"))
 
 
 def plot_torque(fit: Fit) -> "NotebookFigure":
-    """Measured and modelled torque [N*m] of a fit over time [s], and below the residual.
-
-    Returns a matplotlib `Figure`, which a notebook shows and `figure.savefig("torque.pdf")` saves as a campaign does.
-
-    Raises InputError: it is given another thing than a fit.
-    """
+    """Measured and modelled torque [N*m] of a fit over time [s], and below the residual: a matplotlib `Figure`, which a
+    notebook shows and `figure.savefig("torque.pdf")` saves as a campaign does."""
     return drawn("torque", checked(fit).series)
 
 
 def plot_frequency_response(response: Response) -> "NotebookFigure":
     """Magnitude and phase over frequency [Hz] with 95 % intervals: Fig. 7, or the figure `response`, with noise and
-    distortion, of any other motion than a stepped sine. Returns as `plot_torque`.
-
-    Raises InputError: it is given another thing than what `frequency_response` returns, or it has no rows.
-    """
+    distortion, of any other motion than a stepped sine. Returns as `plot_torque`."""
     if not isinstance(response, Response):
         raise InputError(f"give what `frequency_response` returned, not {type(response).__name__}")
     if response.plotted.is_empty():
@@ -398,10 +377,7 @@ def plot_frequency_response(response: Response) -> "NotebookFigure":
 
 def plot_torque_angle(*fits: Fit) -> "NotebookFigure":
     """Torque [N*m] over angle [deg], loading and unloading, and stiffness [N*m/rad] over angle, of one trial or
-    several. Returns as `plot_torque`.
-
-    Raises InputError: a fit is of another experiment than torque_angle, there is none, or two trials have one name.
-    """
+    several. Returns as `plot_torque`."""
     curves = [fit.curves for fit in fits if checked(fit).experiment == "torque_angle"]
     if len(curves) < len(fits) or not fits:
         given = ", ".join(fit.experiment for fit in fits) or "no fit"

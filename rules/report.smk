@@ -32,7 +32,7 @@ def report_page(_):
         },
         "settings": {
             "about": asdict(ABOUT),
-            "sheet": CAMPAIGN.every_row(),
+            "sheet": CAMPAIGN.rows | CAMPAIGN.unused,
             "largest_mb": CONFIG.report.largest_mb,
         },
     }

@@ -49,7 +49,7 @@ def behind(table: str) -> list[Path]:
 
 def verdicts_on(table: str) -> list[Path]:
     """The verdicts on the trials of a table; the table of the verdicts itself has all trials."""
-    return checked(name for name in PER_TRIAL[table] if name in CAMPAIGN.sheet.index and table != "quality")
+    return checked(name for name in PER_TRIAL[table] if name in CAMPAIGN.rows and table != "quality")
 
 
 def by_stem(files) -> dict[str, str]:

@@ -5,7 +5,6 @@ import importlib.util
 from itertools import pairwise
 
 import numpy as np
-import pandas as pd
 import polars as pl
 import pytest
 from c3d_builder import REAL_DATA
@@ -415,10 +414,9 @@ def test_the_tests_of_a_real_foot_give_what_an_independent_computation_finds_wit
     printed = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(printed)
     page = (ROOT / "docs/desr.md").read_text(encoding="utf-8").splitlines()
-    for row in read_sheet(campaign.sheet).to_dict("records"):
+    for row in read_sheet(campaign.sheet).values():
         trial = trial_from_files(row, REAL_DATA / "mat", campaign.sources)
-        desired = None if pd.isna(row["desired"]) else row["desired"]
-        found = torque_angle_table(torque_angle_trial(trial, campaign.torque_angle), desired).to_dicts()[0]
+        found = torque_angle_table(torque_angle_trial(trial, campaign.torque_angle), row["desired"]).to_dicts()[0]
         theirs = expected.pop(row["log_part"])
         for name, ours in REFERENCE.items():
             if ours is not None:

@@ -337,7 +337,7 @@ def test_the_shipped_campaign_plans_its_motions_by_the_names_of_its_trials(monke
     monkeypatch.chdir(ROOT)
     config = read_config(Path("config/campaigns/excitations/config.yaml"))
     settings = read_simulation(config.simulation, config.shared())
-    names = plan_trials(settings)["trial"].to_list()
+    names = list(plan_trials(settings))
     assert len(names) == 2 * (4 + 5)
     kinds = [settings.excitation_of(name).kind for name in names[:9]]
     assert kinds == ["multisine"] * 4 + ["chirp", "noise", "prbs", "ramps", "hand"]
@@ -366,7 +366,7 @@ def test_torque_angle_trials_without_a_foot_are_refused():
 
 
 def test_the_analysis_finds_the_springs_of_the_foot_and_what_each_cycle_loses():
-    row = plan_trials(SETTINGS).to_dict("records")[0]
+    row = next(iter(plan_trials(SETTINGS).values()))
     log, truth = simulate_dynamometer_trial(row, SETTINGS, read_parameters(SETTINGS.parameters))
     columns = {"time": log.time - log.time[0], "theta": log["joint_angle"], "torque": -log["load_cell_torque"]}
     campaign = read_config(ROOT / "config/campaigns/torque_angle/config.yaml")

@@ -1,14 +1,14 @@
 """Simulate a campaign, or one trial of it, into a raw-data folder."""
 
+import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.config.shared_choices import SharedChoices
+from osl_analysis.config.sheet import SHEET_COLUMNS, Sheet
 from osl_analysis.config.yaml_settings import read_yaml, validated
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, check_output, check_target
@@ -35,7 +35,7 @@ def check_folder(folder: Path) -> None:
         )
 
 
-def planned_sheet(settings_path: Path, sheet: Path) -> pd.DataFrame | None:
+def planned_sheet(settings_path: Path, sheet: Path) -> Sheet | None:
     """The plan of a simulated campaign, or None where the sheet on disk is to be read instead.
 
     A sheet that is newer than the settings is kept, so that trials can be excluded or added by hand. Settings that
@@ -53,8 +53,10 @@ def write_sheet(settings_path: Path, sheet: Path) -> None:
     check_folder(sheet.parent)
     plan = plan_trials(read_yaml(settings_path, SimulationSettings))
     (sheet.parent / TRUTH).mkdir(parents=True, exist_ok=True)
-    with atomic_path(sheet) as path:
-        plan.to_csv(path, index=False)
+    with atomic_path(sheet) as path, path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, SHEET_COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(plan.values())
 
 
 def settings_files(settings_path: Path, followed: SharedChoices = NOTHING) -> list[Path]:

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -13,17 +13,14 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from osl_analysis.config.configuration import Config, FrequencyResponseFigure
 from osl_analysis.config.experiments import Table
 from osl_analysis.config.parameters import joint_of
-from osl_analysis.config.sheet import JOINT, read_sheet
+from osl_analysis.config.sheet import Sheet, read_sheet
 from osl_analysis.config.yaml_settings import read_mapping
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config, digest
 from osl_analysis.formats.rosbag import recorded_files
-from osl_analysis.jobs.job_log import plain
 from osl_analysis.judge.recording import CHECKS, unknown_check, validate_rules
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.table import MEASURED, SIMULATED
@@ -37,13 +34,13 @@ class Campaign:
     """The trials of a configuration."""
 
     config: Config  # the configuration
-    sheet: pd.DataFrame  # rows of the sample sheet that are not excluded, indexed by trial
-    unused: pd.DataFrame  # rows of the sample sheet that are excluded, with the reasons in the column `exclude`
+    rows: Sheet  # of the sample sheet that are not excluded
+    unused: Sheet  # that are excluded, with the reasons in the column `exclude`
 
     @property
     def excluded(self) -> dict[str, str]:
         """Reasons of the trials that the sheet excludes, by trial."""
-        return {str(trial): str(why) for trial, why in self.unused["exclude"].items()}
+        return {trial: row["exclude"] for trial, row in self.unused.items()}
 
     def trials(self, *experiments: str) -> list[str]:
         """Names of the trials of these experiments, or of all, in the order of the sheet."""
@@ -119,25 +116,11 @@ class Campaign:
             found.add(re.escape(name) if start is None else f"{re.escape(start)}[A-Za-z0-9_.-]*")
         return "|".join(sorted(found)) or "(?!)"
 
-    def row(self, trial: str, experiment: str | None = None) -> Mapping[str, Any]:
+    def row(self, trial: str) -> Mapping[str, Any]:
         """One trial's row of the sheet, empty cells as None."""
         if trial not in self.rows:
-            raise InputError(f"{self.config.sheet}: no trial '{trial}'; it has {', '.join(self.sheet.index[:5])}, ...")
-        if experiment is not None and self.rows[trial]["experiment"] != experiment:
-            raise InputError(
-                f"{self.config.sheet}: trial '{trial}' is of experiment '{self.rows[trial]['experiment']}', not "
-                f"'{experiment}'; ask for a result of that experiment"
-            )
+            raise InputError(f"{self.config.sheet}: no trial '{trial}'; it has {', '.join([*self.rows][:5])}, ...")
         return self.rows[trial]
-
-    @cached_property
-    def rows(self) -> dict[str, dict[str, Any]]:
-        """The rows of the trials, by trial; empty cells as None. The rules ask for a row some twenty times per job."""
-        return {str(trial): cells(row.items()) for trial, row in self.sheet.iterrows()}
-
-    def every_row(self) -> dict[str, dict[str, Any]]:
-        """The rows of all trials, of those that the sheet excludes too, by trial; empty cells as None."""
-        return self.rows | {str(trial): cells(row.items()) for trial, row in self.unused.iterrows()}
 
     @cached_property
     def places(self) -> dict[str, dict[str, Any]]:
@@ -174,8 +157,11 @@ class Campaign:
 
     def predicted(self) -> list[str]:
         """The impedance trials whose gains are known: by a parameter file, a controller of the draft, K_d and B_d."""
-        known = self.sheet["controller"].isin(CONTROLLERS) & self.sheet[["K_d", "B_d"]].notna().all(axis=1)
-        return [trial for trial in self.trials("impedance") if known[trial] and self.device(trial)]
+
+        def is_known(row: Mapping[str, Any]) -> bool:
+            return row["controller"] in CONTROLLERS and None not in (row["K_d"], row["B_d"])
+
+        return [trial for trial in self.trials("impedance") if is_known(self.row(trial)) and self.device(trial)]
 
     def rows_of(self, experiment: str, table: Table) -> list[str]:
         """Names of the trials of an experiment that have rows in one of its tables."""
@@ -200,19 +186,13 @@ class Campaign:
         return [self.config.sources / f"{row[c]}.yaml" for c in ("log_source", "mocap_source") if row[c]]
 
 
-def open_campaign(config: Config, planned: pd.DataFrame | None) -> Campaign:
+def open_campaign(config: Config, planned: Sheet | None) -> Campaign:
     """The campaign of a configuration; `planned` is the sheet of a simulation that has not been written yet."""
-    sheet = read_sheet(config.sheet) if planned is None else planned.set_index("trial", drop=False)
-    sheet = sheet.fillna({"joint": JOINT})
-    used, unused = sheet[sheet["exclude"].isna()], sheet[sheet["exclude"].notna()]
-    if used.empty:
+    sheet = read_sheet(config.sheet) if planned is None else planned
+    used = {trial: row for trial, row in sheet.items() if row["exclude"] is None}
+    if not used:
         raise InputError(f"{config.sheet}: every trial is excluded; clear `exclude` of those to analyse")
-    return Campaign(config, used, unused)
-
-
-def cells(row: Iterable[tuple[Hashable, Any]]) -> dict[str, Any]:
-    """A row of the sheet, column and entry each, by column; empty cells as None."""
-    return {str(name): None if pd.isna(value) else plain(value) for name, value in row}
+    return Campaign(config, used, {trial: row for trial, row in sheet.items() if trial not in used})
 
 
 def check_campaign(campaign: Campaign) -> None:
@@ -220,7 +200,7 @@ def check_campaign(campaign: Campaign) -> None:
     and walking trials whose analysis lacks other trials."""
     check_files(campaign.config)
     validate_rules(campaign.config.quality)
-    for trial in campaign.sheet.index:
+    for trial in campaign.rows:
         unknown = [name for name in campaign.accepted(trial) if name not in CHECKS]
         if unknown:
             raise InputError(f"{campaign.config.sheet}: trial '{trial}', accept: {unknown_check(unknown[0])}")

@@ -7,8 +7,7 @@ import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-import pandas as pd
+from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS, RENAMED
 from osl_analysis.errors import InputError, nearest
@@ -98,18 +97,16 @@ LONGEST_WORD = 100
 SIDES, DIRECTIONS = ("left", "right"), ("up", "down")
 CONDITIONS = ("group", "subject", "session", "side", "speed", "direction")
 """Columns that say under which conditions a crossing was walked. Walking results are split by them."""
-SHEET_COLUMNS = {
-    "trial": "string", "experiment": "string", "controller": "string", "K_d": "float64", "B_d": "float64",
-    "perturbed": "boolean", "log": "string", "log_source": "string", "mocap": "string", "mocap_source": "string",
-    "log_part": "string", "desired": "string", "windows": "string", "exclude": "string", "accept": "string",
-    "joint": "string",
-    **dict.fromkeys(CONDITIONS, "string"), "body_mass_kg": "float64", "static": "string",
-}  # fmt: skip
-REQUIRED_COLUMNS = ("trial", "experiment")
+SHEET_COLUMNS = (
+    "trial", "experiment", "controller", "K_d", "B_d", "perturbed", "log", "log_source", "mocap", "mocap_source",
+    "log_part", "desired", "windows", "exclude", "accept", "joint", *CONDITIONS, "body_mass_kg", "static",
+)  # fmt: skip
+Sheet = dict[str, dict[str, Any]]
+"""The rows of a sheet by trial, with all columns; None where a cell is empty."""
 
 
-def read_sheet(path: Path) -> pd.DataFrame:
-    """Read and validate a sample sheet, CSV in UTF-8. The index is the trial's name. Absent optional columns are NA.
+def read_sheet(path: Path) -> Sheet:
+    """Read and validate a sample sheet, CSV in UTF-8.
 
     trial: its name, of letters, digits, `_`, `.` and `-`.
     experiment: one of `EXPERIMENTS`.
@@ -137,7 +134,7 @@ def read_sheet(path: Path) -> pd.DataFrame:
         raise InputError(f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`")
     columns, lines = sheet_lines(path)
     unknown = sorted(set(columns) - set(SHEET_COLUMNS))
-    absent = sorted(set(REQUIRED_COLUMNS) - set(columns))
+    absent = sorted({"trial", "experiment"} - set(columns))
     if unknown or absent:
         sign = next((sign for sign in ";\t|" if len(columns) == 1 and sign in columns[0]), "")
         if sign:
@@ -148,7 +145,7 @@ def read_sheet(path: Path) -> pd.DataFrame:
     if not lines:
         raise InputError(f"{path}: no trials; add one row per trial")
     check_rows(lines, path)
-    return typed([line.cells for line in lines])
+    return {line.cells["trial"]: typed(line.cells) for line in lines}
 
 
 def check_rows(lines: Sequence[SheetLine], path: Path) -> None:
@@ -183,12 +180,12 @@ def check_spelling(lines: Sequence[SheetLine], path: Path) -> None:
                 )
 
 
-def typed(rows: Sequence[Mapping[str, str]]) -> pd.DataFrame:
-    """Valid rows with the types of their columns; NA where a cell is empty."""
-    sheet = pd.DataFrame(rows, columns=list(SHEET_COLUMNS), dtype="string").replace("", pd.NA)
-    booleans = sheet["perturbed"].str.lower().map({"true": True, "false": False})
-    filled = sheet.assign(perturbed=booleans, joint=sheet["joint"].fillna(JOINT))
-    return filled.astype(SHEET_COLUMNS).set_index("trial", drop=False)
+def typed(cells: Mapping[str, str]) -> dict[str, Any]:
+    """A valid row with numbers and truth values."""
+    row: dict[str, Any] = {column: cells.get(column) or None for column in SHEET_COLUMNS}
+    numbers = {name: float(row[name]) for name in ("K_d", "B_d", "body_mass_kg") if row[name]}
+    perturbed = row["perturbed"] and row["perturbed"].lower() == "true"
+    return row | numbers | {"perturbed": perturbed, "joint": row["joint"] or JOINT}
 
 
 def problem_in(row: dict[str, str]) -> str:

@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from osl_analysis.stats.covariance import Cycles
-
 CYCLE, COUNT = 50, 24
 
 
@@ -14,5 +12,5 @@ def repeated(rng, noise=0.3):
     columns = {"a": np.sin(2 * np.pi * t), "b": np.cos(2 * np.pi * t), "offset": np.ones(n)}
     friction = np.sign(columns["b"]) * np.where(t < COUNT / 2, 1.0, 2.0)
     edges = np.arange(COUNT + 1.0) * CYCLE
-    cycles = Cycles(edges[:-1], edges[1:], np.repeat([0, 1], COUNT // 2))
+    cycles = edges[:-1], edges[1:], np.repeat([0, 1], COUNT // 2)
     return 3 * columns["a"] + friction + noise * rng.standard_normal(n), columns, cycles

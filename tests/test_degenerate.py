@@ -19,6 +19,7 @@ from walking_crossings import Walk, walked
 from walking_synthetic import settings
 
 from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.bench.phasors import fit_sinusoid
 from osl_analysis.commands.bench import fit_request, fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError
@@ -28,7 +29,6 @@ from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion
 from osl_analysis.stats import regression, repeats
 from osl_analysis.stats.fit_row import whiteness
 from osl_analysis.stats.regression import linear_fit
-from osl_analysis.stats.sinusoid import fit_sinusoid
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.ensemble import group_headline

@@ -9,9 +9,9 @@ from repeated_cycles import COUNT, CYCLE, repeated
 
 from osl_analysis.signals import LowPass
 from osl_analysis.stats.covariance import (
-    Cycles,
     between_cycles,
     moving_sums,
+    products_between,
     welch_satterthwaite,
 )
 from osl_analysis.stats.regression import linear_fit
@@ -22,8 +22,9 @@ RATE = 1000.0
 def with_spread(y, columns, cycles, filtered_off=0.0):
     """The fit with the covariance of the spread of cycles, of the residual before a filter."""
     fit, X = linear_fit(y, columns), np.column_stack(list(columns.values()))
-    scores = cycles.products(X, (fit.residual + filtered_off)[:, None])[..., 0] @ np.linalg.inv(X.T @ X)
-    covariance, freedom = between_cycles(scores, cycles.stratum)
+    first, stop, stratum = cycles
+    scores = products_between(X, (fit.residual + filtered_off)[:, None], first, stop)[..., 0] @ np.linalg.inv(X.T @ X)
+    covariance, freedom = between_cycles(scores, stratum)
     return replace(fit, covariance=covariance, degrees_of_freedom=freedom)
 
 
@@ -43,7 +44,7 @@ def test_the_spread_of_cycles_covers_where_friction_fools_hac():
 def test_one_stratum_is_statsmodels_cluster_covariance():
     y, columns, cycles = repeated(np.random.default_rng(5))
     groups = np.repeat(np.arange(COUNT), CYCLE)
-    fit = with_spread(y, columns, Cycles(cycles.first, cycles.stop, np.zeros(COUNT, dtype=np.intp)))
+    fit = with_spread(y, columns, (*cycles[:2], np.zeros(COUNT, dtype=np.intp)))
     other = sm.OLS(y, np.column_stack(list(columns.values()))).fit(
         cov_type="cluster", cov_kwds={"groups": groups, "use_correction": False}
     )
@@ -86,7 +87,7 @@ def test_cycles_that_a_filter_correlates_have_the_spread_of_the_noise_before_it(
     inside = slice(500, 1500)
     columns = {"cosine": np.cos(2 * np.pi * f * t)[inside], "offset": np.ones(1000)}
     edges = 200.0 * np.arange(6)
-    cycles = Cycles(edges[:-1], edges[1:], np.zeros(5, dtype=np.intp))
+    cycles = edges[:-1], edges[1:], np.zeros(5, dtype=np.intp)
     variances, errors = {"before": [], "behind": []}, []
     for _ in range(2000):
         noise = rng.standard_normal(len(t))

@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 from scipy.optimize import curve_fit
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
-from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.second_order import impedance_columns
-from osl_analysis.signals import LowPass
-from osl_analysis.stats.fit_row import whiteness
-from osl_analysis.stats.regression import linear_fit, variance_accounted_for
-from osl_analysis.stats.sinusoid import (
+from osl_analysis.bench.phasors import (
     complex_mean,
     complex_quotient,
     fit_sinusoid,
     polar_row,
 )
+from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.second_order import impedance_columns
+from osl_analysis.signals import LowPass
+from osl_analysis.stats.fit_row import whiteness
+from osl_analysis.stats.regression import linear_fit, variance_accounted_for
 
 RNG_SEED = 20
 T = np.linspace(0, 10, 2000, endpoint=False)

@@ -130,8 +130,7 @@ def gram_sums(
     check_all_measured([*(f"column '{name}'" for name in columns), "column 'y'", "the torque"], Z)
     Z = np.ascontiguousarray(Z.T)
     groups = record.groups
-    nowhere = np.zeros(2 * len(groups.first), dtype=np.intp)
-    gram = products_between(Z, Z, groups.first, groups.stop, nowhere)
+    gram = products_between(Z, Z, groups.first, groups.stop)
     seconds = float(groups.stop.max() - groups.first.min()) / record.rate_hz
     return Sums(
         tuple(columns),

@@ -18,7 +18,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.measured import usual_size
 from osl_analysis.signals import longest_run, run_edges, runs, sampling_rate
 from osl_analysis.stats.covariance import FEWEST_CYCLES
-from osl_analysis.stats.sinusoid import waves
 from osl_analysis.timebase.grid import BRIDGE_MORE
 from osl_analysis.trial import Array
 
@@ -464,7 +463,7 @@ def shifted(group: Sequence[Segment], start: float) -> list[Segment]:
 
 def unit_sines(sines: Sequence[tuple[float, float]], rate: float) -> Array:
     """Sines of unit amplitude, one after the other: frequency [Hz] and number of cycles of each, at `rate` [Hz]."""
-    pieces = [waves(np.arange(round(cycles / f * rate)) / rate, f)[1] for f, cycles in sines]
+    pieces = [np.sin(2 * np.pi * f * np.arange(round(cycles / f * rate)) / rate) for f, cycles in sines]
     return np.concatenate(pieces)
 
 

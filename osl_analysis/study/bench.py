@@ -15,7 +15,7 @@ import polars as pl
 
 from osl_analysis.bench.components import PARAMETERS, actuator_trial, belt_trial, moving_rows
 from osl_analysis.bench.effects import IMPEDANCE, TRANSMISSION, Model, plain_sums, with_effects
-from osl_analysis.bench.phasors import SegmentPhasors, phasors_of_record
+from osl_analysis.bench.phasors import SegmentPhasors, phasors_of_record, polar_row
 from osl_analysis.bench.record import Record, sine_record
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.config.configuration import StudySettings
@@ -42,7 +42,6 @@ from osl_analysis.simulator.settings import Effect, Encoder, RecorderSettings, S
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
-from osl_analysis.stats.sinusoid import polar_row
 from osl_analysis.study import BENCH_EXPERIMENTS, RECORDINGS, RecordedAs
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.settings import WalkingAnalysis

@@ -185,16 +185,6 @@ def test_four_of_twelve_with_less_load_do_not_hide_in_the_scatter_that_they_make
     assert set(reasons(crossings)) == set(bad)
 
 
-@pytest.mark.parametrize("feet", [4, 2])
-def test_the_unperturbed_crossings_that_load_the_plate_as_the_perturbed_ones_do_stay(feet: int) -> None:
-    """A second foot, 5 cm beside the ankle, in four of six unperturbed crossings: the majority is wrong. In two it is
-    right."""
-    bad = ("w0", "w4", "w6", "w8")[:feet]
-    crossings = [loaded(c, left=0.06 if c.name in bad else 0.01, seed=k) for k, c in enumerate(session())]
-    assert sum(c.onset is None for c in crossings) == 6
-    assert set(reasons(crossings)) == set(bad)
-
-
 def test_hidden_markers_are_named_beside_an_outlier() -> None:
     one = session(quality=CrossingQuality({}, None, (0.0, 0.3), None))
     hidden = [*one[:-1], replace(one[-1], bridged=0.16)]

@@ -75,11 +75,11 @@ def label(parts: Mapping[str, object]) -> str:
 
 def gaits_served(cells: Cells, gaits: Mapping[str, Cells], keys: Sequence[str]) -> list[str]:
     """Names of the `gaits` (name to cells) that an unperturbed crossing serves; an empty cell matches every value."""
-
-    def serves(wanted: Cells) -> bool:
-        return all(cells.get(key) is None or cells.get(key) == wanted[key] for key in keys)
-
-    return [name for name, wanted in gaits.items() if serves(wanted)]
+    return [
+        name
+        for name, wanted in gaits.items()
+        if all(cells.get(key) is None or cells.get(key) == wanted[key] for key in keys)
+    ]
 
 
 def statements(sheet: Sheet, settings: GroupSettings) -> list[str]:
@@ -152,10 +152,6 @@ ANGLE, TORQUE = "angle before the onset", "torque before the onset"
 LOAD, LOAD_LATER, PRESSURE = "load before the onset", "load in single support", "pressure beside the ankle"
 """Names of the features that compare curves."""
 OF_LOAD = "of the usual load"
-CAMP, FEWEST_OF_CAMP = 1 / 3, 2
-"""Share of the unperturbed crossings, and number of crossings, from which those beyond the limit are a camp."""
-CLEARLY = 1.5  # By how much nearer to the perturbed crossings a smaller camp must be than the larger one
-USUAL_WIDTH = 0.15  # Length [m] by which centres of pressure are divided, to compare them with shares of the load
 MIDDLE = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]  # Phases of single support
 
 
@@ -209,28 +205,7 @@ def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: Outli
     beyond the limit, until no further one is: four bad ones of twelve widen the scatter so that none stands out."""
     every = np.ones(len(crossings), dtype=bool)
     early, sound = without_beyond(lambda mask: early_features(crossings, timing, rule, mask), every, rule.limit)
-    later, within = without_beyond(lambda mask: later_features(crossings, rule, mask), sound, rule.limit)
-    camp = likelier_camp(crossings, sound, within)
-    if camp is not None:
-        later, _ = without_beyond(lambda mask: later_features(crossings, rule, mask), camp, rule.limit)
-    return early + later
-
-
-def likelier_camp(crossings: Sequence[Crossing], sound: Mask, within: Mask) -> Mask | None:
-    """The sound crossings (n,) without the unperturbed ones `within` the limit, if the perturbed ones load the plate as
-    the others do; else None. With a second foot on the plate in four of seven, the sound three would be excluded."""
-    flat = np.array([c.onset is None for c in crossings])
-    kept, other, turned = flat & within, flat & sound & ~within, ~flat & within
-    if other.sum() < max(CAMP * (flat & sound).sum(), FEWEST_OF_CAMP) or turned.sum() < FEWEST_OF_CAMP:
-        return None
-    if any(c.load is None for c in crossings):
-        return None
-    apart = np.zeros(2)
-    for signal, size in ((force_of, usual_load(crossings)), (left_of, USUAL_WIDTH)):
-        curves = curves_of(crossings, signal, MIDDLE) / size
-        usual = np.median(curves[turned], axis=0)
-        apart += [np.mean((np.median(curves[camp], axis=0) - usual) ** 2) for camp in (kept, other)]
-    return sound & ~kept if CLEARLY**2 * apart[1] < apart[0] else None
+    return early + without_beyond(lambda mask: later_features(crossings, rule, mask), sound, rule.limit)[0]
 
 
 def without_beyond(features: Callable[[Mask], list[Feature]], sound: Mask, limit: float) -> tuple[list[Feature], Mask]:

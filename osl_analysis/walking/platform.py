@@ -4,9 +4,8 @@ A pose has six coordinates: the screw (logarithm in SE(3)) that carries the clus
 A rotation about a fixed axis, however large, is a straight line in them. They are scaled so that marker noise is the
 same in each direction: their length is the root of the sum of squared displacements of the markers [m].
 
-A platform repeats its command. The motion measured in one crossing has the noise of its markers, whose accelerations
-shake a heavy plate by more than a newton metre; the mean over crossings has little of it, and shows when each of them
-started to a fraction of a millisecond. A crossing that does not follow the shape keeps its own motion."""
+A platform repeats its command. The markers' noise in one crossing shakes a heavy plate by more than a newton metre; the
+mean over crossings has little of it, and shows when each started to a fraction of a millisecond."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -36,18 +35,9 @@ from osl_analysis.walking.bodies import (
 from osl_analysis.walking.settings import PlatformMotionSettings, PlatformSettings
 
 COORDINATES = 6
-SIGNIFICANT = 1.3  # Margin on the largest variance that noise alone would show in any direction (Marchenko and Pastur)
-LEAST_NOISE_M = 2e-7  # Smallest noise [m] of a coordinate: the resolution of single precision at a metre
 STILL = 7.0  # A platform moves where its speed is above this multiple of its noise: 1 in 10^7 frames of a resting one
-PLAIN = 2.0  # Time before and after a motion that is seen, over the low-pass's spread, in which it may still move
-SPREAD_S, SPREAD_CUTOFF_HZ = 0.025, 20.0  # Time [s] by which a low-pass of this cut-off [Hz] widens a motion
-LONG_GAP_S = 0.015  # Shortest gap [s] that is bridged by a straight line: a turn is never hidden for as long
-BESIDE = 4  # Frames beside a gap whose mean is the end of that line
 FEWEST_FRAMES = 10  # Fewest frames from which a position at rest is read
 EVERY = slice(None)
-BESIDE_ROWS = 60
-"""Frames on either side of those in which a motion is asked for: the derivatives of its spline depend on each further
-sample by a factor 0.43 less, by nothing at 60."""
 
 
 def rotation_from_rest(platform: Poses) -> Array:
@@ -89,13 +79,8 @@ def screw_poses(reference: Array, coordinates: Array) -> Poses:
     screw: Array = np.linalg.solve(screw_scale(reference), coordinates.T).T.astype(float)
     turn, n, origin = screw[:, :3], len(screw), reference.mean(axis=0)
     position = np.einsum("nij,nj->ni", left_jacobian(turn), screw[:, 3:]) + origin
-    return Poses(
-        scipy.spatial.transform.Rotation.from_rotvec(turn).as_matrix(),
-        position,
-        origin,
-        np.full(n, np.nan),
-        np.zeros(n, dtype=bool),
-    )
+    rotation = scipy.spatial.transform.Rotation.from_rotvec(turn).as_matrix()
+    return Poses(rotation, position, origin, np.full(n, np.nan), np.zeros(n, dtype=bool))
 
 
 def left_jacobian(turn: Array) -> Array:
@@ -132,27 +117,28 @@ def gated_noise(weights: Array, rate: float, low_pass: LowPass, further: LowPass
 
 
 def gate(time: Array, moves: Mask, spread: float) -> Array:
-    """Weights (n,) of inertial forces: 1 where the platform moves and up to `PLAIN` times `spread` [s] beside it, 0 one
+    """Weights (n,) of inertial forces: 1 where the platform moves and up to twice `spread` [s] beside it, 0 one
     `spread` later, half a cosine between: a slow ramp accelerates most while its speed is below that of noise. Weights
-    that fall after one `spread` make a plate's mass 0.1 % too large at 5 deg, and its moment 1 % too small at 2.5."""
+    that fall after one `spread` make a plate's mass 0.1 % too large at 5 deg, its moment 1 % too small at 2.5."""
     if not moves.any():
         return np.zeros(len(time))
     motion = time[moves]
     after = np.searchsorted(motion, time)
     later, earlier = motion[np.minimum(after, len(motion) - 1)], motion[np.maximum(after - 1, 0)]
     nearest = np.minimum(np.abs(time - later), np.abs(time - earlier))
-    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.clip(nearest / spread - PLAIN, 0, 1)))
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.clip(nearest / spread - 2, 0, 1)))
 
 
 def directions(coordinates: Sequence[Array], noise: float, low_pass: LowPass, rate: float) -> Array:
     """Orthonormal directions (r, 6) of motions (n, 6) [m] from rest, filtered: one, and all whose mean square is above
-    the largest that filtered noise, of `noise` [m] in one frame before the low-pass, would show."""
+    the largest that filtered noise, of `noise` [m] in one frame before the low-pass, would show (Marchenko and Pastur).
+    """
     stacked = np.concatenate(list(coordinates))
     _, size, axes = np.linalg.svd(stacked, full_matrices=False)
     gain = noise_gain(low_pass, rate)
     independent = max(len(stacked) * gain, 1.0)
     largest = noise**2 * gain * (1 + np.sqrt(COORDINATES / independent)) ** 2
-    count = int(np.sum(size**2 / len(stacked) > SIGNIFICANT * largest))
+    count = int(np.sum(size**2 / len(stacked) > 1.3 * largest))
     return np.asarray(axes[: max(count, 1)])
 
 
@@ -176,7 +162,8 @@ class PlatformTrack:
         second = np.diff(measured[~poses.bridged], n=2, axis=0)
         noise = 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0) if second.size else 0.0
         filtered = low_pass(measured, sampling_rate(time))
-        return cls(name, time, reference, measured, filtered, low_pass, float(max(noise, LEAST_NOISE_M)))
+        # 2e-7 m is the resolution of single precision at a metre
+        return cls(name, time, reference, measured, filtered, low_pass, float(max(noise, 2e-7)))
 
     @property
     def rate(self) -> float:
@@ -184,8 +171,8 @@ class PlatformTrack:
 
     @property
     def spread(self) -> float:
-        """Time [s] by which the low-pass widens a motion."""
-        return SPREAD_S * SPREAD_CUTOFF_HZ / self.low_pass.cutoff_hz
+        """Time [s] by which the low-pass widens a motion: 25 ms at 20 Hz."""
+        return 0.025 * 20.0 / self.low_pass.cutoff_hz
 
     def speed(self, axes: Array) -> Array:
         """Speed (n,) [m/s] of the filtered coordinates along directions (r, 6)."""
@@ -220,9 +207,10 @@ class PlatformTrack:
 
     def motion_of(self, coordinates: Array, centre: Array, rows: slice) -> BodyMotion:
         """Motion in `rows` of the point that rests at `centre` (3,) [m] for other coordinates (n, 6) [m], not filtered.
-        The markers of that pose pass the low-pass, as the wrench does; its coordinates do not."""
+        The markers of that pose pass the low-pass, as the wrench does; its coordinates do not. The derivatives of its
+        spline depend on each further frame beside `rows` by a factor 0.43 less, by nothing at 60."""
         first, last, _ = rows.indices(len(self.time))
-        start, stop = max(first - BESIDE_ROWS, 0), min(last + BESIDE_ROWS, len(self.time))
+        start, stop = max(first - 60, 0), min(last + 60, len(self.time))
         markers = self.low_pass(screw_poses(self.reference, coordinates).points(self.reference), self.rate)
         poses = rigid_poses(self.reference, markers[start:stop])
         return body_motion(self.time[start:stop], poses, centre)[first - start : last - start]
@@ -241,14 +229,15 @@ def track_about(
 
 
 def straight_over_gaps(coordinates: Array, bridged: Mask, rate: float) -> Array:
-    """Coordinates (n, 6) [m] with straight lines, between the means of the frames beside them, over longer gaps. A
-    cubic over 50 ms carries the noise of the frames beside it to several times its size: a motion that never was."""
+    """Coordinates (n, 6) [m] with straight lines, between the means of four frames beside them, over gaps of 15 ms and
+    more, in which a turn is never hidden. A cubic over 50 ms carries the noise of the frames beside it to several times
+    its size: a motion that never was."""
     found = coordinates.copy()
     for gap in runs(bridged):
-        if (gap.stop - gap.start) / rate < LONG_GAP_S:
+        if (gap.stop - gap.start) / rate < 0.015:
             continue
-        before = [row for row in range(max(gap.start - BESIDE, 0), gap.start) if not bridged[row]]
-        after = [row for row in range(gap.stop, min(gap.stop + BESIDE, len(bridged))) if not bridged[row]]
+        before = [row for row in range(max(gap.start - 4, 0), gap.start) if not bridged[row]]
+        after = [row for row in range(gap.stop, min(gap.stop + 4, len(bridged))) if not bridged[row]]
         ends = np.mean(before), np.mean(after)
         share = (np.arange(gap.start, gap.stop) - ends[0]) / (ends[1] - ends[0])
         first, last = coordinates[before].mean(axis=0), coordinates[after].mean(axis=0)
@@ -269,16 +258,6 @@ def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
     return [together if len(own) == len(together) else own for own in alone]
 
 
-REST_S = 0.1  # Length [s] of the interval before the first motion in which the platform rests
-FITTED_NOISE = 25.0  # The start of a rotation is fitted up to this multiple of the noise at rest (standard deviation)
-SMALLEST_PART, LARGEST_PART = 0.03, 0.25
-"""Limits of the fitted part, as fractions of the whole rotation. A smaller part follows a power of time more closely. A
-larger part is less affected by noise."""
-FEWEST_OF_START = 4  # Smallest number of frames of the fitted start that determines its power
-POWERS = np.arange(1.0, 4.01, 0.25)  # Powers of time that are tried. 1 is a straight ramp.
-START_STEP_S = 0.0002  # Resolution [s] of the onset
-
-
 def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
     """Time [s] at which a platform starts to rotate; None if it never rotates by `threshold` [rad]. `rotation` (n,)
     [rad] is positive in the direction of the perturbation, and not low-passed, which would spread the start. The first
@@ -288,23 +267,26 @@ def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
     above = np.flatnonzero(rotation > threshold)
     if not len(above):
         return None
-    first = int(above[0])
-    resting = (time >= time[first] - 2 * REST_S) & (time < time[first] - REST_S)
+    first, rest = int(above[0]), 0.1  # [s] before the first motion in which the platform rests
+    resting = (time >= time[first] - 2 * rest) & (time < time[first] - rest)
     if not resting.any():
         raise InputError(
-            f"the platform turns at {time[first]:.3f} s, within {2 * REST_S:g} s of the recording's start; start to "
+            f"the platform turns at {time[first]:.3f} s, within {2 * rest:g} s of the recording's start; start to "
             "record earlier, or exclude the trial"
         )
     turned, noise = rotation - float(np.mean(rotation[resting])), float(np.std(rotation[resting]))
+    # Up to 25 times the noise: a smaller part of the rotation follows a power of time more closely, a larger one is
+    # less affected by noise. Four frames at least determine the power.
     height = float(np.max(turned))
-    level = height * np.clip(FITTED_NOISE * noise / height, SMALLEST_PART, LARGEST_PART)
+    level = height * np.clip(25 * noise / height, 0.03, 0.25)
     visible = max(0.2 * level, 3 * noise)
     end, start = (int(np.flatnonzero(turned[:first] < limit)[-1]) + 1 for limit in (level, visible))
-    end = min(max(end, start + FEWEST_OF_START - 1), first)
-    rows = slice(int(np.searchsorted(time, time[end] - 2 * REST_S)), end + 1)
-    starts = np.arange(-REST_S, -START_STEP_S, START_STEP_S)
+    end = min(max(end, start + 3), first)
+    rows = slice(int(np.searchsorted(time, time[end] - 2 * rest)), end + 1)
+    step = 0.0002  # [s], resolution of the onset
+    starts = np.arange(-rest, -step, step)
     since, misfits = np.clip(time[rows] - time[end] - starts[:, None], 0.0, None), []
-    for p in POWERS:
+    for p in np.arange(1.0, 4.01, 0.25):  # 1 is a straight ramp
         shape = since**p
         size = shape @ turned[rows] / np.sum(shape**2, axis=1)
         misfits.append(np.sum((turned[rows] - size[:, None] * shape) ** 2, axis=1))
@@ -312,16 +294,11 @@ def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
 
 
 LEAD_S = 0.15  # Time [s] before the middle of the rise at which the shape begins
-KNOT_S = 0.01  # Distance [s] between the knots of the shape: 50 Hz, beyond the low-pass of the analysis
 GRID_S = 0.002  # Step [s] of the shape as it is stored
 ROUNDS = 6  # Alternations of shape and alignment. A start that is 5 ms off is right to 1e-5 s after four.
-LARGEST_STEP_S = 0.02  # Largest change [s] of a start in one step of Gauss and Newton
-UNLIKE = 4.0  # A crossing does not follow the shape if its misfit is this many SDs above that of noise
 CHANCE = 1e-3
 """The duration of the motion is free where noise alone would scatter it as much with this probability only;
 a trigger's latency is constant unless the starts' noise would scatter it as much with less."""
-FEWEST = 2  # Fewest crossings whose mean is a shape
-GROUPS = 10  # Largest number of groups of crossings that are left out in turn, for the jackknife of the shape
 
 
 @dataclass(frozen=True)
@@ -386,7 +363,7 @@ def mean_shape(pairs: Pairs, axes: Array, ends: tuple[float, float], noise: floa
         weights.append(np.full(near.sum(), abs(amplitude)))
     order = np.argsort(np.concatenate(time), kind="stable")
     stamps, drawn, trust = (np.concatenate(each)[order] for each in (time, values, weights))
-    step = max(KNOT_S, 1.5 / pairs[0][0].rate)
+    step = max(0.01, 1.5 / pairs[0][0].rate)  # knots each 10 ms: 50 Hz, beyond the low-pass of the analysis
     inner = np.linspace(*ends, round((ends[1] - ends[0]) / step) + 1)[1:-1]
     spline = scipy.interpolate.make_lsq_spline(
         stamps, drawn, np.r_[[stamps[0]] * 4, inner, [stamps[-1]] * 4], k=3, w=trust
@@ -405,7 +382,7 @@ def mean_scales(pairs: Pairs) -> tuple[float, float]:
 
 def aligned(track: PlatformTrack, guess: Alignment, template: PlatformTemplate, scaled: bool) -> Alignment:
     """The start, amplitude and, if `scaled`, duration with which a motion follows a shape, by Gauss and Newton. It
-    follows it if the mean square of their filtered difference is that of noise."""
+    follows it if the mean square of their filtered difference is that of noise, by no more than four SDs above."""
     measured, a = track.measured @ template.axes.T, guess if scaled else replace(guess, duration=1.0)
     r = measured.shape[1]
     for _ in range(ROUNDS):
@@ -421,7 +398,7 @@ def aligned(track: PlatformTrack, guess: Alignment, template: PlatformTemplate, 
         a = replace(
             a,
             amplitude=amplitude + float(change[0]),
-            start=a.start + float(np.clip(change[1], -LARGEST_STEP_S, LARGEST_STEP_S)),
+            start=a.start + float(np.clip(change[1], -0.02, 0.02)),
             duration=float(np.clip(a.duration + (change[2] if scaled else 0.0), 0.5, 2.0)),
             offset=change[-r:],
         )
@@ -436,22 +413,16 @@ def aligned(track: PlatformTrack, guess: Alignment, template: PlatformTemplate, 
     before = filtered[since[inside] < template.time[0] + LEAD_S / 2]
     level = max(template.noise**2 * gain, float(np.mean(before**2)) if before.size else 0.0)
     misfit = float(np.mean(filtered**2)) / level
-    follows = bool(misfit < 1 + UNLIKE * np.sqrt(2 / max(filtered.size * gain, 1.0)))
+    follows = bool(misfit < 1 + 4 * np.sqrt(2 / max(filtered.size * gain, 1.0)))
     a = replace(a, start_se=float(np.sqrt(covariance[1, 1])), misfit=misfit, follows=follows)
     if not scaled:
         return replace(a, duration_se=0.0, shared=0.0)
     return replace(a, duration_se=float(np.sqrt(covariance[2, 2])), shared=float(covariance[1, 2]))
 
 
-KINDS = (3, 1, 2, 4)
+STEP_ORDERS = (3, 1, 2, 4)
 """Smooth steps that a mean rise is compared with: I(x; p, p) is a straight ramp for p = 1, a cubic for 2, minimum jerk
 for 3, of seventh degree for 4."""
-PREFERRED = 30.0
-"""Minimum jerk is used unless another step lowers chi-square by more than this. The starts of two steps that fit alike
-differ by 6 to 10 % of the rise, so that a choice by less would scatter the onset by several ms."""
-EXCLUDED = 9.0  # A step whose chi-square is above the least by more than this is excluded: 1 in 400 by noise
-FITTED = 0.7  # Share of the rise that is fitted: the half tells the start a third less well, the end may overshoot
-PLATEAU = 0.95  # Share of the largest displacement from which a rise has ended
 
 
 @dataclass(frozen=True)
@@ -461,22 +432,23 @@ class RiseStart:
     time: float  # [s]
     se: float  # its standard error [s] from noise
     shape: float  # largest change [s] of it by another smooth step that fits as well, else 0; not in `se`
-    kind: int  # the smooth step that was fitted, of `KINDS`
+    kind: int  # the smooth step that was fitted, of `STEP_ORDERS`
 
 
 def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
-    """The start of a mean motion (n, r) [m] from rest, along its largest displacement: of the smooth step, minimum jerk
-    unless another is far more likely, that fits `FITTED` of the rise. `noise` [m] is that of each sample, as if
-    independent."""
+    """The start of a mean motion (n, r) [m] from rest, along its largest displacement: of the smooth step that fits 0.7
+    of the rise (the half tells the start a third less well, the end may overshoot). `noise` [m] is that of each sample,
+    as if independent. It is minimum jerk, unless another lowers chi-square by more than 30: the starts of two steps
+    that fit alike differ by 6 to 10 % of the rise, and a choice by less would scatter the onset by several ms."""
     size = np.linalg.norm(coordinates, axis=1)
     largest = int(np.argmax(size))
     turned = coordinates @ coordinates[largest] / size[largest]
-    height = float(turned[turned > PLATEAU * turned[largest]].mean())
+    height = float(turned[turned > 0.95 * turned[largest]].mean())
     half = int(np.argmax(turned >= height / 2))
     level = int(np.flatnonzero(turned[:half] < height / 10)[-1])
     quick = 2 * float(time[half] - time[level]) / 0.6
     guess = np.array([time[half] - quick / 2, quick, 0.0])
-    end = int(np.argmax(turned >= FITTED * height)) + 1
+    end = int(np.argmax(turned >= 0.7 * height)) + 1
 
     def fitted(p: int) -> "scipy.optimize.OptimizeResult":
         """The step I(x; p, p) of some start, duration and level; residuals over noise: `cost` is half of chi-square."""
@@ -487,11 +459,11 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
 
         return scipy.optimize.least_squares(difference, guess, x_scale=[0.01, 0.05, 0.01], diff_step=[1e-4, 1e-4, 1e-4])
 
-    found = {p: fitted(p) for p in KINDS}
+    found = {p: fitted(p) for p in STEP_ORDERS}
     best = min(found, key=lambda p: found[p].cost)
-    kind = best if 2 * (found[KINDS[0]].cost - found[best].cost) > PREFERRED else KINDS[0]
+    kind = best if 2 * (found[STEP_ORDERS[0]].cost - found[best].cost) > 30 else STEP_ORDERS[0]
     fit = found[kind]
-    alike = [one.x[0] for one in found.values() if 2 * (one.cost - found[best].cost) < EXCLUDED]
+    alike = [one.x[0] for one in found.values() if 2 * (one.cost - found[best].cost) < 9]  # of noise 1 in 400 is beyond
     shape = max((abs(float(start - fit.x[0])) for start in alike), default=0.0)
     return RiseStart(float(fit.x[0]), float(np.sqrt(np.linalg.inv(fit.jac.T @ fit.jac)[0, 0])), shape, kind)
 
@@ -499,8 +471,8 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
 def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[PlatformTemplate, list[Alignment]]:
     """The shape of the motions in two or more crossings, and how each follows it; one that does not has no part in it.
     It ends 50 ms after a `window` [s] that begins in the middle of its rise; its zero of time is its own start."""
-    if len(tracks) < FEWEST:
-        raise InputError(f"{len(tracks)} motions of the platform, expected {FEWEST} or more to find what they share")
+    if len(tracks) < 2:
+        raise InputError(f"{len(tracks)} motions of the platform, expected 2 or more to find what they share")
     ends, middles = (-LEAD_S, window + 0.05), [middle_of_rise(track) for track in tracks]
     noise, moved = float(np.sqrt(np.mean([track.noise**2 for track in tracks]))), []
     for track, middle in zip(tracks, middles, strict=True):  # where each rests is not a direction
@@ -528,14 +500,14 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
         template, alignments = alternated(list(zip(tracks, free, strict=True)), True)
     for _ in range(len(tracks)):
         following = [a.follows for a in alignments]
-        if all(following) or sum(following) < FEWEST:
+        if all(following) or sum(following) < 2:
             break
         known = [pair for pair in zip(tracks, alignments, strict=True) if pair[1].follows]
         template, _ = alternated(known, template.scaled)
         alignments = [aligned(track, a, template, template.scaled) for track, a in zip(tracks, alignments, strict=True)]
         if [a.follows for a in alignments] == following:
             break
-    if sum(a.follows for a in alignments) < FEWEST:
+    if sum(a.follows for a in alignments) < 2:
         raise InputError("the platform moves in another way in each crossing, so that each keeps its own motion")
     # The noise in each sample of the shape, as if it were independent of the others.
     of_shape = float(template.noise / np.sqrt(template.crossings * tracks[0].rate * GRID_S))
@@ -557,8 +529,8 @@ def middle_of_rise(track: PlatformTrack) -> float:
 
 
 def without_groups(pairs: Pairs, template: PlatformTemplate) -> tuple[PlatformTemplate, ...]:
-    """The shape without each of up to `GROUPS` groups of the crossings that follow it."""
-    groups, ends, found = min(len(pairs), GROUPS), (float(template.time[0]), float(template.time[-1])), []
+    """The shape without each of up to ten groups of the crossings that follow it, for its jackknife."""
+    groups, ends, found = min(len(pairs), 10), (float(template.time[0]), float(template.time[-1])), []
     for group in range(groups):
         kept = [pair for index, pair in enumerate(pairs) if index % groups != group]
         shape, (size, duration) = mean_shape(kept, template.axes, ends, template.noise, False), mean_scales(kept)
@@ -579,11 +551,6 @@ def jackknife_rows(plate: Sequence[Array], platform: Sequence[Array]) -> Array:
     return np.concatenate(scaled)
 
 
-TRIGGER = "trigger"
-SMALLEST_LEVEL_V = 0.5  # Smallest difference [V] between the trigger's levels that is an edge
-FEWEST_TRIGGERS = 3  # Fewest crossings with a trigger from which a latency is judged
-
-
 @dataclass(frozen=True)
 class TriggerLatency:
     """Mean and scatter [s] over crossings of the platform's motion behind its trigger."""
@@ -592,18 +559,16 @@ class TriggerLatency:
     sd: float
     template_se: float  # standard error [s] with which the shared shape shows the start of one crossing
     resolution: float  # standard deviation [s] of an edge that is known to one sample
-    crossings: int
     used: bool  # whether the latency is constant, so that the trigger tells the onset
 
 
 def trigger_edge(trial: Trial) -> tuple[float, float] | None:
     """Time [s] of the first rise of the trigger through the middle of its levels, halfway between two samples, and the
-    step [s] between them; None without a finite trigger that has an edge."""
-    if TRIGGER not in trial.samples.columns:
+    step [s] between them; None without a finite trigger that has an edge, of 0.5 V or more."""
+    if "trigger" not in trial.samples.columns:
         return None
-    rows = trial.sampled(TRIGGER)
-    time, level = rows["time"].to_numpy(), rows[TRIGGER].to_numpy()
-    if len(level) < 2 or not np.isfinite(level).all() or np.ptp(level) < SMALLEST_LEVEL_V:
+    time, level = trial.arrays("trigger")
+    if len(level) < 2 or not np.isfinite(level).all() or np.ptp(level) < 0.5:
         return None
     high = level > (level.max() + level.min()) / 2
     rises = np.flatnonzero(~high[:-1] & high[1:])
@@ -619,14 +584,14 @@ def trigger_latency(
     """Latency [s] of the starts behind the triggers, sampled every `step` [s]; None with fewer than three crossings. It
     is constant if its scatter is that of the starts' standard errors and of the sampling."""
     both = [(a.start - triggers[a.name], a.start_se) for a in alignments if a.name in triggers]
-    if len(both) < FEWEST_TRIGGERS:
+    if len(both) < 3:
         return None
     late, errors = np.array(both).T
     resolution = step / np.sqrt(12)
     expected = float(np.mean(errors**2)) + resolution**2
     constant = np.sum((late - late.mean()) ** 2) / expected < scipy.special.chdtri(len(late) - 1, CHANCE)
     mean, sd, template_se = float(late.mean()), float(late.std(ddof=1)), float(np.sqrt(np.mean(errors**2)))
-    return TriggerLatency(mean, sd, template_se, float(resolution), len(late), bool(constant))
+    return TriggerLatency(mean, sd, template_se, float(resolution), bool(constant))
 
 
 @dataclass(frozen=True)
@@ -711,9 +676,6 @@ def differing_clusters(calibrations: Sequence[StaticCalibration], settings: Plat
     )
 
 
-FADE_S = 0.025  # Time [s] over which the shape gives way to a crossing's own motion, at the shape's end
-
-
 def inertial_motion(
     track: PlatformTrack, centre: Array, template: PlatformTemplate | None, follows: Alignment | None, rows: slice
 ) -> BodyMotion:
@@ -722,11 +684,11 @@ def inertial_motion(
     if template is None or follows is None:
         motion, weights = track.own_motion(shared_directions([track])[0], centre, rows)
         return motion.weighted(weights)
-    since = (track.time - follows.start) / follows.duration
-    end = float(template.time[-1]) - FADE_S
+    since, fade = (track.time - follows.start) / follows.duration, 0.025  # [s]
+    end = float(template.time[-1]) - fade
     shared = (follows.offset + template.curve(track.time, follows)) @ template.axes
     rest = track.rest - track.rest @ template.axes.T @ template.axes
-    later = np.clip((since - end) / FADE_S, 0, 1)[:, None]
+    later = np.clip((since - end) / fade, 0, 1)[:, None]
     measured = track.measured @ template.axes.T @ template.axes
     motion = track.motion_of(rest + (1 - later) * shared + later * measured, centre, rows)
     curve = track.low_pass(template.curve(track.time, follows), track.rate)  # its noise is that of a mean
@@ -738,17 +700,15 @@ def inertial_motion(
 def platform_table(model: PlatformModel) -> pl.DataFrame:
     """`platform.csv`: one row per perturbed crossing whose platform was seen; none without a shape."""
     late, shape = model.latency, model.template
+    names = (
+        "onset_s", "template_onset_s", "template_onset_se_s", "shared_onset_se_s", "onset_shape_s", "amplitude",
+        "duration", "misfit", "follows", "directions", "trigger_s", "latency_s", "latency_sd_s", "trigger_used",
+    )  # fmt: skip
     counts = ("follows", "directions", "trigger_used")
-    schema: dict[str, type[pl.DataType]] = {"trial": pl.String} | {
-        name: pl.Int64 if name in counts else pl.Float64
-        for name in (
-            "onset_s", "template_onset_s", "template_onset_se_s", "shared_onset_se_s", "onset_shape_s", "amplitude",
-            "duration", "misfit", "follows", "directions", "trigger_s", "latency_s", "latency_sd_s", "trigger_used",
-        )
-    }  # fmt: skip
+    schema: dict[str, type[pl.DataType]] = {name: pl.Int64 if name in counts else pl.Float64 for name in names}
+    schema, rows = {"trial": pl.String, **schema}, []
     if shape is None:
         return pl.DataFrame(schema=schema)
-    rows = []
     for a in model.alignments.values():
         starts = (model.onset(a.name, a.start), a.start, float(np.hypot(a.start_se, shape.start_se)), shape.start_se)
         follows = (shape.start_shape, a.amplitude, a.duration, a.misfit, int(a.follows), len(shape.axes))

@@ -99,13 +99,6 @@ def only_stance(stances: list[Stance]) -> Stance:
     return stances[0]
 
 
-ANTI_ALIAS = 1 / 3  # Cut-off of the low-pass before resampling, as a fraction of the marker rate
-LEVEL = 0.8  # Smallest vertical part of a plate's normal: ramps and stairs are less steep
-CLIPPED_S = 0.02  # A force that keeps its largest value for this time [s], as gait never does, is at the plate's limit
-STANDS_S = 0.1  # A raw channel that repeats one value for this time [s] while the force changes is dead
-LARGEST_FORCE = 8000.0  # Vertical force [N] that no walking person causes: ten times the weight of 80 kg
-
-
 def recorded_wrench(trial: Trial, plate: int) -> tuple[Array, Array]:
     """Stamps (k,) [s] and wrench (k, 6) of a plate, counted from 1, as it was recorded."""
     signals = trial.signals(*plate_columns(plate, "force"), *plate_columns(plate, "moment"))
@@ -115,7 +108,7 @@ def recorded_wrench(trial: Trial, plate: int) -> tuple[Array, Array]:
 def wrench_reader(time: Array, wrench: Array, frames: Array) -> Callable[[float], Array]:
     """The wrench (n, 6) at marker frames (n,) [s] as a function of the plate's lag [s]: it is read that much later. A
     low-pass at a third of the marker rate prevents aliasing, and takes less than 1e-5 of 20 Hz at 300 Hz."""
-    anti_alias = LowPass(sampling_rate(frames) * ANTI_ALIAS)
+    anti_alias = LowPass(sampling_rate(frames) / 3)
     spline = scipy.interpolate.make_interp_spline(time, anti_alias(wrench, sampling_rate(time)), k=3)
     return lambda lag: np.asarray(spline(np.clip(frames + lag, time[0], time[-1])))
 
@@ -151,6 +144,9 @@ def unloaded_zero(time: Array, wrench: Array, duration: float, largest: float) -
     return zero
 
 
+CLIPPED_S = 0.02  # A force that keeps its largest value for this time [s], as gait never does, is at the plate's limit
+
+
 def check_range(time: Array, force: Array, axes: Array, load: float) -> None:
     """Refuse a force (n, 3) [N] that stays at its extreme, above `load`, in one of the plate's `axes` (3, 3), columns.
     For recordings without raw channels, as CSV files of Nexus: `check_plate` sees those of a C3D file."""
@@ -169,8 +165,7 @@ def check_range(time: Array, force: Array, axes: Array, load: float) -> None:
 
 def recorded_plate(trial: Trial, plate: int) -> Mapping[str, Any]:
     """What the recording states of a plate; empty where it describes no such plate."""
-    found = [facts for facts in trial.provenance.get("plates", []) if facts["plate"] == plate]
-    return found[0] if found else {}
+    return next((facts for facts in trial.provenance.get("plates", []) if facts["plate"] == plate), {})
 
 
 def recorded_corners(trial: Trial, plate: int) -> Array:
@@ -184,7 +179,7 @@ def recorded_corners(trial: Trial, plate: int) -> Array:
         )
     found = np.asarray(corners, dtype=float)
     across = np.abs(plate_axes(found)[:, 2])
-    if across[2] < LEVEL:
+    if across[2] < 0.8:  # ramps and stairs are less steep
         axis = AXES[int(np.argmax(across))]
         remedy = "`axes: [x, -z, y]`" if axis == "y" else "`axes`"
         raise InputError(
@@ -195,32 +190,31 @@ def recorded_corners(trial: Trial, plate: int) -> Array:
 
 
 def check_plate(trial: Trial, plate: int, stance: Stance, vertical: Array) -> None:
-    """Refuse a plate whose raw channels are clipped or dead in a stance, by the facts that ingest found, or whose
-    vertical force (n,) [N] is not one of a person."""
+    """Refuse a plate whose raw channels are clipped or dead (one value for 0.1 s while the force changes) in a stance,
+    by the facts that ingest found, or whose vertical force (n,) [N] is not one of a person."""
     for facts in recorded_plate(trial, plate).get("channels", []):
         name = f"channel {facts['label']} of force plate {plate}"
-
-        def shared_time(run: str, facts: Mapping[str, Any] = facts) -> float:
-            """Time [s] that a run of the channel, `clipped` or `stands`, shares with the stance."""
-            if not facts[f"{run}_samples"]:
-                return 0.0
-            return float(min(facts[f"{run}_to_s"], stance.toe_off) - max(facts[f"{run}_from_s"], stance.heel_strike))
-
-        if shared_time("clipped") >= CLIPPED_S:
+        clipped, stands = (  # time [s] that a run of the channel shares with the stance
+            min(facts[f"{run}_to_s"], stance.toe_off) - max(facts[f"{run}_from_s"], stance.heel_strike)
+            if facts[f"{run}_samples"]
+            else 0.0
+            for run in ("clipped", "stands")
+        )
+        if clipped >= CLIPPED_S:
             raise InputError(
                 f"{name} stays at {facts['clipped_at']:.4g} from {facts['clipped_from_s']:.3f} s to "
                 f"{facts['clipped_to_s']:.3f} s: it has reached its limit; choose a larger range and record again, or "
                 "exclude the trial"
             )
-        if shared_time("stands") >= STANDS_S:
+        if stands >= 0.1:
             raise InputError(
                 f"{name} repeats one value from {facts['stands_from_s']:.3f} s to {facts['stands_to_s']:.3f} s while "
                 "the force on the plate changes: it is dead; mend the channel and record again, or exclude the trial"
             )
-    peak = float(vertical.max())
-    if peak > LARGEST_FORCE:
+    peak, largest = float(vertical.max()), 8000.0  # [N]: ten times the weight of 80 kg
+    if peak > largest:
         raise InputError(
-            f"force plate {plate} reads up to {peak:.3g} N, expected less than {LARGEST_FORCE:g} N under a person; "
+            f"force plate {plate} reads up to {peak:.3g} N, expected less than {largest:g} N under a person; "
             "correct the unit of its forces (`plate_units` in the source file)"
         )
 
@@ -242,7 +236,6 @@ def ankle_torque(reaction: Array, plate_centre: Array, ankle: Array, axis: Array
     return np.asarray(-np.sum(about_ankle * axis, axis=1))
 
 
-PRESSED = 100.0  # Vertical force [N] from which there is a centre of pressure
 SINGLE_SUPPORT = (0.2, 0.8)  # Phases of stance in which one foot carries the body
 
 
@@ -263,7 +256,7 @@ class Load:
 def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> Load:
     """Load from the reaction (n, 6) about the plate's centre (n, 3) [m], the ankle (n, 3) [m] and its axis (n, 3)."""
     vertical, up = reaction[:, 2], np.array([0.0, 0.0, 1.0])
-    pressed = vertical > PRESSED
+    pressed = vertical > 100.0  # [N]
     pressure = centre + np.cross(up, reaction[:, 3:]) / np.where(pressed, vertical, 1.0)[:, None]
     return Load(vertical, np.where(pressed, np.sum((pressure - ankle) * axis, axis=1), 0.0))
 
@@ -272,11 +265,7 @@ PARAMETERS = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz
 COMPONENTS = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
 PLANAR = ("m", "mc_x", "mc_z", "I_yy")
 """Parameters that can be identified if the platform only turns about the mediolateral axis and shifts across it."""
-EXCITED = 0.02
-"""An axis counts as excited if its RMS angular acceleration is this fraction of the largest. Motion along its few
-directions leaves less than 0.005 of it about an axis that does not turn."""
 WEIGHT = np.array([0.1] * 3 + [1.0] * 3)  # Of forces [m] and moments: a force's lever about the ankle is about 0.1 m
-LARGEST_NOISE_SHARE = 0.5  # Largest share of noise in the columns' squares that is corrected
 
 
 @dataclass(frozen=True)
@@ -363,10 +352,10 @@ def noise_correction(stacked: Array, noise: Array) -> Array:
     p). With their squares G, of which N are noise, (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4)."""
     squares = stacked.T @ stacked
     share = np.linalg.eigvals(np.linalg.solve(squares, noise)).real.max()
-    if share > LARGEST_NOISE_SHARE:
+    if share > 0.5:
         raise IdentifiabilityError(
-            f"marker noise is {share:.0%} of what moves the unloaded plate in one of its directions, expected "
-            f"{LARGEST_NOISE_SHARE:.0%} or less; record larger or faster motions of the unloaded plate"
+            f"marker noise is {share:.0%} of what moves the unloaded plate in one of its directions, expected 50% or "
+            "less; record larger or faster motions of the unloaded plate"
         )
     return np.asarray(np.linalg.solve(squares - noise, squares))
 
@@ -379,9 +368,10 @@ def stacked_columns(columns: Array, names: Sequence[str]) -> Array:
 
 
 def excited_parameters(motions: Sequence[BodyMotion]) -> tuple[str, ...]:
-    """Mass, its moments, and the inertias of axes whose RMS acceleration is `EXCITED` of the largest."""
+    """Mass, its moments, and the inertias of axes whose RMS acceleration is 0.02 of the largest. Motion along its few
+    directions leaves less than 0.005 of it about an axis that does not turn."""
     size = column_rms(np.concatenate([motion.alpha for motion in motions]))
-    excited = {axis for axis, one in zip("xyz", size, strict=True) if one > EXCITED * size.max()}
+    excited = {axis for axis, one in zip("xyz", size, strict=True) if one > 0.02 * size.max()}
     return tuple(name for name in PARAMETERS if not name.startswith("I_") or excited & set(name[2:]))
 
 
@@ -393,16 +383,12 @@ def column_rms(values: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
-LARGEST_PLATE_LAG_S = 0.012
-PLATE_LAG_STEP_S = 0.002  # Step [s] between tried lags; a parabola between them is exact to 1 % below 20 Hz
-LIGHT = 0.1  # RMS [N*m] of an unloaded wrench, forces with their lever, below which a plate shows no lag
-
-
 def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: Callable[[Array], Array]) -> float:
     """Lag [s] of the plate behind the markers in one unloaded recording that minimises the misfit of
-    `identify_plate_inertia`; NaN if it is too light. `wrench_at` returns the wrench a lag [s] later, filtered with
-    `smooth`, the motion not."""
-    lags = np.arange(-LARGEST_PLATE_LAG_S, LARGEST_PLATE_LAG_S + PLATE_LAG_STEP_S / 2, PLATE_LAG_STEP_S)
+    `identify_plate_inertia`; NaN if it is too light, below 0.1 N*m of forces with their lever. `wrench_at` returns the
+    wrench a lag [s] later, filtered with `smooth`, the motion not."""
+    largest, step = 0.012, 0.002  # [s]; a parabola between the steps is exact to 1 % below 20 Hz
+    lags = np.arange(-largest, largest + step / 2, step)
     readings = [wrench_at(float(lag)) for lag in lags]
     names = identify_plate_inertia([(motion, readings[len(lags) // 2])], smooth).identified
     names = names or excited_parameters([motion])  # an exact fit has standard errors of 0
@@ -411,22 +397,19 @@ def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: C
     misfit = [float(6 * np.mean((w - basis @ (basis.T @ w)) ** 2)) for w in stacked]
     best = int(np.argmin(misfit))
     size = float(np.sum((column_rms(centred(readings[best])) * WEIGHT) ** 2))
-    if size < LIGHT**2:
+    if size < 0.1**2:
         return float("nan")
     if misfit[best] > 0.5 * size or best in (0, len(lags) - 1):
         raise InputError(
-            f"the unloaded plate's wrench does not follow its motion within {LARGEST_PLATE_LAG_S * 1e3:g} ms; "
-            "synchronise the recorders, check the platform's markers and the plate's channels, or set "
-            "correct_plate_lag to false"
+            f"the unloaded plate's wrench does not follow its motion within {largest * 1e3:g} ms; synchronise the "
+            "recorders, check the platform's markers and the plate's channels, or set correct_plate_lag to false"
         )
     before, least, after = misfit[best - 1 : best + 2]
-    return float(lags[best] + 0.5 * PLATE_LAG_STEP_S * (before - after) / (before - 2 * least + after))
+    return float(lags[best] + 0.5 * step * (before - after) / (before - 2 * least + after))
 
 
-HIDDEN_TURN = np.deg2rad(0.2)  # Smallest turn [rad] behind hidden markers that counts; at rest noise gives 0.03 deg
-HIDDEN = "the platform turned while its markers were hidden; fill the gap in Nexus, or record it again"
+HIDDEN_TURN = "the platform turned while its markers were hidden; fill the gap in Nexus, or record it again"
 CUT = "the recording begins or ends while the platform moves; record from rest to rest"
-CUT_S = 0.05  # Time [s] at each end of a recording in which a platform that moves is seen
 
 
 @dataclass(frozen=True)
@@ -493,7 +476,7 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
     if cut and (not rests or np.ptp(rotation_from_rest(poses[rows])) < np.deg2rad(settings.perturbation_deg)):
         unusable = CUT
     else:
-        unusable = HIDDEN if turned_while_hidden(trial.name, frames, poses, settings) else ""
+        unusable = HIDDEN_TURN if turned_while_hidden(trial.name, frames, poses, settings) else ""
     centre, read = recorded_corners(trial, settings.plate).mean(axis=0), wrench_reader(time, wrench, frames)
     return UnloadedRecording(trial.name, frames, rows, track, centre, read, settings.plate_low_pass, unusable)
 
@@ -501,7 +484,7 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
 def whole_motions(track: PlatformTrack) -> slice:
     """The frames (n,) without a motion that begins before or ends after the track; empty if it never rests. Half a
     motion is wrong after a low-pass: the lag is then off by milliseconds, the plate's mass by a tenth."""
-    count, n = max(round(CUT_S * track.rate), 5), len(track.time)
+    count, n = max(round(0.05 * track.rate), 5), len(track.time)
     moves = track.moving.copy()
     for end in (slice(0, count), slice(n - count, n)):
         since = track.time[end] - track.time[end].mean()
@@ -513,13 +496,13 @@ def whole_motions(track: PlatformTrack) -> slice:
 
 
 def turned_while_hidden(name: str, time: Array, poses: Poses, settings: PlateModelSettings) -> bool:
-    """Whether the platform turned while its markers were hidden: 11 interpolated frames at 300 Hz change the lag by 2
-    ms. Refused if they were always seen and it did not turn."""
+    """Whether the platform turned while its markers were hidden, by 0.2 deg or more (at rest noise gives 0.03): 11
+    interpolated frames at 300 Hz change the lag by 2 ms. Refused if they were always seen and it did not turn."""
     turned = float(np.rad2deg(np.max(rotation_from_rest(poses[longest_run(poses.seen())]))))
     if turned >= settings.perturbation_deg:
         rotation = rotation_from_rest(poses)
         gaps = [gap for gap in runs(poses.bridged) if gap_duration(time, gap) > settings.longest_fitted_gap_s]
-        return any(abs(float(rotation[gap.stop] - rotation[gap.start - 1])) > HIDDEN_TURN for gap in gaps)
+        return any(abs(float(rotation[gap.stop] - rotation[gap.start - 1])) > np.deg2rad(0.2) for gap in gaps)
     if poses.seen().all():
         raise InputError(
             f"trial {name}: the platform turns by {turned:.2f} deg only, expected {settings.perturbation_deg:g} deg or "

@@ -72,3 +72,8 @@ def varies(y: Array) -> bool:
 
 def usual_size(values: Array) -> float:
     return float(np.median(np.abs(values)))
+
+
+def rms(values: Array) -> float:
+    """Root of the mean square of all values."""
+    return float(np.sqrt(np.mean(values**2)))

@@ -23,7 +23,7 @@ from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.parameters import joint_of
 from osl_analysis.config.shared_choices import WeightSettings
 from osl_analysis.errors import InputError, listing, nearest
-from osl_analysis.figures import drawing
+from osl_analysis.figures import drawing_of
 from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.judge.doubts import IS_DOUBTFUL, marked, with_doubts_of
@@ -212,7 +212,7 @@ def frequency_response(
         own = marked(tables[name], limits.of(name), name)
         found[name] = with_doubts_of(own, tables["impedance"], limits.of("impedance"), "impedance")
     if found["phasors"].is_empty():  # the motion is no stepped sine
-        plotted = drawing("response").points(found["response"], pl.DataFrame(schema=pooled_schema()))
+        plotted = drawing_of("response").points(found["response"], pl.DataFrame(schema=pooled_schema()))
         return Response(read.name, "response", found["response"], found["response_models"], plotted)
     table = frequency_response_table(found["phasors"])
     joint = pl.lit(joint_of(device) if device else None, pl.String)
@@ -385,7 +385,7 @@ def plot_torque_angle(*fits: Fit) -> "NotebookFigure":
     names = [fit.trial for fit in fits]
     if len(set(names)) < len(names):
         raise InputError(f"two fits are of trials of one name, {listing(names)}; name each trial differently")
-    points = drawing("torque_angle").points
+    points = drawing_of("torque_angle").points
     tables = pl.concat([fit.table for fit in fits], how="diagonal_relaxed")
     return drawn(
         "torque_angle",
@@ -402,4 +402,4 @@ def checked(fit: Fit) -> Fit:
 def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":
     from osl_analysis.figures.style import on_screen  # matplotlib takes half a second
 
-    return on_screen(drawing(name).draw(table))
+    return on_screen(drawing_of(name).draw(table))

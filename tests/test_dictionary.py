@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from osl_analysis.dictionary import described_columns, described_tables
-from osl_analysis.figures import FIGURES, drawing
+from osl_analysis.figures import FIGURES, drawing_of
 from osl_analysis.study.bench import StudyEstimate
 from osl_analysis.study.performance import performance_table
 from osl_analysis.table import TEXT_COLUMNS
@@ -45,7 +45,7 @@ def test_endings_covariances_and_shared_columns_are_written_out():
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_the_columns_that_a_figure_draws_are_described(name):
-    assert set(drawing(name).columns) <= set(described(f"figures/{name}"))
+    assert set(drawing_of(name).columns) <= set(described(f"figures/{name}"))
 
 
 def test_the_study_s_table_is_described():

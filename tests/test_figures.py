@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from osl_analysis.commands.figure import draw_figure, draw_table, plot_numbers
 from osl_analysis.errors import InputError
-from osl_analysis.figures import FIGURES, drawing, drawn_figures, others
+from osl_analysis.figures import FIGURES, drawing_of, drawn_figures, others
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, OBSERVED, grid_of, response_curve, why_no_distortion
 from osl_analysis.figures.impedance import LARGEST_VAF
 from osl_analysis.figures.names import write_footer
@@ -32,9 +32,9 @@ from osl_analysis.figures.walking import BY_ENSEMBLE, PER_PERTURBATION
 from osl_analysis.jobs.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
-fig3, fig4, fig5, fig6, fig7, fig8, fig9 = (drawing(f"fig{number}") for number in range(3, 10))
+fig3, fig4, fig5, fig6, fig7, fig8, fig9 = (drawing_of(f"fig{number}") for number in range(3, 10))
 impedance_over_stance, model_comparison, response, torque_angle, walking_page = map(
-    drawing, ("impedance_over_stance", "model_comparison", "response", "torque_angle", "walking_page")
+    drawing_of, ("impedance_over_stance", "model_comparison", "response", "torque_angle", "walking_page")
 )
 K_S = 685.6
 PLACE_UNKNOWN = {"joint": pl.lit(None, pl.String), "side": pl.lit(None, pl.String)}
@@ -250,7 +250,7 @@ def test_a_caption_says_in_numbers_of_the_table_what_is_drawn(name):
     table = conditions_of(1) if name == "response" else plotted(name)
     if name == "torque_angle":
         table = table.with_columns(stiffness=57 + pl.col("angle_deg"))
-    said = drawing(name).caption(table)
+    said = drawing_of(name).caption(table)
     assert [part for part in CAPTIONS[name] if part not in said] == []
     assert "Commanded" not in said
 
@@ -822,9 +822,9 @@ def test_models_that_were_not_held_against_other_data_are_not_drawn():
 @pytest.mark.parametrize("name", FIGURES)
 def test_every_figure_fits_the_page_reads_at_8_points_and_comes_out_the_same_twice(name, tmp_path, monkeypatch):
     """PNG is the same twice on the page of `test_a_figure_without_numbers_...`."""
-    found, drawn = drawing(name), []
+    found, drawn = drawing_of(name), []
     kept = replace(found, draw=lambda table: drawn.append(found.draw(table)) or drawn[-1])
-    monkeypatch.setattr("osl_analysis.commands.figure.drawing", lambda _: kept)
+    monkeypatch.setattr("osl_analysis.commands.figure.drawing_of", lambda _: kept)
     write_table(plotted(name), tmp_path / "t.csv")
     outputs = [tmp_path / f"{name}{suffix}" for suffix in (".pdf", ".svg")]
     draw_figure(name, tmp_path / "t.csv", outputs)
@@ -867,7 +867,7 @@ def test_colours_of_controllers_stand_out_from_paper():
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_a_table_without_a_column_is_refused_by_file_and_column_and_nothing_is_drawn(name, tmp_path):
-    module = drawing(name)
+    module = drawing_of(name)
     write_table(plotted(name).drop(module.columns[-1]), tmp_path / "t.csv")
     with pytest.raises(InputError, match=rf"t\.csv: no column '{module.columns[-1]}'"):
         draw_figure(name, tmp_path / "t.csv", [tmp_path / "f.pdf"])
@@ -927,7 +927,7 @@ def test_unknown_figures_and_formats_are_refused(tmp_path):
 def test_plotted_numbers_are_written_from_the_result_table_that_the_list_names(name, tmp_path):
     write_table(TABLES[FIGURES[name].table](), tmp_path / "table.csv")
     plot_numbers(name, tmp_path / "table.csv", 340.0 if FIGURES[name].option else None, tmp_path / f"{name}.csv")
-    module = drawing(name)
+    module = drawing_of(name)
     written = read_table(tmp_path / f"{name}.csv", required=module.columns)
     assert written.equals(plotted(name).cast(dict(written.schema)))
     write_table(TABLES[FIGURES[name].table]().drop(module.needs[-1]), tmp_path / "table.csv")

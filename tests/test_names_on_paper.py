@@ -19,7 +19,7 @@ from osl_analysis.config.campaign import about, open_campaign, response_example,
 from osl_analysis.config.configuration import read_config
 from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.errors import InputError
-from osl_analysis.figures import drawing
+from osl_analysis.figures import drawing_of
 from osl_analysis.figures.names import look_numbers, looks_in
 from osl_analysis.figures.others import NO_GAINS
 from osl_analysis.figures.style import LOOKS
@@ -30,7 +30,7 @@ from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.summary.headlines import ENDINGS, Example, headline_numbers
 from osl_analysis.table import read_table, tables_of, with_places, write_table
 
-fig5, fig6, fig8 = map(drawing, ("fig5", "fig6", "fig8"))
+fig5, fig6, fig8 = map(drawing_of, ("fig5", "fig6", "fig8"))
 COMMON = ("magnitude", "magnitude_low", "magnitude_high", "phase_deg")
 HOSTILE = ("$x_1$ 50 %", "_hidden", "a" * 90 + "1", "a" * 90 + "2", "Ünï 脚 \\alpha {", "compensated", None)
 

@@ -9,7 +9,7 @@ from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.commands.figure import response as plotted_response
 from osl_analysis.commands.tables import pool_responses
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.figures.frequency import condition_words, response_points
+from osl_analysis.figures.frequency import condition_points, condition_words
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.models import SecondOrder, fit_by_power, lines_of_periods
 from osl_analysis.spectral.realisations import LINES as COLUMNS
@@ -227,4 +227,4 @@ def test_conditions_without_a_second_trial_are_not_pooled(tmp_path):
     pooled, models = tmp_path / "response_pooled.csv", tmp_path / "response_models_pooled.csv"
     pool_responses([tmp_path / "M1.csv"], {"M1": {}}, FilterSettings(cutoff_hz=15, order=4), pooled, models)
     assert read_table(pooled).is_empty()
-    assert response_points(pl.DataFrame(schema=RESPONSE), read_table(pooled)).is_empty()
+    assert condition_points(pl.DataFrame(schema=RESPONSE), read_table(pooled)).is_empty()

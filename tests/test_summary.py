@@ -21,9 +21,9 @@ from osl_analysis.jobs.refusal import Refusal
 from osl_analysis.judge.findings import findings
 from osl_analysis.summary.headlines import (
     BOOTSTRAP,
-    ENSEMBLE,
     FEW,
     FIT,
+    HEADLINE_ESTIMATOR,
     PAIRED,
     RANGE,
     STUDENT,
@@ -44,7 +44,7 @@ def summary_rows(**means):
     ])  # fmt: skip
 
 
-def walked(estimator=ENSEMBLE, group="all", **means):
+def walked(estimator=HEADLINE_ESTIMATOR, group="all", **means):
     return summary_rows(**means).with_columns(estimator=pl.lit(estimator), group=pl.lit(group))
 
 

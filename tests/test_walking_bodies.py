@@ -12,7 +12,7 @@ from osl_analysis.walking.bodies import (
     bridge_gaps,
     calibrate_static,
     cluster_poses,
-    foot_torque,
+    moment_of_foot,
     static_calibration,
 )
 from osl_analysis.walking.plate import ankle_torque
@@ -181,7 +181,7 @@ def test_a_hanging_foot_needs_its_weight_and_its_inertia() -> None:
     R = about_y(phi)
     motion = body_motion(time, pose(R, np.zeros((300, 3))), com)
     n = np.ones((300, 1))
-    torque = foot_torque(motion, 0 * motion.point, n * LEFT, 1.2, 0.007)
+    torque = moment_of_foot(motion, 0 * motion.point, n * LEFT, 1.2, 0.007)
     about_ankle = 0.007 + 1.2 * (com @ com)
     x = np.cos(phi) * com[0] + np.sin(phi) * com[2]
     expected = about_ankle * alpha - 1.2 * 9.80665 * x

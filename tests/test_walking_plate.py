@@ -30,22 +30,22 @@ from osl_analysis.plate_surface import furthest_outside, plate_axes
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import BodyMotion, static_calibration
 from osl_analysis.walking.plate import (
-    PARAMETERS,
+    INERTIAL,
     PLANAR,
     PlateModel,
     Stance,
-    centred,
     check_plate,
     check_range,
     check_type_on_platform,
     identify_plate_inertia,
     identify_plate_model,
+    inertial_columns,
     load_on_foot,
     plate_table,
     recorded_corners,
-    regressors,
     stacked_columns,
     unloaded_zero,
+    without_mean,
     wrench_reader,
 )
 from osl_analysis.walking.setup import check_heading, check_push, check_vertical
@@ -105,14 +105,14 @@ def test_recovers_all_ten_parameters_where_all_axes_turn_although_each_recording
 
 def test_an_axis_that_does_not_turn_has_no_inertia_and_the_rest_is_right() -> None:
     inertia = identify_plate_inertia([plate_motion(1, 0.09, 0.03)])
-    shown = np.array([name not in ("I_xx", "I_zz", "I_xz") for name in PARAMETERS])
+    shown = np.array([name not in ("I_xx", "I_zz", "I_xz") for name in INERTIAL])
     np.testing.assert_allclose(inertia.parameters[shown], TRUE[shown], rtol=1e-7, atol=1e-9)
     assert (inertia.parameters[~shown] == 0).all()
 
 
 def test_what_recordings_do_not_show_stays_as_it_is_known() -> None:
     """A jackknife without the only trial about x must not call I_xx zero."""
-    inertia = identify_plate_inertia([plate_motion(1, 0.09, 0.03)], names=PARAMETERS, known=TRUE)
+    inertia = identify_plate_inertia([plate_motion(1, 0.09, 0.03)], names=INERTIAL, known=TRUE)
     np.testing.assert_allclose(inertia.parameters, TRUE, rtol=1e-6, atol=1e-8)
     assert "I_xx" not in inertia.identified
     only = identify_plate_inertia([plate_motion(1, 0.09, 0.03)], names=("m", "mc_z"), known=TRUE)
@@ -125,8 +125,8 @@ def test_what_recordings_do_not_show_stays_as_it_is_known() -> None:
 def test_parameters_that_noise_would_decide_are_left_out_and_the_planar_ones_are_right() -> None:
     """Squares of noise in the columns, larger for an axis that hardly turns than those of its motion."""
     pairs = [plate_motion(1, 0.09, 0.03), plate_motion(0, 0.004, 0.04)]
-    columns = np.concatenate([stacked_columns(centred(regressors(motion)), PARAMETERS) for motion, _ in pairs])
-    assert set(identify_plate_inertia(pairs).identified) == set(PARAMETERS) - {"I_zz"}
+    columns = np.concatenate([stacked_columns(without_mean(inertial_columns(motion)), INERTIAL) for motion, _ in pairs])
+    assert set(identify_plate_inertia(pairs).identified) == set(INERTIAL) - {"I_zz"}
     noise = np.zeros((10, 10))
     noise[4, 4] = 0.9 * columns[:, 4] @ columns[:, 4]
     assert identify_plate_inertia(pairs, noise=noise).identified == PLANAR
@@ -174,7 +174,7 @@ def unloaded(name: str, lag: float = 0.0, mass: float = 1.0, load: float = 0.0, 
     r = R @ -PIVOT
     w, z = omega[:, None] * n, alpha[:, None] * n
     motion = BodyMotion(R, w, z, r + PIVOT, np.cross(z, r) + np.cross(w, np.cross(w, r)))
-    wrench = mass * (regressors(motion) @ TRUE) + random.normal(0, [0.4] * 3 + [0.05] * 3, (len(t), 6))
+    wrench = mass * (inertial_columns(motion) @ TRUE) + random.normal(0, [0.4] * 3 + [0.05] * 3, (len(t), 6))
     wrench[:, 2] += load
     tracks = moved(PLATFORM, about_y(at(t[::5])[0]), PIVOT)
     tracks = tracks + random.normal(0, 1.5e-4, tracks.shape)
@@ -191,8 +191,8 @@ def model_of(*trials: Trial, **choices: Any) -> PlateModel:
 def test_recovers_lag_and_inertia_of_a_noisy_recorded_plate() -> None:
     model = model_of(*(unloaded(f"plate_{k}", lag=0.0015) for k in range(2)))
     assert model.lag == pytest.approx(0.0015, abs=1e-4)
-    by_name = dict(zip(PARAMETERS, model.inertia.parameters, strict=True))
-    true = dict(zip(PARAMETERS, TRUE, strict=True))
+    by_name = dict(zip(INERTIAL, model.inertia.parameters, strict=True))
+    true = dict(zip(INERTIAL, TRUE, strict=True))
     assert by_name["m"] == pytest.approx(true["m"], rel=0.02)
     assert by_name["I_yy"] == pytest.approx(true["I_yy"], rel=0.01)
     assert by_name["mc_z"] == pytest.approx(true["mc_z"], abs=0.02)

@@ -19,7 +19,7 @@ from osl_analysis.config.campaign import ImpedanceExample
 from osl_analysis.config.configuration import FrequencyResponseFigure
 from osl_analysis.config.parameters import FileOrNone, joint_of, read_parameters
 from osl_analysis.errors import InputError
-from osl_analysis.figures import drawing, names
+from osl_analysis.figures import drawing_of, names
 from osl_analysis.figures.frequency import CURVE_TYPES, DESIRED, FIG7, LINEAR_MODEL, RESPONSE, response_curve
 from osl_analysis.figures.names import look_numbers, of_place
 from osl_analysis.figures.quasi_static import TORQUE_ANGLE
@@ -44,7 +44,7 @@ left out: equal numbers give equal files."""
 def plot_numbers(name: str, table: Path, option: Any, output: Path) -> None:
     """Write what figure `name` plots, from the one result table that it shows. `option` is the value of the setting
     that the list of figures names; None: not set."""
-    figure = drawing(name)
+    figure = drawing_of(name)
     rows = read_table(table, required=figure.needs)
     write_table(figure.points(rows) if option is None else figure.points(rows, option), output)
 
@@ -63,7 +63,7 @@ def draw_figure(
         causes = [(cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
         draw_table("not_drawn", not_drawn(name, causes), outputs, footer=footer)
         return
-    figure = drawing(name)
+    figure = drawing_of(name)
     table = read_table(table_csv, required=figure.columns)
     if table.is_empty():
         draw_table("not_drawn", not_drawn(name, [("", str(table_csv), figure.nothing)]), outputs, footer=footer)
@@ -87,7 +87,7 @@ def draw_table(
             raise InputError(f"{path}: figures are written as {', '.join(METADATA)}; choose one of these suffixes")
     from osl_analysis.figures import style  # matplotlib takes half a second
 
-    figure = drawing(name).draw(table)
+    figure = drawing_of(name).draw(table)
     footer = ". ".join(filter(None, [footer, names.said_of_missing(missing)]))
     page_box = names.write_footer(figure, footer) if footer else None
     style.lay_out(figure)
@@ -124,7 +124,7 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     if is_refused(table_csv):
         causes = (f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv))
         return f"This figure is not drawn. {names.listed_text(causes)}."
-    figure = drawing(name)
+    figure = drawing_of(name)
     table = read_table(table_csv, required=figure.columns)
     if table.is_empty():
         return f"This figure is not drawn. {names.as_text(figure.nothing[:1].upper() + figure.nothing[1:])}."

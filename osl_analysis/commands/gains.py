@@ -14,7 +14,7 @@ from osl_analysis.commands.figure import draw_table
 from osl_analysis.config.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
 from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.errors import InputError, UnreachableImpedanceError
-from osl_analysis.figures import drawing
+from osl_analysis.figures import drawing_of
 from osl_analysis.files import atomic_path
 from osl_analysis.model.compensator import (
     PAPER_WEIGHT,
@@ -166,7 +166,7 @@ def plot_gains(request: Request, table: pl.DataFrame, parameters: Path, output: 
         p, row = read_parameters(parameters), table.to_dicts()[0]
         draw_table("fig7", pair_response(row, p), [output])
     elif request.trajectory is not None:
-        draw_table("fig8", drawing("fig8").points(table), [output])
+        draw_table("fig8", drawing_of("fig8").points(table), [output])
     else:
         draw_table("gain_grid", table, [output])
 

@@ -24,7 +24,7 @@ from osl_analysis.walking.bodies import StaticCalibration, hinge_of_trials, hing
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing
 from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.gait import PHASES, UnperturbedGait, unperturbed_gait
-from osl_analysis.walking.groups import ALL, SEPARATOR, selection_rows, statements
+from osl_analysis.walking.groups import ALL, SEPARATOR, selection_rows, split_statements
 from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.plate import (
     NO_CORRECTION,
@@ -55,7 +55,7 @@ from osl_analysis.walking.setup import body_mass, check_direction
 from osl_analysis.walking.tables import (
     ENSEMBLE,
     FACTS,
-    QUANTITIES,
+    SUMMARISED,
     Group,
     excluded_crossings,
     fitted_time,
@@ -351,7 +351,7 @@ def group_result(
     except OslAnalysisError as error:
         warnings.warn(f"no result of {group.name}: {error}", stacklevel=2)
         none = {"estimator": ENSEMBLE, "n": len(own), "mean": None, "reason": str(error)}
-        rows = [known | {"quantity": quantity} | none for quantity in QUANTITIES]
+        rows = [known | {"quantity": quantity} | none for quantity in SUMMARISED]
         return rows, fact | {"reason": str(error)}, None
     time = fitted_time(headline.ensemble, settings.timing)
     fact["fitted_phase"] = float(fact["onset_phase"] + time / fact["stance_s"])
@@ -382,7 +382,7 @@ def select_crossings(
     refused = [c for c in read if isinstance(c, RefusedCrossing)]
     rows = selection_rows(analysed, refused, settings, sheet)
     table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
-    said = statements(sheet or {}, settings)
+    said = split_statements(sheet or {}, settings)
     timed = [name for name in table["group"].drop_nulls().unique(maintain_order=True) if "timing " in name]
     if timed and "timing" not in settings.group_by:
         said.append(
@@ -438,7 +438,7 @@ def fit_perturbation(
         except OslAnalysisError as error:
             reason = str(error)
     known = {"trial": crossing.stem, "group": place["group"], "direction": place["direction"]}
-    row = row or dict.fromkeys(QUANTITIES)  # a campaign in which no perturbation can be used keeps its other results
+    row = row or dict.fromkeys(SUMMARISED)  # a campaign in which no perturbation can be used keeps its other results
     write_table(pl.DataFrame([known | row | {EXCLUDED: reason}]), output)
 
 

@@ -24,7 +24,7 @@ from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.judge.recording import CHECKS, unknown_check, validate_rules
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.table import MEASURED, SIMULATED
-from osl_analysis.walking.groups import PERTURBED, SHARED, STATED, STATIC, side_of, split_keys, static_of
+from osl_analysis.walking.groups import IS_PERTURBED, SHARED, STATED, STATIC, side_of, split_keys, static_of
 
 TRUTH_FOLDER = "truth"  # folder that the simulator writes beside its recordings
 
@@ -53,7 +53,7 @@ class Campaign:
     def conditions(self) -> dict[str, dict[str, Any]]:
         """Conditions of every walking trial in the sheet, by trial and column; None where empty."""
         return {
-            trial: {name: self.row(trial)[name] for name in (*STATED, PERTURBED)} for trial in self.trials("walking")
+            trial: {name: self.row(trial)[name] for name in (*STATED, IS_PERTURBED)} for trial in self.trials("walking")
         }
 
     def static(self, trial: str) -> str:

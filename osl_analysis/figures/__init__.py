@@ -43,7 +43,7 @@ FIGURES = read_figures(Path(__file__).with_name("figures.yaml"))  # the figures 
 OTHER_DRAWINGS = ("torque", "gain_grid", "study", "not_drawn")  # drawings in `others.py` that are none of a campaign
 
 
-def drawing(name: str) -> Any:
+def drawing_of(name: str) -> Any:
     """The `style.Drawing` of a figure, imported only when it is needed: importing matplotlib takes half a second."""
     if name not in FIGURES and name not in OTHER_DRAWINGS:
         raise InputError(f"no figure '{name}'; there are {', '.join((*FIGURES, *OTHER_DRAWINGS))}")

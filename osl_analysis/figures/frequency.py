@@ -15,7 +15,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.figures import style
 from osl_analysis.figures.names import (
     NO_CONTROLLER,
-    UNIT_OF,
+    UNIT_SIGN,
     as_text,
     count_of,
     doubtful_said,
@@ -91,7 +91,7 @@ def fig7_caption(table: pl.DataFrame) -> str:
     K_d, B_d = observed.select("K_d", "B_d").row(0)
     stated = [
         f"${name}$ = {value:g} {unit}"
-        for name, value, unit in (("K_d", K_d, UNIT_OF["K"]), ("B_d", B_d, UNIT_OF["B"]))
+        for name, value, unit in (("K_d", K_d, UNIT_SIGN["K"]), ("B_d", B_d, UNIT_SIGN["B"]))
         if value is not None
     ]
     chosen = observed["chosen"].drop_nulls() if "chosen" in observed.columns else observed["trial"].clear()
@@ -200,7 +200,7 @@ STRUCTURE_LOOKS = {
 }
 
 
-def response_points(single: pl.DataFrame, pooled: pl.DataFrame) -> pl.DataFrame:
+def condition_points(single: pl.DataFrame, pooled: pl.DataFrame) -> pl.DataFrame:
     """The rows of every condition: those of `response_pooled.csv`, then of each trial that is in none of them."""
     in_pool = {name for names in pooled["trials"].unique() for name in str(names).split(", ")}
     alone = single.filter(~pl.col("trial").is_in(in_pool)).with_columns(trials=pl.col("trial"))
@@ -227,8 +227,8 @@ def response_caption(table: pl.DataFrame) -> str:
     conditions = table.partition_by("trials", maintain_order=True)
     said = [
         f"Impedance Z, torque over angle, over frequency, of {count_of(len(conditions), 'condition')}, $K_d$ in "
-        f"{UNIT_OF['K']} and $B_d$ in {UNIT_OF['B']}. Each has three panels: magnitude, phase, and below how far the "
-        "structures fitted to it (lines) are from what is measured, beside noise and distortion of one realisation "
+        f"{UNIT_SIGN['K']} and $B_d$ in {UNIT_SIGN['B']}. Each has three panels: magnitude, phase, and below how far "
+        "the structures fitted to it (lines) are from what is measured, beside noise and distortion of one realisation "
         "(markers; distortion below the noise is not drawn). Bars are 95 % intervals: of noise and distortion where "
         "several realisations show both, otherwise of noise. Where the motion does not repeat itself, by the local "
         "polynomial method, distortion is part of the noise."
@@ -379,6 +379,6 @@ RESPONSE = style.Drawing(
     RESPONSE_COLUMNS,
     draw_response,
     response_caption,
-    response_points,
+    condition_points,
     nothing="every impedance trial follows the stepped sine; its frequency response is in phasors.csv and Fig. 7",
 )

@@ -13,9 +13,9 @@ from matplotlib.lines import Line2D
 from osl_analysis.errors import InputError
 from osl_analysis.figures import style
 from osl_analysis.figures.names import (
+    JOINT_SIDE,
     NO_CONTROLLER,
-    PLACE,
-    UNIT_OF,
+    UNIT_SIGN,
     as_text,
     count_of,
     decimals_of,
@@ -216,7 +216,7 @@ def fig5_caption(table: pl.DataFrame) -> str:
         said.append("Thin bars are the range of the fits to single amplitudes.")
     widths = {symbol: (table[f"{symbol}_high"] - table[f"{symbol}_low"]).drop_nulls() for symbol in "KB"}
     if all(map(len, widths.values())):
-        ends = " and ".join(f"±{width.to_numpy().max() / 2:.2g} {UNIT_OF[s]}" for s, width in widths.items())
+        ends = " and ".join(f"±{width.to_numpy().max() / 2:.2g} {UNIT_SIGN[s]}" for s, width in widths.items())
         said.append(
             "Thick bars, where they are longer than the markers, are 95 % intervals, for another motion of this kind, "
             f"at most {ends}."
@@ -246,7 +246,7 @@ def errors_said(fits: pl.DataFrame) -> str:
         digits = decimals_of(sd or 0.0, mean)
         reach = f", {rounded_number(low, digits)} to {rounded_number(high, digits)}" if sd is not None else ""
         some = f" of {count_of(len(errors), 'fit')}" if len(errors) < len(fits) else ""
-        said.append(f"{name}{some} is {with_sd(mean, sd, UNIT_OF[symbol])}{reach}")
+        said.append(f"{name}{some} is {with_sd(mean, sd, UNIT_SIGN[symbol])}{reach}")
     return ", ".join(said) + (" (mean ± SD, range)" if len(fits) > 1 else "")
 
 
@@ -266,7 +266,7 @@ def entries(table: pl.DataFrame, looks: dict[str | None, style.Look]) -> list[Li
 
 
 FIG6_NEEDS = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "VAF")
-FIG6_COLUMNS = (*FIG6_NEEDS, *PLACE, "look", "x", "x_centre", "median_VAF", "doubtful")
+FIG6_COLUMNS = (*FIG6_NEEDS, *JOINT_SIDE, "look", "x", "x_centre", "median_VAF", "doubtful")
 
 MARGIN_LEFT, RIGHT, BOTTOM, PANEL = 0.66, 0.06, 0.26, 2.08
 """Margins and height [in] of the panel: fixed, because the swarm's positions depend on its size."""
@@ -323,7 +323,7 @@ def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
         (pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)) & pl.col("VAF").is_finite()
     )
     reasons = pl.col("doubtful") if "doubtful" in impedance.columns else pl.lit(None, pl.String).alias("doubtful")
-    table = of_place(single).select(*FIG6_NEEDS, *PLACE, reasons)
+    table = of_place(single).select(*FIG6_NEEDS, *JOINT_SIDE, reasons)
     if table.is_empty():
         raise InputError(
             "the impedance table has no VAF of a single amplitude, which Fig. 6 draws; fit the trials again"
@@ -350,7 +350,7 @@ def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
 def swarms_of(table: pl.DataFrame) -> list[pl.DataFrame]:
     return [
         rows
-        for part in table.partition_by(PLACE, maintain_order=True)
+        for part in table.partition_by(JOINT_SIDE, maintain_order=True)
         for controller in looks_in(part)
         if len(rows := of_controller(part, controller))
     ]
@@ -364,7 +364,7 @@ def panel_width(swarms: int) -> float:
 def draw_fig6(table: pl.DataFrame) -> Figure:
     """A swarm per controller of each joint and side, over an axis that is logarithmic in the unexplained variance."""
     swarms, looks = swarms_of(table), looks_in(table)
-    several = len(table.select(PLACE).unique()) > 1
+    several = len(table.select(JOINT_SIDE).unique()) > 1
     lines = [swarm_name(rows, looks[rows["controller"][0]].label, several, len(swarms)) for rows in swarms]
     below = 0.17 * max(line.count("\n") for line in lines)
     width, height = panel_width(len(swarms)) + MARGIN_LEFT + RIGHT, 2.4 + below
@@ -417,9 +417,9 @@ def fig6_caption(table: pl.DataFrame) -> str:
         "are medians; the place across a swarm has no meaning."
     ]
     swarms = swarms_of(table)
-    several = len(table.select(PLACE).unique()) > 1
+    several = len(table.select(JOINT_SIDE).unique()) > 1
     for rows in swarms:
-        place = rows.select(PLACE).row(0) if several else ()
+        place = rows.select(JOINT_SIDE).row(0) if several else ()
         name = ", ".join(filter(None, [*place, rows["controller"][0] or NO_CONTROLLER.label.lower()]))
         low, median, high = (said_vaf(np.quantile(rows["VAF"], share)) for share in (0, 0.5, 1))
         said.append(

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
 from osl_analysis.figures import style
-from osl_analysis.figures.names import MARKERS, PLACE, as_text, count_of, of_place, place_name
+from osl_analysis.figures.names import JOINT_SIDE, MARKERS, as_text, count_of, of_place, place_name
 from osl_analysis.trial import Array
 
-SCORE_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out")
+HELD_OUT_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out")
 RIVALS = {
     "belt": ("Belt", {"M1": "linear", "M2": "quadratic", "M3": "linear,\nhysteresis", "M4": "quadratic,\nhysteresis"}),
     "transmission": ("Transmission", {"M1": "$B_j$, $J_j$", "M2": "$B_j$, $J_j$,\nCoulomb"}),
@@ -23,11 +23,11 @@ RIVALS = {
     ),
 }
 """Names of each experiment and of its models, the draft's model first."""
-REPEATS = style.Look(style.GREY, "o", 2.6, "Repeat")
+OF_REPEATS = style.Look(style.GREY, "o", 2.6, "Repeat")
 
 
 def scores_points(scores: pl.DataFrame) -> pl.DataFrame:
-    table = of_place(scores).select(*PLACE, *SCORE_COLUMNS).filter(pl.col("VAF_held_out").is_finite())
+    table = of_place(scores).select(*JOINT_SIDE, *HELD_OUT_COLUMNS).filter(pl.col("VAF_held_out").is_finite())
     if table.is_empty():
         raise InputError(
             "no model was held against data that it was not fitted to; add a second belt or transmission trial, or a "
@@ -46,8 +46,8 @@ def models_caption(table: pl.DataFrame) -> str:
     for experiment in (name for name in RIVALS if name in table["experiment"]):
         title, models = RIVALS[experiment]
         rows = table.filter(pl.col("experiment") == experiment)
-        for trials in rows.partition_by(*PLACE, "controller", maintain_order=True):
-            of = (title, *trials.select(*PLACE, "controller").row(0))
+        for trials in rows.partition_by(*JOINT_SIDE, "controller", maintain_order=True):
+            of = (title, *trials.select(*JOINT_SIDE, "controller").row(0))
             left = geometric_means(trials, list(models))
             names = (name.replace("\n", " ") for name in models.values())
             told = "; ".join(f"{name} {share:.2g} %" for name, share in zip(names, left, strict=True) if share > 0)
@@ -70,7 +70,7 @@ def draw_models(table: pl.DataFrame) -> Figure:
 
     The axes are logarithmic in the share of the variance of held-out torque that a model does not account for.
     """
-    several = len(table.select(PLACE).unique()) > 1
+    several = len(table.select(JOINT_SIDE).unique()) > 1
     present = drawn_experiments(table)
     shares = [len(RIVALS[experiment][1]) for experiment in present]
     width = style.SINGLE_COLUMN if len(present) == 1 else style.DOUBLE_COLUMN
@@ -78,14 +78,14 @@ def draw_models(table: pl.DataFrame) -> Figure:
     for ax, experiment in zip(axes, present, strict=True):
         name, models = RIVALS[experiment]
         rows = table.filter(pl.col("experiment") == experiment)
-        conditions = rows.partition_by(*PLACE, "controller", maintain_order=True)
+        conditions = rows.partition_by(*JOINT_SIDE, "controller", maintain_order=True)
         for k, trials in enumerate(conditions):
             shift = min(0.36, 0.72 / len(conditions)) * (k - (len(conditions) - 1) / 2)
-            look = style.LOOKS.get(trials["controller"][0], REPEATS)
+            look = style.LOOKS.get(trials["controller"][0], OF_REPEATS)
             if several:
                 place = place_name(trials["joint"][0], trials["side"][0])
-                looks = [*dict.fromkeys(rows.select(PLACE).rows())]
-                marker = MARKERS[looks.index(trials.select(PLACE).row(0)) % len(MARKERS)]
+                looks = [*dict.fromkeys(rows.select(JOINT_SIDE).rows())]
+                marker = MARKERS[looks.index(trials.select(JOINT_SIDE).row(0)) % len(MARKERS)]
                 look = replace(look, label=f"{look.label}, {place}", marker=marker)
             draw_trials(ax, trials, list(models), shift, look)
         ax.set_title(f"{ax.get_title(loc='left')} {name}".strip(), loc="left")
@@ -133,5 +133,5 @@ def geometric_means(rows: pl.DataFrame, models: list[str]) -> Array:
 
 
 MODEL_COMPARISON = style.Drawing(
-    (*PLACE, *SCORE_COLUMNS), draw_models, models_caption, scores_points, needs=SCORE_COLUMNS
+    (*JOINT_SIDE, *HELD_OUT_COLUMNS), draw_models, models_caption, scores_points, needs=HELD_OUT_COLUMNS
 )

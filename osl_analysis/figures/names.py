@@ -25,7 +25,7 @@ COLOURS = ("#3F8FBF", "#6B3A0A", "#2F5555", "#B98860", "#2B46F0")
 readers without long- or medium-wavelength cones."""
 MARKERS = ("s", "^", "v", "P", "X", "p", "h")
 NO_CONTROLLER = Look("#757575", ">", 3.6, "No controller", (0, (1, 0.8)))
-PLACE = ("joint", "side")
+JOINT_SIDE = ("joint", "side")
 
 
 @cache
@@ -74,13 +74,13 @@ def figure_title(figure: str) -> str:
 
 def placed_rows(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame]]:
     """The rows of each joint and side, with its name; results of different ones never share a panel."""
-    parts = table.partition_by(PLACE, maintain_order=True)
+    parts = table.partition_by(JOINT_SIDE, maintain_order=True)
     return [(place_name(part["joint"][0], part["side"][0]), part) for part in parts]
 
 
 def of_place(table: pl.DataFrame) -> pl.DataFrame:
     """The table with the columns `joint` and `side`; null where it lacks them."""
-    return table.with_columns(pl.lit(None, pl.String).alias(name) for name in PLACE if name not in table.columns)
+    return table.with_columns(pl.lit(None, pl.String).alias(name) for name in JOINT_SIDE if name not in table.columns)
 
 
 def look_numbers(controllers: pl.Series) -> pl.Series:
@@ -119,7 +119,7 @@ def of_controller(table: pl.DataFrame, controller: str | None) -> pl.DataFrame:
     return table.filter(pl.col("controller").eq_missing(pl.lit(controller)))
 
 
-UNIT_OF = {"K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²"}
+UNIT_SIGN = {"K": "N·m/rad", "B": "N·m·s/rad", "I": "kg·m²"}
 """Units of stiffness, damping and inertia as they are printed."""
 
 

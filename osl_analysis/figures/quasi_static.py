@@ -12,8 +12,8 @@ from matplotlib.lines import Line2D
 
 from osl_analysis.figures import style
 from osl_analysis.figures.names import (
-    PLACE,
-    UNIT_OF,
+    JOINT_SIDE,
+    UNIT_SIGN,
     as_text,
     count_of,
     doubtful_said,
@@ -160,9 +160,9 @@ LONGEST_CURVE_NAME = 18  # letters of such a name
 
 
 def torque_angle_points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
-    facts = of_place(table).select("trial", *PLACE, "doubtful")
+    facts = of_place(table).select("trial", *JOINT_SIDE, "doubtful")
     joined = curves.select(CURVE_COLUMNS).join(facts, on="trial", how="left", maintain_order="left")
-    return joined.select(*PLACE, *CURVE_COLUMNS, "doubtful")
+    return joined.select(*JOINT_SIDE, *CURVE_COLUMNS, "doubtful")
 
 
 def torque_angle_caption(table: pl.DataFrame) -> str:
@@ -176,7 +176,7 @@ def torque_angle_caption(table: pl.DataFrame) -> str:
     for trial in table.partition_by("trial", maintain_order=True)[:MOST_CURVES]:
         loading = trial.filter(pl.col("branch") == "loading")
         (low, high), slopes = ends_of(loading, "torque"), loading["stiffness"].drop_nulls().to_numpy()
-        steepest = f", steepest {np.max(slopes):.4g} {UNIT_OF['K']}" if len(slopes) else ""
+        steepest = f", steepest {np.max(slopes):.4g} {UNIT_SIGN['K']}" if len(slopes) else ""
         said.append(f"{as_text(trial['trial'][0])}: {low:.3g} to {high:.3g} N·m{steepest}.".replace("-", "−"))
     fits = table.unique("trial", maintain_order=True)
     return " ".join([*said, doubtful_said(fits, "drawn dotted", fit="trial")])
@@ -280,5 +280,9 @@ FIG3 = style.Drawing(
     fig3_caption,
 )
 TORQUE_ANGLE = style.Drawing(
-    (*PLACE, *CURVE_COLUMNS, "doubtful"), draw_torque_angle, torque_angle_caption, torque_angle_points, CURVE_COLUMNS
+    (*JOINT_SIDE, *CURVE_COLUMNS, "doubtful"),
+    draw_torque_angle,
+    torque_angle_caption,
+    torque_angle_points,
+    CURVE_COLUMNS,
 )

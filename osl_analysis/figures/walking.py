@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.figures import style
 from osl_analysis.figures.names import (
-    UNIT_OF,
+    UNIT_SIGN,
     as_text,
     count_of,
     decimals_of,
@@ -192,7 +192,7 @@ def fig9_caption(table: pl.DataFrame) -> str:
 
 
 def quantity_said(row: dict[str, Any]) -> str:
-    name, unit = rf"$\hat{{{row['quantity']}}}$", UNIT_OF[row["quantity"]]
+    name, unit = rf"$\hat{{{row['quantity']}}}$", UNIT_SIGN[row["quantity"]]
     commanded = "" if row["commanded"] is None else f", commanded {row['commanded']:g}"
     if row["mean"] is None:
         return f"{name} has no mean of several perturbations{commanded}"
@@ -228,7 +228,7 @@ def draw_panels(axes: NDArray[np.object_], table: pl.DataFrame) -> None:
         draw_gait(ax, table.filter(pl.col("panel") == panel))
     for ax, panel in zip(axes[1], RESPONSES, strict=True):
         draw_intervals(ax, table, "response angle")
-        draw_response(ax, table, panel)
+        draw_isolated(ax, table, panel)
     axes[0, 0].set_ylabel("Ankle angle, dorsiflexion up (deg)")
     axes[0, 1].set_ylabel("Ankle torque (N·m)")
     axes[1, 0].set_ylabel("Isolated angle (deg)")
@@ -260,7 +260,7 @@ def draw_gait(ax: Axes, rows: pl.DataFrame) -> None:
     ax.set_xlabel("Stance (%)")
 
 
-def draw_response(ax: Axes, table: pl.DataFrame, panel: str) -> None:
+def draw_isolated(ax: Axes, table: pl.DataFrame, panel: str) -> None:
     """Every perturbation thin, their mean, and the fit."""
     every = curve(table, panel, "each")
     trials = every.partition_by("trial", maintain_order=True)
@@ -349,7 +349,7 @@ def over_stance_caption(table: pl.DataFrame) -> str:
     estimates = table.filter(pl.col("series") != COMMANDED_SERIES)
     for rows in estimates.sort("phase").partition_by("series", "phase", maintain_order=True):
         told = "; ".join(
-            f"${row['quantity']}$ {with_interval(row['estimate'], row['low'], row['high'], UNIT_OF[row['quantity']])}"
+            f"${row['quantity']}$ {with_interval(row['estimate'], row['low'], row['high'], UNIT_SIGN[row['quantity']])}"
             for row in rows.drop_nulls("estimate").iter_rows(named=True)
         )
         counts = rows["n"].drop_nulls() if "n" in rows.columns else rows["phase"].clear()

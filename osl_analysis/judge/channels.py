@@ -52,9 +52,6 @@ AT_RAIL = 1e-3  # distance from a stated end of a sensor's range, as a share of 
 BEYOND_RANGE = 0.01
 """Share of a sensor's range by which a value may lie beyond it: electronics reach a little further than data sheets."""
 IS_COMMAND = 0.3  # share of samples that repeat their predecessor, beside the longest run, in a commanded current
-FEWEST = 5  # samples at an extreme from which an angle is examined further
-CERTAIN = 10.0  # standard deviations of the torque's noise by which it must change while a clipped angle stands
-CREEP = 0.02  # share of the torque's range by which it may change while a joint rests
 CORNER = 8.0
 """Steps by which a clipped angle moves within half of its standing time before it, or after it. A sine that is rounded
 to steps moves by four at most."""
@@ -125,13 +122,13 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
     if not theta.size or not np.ptp(theta) or not when.size or not np.isfinite(values).all() or not np.ptp(values):
         return 0
     noise = usual_size(np.diff(values, 3)) / 3.016 if values.size > 3 else np.inf  # of white noise
-    changes = max(CERTAIN * noise, CREEP * float(np.ptp(values)))
+    changes = max(10 * noise, 0.02 * float(np.ptp(values)))  # beyond noise, and the creep of a joint that rests
     longest = 0
     for end in (theta.min(), theta.max()):
         for run in runs(theta == end):
             count = run.stop - run.start
             within = values[slice(*np.searchsorted(when, (time[run.start], time[run.stop - 1])))]
-            if count > max(FEWEST, longest) and within.size > 1 and np.ptp(within) > changes:
+            if count > max(5, longest) and within.size > 1 and np.ptp(within) > changes:
                 sides = (run.start - count // 2, run.stop - 1 + count // 2)
                 moved = [abs(theta[at] - end) for at in sides if 0 <= at < theta.size]
                 longest = count if moved and min(moved) > CORNER * smallest_step(theta) else longest
@@ -251,7 +248,7 @@ def averaged(time: Array, values: Array) -> tuple[Array, Array]:
 TURNS = (2 * np.pi, 360.0)  # one turn, and one turn in degrees that the source file calls radians
 TURN_TOLERANCE = 0.1  # of a turn
 WINDOW = 0.2  # s, in which the level of a plate is read
-QUIET = 20.0  # N, largest standard deviation in a window of a plate at rest
+RESTING_PLATE = 20.0  # N, largest standard deviation in a window of a plate at rest
 LEAST_REST = 0.2  # s, shortest rest from which a load cell is judged
 PERSON = 200.0  # N: what a zeroed plate reads below minus this is somebody's weight, of the wrong sign
 NO_DYNAMOMETER = "no torque on a dynamometer"
@@ -277,7 +274,7 @@ def measure_unzeroed_plate(examined: Examined) -> CheckResult:
     columns = [c for c in examined.samples.columns if c.startswith("plate") and c.endswith("_force_z")]
     levels = {c.removesuffix("_force_z"): bare_level(*sampled(examined.trial, c)) for c in columns}
     bare = examined.experiment.bare_plate
-    counted = {plate: level for plate, level in levels.items() if level is not None and (level < QUIET or bare)}
+    counted = {plate: level for plate, level in levels.items() if level is not None and (level < RESTING_PLATE or bare)}
     if not counted:
         return not_applicable(f"the plates are {NEVER_BARE}" if columns else "no plate")
     remarks = [plate_level(plate, level, examined.experiment.walker) for plate, level in counted.items()]
@@ -301,7 +298,7 @@ def bare_level(time: Array, force: Array) -> float | None:
     if force.size < length:
         return None
     windows = force[: force.size // length * length].reshape(-1, length)
-    quiet = windows[windows.std(axis=1) < QUIET].mean(axis=1)
+    quiet = windows[windows.std(axis=1) < RESTING_PLATE].mean(axis=1)
     return float(quiet[np.argmin(abs(quiet))]) if quiet.size else None
 
 

@@ -46,13 +46,13 @@ def changing(symbol: str) -> Callable[[float, AnyRow], str]:
     )
 
 
-def number(row: AnyRow, name: str) -> float | None:
+def cell_number(row: AnyRow, name: str) -> float | None:
     value = row.get(name)
     return float(value) if isinstance(value, int | float) else None
 
 
 def late_signal(row: AnyRow) -> str:
-    lag, se = number(row, "lag_s"), number(row, "lag_se_s")
+    lag, se = cell_number(row, "lag_s"), cell_number(row, "lag_se_s")
     if lag is not None and se is not None and se > abs(lag):
         return "the torque or the angle"
     return "the angle" if lag is not None and lag < 0 else "the torque"
@@ -60,7 +60,7 @@ def late_signal(row: AnyRow) -> str:
 
 def late(_: float, row: AnyRow) -> str:
     """How late a signal is, and what that makes of B and I."""
-    lag, of_damping, of_inertia = (number(row, name) for name in ("lag_s", "lag_share", "lag_inertia_share"))
+    lag, of_damping, of_inertia = (cell_number(row, name) for name in ("lag_s", "lag_share", "lag_inertia_share"))
     if lag is None or of_damping is None:
         return ""
     makes = f"{100 * of_damping:.1f} % of B" + ("" if of_inertia is None else f" and {100 * of_inertia:.0f} % of I")
@@ -72,12 +72,12 @@ def late(_: float, row: AnyRow) -> str:
 
 def turns_far(row: AnyRow) -> bool:
     """Whether a lag turns the highest frequency by more than `LARGEST_TURN`."""
-    lag, highest = (number(row, name) or 0.0 for name in ("lag_s", "band_high_hz"))
+    lag, highest = (cell_number(row, name) or 0.0 for name in ("lag_s", "band_high_hz"))
     return 2 * math.pi * highest * abs(lag) > LARGEST_TURN
 
 
 # fmt: off
-LATE = Cause("late torque", "angle and torque of one time do not stand together, which falsifies B and I",
+DELAYED = Cause("late torque", "angle and torque of one time do not stand together, which falsifies B and I",
     "state `delay` or `low_pass` of the channel in the source file, as in `delay: 2 ms` or `low_pass: {cutoff: 100 "
     "Hz, order: 1}`", explains=True)
 YIELDING = Cause("yielding bench", "a spring in series yields, as the bench's frame or a belt, which explains the "
@@ -109,7 +109,7 @@ ASYMMETRY = Cause("asymmetric torque", "the torque differs between the two direc
     "or a spring with a preload", "look at torque against angle", explains=True)
 SCALE = Cause("unlikely size", "an estimate is far from what this device can have", "check units and scales in the "
     "source file")
-NOT_TOLD = Cause("motion that tells too little", "the motion hardly tells the estimates apart, or is small beside "
+TOO_LITTLE = Cause("motion that tells too little", "the motion hardly tells the estimates apart, or is small beside "
     "the noise of the sensors", "move the joint further, or by more frequencies")
 STAMPS = Cause("undecided time stamps", "the estimates depend on whether the stamps or an even sampling are true, "
     "which nothing decides", "state `stamps: exact` or `stamps: even` in the source file")
@@ -130,17 +130,17 @@ def late_or_yielding(row: AnyRow) -> Cause:
     A spring of stiffness k in series lowers K by K/k, a delay does not change it. K_ratio says which of the two agrees
     with the gains; without it, or with friction, neither is named alone.
     """
-    k, K, ratio = (number(row, name) for name in ("frame_stiffness", "K", "K_ratio"))
+    k, K, ratio = (cell_number(row, name) for name in ("frame_stiffness", "K", "K_ratio"))
     if turns_far(row):
         return LATE_OR_DRIVETRAIN
     if k is None or K is None:
-        return LATE
+        return DELAYED
     if ratio is None:
         return LATE_OR_YIELDING
     of_lag, of_spring = (abs(r - 1) for r in (ratio, ratio / (1 - K / k)))
     if min(of_lag, of_spring) > SAME_K or max(of_lag, of_spring) < SAME_K:
         return LATE_OR_YIELDING
-    return LATE if of_lag < of_spring else YIELDING
+    return DELAYED if of_lag < of_spring else YIELDING
 
 
 ROWS = (
@@ -156,9 +156,9 @@ ROWS = (
         "{percent} of the energy is lost in the belt"),
     Evidence("backlash_share", BACKLASH, "{percent} of K is lost to backlash"),
     Evidence("even_harmonics", ASYMMETRY, "even harmonics make {percent} of the torque"),
-    *(Evidence(name, LATE, late, of_recording=True)
+    *(Evidence(name, DELAYED, late, of_recording=True)
         for name in ("certain_lag_damping", "lag_share", "lag_inertia_share")),
-    Evidence("B_j_high", LATE, "the damping comes out negative"),
+    Evidence("B_j_high", DELAYED, "the damping comes out negative"),
     Evidence("returned_share", Cause("energy from nothing", "the device gives back more than it takes up, the torque "
         "is late or its sign is wrong", "state `delay`, or turn the `sign`, of the torque in the source file")),
     Evidence("K_drift", WARMING, "K changes by {percent} over the trial", of_recording=True),
@@ -177,8 +177,8 @@ ROWS = (
     Evidence("K_ratio", SCALE, far_from_gains), Evidence("K_over_K_s", SCALE, too_far("K", "the belt's K_s")),
     Evidence("k_tau_n_m_ratio", SCALE, too_far("k_tau n_m")),
     *(Evidence(f"{name}_ratio", SCALE, too_far(name)) for name in ("K_s", "B_j", "J_j", "J_m", "f_C", "f_G", "B_m")),
-    Evidence("angle_noise_share", NOT_TOLD, "noise of the encoder changes I by {percent}"),
-    *(Evidence(name, NOT_TOLD) for name in ("condition_number", "largest_correlation", "Y_phase_se_deg")),
+    Evidence("angle_noise_share", TOO_LITTLE, "noise of the encoder changes I by {percent}"),
+    *(Evidence(name, TOO_LITTLE) for name in ("condition_number", "largest_correlation", "Y_phase_se_deg")),
     Evidence("theta_distortion", BENT, "harmonics make {percent} of the angle"),
     Evidence("time_base_shift", STAMPS, "the other reading would shift an estimate by {value} half-widths"),
     *(Evidence(name, UNEXPLAINED, misfit=True)
@@ -233,7 +233,7 @@ def beyond(row: AnyRow, limits: Doubt) -> Found:
     found: Found = {}
     for side, word in ((limits.above, "above"), (limits.below, "below")):
         for name, limit in side.items():
-            value = number(row, name)
+            value = cell_number(row, name)
             if limit is None or value is None:
                 continue
             if math.isnan(value):
@@ -249,7 +249,7 @@ def cause_in(name: str, value: float, row: AnyRow) -> Cause | None:
     """The cause of a number beyond its limit; None for a column of which nothing but its name is known."""
     if name not in EVIDENCE:
         return None
-    if name == "K_change" and (value > 0 or (number(row, "stiffening") or 0.0) < 0):
+    if name == "K_change" and (value > 0 or (cell_number(row, "stiffening") or 0.0) < 0):
         return STIFFENING
     return late_or_yielding(row) if EVIDENCE[name].detail is late else EVIDENCE[name].cause
 
@@ -281,9 +281,9 @@ def doubt(cause: Cause, row: AnyRow, found: Found, single: bool) -> str:
     """A doubt in words: its cause, what it does here, what to do, and the numbers that show it."""
     details = dict.fromkeys(EVIDENCE[name].words(value, row) for name, (value, _) in found.items())
     if cause in (YIELDING, LATE_OR_YIELDING):
-        details[f"a spring of {number(row, 'frame_stiffness'):.3g} N*m/rad in series would explain it"] = None
+        details[f"a spring of {cell_number(row, 'frame_stiffness'):.3g} N*m/rad in series would explain it"] = None
     damping = "B_j" if "B_j_viscous" in row else "B"
-    viscous, f_C = number(row, f"{damping}_viscous"), number(row, "f_C")
+    viscous, f_C = cell_number(row, f"{damping}_viscous"), cell_number(row, "f_C")
     if cause is FRICTION and viscous is not None and f_C is not None:
         details[f"without it {damping} is {viscous:.3g} N*m*s/rad, and the friction is {f_C:.2g} N*m"] = None
     said = ": ".join(filter(None, [cause.says, ", ".join(filter(None, details))]))
@@ -309,9 +309,9 @@ def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
                 )
     rows = table.to_dicts()
     found = [beyond(row, limits) for row in rows]
-    whole = {row.get("trial"): one for row, one in zip(rows, found, strict=True) if is_whole(row)}
+    whole = {row.get("trial"): one for row, one in zip(rows, found, strict=True) if of_whole_trial(row)}
     of_trial: dict[object, Cause | None] = {}
-    for row, one in sorted(zip(rows, found, strict=True), key=lambda both: not is_whole(both[0])):
+    for row, one in sorted(zip(rows, found, strict=True), key=lambda both: not of_whole_trial(both[0])):
         for column in [name for name in one if name in EVIDENCE and EVIDENCE[name].of_recording]:
             if column not in whole.get(row.get("trial"), one):
                 del one[column]  # at one amplitude friction passes for it
@@ -327,7 +327,7 @@ def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
     return judged.with_columns(pl.when(fitted).then(DOUBTFUL).alias(DOUBTFUL))
 
 
-def is_whole(row: AnyRow) -> bool:
+def of_whole_trial(row: AnyRow) -> bool:
     """Whether a row is of the fit to all of a trial, where others are of single amplitudes."""
     return "amplitude_deg" in row and row["amplitude_deg"] is None
 
@@ -337,7 +337,7 @@ LATENESS = "whether the torque is late"
 
 def sized(row: AnyRow) -> str | None:
     """What could not be checked on a row, a torque that comes late with what it would do to the estimates."""
-    text, K, B, I = row.get("not_checked"), *(number(row, name) for name in "KBI")
+    text, K, B, I = row.get("not_checked"), *(cell_number(row, name) for name in "KBI")
     if not text or LATENESS not in str(text) or K is None or B is None or I is None:
         return None if text is None else str(text)
     taken = f"{1e-3 * K:.2g} N*m*s/rad off B = {B:.3g} and {1e-3 * B:.2g} kg*m^2 off I = {I:.2g}"

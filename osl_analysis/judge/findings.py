@@ -12,10 +12,10 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import listing
 from osl_analysis.jobs.refusal import is_refused
-from osl_analysis.judge.doubts import CAUSES, DOUBTFUL, LATENESS, causes_by_trial, is_whole, not_checked_of
+from osl_analysis.judge.doubts import CAUSES, DOUBTFUL, LATENESS, causes_by_trial, not_checked_of, of_whole_trial
 from osl_analysis.judge.recording import CHECKS
 from osl_analysis.judge.table import Cause
-from osl_analysis.judge.usable import REMEDY, exclusions
+from osl_analysis.judge.usable import HOW_TO_USE, exclusions
 from osl_analysis.table import read_table
 
 MOST_NAMED = 3  # trials that a line names
@@ -112,7 +112,7 @@ def unchecked_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[Finding]:
 
 def sizes(table: pl.DataFrame) -> str:
     """What each ms by which the torque is late would do in these trials, from the fits to all of each."""
-    whole = pl.DataFrame([row for row in table.to_dicts() if is_whole(row)], infer_schema_length=None)
+    whole = pl.DataFrame([row for row in table.to_dicts() if of_whole_trial(row)], infer_schema_length=None)
     if whole.is_empty() or not {"K", "B", "I"} <= set(whole.columns):
         return ""
     of_B, B, of_I, I = (
@@ -150,7 +150,7 @@ def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str
             f"excluded from tables and figures by quality control: {named}: {cause.name}, {cause.says}; {cause.remedy}"
         )
     stated = [f"excluded by the sample sheet: {trial} ({why})" for trial, why in by_sheet.items()]
-    return "\n".join([*stated, *lines, *([f"to change that: {REMEDY}"] if lines else [])])
+    return "\n".join([*stated, *lines, *([f"to change that: {HOW_TO_USE}"] if lines else [])])
 
 
 def left_behind_report(stored: Iterable[Path], trials: Collection[str]) -> str:

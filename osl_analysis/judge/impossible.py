@@ -14,7 +14,7 @@ import polars as pl
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.judge.channels import sampled, samples_at_rail
-from osl_analysis.measured import check_measured
+from osl_analysis.measured import check_measured, rms
 from osl_analysis.trial import Array, Trial
 
 FACTORS: dict[str, float] = {
@@ -297,10 +297,6 @@ def own_part(column: Array, *others: Array) -> float:
     """RMS of a column (n,) without what is proportional to others (n,)."""
     X = np.column_stack(others)
     return rms(column - X @ np.linalg.lstsq(X, column, rcond=None)[0])
-
-
-def rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def check_told(

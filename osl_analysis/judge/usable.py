@@ -17,10 +17,10 @@ from osl_analysis.jobs.refusal import Refusal, distinct_causes, is_refused, read
 from osl_analysis.judge.recording import judged_table
 from osl_analysis.judge.table import QualityRules
 
-REMEDY = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"
+HOW_TO_USE = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"
 JUDGES = ("quality", "fitted")
 """Inputs that only tell which trials are used: what was measured of them, and other results of the same trials."""
-MEASURED = ("trial", "check", "value", "unit", "remark")  # columns of the file of a trial's checks
+CHECK_COLUMNS = ("trial", "check", "value", "unit", "remark")  # columns of the file of a trial's checks
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Judge:
                 with path.open(newline="", encoding="utf-8") as file:
                     rows += csv.DictReader(file)
         values = [float(row["value"]) if row["value"] else None for row in rows]
-        table = pl.DataFrame(rows, schema=dict.fromkeys(MEASURED, pl.String))
+        table = pl.DataFrame(rows, schema=dict.fromkeys(CHECK_COLUMNS, pl.String))
         return judged_table(table.with_columns(pl.Series("value", values, dtype=pl.Float64)), self.rules, self.accept)
 
 
@@ -115,6 +115,6 @@ def without_excluded(inputs: Mapping[str, Any], reasons: Mapping[str, str]) -> d
     single = {Path(str(inputs.get("trial"))).stem} & judged
     if single & set(reasons) or (needed | single and needed | single <= set(reasons)):
         why = "; ".join(f"{trial} ({reasons[trial]})" for trial in sorted(single or needed)[:3])
-        raise InputError(f"quality control excludes every trial that is needed here: {why}; {REMEDY}")
+        raise InputError(f"quality control excludes every trial that is needed here: {why}; {HOW_TO_USE}")
     kept = {name: [file for file in files if Path(file).stem not in reasons] for name, files in lists.items()}
     return {name: kept.get(name, value) for name, value in inputs.items() if name not in JUDGES}

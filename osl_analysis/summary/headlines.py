@@ -18,7 +18,7 @@ from osl_analysis.trial import Array
 
 CONTROLLERS = ("compensated", "uncompensated")  # the controllers of the draft
 DRAFT_JOINT = "ankle"  # the joint whose numbers the draft prints
-LONGEST = 32  # letters of a controller's name in a macro
+LONGEST_NAME = 32  # letters of a controller's name in a macro
 NO_CONTROLLER = "no controller"
 DIGITS = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
 ONE_GROUP = "all"  # name of the group of crossings of a campaign that is not split
@@ -94,7 +94,7 @@ DRIVETRAIN_GAIN = "held-out VAF of Eq. 9 with friction less Eq. 15's, mean of tr
 def controller_label(controller: str | None, name: str, unit: str, macro: str, meaning: str) -> Label:
     known = controller or NO_CONTROLLER
     return Label(
-        f"{name}_{known.replace(' ', '_')}", unit, None, letters(known)[:LONGEST] + macro, f"{meaning}, {known}"
+        f"{name}_{known.replace(' ', '_')}", unit, None, letters(known)[:LONGEST_NAME] + macro, f"{meaning}, {known}"
     )
 
 
@@ -120,7 +120,7 @@ def model_gain_label(experiment: str, controller: str | None, model: str) -> Lab
     }.get((experiment, model))
 
 
-def of_place(label: Label, joint: str | None, side: str | None, several: bool) -> Label:
+def label_of_place(label: Label, joint: str | None, side: str | None, several: bool) -> Label:
     """The label of one joint and side, told apart where there are `several`; the draft's is an ankle."""
     where = ", ".join(filter(None, [joint or DRAFT_JOINT, side]))
     draft = label.draft if (joint or DRAFT_JOINT) == DRAFT_JOINT else None
@@ -186,7 +186,7 @@ STUDENT = "95 % of the mean (Student)"
 FIT = "95 % for another motion of this kind"
 FEW = "95 % for this motion again, of too few frequencies for what the model misses"
 BOOTSTRAP = "95 % (bootstrap over crossings and trials of the unloaded plate)"
-CYCLES = "95 % of the mean of cycles (Student)"
+OF_CYCLES = "95 % of the mean of cycles (Student)"
 PAIRED = "95 % of the mean difference of the same trials (Student)"
 RANGE = "lowest to highest"
 COUNT = "count"
@@ -286,15 +286,15 @@ def over_all_amplitudes(table: pl.DataFrame) -> pl.DataFrame:
     return table.filter(pl.col("amplitude_deg").is_null())
 
 
-ENSEMBLE = "ensemble"
+HEADLINE_ESTIMATOR = "ensemble"
 """Estimator of the walking summary that is the headline. Its bias decreases with the number of crossings; the bias of
 the mean over perturbations does not."""
 
-UP_MINUS_DOWN = "up minus down"  # estimator of the walking summary that compares the directions of the platform
+BETWEEN_DIRECTIONS = "up minus down"  # estimator of the walking summary that compares the directions of the platform
 
-PLACE = ("joint", "side")
+JOINT_AND_SIDE = ("joint", "side")
 SUMMARY_COLUMNS = ("quantity", "n", "mean", "low", "high")
-TABLES = {
+READ_TABLES = {
     "belt_summary": SUMMARY_COLUMNS,
     "transmission_summary": SUMMARY_COLUMNS,
     "transmission": ("amplitude_deg", "VAF"),
@@ -322,7 +322,7 @@ DOUBTS_OF = {table.name: table.doubts_of for facts in EXPERIMENTS.values() for t
 def needed_columns(table: str) -> tuple[str, ...] | None:
     """Columns of a result table that the summary needs, the doubts among them; None for one that it does not read."""
     judged = (DOUBTFUL,) if table in judged_tables() else ()
-    return (*TABLES.get(table, ()), *judged) or None
+    return (*READ_TABLES.get(table, ()), *judged) or None
 
 
 def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example = DRAFT_EXAMPLE) -> list[Headline]:
@@ -333,7 +333,7 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example = DRAF
     Raises InputError: a summary table has no finite mean for a quantity that it lists.
     """
     numbers = [
-        number for name, of_table in BENCH if name in tables for number in by_place(tables[name], of_table, example)
+        number for name, of_table in BENCH if name in tables for number in per_place(tables[name], of_table, example)
     ]
     numbers += [number for name, of_table in WALKING if name in tables for number in of_table(tables[name])]
     doubts = [
@@ -344,17 +344,17 @@ def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example = DRAF
     return with_own_names([*numbers, *doubts])
 
 
-def by_place(
+def per_place(
     table: pl.DataFrame, of_table: Callable[[pl.DataFrame, Example], list[Headline]], example: Example
 ) -> list[Headline]:
-    if not set(PLACE) <= set(table.columns):
+    if not set(JOINT_AND_SIDE) <= set(table.columns):
         return of_table(table, example)
-    numbers, parts = [], table.partition_by(PLACE, maintain_order=True)
+    numbers, parts = [], table.partition_by(JOINT_AND_SIDE, maintain_order=True)
     for part in parts:
-        joint, side = part.select(PLACE).row(0)
+        joint, side = part.select(JOINT_AND_SIDE).row(0)
         for number in of_table(part, example):
             own = Label(**{field.name: getattr(number, field.name) for field in fields(Label)})
-            label = of_place(own, joint, side, several=len(parts) > 1)
+            label = label_of_place(own, joint, side, several=len(parts) > 1)
             numbers.append(replace(number, **asdict(label)))
     return numbers
 
@@ -363,7 +363,7 @@ def walking_summary_headlines(table: pl.DataFrame) -> list[Headline]:
     found = table.filter(pl.col("mean").is_not_null())
     numbers = []
     for rows in found.partition_by("group", maintain_order=True):
-        for estimator, labels in ((ENSEMBLE, WALKING_LABELS), (UP_MINUS_DOWN, SYMMETRY_LABELS)):
+        for estimator, labels in ((HEADLINE_ESTIMATOR, WALKING_LABELS), (BETWEEN_DIRECTIONS, SYMMETRY_LABELS)):
             own = {quantity: of_group(label, rows["group"][0]) for quantity, label in labels.items()}
             numbers += summary_means(rows.filter(pl.col("estimator") == estimator), own, BOOTSTRAP)
     return numbers
@@ -423,7 +423,7 @@ def torque_angle_headlines(table: pl.DataFrame) -> list[Headline]:
     numbers = []
     for row in table.iter_rows(named=True):
         for quantity, label in TORQUE_ANGLE_LABELS.items():
-            interval = Interval(row[f"{quantity}_low"], row[f"{quantity}_high"], CYCLES)
+            interval = Interval(row[f"{quantity}_low"], row[f"{quantity}_high"], OF_CYCLES)
             number = headline(of_group(label, row["trial"]), row[quantity], int(row["cycles"]), interval)
             numbers.append(replace(number, doubt=row[DOUBTFUL] or None))
     return numbers

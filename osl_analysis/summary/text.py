@@ -12,14 +12,14 @@ from osl_analysis.config.campaign import ABOUT_MACROS, ABOUT_MEANING, About
 from osl_analysis.jobs.refusal import Refusal
 from osl_analysis.summary.headlines import COUNT, RANGE, Headline
 
-SHEET = "sample sheet"
+BY_SHEET = "sample sheet"
 """Entry of the column `check` of `excluded.csv` for a trial that the sheet excludes."""
 
 
 def trials_content(trials: Mapping[str, Sequence[str]], excluded: pl.DataFrame) -> dict[str, dict[str, Any]]:
     """By experiment how many `of` its trials are `used`, why others are `missing`, but for what the sheet excludes."""
     reasons: dict[str, str] = {}
-    for row in excluded.filter(pl.col("check") != SHEET).iter_rows(named=True):
+    for row in excluded.filter(pl.col("check") != BY_SHEET).iter_rows(named=True):
         limit = f"{row['value']:.4g} {row['unit']}, threshold {row['threshold']}" if row["value"] is not None else ""
         reasons.setdefault(row["trial"], f"{row['check']} {limit}" if limit else f"{row['check']}: {row['remark']}")
     missing = {of: {name: reasons[name] for name in names if name in reasons} for of, names in trials.items()}
@@ -51,13 +51,13 @@ def missing_lines(content: Mapping[str, Any], reasons: bool) -> list[str]:
 
 AMPLITUDES = ("amplitudes_low", "amplitudes_high")
 KEPT = ("value", "unit", "low", "high", "interval", "n", "n_doubtful", "n_left_out", "doubt", "draft", "meaning")
-HEADER = ("quantity", "value", "interval", "n", "draft")
+COLUMN_HEADS = ("quantity", "value", "interval", "n", "draft")
 MACRO_PREFIX = "osl"
 SPECIAL = {sign: f"\\{sign}" for sign in "#$%&_{}"} | {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"
 }  # fmt: skip
 """Letters with a meaning of their own in LaTeX, and what sets them."""
-ROUNDING = 1e-9  # relative width of an interval that counts as rounding
+NO_WIDTH = 1e-9  # relative width of an interval that counts as rounding
 SMALLEST_PLAIN = 1e-4  # numbers smaller than this are written with a power of ten
 
 
@@ -105,14 +105,14 @@ def to_tex(about: About, headlines: Sequence[Headline], remarks: Sequence[str] =
 
 def to_markdown(numbers: Mapping[str, Mapping[str, Any]]) -> str:
     """Table of the numbers of a summary, in the form that `to_json` writes, as Markdown."""
-    lines = [f"| {' | '.join(HEADER)} |", f"| {' | '.join('---' for _ in HEADER)} |"]
+    lines = [f"| {' | '.join(COLUMN_HEADS)} |", f"| {' | '.join('---' for _ in COLUMN_HEADS)} |"]
     lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |" for cells in rows(numbers)]
     return "\n".join(lines) + "\n"
 
 
 def to_columns(numbers: Mapping[str, Mapping[str, Any]]) -> str:
-    table = [HEADER, *rows(numbers)]
-    widths = [max(len(cells[place]) for cells in table) for place in range(len(HEADER))]
+    table = [COLUMN_HEADS, *rows(numbers)]
+    widths = [max(len(cells[place]) for cells in table) for place in range(len(COLUMN_HEADS))]
     padded = ["  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)) for cells in table]
     return "\n".join(line.rstrip() for line in padded) + "\n"
 
@@ -165,7 +165,7 @@ def decimals(value: float, low: float | None, high: float | None, interval: str 
     if interval == COUNT:
         return 0
     half = 0.0 if low is None or high is None or interval == RANGE else abs(high - low) / 2
-    if half > ROUNDING * abs(value):
+    if half > NO_WIDTH * abs(value):
         return max(1 - exponent_of(half), 0)
     digits = max(2 - exponent_of(value), 0) if value else 0
     return told_apart(low, high, digits) if interval == RANGE else digits
@@ -173,7 +173,7 @@ def decimals(value: float, low: float | None, high: float | None, interval: str 
 
 def told_apart(low: float | None, high: float | None, digits: int) -> int:
     """Decimal places, `digits` or more, with which two different bounds read differently."""
-    if low is None or high is None or abs(high - low) <= ROUNDING * max(abs(low), abs(high)):
+    if low is None or high is None or abs(high - low) <= NO_WIDTH * max(abs(low), abs(high)):
         return digits
     while fixed(low, digits) == fixed(high, digits):
         digits += 1

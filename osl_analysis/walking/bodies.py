@@ -19,7 +19,7 @@ Mask = NDArray[np.bool_]
 COLLINEAR = 0.1  # Markers lie on a line if their spread across it is below this fraction of their spread along it
 BESIDE_S, FEWEST_BESIDE = 0.015, 4
 """Time [s] before and after a gap whose frames bridge it, and their smallest number on each side."""
-GRAVITY = np.array([0.0, 0.0, -9.80665])  # Acceleration of free fall [m/s^2] in laboratory axes, z up
+FREE_FALL = np.array([0.0, 0.0, -9.80665])  # Acceleration of free fall [m/s^2] in laboratory axes, z up
 
 
 @dataclass(frozen=True)
@@ -302,11 +302,11 @@ def ankle_in_lab(foot: Poses, shank: Poses, calibration: StaticCalibration) -> t
     return (centres[0] + centres[1]) / 2, across / np.linalg.norm(across, axis=1, keepdims=True)
 
 
-def foot_torque(foot: BodyMotion, ankle: Array, axis: Array, mass: float, inertia: float) -> Array:
+def moment_of_foot(foot: BodyMotion, ankle: Array, axis: Array, mass: float, inertia: float) -> Array:
     """Torque (n,) [N*m] of weight and inertia of all that moves with the foot: axis . ((c - a) x m (acceleration - g))
     + I alpha . axis, with its centre of mass c, the point of `foot`, the ankle a, and I [kg*m^2] about the axis through
     c."""
-    lever = np.cross(foot.point - ankle, mass * (foot.acceleration - GRAVITY))
+    lever = np.cross(foot.point - ankle, mass * (foot.acceleration - FREE_FALL))
     return np.asarray(np.sum(axis * (lever + inertia * foot.alpha), axis=1))
 
 
@@ -389,9 +389,6 @@ def hinge_row(hinge: Hinge, axis: str) -> dict[str, object]:
     }
 
 
-MOST_FRAMES = 40  # Frames in which exchanges are tried, spread over those that are not rigid as labelled
-FEWEST_WRONG = 5  # Fewest frames that are not rigid: single ones are a matter of noise, not of labels
-
 Positions = dict[str, Array]  # Positions by label: (n, 3) [m] in n frames, or (3,) [m] in the static trial
 
 
@@ -410,9 +407,9 @@ def exchanged_labels(
     limit = settings.largest_residual_mm * 1e-3
     labelled = np.max([residuals(static[s], tracks) for s in names], axis=0)
     wrong = np.flatnonzero(labelled > limit)
-    if len(wrong) < FEWEST_WRONG:
+    if len(wrong) < 5:  # single frames are a matter of noise, not of labels
         return ""
-    rows = wrong[np.linspace(0, len(wrong) - 1, min(MOST_FRAMES, len(wrong))).astype(int)]
+    rows = wrong[np.linspace(0, len(wrong) - 1, min(40, len(wrong))).astype(int)]
     some = {label: track[rows] for label, track in tracks.items()}
     misfits = {}
     for how, pairs in exchanges(names):

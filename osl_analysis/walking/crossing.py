@@ -20,8 +20,8 @@ from osl_analysis.walking.bodies import (
     body_motion,
     exchanged_labels,
     filtered_poses,
-    foot_torque,
     gap_duration,
+    moment_of_foot,
     reference_positions,
     segment_poses,
 )
@@ -60,10 +60,6 @@ from osl_analysis.walking.setup import (
     platform_turn,
 )
 
-EDGE_S = 0.1  # Length [s] of the recording before and after a stance that the low-pass needs, where it is available
-FEWEST_SAMPLES = 6  # Samples that a spline of fifth degree needs
-FOOT_FLAT = (0.15, 0.35)  # Phases of stance, before the perturbation, at which the foot's place on the plate is read
-
 
 @dataclass(frozen=True)
 class CrossingQuality:
@@ -97,10 +93,10 @@ class Crossing:
     def __post_init__(self) -> None:
         for signal in ("time", "theta", "torque", "plate_errors"):
             check_measured(f"trial {self.name}: {signal}", getattr(self, signal))
-        if len(self.time) < FEWEST_SAMPLES or not (np.diff(self.time) > 0).all():
+        if len(self.time) < 6 or not (np.diff(self.time) > 0).all():  # a spline of fifth degree needs as many
             raise InputError(
-                f"trial {self.name}: {len(self.time)} samples, expected {FEWEST_SAMPLES} or more, each later than the "
-                "one before; exclude the trial"
+                f"trial {self.name}: {len(self.time)} samples, expected 6 or more, each later than the one before; "
+                "exclude the trial"
             )
         if not self.stance.duration > 0:
             raise InputError(f"trial {self.name}: stance lasts {self.stance.duration:g} s; exclude the trial")
@@ -132,13 +128,13 @@ def analyse_crossing(
     comes from the sheet and is checked against the platform's motion. `platform` is what the platform's motions share;
     without it each crossing has its own motion and onset. Refused with the trial's name."""
     try:
-        return analysed(trial, calibration, plate, perturbed, settings, platform)
+        return crossing_from_trial(trial, calibration, plate, perturbed, settings, platform)
     except InputError as error:
         text = "; ".join(filter(None, [str(error), exchanged_labels(trial, calibration, settings)]))
         raise InputError(text if trial.name in text else f"trial {trial.name}: {text}") from error
 
 
-def analysed(
+def crossing_from_trial(
     trial: Trial,
     calibration: StaticCalibration,
     plate: PlateModel,
@@ -199,14 +195,14 @@ def analysed(
     if settings.foot is not None:
         point = calibration.ankle_centre + settings.foot.centre_of_mass_m
         of_foot = body_motion(time, poses["foot"], point)
-        torque = torque + foot_torque(of_foot, ankle, axis, settings.foot.mass_kg, settings.foot.inertia_kg_m2)
+        torque = torque + moment_of_foot(of_foot, ankle, axis, settings.foot.mass_kg, settings.foot.inertia_kg_m2)
     phase = stance.phase(time)
     check_heading(phase, poses["shank"].position - ankle, axis)
     if onset is None:
         check_push(phase, torque)
     inside = (time >= stance.heel_strike) & (time <= stance.toe_off)
     left = {segment: pose.residual[inside & np.isfinite(pose.residual)] for segment, pose in poses.items()}
-    flat = poses["foot"][(phase >= FOOT_FLAT[0]) & (phase <= FOOT_FLAT[1])]
+    flat = poses["foot"][(phase >= 0.15) & (phase <= 0.35)]  # before the perturbation
     placed = flat.point(calibration.ankle_centre).mean(axis=0) - corners.mean(axis=0)
     quality = CrossingQuality(
         residuals={s: float(np.sqrt(np.mean(r**2))) if len(r) else float("nan") for s, r in left.items()},
@@ -288,7 +284,7 @@ def check_onset(onset: float | None, stance: Stance, perturbed: bool, timing: Ti
 
 
 def rows_of_stance(time: Array, poses: Mapping[str, Poses], stance: Stance) -> slice:
-    """Frames of the stance and up to 0.1 s before and after it. Every cluster is seen in all of these frames."""
+    """Frames of the stance and up to 0.1 s before and after it, for the low-pass. Every cluster is seen in all."""
     inside = (time >= stance.heel_strike) & (time <= stance.toe_off)
     for name, pose in poses.items():
         hidden = np.flatnonzero(inside & ~pose.seen())
@@ -299,6 +295,6 @@ def rows_of_stance(time: Array, poses: Mapping[str, Poses], stance: Stance) -> s
             )
     seen = np.all([pose.seen() for pose in poses.values()], axis=0)
     around = next(run for run in runs(seen) if run.start <= np.argmax(inside) < run.stop)
-    first = np.searchsorted(time, stance.heel_strike - EDGE_S)
-    last = np.searchsorted(time, stance.toe_off + EDGE_S, side="right")
+    first = np.searchsorted(time, stance.heel_strike - 0.1)
+    last = np.searchsorted(time, stance.toe_off + 0.1, side="right")
     return slice(max(around.start, int(first)), min(around.stop, int(last)))

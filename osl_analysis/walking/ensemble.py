@@ -123,7 +123,7 @@ class Ensemble:
     (n, 4, c), directions (n,), and the influence (n, m, k) of each of m plate trials on the torque."""
 
     def __init__(self, responses: Sequence[PerturbationResponse]) -> None:
-        check_alike(responses)
+        check_joinable(responses)
         self.theta, self.torque, self.behaviour, plate = (
             np.array([getattr(r, name) for r in responses])
             for name in ("thetas", "torques", "behaviour", "plate_errors")
@@ -190,7 +190,7 @@ def bootstrap(responses: Sequence[PerturbationResponse], samples: int, predictor
     return Ensemble(responses).resampled(samples, predictors)
 
 
-def check_alike(responses: Sequence[PerturbationResponse]) -> None:
+def check_joinable(responses: Sequence[PerturbationResponse]) -> None:
     """Refuse responses that cannot be averaged."""
     if len(responses) < 2:
         raise InputError(f"perturbations in the ensemble: {len(responses)}, expected 2 or more; record more")
@@ -259,7 +259,7 @@ def cross_validated(responses: Sequence[PerturbationResponse], impedance: Impeda
 def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[CommonError]]:
     """Errors of K, B and I that all perturbations share, as variances: of a mean of n unperturbed crossings, and of the
     plate's model, the jackknife's over the plate trials."""
-    check_alike(responses)
+    check_joinable(responses)
     shares, changes = np.abs(joining_weights(signs_of(responses))), []
     for r in responses:
         impedance = fit_without_offset(r.fitted_motion, r.fitted_torque)
@@ -279,7 +279,7 @@ Direction = tuple[dict[str, float], Bootstrap, int]
 
 
 @dataclass(frozen=True)
-class Headline:
+class GroupHeadline:
     """Result of one group; `ensemble` and `resampled` with the baseline that the settings name."""
 
     responses: Sequence[PerturbationResponse]
@@ -299,7 +299,7 @@ class Headline:
         return (self.predicted_gait if self.baseline == "predicted" else self.mean_gait)[1]
 
 
-def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, settings: EnsembleSettings) -> Headline:
+def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, settings: EnsembleSettings) -> GroupHeadline:
     """The result of the perturbed crossings of one group, whose mean unperturbed gait is `gait`."""
     responses = [isolate_response(c, gait, settings.timing, settings.perturbed_stance) for c in perturbed]
     ensemble, samples = Ensemble(responses), settings.bootstrap_samples
@@ -308,7 +308,7 @@ def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, setting
     names = prediction.predictors
     predicted_gait = (ensemble.fitted(names), ensemble.resampled(samples, names)) if names else mean_gait
     common, directions = common_errors(responses), compare_directions(responses, samples)
-    return Headline(responses, common, directions, settings.baseline, prediction, mean_gait, predicted_gait)
+    return GroupHeadline(responses, common, directions, settings.baseline, prediction, mean_gait, predicted_gait)
 
 
 def compare_directions(responses: Sequence[PerturbationResponse], samples: int) -> dict[str, Direction]:

@@ -25,7 +25,6 @@ from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.settings import StanceSource
 
-MOST_NAMED = 8  # Most crossings that a message names
 PHASES = np.linspace(0.0, 1.0, 401)  # Phases of stance at which crossings are sampled, finer than the frames
 
 
@@ -73,7 +72,7 @@ def most_frequent(reasons: Mapping[str, str]) -> str:
     others = len(reasons) - count
     more = f" beside {others} for other reasons, which walking_crossings.csv lists" if others else ""
     alike = ", ".join(name for name, of in kinds.items() if of == kind)
-    times = f"{count} times ({alike})" if 1 < count <= MOST_NAMED else f"{count} times"
+    times = f"{count} times ({alike})" if 1 < count <= 8 else f"{count} times"
     return f"{times}{more}, as in {trial}: {said[trial]}"
 
 
@@ -94,9 +93,7 @@ def at_phases(curves: Array, phase: Array) -> Array:
 
 
 ORDERS = tuple(range(1, 9))  # Orders of the polynomials among which that of the drift is chosen
-STRIDE = 4  # Every fourth phase is compared: a low-pass of 20 Hz leaves no more in an angle
 SMALLEST, LARGEST = 0.75, 1.33  # Bounds of a scale
-STEPS, LONGEST_STEP, LAST_STEP = 15, 0.05, 1e-6  # Most steps to a scale, the longest, and the one that ends the search
 
 
 def matched_scales(phase: Array, curves: Array, mean: Array, orders: Sequence[int] = ORDERS) -> Array:
@@ -115,15 +112,16 @@ def matched_scales(phase: Array, curves: Array, mean: Array, orders: Sequence[in
     nothing = len(phase) * rounding_of(mean)
     scales = np.ones((len(orders), len(curves)))
     step = np.full_like(scales, np.inf)
-    for _ in range(STEPS):
+    last = 1e-6  # step that ends the search
+    for _ in range(15):
         there = np.clip(scales[..., None] * phase, 0.0, 1.0)
         expected = spline(there)
         size, change, left = (beside(v) for v in (expected, phase * slope(there), curves - expected))
-        step = np.clip(second_coefficient(size, change, left, nothing), -LONGEST_STEP, LONGEST_STEP)
+        step = np.clip(second_coefficient(size, change, left, nothing), -0.05, 0.05)
         scales = np.clip(scales + step, SMALLEST, LARGEST)
-        if np.all(np.abs(step) < LAST_STEP):
+        if np.all(np.abs(step) < last):
             break
-    settled = (np.abs(step) < LAST_STEP) & (scales > SMALLEST) & (scales < LARGEST)
+    settled = (np.abs(step) < last) & (scales > SMALLEST) & (scales < LARGEST)
     return np.where(settled, scales, np.nan)
 
 
@@ -165,8 +163,8 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource
     phase = PHASES[(last - BEFORE_ONSET_S - crossing.stance.heel_strike) / own >= PHASES]
     if len(phase) >= FEWEST_PHASES:  # from heel strike to before the onset
         theta = signal_at(crossing, crossing.theta, stance_times(crossing, phase))
-        both = np.vstack([theta, gait.theta[:, : len(phase)]])[:, ::STRIDE]
-        found = matched_scales(phase[::STRIDE], both, gait.theta.mean(axis=0), ORDERS)
+        both = np.vstack([theta, gait.theta[:, : len(phase)]])[:, ::4]  # a low-pass of 20 Hz leaves no more
+        found = matched_scales(phase[::4], both, gait.theta.mean(axis=0), ORDERS)
         # The drift has the order at which the unperturbed scales scatter least, where every curve has a scale
         scatters = np.where(np.isfinite(found).all(axis=1), np.std(found[:, 1:], axis=1), np.inf)
         best = int(np.argmin(scatters))

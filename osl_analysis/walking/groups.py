@@ -23,10 +23,10 @@ OF_EVERY_CROSSING = ("subject", "session", "side", "speed")
 SHARED = ("subject", "session", "side")
 """Conditions that a trial shares with its static trial. An empty cell matches every value."""
 STATIC = "static"  # Column of the sheet that names the static trial of a trial
-PERTURBED = "perturbed"
+IS_PERTURBED = "perturbed"
 ALL = "all"  # Name of the group and of the gait of a campaign that is not split
 
-Cells = Mapping[str, object]  # Cells of one row of the sheet, by column: `STATED` and `PERTURBED`; None where empty
+Cells = Mapping[str, object]  # Cells of one row of the sheet, by column: `STATED` and `IS_PERTURBED`; None where empty
 Sheet = Mapping[str, Cells]  # Cells of crossings, by trial
 
 
@@ -35,7 +35,7 @@ def split_keys(sheet: Sheet, settings: GroupSettings) -> list[str]:
     in which crossings differ and that `pool` does not name. Refused if empty in a crossing, or everywhere."""
     keys = []
     for key in STATED:
-        concerned = [name for name, cells in sheet.items() if key in OF_EVERY_CROSSING or cells[PERTURBED]]
+        concerned = [name for name, cells in sheet.items() if key in OF_EVERY_CROSSING or cells[IS_PERTURBED]]
         values = {sheet[name].get(key) for name in concerned}
         stated = values - {None}
         if key in settings.pool or (len(values) < 2 and key not in settings.group_by):
@@ -48,14 +48,14 @@ def split_keys(sheet: Sheet, settings: GroupSettings) -> list[str]:
         empty = [name for name in concerned if sheet[name].get(key) is None]
         if empty:
             raise InputError(
-                f"trial {empty[0]}: no {key} in the sheet, but other crossings state {written(stated)}; fill in the "
+                f"trial {empty[0]}: no {key} in the sheet, but other crossings state {cells_said(stated)}; fill in the "
                 f"cell, or add {key} to walking.pool"
             )
         keys.append(key)
     return keys
 
 
-def written(values: Collection[object]) -> str:
+def cells_said(values: Collection[object]) -> str:
     """Values in order, for a message; without None."""
     numbers = sorted(value for value in values if isinstance(value, int | float))
     words = sorted(str(value) for value in values if value is not None and not isinstance(value, int | float))
@@ -82,21 +82,21 @@ def gaits_served(cells: Cells, gaits: Mapping[str, Cells], keys: Sequence[str]) 
     ]
 
 
-def statements(sheet: Sheet, settings: GroupSettings) -> list[str]:
+def split_statements(sheet: Sheet, settings: GroupSettings) -> list[str]:
     """One sentence per condition that splits results although the configuration does not ask for it."""
     return [
-        f"crossings differ in {key} ({written({cells.get(key) for cells in sheet.values()})}): each value has a "
+        f"crossings differ in {key} ({cells_said({cells.get(key) for cells in sheet.values()})}): each value has a "
         f"result of its own; write {key} under walking.group_by to keep that, or under walking.pool for one result"
         for key in split_keys(sheet, settings)
         if key not in settings.group_by
     ]
 
 
-def pooled(names: Iterable[str], sheet: Sheet) -> str:
+def pooled_over(names: Iterable[str], sheet: Sheet) -> str:
     """Conditions in which the crossings of one group differ, as text; empty if in none."""
     members = list(names)
     values = {key: {sheet[name].get(key) for name in members} - {None} for key in STATED}
-    return "; ".join(f"{key} {written(some)}" for key, some in values.items() if len(some) > 1)
+    return "; ".join(f"{key} {cells_said(some)}" for key, some in values.items() if len(some) > 1)
 
 
 def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
@@ -141,15 +141,15 @@ def side_of(static: str, cells: Cells, served: Mapping[str, Cells], otherwise: s
     if len(sides) > 1 or wrong:
         side, name = wrong[0] if wrong else list(sides.items())[1]
         raise InputError(
-            f"static trial '{static}' serves trials of the sides {written({*sides, own})} (trial '{name}': "
+            f"static trial '{static}' serves trials of the sides {cells_said({*sides, own})} (trial '{name}': "
             f"{side}); record a static trial for each side and state its side"
         )
     return str(own or next(iter(sides), otherwise))
 
 
 NORMAL_MAD = 1.4826  # Standard deviation of a normal distribution divided by its median absolute deviation
-ANGLE, TORQUE = "angle before the onset", "torque before the onset"
-LOAD, LOAD_LATER, PRESSURE = "load before the onset", "load in single support", "pressure beside the ankle"
+ANGLE_BEFORE, TORQUE_BEFORE = "angle before the onset", "torque before the onset"
+LOAD_BEFORE, LOAD_LATER, PRESSURE = "load before the onset", "load in single support", "pressure beside the ankle"
 """Names of the features that compare curves."""
 OF_LOAD = "of the usual load"
 MIDDLE = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]  # Phases of single support
@@ -231,12 +231,12 @@ def early_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierR
     features = [
         alike.feature("foot forward", "m", place[:, 0], rule.placement_m),
         alike.feature("foot to the left", "m", place[:, 1], rule.placement_m),
-        alike.feature(ANGLE, "deg", angle, rule.angle_deg),
-        alike.feature(TORQUE, "N*m", torque, rule.torque_nm),
+        alike.feature(ANGLE_BEFORE, "deg", angle, rule.angle_deg),
+        alike.feature(TORQUE_BEFORE, "N*m", torque, rule.torque_nm),
     ]
     if all(c.load is not None for c in crossings):
         load = alike.deviation(curves_of(crossings, force_of, phases)) / usual_load(crossings)
-        features.append(alike.feature(LOAD, OF_LOAD, load, rule.load_share))
+        features.append(alike.feature(LOAD_BEFORE, OF_LOAD, load, rule.load_share))
     return features
 
 
@@ -248,7 +248,7 @@ def later_features(crossings: Sequence[Crossing], rule: OutlierRule, sound: Mask
     features = [kinds.feature("stance", "s", stance, rule.stance_s)]
     if all(c.load is not None for c in crossings):
         load = kinds.deviation(curves_of(crossings, force_of, MIDDLE)) / usual_load(crossings)
-        beside = kinds.deviation(curves_of(crossings, left_of, MIDDLE))
+        beside = kinds.deviation(curves_of(crossings, pressure_left, MIDDLE))
         features.append(kinds.feature(LOAD_LATER, OF_LOAD, load, rule.load_share))
         features.append(kinds.feature(PRESSURE, "m", beside, rule.pressure_m))
     return features
@@ -270,7 +270,7 @@ def force_of(crossing: Crossing) -> Array:
     return crossing.load.force
 
 
-def left_of(crossing: Crossing) -> Array:
+def pressure_left(crossing: Crossing) -> Array:
     """Centre of pressure (n,) [m] to the left of the ankle."""
     assert crossing.load is not None  # checked by the callers
     return crossing.load.left
@@ -284,7 +284,7 @@ WIDEST_BIN = 2.0  # Widest part, in `timing_scatter`, of timings that spread wit
 
 
 @dataclass(frozen=True)
-class Place:
+class Membership:
     """Where a crossing belongs."""
 
     gaits: tuple[str, ...]  # names of the mean gaits that it belongs to; one for a perturbed crossing
@@ -293,12 +293,12 @@ class Place:
     onset_phase: float | None = None  # onset as a share of the gait's mean stance; None if unperturbed
 
 
-def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings) -> dict[str, Place]:
+def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings) -> dict[str, Membership]:
     """Gait and group of every row of the sheet, by name; groups are those of the `crossings`, which are used."""
     keys = split_keys(sheet, settings)
-    every = [{key: cells[key] for key in keys} for cells in sheet.values() if cells[PERTURBED]]
+    every = [{key: cells[key] for key in keys} for cells in sheet.values() if cells[IS_PERTURBED]]
     gaits: dict[str, Cells] = {label(cells): cells for cells in every}
-    found = {name: Place(tuple(gaits_served(cells, gaits, keys))) for name, cells in sheet.items()}
+    found = {name: Membership(tuple(gaits_served(cells, gaits, keys))) for name, cells in sheet.items()}
     perturbed = {gait: [c for c in crossings if c.onset is not None and gait in found[c.name].gaits] for gait in gaits}
     phases: dict[str, Array] = {}
     for gait, walked in perturbed.items():  # onsets as shares of the gait's mean stance, or without one of their own
@@ -319,7 +319,7 @@ def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings)
             if "direction" in settings.group_by:
                 measured["direction"] = direction or "unknown"
             group = label({**gaits[gait], **measured})
-            found[crossing.name] = Place((gait,), group, direction, float(phase))
+            found[crossing.name] = Membership((gait,), group, direction, float(phase))
     return found
 
 
@@ -371,7 +371,7 @@ def selection_rows(
     has the conditions of all, None: there are none. Those that share all splitting conditions are compared."""
     if sheet is None:
         kinds = [(c.name, c.onset is not None) for c in crossings] + [(r.name, r.perturbed) for r in refused]
-        sheet = {name: {PERTURBED: perturbed} for name, perturbed in kinds}
+        sheet = {name: {IS_PERTURBED: perturbed} for name, perturbed in kinds}
     keys = split_keys(sheet, settings)
     alike, reasons = dict[tuple[object, ...], list[Crossing]](), dict[str, str]()
     for c in crossings:
@@ -437,9 +437,9 @@ def crossing_row(crossing: Crossing, index: int, features: Sequence[Feature], re
         "onset_s": crossing.onset,
         "foot_forward_m": quality.placement[0],
         "foot_left_m": quality.placement[1],
-        "gait_deviation_deg": values.get(ANGLE),
-        "torque_deviation": values.get(TORQUE),
-        "load_deviation": values.get(LOAD),
+        "gait_deviation_deg": values.get(ANGLE_BEFORE),
+        "torque_deviation": values.get(TORQUE_BEFORE),
+        "load_deviation": values.get(LOAD_BEFORE),
         "pressure_deviation_m": values.get(PRESSURE),
         "load_of_weight": share_of_weight(crossing),
         "foot_outside_m": quality.outside,

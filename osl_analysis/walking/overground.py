@@ -24,7 +24,7 @@ from osl_analysis.walking.plate import (
 from osl_analysis.walking.settings import OvergroundAnalysis
 from osl_analysis.walking.setup import body_mass
 
-SIDES: dict[Side, str] = {"left": "L", "right": "R"}
+LETTERS_OF_SIDES: dict[Side, str] = {"left": "L", "right": "R"}
 SHORTEST_STANCE_S = 0.3
 ON_PLATE = 0.5  # A stance belongs to the foot whose ankle is over the plate in more than this part of its frames
 
@@ -88,7 +88,7 @@ def compare_moments(trial: Trial, body_mass: float, load: float) -> list[MomentC
     """Every stance of the trial in which exactly one foot is over a plate, in order of side and plate, in N*m/kg.
     Frames count while the plate carries more than `load` [N]."""
     plates = [int(plate["plate"]) for plate in trial.provenance.get("plates", [])]
-    sides = [side for side in SIDES if reference_column(side) in trial.samples.columns]
+    sides = [side for side in LETTERS_OF_SIDES if reference_column(side) in trial.samples.columns]
     if not sides or not plates:
         absent = f"column '{reference_column('left')}'" if not sides else "force plate"
         raise InputError(
@@ -124,7 +124,7 @@ def reference_column(side: Side) -> str:
 
 def stances_on_plate(trial: Trial, side: Side, plate: int, body_mass: float, load: float) -> Iterator[MomentComparison]:
     """The stances of one foot on one plate."""
-    time, points = marker_tracks(trial, [f"{SIDES[side]}TIO", f"{SIDES[side]}TIL"])
+    time, points = marker_tracks(trial, [f"{LETTERS_OF_SIDES[side]}TIO", f"{LETTERS_OF_SIDES[side]}TIL"])
     ankle, axis = points[:, 0], points[:, 1] - points[:, 0]
     wrench = wrench_reader(*recorded_wrench(trial, plate), time)(0.0)
     corners = recorded_corners(trial, plate)

@@ -27,7 +27,7 @@ from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import AXES, Array, Trial, plate_columns
 from osl_analysis.walking.bodies import (
-    GRAVITY,
+    FREE_FALL,
     BodyMotion,
     Calibrations,
     Poses,
@@ -250,7 +250,7 @@ class Load:
     def of_weight(self, phase: Array, body_mass: float) -> float:
         """Mean vertical force in single support, as a share of the weight; at phases (n,) of stance."""
         inside = (phase >= SINGLE_SUPPORT[0]) & (phase <= SINGLE_SUPPORT[1])
-        return float(self.force[inside].mean() / (body_mass * np.linalg.norm(GRAVITY)))
+        return float(self.force[inside].mean() / (body_mass * np.linalg.norm(FREE_FALL)))
 
 
 def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> Load:
@@ -261,7 +261,7 @@ def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> L
     return Load(vertical, np.where(pressed, np.sum((pressure - ankle) * axis, axis=1), 0.0))
 
 
-PARAMETERS = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz")
+INERTIAL = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz")
 COMPONENTS = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
 PLANAR = ("m", "mc_x", "mc_z", "I_yy")
 """Parameters that can be identified if the platform only turns about the mediolateral axis and shifts across it."""
@@ -272,25 +272,25 @@ WEIGHT = np.array([0.1] * 3 + [1.0] * 3)  # Of forces [m] and moments: a force's
 class PlateInertia:
     """Inertial parameters of the plate."""
 
-    parameters: Array  # (10,) in the order of `PARAMETERS` [kg, kg*m, kg*m^2]; 0 where they were not excited
+    parameters: Array  # (10,) in the order of `INERTIAL` [kg, kg*m, kg*m^2]; 0 where they were not excited
     standard_errors: Array  # (10,); 0 where they were not excited
     rms_before: Array  # RMS wrench (6,) [N, N*m] of the unloaded plate as read, minus its mean
     rms_after: Array  # the same without the plate's own wrench
 
     @property
     def identified(self) -> tuple[str, ...]:
-        return tuple(name for name, se in zip(PARAMETERS, self.standard_errors, strict=True) if se > 0)
+        return tuple(name for name, se in zip(INERTIAL, self.standard_errors, strict=True) if se > 0)
 
     def wrench(self, motion: BodyMotion) -> Array:
         """Wrench (n, 6) that the plate itself causes about its centre, the point of `motion`."""
-        return np.asarray(regressors(motion) @ self.parameters)
+        return np.asarray(inertial_columns(motion) @ self.parameters)
 
 
-def regressors(motion: BodyMotion) -> Array:
+def inertial_columns(motion: BodyMotion) -> Array:
     """Columns (n, 6, 10) whose product with the parameters is force and moment [N, N*m] in the plate's axes."""
-    vectors = (motion.acceleration - GRAVITY, motion.omega, motion.alpha)
+    vectors = (motion.acceleration - FREE_FALL, motion.omega, motion.alpha)
     a, w, z = (np.einsum("nij,nj->ni", motion.rotation.transpose(0, 2, 1), v) for v in vectors)
-    a = a + GRAVITY
+    a = a + FREE_FALL
     W = cross_matrix(w)
     columns = np.zeros((len(a), 6, 10))
     columns[:, :3, 0] = a
@@ -323,13 +323,16 @@ def identify_plate_inertia(
     (10,), 0 if None. Inertias about axes that are not excited are 0. If the rest cannot be told apart, or some are seen
     with more noise than motion, only the planar ones are identified. `noise` (10, 10) are the columns' squares by
     marker noise alone, which makes every estimate too small."""
-    columns = np.concatenate([centred(smooth(regressors(motion))) for motion, _ in recordings])
-    wrench = np.concatenate([centred(w) for _, w in recordings])
+    columns = np.concatenate([without_mean(smooth(inertial_columns(motion))) for motion, _ in recordings])
+    wrench = np.concatenate([without_mean(w) for _, w in recordings])
     excited = excited_parameters([motion for motion, _ in recordings])
     wanted = tuple(name for name in excited if not names or name in names)
     while True:
-        chosen = [PARAMETERS.index(name) for name in wanted]
-        parameters, errors = np.zeros(len(PARAMETERS)) if known is None else known.copy(), np.zeros(len(PARAMETERS))
+        chosen = [INERTIAL.index(name) for name in wanted]
+        parameters, errors = (
+            np.zeros(len(INERTIAL)) if known is None else known.copy(),
+            np.zeros(len(INERTIAL)),
+        )
         parameters[chosen] = 0.0
         left, stacked = wrench - columns @ parameters, stacked_columns(columns, wanted)
         try:
@@ -363,7 +366,7 @@ def noise_correction(stacked: Array, noise: Array) -> Array:
 def stacked_columns(columns: Array, names: Sequence[str]) -> Array:
     """Weighted columns (6 n, p) of the named parameters out of (n, 6, 10), component after component: residuals stay
     correlated in time, as the regression assumes."""
-    chosen = columns[:, :, [PARAMETERS.index(name) for name in names]] * WEIGHT[:, None]
+    chosen = columns[:, :, [INERTIAL.index(name) for name in names]] * WEIGHT[:, None]
     return np.asarray(chosen.transpose(1, 0, 2).reshape(-1, len(names)))
 
 
@@ -372,10 +375,10 @@ def excited_parameters(motions: Sequence[BodyMotion]) -> tuple[str, ...]:
     directions leaves less than 0.005 of it about an axis that does not turn."""
     size = column_rms(np.concatenate([motion.alpha for motion in motions]))
     excited = {axis for axis, one in zip("xyz", size, strict=True) if one > 0.02 * size.max()}
-    return tuple(name for name in PARAMETERS if not name.startswith("I_") or excited & set(name[2:]))
+    return tuple(name for name in INERTIAL if not name.startswith("I_") or excited & set(name[2:]))
 
 
-def centred(values: Array) -> Array:
+def without_mean(values: Array) -> Array:
     return np.asarray(values - values.mean(axis=0))
 
 
@@ -392,11 +395,11 @@ def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: C
     readings = [wrench_at(float(lag)) for lag in lags]
     names = identify_plate_inertia([(motion, readings[len(lags) // 2])], smooth).identified
     names = names or excited_parameters([motion])  # an exact fit has standard errors of 0
-    basis = np.linalg.qr(stacked_columns(centred(smooth(regressors(motion))), names))[0]
-    stacked = [(centred(w) * WEIGHT).T.ravel() for w in readings]
+    basis = np.linalg.qr(stacked_columns(without_mean(smooth(inertial_columns(motion))), names))[0]
+    stacked = [(without_mean(w) * WEIGHT).T.ravel() for w in readings]
     misfit = [float(6 * np.mean((w - basis @ (basis.T @ w)) ** 2)) for w in stacked]
     best = int(np.argmin(misfit))
-    size = float(np.sum((column_rms(centred(readings[best])) * WEIGHT) ** 2))
+    size = float(np.sum((column_rms(without_mean(readings[best])) * WEIGHT) ** 2))
     if size < 0.1**2:
         return float("nan")
     if misfit[best] > 0.5 * size or best in (0, len(lags) - 1):
@@ -435,8 +438,8 @@ class UnloadedRecording:
         them."""
         motion, weights = self.track.own_motion(axes, self.centre)
         resting = [run for run in runs(weights == 0) if run.stop - run.start >= FEWEST_FRAMES]
-        columns = regressors(motion)
-        still = [stacked_columns(centred(columns[run]), PARAMETERS) for run in resting]
+        columns = inertial_columns(motion)
+        still = [stacked_columns(without_mean(columns[run]), INERTIAL) for run in resting]
         squares = sum((one.T @ one for one in still), np.zeros((10, 10)))
         count = sum(run.stop - run.start for run in resting)
         passed = gated_noise(weights, self.track.rate, self.track.low_pass, self.plate_low_pass)
@@ -534,7 +537,7 @@ class PlateModel:
 
 
 NO_CORRECTION = PlateModel(
-    PlateInertia(*(np.zeros(len(PARAMETERS)),) * 2, *(np.full(len(COMPONENTS), np.nan),) * 2),
+    PlateInertia(*(np.zeros(len(INERTIAL)),) * 2, *(np.full(len(COMPONENTS), np.nan),) * 2),
     None,
     None,
     np.zeros(0),

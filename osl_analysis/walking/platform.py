@@ -380,7 +380,7 @@ def mean_scales(pairs: Pairs) -> tuple[float, float]:
     return float(np.mean([abs(a.amplitude) for _, a in pairs])), float(np.exp(np.mean(durations)))
 
 
-def aligned(track: PlatformTrack, guess: Alignment, template: PlatformTemplate, scaled: bool) -> Alignment:
+def shape_fit(track: PlatformTrack, guess: Alignment, template: PlatformTemplate, scaled: bool) -> Alignment:
     """The start, amplitude and, if `scaled`, duration with which a motion follows a shape, by Gauss and Newton. It
     follows it if the mean square of their filtered difference is that of noise, by no more than four SDs above."""
     measured, a = track.measured @ template.axes.T, guess if scaled else replace(guess, duration=1.0)
@@ -485,7 +485,7 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
         """Shape and alignments in turn, until both stand."""
         for _ in range(ROUNDS):
             template = mean_shape(pairs, axes, ends, noise, scaled)
-            pairs = [(track, aligned(track, a, template, scaled)) for track, a in pairs]
+            pairs = [(track, shape_fit(track, a, template, scaled)) for track, a in pairs]
         return template, [a for _, a in pairs]
 
     guesses = []
@@ -494,7 +494,7 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
         size = float(along[np.argmax(np.abs(along[:, 0])), 0])
         guesses.append(Alignment(track.name, middle, 0.0, size, 1.0, 0.0, 0.0, track.rest @ axes.T, 0.0, True))
     template, alignments = alternated(list(zip(tracks, guesses, strict=True)), False)
-    free = [aligned(track, a, template, True) for track, a in zip(tracks, alignments, strict=True)]
+    free = [shape_fit(track, a, template, True) for track, a in zip(tracks, alignments, strict=True)]
     scatter = np.array([(a.duration - 1) / a.duration_se for a in free])
     if np.sum((scatter - scatter.mean()) ** 2) > scipy.special.chdtri(len(tracks) - 1, CHANCE):
         template, alignments = alternated(list(zip(tracks, free, strict=True)), True)
@@ -504,7 +504,9 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
             break
         known = [pair for pair in zip(tracks, alignments, strict=True) if pair[1].follows]
         template, _ = alternated(known, template.scaled)
-        alignments = [aligned(track, a, template, template.scaled) for track, a in zip(tracks, alignments, strict=True)]
+        alignments = [
+            shape_fit(track, a, template, template.scaled) for track, a in zip(tracks, alignments, strict=True)
+        ]
         if [a.follows for a in alignments] == following:
             break
     if sum(a.follows for a in alignments) < 2:

@@ -14,9 +14,6 @@ from osl_analysis.trial import AXES, Array, Trial
 from osl_analysis.walking.bodies import Poses
 from osl_analysis.walking.plate import Stance
 
-LOADED = 0.5  # Share of the largest force above which a sample counts as loaded
-FIRST, LAST = 0.1, 0.9  # Phases of stance between which the shank leans forward
-LATE = (0.5, 0.9)  # Phases of stance in which the foot pushes, with a plantarflexion moment in every gait
 SIDE_REMEDY = (
     "correct `side`, exchange ankle_medial and ankle_lateral, or correct the labels of the static trial's markers"
 )
@@ -27,7 +24,7 @@ def check_vertical(force: Array) -> None:
     size = np.linalg.norm(force, axis=1)
     if not size.any():
         return
-    mean = force[size > LOADED * size.max()].mean(axis=0)
+    mean = force[size > 0.5 * size.max()].mean(axis=0)
     axis = int(np.argmax(np.abs(mean)))
     if axis == 2 and mean[2] > 0:
         return
@@ -40,10 +37,10 @@ def check_vertical(force: Array) -> None:
 
 
 def check_heading(phase: Array, shank_from_ankle: Array, axis: Array) -> None:
-    """Refuse a shank, `shank_from_ankle` (n, 3) [m], that leans backwards over the phases (n,) of stance, seen along
-    the ankle's axis (n, 3), which should point to the left."""
+    """Refuse a shank, `shank_from_ankle` (n, 3) [m], that leans backwards from a tenth to nine tenths of stance, seen
+    along the ankle's axis (n, 3), which should point to the left."""
     forward = np.cross(axis, [0.0, 0.0, 1.0])
-    first, last = (int(np.argmin(np.abs(phase - edge))) for edge in (FIRST, LAST))
+    first, last = (int(np.argmin(np.abs(phase - edge))) for edge in (0.1, 0.9))
     ahead = np.sum(shank_from_ankle * forward, axis=1)
     if ahead[last] <= ahead[first]:
         raise InputError(
@@ -53,8 +50,8 @@ def check_heading(phase: Array, shank_from_ankle: Array, axis: Array) -> None:
 
 
 def check_push(phase: Array, torque: Array) -> None:
-    """Refuse an ankle torque (n,) [N*m] that pulls the toes up in late stance."""
-    mean = float(torque[(phase >= LATE[0]) & (phase <= LATE[1])].mean())
+    """Refuse an ankle torque (n,) [N*m] that pulls the toes up in late stance, where every foot pushes."""
+    mean = float(torque[(phase >= 0.5) & (phase <= 0.9)].mean())
     if mean < 0:
         raise InputError(
             f"the ankle's moment in late stance is {mean:.0f} N*m, expected a plantarflexion moment above 0: "
@@ -63,7 +60,6 @@ def check_push(phase: Array, torque: Array) -> None:
 
 
 LARGEST_DELAY_S = 0.05  # Largest delay [s] between the clocks; beyond it they are not aligned
-NEWTON_STEPS = 8
 FEWEST_COMPARED = 30
 
 
@@ -97,7 +93,7 @@ def compare_encoder(
         return None
     spline = scipy.interpolate.make_interp_spline(encoder_time, low_pass(encoder, sampling_rate(encoder_time)), k=5)
     offset, delay = 0.0, 0.0
-    for _ in range(NEWTON_STEPS):
+    for _ in range(8):  # by Newton
         difference = spline(time[rows] + delay) - theta[rows] - offset
         columns = np.column_stack([np.ones(len(difference)), -spline(time[rows] + delay, 1)])
         change = np.linalg.lstsq(columns, difference, rcond=None)[0]
@@ -144,9 +140,6 @@ def check_direction(trial: str, stated: str | None, turn: float | None) -> None:
     )
 
 
-BEFORE_S = 0.1  # Length [s] of the interval before heel strike in which the platform rests
-
-
 def check_translation(time: Array, platform: Poses, stance: Stance, largest: float) -> None:
     """Refuse a platform that does not turn, but shifts by more than `largest` [m] in stance, from its mean place just
     before, or, hidden there, at its start: it is no unperturbed crossing, and the ankle turns late and little."""
@@ -154,7 +147,7 @@ def check_translation(time: Array, platform: Poses, stance: Stance, largest: flo
     inside = seen & (time >= stance.heel_strike) & (time <= stance.toe_off)
     if not inside.any():
         return
-    before = seen & (time >= stance.heel_strike - BEFORE_S) & (time < stance.heel_strike)
+    before = seen & (time >= stance.heel_strike - 0.1) & (time < stance.heel_strike)
     rest = centre[before].mean(axis=0) if before.any() else centre[inside][0]
     shift = float(np.linalg.norm(centre[inside] - rest, axis=1).max())
     if shift > largest:
@@ -165,21 +158,17 @@ def check_translation(time: Array, platform: Poses, stance: Stance, largest: flo
         )
 
 
-DISAGREE = 0.1  # Share by which masses of sheet and recording may differ: clothes, shoes and leg weigh something
-POSSIBLE_KG = (10.0, 300.0)  # Body masses [kg] of people
-
-
 def body_mass(trial: Trial, sheet: float | None, configured: float | None = None) -> float | None:
     """Body mass [kg] of a trial: the sheet's, else the recording's, else the campaign's configured one; None without
     any. A recording that states 0 states none."""
     recorded = trial.provenance.get("mocap", {}).get("body_mass_kg") or None
-    if sheet and recorded and abs(sheet / recorded - 1) > DISAGREE:
+    if sheet and recorded and abs(sheet / recorded - 1) > 0.1:  # clothes, shoes and leg weigh something
         raise InputError(
             f"trial {trial.name}: body_mass_kg is {sheet:g} in the sheet and {recorded:g} in the recording; correct "
             "the sheet, or leave its cell empty to use the recording's"
         )
     mass = sheet or recorded or configured
-    if mass and not POSSIBLE_KG[0] <= mass <= POSSIBLE_KG[1]:
+    if mass and not 10 <= mass <= 300:
         where = "sheet" if sheet else "recording" if recorded else "configuration"
         raise InputError(
             f"trial {trial.name}: a body mass of {mass:g} kg, from the {where}, is not one of a person; state "

@@ -11,15 +11,16 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import polars as pl
 
+from osl_analysis.measured import rms
 from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.signals import Motion
 from osl_analysis.stats.fit_row import covariance_row, diagnostics_row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse, Headline, signs_of
+from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse, GroupHeadline, signs_of
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
-from osl_analysis.walking.groups import ALL, STATED, Cells, Sheet, pooled
+from osl_analysis.walking.groups import ALL, STATED, Cells, Sheet, pooled_over
 from osl_analysis.walking.response import (
     PerturbationResponse,
     fit_response,
@@ -32,7 +33,7 @@ from osl_analysis.walking.response import (
 from osl_analysis.walking.settings import ResponseSettings, Timing
 from osl_analysis.walking.setup import DOWN
 
-QUANTITIES = ("K", "B", "I", "VAF")
+SUMMARISED = ("K", "B", "I", "VAF")
 MEAN, ENSEMBLE = "mean of perturbations", "ensemble"
 OTHER_BASELINE = {"predicted": "ensemble, mean gait", "mean": "ensemble, predicted gait"}
 """The ensemble with the baseline that the configuration does not name, by the one that it names."""
@@ -75,7 +76,7 @@ def groups_of(selection: pl.DataFrame, sheet: Sheet | None) -> list[Group]:
     for members in perturbed.filter(pl.col("group").is_not_null()).partition_by("group", maintain_order=True):
         trials, directions, phases = (tuple(members[column]) for column in ("trial", "direction", "onset_phase"))
         group, gait = members["group"][0], members["gait"][0]
-        found.append(Group(group, gait, trials, directions, phases, shared_cells(trials), pooled(trials, rows)))
+        found.append(Group(group, gait, trials, directions, phases, shared_cells(trials), pooled_over(trials, rows)))
     known = {group.gait for group in found}
     for gait in perturbed["gait"].unique(maintain_order=True):
         if gait not in known:
@@ -164,7 +165,7 @@ def single_facts(response: PerturbationResponse, impedance: ImpedanceFit) -> Fac
     }
 
 
-def group_facts(headline: Headline) -> Facts:
+def group_facts(headline: GroupHeadline) -> Facts:
     """Columns of `walking_groups.csv` on which limits may stand; the dictionary of tables says what each is."""
     ensemble, responses = headline.ensemble, headline.responses
     rows, fit = responses[0].window, headline.ensemble.fit
@@ -200,12 +201,8 @@ def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | No
     return own / gait if own > SMALL_RESIDUAL * rms(torque) and gait > 0 else None
 
 
-def rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
 def estimator_difference(
-    headline: Headline,
+    headline: GroupHeadline,
     singles: Sequence[ImpedanceFit],
     values: Mapping[str, float],
     intervals: Mapping[str, tuple[float, float]],
@@ -245,12 +242,12 @@ def stance_facts(responses: Sequence[PerturbationResponse]) -> Facts:
     return {"stance_change": float(changes.mean()), "uncorrected_stance_change": left if certain else None}
 
 
-def headline_rows(headline: Headline, fits: pl.DataFrame, doubtful: Mapping[str, int]) -> list[dict[str, object]]:
+def headline_rows(headline: GroupHeadline, fits: pl.DataFrame, doubtful: Mapping[str, int]) -> list[dict[str, object]]:
     """Rows of `walking_summary.csv` of one group, from its rows of `walking.csv`, `fits`, and their number of doubtful
     ones: mean per perturbation (of both directions' means), with the errors that are common; ensembles; directions."""
     common, signs = headline.common, signs_of(headline.responses)
     rows: list[dict[str, object]] = []
-    for name in QUANTITIES:
+    for name in SUMMARISED:
         method = WITH_COMMON_ERRORS if name in common else "Student"
         mean = asdict(over_repeats(fits[name].to_numpy(), common.get(name, ()), signs))
         rows.append({"quantity": name, "estimator": MEAN, "interval_method": method} | mean | dict(doubtful))

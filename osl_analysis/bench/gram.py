@@ -85,11 +85,11 @@ class Sums:
         band_hz = self.rate_hz / (2 * self.independent)
         ways = [(d, np.exp(s * d), 1.0) for d in DELAYS]
         ways += [(d, 1 + s * d, 1 + (2 * np.pi * d * band_hz) ** 2 / 3) for d in LOW_PASSES]
-        nowhere, X = np.zeros(2 * len(self.groups.first), dtype=np.intp), np.array(list(self.columns.values())).T
+        X = np.array(list(self.columns.values())).T
         found = []
         for late, inverse, noise_gain in ways:
             Y = np.ascontiguousarray(np.fft.irfft(inverse * spectrum, 2 * n)[:, :n].T)
-            both = products_between(np.column_stack([X, Y]), Y, self.groups.first, self.groups.stop, nowhere)
+            both = products_between(np.column_stack([X, Y]), Y, self.groups.first, self.groups.stop)
             gram = self.gram.copy()
             gram[:, :, self.torque :] = both
             gram[:, self.torque :, :] = np.swapaxes(both, 1, 2)

@@ -23,8 +23,6 @@ from osl_analysis.jobs.memory import limited_memory
 if TYPE_CHECKING:
     from osl_analysis.bench.impedance import DesiredImpedance
 
-MOST_NUMBERS = 300  # values in a range
-
 
 class NumberList(click.ParamType[list[float]]):
     """Numbers as 300, as 100,200 or as first:last:step."""
@@ -44,23 +42,16 @@ class NumberList(click.ParamType[list[float]]):
         if not is_range or numbers[2] <= 0 or numbers[1] < numbers[0]:
             self.fail(f"'{text}' is not a range; write first:last:step, upwards, with a step above 0", param, ctx)
         first, last, step = numbers
-        if (last - first) / step > MOST_NUMBERS:
-            self.fail(f"'{text}' is more than {MOST_NUMBERS} numbers; take a longer step", param, ctx)
+        if (last - first) / step > 300:
+            self.fail(f"'{text}' is more than 300 numbers; take a longer step", param, ctx)
         return [first + step * k for k in range(int((last - first) / step + 1e-9) + 1)]
 
 
 FILE = click.Path(path_type=Path)
 WRITTEN_SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "design": ".csv"}
 """Suffix of what a command writes, where it writes one kind of file."""
-EXIT_INTERRUPTED = 130  # exit code after Ctrl-C or SIGTERM
 NUMBER_LIST = NumberList()
-PARAMETERS_OPTION = click.option(
-    "--parameters",
-    type=FILE,
-    default=shipped("config/parameters/default.yaml"),
-    show_default=True,
-    help="Parameter file of the device.",
-)
+FOLDER = click.Path(path_type=Path, file_okay=False)
 CONFIG = click.option(
     "--config",
     "config_path",
@@ -69,13 +60,6 @@ CONFIG = click.option(
     show_default=True,
     help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
 )
-DEVICE = click.option(
-    "--parameters",
-    type=FILE,
-    help="Parameter file of the device; `none`: it has none. Default: that of the configuration.",
-)
-NO_FILE = Path("none")
-"""Value of `DEVICE` for a device without a parameter file."""
 
 
 def desired_impedance(model: str, K_d: float | None, B_d: float | None, controller: str) -> "DesiredImpedance | None":
@@ -100,12 +84,10 @@ def say(text: str, err: bool = False) -> None:
 
 
 def print_or_write(text: str, output: Path | None) -> None:
-    if output is None:
-        say(text)
-        return
-    with atomic_path(output) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    say(f"wrote {output}")
+    if output is not None:
+        with atomic_path(output) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    say(text if output is None else f"wrote {output}")
 
 
 class KeepsItsInput(click.Command):
@@ -132,8 +114,8 @@ class KeepsItsInput(click.Command):
 def files_used(values: Mapping[str, Any]) -> Iterator[Path]:
     """The files that a command uses besides what it writes, by the values of its options and arguments.
 
-    They are those that its options name, the source files that it finds by name, the default configuration, which that
-    of an option overrides, and all files below the folder that it reads, but for pages of an earlier run.
+    They are those that its options name, the source files that it finds by name, the default configuration, and all
+    files below the folder that it reads, but for pages of an earlier run.
     """
     yield from (value for value in values.values() if isinstance(value, Path))
     for source in ("log_source", "mocap_source"):
@@ -179,7 +161,7 @@ class OneLineErrors(click.Group):
                 return super().invoke(ctx)
         except KeyboardInterrupt:
             click.echo("interrupted", err=True)
-            sys.exit(EXIT_INTERRUPTED)
+            sys.exit(130)
         except click.UsageError as error:
             raise click.UsageError(printable(error.message), error.ctx) from error
         except OslAnalysisError as error:
@@ -204,7 +186,7 @@ def main() -> None:
 
 
 @main.command(epilog="Example: osl-analysis simulate --trial impedance_K300_B5.0_compensated /tmp/campaign")
-@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+@click.argument("folder", type=FOLDER)
 @click.option(
     "--settings",
     type=FILE,
@@ -313,7 +295,11 @@ def inspect(file: Path, draft_path: Path | None) -> None:
     show_default=True,
     help="Controller of the trial, any name. The gains of compensated and uncompensated are known (Eqs. 13 and 14).",
 )
-@DEVICE
+@click.option(
+    "--parameters",
+    type=FILE,
+    help="Parameter file of the device; `none`: it has none. Default: that of the configuration.",
+)
 @CONFIG
 @AS_JSON
 @click.option("--plot", type=FILE, help="Draw measured and modelled torque [N·m] to this file.")
@@ -339,7 +325,7 @@ def fit(
     desired = desired_impedance(model, stiffness, damping, controller)
     device = command.campaign_parameters(config_path) if parameters is None else parameters
     request = command.fit_request(model, config_path, desired)
-    fitted = command.fit_trial(model, read_trial(trial), None if device == NO_FILE else device, request)
+    fitted = command.fit_trial(model, read_trial(trial), None if device == Path("none") else device, request)
     if model == "impedance" and desired is None:
         said = "whether the torque is late or the bench's frame yields, and whether K is what the gains should give"
         click.echo(f"not checked without --stiffness and --damping: {said}", err=True)
@@ -355,7 +341,7 @@ def fit(
 
 
 @main.command(epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md")
-@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+@click.argument("folder", type=FOLDER)
 @click.option("--output", type=FILE, help="Write a Markdown page to this file instead of printing the table.")
 @CONFIG
 def samples(folder: Path, output: Path | None, config_path: Path) -> None:
@@ -396,11 +382,8 @@ def results(folder: Path, summary: Path | None, markdown: bool) -> None:
         say(failed, err=True)
 
 
-FOLDER = click.Path(path_type=Path, file_okay=False)
-
-
 @main.command(cls=click.Command, epilog="Example: osl-analysis init my_campaign --from /data/2026-03-14")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=FILE)
 @click.option(
     "--recorder",
     "recorders",
@@ -547,7 +530,13 @@ PERCENT, POSITIVE, NOT_NEGATIVE = PercentShare(), click.FloatRange(0, min_open=T
 )
 @click.option("--weight-hz", type=float, default=1.0, show_default=True, help="Cut-off of W in Eq. 14 [Hz].")
 @click.option("--weight-order", type=int, default=3, show_default=True, help="Order of W in Eq. 14.")
-@PARAMETERS_OPTION
+@click.option(
+    "--parameters",
+    type=FILE,
+    default=shipped("config/parameters/default.yaml"),
+    show_default=True,
+    help="Parameter file of the device.",
+)
 @AS_JSON
 @click.option("--output", type=FILE, help="Write the table to this file (.csv or .json).")
 @click.option("--plot", type=FILE, help="Draw response, gains or trajectory to this file (.pdf, .svg or .png).")

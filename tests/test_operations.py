@@ -18,7 +18,7 @@ import pytest
 from click.testing import CliRunner
 from conftest import ROOT
 
-from osl_analysis.cli import EXIT_INTERRUPTED, main
+from osl_analysis.cli import main
 from osl_analysis.commands import gains as gains_command
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.compiled import compiled
@@ -234,7 +234,7 @@ def test_ctrl_c_ends_a_command_quietly_and_leaves_nothing_half(tmp_path, monkeyp
     monkeypatch.setattr(gains_command, "write_table", interrupted)
     before = signal.getsignal(number)
     result = call(*GAINS, "--output", tmp_path / "gains.csv")
-    assert one_line(result, code=EXIT_INTERRUPTED) == "interrupted"
+    assert one_line(result, code=130) == "interrupted"
     assert list(tmp_path.iterdir()) == []
     assert signal.getsignal(number) == before
 

@@ -694,7 +694,7 @@ def test_a_fingerprint_follows_every_form_of_import(tmp_path):
 def test_a_job_s_fingerprint_counts_modules_that_are_imported_from_their_package():
     """`from osl_analysis.judge import channels`, or its like, stands beneath the command of quality control."""
     files = {path.relative_to(ROOT / "osl_analysis").as_posix() for path in sources("osl_analysis.commands.tables")}
-    assert {"judge/channels.py", "judge/recording.py", "experiments.py"} <= files
+    assert {"judge/channels.py", "judge/recording.py", "config/experiments.py"} <= files
 
 
 CLOSED = "/proc/sys"

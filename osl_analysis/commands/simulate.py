@@ -62,15 +62,9 @@ def write_sheet(settings_path: Path, sheet: Path) -> None:
 def settings_files(settings_path: Path, followed: SharedChoices = NOTHING) -> list[Path]:
     """The files that decide what is simulated: the settings and those that they, or the `followed` choices, name."""
     settings = read_simulation(settings_path, followed)
-    return files_of(settings, laboratory_of(settings, followed), settings_path)
-
-
-def files_of(settings: SimulationSettings, laboratory: WalkingSettings | None, settings_path: Path) -> list[Path]:
-    """The files of `settings_files`, of settings that are read already."""
-    files = [settings_path, settings.parameters]
-    if settings.walking is not None and laboratory is not None:
-        files += [settings.walking, laboratory.impedance]
-    return files
+    laboratory = laboratory_of(settings, followed)
+    of_gait = [settings.walking, laboratory.impedance] if settings.walking and laboratory else []
+    return [settings_path, settings.parameters, *of_gait]
 
 
 def read_simulation(settings_path: Path, followed: SharedChoices) -> SimulationSettings:
@@ -107,20 +101,18 @@ def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str, follo
     check_folder(campaign_folder)
     settings = read_simulation(settings_path, followed)
     row = row_of_trial(settings, settings_path, trial)
-    laboratory = laboratory_of(settings, followed)
-    check_written([row], campaign_folder, files_of(settings, laboratory, settings_path))
-    record_trial(row, settings, laboratory, campaign_folder)
+    check_written([row], campaign_folder, settings_files(settings_path, followed))
+    record_trial(row, settings, laboratory_of(settings, followed), campaign_folder)
 
 
 def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: SharedChoices = NOTHING) -> None:
     """Write the sample sheet and simulate all of its trials, one after the other."""
     settings = read_simulation(settings_path, followed)
     rows = planned_rows(settings)
-    laboratory = laboratory_of(settings, followed)
-    check_written([{"log": "trials.csv"}, *rows], campaign_folder, files_of(settings, laboratory, settings_path))
+    check_written([{"log": "trials.csv"}, *rows], campaign_folder, settings_files(settings_path, followed))
     write_sheet(settings_path, campaign_folder / "trials.csv")
     for row in rows:
-        record_trial(row, settings, laboratory, campaign_folder)
+        record_trial(row, settings, laboratory_of(settings, followed), campaign_folder)
 
 
 def check_written(rows: Sequence[Mapping[str, Any]], folder: Path, used: Sequence[Path]) -> None:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
 from importlib.metadata import version
-from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.judge.recording import CHECKS, unknown_check, validate_rules
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.table import MEASURED, SIMULATED
-from osl_analysis.walking.groups import IS_PERTURBED, SHARED, STATED, STATIC, side_of, split_keys, static_of
+from osl_analysis.walking.groups import IS_PERTURBED, STATED, side_of, split_keys, static_of
 
 TRUTH_FOLDER = "truth"  # folder that the simulator writes beside its recordings
 
@@ -58,13 +57,8 @@ class Campaign:
 
     def static(self, trial: str) -> str:
         """The static trial that calibrates a crossing or plate trial."""
-        row = self.row(trial)
-        stated = tuple(row.get(column) for column in (STATIC, *SHARED))
-        if stated not in self.static_by_cells:
-            with self.named():
-                others = {name: self.row(name) for name in self.trials("static")}
-                self.static_by_cells[stated] = static_of(trial, row, others)
-        return self.static_by_cells[stated]
+        with self.named():
+            return static_of(trial, self.row(trial), {name: self.row(name) for name in self.trials("static")})
 
     @contextmanager
     def named(self) -> Iterator[None]:
@@ -73,11 +67,6 @@ class Campaign:
             yield
         except InputError as error:
             raise InputError(f"{self.config.sheet}: {error}") from error
-
-    @cached_property
-    def static_by_cells(self) -> dict[tuple[Any, ...], str]:
-        """The static trials that were looked up, by the cells of a row that decide: many trials share theirs."""
-        return {}
 
     def plate_trials(self) -> list[str]:
         """Names of the plate trials from which the plate's inertia is identified; none if it is not."""
@@ -105,16 +94,8 @@ class Campaign:
         return settings | {"side": side} | ({} if served else {"hinge": "anatomical"})
 
     def pattern(self, experiment: str) -> str:
-        """A regular expression that matches the trials of an experiment, and no trial of another.
-
-        It has the shortest beginnings that tell them apart: Snakemake reads it for every file that it looks at.
-        """
-        own, found = self.trials(experiment), set[str]()
-        others = {start for name in self.rows.keys() - own for start in accumulate(name)}
-        for name in own:
-            start = next((start for start in accumulate(name) if start not in others), None)
-            found.add(re.escape(name) if start is None else f"{re.escape(start)}[A-Za-z0-9_.-]*")
-        return "|".join(sorted(found)) or "(?!)"
+        """A regular expression that matches the trials of an experiment, and no trial of another."""
+        return "|".join(map(re.escape, self.trials(experiment))) or "(?!)"
 
     def row(self, trial: str) -> Mapping[str, Any]:
         """One trial's row of the sheet, empty cells as None."""

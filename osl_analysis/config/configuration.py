@@ -21,21 +21,16 @@ Some = Annotated[int, Field(ge=0, le=1_000_000)]  # trials, campaigns or crossin
 class FrequencyResponseFigure(Settings):
     """A desired impedance: Fig. 7 shows all trials that have it."""
 
-    K_d: Positive | None = None
-    """Desired stiffness [N*m/rad]; null: of trials without one."""
-    B_d: Annotated[float, Field(ge=0)] | None = None
-    """Desired damping [N*m*s/rad]; null: of trials without one."""
+    K_d: Positive | None = None  # Desired stiffness [N*m/rad]; null: of trials without one.
+    B_d: Annotated[float, Field(ge=0)] | None = None  # Desired damping [N*m*s/rad]; null: of trials without one.
 
 
 class TimeSeriesFigure(FrequencyResponseFigure):
     """The part of a trial that Fig. 4 shows: the first one with this controller and desired impedance."""
 
-    controller: str | None = None
-    """Controller of the trial; null: a trial without one."""
-    amplitude_deg: Degrees | None = None
-    """Amplitude of the sines [deg]; null: the largest."""
-    duration_s: Positive = 10.0
-    """Length of the part [s], which ends with the block of that amplitude."""
+    controller: str | None = None  # Controller of the trial; null: a trial without one.
+    amplitude_deg: Degrees | None = None  # Amplitude of the sines [deg]; null: the largest.
+    duration_s: Positive = 10.0  # Length of the part [s], which ends with the block of that amplitude.
 
 
 class FigureChoices(Settings):
@@ -68,30 +63,20 @@ class StudySettings(Settings):
     Bench trials of the study have a short protocol (below) at the frequencies of `dynamometer`.
     """
 
-    simulation: ShippedPath
-    """Settings of the simulated campaign."""
-    seed: Annotated[int, Field(ge=0)]
-    """Seed of every random number."""
-    trials: Annotated[Some, Field(ge=2)]
-    """Number of trials of each bench experiment."""
-    campaigns: Some
-    """Number of campaigns of walking, and of repeated belt and transmission trials."""
-    recorded: Some
-    """Number of further walking campaigns that are written to files and ingested."""
+    simulation: ShippedPath  # Settings of the simulated campaign.
+    seed: Annotated[int, Field(ge=0)]  # Seed of every random number.
+    trials: Annotated[Some, Field(ge=2)]  # Number of trials of each bench experiment.
+    campaigns: Some  # Number of campaigns of walking, and of repeated belt and transmission trials.
+    recorded: Some  # Number of further walking campaigns that are written to files and ingested.
     crossings: Annotated[Some, Field(ge=3)]
     """Number of perturbed crossings in a campaign, which has the same number of unperturbed crossings."""
     batch: Annotated[int, Field(ge=1)]
     """Smallest number of bench trials in a job. A large study takes more, so that it has fewer than a hundred jobs."""
-    amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
-    """Amplitudes [deg] of the short protocol."""
-    cycles: Annotated[int, Field(ge=1, le=10_000)]
-    """Cycles at each frequency of the short protocol."""
-    K_d: Positive
-    """Desired stiffness [N*m/rad]."""
-    B_d: Annotated[float, Field(ge=0)]
-    """Desired damping [N*m*s/rad]."""
-    I: Annotated[float, Field(ge=0)]
-    """Inertia [kg*m^2] of the second-order joint."""
+    amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]  # Amplitudes [deg] of the short protocol.
+    cycles: Annotated[int, Field(ge=1, le=10_000)]  # Cycles at each frequency of the short protocol.
+    K_d: Positive  # Desired stiffness [N*m/rad].
+    B_d: Annotated[float, Field(ge=0)]  # Desired damping [N*m*s/rad].
+    I: Annotated[float, Field(ge=0)]  # Inertia [kg*m^2] of the second-order joint.
 
 
 class Config(Settings):
@@ -101,52 +86,34 @@ class Config(Settings):
 
     RENAMED: ClassVar = {"gait": "overground", "validation": "study"}
 
-    campaign: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
-    """Name of the campaign, as written in its summary."""
-    raw_data: Path
-    """Folder of the recordings."""
-    sheet: Path
-    """The sample sheet."""
-    results: Path
-    """Folder of the results."""
-    simulation: ShippedPath | None
-    """Settings of the simulator that makes the recordings; null: they are real."""
+    campaign: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]  # Name of the campaign, as written in its summary.
+    raw_data: Path  # Folder of the recordings.
+    sheet: Path  # The sample sheet.
+    results: Path  # Folder of the results.
+    simulation: ShippedPath | None  # Settings of the simulator that makes the recordings; null: they are real.
     data: Literal["simulated", "measured"] | None = None
     """What the recordings are, as figures, tables and summary say; null: simulated where the simulator made them."""
     recorded: date | str | None = None
     """Date of the recordings, as the figures say, such as 2026-03-14; null: the dates of the files."""
     parameters: ShippedPath | None
     """Parameter file of the device; null: none, it is analysed without predictions and without ratios to a file."""
-    sources: ShippedPath
-    """Folder of the source files."""
-    dynamometer: DynamometerAnalysis
-    """Analysis of the trials on the dynamometer."""
-    actuator: ActuatorAnalysis
-    """Analysis of the trials on the actuator's own bench."""
-    torque_angle: TorqueAngleAnalysis
-    """Analysis of the trials of torque against angle."""
-    doubtful: DoubtfulFits
-    """Limits beyond which a fit is doubtful, by table."""
-    model_comparison: ModelComparison
-    """Comparison of rival models."""
+    sources: ShippedPath  # Folder of the source files.
+    dynamometer: DynamometerAnalysis  # Analysis of the trials on the dynamometer.
+    actuator: ActuatorAnalysis  # Analysis of the trials on the actuator's own bench.
+    torque_angle: TorqueAngleAnalysis  # Analysis of the trials of torque against angle.
+    doubtful: DoubtfulFits  # Limits beyond which a fit is doubtful, by table.
+    model_comparison: ModelComparison  # Comparison of rival models.
     impedance_trajectory: ShippedPath | None
     """CSV file of the impedance over the gait cycle, for Fig. 8; null: no Fig. 8."""
-    gain_weight: WeightSettings
-    """W of Eq. 14."""
-    walking: WalkingAnalysis
-    """Analysis of the crossings."""
-    overground: OvergroundAnalysis
-    """Comparison of the ankle moment in overground gait."""
+    gain_weight: WeightSettings  # W of Eq. 14.
+    walking: WalkingAnalysis  # Analysis of the crossings.
+    overground: OvergroundAnalysis  # Comparison of the ankle moment in overground gait.
     failed_trials: Literal["refuse", "accept"]
     """Whether a run in which something was refused, or failed, ends with exit code 1 or 0."""
-    quality: QualityRules
-    """Thresholds of quality control."""
-    figures: FigureChoices
-    """What the figures show."""
-    report: ReportChoices = ReportChoices()
-    """The page `report.html`."""
-    study: StudySettings
-    """The Monte Carlo study."""
+    quality: QualityRules  # Thresholds of quality control.
+    figures: FigureChoices  # What the figures show.
+    report: ReportChoices = ReportChoices()  # The page `report.html`.
+    study: StudySettings  # The Monte Carlo study.
 
     def shared(self, experiment: str | None = None) -> SharedChoices:
         """What the simulator follows in the trials of one experiment, or in all (None)."""

@@ -15,21 +15,14 @@ PROTOCOL = ("amplitudes_deg", "frequencies_hz", "cycles", "seconds_per_frequency
 
 @dataclass(frozen=True)
 class Table:
-    """A result table `tables/<name>.csv` with rows of every trial of an experiment.
-
-    judged: its fits have limits under `doubtful.<name>` in the configuration.
-    derived: tables that are computed from this one alone, each with its job, `module.function` of `commands`.
-    doubts_of: the table of the same trials whose doubts its rows share; empty for none.
-    perturbed_only: only the perturbed crossings have rows.
-    published: False if only the files of the single trials are used and no common table is written.
-    """
+    """A result table `tables/<name>.csv` with rows of every trial of an experiment."""
 
     name: str
-    judged: bool = True
-    derived: Mapping[str, str] = field(default_factory=dict)
-    doubts_of: str = ""
-    perturbed_only: bool = False
-    published: bool = True
+    judged: bool = True  # its fits have limits under `doubtful.<name>` in the configuration
+    derived: Mapping[str, str] = field(default_factory=dict)  # computed from it alone: the job of each
+    doubts_of: str = ""  # the table of the same trials whose doubts its rows share; empty for none
+    perturbed_only: bool = False  # only the perturbed crossings have rows
+    published: bool = True  # False if only the files of the single trials are used and no common table is written
 
 
 OF_ALL = (Table("timebase", judged=False), Table("series", judged=False, published=False))
@@ -44,58 +37,36 @@ class FitJob:
         of the experiment, by name; under `torque`, where it has them, time [s], measured and modelled torque [N*m].
     settings: per argument of the job, the section of the configuration and the settings model with the fields that the
         job uses (the section's own, or one of its base classes). A change of other fields does not run the job again.
-    parameters: the job takes the parameter file of the device, as `parameters`.
-    sheet: columns of the trial's row in the sample sheet that the job takes, as `condition`.
-    windows: the job fits the windows that the sheet states, as `windows`.
     """
 
     job: str
     settings: Mapping[str, tuple[str, str]]
-    parameters: bool = False
-    sheet: tuple[str, ...] = ()
-    windows: bool = False
+    parameters: bool = False  # the job takes the parameter file of the device, as `parameters`
+    sheet: tuple[str, ...] = ()  # columns of the trial's row in the sample sheet that the job takes, as `condition`
+    windows: bool = False  # the job fits the windows that the sheet states, as `windows`
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """What the pipeline knows of one kind of trial.
+    """What the pipeline knows of one kind of trial."""
 
-    description: one line for the user.
-    place: where it is recorded; None for a trial that is ingested only.
-    motion: the column with the measured motion; None if not every trial has one.
-    torque: the column with the measured torque; None if not every trial has one.
-    signals: the other columns that every trial has, except markers and plates, which each laboratory names itself.
-    sheet: columns of the sample sheet that its trials must fill, besides the files.
-    stepped_sine: the motion follows the stepped-sine protocol of `dynamometer`.
-    any_motion: another motion than the stepped sine may move the joint.
-    bare_plate: every force plate is unloaded at some time.
-    walker: somebody stands or walks on the force plates.
-    log: source file of the simulated log; None if the simulator records no log.
-    mocap: source file of the simulated capture; None if the simulator records none.
-    tables: the result tables with rows of every trial; the fit writes them in this order.
-    further_tables: result tables that separate rules compute from all trials together.
-    judged_further: those of them whose rows have limits under `doubtful` in the configuration.
-    fit: the job that fits one trial; None if separate rules do this.
-    impedance: columns of its first table that are a stiffness, a damping and an inertia; empty where it has none.
-    """
-
-    description: str
-    place: Literal["bench", "walkway"] | None
-    motion: str | None = None
-    torque: str | None = None
-    signals: tuple[str, ...] = ()
-    sheet: tuple[str, ...] = ()
-    stepped_sine: bool = False
-    any_motion: bool = False
-    bare_plate: bool = False
-    walker: bool = False
-    log: str | None = None
-    mocap: str | None = None
-    tables: tuple[Table, ...] = ()
-    further_tables: tuple[str, ...] = ()
-    judged_further: tuple[str, ...] = ()
-    fit: FitJob | None = None
-    impedance: tuple[str, str, str] = ("K", "B", "I")
+    description: str  # one line for the user
+    place: Literal["bench", "walkway"] | None  # where it is recorded; None for a trial that is ingested only
+    motion: str | None = None  # the column with the measured motion; None if not every trial has one
+    torque: str | None = None  # the column with the measured torque; None if not every trial has one
+    signals: tuple[str, ...] = ()  # other columns that every trial has, but markers and plates: a laboratory names them
+    sheet: tuple[str, ...] = ()  # columns of the sample sheet that its trials must fill, besides the files
+    stepped_sine: bool = False  # the motion follows the stepped-sine protocol of `dynamometer`
+    any_motion: bool = False  # another motion than the stepped sine may move the joint
+    bare_plate: bool = False  # every force plate is unloaded at some time
+    walker: bool = False  # somebody stands or walks on the force plates
+    log: str | None = None  # source file of the simulated log; None if the simulator records no log
+    mocap: str | None = None  # source file of the simulated capture; None if the simulator records none
+    tables: tuple[Table, ...] = ()  # result tables with rows of every trial; the fit writes them in this order
+    further_tables: tuple[str, ...] = ()  # result tables that separate rules compute from all trials together
+    judged_further: tuple[str, ...] = ()  # those of them whose rows have limits under `doubtful`
+    fit: FitJob | None = None  # the job that fits one trial; None if separate rules do this
+    impedance: tuple[str, str, str] = ("K", "B", "I")  # columns of its first table that are these; empty: none
 
     @property
     def needed_columns(self) -> tuple[str, ...]:

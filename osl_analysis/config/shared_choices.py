@@ -27,10 +27,8 @@ FOLLOWED = {
 class WeightSettings(Settings):
     """W of Eq. 14, the Butterworth low-pass with which the laboratory selected its gains."""
 
-    cutoff_hz: Annotated[float, Field(ge=SLOWEST_HZ, le=FASTEST_HZ)]
-    """Cut-off [Hz]."""
-    order: Annotated[int, Field(ge=1, le=HIGHEST_ORDER_OF_W)]
-    """Order."""
+    cutoff_hz: Annotated[float, Field(ge=SLOWEST_HZ, le=FASTEST_HZ)]  # Cut-off [Hz].
+    order: Annotated[int, Field(ge=1, le=HIGHEST_ORDER_OF_W)]  # Order.
 
     @property
     def weight(self) -> Weight:
@@ -44,14 +42,10 @@ WEIGHT_OF_PAPER = WeightSettings(cutoff_hz=1.0, order=3)
 class FollowedProtocol(Settings):
     """The stepped sine that `dynamometer` expects. Rests, ramps and imperfections are the simulation's own."""
 
-    amplitudes_deg: tuple[Positive, ...]
-    """Amplitudes [deg]."""
-    frequencies_hz: tuple[Positive, ...]
-    """Frequencies [Hz]."""
-    cycles: int | tuple[int, ...]
-    """Cycles at each frequency."""
-    seconds_per_frequency: Positive | None = None
-    """Duration [s] of each frequency in place of `cycles`."""
+    amplitudes_deg: tuple[Positive, ...]  # Amplitudes [deg].
+    frequencies_hz: tuple[Positive, ...]  # Frequencies [Hz].
+    cycles: int | tuple[int, ...]  # Cycles at each frequency.
+    seconds_per_frequency: Positive | None = None  # Duration [s] of each frequency in place of `cycles`.
 
     def schedule(self) -> dict[str, Any]:
         """The fields of a simulated schedule that say the same."""
@@ -63,14 +57,10 @@ class FollowedProtocol(Settings):
 class SharedChoices(Settings):
     """The choices of a configuration that replace those of its simulation. Null: the simulation's own."""
 
-    parameters: Path | None = None
-    """Parameter file of the device."""
-    gain_weight: WeightSettings | None = None
-    """W with which the simulated leg's gains are selected."""
-    protocol: FollowedProtocol | None = None
-    """The stepped sine."""
-    impedance_trajectory: Path | None = None
-    """The impedance that the leg is asked to render over the gait cycle."""
+    parameters: Path | None = None  # Parameter file of the device.
+    gain_weight: WeightSettings | None = None  # W with which the simulated leg's gains are selected.
+    protocol: FollowedProtocol | None = None  # The stepped sine.
+    impedance_trajectory: Path | None = None  # The impedance that the leg is asked to render over the gait cycle.
 
 
 SYNTHETIC = "synthetic"

@@ -43,8 +43,7 @@ class Stage:
 
     total: int
     done: int = 0
-    started: float | None = None
-    """When its first job began [s]."""
+    started: float | None = None  # When its first job began [s].
 
     def text(self, name: str, now: float) -> str:
         """Count, rate and time left."""
@@ -72,8 +71,7 @@ class Progress:
     stages: dict[str, Stage] = field(default_factory=dict)
     jobs: dict[int, tuple[str, list[Path]]] = field(default_factory=dict)
     """Stage and logs of the jobs that run, by their numbers."""
-    last: float = 0.0
-    """When something was written last [s]."""
+    last: float = 0.0  # When something was written last [s].
 
     def plan(self, jobs_of_rules: Mapping[str, int]) -> None:
         """Learn how many jobs each rule has; what has none of its own stages, as the target, does not count."""

@@ -25,26 +25,16 @@ TABLES = (".csv", ".zip")
 
 @dataclass(frozen=True)
 class Job:
-    """What one job is to do.
+    """What one job is to do."""
 
-    command: `module.function` under `osl_analysis.commands`.
-    request: its `input`, `output` and `settings`, each with the names of the function's arguments.
-    unnamed: further files that it depends on.
-    files: all the files that it writes.
-    data: what the column `data` of its tables says; empty: they have none.
-    log: the file of its log.
-    judge: the file of what decides which trials are used (`exclusion.Judge`); None where a job needs none.
-    path: the file of the request itself.
-    """
-
-    command: str
-    request: Mapping[str, Mapping[str, Any]]
-    unnamed: Sequence[str]
-    files: Sequence[str]
-    data: str = ""
+    command: str  # `module.function` under `osl_analysis.commands`
+    request: Mapping[str, Mapping[str, Any]]  # `input`, `output` and `settings`, by names of the function's arguments
+    unnamed: Sequence[str]  # further files that it depends on
+    files: Sequence[str]  # all the files that it writes
+    data: str = ""  # what the column `data` of its tables says; empty: they have none
     log: Path = Path("job.log")
-    judge: Path | None = None
-    path: Path | None = None
+    judge: Path | None = None  # the file of what decides which trials are used; None where a job needs none
+    path: Path | None = None  # the file of the request itself
 
 
 def read_request(path: Path) -> Job:
@@ -136,10 +126,8 @@ def recorded(files: Iterable[Path]) -> dict[str, Any]:
 class Requests:
     """The requests of a workflow.
 
-    folder: where they are written, under the places of the jobs' logs below `logs`.
-    data: what the column `data` of its tables says.
-    judge: what decides which trials are used.
-    workflow: Snakemake's; in the process of a single job, as on a cluster, requests stay as they are.
+    They are written to `folder`, under the places of the jobs' logs below `logs`; in the process of a single job, as on
+    a cluster, they stay as they are. `judge` decides which trials are used.
     """
 
     def __init__(self, folder: Path, logs: Path, data: str, judge: Judge, workflow: Any) -> None:

@@ -8,7 +8,6 @@ headers. Tests compare this reader with `ezc3d` and `c3d`.
 
 import math
 import struct
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -20,52 +19,44 @@ from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
 ENDIAN = {"Intel": "<", "DEC": "<", "MIPS": ">"}
-SIZES = (-1, 1, 2, 4)  # type of a parameter: text, byte, integer, real
 
 Parameters = dict[str, "Array | list[str]"]
-
-
-@dataclass(frozen=True)
-class ParameterRecord:
-    """One record of the section: a group (`group` below 0), or a parameter with its value."""
-
-    group: int
-    name: str
-    value: Array | list[str] | None
-    value_end: int  # first byte behind its value
-    own_end: int  # first byte behind its description, which some writers leave out
-    following: int  # first byte of the next record, as the record says; 0 if it says that it is the last
 
 
 def parse_parameters(data: bytes, position: int, end: int, processor: str) -> tuple[Parameters, str]:
     """The parameters by `GROUP:NAME`, and a remark where the section has no end mark.
 
     The section begins at `position` and ends before `end`, where the data begin. Some writers leave the mark at its end
-    out: the section then ends where no record follows. Groups may follow their parameters.
+    out, and some the description of a parameter: the section then ends where no record follows. Groups may follow their
+    parameters.
     """
-    records = list(section_records(data, position, end, processor))
-    groups = {-record.group: record.name for record in records if record.group < 0}
-    values = {
-        f"{groups.get(record.group, record.group)}:{record.name}": record.value
-        for record in records
-        if record.value is not None
-    }
-    last = records[-1] if records else None
-    marked = last is None or last.following == 0 or (last.following < end and data[last.following] == 0)
-    return values, "" if marked or last is None else f"its parameter section has no end mark and ends after {last.name}"
-
-
-def section_records(data: bytes, position: int, end: int, processor: str) -> Iterator[ParameterRecord]:
+    groups, found, name, step = dict[int, str](), list[tuple[int, str, Array | list[str]]](), "", 0
     while data[position] != 0:
-        record = parameter_record(data, position, processor)
-        yield record
-        position = record.following
-        if position == 0 or (position == record.own_end and not is_record(data, position)):
-            return
-        if not record.value_end <= position < end:
-            if position < record.value_end or (record.own_end < end and is_record(data, record.own_end)):
-                raise InputError(f"the parameter section is damaged after {record.name!r}")
-            return
+        length, group = struct.unpack_from("bb", data, position)
+        name_end = position + 2 + abs(length)
+        name = data[position + 2 : name_end].decode("latin-1").strip().upper()
+        (step,) = struct.unpack_from(
+            f"{ENDIAN[processor]}h", data, name_end
+        )  # to the next record; 0 after the last one
+        if step < 0 or group == 0:
+            raise InputError(f"the parameter section is damaged after {name!r}")
+        value_end = name_end + 2
+        if group < 0:
+            groups[-group] = name
+        else:
+            value, value_end = parameter_value(data, name_end + 2, processor, name)
+            found.append((group, name, value))
+        own_end = value_end + 1 + data[value_end] if value_end < len(data) else value_end  # with its description
+        position = name_end + step
+        if step == 0 or (position == own_end and not is_record(data, position)):
+            break
+        if not value_end <= position < end:
+            if position < value_end or (own_end < end and is_record(data, own_end)):
+                raise InputError(f"the parameter section is damaged after {name!r}")
+            break
+    is_marked = not name or step == 0 or (position < end and data[position] == 0)
+    values = {f"{groups.get(group, group)}:{name}": value for group, name, value in found}
+    return values, "" if is_marked else f"its parameter section has no end mark and ends after {name}"
 
 
 def is_record(data: bytes, position: int) -> bool:
@@ -77,22 +68,10 @@ def is_record(data: bytes, position: int) -> bool:
     return length != 0 and group != 0 and all(32 <= sign < 127 for sign in name)
 
 
-def parameter_record(data: bytes, position: int, processor: str) -> ParameterRecord:
-    length, group = struct.unpack_from("bb", data, position)
-    end = position + 2 + abs(length)
-    name = data[position + 2 : end].decode("latin-1").strip().upper()
-    (step,) = struct.unpack_from(f"{ENDIAN[processor]}h", data, end)
-    if step < 0 or group == 0:
-        raise InputError(f"the parameter section is damaged after {name!r}")
-    value, value_end = (None, end + 2) if group < 0 else parameter_value(data, end + 2, processor, name)
-    own_end = value_end + 1 + data[value_end] if value_end < len(data) else value_end
-    return ParameterRecord(group, name, value, value_end, own_end, end + step if step else 0)
-
-
 def parameter_value(data: bytes, position: int, processor: str, name: str) -> tuple[Array | list[str], int]:
     """One parameter from its type byte on, and the first byte behind it."""
     kind, dimensions = struct.unpack_from("bB", data, position)
-    if kind not in SIZES or dimensions > 7:
+    if kind not in (-1, 1, 2, 4) or dimensions > 7:  # text, byte, integer, real
         raise InputError(f"the parameter '{name}' has type {kind} and {dimensions} dimensions: the section is damaged")
     shape = tuple(data[position + 2 : position + 2 + dimensions])
     begin = position + 2 + dimensions
@@ -126,9 +105,7 @@ def reals(content: bytes, processor: str) -> NDArray[np.float32]:
 
 
 BLOCK = 512
-KEY = 0x50
 MOST_FRAMES = 0xFFFF
-PROCESSORS = {84: "Intel", 85: "DEC", 86: "MIPS"}
 CONTINUATIONS = ("", *map(str, range(2, 10)))  # a parameter holds 255 values; more follow in NAME2, NAME3, ...
 ESSENTIAL = {
     "POINT": ("USED", "LABELS"),
@@ -172,7 +149,6 @@ class C3DHeader:
 
     @property
     def frame_bytes(self) -> int:
-        """Size of one frame in the data section [bytes]."""
         return (2 if self.integers else 4) * (4 * self.points + self.channels * self.samples_per_frame)
 
     def table(self, name: str) -> Array:
@@ -191,14 +167,14 @@ class C3DHeader:
 
 
 def is_c3d(begin: bytes) -> bool:
-    return begin[1:2] == bytes([KEY]) and b"\0" in begin
+    return begin[1:2] == b"P" and b"\0" in begin
 
 
 def parse_file(data: bytes, counts: Counts = "refuse") -> C3DHeader:
-    if len(data) < 2 * BLOCK or data[1] != KEY:
+    if len(data) < 2 * BLOCK or data[1:2] != b"P":
         raise InputError(f"not a C3D file (it begins with {data[:4]!r}); check the path and the source's format")
     start = (data[0] - 1) * BLOCK
-    processor = PROCESSORS.get(data[start + 3]) if 0 < start < len(data) - 3 else None
+    processor = {84: "Intel", 85: "DEC", 86: "MIPS"}.get(data[start + 3]) if 0 < start < len(data) - 3 else None
     if processor is None:
         raise InputError(
             f"written for a processor of an unknown type; {', '.join(ENDIAN)} are read: export the trial again"
@@ -220,15 +196,15 @@ def parse_header(data: bytes, start: int, processor: str) -> C3DHeader:
     section_end = data_start if data_start > start else start + max(data[start + 2], 1) * BLOCK
     parameters, remark = parse_parameters(data, start + 4, min(section_end, len(data)), processor)
     scale, rate = (float(reals(data[begin : begin + 4], processor)[0]) for begin in (12, 20))
-    samples_per_frame = max(int(words[9]), 1)
+    points, channels, first, last, per_frame = (int(words[place]) for place in (1, 2, 3, 4, 9))
     header = C3DHeader(
         processor=processor,
-        points=int(words[1]),
-        first_frame=int(words[3]),
-        frames=int(words[4] - words[3] + 1),
+        points=points,
+        first_frame=first,
+        frames=last - first + 1,
         rate=rate,
-        samples_per_frame=samples_per_frame,
-        channels=int(words[2]) // samples_per_frame,
+        samples_per_frame=max(per_frame, 1),
+        channels=channels // max(per_frame, 1),
         data_start=data_start,
         scale=scale,
         parameters=parameters,
@@ -236,7 +212,7 @@ def parse_header(data: bytes, start: int, processor: str) -> C3DHeader:
     )
     stated = header.numbers("POINT:RATE")
     rated = replace(header, rate=float(stated[0])) if stated.size and stated[0] > 0 else header
-    return replace(rated, frames=long_frames(rated) or rated.frames) if words[4] == MOST_FRAMES else rated
+    return replace(rated, frames=long_frames(rated) or rated.frames) if last == MOST_FRAMES else rated
 
 
 def long_frames(header: C3DHeader) -> int:
@@ -265,35 +241,30 @@ def check_section(header: C3DHeader) -> None:
 
 def with_counts(header: C3DHeader, size: int, counts: Counts) -> C3DHeader:
     """The header with the counts of points and channels that hold; raises as `parse_file`."""
-    used = {group: header.numbers(f"{group}:USED") for group in ESSENTIAL}
-    stated = {"POINT": header.points, "ANALOG": header.channels}
-    other = {
-        group: int(one[0] % 65536) if one.size and math.isfinite(one[0]) else stated[group]
-        for group, one in used.items()
-    }
+    stated, other = {"POINT": header.points, "ANALOG": header.channels}, dict[str, int]()
+    for group, count in stated.items():
+        used = header.numbers(f"{group}:USED")
+        other[group] = int(used[0] % 65536) if used.size and math.isfinite(used[0]) else count
     if other == stated:
         return header
     choices: dict[Counts, C3DHeader] = {
         "header": header,
         "parameters": replace(header, points=other["POINT"], channels=other["ANALOG"]),
     }
-    fitting = tuple(name for name, one in choices.items() if fits(one, size))
+    fitting = []
+    for name, one in choices.items():  # holds the frames that it declares, and at most two blocks more
+        if 0 <= size - one.data_start - one.frames * one.frame_bytes < 2 * BLOCK:
+            fitting.append(name)
     group = next(group for group in stated if stated[group] != other[group])
     contradiction = f"the header counts {stated[group]}, {group}:USED is {other[group]}"
     says = f"the file's size fits {' and '.join(fitting) or 'neither'}"
     if counts == "refuse":
         raise CountsError(
-            f"{contradiction}; {says}: write `counts: header` or `counts: parameters` in the source file", fitting
+            f"{contradiction}; {says}: write `counts: header` or `counts: parameters` in the source file", (*fitting,)
         )
     if fitting and counts not in fitting:
         raise InputError(f"{contradiction}; {says}: write `counts: {fitting[0]}` in the source file")
     return choices[counts]
-
-
-def fits(header: C3DHeader, size: int) -> bool:
-    """Whether a file of this size [bytes] holds the frames that the header declares, and at most two blocks more."""
-    more = size - header.data_start - header.frames * header.frame_bytes
-    return 0 <= more < 2 * BLOCK
 
 
 def check_size(header: C3DHeader, size: int) -> None:
@@ -336,12 +307,11 @@ class C3DRecording:
         return {label for group in groups for label in self.header.texts(f"POINT:{group.upper()}")}
 
     def analog_unit(self, channel: int) -> str:
-        """Unit of a channel counted from 0, as the file spells it; empty where it gives none."""
+        """Unit of a channel counted from 0, as the file spells it, as that of positions; empty where it gives none."""
         units = self.header.texts("ANALOG:UNITS")
         return units[channel] if channel < len(units) else ""
 
     def point_unit(self) -> str:
-        """Unit of positions, as the file spells it; empty where it gives none."""
         return (self.header.texts("POINT:UNITS") or [""])[0]
 
 

@@ -19,14 +19,8 @@ from osl_analysis.trial import Array
 DELIMITERS = {"tab": "\t", "space": " "}
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # bytes that no text has
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
-SNIFFED = 50  # lines from which the delimiter is inferred
-HEAD_LINES = 200
-"""Lines at the beginning that tell delimiter, names and width; lines below that are all alike are left to polars."""
-LONGEST_LINE = 100_000  # A longer line is left to the reader that says what is wrong with it
 MOST_CELLS = 16384
 """Most cells of a line, the most columns of a spreadsheet. A file with more has lost its line breaks."""
-UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", re.DOTALL)
-
 Lines = list[tuple[int, str]]  # number in the file, counted from 1, and text
 Rows = list[tuple[int, list[str]]]
 Omitting = tuple[int, list[str | None]]
@@ -68,7 +62,7 @@ def delimiter_of(lines: Lines, given: str) -> str:
     """
     if given != "auto":
         return DELIMITERS.get(given, given)
-    sample = [text for _, text in lines if text.strip()][:SNIFFED]
+    sample = [text for _, text in lines if text.strip()][:50]
     everywhere = [sign for sign in "\t;|" if sample and all(sign in text for text in sample)]
     spaced = sample and not any("," in text for text in sample) and all(" " in text.strip() for text in sample)
     return everywhere[0] if everywhere else " " if spaced else ","
@@ -97,7 +91,7 @@ def split_rows(lines: Lines, delimiter: str) -> Rows:
 
 def name_and_unit(title: str) -> tuple[str, str]:
     """`torque [Nm]` or `torque (Nm)` as name and unit; the unit is empty where the title has none."""
-    match = UNIT.fullmatch(title)
+    match = re.fullmatch(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))", title, re.DOTALL)
     return (match[1], match[2] or match[3] or "") if match else (title, "")
 
 
@@ -114,37 +108,28 @@ class UnreadableCellError(Exception):
         self.place = place
 
 
-def numbers(
-    cells: Sequence[str | None] | pl.Series, missing: Collection[str], decimal: str
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Values (n,), and which are missing, (n,): NaN where a cell is None or one of the words in `missing`."""
+def numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[str], decimal: str) -> Array:
+    """Values (n,): NaN where a cell is None or one of the words in `missing`."""
     text = pl.Series(cells, dtype=pl.String)
     absent = (text.is_null() | text.is_in(list(missing))).to_numpy()
+    plain = text
     if decimal == ",":  # a full stop then separates thousands, or the decimal sign is stated wrongly
         stops = (text.str.contains(".", literal=True).fill_null(False).to_numpy()) & ~absent
         if stops.any():
             raise UnreadableCellError(int(np.argmax(stops)))
-    plain = text.str.replace(",", ".", literal=True) if decimal == "," else text
+        plain = text.str.replace(",", ".", literal=True)
     values = plain.cast(pl.Float64, strict=False).to_numpy().copy()
     values[absent] = np.nan
-    for place in np.flatnonzero(~np.isfinite(values) & ~absent):
-        values[place] = number(str(plain[int(place)]), int(place))
-    return values, absent
-
-
-def number(text: str, place: int) -> float:
-    """The number in a cell that polars does not read, such as `+1.5`; `place` is for the error."""
-    if re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?", text, re.ASCII) and np.isfinite(float(text)):
-        return float(text)
-    raise UnreadableCellError(place)
+    for place in np.flatnonzero(~np.isfinite(values) & ~absent).tolist():  # such as `+1.5`, which polars does not read
+        if not is_number_cell(str(plain[place])):
+            raise UnreadableCellError(place)
+        values[place] = float(plain[place])
+    return values
 
 
 def is_number_cell(cell: str) -> bool:
-    try:
-        number(cell, 0)
-    except UnreadableCellError:
-        return False
-    return True
+    is_number = re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?", cell, re.ASCII)
+    return is_number is not None and math.isfinite(float(cell))
 
 
 @dataclass(frozen=True)
@@ -194,9 +179,6 @@ class CsvTable:
             advice = "; state `delimiter` if these are several columns"
         raise InputError(f"{where} is missing; the file has {listing(self.names)}{advice}")
 
-    def cells(self, column: int) -> pl.Series:
-        return self.body.to_series(column)
-
 
 def places_of(name: str, names: Sequence[str]) -> list[int]:
     """Places of the columns that a name, a pattern with `*` for any text, or a number from 1 means."""
@@ -224,26 +206,26 @@ def plain_table(lines: Lines, layout: CsvLayout) -> CsvTable | None:
 
     A list of rows takes a hundred bytes per cell, and an hour at 1 kHz would not fit into memory.
     """
-    below = [text for _, text in lines[HEAD_LINES:]]
+    head, below = lines[:200], [text for _, text in lines[200:]]
     try:
-        table = table_of(lines[:HEAD_LINES], layout) if below else None
+        table = table_of(head, layout) if below else None
     except InputError:  # the whole file tells what is wrong
         return None
     if table is None or table.notes or table.delimiter == " ":
         return None
     sign, between = table.delimiter, len(table.names) - 1
     for text in below:
-        odd = '"' in text or (layout.comment and layout.comment in text) or len(text) > LONGEST_LINE
+        odd = '"' in text or (layout.comment and layout.comment in text) or len(text) > 100_000
         if odd or text.count(sign) != between or len(text) <= between:
             return None
-    rest = pl.read_csv(
-        "\n".join(below).encode(), has_header=False, separator=sign, quote_char=None, infer_schema=False
-    ).with_columns(pl.all().fill_null("").str.strip_chars())
+    body = "\n".join(below).encode()
+    rest = pl.read_csv(body, has_header=False, separator=sign, quote_char=None, infer_schema=False)
+    rest = rest.with_columns(pl.all().fill_null("").str.strip_chars())
     rest.columns = table.body.columns
     if rest.select(pl.all_horizontal(pl.all() == "").any()).item():
         return None
-    numbered = np.array([line for line, _ in lines[HEAD_LINES:]])
-    return replace(table, lines=np.concatenate([table.lines, numbered]), body=pl.concat([table.body, rest]))
+    numbered = np.concatenate([table.lines, [line for line, _ in lines[200:]]])
+    return replace(table, lines=numbered, body=pl.concat([table.body, rest]))
 
 
 def table_of(lines: Lines, layout: CsvLayout) -> CsvTable:
@@ -255,8 +237,8 @@ def table_of(lines: Lines, layout: CsvLayout) -> CsvTable:
     names = header_of(rows, comments, delimiter, layout)
     units = [name_and_unit(name)[1] for name in names]
     if layout.header == "row":
-        check_header_place(rows[0], rows[1:])
-        rows = rows[1:]
+        header, *rows = rows
+        check_header_place(header, rows)
     rows = [(line, unpadded(cells, len(names))) for line, cells in rows]
     rows, notes = without_extra_cells(rows, len(names), layout) if rows else (rows, [])
     if layout.units_row and rows:
@@ -295,10 +277,9 @@ def header_of(rows: Rows, comments: Lines, delimiter: str, layout: CsvLayout) ->
 
 
 def check_header_place(header: tuple[int, list[str]], rows: Rows) -> None:
-    """Refuse a table below lines of other text, whose first line is taken for the names of its columns.
-
-    It is so where most rows have more cells than the header, and the first such row below it holds no number. One cell
-    more in the next row may be a row of units below a header that lacks a name.
+    """Refuse a table below lines of other text, whose first line is taken for the names of its columns: most rows have
+    more cells, and the first such row holds no number. One cell more in the next row may be a row of units below a
+    header that lacks a name.
     """
     names = unpadded(header[1], 0)
     (width, count), *_ = Counter(len(cells) for _, cells in rows).most_common(1) or [(0, 0)]
@@ -325,10 +306,7 @@ def share_above(count: int, total: int) -> float:
 
 
 def without_extra_cells(rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[str]]:
-    """Rows without the cells that every row has more than the header, and what was left out.
-
-    A log whose rows fit the header is left as it is, so that one source file serves logs with and without such cells.
-    """
+    """Rows without the cells that every row has more than the header, if there are such, and what was left out."""
     extra = {len(cells) - width for _, cells in rows}
     count = extra.pop()
     if extra or count < 1:
@@ -394,8 +372,7 @@ def without_unnamed(rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, li
 def dropped_variables(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[Omitting], list[str]]:
     """The rows of a logger that omits failed variables, with None from there on: those missing in the row before.
 
-    Refused is a row that is longer than the row before it, or omits another number of cells than were missing before:
-    the columns of its cells are then unknown.
+    Refused is a row of which this does not tell the columns.
     """
     notes, columns, filled = list[str](), list(range(width)), list[Omitting]()
     for place, (line, cells) in enumerate(rows):

@@ -20,7 +20,6 @@ from osl_analysis.formats.csv_table import (
     delimiter_of,
     is_number_cell,
     is_text,
-    number,
     numbers,
     read_lines,
     split_rows,
@@ -35,7 +34,7 @@ def column_of(rows: Rows, place: int, missing: tuple[str, ...], what: str, remed
     """One column of rows, (rows,), NaN where a cell is one of the words in `missing` or the row is too short."""
     cells = [cells[place] if place < len(cells) else "" for _, cells in rows]
     try:
-        return numbers(cells, missing, decimal)[0]
+        return numbers(cells, missing, decimal)
     except UnreadableCellError as error:
         line, text = rows[error.place][0], cells[error.place]
         remedy = "export it as scalars" if text.count(",") > 1 else remedy
@@ -70,7 +69,6 @@ class NexusSection:
         return self.values(found[0]), self.units[found[0]]
 
     def values(self, place: int) -> Array:
-        """One column (rows,), NaN where a cell is empty."""
         what = f"{self.names[place]} {self.components[place]}"
         return column_of(self.rows, place, ("",), what, "repair it, or state `decimal`", self.decimal)
 
@@ -122,10 +120,9 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
 def nexus_section(rows: Rows, decimal: str) -> NexusSection:
     (line, title), (_, rate), (_, names), (_, header) = rows[:4]
     samples = rows[5:]
-    try:
-        hertz = number(rate[0].replace(",", "."), 0)
-    except UnreadableCellError as error:
-        raise InputError(f"line {line + 1}: '{rate[0][:40]}' is not a rate; export the trial again") from error
+    if not is_number_cell(rate[0].replace(",", ".")):
+        raise InputError(f"line {line + 1}: '{rate[0][:40]}' is not a rate; export the trial again")
+    hertz = float(rate[0].replace(",", "."))
     if not samples or not hertz > 0:
         raise InputError(f"section {title[0][:40]} at {hertz:g} Hz has no samples; export without it")
     width = max(i + 1 for i, cell in enumerate(header) if cell)
@@ -136,9 +133,7 @@ def nexus_section(rows: Rows, decimal: str) -> NexusSection:
     return NexusSection(title[0], hertz, full[1:], header[:width], units, samples, decimal)
 
 
-BEGIN = "PathFileType"
 UNSEEN = ("", "nan", "NaN", "NAN")  # cells of a marker that was not seen
-ROUNDING = 0.6  # of the last decimal of a time: half of it by rounding, and a little for sums in single precision
 EXPORT = "export it again, or correct the header"
 
 
@@ -156,14 +151,14 @@ class TrcFile:
 
 
 def is_trc(begin: bytes) -> bool:
-    return is_text(begin) and decoded_text(begin[:200]).lstrip().casefold().startswith(BEGIN.casefold())
+    return is_text(begin) and decoded_text(begin[:200]).lstrip().casefold().startswith("pathfiletype")
 
 
 def read_trc(path: Path) -> TrcFile:
     """The markers of a file; InputError if its header is not that of TRC, or contradicts the rows."""
     lines = read_lines(path)
-    if not lines or not lines[0][1].lstrip().casefold().startswith(BEGIN.casefold()):
-        raise InputError(f"no TRC file: its first line does not begin with {BEGIN}; check the source's format")
+    if not lines or not lines[0][1].lstrip().casefold().startswith("pathfiletype"):
+        raise InputError("no TRC file: its first line does not begin with PathFileType; check the source's format")
     if len(lines) < 6:
         raise InputError(f"holds no frames, only {len(lines)} lines of a header; export it again")
     cells = [[cell.strip() for cell in (text.split("\t") if "\t" in text else text.split())] for _, text in lines]
@@ -184,7 +179,7 @@ def read_trc(path: Path) -> TrcFile:
     columns = [column_of(rows, k, UNSEEN[:0] if k < 2 else UNSEEN, n, "export it again") for k, n in enumerate(names)]
     check_widths(rows, len(names))
     text = said.get("datarate", "")
-    rate = number(text, 0) if is_number_cell(text) else 0.0
+    rate = float(text) if is_number_cell(text) else 0.0
     if rate <= 0:
         raise InputError(f"line {place}: DataRate is {text[:40]!r} and no rate in Hz; {EXPORT}")
     first, start = check_frames(rows, columns[0], columns[1], rate)
@@ -196,7 +191,7 @@ def read_trc(path: Path) -> TrcFile:
 
 
 def check_widths(rows: Rows, width: int) -> None:
-    """Refuse a row that has more coordinates than the header names, or a marker of which one or two are missing."""
+    """Refuse rows with more coordinates than the header names, or that end within a marker."""
     for line, padded in rows:
         count = len(unpadded(padded, 0))
         if count > width:
@@ -217,7 +212,8 @@ def check_frames(rows: Rows, frame: Array, time: Array, rate: float) -> tuple[in
             f"line {rows[row][0]}: frame {frame[row]:g} does not follow the line before; export all frames"
         )
     decimals = max(len(row[1].partition(".")[2]) for _, row in rows[:100])
-    wrong = np.abs(time - time[0] - count / rate) > 2 * ROUNDING * 10.0**-decimals + (1e-3 + 1e-4 * count) / rate
+    rounding = 0.6 * 10.0**-decimals  # half of the last decimal, and a little for sums in single precision
+    wrong = np.abs(time - time[0] - count / rate) > 2 * rounding + (1e-3 + 1e-4 * count) / rate
     if wrong.any():
         row = int(np.argmax(wrong))
         raise InputError(
@@ -229,9 +225,7 @@ def check_frames(rows: Rows, frame: Array, time: Array, rate: float) -> tuple[in
 
 END = re.compile(r"^[ \t]*endheader[ \t\r]*$", re.MULTILINE | re.IGNORECASE)
 FAILED = ("nan", "NaN", "NAN", "-nan", "nan(ind)", "-nan(ind)")
-"""How the C++ that OpenSim is compiled with writes a value that is none."""
-COUNTS = {"rows": ("nrows", "datarows"), "columns": ("ncolumns", "datacolumns")}
-"""How the header's versions call the size of the table."""
+"""How the C++ of OpenSim writes a value that is none."""
 
 
 @dataclass(frozen=True)
@@ -278,7 +272,9 @@ def read_opensim(path: Path) -> OpenSimTable:
     if len(names) > MOST_CELLS:
         raise InputError(f"line {line} names {len(names)} columns, at most {MOST_CELLS} are read")
     for what, found in (("rows", len(rows)), ("columns", len(names))):
-        stated = next((key for key in COUNTS[what] if key in header), None)
+        stated = next(
+            (key for key in (f"n{what}", f"data{what}") if key in header), None
+        )  # of newer and older versions
         if stated is not None and header[stated] != str(found):
             cut = ": the end is missing" if header[stated].isdigit() and int(header[stated]) > found else ""
             raise InputError(

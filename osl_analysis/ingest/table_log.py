@@ -211,7 +211,7 @@ def cells_of(text: CsvTable, place: int, source: Source, level: bool, is_time: b
 
     In a `level` the words `True` and `False`, in any capitals, are 1 and 0, as Python's loggers write them.
     """
-    cells: Any = text.cells(place)
+    cells: Any = text.body.to_series(place)
     if is_time:
         whole = cells.cast(pl.Int64, strict=False)
         if not whole.null_count():  # nanoseconds since 1970, which floats would round
@@ -219,7 +219,7 @@ def cells_of(text: CsvTable, place: int, source: Source, level: bool, is_time: b
     if level:
         cells = [TRUTHS.get(cell.casefold(), cell) if cell is not None else None for cell in cells]
     try:
-        return numbers(cells, source.missing, source.decimal)[0]
+        return numbers(cells, source.missing, source.decimal)
     except UnreadableCellError as error:
         cell = str(cells[error.place])
         raise InputError(

@@ -120,19 +120,19 @@ class McapFile(MessageFile):
         damage.gaps = self.summary_damaged or self.missing != 0 or any("lost" in one.kind for one in self.sections)
         damage.bytes = self.data_end - len(MAGIC) + max(0, self.missing)
         if not damage.finished:
-            damage.remark("no footer: the recorder did not finish, or the end is lost; how much is not known")
+            damage.remarks.append("no footer: the recorder did not finish, or the end is lost; how much is not known")
         elif self.summary_damaged:
-            damage.remark("the summary is damaged")
+            damage.remarks.append("the summary is damaged")
         if not damage.finished or self.summary_damaged:  # what they declare is not to be trusted
             damage.declared_messages, damage.declared, damage.declared_chunks = None, None, None
         elif self.indexed_chunks:
             damage.declared_chunks = max(damage.declared_chunks or 0, self.indexed_chunks)
         if self.data_crc == "wrong":
-            damage.remark("the checksum of the data section does not match")
+            damage.remarks.append("the checksum of the data section does not match")
         if self.missing > 0:
             damage.lose(f"{self.missing} bytes are missing before the summary", self.missing, None, 0)
         elif self.missing:
-            damage.remark(f"{-self.missing} bytes were inserted before the summary")
+            damage.remarks.append(f"{-self.missing} bytes were inserted before the summary")
 
     def scan_record(self, position: int) -> int:
         """Take in the record at a position; returns the position of the next one."""
@@ -346,7 +346,7 @@ class McapFile(MessageFile):
         checked, right = section.head.crc != 0, not section.indexes or np.array_equal(offsets, walk.starts)
         cut_off = section is self.sections[-1] and not self.damage.finished  # so is its index
         if not right and not cut_off:
-            self.damage.remark(f"the index of the chunk at byte {section.start} is wrong; the chunk was walked")
+            self.damage.remarks.append(f"the index of the chunk at byte {section.start} is wrong; the chunk was walked")
         if not checked and walk.unknown:  # without a checksum a flipped opcode passes for a private one
             lost = section.indexed() - counts_of(walk)
             text = f"{lost.total()} messages of the chunk at byte {section.start} are records of unknown opcodes"
@@ -367,7 +367,7 @@ class McapFile(MessageFile):
             try:
                 parsed.append((Schema if opcode == Opcode.SCHEMA else Channel).read(ReadDataStream(BytesIO(content))))
             except Exception:
-                self.damage.remark("a schema or a channel cannot be read")
+                self.damage.remarks.append("a schema or a channel cannot be read")
         return parsed
 
     def declare_absent(self, spare: Sequence[Schema | Channel]) -> None:
@@ -383,7 +383,7 @@ class McapFile(MessageFile):
         known = np.isin(block.channel, list(self.channels))
         strangers = block.channel[~known]
         self.damage.misfits.update(strangers.tolist())
-        self.damage.remark(
+        self.damage.remarks.append(
             f"{strangers.size} messages belong to channels that are not declared, such as {strangers[0]}"
         )
         return block.of(np.flatnonzero(known))
@@ -400,7 +400,7 @@ def read_mcap(path: Path) -> McapFile:
         )
     opened = McapFile(path, len(data), data=data)
     if data[:8] != MAGIC:
-        opened.damage.remark("the magic at the beginning is damaged")
+        opened.damage.remarks.append("the magic at the beginning is damaged")
     try:
         opened.scan()
     except InputError as error:

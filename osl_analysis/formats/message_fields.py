@@ -59,7 +59,7 @@ class FieldDescription:
     """The array's elements by label, such as `name=ankle`; empty where no array of text beside it names them."""
 
     def addresses(self) -> list[str]:
-        """The paths by which single numbers are asked for: every labelled element, or else element 0."""
+        """The paths of single numbers: every labelled element, or else element 0."""
         if self.length is None:
             return [self.path]
         return [f"{self.path}[{label}]" for label in self.labels] or [f"{self.path}[0]"]
@@ -366,15 +366,15 @@ def members_at(messages: Messages, offset: int, kind: np.dtype[Any]) -> NDArray[
     ]
 
 
+@dataclass
 class Reader:
-    """Reads the wanted fields of a channel's messages, block by block; misfits are counted, and the first is told."""
+    """Reads the wanted fields of a channel's messages, block by block."""
 
-    def __init__(self, paths: Sequence[str]) -> None:
-        self.paths = paths
-        self.count = 0  # messages so far
-        self.misfit = ""  # what is wrong with the first message that is not what its type says
-        self.no_numbers = 0  # messages that are lost since they have something else than a number
-        self.one_by_one = 0  # messages that were read one by one
+    paths: Sequence[str]  # each once
+    count: int = 0  # messages so far
+    misfit: str = ""  # what is wrong with the first message that is not what its type says
+    no_numbers: int = 0  # messages that are lost since they have something else than a number
+    one_by_one: int = 0  # messages that were read one by one
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
         """Take in messages that begin at `starts` [bytes]; NoNumberError if a wanted field is a number in none."""
@@ -384,14 +384,15 @@ class Reader:
         raise NotImplementedError
 
 
+@dataclass
 class ShapeReader(Reader):
     """Reads messages of ROS by their shapes; it learns one from the first message of each."""
 
-    def __init__(self, paths: Sequence[str], kind: MessageType) -> None:
-        super().__init__(paths)
-        self.kind = kind
-        self.shapes: dict[int, list[Shape]] = defaultdict(list)  # the shapes so far, by length of the message
-        self.parts: list[tuple[Indices, Values]] = []  # places of the messages of one shape, and their numbers by path
+    kind: MessageType = field(kw_only=True)
+    shapes: dict[int, list[Shape]] = field(default_factory=lambda: defaultdict(list))
+    """The shapes so far, by length of the message."""
+    parts: list[tuple[Indices, Values]] = field(default_factory=list)
+    """Places of messages of one shape, and their numbers by path."""
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
         alike = not lengths.size or bool((lengths == lengths[0]).all())
@@ -417,8 +418,7 @@ class ShapeReader(Reader):
         self.count += starts.size
 
     def columns(self) -> Columns:
-        rows = np.concatenate([np.empty(0, np.int64), *(rows for rows, _ in self.parts)])
-        columns = Columns(rows, {}, {})
+        columns = Columns(np.concatenate([np.empty(0, np.int64), *(rows for rows, _ in self.parts)]), {}, {})
         for path in self.paths:
             parts = [values.get(path, np.zeros(rows.size, bool)) for rows, values in self.parts]
             there = [np.full(rows.size, path in values) for rows, values in self.parts]
@@ -443,14 +443,13 @@ def describe_ros(schema: Schema, payload: bytes | None, *, ros1: bool) -> list[F
 # --- JSON and protobuf, message by message
 
 
+@dataclass
 class ObjectReader(Reader):
     """Reads messages of which a library makes objects."""
 
-    def __init__(self, paths: Sequence[str], decode: Callable[[bytes], Any]) -> None:
-        super().__init__(paths)
-        self.decode = decode  # makes an object of a message; raises ValueError if it does not fit its type
-        self.rows: list[int] = []  # places of the messages that could be read
-        self.found: list[list[float | bool | None]] = []  # what these have at each path
+    decode: Callable[[bytes], Any] = field(kw_only=True)  # raises ValueError if a message does not fit its type
+    rows: list[int] = field(default_factory=list)  # places of the messages that could be read
+    found: list[list[float | bool | None]] = field(default_factory=list)  # what these have at each path
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
         for start, length in zip(starts.tolist(), lengths.tolist(), strict=True):
@@ -612,7 +611,7 @@ def json_reader(paths: Sequence[str]) -> ObjectReader:
         except (ValueError, RecursionError) as error:
             raise InputError(f"a message of {len(text)} bytes is not JSON: {error}") from error
 
-    return ObjectReader(paths, decode)
+    return ObjectReader(paths, decode=decode)
 
 
 def protobuf_decoder(schema: Schema) -> Callable[[bytes], Any]:
@@ -649,8 +648,8 @@ def reader_of(channel: Channel, schema: Schema | None, paths: Sequence[str]) -> 
         return json_reader(paths)
     try:
         if channel.message_encoding == "protobuf":
-            return ObjectReader(paths, protobuf_decoder(schema))
-        return ShapeReader(paths, message_type(schema, ros1=channel.message_encoding == "ros1"))
+            return ObjectReader(paths, decode=protobuf_decoder(schema))
+        return ShapeReader(paths, kind=message_type(schema, ros1=channel.message_encoding == "ros1"))
     except InputError as error:
         raise InputError(
             f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions that its "

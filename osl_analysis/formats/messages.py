@@ -26,10 +26,6 @@ from osl_analysis.formats.message_fields import (
     reader_of,
 )
 
-MOST_REMARKS = 20
-MOST_RESTARTS = 10
-"""Times that sequence numbers may go back in a file that is in the order of recording: its publisher was restarted."""
-
 
 class WrongFieldError(InputError):
     """The source file asks for a field that cannot be a column, whatever the messages hold."""
@@ -70,13 +66,11 @@ class MessageBlock:
 
 @dataclass
 class Damage:
-    """Losses of a log, counted while it is read and reported in the trial's provenance under `damage`."""
+    """Losses of a log, counted while it is read, for the trial's provenance."""
 
     finished: bool = False  # the recorder closed the file. If it did not, nobody knows what is missing.
     gaps: bool = False  # some part of the file cannot be read or is missing; the summary counts as a part
-    declared_messages: int | None = (
-        None  # messages in the file as it says itself; None if it does not, or is not trusted
-    )
+    declared_messages: int | None = None  # messages in it as it says; None if it does not, or is not trusted
     declared: Counter[int] | None = None  # the same for each channel
     declared_chunks: int | None = None  # chunks in the file as it says itself
     read: Counter[int] = field(default_factory=Counter)
@@ -89,18 +83,11 @@ class Damage:
     uncounted: bool = False  # something was lost, and no index tells how many messages it held
     bytes: int = 0  # bytes of the file's data section
     bytes_lost: int = 0  # bytes of it that could not be read, without those at the end of a file that was cut off
-    remarks: list[str] = field(default_factory=list)  # faults of the file, a sentence each: the first `MOST_REMARKS`
-    more_remarks: int = 0
-
-    def remark(self, text: str) -> None:
-        if len(self.remarks) < MOST_REMARKS:
-            self.remarks.append(text)
-        else:
-            self.more_remarks += 1
+    remarks: list[str] = field(default_factory=list)  # faults of the file, a sentence each
 
     def lose(self, remark: str, size: int, messages: Counter[int] | None, chunks: int) -> None:
         """Count a lost stretch: bytes, messages of each channel (None if their number is not known), chunks."""
-        self.remark(remark)
+        self.remarks.append(remark)
         self.chunks_lost += chunks
         self.bytes_lost += size
         self.uncounted |= messages is None
@@ -132,9 +119,8 @@ class Damage:
     def share_lost(self, channels: Collection[int] | None = None) -> float:
         """Lost share of the messages of some channels, of all if none are named.
 
-        Where the file does not tell how many are lost, the lost share of all messages, or else of the bytes, stands
-        for them if it is larger. What may be missing at the end of a file that was not closed counts for nothing: no
-        byte of it is there.
+        Where the file does not tell how many, that of all messages or of the bytes stands for it, if it is larger. What
+        may be missing at the end of a file that was not closed counts for nothing: no byte of it is there.
         """
         lost = self.messages_lost(channels)
         certain = self.known_lost(channels) if lost is None else lost
@@ -146,10 +132,6 @@ class Damage:
         total = self.messages_lost() or 0
         others = total / max(1, sound.total() + total)
         return min(1.0, max(share, others, self.bytes_lost / max(1, self.bytes)))
-
-    def all_chunks_lost(self) -> int | None:
-        """Lost chunks, also those that only the summary knows of; None in a file that was not closed."""
-        return max(self.chunks_lost, (self.declared_chunks or 0) - self.chunks) if self.finished else None
 
     def crc(self) -> str:
         """Whether checksums cover what was read: checked, mixed or absent."""
@@ -163,12 +145,13 @@ class Damage:
         `complete`: the recorder finished the file, and it holds all that it declares and no more.
         """
         lost = self.messages_lost()
+        chunks = max(self.chunks_lost, (self.declared_chunks or 0) - self.chunks) if self.finished else None
         contradicted = self.declared is not None and +self.declared != +self.read
         contradicted |= self.declared_messages not in (None, self.messages)
         return {
-            "complete": lost == 0 and self.all_chunks_lost() == 0 and not self.gaps and not contradicted,
+            "complete": lost == 0 and chunks == 0 and not self.gaps and not contradicted,
             "crc": self.crc(),
-            "chunks_lost": self.all_chunks_lost(),
+            "chunks_lost": chunks,
             "messages_lost": lost,
             "share_lost": max((self.share_lost(channels) for channels in topics.values()), default=self.share_lost()),
             "topics": {
@@ -180,7 +163,8 @@ class Damage:
 
     def all_remarks(self) -> list[str]:
         """The remarks, with those that follow from the counts of the whole file."""
-        remarks = [*self.remarks, *([f"and {self.more_remarks} more remarks"] if self.more_remarks else [])]
+        remarks, more = self.remarks[:20], len(self.remarks) - 20
+        remarks += [f"and {more} more remarks"] * (more > 0)
         if self.declared_messages is not None and self.declared_messages != self.messages:
             remarks.append(f"it declares {self.declared_messages} messages and holds {self.messages}")
         if self.crc() != "checked" and self.messages:
@@ -264,12 +248,11 @@ class SplitLog(MessageFile):
         meaning = meaning_of(replace(channel, schema_id=0)), meaning_of(schema) if schema else ()
         number = self.numbers.setdefault(meaning, len(self.numbers))
         if schema:
-            self.declare(replace(schema, id=number + 1))
-        self.declare(replace(channel, id=number, schema_id=number + 1 if schema else 0))
+            self.schemas[number + 1] = replace(schema, id=number + 1)
+        self.channels[number] = replace(channel, id=number, schema_id=number + 1 if schema else 0)
         return number
 
     def renumbered(self, part: MessageFile, counts: Counter[int] | None) -> Counter[int]:
-        """Counts by channel of all parts, of those by a part's own channels."""
         return Counter({self.number(part, one): n for one, n in (counts or {}).items() if one in part.channels})
 
     def count(self, part: MessageFile) -> None:
@@ -283,8 +266,7 @@ class SplitLog(MessageFile):
         total.uncounted |= own.uncounted
         for name in ("verified", "chunks", "chunks_lost", "bytes", "bytes_lost"):
             setattr(total, name, getattr(total, name) + getattr(own, name))
-        for remark in own.remarks:
-            total.remark(f"{part.path.name}: {remark}")
+        total.remarks += [f"{part.path.name}: {remark}" for remark in own.remarks]
 
 
 @dataclass
@@ -321,10 +303,10 @@ class ChannelReader:
         count, topic = self.reader.count, f"topic '{self.channel.topic}'"
         if self.misfits:
             damage.misfits[self.channel.id] += self.misfits
-            damage.remark(f"{self.misfits} of {count} messages of {topic} are lost: {self.reader.misfit}")
+            damage.remarks.append(f"{self.misfits} of {count} messages of {topic} are lost: {self.reader.misfit}")
         missing = missing_numbers(sequence)
         if missing:  # the recorder dropped messages, or a chunk was removed
-            damage.remark(
+            damage.remarks.append(
                 f"the sequence numbers of {topic} say that {missing} messages beside its {count} are not in the file"
             )
 
@@ -449,7 +431,7 @@ def rank_of(log_time: Indices, sequence: NDArray[np.uint32]) -> Indices:
         return rank
     by_number = np.argsort(numbers, kind="stable")
     explained = (np.diff(log_time) < 0).any() and (np.diff(log_time[by_number]) >= 0).all()
-    if backwards > MOST_RESTARTS or explained:
+    if backwards > 10 or explained:  # a publisher that was restarted goes back, a few times
         rank[by_number] = np.arange(sequence.size)
     return rank
 

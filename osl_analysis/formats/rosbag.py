@@ -115,7 +115,7 @@ class Bag1(MessageFile):
             damage.declared_chunks = head.number(b"chunk_count")
         else:
             what = "whole index" if index else "index at its end"
-            damage.remark(f"no {what}: the recorder did not finish, or the end is lost; how much is not known")
+            damage.remarks.append(f"no {what}: the recorder did not finish, or the end is lost; how much is not known")
         self.find_chunks(head.end, index if damage.finished else len(data))
         damage.gaps = any(record is None for *_, record in self.sections)
 
@@ -216,7 +216,7 @@ class Bag1(MessageFile):
         for record in connections:
             self.connect(content, record)
         if unknown:
-            self.damage.remark(f"{unknown} records of the chunk at byte {start} are of no known kind")
+            self.damage.remarks.append(f"{unknown} records of the chunk at byte {start} are of no known kind")
         connection, time, starts, lengths = np.array(found, np.int64).reshape(-1, 4).T
         strangers = set(connection.tolist()) - self.numbers.keys()
         if strangers:
@@ -289,7 +289,9 @@ def read_rosbag1(path: Path) -> MessageFile:
     log = SplitLog(path, sum(bag.size for bag in bags), parts=bags)
     first = PART.fullmatch(bags[0].path.name)
     if first and int(first["number"]) > 0:
-        log.damage.remark(f"the recording begins with '{bags[0].path.name}': its files before that are not here")
+        log.damage.remarks.append(
+            f"the recording begins with '{bags[0].path.name}': its files before that are not here"
+        )
     return log
 
 
@@ -449,9 +451,9 @@ def read_database(path: Path, described: Description | None = None) -> Database:
     with opened(path) as connection:
         declare_topics(bag, connection, description.distribution if description else "")
     if remark:
-        bag.damage.remark(remark)
+        bag.damage.remarks.append(remark)
     elif description is None:
-        bag.damage.remark("no metadata.yaml beside it: how many messages were recorded is not known")
+        bag.damage.remarks.append("no metadata.yaml beside it: how many messages were recorded is not known")
     elif described is None:
         bag.damage.finished = True
         bag.damage.declared = Counter({one.id: description.counts[one.topic] for one in bag.channels.values()})

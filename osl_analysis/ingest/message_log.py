@@ -45,7 +45,7 @@ def read_message_log(path: Path, source: Source) -> Recording:
     """
     file = FILES[source.format](path)
     if source.format == "mcap" and (remark := siblings(path)[1]):
-        file.damage.remark(remark)
+        file.damage.remarks.append(remark)
     by_topic: dict[str, dict[str, Channel]] = defaultdict(dict)
     for column, channel in source.channels.items():
         by_topic[channel.topic][column] = channel

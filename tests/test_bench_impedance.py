@@ -257,7 +257,7 @@ def test_a_lag_is_told_from_its_mirror_image_and_where_its_jerk_vanishes(lag):
     assert row["lag_se_s"] < 1.5e-4
     causes_of = {-5e-3: "late torque: ", 10e-3: "late torque or drivetrain: ", 15e-3: "late torque or drivetrain: "}
     assert row["doubtful"].startswith(causes_of.get(lag, "late torque or yielding bench: "))
-    assert f"lag_s {row['lag_s']:.3g}" in row["explained_by"]
+    assert f"a torque that is late by {row['lag_s']:.3g} s" in row["explained_by"]
 
 
 def test_a_load_cell_behind_a_low_pass_is_late_though_the_low_pass_takes_noise_off_by_which_noise_is_known():

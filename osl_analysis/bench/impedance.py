@@ -287,12 +287,27 @@ def recorded_facts(rendered: Rendered) -> Row:
     }
 
 
+IN_WORDS = {
+    "T_C": "Coulomb friction of {} N*m",
+    "T_G": "friction of {} N*m for each rad of the angle",
+    "hysteresis": "friction of {} N*m that first winds up over a twentieth of the motion",
+    "hysteresis_2": "friction of {} N*m that first winds up over a seventh of the motion",
+    "hysteresis_3": "friction of {} N*m that first winds up over two fifths of the motion",
+    "cubic": "a spring that stiffens by {} N*m/rad^3",
+    "gap": "play that takes off {} N*m",
+    "linear": "{} of the dynamics of the drivetrain with its gains",
+    "lag_s": "a torque that is late by {} s",
+    "K_change": "a K that changes by {} N*m/rad",
+}
+"""What an effect of `bench.effects` is, with its size, for a reader."""
+
+
 def explained_by(found: Causes, lag: Fault | None, change: Fault | None) -> str | None:
     """What explains the misfit of Eq. 15, the best explanation first, as far as it is no fault that was not found."""
     faults = {"lag_s": lag, "K_change": change}
     sure = {e: found.fit[e] for e in found.chosen if e not in faults or ((fault := faults[e]) and fault.found)}
     sure |= {"lag_s": lag.size} if lag and lag.found else {}
-    return ", ".join(f"{effect} {size:.3g}" for effect, size in sure.items()) or None
+    return ", ".join(IN_WORDS[effect].format(f"{size:.3g}") for effect, size in sure.items()) or None
 
 
 def lag_row(lag: Fault | None, fit: GroupFit, frame: float | None) -> Row:

@@ -523,17 +523,17 @@ def test_real_plates_give_the_reference_wrench(file: str, plate: int) -> None:
         np.testing.assert_allclose(moment[sample], expected_moment, rtol=1e-5)
 
 
-def level_plate(path: Path, **parameters: object) -> Path:
+def level_plate(path: Path, last: tuple[float, ...] = (1, 2, 3, 4000, 5000, 6000), **parameters: object) -> Path:
     """Six channels N, N, N, Nmm, Nmm, Nmm on one level type 2 plate, z down; forces 1 to 3, moments 4000 to 6000."""
-    raw = np.array([[1.0, 2, 3, 4000, 5000, 6000]] * 8)
+    raw = np.array([[1.0, 2, 3, 4000, 5000, 6000]] * 4 + [list(last)] * 4)
     corners = np.array([[600.0, 0, 0], [0, 0, 0], [0, 400, 0], [600, 400, 0]])
     level = {"FORCE_PLATFORM__CORNERS": corners.T[:, :, None], "FORCE_PLATFORM__ORIGIN": np.zeros((3, 1))}
     return write_c3d(path, np.ones((2, 1, 4)), raw, **{**PLATE, **level, **parameters})
 
 
-def wrench_of(path: Path, **fields: object) -> list[float]:
+def wrench_of(path: Path, row: int = 3, **fields: object) -> list[float]:
     samples = FORMATS["c3d"].read(path, FORMATS["c3d"].source(format="c3d", **fields)).samples
-    return [samples[f"plate1_{q}_{axis}"][3] for q in ("force", "moment") for axis in "xyz"]
+    return [samples[f"plate1_{q}_{axis}"][row] for q in ("force", "moment") for axis in "xyz"]
 
 
 def test_columns_and_geometry_of_a_plate_are_in_si_units_and_laboratory_axes(tmp_path: Path) -> None:
@@ -568,6 +568,16 @@ def test_a_type_1_plate_is_read_with_the_units_that_its_refusal_says(tmp_path: P
     stated = wrench_of(path, plate_units=yaml.safe_load(advised[0]))
     moment = np.add(np.cross([4, 5, 0], [1, 2, 3]), [0, 0, 6])  # pressure 4000, 5000 mm, torque 6000 N*mm
     assert stated == pytest.approx([1, -2, -3, moment[0], -moment[1], -moment[2]])
+    twice = (
+        2.0,
+        4.0,
+        6.0,
+        4000.0,
+        5000.0,
+        12000.0,
+    )  # less the first frame: an unloaded plate has no centre of pressure
+    path = level_plate(tmp_path / "b.c3d", twice, ANALOG__UNITS=[unit] * 6, FORCE_PLATFORM__TYPE=np.array([1]))
+    assert wrench_of(path, -1, plate_units=yaml.safe_load(advised[0]), plate_zero=(1, 1)) == pytest.approx(stated)
 
 
 @pytest.mark.parametrize("store", ["BYCOLUMN", "BYROW"])

@@ -10,7 +10,14 @@ from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing, check_onset
 from osl_analysis.walking.ensemble import bootstrap, ensemble_response
-from osl_analysis.walking.gait import PHASES, UnperturbedGait, matched_scales, unperturbed_gait
+from osl_analysis.walking.gait import (
+    BEFORE_ONSET_S,
+    PHASES,
+    UnperturbedGait,
+    aligned_gait,
+    matched_scales,
+    unperturbed_gait,
+)
 from osl_analysis.walking.plate import Stance, find_stances, only_stance
 from osl_analysis.walking.platform import find_onset
 from osl_analysis.walking.response import fit_response, isolate_response
@@ -182,6 +189,15 @@ def test_the_bootstrap_carries_the_error_of_the_pace() -> None:
         bootstrap([isolate_response(c, gait, TIMING, source) for c in crossings], 300) for source in ("own", "matched")
     )
     assert matched.se("K") > own.se("K")
+
+
+def test_the_drift_has_the_order_at_which_the_paces_of_the_unperturbed_crossings_scatter_least() -> None:
+    gait, one = usual(np.deg2rad(0.5)), walked("p", onset=0.6)
+    count = int(np.sum((0.6 - BEFORE_ONSET_S - 0.3) / 0.72 >= PHASES))
+    scales = matched_scales(PHASES[:count:4], gait.theta[:, :count:4], gait.theta.mean(axis=0))
+    scatter = np.std(scales[np.isfinite(scales).all(axis=1)], axis=1)
+    assert np.std(aligned_gait(one, gait, "matched").scales) == pytest.approx(scatter.min(), rel=1e-3)
+    assert scatter.max() > 1.1 * scatter.min()
 
 
 def test_an_unperturbed_crossing_whose_toe_off_came_late_is_matched_too() -> None:

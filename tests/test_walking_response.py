@@ -31,6 +31,7 @@ from osl_analysis.walking.response import (
     PerturbationResponse,
     fit_response,
     fit_without_offset,
+    gait_torque,
     isolate_response,
     response_lag,
 )
@@ -296,13 +297,25 @@ def isolated_all(signs: tuple[int, ...] = (1,), lasting: bool = True, usual: int
     return [isolate_response(c, gait, TIMING) for c in all_perturbed(signs, lasting)]
 
 
+def left_out(isolated: list[PerturbationResponse], predictors: tuple[str, ...]) -> float:
+    """Mean square of what each unperturbed crossing adds to the residual less what the others tell of it."""
+    fit = ensemble_response(isolated).fit
+    curves = np.mean([gait_torque(r, fit)[:, r.window] for r in isolated], axis=0)
+    known = np.mean([r.behaviour for r in isolated], axis=0)[[BEHAVIOUR.index(name) for name in predictors]]
+    columns, missed = np.column_stack([np.ones(len(curves)), known.T]), []
+    for one in range(len(curves)):
+        others = np.arange(len(curves)) != one
+        missed.append(curves[one] - columns[one] @ np.linalg.lstsq(columns[others], curves[others])[0])
+    return float(np.mean(np.square(missed)))
+
+
 @pytest.mark.parametrize("signs", [(1,), (1, 1, -1)])
 def test_lasting_deviations_are_predicted_for_one_direction_and_for_both(signs: tuple[int, ...]) -> None:
     """They cost the mean baseline 2 % of K or more; what is left of them is the noise's."""
     isolated = isolated_all(signs)
     found = cross_validated(isolated, ensemble_response(isolated).fit)
-    assert found.predictors
     assert found.share > 0.9
+    assert found.share == pytest.approx(1 - left_out(isolated, found.predictors) / left_out(isolated, ()), rel=1e-9)
     mean, predicted = (ensemble_response(isolated, names).fit.K for names in ((), found.predictors))
     assert predicted == pytest.approx(K, rel=0.01)
     assert abs(mean / K - 1) > 2 * abs(predicted / K - 1)

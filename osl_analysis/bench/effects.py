@@ -244,7 +244,7 @@ def profile(
     First of delays, then of low-passes."""
     found = []
     for one in s.restored:
-        total = one.of(label) if keep is None else one.gram[keep].sum(axis=0)
+        total = one.over(label if keep is None else keep)
         few, is_delay = replace(one, gram=total[None]), one.noise_gain == 1
         span = SPACING / 2 if is_delay else one.late / 3
         for lag in np.linspace(-span, span, 5, endpoint=not is_delay):
@@ -335,7 +335,7 @@ def late_by(lag: float, part: Mapping[str, float]) -> dict[str, float]:
 def taken_by(s: Sums, model: Model, column: str, label: Label = None) -> dict[str, float]:
     """What the estimates of a model take of a column of size 1 that it lacks."""
     at, own = s.index(list(model.values())), s.names.index(column)
-    A = s.gram[s.groups.of(label)].sum(axis=0)
+    A = s.over(label)
     estimates, _ = solved(A[np.ix_(at, at)], A[at, own])
     return dict(zip(model, estimates.tolist(), strict=True))
 
@@ -552,9 +552,7 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
     C = np.array([[part.get(name, 0.0) for part in effects.values()] for name in names])
     one = s.index(["one"])[0]
     mean = s.gram[:, one] / s.gram[:, one, one][:, None]
-    gram = (
-        s.gram - mean[:, :, None] * s.gram[:, one][:, None]
-    )  # a slow disturbance of the torque is an offset of a group
+    gram = s.gram - mean[:, :, None] * s.gram[:, one][:, None]  # a slow disturbance is an offset of a group
     products = C.T @ gram[:, own][:, :, own] @ C
     scores = (gram[:, own, q + 1] - gram[:, own][:, :, at] @ base.estimates) @ C
     middle, kind = (s.groups.first + s.groups.stop) / 2 / s.rate_hz, s.groups.stratum

@@ -23,8 +23,15 @@ from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import check_all_measured, rounding_of
 from osl_analysis.stats.covariance import between_cycles, products_between, welch_satterthwaite
 from osl_analysis.stats.fit_row import Row, Whiteness, thinned_rows, whiteness_of
-from osl_analysis.stats.least_squares import largest_correlation, refuse_unidentifiable, scaled_condition
-from osl_analysis.stats.regression import CONDITION_LIMIT, ROUNDED, LinearFit
+from osl_analysis.stats.regression import (
+    CONDITION_LIMIT,
+    ROUNDED,
+    LinearFit,
+    check_not_zero,
+    largest_correlation,
+    refuse_unidentifiable,
+    scaled_condition,
+)
 from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # strata from which on these are the units that are left out; below, each group is one
@@ -71,9 +78,12 @@ class Sums:
     def torque(self) -> int:
         return len(self.names)
 
-    def of(self, label: Label) -> Array:
-        """The sums of the groups of a label."""
-        return self.total if label is None else np.asarray(self.gram[self.groups.of(label)].sum(axis=0))
+    def over(self, keep: "Label | NDArray[np.bool_]") -> Array:
+        """The sums of the groups of a label, or of those to `keep` (m,)."""
+        if keep is None:
+            return self.total
+        chosen = keep if isinstance(keep, np.ndarray) else self.groups.of(keep)
+        return np.asarray(self.gram[chosen].sum(axis=0))
 
     @cached_property
     def restored(self) -> tuple["Sums", ...]:
@@ -246,11 +256,7 @@ def accounted_for(left: float, varied: float, square: float) -> float:
 def checked_condition(names: tuple[str, ...], A: Array, limit: float, about_means: Array) -> float:
     """The scaled condition number of columns with the products A (p, p), beside an offset that of the columns about
     their means, which have the inverse `about_means`; raises as `fit_groups`."""
-    size = np.diag(A)
-    if not (size > 0).all():
-        name = names[int(np.argmin(size))]
-        raise IdentifiabilityError(f"'{name}' cannot be estimated: its column is zero throughout")
-    scale = np.sqrt(size)
+    scale = np.sqrt(check_not_zero(names, np.diag(A)))
     values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
     condition = float(np.sqrt(values[-1] / max(values[0], 1e-30 * values[-1])))
     if len(about_means) > 1 and condition < ROUNDED:
@@ -336,7 +342,7 @@ def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
 def vaf_of_groups(s: Sums, fit: LinearFit, model: Mapping[str, str], keep: NDArray[np.bool_]) -> float:
     """VAF [percent] of a fit in groups (m,) that it may not have used; an offset of theirs does not count."""
     at, q, one = s.index(list(model.values())), s.torque, s.index(["one"])[0]
-    total = s.gram[keep].sum(axis=0)
+    total = s.over(keep)
     estimates, n = np.array([fit[name] for name in model]), total[one, one]
     left = total[q, q] - 2 * estimates @ total[at, q] + estimates @ total[np.ix_(at, at)] @ estimates
     level = (total[one, q] - total[one, at] @ estimates) / n

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_row
 from osl_analysis.bench.effects import (
@@ -26,7 +27,6 @@ from osl_analysis.bench.effects import (
     sums_of,
     taken_by,
 )
-from osl_analysis.bench.excitation_limits import check_alias, check_band
 from osl_analysis.bench.gram import GroupFit, Sums, paired_errors
 from osl_analysis.bench.phasors import (
     SegmentPhasors,
@@ -40,7 +40,8 @@ from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest
 from osl_analysis.judge.doubts import counted, doubtful_row
-from osl_analysis.judge.impossible import Saturated, not_checked, plausible_impedance
+from osl_analysis.judge.impossible import REFUSALS, Saturated, check_told, not_checked, plausible_impedance, told_by
+from osl_analysis.measured import usual_size
 from osl_analysis.model.compensator import CONTROLLERS, Gains, predicted_impedance, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.gain_selection import Weight
@@ -174,9 +175,79 @@ def check_moves(record: Record, sums: Sums, steps: float) -> None:
     )
 
 
+SPIKE = 8.0  # robust standard deviations of third differences that noise does not reach
+ROUNDING_REACHES = 4.5  # steps of an encoder that its rounding does not reach in a third difference; four is the most
+LARGEST_ALIAS = 0.01
+"""Change of B, and of I, by jumps of the acceleration at an unknown instant within a sample, that is refused."""
+BESIDE_SPIKE = 15
+"""Samples to each side of a spike that it is far above: a hand, or a sweep, is as fast there without a jump."""
+BESIDE_JUMP = 3  # samples on each side of a jump from which its size is read
+
+
+def motion_in(record: Record) -> Array:
+    """Angle, velocity and acceleration in the fitted rows of a record, (m, 3)."""
+    motion = record.motion
+    return np.column_stack([record.part(x) for x in (motion.theta, motion.omega, motion.alpha)])
+
+
+def check_band(record: Record, fit: GroupFit, largest_inertia_error: float | None) -> None:
+    """Refuse a motion whose band cannot tell K from I; the message names the band that is missing."""
+    X = motion_in(record)
+    theta, omega, alpha = (X - X.mean(axis=0)).T
+    change = told_by(theta, omega, alpha, float(np.std(record.part(record.filtered_torque))))
+    check_told(f"trial {record.name}", record.band_hz, change, (fit["K"], fit.se("K")), largest_inertia_error)
+
+
+def jumps(record: Record) -> tuple[NDArray[np.intp], Array]:
+    """Rows at which the acceleration jumps within a sample, and by how much [rad/s^2]."""
+    theta = record.theta
+    third = np.abs(np.diff(theta, 3))
+    noise = 1.4826 * usual_size(np.concatenate([third[piece] for piece in record.pieces]))
+    step = record.steps[0] or 0.0
+    high = np.flatnonzero(third > max(SPIKE * noise, ROUNDING_REACHES * step, np.finfo(float).tiny))
+    near = np.clip(high[:, None] + np.arange(-BESIDE_SPIKE, BESIDE_SPIKE + 1), 0, len(third) - 1)
+    high = high[third[high] > SPIKE * 1.4826 * np.median(third[near], axis=1)]
+    if not high.size:
+        return high, np.empty(0)
+    first = high[np.diff(high, prepend=-10) > BESIDE_JUMP] + 1  # the middle of the four samples of the difference
+    first = first[(first > BESIDE_JUMP + 1) & (first < len(theta) - BESIDE_JUMP - 3)]
+
+    def alpha(start: int) -> float:  # its mean over some rows, of which the first one belongs to row start + 1
+        return float(np.diff(theta[start : start + BESIDE_JUMP + 2], 2).mean()) * record.rate_hz**2
+
+    return first, np.array([alpha(i + 1) - alpha(i - 1 - BESIDE_JUMP) for i in first])
+
+
+def check_alias(record: Record, fit: GroupFit) -> float:
+    """Largest change of B and I, as shares, by jumps of the acceleration that lie somewhere within a sample.
+
+    The torque jumps with the acceleration. Without an anti-aliasing filter a sample shows the torque before or after
+    the jump, so that its area is known to half a sample: a pseudo-random binary sequence that is clocked with the
+    sampling is read late by half a sample in all of its jumps.
+
+    Raises InputError: it is beyond `LARGEST_ALIAS`, and beyond the interval of noise.
+    """
+    rows, sizes = jumps(record)
+    if not rows.size:
+        return 0.0
+    torque = record.torque
+    steps = np.array([torque[i + 1 : i + 3].mean() - torque[i - 2 : i].mean() for i in rows])
+    inertia = abs(float(steps @ sizes) / float(sizes @ sizes)) if sizes.any() else 0.0
+    error = np.zeros(len(torque))
+    np.add.at(error, rows, 0.5 * inertia * sizes)
+    late = record.part(record.low_pass(error, record.rate_hz))
+    _, *change = np.abs(np.linalg.lstsq(motion_in(record), late, rcond=None)[0])
+    beyond = {x: abs(by / fit[x]) if by > fit.se(x) else 0.0 for x, by in zip("BI", change, strict=True)}
+    worst = max(beyond, key=lambda name: beyond[name])
+    if beyond[worst] > LARGEST_ALIAS:
+        size, percent = float(np.median(np.abs(sizes))), 100 * beyond[worst]
+        raise REFUSALS["alias"].of(trial=record.name, count=len(rows), size=size, symbol=worst, percent=percent)
+    return beyond[worst]
+
+
 def own_power(sums: Sums, column: str, others: Sequence[str]) -> float:
     """Mean square of a column without what is proportional to others."""
-    A = sums.gram.sum(axis=0)
+    A = sums.total
     own, at, one = sums.names.index(column), sums.index(others), sums.names.index("one")
     left = A[own, own] - A[own, at] @ np.linalg.lstsq(A[np.ix_(at, at)], A[at, own], rcond=1e-14)[0]
     return max(float(left / A[one, one]), 0.0)
@@ -184,7 +255,7 @@ def own_power(sums: Sums, column: str, others: Sequence[str]) -> float:
 
 def turn_deg(sums: Sums, label: Label = None) -> float:
     """RMS [deg] of the filtered angle about its mean in the rows of a label."""
-    A = sums.gram[sums.groups.of(label)].sum(axis=0)
+    A = sums.over(label)
     theta, one = sums.index(["theta", "one"])
     n = A[one, one]
     return float(np.rad2deg(np.sqrt(max(A[theta, theta] / n - (A[theta, one] / n) ** 2, 0.0))))
@@ -398,7 +469,7 @@ def angle_noise_bias(record: Record, s: Sums, fit: GroupFit, label: Label = None
     """The same change of I [kg*m^2]."""
     still, moving, turning = noise_of_angle(record)
     S = np.array([[still, 0, -moving], [0, moving, 0], [-moving, 0, turning]])
-    A = s.gram[s.groups.of(label)].sum(axis=0)
+    A = s.over(label)
     at, one = s.index(["theta", "omega", "alpha"]), s.names.index("one")
     X = A[np.ix_(at, at)] / A[one, one] - np.outer(A[at, one], A[at, one]) / A[one, one] ** 2
     return float(-np.linalg.solve(X, S @ [fit["K"], fit["B"], fit["I"]])[2])

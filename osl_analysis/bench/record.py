@@ -101,19 +101,17 @@ class Groups:
         """Which groups have a label; all for None, (m,)."""
         if label is None:
             return np.ones(len(self.first), dtype=np.bool_)
-        return np.array([self.strata[k].label == label for k in self.stratum], dtype=np.bool_)
+        return np.array([one.label == label for one in self.strata])[self.stratum]
 
     def pieces(self, label: Label = None) -> list[slice]:
         """Rows of the groups of a label, those that follow one another together, in the order of time."""
-        mine = np.flatnonzero(self.of(label))
-        found: list[slice] = []
-        for k in mine[np.argsort(self.first[mine], kind="stable")]:
-            rows = whole_rows(self.first[k], self.stop[k])
-            if found and rows.start <= found[-1].stop:
-                found[-1] = slice(found[-1].start, max(rows.stop, found[-1].stop))
-            else:
-                found.append(rows)
-        return found
+        mine = self.of(label)
+        edges = zip(self.first[mine], self.stop[mine], strict=True)
+        return joined([whole_rows(first, stop) for first, stop in edges])
+
+    def rows(self, label: Label = None) -> NDArray[np.intp]:
+        """The rows of the groups of a label (k,), each once."""
+        return np.concatenate([np.r_[piece] for piece in self.pieces(label)])
 
     def only_whole(self, usable: NDArray[np.bool_]) -> "Groups":
         """The groups all of whose rows are usable (n,)."""
@@ -126,6 +124,17 @@ class Groups:
         strata = tuple(self.strata[k] for k in there)
         period = None if self.period is None else self.period[good]
         return replace(self, first=self.first[good], stop=self.stop[good], stratum=number, strata=strata, period=period)
+
+
+def joined(parts: Sequence[slice], apart: int = 0) -> list[slice]:
+    """Parts of a recording in the order of time, those that touch, or are `apart` by some rows, as one."""
+    found: list[slice] = []
+    for rows in sorted(parts, key=lambda rows: rows.start):
+        if found and rows.start <= found[-1].stop + apart:
+            found[-1] = slice(found[-1].start, max(rows.stop, found[-1].stop))
+        else:
+            found.append(rows)
+    return found
 
 
 @dataclass(frozen=True)
@@ -242,7 +251,7 @@ class Record:
 
     def rows(self, label: Label = None) -> NDArray[np.intp]:
         """The rows that are fitted (m,), of a label or of all."""
-        return np.concatenate([np.r_[piece] for piece in self.groups.pieces(label)])
+        return self.groups.rows(label)
 
     def part(self, signal: Array) -> Array:
         """A signal (n,) in the rows that are fitted (m,); a view where they follow one another."""
@@ -251,14 +260,7 @@ class Record:
 
     def moving(self, label: Label = None) -> list[slice]:
         """Rows of the motion of a label, its transients included: stretches that touch are one."""
-        found: list[slice] = []
-        alike = [one.rows for one in self.groups.strata if label is None or one.label == label]
-        for rows in sorted(alike, key=lambda rows: rows.start):
-            if found and rows.start <= found[-1].stop + 1:
-                found[-1] = slice(found[-1].start, max(found[-1].stop, rows.stop))
-            else:
-                found.append(rows)
-        return found
+        return joined([one.rows for one in self.groups.strata if label is None or one.label == label], apart=1)
 
     def label_near(self, amplitude_deg: float | None, largest: float = 0.25) -> Label:
         """The label of the amplitude [deg] that is meant, as commanded or as measured; None for the largest one.
@@ -475,14 +477,16 @@ def parts_of(
     def joint() -> Array:
         return joint_angle(signals["theta"], signals["torque"], compliance)
 
-    inside = rows_inside(signals, windows)
-    pieces = fitted_pieces(signals, low_pass, windows)
+    time = signals.time - signals.time[0]
+    stated = None if windows is None else stated_windows(windows, float(time[-1]))
+    inside = np.any([(time >= start) & (time <= stop) for start, stop in stated or [(0.0, np.inf)]], axis=0)
+    pieces = fitted_pieces(signals, low_pass, stated)
     motion = filtered_motion(signals.time, joint(), signals["torque"], low_pass)[0]
     band = band_of(motion, rate, joined_pieces(pieces, inside))
     if signals.report.masked or any(stream.bridged for stream in signals.report.streams):
         highest = min(band[1], settings.cutoff_hz)
         signals = regridded(signals, GapLimits(highest, settings.cutoff_hz, settings.time_base.longest_gap_s))
-        pieces = fitted_pieces(signals, low_pass, windows)
+        pieces = fitted_pieces(signals, low_pass, stated)
     rows = np.zeros(len(signals.time), dtype=bool)
     for piece in pieces:
         rows[piece] = True
@@ -568,7 +572,7 @@ def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> fl
         there = np.isin(label, np.flatnonzero(members >= FEWEST_CYCLES))
         X, y = np.column_stack([*columns, *own])[there] * weight[there, None], level[there] * weight[there]
     else:
-        rows = np.concatenate([np.r_[piece] for piece in groups.pieces()])
+        rows = groups.rows()
         X = np.column_stack([late, motion.theta, motion.omega, motion.alpha, np.ones_like(late)])[rows]
         y = torque[rows]
     scale = np.linalg.norm(X, axis=0)
@@ -576,19 +580,17 @@ def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> fl
     return float(np.linalg.lstsq(X / scale, y, rcond=1e-9)[0][0] / scale[0])
 
 
-def fitted_pieces(signals: UniformSignals, low_pass: LowPass, windows: str | None) -> tuple[slice, ...]:
-    """Rows of the stretches that are fitted: in the windows, or from the first to the last motion, without their ends.
-
-    Raises InputError if the joint does not move, a window is not in the record, or no stretch is long enough.
-    """
+def fitted_pieces(
+    signals: UniformSignals, low_pass: LowPass, stated: list[tuple[float, float]] | None
+) -> tuple[slice, ...]:
+    """Rows of the stretches that are fitted: in stated windows [s], or from the first to the last motion, without their
+    ends. Raises InputError if the joint does not move, or no stretch is long enough."""
     time = signals.time - signals.time[0]
-    if windows is None:
+    if stated is None:
         moving = moving_bins(time, signals["theta"])
         if not moving.any():
             raise InputError("the joint does not move; check the channel of theta in the source file")
         stated = [(float(time[np.argmax(moving)]), float(time[len(moving) - 1 - np.argmax(moving[::-1])]))]
-    else:
-        stated = stated_windows(windows, float(time[-1]))
     inside = np.zeros(len(time), dtype=bool)
     edge = EDGE / low_pass.cutoff_hz
     for start, stop in stated:
@@ -602,15 +604,6 @@ def fitted_pieces(signals: UniformSignals, low_pass: LowPass, windows: str | Non
             "for longer"
         )
     return found
-
-
-def rows_inside(signals: UniformSignals, windows: str | None) -> NDArray[np.bool_]:
-    """Rows of the stated windows, all of them without one."""
-    time = signals.time - signals.time[0]
-    if windows is None:
-        return np.ones(len(time), dtype=bool)
-    parts = [(time >= start) & (time <= stop) for start, stop in stated_windows(windows, float(time[-1]))]
-    return np.asarray(np.any(parts, axis=0))
 
 
 def stated_windows(text: str, duration: float) -> list[tuple[float, float]]:

@@ -1,24 +1,15 @@
 """The one linear regression under every fit: rank check, covariance for correlated residuals, diagnostics."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy
 
-from osl_analysis.measured import check_finite, check_measured, rounding_of
+from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.measured import check_all_measured, check_finite, check_measured, rounding_of
 from osl_analysis.stats.covariance import NO_REPEATS, ResidualCorrelation
-from osl_analysis.stats.least_squares import (
-    beside_offset,
-    check_not_zero,
-    checked_columns,
-    decomposed,
-    largest_correlation,
-    refined,
-    refuse_unidentifiable,
-    scaled_condition,
-)
 from osl_analysis.trial import Array
 
 CONDITION_LIMIT = 1e3
@@ -103,7 +94,7 @@ class Regressors:
     names: tuple[str, ...]  # names of the columns
     X: Array  # the columns, shape (n, p)
     scale: Array  # length of each column of X (p,)
-    U: Array | None  # left singular vectors (n, p) of the scaled X; None where its Gram matrix gave the others
+    U: Array  # left singular vectors (n, p) of the scaled X
     singular: Array  # singular values (p,), the largest first
     Vt: Array  # right singular vectors (p, p), a row each
 
@@ -112,30 +103,31 @@ class Regressors:
         """Scaled condition number, beside an offset that of the columns about their means: where the angle has its zero
         does not matter."""
         condition = float(self.singular[0] / max(self.singular[-1], np.finfo(float).tiny))
-        inverse = self.inverse if condition < ROUNDED else np.empty((0, 0))
-        return scaled_condition(beside_offset(self.X, inverse)) if len(inverse) > 1 else condition
+        inverse = self.beside_offset if condition < ROUNDED else np.empty((0, 0))
+        return scaled_condition(inverse) if len(inverse) > 1 else condition
 
     @cached_property
     def inverse(self) -> Array:
         """Inverse (p, p) of the normal equations."""
         return (self.Vt.T / self.singular**2) @ self.Vt / np.outer(self.scale, self.scale)
 
-    def solved(self, y: Array) -> Array:
-        """Estimates (p,) alone, by least squares of y (n,)."""
-        check_measured("column 'y'", y)
-        return self.estimated(y)
+    @cached_property
+    def beside_offset(self) -> Array:
+        """The part of the inverse that is of columns that vary: beside a constant one it is that of their products about
+        their means, which do not depend on the zeros of the signals."""
+        varies = [k for k, column in enumerate(self.X.T) if column[0] != column[-1] or np.ptp(column)]
+        return self.inverse[np.ix_(varies, varies)]
 
-    def estimated(self, y: Array) -> Array:
-        """As `solved`, for y (n,) or several (n, q) that can be measured: estimates (p,) or (p, q)."""
-        if self.U is None:
-            return refined(self.X, y, self.inverse)
+    def solved(self, y: Array) -> Array:
+        """Estimates alone, by least squares of y (n,) or several (n, q): (p,) or (p, q)."""
+        check_measured("column 'y'", y)
         return np.asarray(((y.T @ self.U) / self.singular @ self.Vt / self.scale).T)
 
     def fit(self, y: Array, residuals: ResidualCorrelation = NO_REPEATS) -> LinearFit:
         """Least squares of y (n,) on the columns; `residuals` and what is raised as in `linear_fit`."""
-        estimates, inverse = self.solved(y), self.inverse
+        estimates = self.solved(y)
         residual = y - self.X @ estimates
-        covariance, degrees_of_freedom, method = residuals.covariance(self.X, inverse, residual)
+        covariance, degrees_of_freedom, method = residuals.covariance(self.X, self.inverse, residual)
         return LinearFit(
             self.names,
             estimates,
@@ -148,7 +140,7 @@ class Regressors:
             method,
             degrees_of_freedom,
             residual,
-            largest_correlation(beside_offset(self.X, inverse)),
+            largest_correlation(self.beside_offset),
         )
 
 
@@ -156,16 +148,59 @@ def regressors(
     columns: Mapping[str, Array], shape: tuple[int, ...], condition_limit: float = CONDITION_LIMIT
 ) -> Regressors:
     """The named columns, for fits to y of some shape (n,); raises as `linear_fit`."""
-    return regressors_of(tuple(columns), checked_columns(shape, columns), condition_limit)
+    for name, column in columns.items():
+        if np.shape(column) != shape:
+            raise InputError(f"column '{name}' has shape {np.shape(column)}, expected {shape} like y")
+    X = np.array([np.asarray(c, dtype=float) for c in columns.values()])
+    check_all_measured([f"column '{name}'" for name in columns], X)
+    if shape[0] <= len(columns):
+        raise InputError(f"{shape[0]} samples cannot determine {len(columns)} parameters; use a longer window")
+    return regressors_of(tuple(columns), X.T, condition_limit)
 
 
 def regressors_of(names: tuple[str, ...], X: Array, condition_limit: float = CONDITION_LIMIT) -> Regressors:
     """Columns X (n, p) that can be measured, for fits; raises IdentifiabilityError as `linear_fit`."""
-    scale = check_not_zero(names, X)
-    found = Regressors(names, X, scale, *decomposed(X, scale))
+    scale = check_not_zero(names, np.linalg.norm(X, axis=0))
+    found = Regressors(names, X, scale, *np.linalg.svd(X / scale, full_matrices=False))
     if found.condition > condition_limit:
         refuse_unidentifiable(names, found.Vt[-1], found.condition)
     return found
+
+
+def check_not_zero(names: Sequence[str], lengths: Array) -> Array:
+    """Lengths (p,) of columns; one that is zero throughout is refused."""
+    if not (lengths > 0).all():
+        raise IdentifiabilityError(
+            f"'{names[int(np.argmin(lengths))]}' cannot be estimated: its column is zero throughout"
+        )
+    return lengths
+
+
+def refuse_unidentifiable(names: tuple[str, ...], direction: Array, condition: float) -> None:
+    """Raise an error that names the two columns with the largest weights in `direction`, which cannot be estimated."""
+    worst = sorted(np.argsort(np.abs(direction))[-2:])
+    first, second = (names[i] for i in worst)
+    raise IdentifiabilityError(
+        f"{first} and {second} cannot be told apart in these data (scaled condition number {condition:.3g}); "
+        "excite more frequencies, lengthen the window or fix one of them"
+    )
+
+
+def scaled_condition(inverse: Array) -> float:
+    """Condition number of columns scaled to unit length, from the inverse (p, p) of their normal equations."""
+    gram = np.linalg.inv(inverse)
+    squares = np.linalg.eigvalsh(gram / np.sqrt(np.outer(np.diag(gram), np.diag(gram))))
+    return float(np.sqrt(squares[-1] / max(squares[0], np.finfo(float).tiny)))
+
+
+def largest_correlation(covariance: Array) -> float:
+    """Largest absolute correlation in a covariance (p, p); 0 for a single estimate."""
+    if len(covariance) < 2:
+        return 0.0
+    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    correlation = np.abs(covariance / np.outer(scale, scale))
+    np.fill_diagonal(correlation, 0.0)
+    return float(np.max(correlation))
 
 
 def with_shared_error(fit: LinearFit, change: Array) -> LinearFit:

@@ -8,9 +8,9 @@ import pytest
 from click.testing import CliRunner
 from conftest import ROOT
 
+from osl_analysis.bench.response_tables import RESPONSE
 from osl_analysis.cli import main
 from osl_analysis.spectral.realisations import periodic_motion
-from osl_analysis.spectral.tables import RESPONSE
 
 
 @pytest.fixture(autouse=True)

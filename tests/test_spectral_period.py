@@ -1,10 +1,14 @@
 """The period of a motion that repeats itself, its realisations, and Eq. 15 on their lines."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
 from conftest import ROOT
 
+from osl_analysis.bench.record import record_of, stretches_of
+from osl_analysis.bench.response_tables import MODELS, RESPONSE, response_tables
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.commands.figure import response as plotted_response
 from osl_analysis.commands.tables import pool_responses
@@ -14,7 +18,6 @@ from osl_analysis.signals import LowPass
 from osl_analysis.spectral.models import SecondOrder, fit_by_power, lines_of_periods
 from osl_analysis.spectral.realisations import LINES as COLUMNS
 from osl_analysis.spectral.realisations import distinct, lines_of, period_spectra, periodic_motion
-from osl_analysis.spectral.tables import MODELS, RESPONSE, RecordedMotion, response_tables
 from osl_analysis.table import read_table, write_table
 
 RATE, PERIOD, LOW_PASS = 250.0, 4.0, LowPass(15)
@@ -135,9 +138,9 @@ def test_one_line_does_not_tell_stiffness_from_inertia():
 
 
 def recorded(name, theta, torque):
-    whole = (slice(0, len(theta)),)
-    found = periodic_motion(theta, torque, RATE, LOW_PASS.cutoff_hz)
-    return RecordedMotion(name, theta, torque, RATE, LOW_PASS, found, whole)
+    groups = stretches_of([slice(0, len(theta))], RATE)
+    made = record_of(name, np.arange(len(theta)) / RATE, theta, torque, LOW_PASS, groups)
+    return replace(made, torque=torque, periodic=periodic_motion(theta, torque, RATE, LOW_PASS.cutoff_hz))
 
 
 def periodic(name, *seeds, size=1.0):

@@ -48,7 +48,6 @@ from osl_analysis.model.gain_selection import Weight
 from osl_analysis.protocol.stepped_sine import moving_bins
 from osl_analysis.spectral.realisations import distinct
 from osl_analysis.spectral.response import periodic_response
-from osl_analysis.spectral.tables import NO_RESPONSE, RecordedMotion, ResponseTables, response_tables
 from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.repeats import summary_row
 from osl_analysis.stats.rounding import distinct_values
@@ -570,15 +569,6 @@ def prediction_columns(predicted: tuple[float, float, float] | None) -> dict[str
 def rendered_phasors(rendered: Rendered) -> pl.DataFrame:
     """The trial's rows of `phasors.csv`; none where no sines moved the joint."""
     return phasor_table(rendered.record.name, rendered.phasors) if rendered.phasors else no_phasors()
-
-
-def rendered_response(record: Record, p: DrivetrainParameters | None) -> ResponseTables:
-    """The trial's rows of `response.csv` and its models; none of a stepped sine, whose response is in `phasors.csv`."""
-    if record.is_stepped_sine:
-        return NO_RESPONSE
-    signals = record.theta, record.torque, record.rate_hz
-    motion = RecordedMotion(record.name, *signals, record.low_pass, record.periodic, record.pieces, record.steps)
-    return response_tables(motion, p)
 
 
 OF_GAINS, OF_LAG = (

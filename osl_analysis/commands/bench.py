@@ -34,7 +34,6 @@ from osl_analysis.bench.impedance import (
     DesiredImpedance,
     judged_impedance,
     rendered_phasors,
-    rendered_response,
     repeated_trials_table,
 )
 from osl_analysis.bench.model_comparison import (
@@ -47,6 +46,7 @@ from osl_analysis.bench.model_comparison import (
 )
 from osl_analysis.bench.phasors import frequency_response_table
 from osl_analysis.bench.record import record_of_trial, sine_record
+from osl_analysis.bench.response_tables import response_tables
 from osl_analysis.bench.settings import (
     ActuatorAnalysis,
     BeltAnalysis,
@@ -128,7 +128,7 @@ def fit_impedance_trial(
     stated = condition.columns() if condition else {}
 
     def further() -> dict[str, pl.DataFrame]:
-        frames = {"phasors": rendered_phasors(rendered), **rendered_response(rendered.record, p).frames()}
+        frames = {"phasors": rendered_phasors(rendered), **response_tables(rendered.record, p).frames()}
         of_condition = {name: frame.with_columns(**stated) for name, frame in frames.items()}
         return of_condition | {"timebase": rendered.analysis.time_base(QUANTITIES)}
 

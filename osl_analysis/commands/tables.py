@@ -9,6 +9,7 @@ from typing import Any
 import polars as pl
 from pydantic import Field
 
+from osl_analysis.bench.response_tables import MODELS, RESPONSE, periodic_tables
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.config.campaign import About
 from osl_analysis.config.parameters import FileOrNone, joint_of, known_parameters
@@ -22,7 +23,6 @@ from osl_analysis.judge.findings import findings
 from osl_analysis.judge.table import Doubt, QualityRules
 from osl_analysis.judge.usable import Judge
 from osl_analysis.spectral.realisations import Realisation, pooled, realisations_from
-from osl_analysis.spectral.tables import MODELS, RESPONSE, periodic_tables
 from osl_analysis.summary.headlines import DRAFT_EXAMPLE, Example, headline_numbers, needed_columns
 from osl_analysis.summary.text import (
     finding_lines,

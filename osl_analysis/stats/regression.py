@@ -113,7 +113,7 @@ class Regressors:
 
     @cached_property
     def beside_offset(self) -> Array:
-        """The part of the inverse that is of columns that vary: beside a constant one it is that of their products about
+        """The part of the inverse that is of columns that vary: beside a constant one that of their products about
         their means, which do not depend on the zeros of the signals."""
         varies = [k for k, column in enumerate(self.X.T) if column[0] != column[-1] or np.ptp(column)]
         return self.inverse[np.ix_(varies, varies)]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import polars as pl
 
+from osl_analysis.bench.record import Record
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.signals import LowPass
@@ -21,7 +22,7 @@ from osl_analysis.spectral.models import (
     lines_of_periods,
     lines_of_record,
 )
-from osl_analysis.spectral.realisations import LINES, PeriodicMotion, Realisation, distinct, lines_frame
+from osl_analysis.spectral.realisations import LINES, Realisation, distinct, lines_frame
 from osl_analysis.spectral.response import (
     FrequencyResponse,
     local_response,
@@ -29,7 +30,6 @@ from osl_analysis.spectral.response import (
     record_spectrum,
 )
 from osl_analysis.stats.fit_row import Row, estimates_row
-from osl_analysis.trial import Array
 
 STRUCTURES = (EQ_15, EQ_9)
 LEVELS = ("noise_level", "odd_level", "even_level", "total_level")
@@ -53,31 +53,6 @@ MODELS: dict[str, type[pl.DataType]] = {
 
 
 @dataclass(frozen=True)
-class RecordedMotion:
-    """Angle and torque of a trial, shape (n,), not filtered, on a uniform grid."""
-
-    trial: str  # name of the trial
-    theta: Array  # angle [rad]
-    torque: Array  # resisting torque [N*m], its drift taken off
-    rate_hz: float  # sampling rate [Hz]
-    low_pass: LowPass  # the filter of the fits in time; its cut-off is the end of the band
-    periodic: PeriodicMotion | None  # the periods of the motion; None if it does not repeat itself
-    pieces: tuple[slice, ...]
-    """Stretches in which the joint moves, without their ends. The longest is used if the motion does not repeat."""
-
-    steps: tuple[float | None, float | None] = (None, None)
-    """Steps to which angle [rad] and torque [N*m] were rounded; None where they are not known."""
-
-    def realisations(self, found: PeriodicMotion) -> list[Realisation]:
-        """The realisations in its periods, their lines up to the end of the band."""
-        band = slice(int(np.floor(self.low_pass.cutoff_hz * found.period + 1e-9)) + 1)
-        return [
-            replace(one, theta=one.theta[:, band], torque=one.torque[:, band], steps=self.steps)
-            for one in found.realisations
-        ]
-
-
-@dataclass(frozen=True)
 class ResponseTables:
     """Rows of `response.csv` and `response_models.csv`, and the lines of the periods."""
 
@@ -91,28 +66,35 @@ class ResponseTables:
 
 
 NO_RESPONSE = ResponseTables(*(pl.DataFrame(schema=schema) for schema in (RESPONSE, MODELS, LINES)))
-"""The tables of a stepped sine, whose frequency response is in `phasors.csv`: no rows."""
 
 
-def response_tables(recorded: RecordedMotion, p: DrivetrainParameters | None) -> ResponseTables:
-    """The tables of one trial of any excitation; Eq. 9 where the device has parameters. A structure that cannot be
-    fitted has a row with the reason, and so has a trial without a frequency response."""
+def response_tables(record: Record, p: DrivetrainParameters | None) -> ResponseTables:
+    """The tables of one trial; Eq. 9 where the device has parameters. None of a stepped sine, whose response is in
+    `phasors.csv`. The lines are of the signals before the filter: of the periods of the motion, up to its cut-off, else
+    of the longest stretch. A structure that cannot be fitted has a row with the reason, and so has a trial without a
+    frequency response."""
+    if record.is_stepped_sine:
+        return NO_RESPONSE
     try:
-        found = recorded.periodic
+        found = record.periodic
         if found is not None:
-            realisations = recorded.realisations(found)
-            return periodic_tables(recorded.trial, realisations, recorded.low_pass, p, found.period_error_ppm)
-        longest = max(recorded.pieces, key=lambda piece: piece.stop - piece.start)
-        signals = recorded.theta[longest], recorded.torque[longest]
-        spectrum = record_spectrum(*signals, recorded.rate_hz, recorded.low_pass.cutoff_hz)
+            band = slice(int(np.floor(record.low_pass.cutoff_hz * found.period + 1e-9)) + 1)
+            realisations = [
+                replace(one, theta=one.theta[:, band], torque=one.torque[:, band], steps=record.steps)
+                for one in found.realisations
+            ]
+            return periodic_tables(record.name, realisations, record.low_pass, p, found.period_error_ppm)
+        longest = max(record.pieces, key=lambda piece: piece.stop - piece.start)
+        signals = record.theta[longest], record.torque[longest]
+        spectrum = record_spectrum(*signals, record.rate_hz, record.low_pass.cutoff_hz)
         response = local_response(spectrum)
     except OslAnalysisError as error:
-        reason = {"trial": recorded.trial, "model": EQ_15, "excluded": str(error)}
+        reason = {"trial": record.name, "model": EQ_15, "excluded": str(error)}
         return replace(NO_RESPONSE, models=pl.DataFrame([reason], schema=MODELS))
-    structures = fitted_structures(lines_of_record(spectrum, recorded.low_pass), p)
+    structures = fitted_structures(lines_of_record(spectrum, record.low_pass), p)
     return ResponseTables(
-        response_frame(recorded.trial, response, structures, 1),
-        models_frame(recorded.trial, response, structures, {"realisations": 1}),
+        response_frame(record.name, response, structures, 1),
+        models_frame(record.name, response, structures, {"realisations": 1}),
         NO_RESPONSE.lines,
     )
 

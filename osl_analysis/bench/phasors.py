@@ -182,7 +182,15 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: Edges 
     """
     check_finite("time", time)
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
-    check_sampling(len(time), step, frequency_hz)
+    if len(time) * step < 0.99 / frequency_hz:
+        raise InputError(
+            f"the signal has less than one cycle at {frequency_hz:g} Hz; record more cycles, or lower `settle_cycles` "
+            "in the configuration"
+        )
+    if 2 * HARMONICS * frequency_hz * step >= 1:
+        raise InputError(
+            f"a step of {step * 1e3:.2f} ms is too long for harmonic {HARMONICS} of {frequency_hz:g} Hz; sample faster"
+        )
     once, columns = np.exp(2j * np.pi * frequency_hz * time), {"offset": np.ones(len(time))}
     turned = once
     for k in range(1, HARMONICS + 1):
@@ -214,19 +222,6 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: Edges 
     to_phasor = np.array([[1.0, -1.0], [-1.0, 1.0]])
     own = to_phasor * covariance[1:3, 1:3], float(np.min(freedom[1:3]))
     return Phasor(complex(harmonics[0]), *own, float(np.linalg.norm(size[1:]) / size[0]), harmonics, method)
-
-
-def check_sampling(samples: int, step: float, frequency_hz: float) -> None:
-    """Refuse less than one cycle, or a step [s] too long for the highest harmonic."""
-    if samples * step < 0.99 / frequency_hz:
-        raise InputError(
-            f"the signal has less than one cycle at {frequency_hz:g} Hz; record more cycles, or lower `settle_cycles` "
-            "in the configuration"
-        )
-    if 2 * HARMONICS * frequency_hz * step >= 1:
-        raise InputError(
-            f"a step of {step * 1e3:.2f} ms is too long for harmonic {HARMONICS} of {frequency_hz:g} Hz; sample faster"
-        )
 
 
 RESPONSE_KEYS = ("trial", "joint", "side", "controller", "K_d", "B_d", "frequency_hz")
@@ -293,27 +288,28 @@ def at_amplitude(phasors: Sequence[SegmentPhasors], label: Label) -> list[Segmen
 
 
 def phasor_table(trial: str, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:
-    """A row per amplitude and frequency: phasors of angle [rad] and torque [N*m], Y [rad/(N*m)], distortions."""
-    rows = [{"trial": trial, **phasor_row(segment)} for segment in phasors]
+    """A row per amplitude and frequency: phasors of angle [rad] and torque [N*m] and Y [rad/(N*m)] with covariances and
+    degrees of freedom, distortions, magnitude and phase of Y."""
+    rows = list[Row]()
+    for segment in phasors:
+        admittance = segment.admittance
+        rows.append(
+            {
+                "trial": trial,
+                "amplitude_deg": segment.amplitude_deg,
+                "frequency_hz": segment.frequency_hz,
+                **complex_row("theta", segment.theta),
+                **complex_row("torque", segment.torque),
+                "theta_distortion": segment.theta.distortion,
+                "torque_distortion": segment.torque.distortion,
+                **complex_row("Y", admittance),
+                **{f"Y_{name}": value for name, value in polar_row(admittance).items()},
+                "Y_se_bench": segment.compliance_error,
+                "interval_method": max(segment.theta.interval_method, segment.torque.interval_method, key=len),
+                "commanded_deg": segment.commanded_deg,
+            }
+        )
     return pl.DataFrame(rows, schema_overrides={"commanded_deg": pl.Float64})
-
-
-def phasor_row(segment: SegmentPhasors) -> Row:
-    """Phasors and Y with covariances and degrees of freedom, the distortions, magnitude and phase of Y."""
-    admittance = segment.admittance
-    return {
-        "amplitude_deg": segment.amplitude_deg,
-        "frequency_hz": segment.frequency_hz,
-        **complex_row("theta", segment.theta),
-        **complex_row("torque", segment.torque),
-        "theta_distortion": segment.theta.distortion,
-        "torque_distortion": segment.torque.distortion,
-        **complex_row("Y", admittance),
-        **{f"Y_{name}": value for name, value in polar_row(admittance).items()},
-        "Y_se_bench": segment.compliance_error,
-        "interval_method": max(segment.theta.interval_method, segment.torque.interval_method, key=len),
-        "commanded_deg": segment.commanded_deg,
-    }
 
 
 def no_phasors() -> pl.DataFrame:

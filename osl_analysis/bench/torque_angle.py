@@ -5,10 +5,9 @@ on its way keeps a torque of up to half the width of its loop there. One recordi
 before the motion, or the loop around it, says that it may be there.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 import polars as pl
@@ -182,38 +181,6 @@ def rest_change(theta: Array, torque: Array, rate_hz: float, settings: TorqueAng
     return float((torque[-count:].mean() - torque[:count].mean()) / np.ptp(torque))
 
 
-class Loop(NamedTuple):
-    """The loop at the angle of the rest, [N*m] from the zero."""
-
-    middle: float  # mean of loading and unloading
-    width: float  # their distance
-
-
-def loop_at(at_deg: float, angle_deg: Array, loading: Array, unloading: Array) -> Loop | None:
-    """The loop at an angle [deg], from the torques (m,) of both branches at the angles (m,); None beyond these."""
-    if not angle_deg[0] <= at_deg <= angle_deg[-1]:
-        return None
-    one, other = (float(np.interp(at_deg, angle_deg, branch)) for branch in (loading, unloading))
-    return Loop((one + other) / 2, abs(one - other))
-
-
-OFF_MIDDLE = 0.25
-"""Distance of the zero from the middle of the loop, as a part of its width there, from which it is said: 0.5 on a
-branch, 0 where friction lets go at rest."""
-LEAST_SHIFT, LEAST_LOOP = 0.005, 0.02
-"""The same, and the width of the loop, as parts of the range of torque, below which they are not worth a word."""
-SMALL_ZERO = 0.1  # torque taken for zero, as a part of the width of the loop, below which it is no matter what it is
-
-
-def may_be_left(zero: float, loop: Loop | None, widest: float, torque_range: float) -> bool:
-    """Whether the torque [N*m] at rest that was taken for zero may be what hysteresis leaves: it lies on a branch of
-    the loop and not in its middle. Where the joint rests at an end of the motion the loop does not tell. There a `zero`
-    that is small against the `widest` loop is no matter."""
-    if loop is None:
-        return widest > LEAST_LOOP * torque_range and abs(zero) > SMALL_ZERO * widest
-    return abs(loop.middle) > max(OFF_MIDDLE * loop.width, LEAST_SHIFT * torque_range)
-
-
 def energies(theta: Array, torque: Array, cycle: LoadingCycle) -> tuple[float, float]:
     """Energies of a cycle [J], taken up from the bench and given back: the integral of torque [N*m] over angle [rad],
     piece by piece. A piece ends where the angle turns or the torque changes its sign, so that noise is not counted as
@@ -311,12 +278,6 @@ def straight_line(theta: Array, torque: Array, pieces: Sequence[slice]) -> float
     angle, load = theta[rows], torque[rows]
     centred = angle - np.average(angle, weights=weight)
     return float(np.sum(weight * centred * load) / np.sum(weight * centred**2))
-
-
-def secant(theta: Array, torque: Array, rows: Rows) -> float:
-    """Slope [N*m/rad] of the line between the lowest and the highest angle of a branch."""
-    low, high = rows[np.argmin(theta[rows])], rows[np.argmax(theta[rows])]
-    return float((torque[high] - torque[low]) / (theta[high] - theta[low]))
 
 
 LEAST_VAF = 50.0  # VAF [percent] of the torque by its curve over angle below which the torque does not follow the angle
@@ -452,6 +413,8 @@ def cycle_table(trial: TorqueAngleTrial) -> pl.DataFrame:
     for k, cycle in enumerate(trial.cycles.used):
         path = float(np.abs(np.diff(theta[[cycle.start, *cycle.turns, cycle.stop]])).sum())
         stored, returned = energies(theta, torque, cycle)
+        rising = rows_of_pieces(loading[k])
+        low, high = rising[np.argmin(theta[rising])], rising[np.argmax(theta[rising])]
         rows.append(
             {
                 "trial": trial.name,
@@ -461,7 +424,7 @@ def cycle_table(trial: TorqueAngleTrial) -> pl.DataFrame:
                 "duration_s": float(durations[k]),
                 "speed_deg_s": float(np.rad2deg(path) / durations[k]),
                 "K": straight_line(theta, torque, loading[k]),
-                "K_secant": secant(theta, torque, rows_of_pieces(loading[k])),
+                "K_secant": float((torque[high] - torque[low]) / (theta[high] - theta[low])),
                 "K_unloading": straight_line(theta, torque, unloading[k]),
                 "energy_stored": stored,
                 "energy_returned": returned,
@@ -492,6 +455,10 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     widest = float(np.nanmax(np.abs(loading.torque - unloading.torque)))
     drift = float(np.nanmean(loading.torques[-1] - loading.torques[0]) / np.ptp(torque))
     uncorrected = [straight_line(trial.bench_theta, torque, pieces) for pieces in trial.pieces(0)]
+    distance = None  # [N*m] of the mean of both branches from the desired curve, RMS over its angles
+    if desired is not None:
+        apart = (loading.torque + unloading.torque) / 2 - desired_torque(trial, desired)
+        distance = float(np.sqrt(np.nanmean(apart**2)))
     usable = np.concatenate([trial.uniform.usable[cycle.rows] for cycle in trial.cycles.used])
     row: Row = {
         "trial": trial.name,
@@ -524,38 +491,56 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
         "cycle_drift": drift if len(cycles) > 1 else None,
         "rate_change": rate_change(cycles),
         "bridged_share": float(np.mean(~usable)),
-        **desired_row(trial, desired),
+        "desired": desired,
+        "desired_rms": distance,
     }
     texts = dict.fromkeys(("interval_method", "desired", "not_checked"), pl.String)
     empty = {name: texts.get(name, pl.Float64) for name, value in row.items() if value is None}
     return pl.DataFrame([row], schema_overrides=empty)
 
 
-def zero_row(trial: TorqueAngleTrial, widest: float) -> Mapping[str, float | str | None]:
-    """The torque taken for zero, and what speaks against it; the loop is `widest` [N*m] at its widest."""
-    torque, zero, settings = trial.torque, trial.zero, trial.settings
+OFF_MIDDLE = 0.25
+"""Distance of the zero from the middle of the loop, as a part of its width there, from which it is said: 0.5 on a
+branch, 0 where friction lets go at rest."""
+LEAST_SHIFT, LEAST_LOOP = 0.005, 0.02
+"""The same, and the width of the loop, as parts of the range of torque, below which they are not worth a word."""
+SMALL_ZERO = 0.1  # torque taken for zero, as a part of the width of the loop, below which it is no matter what it is
+
+
+def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
+    """The torque taken for zero, and what speaks against it; the loop is `widest` [N*m] at its widest.
+
+    The torque at rest may be what hysteresis leaves: then it lies on a branch of the loop and not in its middle. Where
+    the joint rests at an end of the motion the loop does not tell; a zero that is small against it is no matter there.
+    """
+    torque, settings, angle = trial.torque, trial.settings, trial.angle_deg
     rest = float(np.rad2deg(trial.theta[0 if settings.zero == "start" else -1]))
-    loop = loop_at(rest, trial.angle_deg, *(curve.torque for curve in trial.curves))
-    stated, reasons = settings.zero == "none", []
+    reasons, torque_range, middle = [], float(np.ptp(torque)), None
     if trial.cycles.smaller:
         reasons.append(
             "smaller_cycles, whole but smaller than the largest, are not analysed: record each amplitude as its own "
             "trial"
         )
-    if not stated and may_be_left(zero, loop, widest, float(np.ptp(torque))):
+    if angle[0] <= rest <= angle[-1]:
+        one, other = (float(np.interp(rest, angle, curve.torque)) for curve in trial.curves)
+        middle = (one + other) / 2
+        left = abs(middle) > max(OFF_MIDDLE * abs(one - other), LEAST_SHIFT * torque_range)
+    else:
+        left = widest > LEAST_LOOP * torque_range and abs(trial.zero) > SMALL_ZERO * widest
+    if left and settings.zero != "none":
         reasons.append(
             "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device "
             "(zero_off_middle): torque_min, torque_max, energy_stored and energy_returned depend on it"
         )
     return {
-        "torque_zero": zero,
-        "zero_off_middle": None if stated or loop is None else -loop.middle,
+        "torque_zero": trial.zero,
+        "zero_off_middle": None if settings.zero == "none" or middle is None else -middle,
         "rest_change": rest_change(trial.bench_theta, torque, trial.uniform.rate_hz, settings),
         "not_checked": "; ".join(reasons) or None,
     }
 
 
-def mean_over_cycles(name: str, cycles: pl.DataFrame, softer: pl.DataFrame | None) -> Mapping[str, float | None]:
+def mean_over_cycles(name: str, cycles: pl.DataFrame, softer: pl.DataFrame | None) -> Row:
     """Mean of a column over the cycles with standard error and bounds of its 95 % interval; null with one cycle."""
     values = cycles[name].to_numpy()
     if len(values) < 2:
@@ -573,15 +558,6 @@ def rate_change(cycles: pl.DataFrame) -> float | None:
         return None
     slope = np.polyfit(np.log(speed), lost, 1)[0]
     return float(slope * np.log(speed.max() / speed.min()) / abs(lost.mean()))
-
-
-def desired_row(trial: TorqueAngleTrial, desired: str | None) -> Mapping[str, float | str | None]:
-    """Distance [N*m] of the mean of both branches from the desired curve, RMS over its angles; null without one."""
-    if desired is None:
-        return {"desired": None, "desired_rms": None}
-    middle = (trial.curves[0].torque + trial.curves[1].torque) / 2
-    distance = middle - desired_torque(trial, desired)
-    return {"desired": desired, "desired_rms": float(np.sqrt(np.nanmean(distance**2)))}
 
 
 def desired_torque(trial: TorqueAngleTrial, desired: str) -> Array:

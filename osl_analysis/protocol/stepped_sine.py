@@ -67,8 +67,12 @@ def noise_of(theta: Array) -> float:
 
 
 def upward_crossings(time: Array, theta: Array) -> Array:
-    """Times [s] at which the angle rises through its centre, from below a dead band to above it."""
-    x = theta - centre_of_motion(time, theta)
+    """Times [s] at which the angle rises through its centre, from below a dead band to above it. The centre is the
+    median angle where the joint moves, and so changes measurably in 20 ms; it may rest elsewhere, and for longer."""
+    apart = max(round(0.02 / float(np.median(np.diff(time)))), 1)
+    change = np.abs(theta[apart:] - theta[:-apart])
+    moving = change > 0.1 * np.quantile(change, 0.95) if change.size else change > 0
+    x = theta - np.median(theta[apart:][moving] if moving.any() else theta)
     dead = max(DEAD_BAND * max(float(x.max()), -float(x.min())), 5 * noise_of(theta))
     high, low = run_edges(x > dead), run_edges(x < -dead)
     last_low = np.append(low[:, 1], 0)[np.searchsorted(low[:, 1], high[:, 0], side="right") - 1]  # 0: never yet
@@ -76,15 +80,6 @@ def upward_crossings(time: Array, theta: Array) -> Array:
     rises = np.flatnonzero((x[:-1] <= 0) & (x[1:] > 0))
     before = rises[np.searchsorted(rises, came_up) - 1]
     return np.asarray(time[before] - x[before] * (time[before + 1] - time[before]) / (x[before + 1] - x[before]))
-
-
-def centre_of_motion(time: Array, theta: Array) -> float:
-    """The median angle [rad] where the joint moves, and so changes measurably in 20 ms; it may rest elsewhere, and for
-    longer."""
-    apart = max(round(0.02 / float(np.median(np.diff(time)))), 1)
-    change = np.abs(theta[apart:] - theta[:-apart])
-    moving = change > 0.1 * np.quantile(change, 0.95) if change.size else change > 0
-    return float(np.median(theta[apart:][moving] if moving.any() else theta))
 
 
 SAME_FREQUENCY, SAME_AMPLITUDE = 0.05, 0.15
@@ -375,9 +370,15 @@ def find_segments(
     deviation = theta - np.mean(theta)
     aligned: list[Segment] = []
     for group in without_a_rest([run for run, _ in followed], segments):
-        plain = all(is_plain(run) for run, _ in group)
         alike = [segment for _, segment in group]
-        aligned += shifted(alike, best_start(deviation, alike, rate)) if plain else alike
+        # whole cycles of sines that begin at their centre and rise: where the angle agrees best with all of them
+        if all(abs(run.cycles - run.whole_cycles) < 0.15 and abs(run.phase_at(run.start)) < 0.5 for run, _ in group):
+            lengths = [segment.stop - segment.start for segment in alike]
+            edges = best_start(deviation, alike, rate) + np.cumsum([0.0, *lengths])
+            alike = [
+                replace(s, start=float(a), stop=float(b)) for s, (a, b) in zip(alike, pairwise(edges), strict=True)
+            ]
+        aligned += alike
     return aligned
 
 
@@ -425,11 +426,6 @@ def placed(run: Run, frequency_hz: float, rate: float) -> tuple[float, float]:
     return start * rate, (start + length) * rate
 
 
-def is_plain(run: Run) -> bool:
-    """Whether a run is whole cycles, to 0.15, of a sine that begins at its centre, to 0.5 rad, and rises."""
-    return abs(run.cycles - run.whole_cycles) < 0.15 and abs(run.phase_at(run.start)) < 0.5
-
-
 def without_a_rest(found: Sequence[Run], segments: Sequence[Segment]) -> list[list[tuple[Run, Segment]]]:
     """Runs of one amplitude, with their segments, that follow one another without a rest of 0.3 cycles or more."""
     pairs = list(zip(found, segments, strict=True))
@@ -452,13 +448,6 @@ def best_start(theta: Array, group: Sequence[Segment], rate: float) -> float:
     if len(near) < len(template):
         return group[0].start
     return float(low + np.argmax(np.correlate(near, template, "valid")))
-
-
-def shifted(group: Sequence[Segment], start: float) -> list[Segment]:
-    """The segments of a group, one after the other from row `start` on."""
-    lengths = [segment.stop - segment.start for segment in group]
-    edges = start + np.cumsum([0.0, *lengths])
-    return [replace(s, start=float(a), stop=float(b)) for s, a, b in zip(group, edges, edges[1:], strict=False)]
 
 
 def unit_sines(sines: Sequence[tuple[float, float]], rate: float) -> Array:
@@ -525,9 +514,12 @@ class Likeness:
     @cached_property
     def commanded(self) -> float:
         """In single cycles of a commanded frequency and amplitude."""
-        time = self.time
-        cycles = ((self.theta[rows_between(time, *cycle)], cycle) for cycle in pairwise(self.crossings))
-        found = [cycle for angle, cycle in cycles if as_commanded(angle, cycle, self.protocol)]
+        found = []
+        for start, stop in pairwise(self.crossings.tolist()):
+            angle = self.theta[rows_between(self.time, start, stop)]
+            half = float(np.ptp(angle)) / 2 if angle.size else 0.0
+            near = half and self.protocol.amplitude_near(half) and self.protocol.frequency_near(1 / (stop - start))
+            found += [(start, stop)] if near else []
         return share_of(self.moving, self.time, found)
 
     @cached_property
@@ -567,12 +559,6 @@ def share_of(moving: NDArray[np.bool_], time: Array, parts: Sequence[tuple[float
     for part in parts:
         inside[rows_between(time, *part)] = True
     return float(np.count_nonzero(inside & moving) / np.count_nonzero(moving))
-
-
-def as_commanded(theta: Array, cycle: tuple[float, float], protocol: SteppedSineProtocol) -> bool:
-    """Whether the angle (n,) [rad] of a cycle, from a time [s] to another one, is one that was commanded."""
-    half, frequency = (float(np.ptp(theta)) / 2 if theta.size else 0.0), 1 / (cycle[1] - cycle[0])
-    return bool(half) and protocol.frequency_near(frequency) is not None and protocol.amplitude_near(half) is not None
 
 
 def is_sine(run: Run, crossings: Array, protocol: SteppedSineProtocol) -> bool:

@@ -11,7 +11,8 @@ import yaml
 from click.testing import CliRunner
 from conftest import ROOT
 
-from osl_analysis.bench.components import PARAMETERS, actuator_alone, actuator_trial
+from osl_analysis.bench.components import ACTUATOR_PARAMETERS as NAMES
+from osl_analysis.bench.components import actuator_alone, actuator_trial
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.cli import main
 from osl_analysis.commands.bench import FitRequest, fit_actuator_trial, fit_trial, summarise_actuator
@@ -103,7 +104,7 @@ def test_a_log_without_noise_gives_the_parameters_back():
     t, theta, omega, alpha, current = schedule()
     torque = by_hand(theta, omega, alpha, current) + 0.7 + 0.01 * (t - np.mean(t))
     fit = fit_log(t, theta, current, torque)
-    assert [fit[name] for name in PARAMETERS] == pytest.approx([TRUE[name] for name in PARAMETERS], rel=0.02)
+    assert [fit[name] for name in NAMES] == pytest.approx([TRUE[name] for name in NAMES], rel=0.02)
     assert fit["k_tau_n_m"] == pytest.approx(TRUE["k_tau_n_m"], rel=5e-4)
     assert (fit["offset"], fit["drift"]) == (pytest.approx(0.7, abs=1e-3), pytest.approx(0.01, rel=0.01))
 
@@ -111,11 +112,11 @@ def test_a_log_without_noise_gives_the_parameters_back():
 def test_a_simulated_bench_gives_them_back_within_their_errors():
     """With every imperfection but the recorder's: of twelve trials none is beyond 5 standard errors, few beyond 2."""
     fits = [fitted(simulate_actuator_trial(f"actuator_{i}", settings(), P)[0]) for i in range(12)]
-    z = np.array([[(fit[name] - TRUE[name]) / fit.se(name) for name in PARAMETERS] for fit in fits])
+    z = np.array([[(fit[name] - TRUE[name]) / fit.se(name) for name in NAMES] for fit in fits])
     assert np.abs(z).max() < 5
     assert all(fit.correlation_samples < 0.5 * RATE for fit in fits), "of noise behind a 15 Hz filter, not of seconds"
     assert np.mean(np.abs(z) < 1.96) > 0.8
-    means = np.mean([[fit[name] / TRUE[name] for name in PARAMETERS] for fit in fits], axis=0)
+    means = np.mean([[fit[name] / TRUE[name] for name in NAMES] for fit in fits], axis=0)
     assert means == pytest.approx(np.ones(5), abs=0.02)
     assert means[:3] == pytest.approx(np.ones(3), abs=0.003)
     assert max(fits[0].se(name) / TRUE[name] for name in ("k_tau_n_m", "f_C", "f_G", "J_m")) < 0.02
@@ -243,7 +244,7 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documen
         "actuator", read_trial(Path("bench.parquet")), DEVICE, FitRequest({"settings": analysis}, DoubtfulFits())
     ).table
     assert (found["motion"][0], expected["motion"][0]) == (motion, "theta_m")
-    assert found.select(PARAMETERS).row(0) == pytest.approx(expected.select(PARAMETERS).row(0), rel=1e-3)
+    assert found.select(NAMES).row(0) == pytest.approx(expected.select(NAMES).row(0), rel=1e-3)
     assert found["J_m_se"][0] == pytest.approx(expected["J_m_se"][0], rel=0.02)
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from osl_analysis.bench.components import (
     belt_figure_points,
     belt_table,
-    fit_belt,
+    fit_branches,
     transmission_of,
     transmission_table,
 )
@@ -26,7 +26,7 @@ def belt_cycle(K_s=685.6, K_s2=0.0, coulomb=0.0, peak=0.0873):
 
 
 def fitted(theta_s, torque, drift=0.0, rate=RATE):
-    return fit_belt(belt_record(theta_s, torque, rate), drift)
+    return fit_branches(belt_record(theta_s, torque, rate), drift)
 
 
 @given(st.floats(100, 2000), st.sampled_from([-1, 1]))
@@ -145,4 +145,7 @@ def test_transmission_tells_how_much_of_its_damping_is_coulomb_friction_and_pred
     assert rough[-1]["coulomb_share"] > 0.1
     assert smooth[0]["VAF_held_out"] > 99.9 > rough[0]["VAF_held_out"]
     assert smooth[-1]["VAF_held_out"] > 99.9
+    assert smooth[-1]["f_C"] is smooth[-1]["B_j_viscous"] is None
+    assert rough[-1]["f_C"] == rough[-1]["coulomb_torque"] == pytest.approx(0.15, rel=0.1)
+    assert rough[-1]["B_j_viscous_low"] < 0.3 < rough[-1]["B_j_viscous_high"] < rough[-1]["B_j"]
     assert rough[-1]["odd_harmonics"] > 10 * smooth[-1]["odd_harmonics"]

@@ -16,7 +16,7 @@ from osl_analysis.protocol.stepped_sine import (
     find_runs,
     find_segments,
     labels_deg,
-    settled,
+    settled_cycles,
 )
 from osl_analysis.signals import Motion
 from osl_analysis.trial import Trial
@@ -162,9 +162,9 @@ def test_amplitudes_that_differ_are_never_one_label_and_labels_are_measured():
 
 def test_settled_cycles_leave_out_the_first_and_the_last_and_keep_one():
     segment, usable = Segment(0.1, 2.0, 100, 1100, 10), np.ones(2000, dtype=bool)
-    kept = settled(segment, 2, usable)
+    kept = settled_cycles(segment, 2, usable)
     assert (kept.start, kept.stop, kept.cycles, kept.used) == (300, 1000, 7, tuple(range(7)))
-    kept = settled(segment, 20, usable)
+    kept = settled_cycles(segment, 20, usable)
     assert (kept.start, kept.stop, kept.cycles) == (1000, 1100, 1)
 
 
@@ -172,7 +172,7 @@ def test_cycles_with_a_row_that_was_not_measured_are_left_out():
     segments = [Segment(0.1, 3.0, 100, 100 + 2500 / 3, 10), Segment(0.1, 2.0, 1000, 1500, 4)]
     usable = np.ones(2000, dtype=bool)
     usable[390] = False
-    kept, other = (settled(one, 1, usable) for one in segments)
+    kept, other = (settled_cycles(one, 1, usable) for one in segments)
     assert (kept.used, other.used) == ((3, 4, 5, 6, 7), (0, 1))  # of the cycles from row 183 on, 83.3 rows each
     groups = cycles_of(segments, 1, usable)
     assert [(p.start, p.stop) for p in groups.pieces()] == [(433, 850), (1125, 1375)]

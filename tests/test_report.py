@@ -18,7 +18,7 @@ from test_bench_any_excitation import moving_record
 from test_bench_belt import belt_cycle
 
 from osl_analysis.bench.analysis import Series
-from osl_analysis.bench.components import belt_series, belt_table, fit_belt, transmission_of, transmission_table
+from osl_analysis.bench.components import belt_series, belt_table, fit_branches, transmission_of, transmission_table
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.commands.report import lacks_result
 from osl_analysis.config.campaign import About
@@ -297,7 +297,7 @@ def test_the_model_of_a_series_is_that_of_the_fit_in_the_samples_that_the_fit_us
     theta_s, torque = belt_cycle(K_s2=3000, coulomb=0.3)
     rng = np.random.default_rng(4)
     torque = torque + 30 * np.gradient(theta_s) + 0.02 * rng.normal(size=len(torque))
-    belt = fit_belt(belt_record(theta_s, torque))
+    belt = fit_branches(belt_record(theta_s, torque))
     motion, sines = (
         rendered_impedance(one) for one in (moving_record(made_trial(rng, noise(rng, duration=20.0))), stepped)
     )

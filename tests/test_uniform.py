@@ -14,7 +14,7 @@ from osl_analysis.bench.impedance import QUANTITIES
 from osl_analysis.bench.record import sine_record
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.protocol.stepped_sine import Segment, settled
+from osl_analysis.protocol.stepped_sine import Segment, settled_cycles
 from osl_analysis.timebase.grid import GapLimits, uniform_signals
 from osl_analysis.trial import Trial
 
@@ -144,11 +144,11 @@ def test_cycles_beside_a_gap_are_not_fitted_and_the_fit_is_right():
 def test_short_stretches_of_cycles_are_not_used_beside_a_long_one():
     segment, usable = Segment(0.1, 1.0, 0, 2000, 20), np.ones(2000, dtype=bool)
     usable[350:360] = False
-    assert settled(segment, 0, usable).used == tuple(range(4, 19))
+    assert settled_cycles(segment, 0, usable).used == tuple(range(4, 19))
     usable[1000:1010] = False
-    assert settled(segment, 0, usable).used == (*range(4, 10), *range(11, 19))
+    assert settled_cycles(segment, 0, usable).used == (*range(4, 10), *range(11, 19))
     with pytest.raises(InputError, match=r"no cycle of 5.73 deg at 1 Hz is free of rows near a gap"):
-        settled(segment, 0, np.zeros(2000, dtype=bool))
+        settled_cycles(segment, 0, np.zeros(2000, dtype=bool))
 
 
 FRAME = {"value": "3000 N*m/rad", "standard_error": "100 N*m/rad"}

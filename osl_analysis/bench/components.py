@@ -90,7 +90,7 @@ class BeltTrial:
 def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> BeltTrial:
     """Filter and fit one canonical trial. Without parameters (None) the ratio n_T is not known: the shaft must rest.
 
-    Raises InputError: as `fit_belt`, the belt is stiffer than the bench, or a signal is missing or irregular; the
+    Raises InputError: as `fit_branches`, the belt is stiffer than the bench, or a signal is missing or irregular; the
     message names the trial.
     """
     signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
@@ -120,12 +120,12 @@ def belt_of(
     groups = branches_of(motion.theta, rate, signals.usable, low_pass.cutoff_hz)
     raw = deflection, signals["torque"], motion, torque
     record = Record(signals.trial, signals.time, *raw, low_pass, signals.usable, groups, uniform=signals, bench=bench)
-    belt = fit_belt(record, settings.load_cell_drift / 60)
+    belt = fit_branches(record, settings.load_cell_drift / 60)
     check_stiffer(signals.trial, "K_s", belt.loading.whole["K_s"], bench)
     return belt
 
 
-def fit_belt(record: Record, drift: float = 0.0) -> BeltTrial:
+def fit_branches(record: Record, drift: float = 0.0) -> BeltTrial:
     """Fit one load-unload cycle, whose groups are those of `branches_of`.
 
     The load cell's drift has a standard deviation of `drift` [N*m/s]. A straight line cannot tell it from stiffness, so
@@ -328,9 +328,9 @@ def transmission_summary(table: pl.DataFrame) -> pl.DataFrame:
     return summary_of_trials(whole, (*LOSSES, "VAF", "T_C", "VAF_coulomb"))
 
 
-PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
+ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
 """Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping, inertia."""
-ACTUATOR: Model = {**{name: name for name in PARAMETERS}, "offset": "one", "drift": "drift"}
+ACTUATOR_ALONE: Model = {**{name: name for name in ACTUATOR_PARAMETERS}, "offset": "one", "drift": "drift"}
 """torque_m = k_tau n_m I_q - f - B_m omega_m - J_m alpha_m + offset + drift (Eqs. 1-2)"""
 FEWEST_MOVING_S = 1.0  # shortest duration [s] of the samples that are fitted
 EDGE_PERIODS = 3
@@ -405,7 +405,7 @@ def actuator_alone(
     motion, torque = Motion(smooth.theta, omega, alpha), low_pass(signals["torque_m"], rate)
     groups = stretches_of(runs(moving), rate)
     record = Record(name, time, raw, signals["torque_m"], motion, torque, low_pass, usable, groups)
-    return analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR)
+    return analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR_ALONE)
 
 
 def moving_rows(omega: Array, rate_hz: float, settings: ActuatorAnalysis) -> NDArray[np.bool_]:
@@ -432,14 +432,14 @@ def actuator_table(actuator: Analysis) -> pl.DataFrame:
     row = {
         "trial": record.name,
         "motion": moved_by(record.uniform.signals),
-        **estimates_row(fit, *PARAMETERS, "offset", "drift"),
-        **covariance_row(fit, *PARAMETERS),
+        **estimates_row(fit, *ACTUATOR_PARAMETERS, "offset", "drift"),
+        **covariance_row(fit, *ACTUATOR_PARAMETERS),
         **actuator.judged(),
         "correlation_k_f_G": fit.correlation("k_tau_n_m", "f_G"),
-        **time_base_row(fit, actuator.others.get(None), PARAMETERS),
+        **time_base_row(fit, actuator.others.get(None), ACTUATOR_PARAMETERS),
     }
     return pl.DataFrame([row], schema_overrides={"time_base_shift": pl.Float64})
 
 
 def actuator_summary(table: pl.DataFrame) -> pl.DataFrame:
-    return summary_of_trials(table, (*PARAMETERS, "VAF"))
+    return summary_of_trials(table, (*ACTUATOR_PARAMETERS, "VAF"))

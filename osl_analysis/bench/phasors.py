@@ -150,7 +150,7 @@ def polar_row(number: ComplexEstimate) -> dict[str, float]:
     }
 
 
-HARMONICS = 5  # highest harmonic that is fitted. Harmonics 3 and 5, which friction makes, are among them.
+HIGHEST_HARMONIC = 5  # highest harmonic that is fitted. Harmonics 3 and 5, which friction makes, are among them.
 
 
 @dataclass(frozen=True)
@@ -168,10 +168,10 @@ class Phasor(ComplexEstimate):
         return np.abs(self.harmonics)
 
 
-Edges = tuple[Array, Array]  # where each cycle begins and where it ends (m,), in rows, which need not be whole
+CycleEdges = tuple[Array, Array]  # where each cycle begins and where it ends (m,), in rows, which need not be whole
 
 
-def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: Edges | None = None) -> Phasor:
+def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: CycleEdges | None = None) -> Phasor:
     """Phasor of a settled signal (n,) at a known frequency, with offset and harmonics 2 to 5.
 
     `time` [s] sets the zero of the phase: fit angle and torque with the same times. The spread of the `cycles` gives
@@ -187,13 +187,14 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: Edges 
             f"the signal has less than one cycle at {frequency_hz:g} Hz; record more cycles, or lower `settle_cycles` "
             "in the configuration"
         )
-    if 2 * HARMONICS * frequency_hz * step >= 1:
+    if 2 * HIGHEST_HARMONIC * frequency_hz * step >= 1:
         raise InputError(
-            f"a step of {step * 1e3:.2f} ms is too long for harmonic {HARMONICS} of {frequency_hz:g} Hz; sample faster"
+            f"a step of {step * 1e3:.2f} ms is too long for harmonic {HIGHEST_HARMONIC} of {frequency_hz:g} Hz; sample "
+            "faster"
         )
     once, columns = np.exp(2j * np.pi * frequency_hz * time), {"offset": np.ones(len(time))}
     turned = once
-    for k in range(1, HARMONICS + 1):
+    for k in range(1, HIGHEST_HARMONIC + 1):
         columns |= {f"cos{k}": turned.real, f"sin{k}": turned.imag}
         turned = turned * once
     inside = np.full(len(time), cycles is None)

@@ -26,7 +26,7 @@ from osl_analysis.protocol.stepped_sine import (
     find_segments,
     labels_deg,
     moving_bins,
-    settled,
+    settled_cycles,
     whole_rows,
 )
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
@@ -295,8 +295,8 @@ def without_drift(time: Array, torque: Array, rate: float) -> Array:
 
 
 def cycles_of(segments: Sequence[Segment], settle_cycles: int, usable: NDArray[np.bool_]) -> Groups:
-    """The settled, usable cycles of segments; a stratum is a segment. Raises InputError as `settled`."""
-    kept = [settled(segment, settle_cycles, usable) for segment in segments]
+    """The settled, usable cycles of segments; a stratum is a segment. Raises InputError as `settled_cycles`."""
+    kept = [settled_cycles(segment, settle_cycles, usable) for segment in segments]
     labels = labels_deg(segments)
     strata = tuple(
         Stratum(whole.rows, label, whole.frequency_hz, whole.commanded)

@@ -24,7 +24,7 @@ from osl_analysis.stats.repeats import CommonError, over_repeats
 from osl_analysis.timebase.grid import UniformSignals, uniform_signals
 from osl_analysis.trial import Array, Trial
 
-Rows = NDArray[np.intp]
+RowNumbers = NDArray[np.intp]
 SWING = 0.1  # part of the range of motion by which the angle must come back for a turning point
 AT_AN_END = 0.1  # part of the range of motion within which a start counts as one end of the motion
 CLOSED = 0.05  # largest distance of a cycle's ends, as a part of the range of motion
@@ -44,7 +44,7 @@ class LoadingCycle:
         return slice(self.start, self.stop + 1)
 
     def pieces(self, theta: Array, direction: int) -> list[slice]:
-        """Rows, piece by piece, in which the angle (n,) goes in a direction, 1 up or -1 down."""
+        """RowNumbers, piece by piece, in which the angle (n,) goes in a direction, 1 up or -1 down."""
         edges = [self.start, *self.turns, self.stop]
         return [slice(a, b + 1) for a, b in pairwise(edges) if (theta[b] - theta[a]) * direction > 0]
 
@@ -149,7 +149,7 @@ def between_rests(theta: Array) -> slice:
     return slice(max(int(np.argmax(away)) - 1, 0), len(theta) - max(int(np.argmax(back[::-1])) - 1, 0))
 
 
-def rows_of_pieces(pieces: Sequence[slice]) -> Rows:
+def rows_of_pieces(pieces: Sequence[slice]) -> RowNumbers:
     return np.concatenate([np.arange(piece.start, piece.stop) for piece in pieces])
 
 
@@ -208,7 +208,7 @@ class Curve:
     torques: Array  # torque of each cycle (cycles, m)
 
 
-def grid_deg(theta: Array, branches: Sequence[Sequence[Rows]], step_deg: float) -> Array:
+def grid_deg(theta: Array, branches: Sequence[Sequence[RowNumbers]], step_deg: float) -> Array:
     """The angles [deg], multiples of a step, that every branch of every cycle passes."""
     low = max(float(theta[rows].min()) for cycle in branches for rows in cycle)
     high = min(float(theta[rows].max()) for cycle in branches for rows in cycle)
@@ -244,7 +244,7 @@ def local_parabola(theta: Array, torque: Array, at: float, window: float, indepe
 
 
 def branch_curve(
-    theta: Array, torque: Array, branches: Sequence[Rows], at: Array, window: float, independent: int
+    theta: Array, torque: Array, branches: Sequence[RowNumbers], at: Array, window: float, independent: int
 ) -> Curve:
     """A branch at the angles `at` (m,) [rad], from its rows in each cycle. With two cycles or more the intervals are
     those of their scatter (Student), with one those of its noise: the median density of its points, since at a kink

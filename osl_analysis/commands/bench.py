@@ -12,8 +12,8 @@ import polars as pl
 
 from osl_analysis.bench.analysis import FitTables
 from osl_analysis.bench.components import (
+    ACTUATOR_PARAMETERS,
     LOSSES,
-    PARAMETERS,
     PLACE,
     actuator_series,
     actuator_summary,
@@ -143,7 +143,7 @@ def fit_actuator_trial(trial: Trial, parameters: FileOrNone, settings: ActuatorA
     actuator = actuator_trial(trial, settings)
     table = plausible_actuator(actuator_table(actuator), rails, p)
     series = actuator_series(actuator)
-    return FitTables(series, lambda: {"timebase": actuator.time_base(PARAMETERS)}, actuator=table)
+    return FitTables(series, lambda: {"timebase": actuator.time_base(ACTUATOR_PARAMETERS)}, actuator=table)
 
 
 def fit_torque_angle_trial(

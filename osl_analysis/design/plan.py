@@ -56,7 +56,7 @@ class SteppedSine:
 
     @property
     def fitted(self) -> Array:
-        """Number of cycles at each frequency that are fitted, as `protocol.stepped_sine.settled` leaves them."""
+        """Number of cycles at each frequency that are fitted, as `protocol.stepped_sine.settled_cycles` leaves them."""
         return np.asarray(np.maximum(np.floor(np.asarray(self.cycles)) - self.settle_cycles - LAST_CYCLES, 1))
 
     @property

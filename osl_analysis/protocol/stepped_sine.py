@@ -284,7 +284,7 @@ class Segment:
     stop: float  # row at which the last one ends
     cycles: int  # number of cycles in between
     commanded: float | None = None  # amplitude of the protocol that it follows [rad]
-    used: tuple[int, ...] = ()  # its cycles that are fitted, counted from 0; see `settled`
+    used: tuple[int, ...] = ()  # its cycles that are fitted, counted from 0; see `settled_cycles`
 
     @cached_property
     def edges(self) -> Array:
@@ -307,7 +307,7 @@ def whole_rows(start: float, stop: float) -> slice:
     return slice(int(np.floor(start + 1e-6)), int(np.ceil(stop - 1e-6)))
 
 
-def settled(segment: Segment, settle_cycles: int, usable: NDArray[np.bool_]) -> Segment:
+def settled_cycles(segment: Segment, settle_cycles: int, usable: NDArray[np.bool_]) -> Segment:
     """The segment with the cycles that are `used`: not its first `settle_cycles` and not its last one; one is kept.
 
     The first cycles still contain the transient. Into the last one the zero-phase filter smears the beginning of the

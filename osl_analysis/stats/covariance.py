@@ -32,22 +32,16 @@ def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
     share = np.maximum(edges - row, 0.0)
     at = row + np.array([[-1], [0], [1]])
     inside = np.clip(at, 0, len(Y) - 1)
-    weights = cubic_weights(np.where(share < 1e-9, 0.0, share)) * (at == inside)
+    x = np.where(share < 1e-9, 0.0, share)
+    weights = np.array([x * (x - 1) * (x - 2), x * (x + 1) * (5 - 2 * x), x * (x + 1) * (x - 1)]) / 6 * (at == inside)
     parts = np.einsum("km,kmp,kmq->mpq", weights, X[inside], Y[inside])
     return np.asarray(whole + parts[1::2] - parts[::2])
-
-
-def cubic_weights(x: Array) -> Array:
-    """Weights (3, m) of the rows before, at and behind a row in the sum from its begin over x (m,) rows. That sum is a
-    cubic through the cumulative sums at -1, 0, 1 and 2 rows."""
-    return np.array([x * (x - 1) * (x - 2), x * (x + 1) * (5 - 2 * x), x * (x + 1) * (x - 1)]) / 6
 
 
 Covariance = tuple[Array, Array]
 """Covariance (p, p) of the estimates, and the degrees of freedom (p,) of the variances on its diagonal."""
 CYCLES = "cycles"  # name of the spread between cycles in the tables
 FEWEST_CYCLES = 5  # smallest number of cycles at one frequency whose spread gives an interval
-CERTAIN = 1e12  # degrees of freedom from which a variance is certain: the rounding of a sum would decide on more
 
 
 @dataclass(frozen=True)
@@ -120,7 +114,7 @@ def welch_satterthwaite(variances: Sequence[ArrayLike] | Array, degrees_of_freed
     as many as variances.
 
     Satterthwaite, Biometrics Bulletin 2, 1946; Welch, Biometrika 34, 1947. Infinite where all variances are zero,
-    or the uncertain ones vanish beside the others: where there would be more than `CERTAIN`.
+    or the uncertain ones vanish beside the others: the rounding of a sum would decide on more than 1e12.
 
     Raises InputError: A variance is not finite or beyond `LARGEST_VARIANCE`.
     """
@@ -131,5 +125,5 @@ def welch_satterthwaite(variances: Sequence[ArrayLike] | Array, degrees_of_freed
         certainty = certainty.reshape(-1, *[1] * (summands.ndim - 1))
     uncertainty = np.sum(certainty * summands**2, axis=0)
     total = np.sum(summands, axis=0) ** 2
-    counts = uncertainty > total / CERTAIN
+    counts = uncertainty > total / 1e12
     return np.asarray(np.divide(total, uncertainty, out=np.full_like(total, np.inf), where=counts))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.components import PARAMETERS, actuator_trial, belt_trial, moving_rows
+from osl_analysis.bench.components import ACTUATOR_PARAMETERS, actuator_trial, belt_trial, moving_rows
 from osl_analysis.bench.effects import IMPEDANCE, TRANSMISSION, Model, plain_sums, with_effects
 from osl_analysis.bench.phasors import SegmentPhasors, phasors_of_record, polar_row
 from osl_analysis.bench.record import Record, sine_record
@@ -403,7 +403,7 @@ class ActuatorExperiment:
     settings: SimulationSettings
     analysis: ActuatorAnalysis
     exact: Mapping[str, float]
-    names: tuple[str, ...] = PARAMETERS
+    names: tuple[str, ...] = ACTUATOR_PARAMETERS
 
     @property
     def theory(self) -> Mapping[str, float]:

@@ -418,12 +418,13 @@ def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, exam
 
 
 @main.command(
+    "run",
     cls=click.Command,
     context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
     epilog="Example: osl-analysis run results/figures/fig5.pdf -n",
 )
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
-def run(arguments: tuple[str, ...]) -> None:
+def run_campaign(arguments: tuple[str, ...]) -> None:
     """Analyse the campaign in this folder: everything, or the files that are named. Takes all options of Snakemake.
 
     The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options.
@@ -447,7 +448,9 @@ def doctor(look: bool) -> None:
         sys.exit(1)
 
 
-@main.command(cls=click.Command, epilog="Example: osl-analysis watch /data/today --source sources/my_bench.yaml")
+@main.command(
+    "watch", cls=click.Command, epilog="Example: osl-analysis watch /data/today --source sources/my_bench.yaml"
+)
 @click.argument("folder", type=FOLDER)
 @click.option(
     "--source", type=FILE, help="Source file that describes the recordings. Default: what the campaign has, or a guess."
@@ -459,12 +462,12 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
 
     Ctrl-C ends it. A recording that was examined is not examined again until it changes.
     """
-    from osl_analysis.commands.inspect import bench_of, watch
+    from osl_analysis.commands.inspect import bench_of, watched_lines
 
     bench = bench_of(config_path, source, output)
     say(f"watching {folder}; Ctrl-C ends")
     with suppress(KeyboardInterrupt):
-        for line in watch(folder, bench):
+        for line in watched_lines(folder, bench):
             say(line)
 
 
@@ -520,7 +523,9 @@ class PercentShare(click.ParamType[float]):
 PERCENT, POSITIVE, NOT_NEGATIVE = PercentShare(), click.FloatRange(0, min_open=True), click.FloatRange(0)
 
 
-@main.command(epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (or 100:400:50 and 0,5 for a grid)")
+@main.command(
+    "gains", epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (or 100:400:50 and 0,5 for a grid)"
+)
 @click.option(
     "--stiffness", type=NUMBER_LIST, help="Desired joint stiffness K_d [N·m/rad]: 300, 100,200 or 100:400:50."
 )
@@ -540,7 +545,7 @@ PERCENT, POSITIVE, NOT_NEGATIVE = PercentShare(), click.FloatRange(0, min_open=T
 @AS_JSON
 @click.option("--output", type=FILE, help="Write the table to this file (.csv or .json).")
 @click.option("--plot", type=FILE, help="Draw response, gains or trajectory to this file (.pdf, .svg or .png).")
-def gains(
+def select_gains(
     stiffness: list[float] | None,
     damping: list[float] | None,
     trajectory: Path | None,

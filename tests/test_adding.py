@@ -38,7 +38,7 @@ ADDITIONS = {
         place="bench",
         motion="theta",
         torque="torque",
-        tables=(Table("holding", derived={"holding_summary": "bench.summarise_holding"}),),
+        tables=(ResultTable("holding", derived={"holding_summary": "bench.summarise_holding"}),),
         fit=FitJob("bench.fit_holding_trial", {"settings": ("dynamometer", "FilterSettings")}),
     ),
 """,

@@ -23,7 +23,7 @@ from osl_analysis.commands.inspect import (
     quality_text,
     read_notes,
     recording_line,
-    watch,
+    watched_lines,
 )
 from osl_analysis.files import default_config
 
@@ -99,10 +99,10 @@ def test_what_was_not_examined_before_a_restart_is_examined_then_and_no_more(tmp
     clock = iter(range(0, 1000, 5))
     monkeypatch.setattr(module.time, "monotonic", lambda: float(next(clock)))
     monkeypatch.setattr(module.time, "sleep", lambda _: None)
-    first = watch(tmp_path / "in", bench)
+    first = watched_lines(tmp_path / "in", bench)
     assert " a.csv: " in next(first)
     first.close()
-    again = watch(tmp_path / "in", bench)
+    again = watched_lines(tmp_path / "in", bench)
     assert [" b.csv: " in next(again), " c.csv: " in next(again)] == [True, True]
     again.close()
     assert sorted(read_notes(bench.output / "examined.json")) == ["a.csv", "b.csv", "c.csv"]

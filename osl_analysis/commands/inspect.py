@@ -472,7 +472,7 @@ def bench_of(config_path: Path, source: Path | None, output: Path) -> WatchedBen
     return WatchedBench(config_path, config, campaign, None if source is None else source.stem, output)
 
 
-def watch(folder: Path, bench: WatchedBench) -> Iterator[str]:
+def watched_lines(folder: Path, bench: WatchedBench) -> Iterator[str]:
     """A line for each recording in a folder, and for each that comes, as soon as it is complete. It never ends."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; name the one that the recorder writes to")

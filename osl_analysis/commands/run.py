@@ -46,12 +46,12 @@ def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
     for before, argument in pairwise(("", *arguments)):
         option, is_stated, value = argument.partition("=")
         if before == PROFILE_OPTION:
-            yield profile(argument)
+            yield profile_folder(argument)
         else:
-            yield f"{PROFILE_OPTION}={profile(value)}" if option == PROFILE_OPTION and is_stated else argument
+            yield f"{PROFILE_OPTION}={profile_folder(value)}" if option == PROFILE_OPTION and is_stated else argument
 
 
-def profile(named: str) -> str:
+def profile_folder(named: str) -> str:
     """The folder of a profile, here or shipped, or `none`; another name is refused: Snakemake would go on without."""
     folder = shipped(named)
     if named != "none" and not folder.is_dir():

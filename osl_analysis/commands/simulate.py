@@ -8,7 +8,7 @@ from typing import Any
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.config.shared_choices import SharedChoices
-from osl_analysis.config.sheet import SHEET_COLUMNS, Sheet
+from osl_analysis.config.sheet import SHEET_COLUMNS, SheetRows
 from osl_analysis.config.yaml_settings import read_yaml, validated
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, check_output, check_target
@@ -35,7 +35,7 @@ def check_folder(folder: Path) -> None:
         )
 
 
-def planned_sheet(settings_path: Path, sheet: Path) -> Sheet | None:
+def planned_sheet(settings_path: Path, sheet: Path) -> SheetRows | None:
     """The plan of a simulated campaign, or None where the sheet on disk is to be read instead.
 
     A sheet that is newer than the settings is kept, so that trials can be excluded or added by hand. Settings that

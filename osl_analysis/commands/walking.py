@@ -75,7 +75,7 @@ LOADS = ("load", "pressure_left")
 PLATE_ERROR = "plate_error_"  # prefix of the columns with the plate's errors
 EVENTS = ("stance", "onset", "bridged", "quality", "turn", "body_mass")
 """What else a crossing has; its file says it in the provenance."""
-STEPS = {StaticCalibration: "calibrate", PlateModel: "identify-plate", PlatformModel: "measure-platform"}
+WRITTEN_BY = {StaticCalibration: "calibrate", PlateModel: "identify-plate", PlatformModel: "measure-platform"}
 """The step that writes each model."""
 Built = TypeVar("Built")
 
@@ -91,7 +91,7 @@ def write_model(model: Any, path: Path) -> None:
 def read_model(path: Path, kind: type[Built]) -> Built:
     """Read what `write_model` wrote."""
     needed = (one.name for one in fields(kind) if one.default is MISSING)  # type: ignore[arg-type]
-    model: Built = built(kind, read_json(path, STEPS[kind], *needed))
+    model: Built = built(kind, read_json(path, WRITTEN_BY[kind], *needed))
     return model
 
 

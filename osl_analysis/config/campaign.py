@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.config.configuration import Config, FrequencyResponseFigure
-from osl_analysis.config.experiments import Table
+from osl_analysis.config.experiments import ResultTable
 from osl_analysis.config.parameters import joint_of
-from osl_analysis.config.sheet import Sheet, read_sheet
+from osl_analysis.config.sheet import SheetRows, read_sheet
 from osl_analysis.config.yaml_settings import read_mapping
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config, digest
@@ -33,8 +33,8 @@ class Campaign:
     """The trials of a configuration."""
 
     config: Config  # the configuration
-    rows: Sheet  # of the sample sheet that are not excluded
-    unused: Sheet  # that are excluded, with the reasons in the column `exclude`
+    rows: SheetRows  # of the sample sheet that are not excluded
+    unused: SheetRows  # that are excluded, with the reasons in the column `exclude`
 
     @property
     def excluded(self) -> dict[str, str]:
@@ -144,7 +144,7 @@ class Campaign:
 
         return [trial for trial in self.trials("impedance") if is_known(self.row(trial)) and self.device(trial)]
 
-    def rows_of(self, experiment: str, table: Table) -> list[str]:
+    def rows_of(self, experiment: str, table: ResultTable) -> list[str]:
         """Names of the trials of an experiment that have rows in one of its tables."""
         return self.crossings(perturbed=True) if table.perturbed_only else self.trials(experiment)
 
@@ -167,7 +167,7 @@ class Campaign:
         return [self.config.sources / f"{row[c]}.yaml" for c in ("log_source", "mocap_source") if row[c]]
 
 
-def open_campaign(config: Config, planned: Sheet | None) -> Campaign:
+def open_campaign(config: Config, planned: SheetRows | None) -> Campaign:
     """The campaign of a configuration; `planned` is the sheet of a simulation that has not been written yet."""
     sheet = read_sheet(config.sheet) if planned is None else planned
     used = {trial: row for trial, row in sheet.items() if row["exclude"] is None}

@@ -14,7 +14,7 @@ PROTOCOL = ("amplitudes_deg", "frequencies_hz", "cycles", "seconds_per_frequency
 
 
 @dataclass(frozen=True)
-class Table:
+class ResultTable:
     """A result table `tables/<name>.csv` with rows of every trial of an experiment."""
 
     name: str
@@ -25,7 +25,7 @@ class Table:
     published: bool = True  # False if only the files of the single trials are used and no common table is written
 
 
-OF_ALL = (Table("timebase", judged=False), Table("series", judged=False, published=False))
+OF_ALL = (ResultTable("timebase", judged=False), ResultTable("series", judged=False, published=False))
 """Of every bench experiment: what the time base did to a trial; its measured and modelled signals, for the report."""
 
 
@@ -62,7 +62,7 @@ class Experiment:
     walker: bool = False  # somebody stands or walks on the force plates
     log: str | None = None  # source file of the simulated log; None if the simulator records no log
     mocap: str | None = None  # source file of the simulated capture; None if the simulator records none
-    tables: tuple[Table, ...] = ()  # result tables with rows of every trial; the fit writes them in this order
+    tables: tuple[ResultTable, ...] = ()  # result tables with rows of every trial; the fit writes them in this order
     further_tables: tuple[str, ...] = ()  # result tables that separate rules compute from all trials together
     judged_further: tuple[str, ...] = ()  # those of them whose rows have limits under `doubtful`
     fit: FitJob | None = None  # the job that fits one trial; None if separate rules do this
@@ -86,8 +86,8 @@ EXPERIMENTS: dict[str, Experiment] = {
         "input shaft locked, joint moved and back: belt stiffness",
         signals=("theta_m",),
         tables=(
-            Table("belt", derived={"belt_summary": "bench.summarise_belt"}),
-            Table("belt_curves", judged=False, published=False),
+            ResultTable("belt", derived={"belt_summary": "bench.summarise_belt"}),
+            ResultTable("belt_curves", judged=False, published=False),
             *OF_ALL,
         ),
         fit=FitJob("bench.fit_belt_trial", {"settings": ("dynamometer", "BeltAnalysis")}, parameters=True),
@@ -96,7 +96,7 @@ EXPERIMENTS: dict[str, Experiment] = {
     "transmission": on_dynamometer(
         "motor detached, stepped sine: B_j and J_j",
         stepped_sine=True,
-        tables=(Table("transmission", derived={"transmission_summary": "bench.summarise_transmission"}), *OF_ALL),
+        tables=(ResultTable("transmission", derived={"transmission_summary": "bench.summarise_transmission"}), *OF_ALL),
         fit=FitJob(
             "bench.fit_transmission_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")}, parameters=True
         ),
@@ -109,7 +109,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         torque="torque_m",
         signals=("current",),
         log="actuator",
-        tables=(Table("actuator", derived={"actuator_summary": "bench.summarise_actuator"}), *OF_ALL),
+        tables=(ResultTable("actuator", derived={"actuator_summary": "bench.summarise_actuator"}), *OF_ALL),
         fit=FitJob("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}, parameters=True),
         impedance=("", "B_m", "J_m"),
     ),
@@ -118,11 +118,13 @@ EXPERIMENTS: dict[str, Experiment] = {
         stepped_sine=True,
         any_motion=True,
         tables=(
-            Table("impedance", derived={"impedance_repeats": "bench.average_over_trials"}),
-            Table("phasors", doubts_of="impedance", derived={"frequency_response": "bench.average_over_amplitudes"}),
-            Table("response", doubts_of="impedance"),
-            Table("response_models", doubts_of="impedance"),
-            Table("response_lines", judged=False, published=False),
+            ResultTable("impedance", derived={"impedance_repeats": "bench.average_over_trials"}),
+            ResultTable(
+                "phasors", doubts_of="impedance", derived={"frequency_response": "bench.average_over_amplitudes"}
+            ),
+            ResultTable("response", doubts_of="impedance"),
+            ResultTable("response_models", doubts_of="impedance"),
+            ResultTable("response_lines", judged=False, published=False),
             *OF_ALL,
         ),
         further_tables=("response_pooled", "response_models_pooled"),
@@ -137,9 +139,9 @@ EXPERIMENTS: dict[str, Experiment] = {
     "torque_angle": on_dynamometer(
         "slow cycles of a passive foot, spring or elastic element: stiffness over angle, energy, hysteresis",
         tables=(
-            Table("torque_angle"),
-            Table("torque_angle_curves", judged=False),
-            Table("torque_angle_cycles", judged=False),
+            ResultTable("torque_angle"),
+            ResultTable("torque_angle_curves", judged=False),
+            ResultTable("torque_angle_cycles", judged=False),
             *OF_ALL,
         ),
         fit=FitJob(
@@ -166,7 +168,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         walker=True,
         log="leg",
         mocap="vicon",
-        tables=(Table("walking", perturbed_only=True),),
+        tables=(ResultTable("walking", perturbed_only=True),),
         further_tables=(
             "walking_summary",
             "walking_groups",
@@ -183,7 +185,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         place="walkway",
         bare_plate=True,
         walker=True,
-        tables=(Table("ankle_moment", judged=False),),
+        tables=(ResultTable("ankle_moment", judged=False),),
         fit=FitJob(
             "walking.compare_ankle_moment", {"settings": ("overground", "OvergroundAnalysis")}, sheet=("body_mass_kg",)
         ),

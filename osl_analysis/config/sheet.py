@@ -101,11 +101,11 @@ SHEET_COLUMNS = (
     "trial", "experiment", "controller", "K_d", "B_d", "perturbed", "log", "log_source", "mocap", "mocap_source",
     "log_part", "desired", "windows", "exclude", "accept", "joint", *CONDITIONS, "body_mass_kg", "static",
 )  # fmt: skip
-Sheet = dict[str, dict[str, Any]]
+SheetRows = dict[str, dict[str, Any]]
 """The rows of a sheet by trial, with all columns; None where a cell is empty."""
 
 
-def read_sheet(path: Path) -> Sheet:
+def read_sheet(path: Path) -> SheetRows:
     """Read and validate a sample sheet, CSV in UTF-8.
 
     trial: its name, of letters, digits, `_`, `.` and `-`.

@@ -12,7 +12,7 @@ VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command li
 SHARE = 0.8
 """Of the memory of the machine, or of its batch job, that is the limit where none is stated: the rest is others'."""
 MB = 1_000_000
-CONTROLLERS = {"": ("", "memory.max"), "memory": ("memory", "memory.limit_in_bytes")}
+LIMIT_FILES = {"": ("", "memory.max"), "memory": ("memory", "memory.limit_in_bytes")}
 """Folder and file of the limit of a container, by what Linux lists as its controllers (version 2 and 1)."""
 
 
@@ -59,7 +59,7 @@ def machine_memory() -> int:
     with suppress(OSError, ValueError):
         for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines():
             _, controllers, place = line.split(":", 2)
-            root, name = CONTROLLERS.get(controllers, ("", ""))
+            root, name = LIMIT_FILES.get(controllers, ("", ""))
             own = Path("/sys/fs/cgroup", root, place.lstrip("/"))
             texts = [(one / name).read_text(encoding="ascii") for one in (own, *own.parents) if (one / name).is_file()]
             found += [int(text) for text in texts if text.strip().isdigit()]

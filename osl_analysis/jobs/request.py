@@ -118,7 +118,7 @@ def contents(files: Iterable[Path]) -> dict[str, str | None]:
     return {str(file): digest_of(Path(file)) for file in files}
 
 
-def recorded(files: Iterable[Path]) -> dict[str, Any]:
+def states_of(files: Iterable[Path]) -> dict[str, Any]:
     """State of recordings. As inputs, Snakemake would ignore an older date, and stop where it cannot read one."""
     return {str(file): file_state(file) for file in files}
 
@@ -200,7 +200,7 @@ class Requests:
             "output": output,
             "settings": settings or {},
             "made_of": contents(made_of),
-            "recorded": recorded(recordings),
+            "recorded": states_of(recordings),
         }
         write_request(path, content, frozen=not self.workflow.is_main_process)
         listed = {"after": [str(file) for file in after], "needs": [str(file) for file in needs]}

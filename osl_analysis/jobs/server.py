@@ -207,7 +207,7 @@ class Server:
             link.close()
 
 
-def main(what: str, argument: str, pid: str = "0") -> int:
+def begin(what: str, argument: str, pid: str = "0") -> int:
     """Serve, or do one job."""
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -225,4 +225,4 @@ def main(what: str, argument: str, pid: str = "0") -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:]))
+    sys.exit(begin(*sys.argv[1:]))

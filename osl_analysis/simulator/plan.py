@@ -4,7 +4,7 @@ import itertools
 from collections import Counter
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.config.sheet import JOINT, SHEET_COLUMNS, Sheet
+from osl_analysis.config.sheet import JOINT, SHEET_COLUMNS, SheetRows
 from osl_analysis.errors import InputError
 from osl_analysis.simulator.settings import SimulationSettings, stream
 
@@ -12,7 +12,7 @@ TWO_NODES = "_nodes"  # Ending of the name of a bench's source file if two nodes
 PlannedRow = dict[str, object]
 
 
-def plan_trials(settings: SimulationSettings) -> Sheet:
+def plan_trials(settings: SimulationSettings) -> SheetRows:
     """One row per trial, in the columns of `sheet.py`. The same settings give the same plan. Whether a crossing is
     perturbed depends on the seed and its name, not on the number of crossings."""
     return {str(row["trial"]): dict.fromkeys(SHEET_COLUMNS) | row for row in planned_rows(settings)}

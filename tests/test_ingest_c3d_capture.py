@@ -13,7 +13,7 @@ from recognised_files import refusal_by
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.c3d import read_c3d
-from osl_analysis.ingest.captures import ForcePlate, plates_of
+from osl_analysis.ingest.captures import ForcePlate, plate_loads
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.ingest.source import Source
@@ -513,8 +513,8 @@ def test_a_plate_that_cannot_be_computed_is_refused(
 @pytest.mark.parametrize(("file", "plate"), PLATES, ids=lambda value: str(value).split(".")[0])
 def test_real_plates_give_the_reference_wrench(file: str, plate: int) -> None:
     recording = read_c3d(REAL_DATA / "c3d" / file)
-    geometry, channels = plates_of(recording, FORMATS["c3d"].source(format="c3d", plates=(plate + 1,)))[0]
-    force, moment = geometry.wrench(channels)
+    load = plate_loads(recording, FORMATS["c3d"].source(format="c3d", plates=(plate + 1,)))[0]
+    force, moment = load.force, load.moment
     for row in ROWS.filter((pl.col("file") == file) & (pl.col("plate") == plate)).iter_rows(named=True):
         sample = row["analog_sample"]
         expected_force = [row["Fx"], row["Fy"], row["Fz"]]

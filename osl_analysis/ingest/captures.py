@@ -319,20 +319,16 @@ def channel_facts(labels: Sequence[str], channels: Array, force: Array, rate: fl
         repeated = [slice(run.start, run.stop + 1) for run in runs(np.diff(values) == 0)]
         standing = [run for run in repeated if np.ptp(load[run]) > least]
         longest = max(standing, key=lambda run: run.stop - run.start, default=slice(0, 0))
-        at = float(values[clipped.start]) if clipped.stop > clipped.start else None
-        spans = spanned("clipped", clipped, rate) | {"clipped_at": at} | spanned("stands", longest, rate)
+        spans = {"clipped_at": float(values[clipped.start]) if clipped.stop > clipped.start else None}
+        for what, run in (("clipped", clipped), ("stands", longest)):
+            found = run.stop > run.start
+            spans |= {
+                f"{what}_samples": int(run.stop - run.start),
+                f"{what}_from_s": run.start / rate if found else None,
+                f"{what}_to_s": (run.stop - 1) / rate if found else None,
+            }
         facts.append({"label": label, **spans})
     return facts
-
-
-def spanned(name: str, run: slice, rate: float) -> dict[str, Any]:
-    """A run's length in samples, and the times [s] of its first and last sample; None for an empty run."""
-    found = run.stop > run.start
-    return {
-        f"{name}_samples": int(run.stop - run.start),
-        f"{name}_from_s": run.start / rate if found else None,
-        f"{name}_to_s": (run.stop - 1) / rate if found else None,
-    }
 
 
 def plate_count(recording: C3DRecording) -> int:
@@ -342,39 +338,39 @@ def plate_count(recording: C3DRecording) -> int:
     return int(used[0]) if used.size else 0
 
 
-def plates_of(recording: C3DRecording, source: Source) -> list[tuple[ForcePlate, Array]]:
-    """The plates that the source file asks for, each with its channels (samples, channels) for `ForcePlate.wrench`."""
-    count = plate_count(recording)
-    wanted = range(1, count + 1) if source.plates == "all" else source.plates
-    plates = []
-    for number in wanted:
+def plate_loads(recording: C3DRecording, source: Source) -> list[PlateLoad]:
+    """What the plates that the source file asks for recorded."""
+    count, loads = plate_count(recording), []
+    for number in range(1, count + 1) if source.plates == "all" else source.plates:
         if not 1 <= number <= count:
             raise InputError(
                 f"no force plate {number}; the file has {count}, counted from 1; correct `plates` in the source file"
             )
         try:
-            plate = c3d_plate(recording, source, number)
-            plates.append((plate, channels_in_si(recording, source, plate)))
+            loads.append(plate_load(recording, source, number))
         except InputError as error:
             others = [other for other in range(1, count + 1) if other != number] or "none"
             raise InputError(f"{error} (or leave this plate out: `plates: {others}`)") from error
-    return plates
-
-
-def plate_loads(recording: C3DRecording, source: Source) -> list[PlateLoad]:
-    """What the plates that the source file asks for recorded, and from which channels."""
-    loads = []
-    for plate, channels in plates_of(recording, source):
-        numbers, labels = channel_numbers(recording, plate), recording.analog_labels
-        named = [printable(labels[n]) if n < len(labels) else "" for n in numbers]
-        units = [recording.analog_unit(number) for number in numbers]
-        origin = {"type": plate.type, "analogs": [n + 1 for n in numbers], "units": units}
-        force, moment = plate.wrench(channels)
-        rate = recording.header.rate * recording.header.samples_per_frame
-        shown = [name or f"analog {n + 1}" for name, n in zip(named, numbers, strict=True)]
-        raw = channel_facts(shown, recording.analogs[:, numbers], force, rate)
-        loads.append(PlateLoad(plate.number, plate.type, plate.corners, force, moment, origin, raw))
     return loads
+
+
+def plate_load(recording: C3DRecording, source: Source, number: int) -> PlateLoad:
+    """What one plate recorded, and from which channels."""
+    plate, header, labels = c3d_plate(recording, source, number), recording.header, recording.analog_labels
+    needed = PLATE_CHANNELS[plate.type]
+    stated = plate_parameter(recording, "CHANNEL", number, (0,)).astype(int)[:needed]
+    if stated.size < needed or (stated < 1).any() or (stated > header.channels).any():
+        raise InputError(
+            f"plate {number} of type {plate.type} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives "
+            f"{stated.tolist()} of the file's {header.channels}; correct it"
+        )
+    numbers = [int(one) - 1 for one in stated]
+    force, moment = plate.wrench(channels_in_si(recording, source, plate, numbers))
+    units = [recording.analog_unit(n) for n in numbers]
+    origin = {"type": plate.type, "analogs": [n + 1 for n in numbers], "units": units}
+    shown = [(printable(labels[n]) if n < len(labels) else "") or f"analog {n + 1}" for n in numbers]
+    raw = channel_facts(shown, recording.analogs[:, numbers], force, header.rate * header.samples_per_frame)
+    return PlateLoad(number, plate.type, plate.corners, force, moment, origin, raw)
 
 
 def c3d_plate(recording: C3DRecording, source: Source, number: int) -> ForcePlate:
@@ -394,21 +390,9 @@ def c3d_plate(recording: C3DRecording, source: Source, number: int) -> ForcePlat
     return ForcePlate(number, kind, corners, origin, matrix)
 
 
-def channel_numbers(recording: C3DRecording, plate: ForcePlate) -> list[int]:
-    """The plate's analog channels, counted from 0."""
-    needed = PLATE_CHANNELS[plate.type]
-    numbers = plate_parameter(recording, "CHANNEL", plate.number, (0,)).astype(int)[:needed]
-    if numbers.size < needed or (numbers < 1).any() or (numbers > recording.header.channels).any():
-        raise InputError(
-            f"plate {plate.number} of type {plate.type} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives "
-            f"{numbers.tolist()} of the file's {recording.header.channels}; correct it"
-        )
-    return [int(number) - 1 for number in numbers]
-
-
-def channels_in_si(recording: C3DRecording, source: Source, plate: ForcePlate) -> Array:
-    """The plate's samples (samples, channels) in SI units; for type 4 as they are, for the calibration."""
-    numbers = channel_numbers(recording, plate)
+def channels_in_si(recording: C3DRecording, source: Source, plate: ForcePlate, numbers: list[int]) -> Array:
+    """The samples (samples, channels) of a plate's channels, counted from 0, in SI units; for type 4 as they are, for
+    the calibration."""
     values = recording.analogs[:, numbers]
     if not np.isfinite(values).all():
         row, column = np.argwhere(~np.isfinite(values))[0]
@@ -425,8 +409,20 @@ def channels_in_si(recording: C3DRecording, source: Source, plate: ForcePlate) -
         values = values - unloaded
     if plate.type == 4:
         return values
-    quantities = zip(numbers, MEASURED_BY_TYPE[plate.type], strict=True)
-    return np.asarray(values * np.array([plate_factor(recording, source, n, q, plate.type) for n, q in quantities]))
+    factors, stated = [], source.plate_units
+    for number, quantity in zip(numbers, MEASURED_BY_TYPE[plate.type], strict=True):
+        unit = recording.analog_unit(number)
+        if stated:
+            unit = {"N": stated.force, "N*m": stated.moment, "m": stated.length}[quantity] or unit
+        try:
+            factors.append(si_factor(unit, quantity))
+        except InputError as error:
+            fields = "{force: N, moment: N*mm, length: mm}" if plate.type == 1 else "{force: N, moment: N*mm}"
+            raise InputError(
+                f"analog channel {number + 1}: {error}; or state the units that hold for all plates, as in "
+                f"`plate_units: {fields}`, in {source.place('plate_units').partition(' in ')[2]}"
+            ) from error
+    return np.asarray(values * np.array(factors))
 
 
 def baseline_frames(recording: C3DRecording, source: Source) -> tuple[int, int] | None:
@@ -441,21 +437,6 @@ def baseline_frames(recording: C3DRecording, source: Source) -> tuple[int, int] 
             "in which the plates are unloaded as `plate_zero`, or none"
         )
     return first, last
-
-
-def plate_factor(recording: C3DRecording, source: Source, channel: int, quantity: str, kind: int) -> float:
-    """Factor of a channel, counted from 0, of a plate of type `kind` to the SI unit of its quantity."""
-    unit, stated = recording.analog_unit(channel), source.plate_units
-    if stated:
-        unit = {"N": stated.force, "N*m": stated.moment, "m": stated.length}[quantity] or unit
-    try:
-        return si_factor(unit, quantity)
-    except InputError as error:
-        fields = "{force: N, moment: N*mm, length: mm}" if kind == 1 else "{force: N, moment: N*mm}"
-        raise InputError(
-            f"analog channel {channel + 1}: {error}; or state the units that hold for all plates, as in "
-            f"`plate_units: {fields}`, in {source.place('plate_units').partition(' in ')[2]}"
-        ) from error
 
 
 def plate_parameter(recording: C3DRecording, name: str, number: int, shape: tuple[int, ...] = ()) -> Array:
@@ -485,7 +466,12 @@ def read_nexus_capture(path: Path, source: Source) -> Recording:
     if labels == "all":  # but for `*1`, a subject alone (`Anna:`) and nothing
         names = sections["Trajectories"].names if "Trajectories" in sections else []
         labels = tuple(dict.fromkeys(name for name in names if is_labelled(without_subject(name))))
-    markers = [nexus_track(sections, label) for label in labels]
+    markers = []
+    for label in labels:  # a marker was not seen where the cells are empty, or at the exact origin
+        columns = [section_of(sections, "Trajectories").column(label, axis) for axis in AXES]
+        positions = np.column_stack([values for values, _ in columns])
+        positions[(positions == 0).all(axis=1)] = np.nan
+        markers.append(MarkerTrack(label, without_subject(label), positions, columns[0][1]))
     outputs = {
         column: section_of(sections, "Model Outputs").column(output.label, output.component)[0]
         for column, output in source.outputs.items()
@@ -524,14 +510,6 @@ def section_of(sections: Sections, title: str) -> NexusSection:
     if title not in sections:
         raise InputError(f"no section {title}; the file has {', '.join(sections)}; export it too")
     return sections[title]
-
-
-def nexus_track(sections: Sections, label: str) -> MarkerTrack:
-    """One marker by its label; it was not seen where the cells are empty, or at the exact origin."""
-    columns = [section_of(sections, "Trajectories").column(label, axis) for axis in AXES]
-    positions = np.column_stack([values for values, _ in columns])
-    positions[(positions == 0).all(axis=1)] = np.nan
-    return MarkerTrack(label, without_subject(label), positions, columns[0][1])
 
 
 def nexus_plate(sections: Sections, number: int, plate: Plate) -> PlateLoad:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import asdict
 from itertools import product
 
 import numpy as np
@@ -16,9 +17,14 @@ from osl_analysis.timebase.device_clock import (
     ClockDrift,
     check_drift,
 )
-from osl_analysis.timebase.grid import UniformGrid, one_time_base
+from osl_analysis.timebase.grid import GapLimits, UniformSignals, on_one_grid
 from osl_analysis.timebase.samples import take
 from osl_analysis.timebase.stream import Stream, count_from_stamps
+
+
+def one_time_base(streams: list[Stream]) -> UniformSignals:
+    return on_one_grid(take(streams), GapLimits())
+
 
 JOINT = np.array([300.0, 5.0, 0.02])
 SIZE = np.deg2rad(4.0)
@@ -93,7 +99,7 @@ def logger(random, rate=500.0):
     return np.maximum.accumulate(t + late) + 1e-9 * np.arange(len(t))
 
 
-def errors_of(grid: UniformGrid, torque="torque"):
+def errors_of(grid: UniformSignals, torque="torque"):
     """Errors of K, B, I [%] of least squares behind a 15 Hz filter, on the usable rows."""
     sections = butter(4, min(15.0, 0.4 * grid.rate_hz), fs=grid.rate_hz, output="sos")
     theta, tau = (sosfiltfilt(sections, grid.signals[n], padlen=int(grid.rate_hz / 5)) for n in ("theta", torque))
@@ -423,7 +429,7 @@ def test_the_report_is_plain_json_with_every_number_that_provenance_states():
     kept = (t < 20) | (t >= 20.1)
     stamps = t + 2e-5 * random.standard_normal(len(t))
     grid = one_time_base([joint(stamps, stamps), cell(t[kept], t[kept], random)])
-    said = json.loads(json.dumps(grid.report.provenance(), allow_nan=False))
+    said = json.loads(json.dumps(asdict(grid.report), allow_nan=False))
     assert said["rows"] == len(grid.time)
     assert said["masked"] == np.count_nonzero(~grid.usable)
     assert 1e-5 < said["farthest_s"] < 5.1e-4  # of the rows outside the gap, which is 100 ms long

@@ -26,7 +26,7 @@ from osl_analysis.ingest.units import si_factor
 from osl_analysis.signals import run_at_extreme, runs
 from osl_analysis.trial import AXES, Array, marker_columns, plate_columns, unit_of
 
-Columns = dict[str, Array]
+ByColumn = dict[str, Array]
 Origins = dict[str, dict[str, Any]]
 
 
@@ -115,9 +115,9 @@ def captured(capture: Capture, source: Source) -> Recording:
     return Recording(samples, origins, facts, [*capture.warnings, *[hidden] * (not seen)])
 
 
-def marker_signals(capture: Capture, source: Source) -> tuple[Columns, Origins]:
+def marker_signals(capture: Capture, source: Source) -> tuple[ByColumn, Origins]:
     """Three columns [m] per marker, (frames,) each."""
-    columns, origins = Columns(), Origins()
+    columns, origins = ByColumn(), Origins()
     for marker in capture.markers:
         factor = si_factor(marker.unit, "m")
         turned = marker.positions @ source.rotation.T * factor
@@ -130,9 +130,9 @@ def marker_signals(capture: Capture, source: Source) -> tuple[Columns, Origins]:
     return columns, origins
 
 
-def plate_signals(plates: Sequence[PlateLoad], rotation: Array) -> tuple[Columns, Origins]:
+def plate_signals(plates: Sequence[PlateLoad], rotation: Array) -> tuple[ByColumn, Origins]:
     """Force [N] and moment [N*m] columns per plate in our axes, (samples,) each."""
-    columns, origins = Columns(), Origins()
+    columns, origins = ByColumn(), Origins()
     for plate in plates:
         for quantity, values in (("force", plate.force), ("moment", plate.moment)):
             turned = values @ rotation.T

@@ -186,7 +186,7 @@ SECTIONS = 12  # parts of the recording, whose lags give the drift
 ONE_SIGNAL = 0.5  # smallest correlation that counts as one signal
 RIVAL = 0.8  # of the highest peak: a second peak above this makes the lag ambiguous
 OVERLAP = 0.5  # smallest common part, as a share of the shorter recording
-STILL = 0.05  # of the variance of the recording: a section with less is not used
+QUIET_SHARE = 0.05  # of the variance of the recording: a section with less is not used
 
 
 @dataclass(frozen=True)
@@ -250,8 +250,8 @@ def whole_lag(ours: Array, theirs: Array) -> int:
     covariance = fftconvolve(theirs, flipped) - sum_ours * sum_theirs / overlap
     scatter_ours = fftconvolve(other, flipped**2) - sum_ours**2 / overlap
     scatter_theirs = fftconvolve(theirs**2, one) - sum_theirs**2 / overlap
-    # over a quiet overlap the coefficient would be noise: its scatter counts as at least STILL of the whole
-    floor_ours, floor_theirs = (max(STILL * float((x**2).sum()), np.finfo(float).tiny) for x in (ours, theirs))
+    # over a quiet overlap the coefficient would be noise: its scatter counts as at least QUIET_SHARE of the whole
+    floor_ours, floor_theirs = (max(QUIET_SHARE * float((x**2).sum()), np.finfo(float).tiny) for x in (ours, theirs))
     scatter = np.maximum(scatter_ours, floor_ours) * np.maximum(scatter_theirs, floor_theirs)
     enough = overlap >= OVERLAP * min(ours.size, theirs.size)
     lags = (np.arange(overlap.size) - (ours.size - 1))[enough]
@@ -286,7 +286,7 @@ def section_lags(ours: Array, theirs: Array, lag: int) -> tuple[Array, Array]:
     for start in range(begin, begin + length * SECTIONS, length):
         part = ours[start : start + length]
         low, high = start + lag - reach, start + lag + length + reach
-        if low < 0 or high > theirs.size or part.var() < STILL * ours.var():
+        if low < 0 or high > theirs.size or part.var() < QUIET_SHARE * ours.var():
             continue
         windows = np.lib.stride_tricks.sliding_window_view(theirs[low:high], part.size)
         scatter = np.maximum(windows.std(axis=1), np.finfo(float).tiny)

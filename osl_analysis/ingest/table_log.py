@@ -45,7 +45,7 @@ def read_table_log(path: Path, source: Source) -> Recording:
     Raises InputError: the recording is not what the source file says, or holds no numbers where it should.
     """
     tables = TABLE_FORMATS[source.format](path, source)
-    parts = [(start, recorded(table, source, path.name)) for start, table in tables]
+    parts = [(start, table_recording(table, source, path.name)) for start, table in tables]
     recording = parts[0][1] if len(parts) == 1 else on_one_time(parts, path.name)
     if source.format == "opensim" and source.plates:
         return exported_plates(tables[0][1], recording, source)
@@ -58,7 +58,7 @@ def wanted(source: Source) -> list[str]:
     return [*dict.fromkeys(name for name in [source.time.name, *named] if name)]
 
 
-def recorded(table: Table, source: Source, file: str) -> Recording:
+def table_recording(table: Table, source: Source, file: str) -> Recording:
     """The channels of the source file that a table has."""
     channels = {column: one for column, one in source.channels.items() if one.name in table.columns}
     time, start = time_of(table, source)

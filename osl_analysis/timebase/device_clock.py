@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.stream import Places, line_through
+from osl_analysis.timebase.stream import SampleCount, line_through
 from osl_analysis.trial import Array
 
 ONE_SIDED = 0.5
@@ -23,7 +23,7 @@ class DeviceClock:
     """Stamps of a stream against the least-squares line through them."""
 
     stamps: Array  # (n,) [s]
-    count: Places  # (n,) place of every sample in the device's count
+    count: SampleCount  # (n,) place of every sample in the device's count
     start: float  # the line's value [s] at count 0
     step: float  # its slope [s]
 
@@ -94,7 +94,7 @@ def skewness(values: Array) -> float:
     return float(apart @ (apart * apart)) / len(apart) / sd**3 if sd else np.nan
 
 
-def device_clock(stamps: Array, count: Places) -> DeviceClock:
+def device_clock(stamps: Array, count: SampleCount) -> DeviceClock:
     """The line through stamps (n,) [s] over their count (n,)."""
     step = line_through(count, stamps)[0]
     return DeviceClock(stamps, count, float(np.mean(stamps) - step * np.mean(count)), step)
@@ -116,7 +116,9 @@ def lower_edge(x: Array, y: Array) -> tuple[float, float]:
     return float(y[left] - slope * x[left]), float(slope)
 
 
-SURE = 4.0  # standard errors by which a drift must differ from zero before it is believed, if they are known exactly
+SURE_OF_DRIFT = (
+    4.0  # standard errors by which a drift must differ from zero before it is believed, if they are known exactly
+)
 
 
 @dataclass(frozen=True)
@@ -130,9 +132,9 @@ class ClockDrift:
     @property
     def certain_ppm(self) -> float:
         """The drift [ppm] if it is larger than chance makes it, else 0. Of an estimated error as many are needed as are
-        as rare as `SURE` of an exact one (Student)."""
-        rare = float(scipy.special.ndtr(-SURE))
-        enough = SURE if np.isinf(self.freedom) else float(-scipy.special.stdtrit(self.freedom, rare))
+        as rare as `SURE_OF_DRIFT` of an exact one (Student)."""
+        rare = float(scipy.special.ndtr(-SURE_OF_DRIFT))
+        enough = SURE_OF_DRIFT if np.isinf(self.freedom) else float(-scipy.special.stdtrit(self.freedom, rare))
         return self.ppm if abs(self.ppm) > enough * self.se else 0.0
 
 

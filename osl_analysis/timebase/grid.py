@@ -6,7 +6,7 @@ marked so that fits leave their rows out, long ones refused.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -115,15 +115,6 @@ class TimebaseReport:
     highest_hz: float  # [Hz] the motion for which the errors of the interpolation are stated
     streams: tuple[StreamReport, ...]
 
-    @property
-    def firm(self) -> bool:
-        """No decision is open."""
-        return all(stream.firm for stream in self.streams)
-
-    def provenance(self) -> dict[str, Any]:
-        """Plain numbers, words and lists, fit for JSON."""
-        return asdict(self) | {"streams": [asdict(stream) for stream in self.streams]}
-
 
 def cubic_error(frequency_hz: float, step: float) -> float:
     """Largest error of a cubic through a sine sampled at `step` [s], as a share of its amplitude: (2 pi f h)^4 / 384.
@@ -167,41 +158,98 @@ STEP_KNOWN = 1e6  # rows of a grid from which that distance grows with their num
 
 
 @dataclass(frozen=True)
-class UniformGrid:
-    """Signals of all streams at uniform times."""
+class SensorLowPass:
+    """Analogue Butterworth low-pass of a sensor or its amplifier: causal, run once, with its phase."""
+
+    cutoff_hz: float
+    order: int
+
+    def __call__(self, values: Array, rate_hz: float) -> Array:
+        """Samples (n,), taken at `rate_hz`, after the filter. The filter starts at rest at the first sample.
+
+        The bilinear transform without prewarping: at frequency f it is the analogue filter at f (1 + (pi f/rate)^2/3),
+        8e-5 too high for 5 Hz at 1 kHz. The cut-off may lie above half the rate.
+        """
+        unwarped = rate_hz / np.pi * np.arctan(np.pi * self.cutoff_hz / rate_hz)
+        sections = scipy.signal.butter(self.order, unwarped, fs=rate_hz, output="sos")
+        filtered, _ = scipy.signal.sosfilt(sections, values, zi=scipy.signal.sosfilt_zi(sections) * values[0])
+        return np.asarray(filtered)
+
+    def __str__(self) -> str:
+        return f"{self.cutoff_hz:g} Hz, order {self.order}"
+
+
+@dataclass(frozen=True)
+class UniformSignals:
+    """Signals of all streams of a trial at uniform times."""
 
     time: Array  # (m,) [s]
     rate_hz: float
-    signals: Mapping[str, Array]  # (m,) each, in the units of the streams, without the silent ones
+    signals: Mapping[str, Array]
+    """By name (m,), in the units of the streams, without the silent ones, after the low-pass filters that the others'
+    sensors have and its own has not."""
     usable: NDArray[np.bool_]
     """(m,) false where a row lies in or near a marked gap. Filter and differentiate all rows, then drop these."""
-    report: TimebaseReport  # what was done, for provenance
+    report: TimebaseReport  # what was decided and done
     taken: tuple[Taken, ...]
     limits: GapLimits
+    trial: str = ""
+    low_passes: Mapping[str, SensorLowPass] = field(default_factory=dict)
+    """By column its sensor's own, where the source file states one."""
+    devices: Mapping[str, str] = field(default_factory=dict)
+    """By column the one that stands for all columns with the same stamps."""
 
-    def other_hypothesis(self, *, firm_too: bool = False) -> "UniformGrid | None":
-        """The grid with every undecided stream taken the other way: true stamps as even, even ones as true. None where
-        no stream is undecided. The difference of the two fits is what the missing decision costs. With `firm_too` the
-        streams that the signals decided are also taken the other way."""
-        turned = [t.decision.matters and (firm_too or not t.decision.firm) for t in self.taken]
+    def __getitem__(self, column: str) -> Array:
+        return self.signals[column]
+
+    def sampled(self, column: str) -> Array:
+        """When the sensor of a column took its samples (k,) [s], on the grid's clock; `time` where it took the rows."""
+        sensor = next((one for one in self.taken if column in one.decision.signals), None)
+        if sensor is None:  # no stream has it by this name: the rows are all that is known
+            return self.time
+        samples = sensor.samples()
+        return samples.times if rows_on_grid(samples, self.time) is None else self.time
+
+    def as_recorded(self, column: str) -> Array:
+        """The values (k,) of a column as its recorder has them, without those that are missing."""
+        taken = next(one for one in self.taken if column in one.decision.signals)
+        return taken.stream.signals[column][taken.present]
+
+    def alike(self, column: str, signal: Array) -> Array:
+        """A column (m,) through the low-pass filters of the others that its own sensor lacks, each once."""
+        for low_pass in dict.fromkeys(self.low_passes.values()):
+            if low_pass != self.low_passes.get(column):
+                signal = low_pass(signal, self.rate_hz)
+        return signal
+
+    def other(self) -> "UniformSignals | None":
+        """The same with every undecided stream taken the other way: true stamps as even, even ones as true. None where
+        no stream is undecided. The difference of the two fits is what the missing decision costs."""
+        turned = [t.decision.matters and not t.decision.firm for t in self.taken]
         if not any(turned):
             return None
-        return on_one_grid([t.other() if turn else t for t, turn in zip(self.taken, turned, strict=True)], self.limits)
+        taken = [t.other() if turn else t for t, turn in zip(self.taken, turned, strict=True)]
+        return on_one_grid(taken, self.limits, self.trial, self.low_passes, self.devices)
+
+    def one_device(self, *columns: str) -> bool:
+        """Whether these columns share their stamps."""
+        return len({self.devices[column] for column in columns}) == 1
 
 
-def one_time_base(streams: Sequence[Stream], limits: GapLimits | None = None) -> UniformGrid:
+def on_one_grid(
+    taken: Sequence[Taken],
+    limits: GapLimits,
+    trial: str = "",
+    low_passes: Mapping[str, SensorLowPass] | None = None,
+    devices: Mapping[str, str] | None = None,
+) -> UniformSignals:
     """All signals of a trial on one uniform grid at the fastest stream's rate, over what all streams cover.
 
     True stamps: cubic spline through the samples at their stamps. Even device: the same at the times of its own clock;
     where these are the grid, the samples themselves. Nothing is extrapolated.
 
-    Raises InputError: As `Stream` and `take`; the streams do not overlap; a gap is too long; no row is usable.
+    Raises InputError: The streams do not overlap; a gap is too long; no row is usable.
     """
-    return on_one_grid(take(streams), limits or GapLimits())
-
-
-def on_one_grid(taken: Sequence[Taken], limits: GapLimits) -> UniformGrid:
-    """The grid for streams whose decisions stand."""
     parts = [t.samples() for t in taken]
     late, early = max(parts, key=lambda part: part.times[0]), min(parts, key=lambda part: part.times[-1])
     first, last, step = float(late.times[0]), float(early.times[-1]), min(part.step for part in parts)
@@ -234,7 +282,9 @@ def on_one_grid(taken: Sequence[Taken], limits: GapLimits) -> UniformGrid:
     streams = tuple(stream_report(part, found, measured_rate, limits) for part, found in zip(parts, gaps, strict=True))
     ends = float(time[0]), float(time[-1])
     report = TimebaseReport(measured_rate, *ends, rows, masked, farthest, limits.highest_hz, streams)
-    return UniformGrid(time, rate, signals, usable, report, tuple(taken), limits)
+    of_trial = (trial, low_passes or {}, devices or {})
+    found = UniformSignals(time, rate, signals, usable, report, tuple(taken), limits, *of_trial)
+    return replace(found, signals={column: found.alike(column, signal) for column, signal in signals.items()})
 
 
 def resampled(part: Samples, time: Array) -> Sequence[Array]:
@@ -259,95 +309,6 @@ def rows_on_grid(part: Samples, time: Array) -> slice | None:
     return slice(row, row + len(time))
 
 
-@dataclass(frozen=True)
-class SensorLowPass:
-    """Analogue Butterworth low-pass of a sensor or its amplifier: causal, run once, with its phase."""
-
-    cutoff_hz: float
-    order: int
-
-    def __call__(self, values: Array, rate_hz: float) -> Array:
-        """Samples (n,), taken at `rate_hz`, after the filter. The filter starts at rest at the first sample.
-
-        The bilinear transform without prewarping: at frequency f it is the analogue filter at f (1 + (pi f/rate)^2/3),
-        8e-5 too high for 5 Hz at 1 kHz. The cut-off may lie above half the rate.
-        """
-        unwarped = rate_hz / np.pi * np.arctan(np.pi * self.cutoff_hz / rate_hz)
-        sections = scipy.signal.butter(self.order, unwarped, fs=rate_hz, output="sos")
-        filtered, _ = scipy.signal.sosfilt(sections, values, zi=scipy.signal.sosfilt_zi(sections) * values[0])
-        return np.asarray(filtered)
-
-    def __str__(self) -> str:
-        return f"{self.cutoff_hz:g} Hz, order {self.order}"
-
-
-@dataclass(frozen=True)
-class UniformSignals:
-    """Columns of a trial on one uniform grid."""
-
-    trial: str
-    grid: UniformGrid  # the time base and what it did
-    signals: Mapping[str, Array]
-    """By column (m,), after the low-pass filters that other columns' sensors have and its own has not."""
-    low_passes: Mapping[str, SensorLowPass]  # by column its sensor's own, where the source file states one
-    devices: Mapping[str, str]  # by column the one that stands for all columns with the same stamps
-
-    def __getitem__(self, column: str) -> Array:
-        return self.signals[column]
-
-    @property
-    def time(self) -> Array:
-        return self.grid.time
-
-    @property
-    def rate_hz(self) -> float:
-        return self.grid.rate_hz
-
-    @property
-    def usable(self) -> NDArray[np.bool_]:
-        """Rows (m,) that are not near a marked gap: filter and differentiate all rows, then fit these."""
-        return self.grid.usable
-
-    @property
-    def report(self) -> TimebaseReport:
-        """What was decided about the stamps of every stream."""
-        return self.grid.report
-
-    def sampled(self, column: str) -> Array:
-        """When the sensor of a column took its samples (k,) [s], on the grid's clock; `time` where it took the rows."""
-        sensor = next((one for one in self.grid.taken if column in one.decision.signals), None)
-        if sensor is None:  # no stream has it by this name: the rows are all that is known
-            return self.time
-        samples = sensor.samples()
-        return samples.times if rows_on_grid(samples, self.time) is None else self.time
-
-    def as_recorded(self, column: str) -> Array:
-        """The values (k,) of a column as its recorder has them, without those that are missing."""
-        taken = next(one for one in self.grid.taken if column in one.decision.signals)
-        return taken.stream.signals[column][taken.present]
-
-    def alike(self, column: str, signal: Array) -> Array:
-        """A column (m,) through the low-pass filters of the others that its own sensor lacks, each once."""
-        for low_pass in dict.fromkeys(self.low_passes.values()):
-            if low_pass != self.low_passes.get(column):
-                signal = low_pass(signal, self.rate_hz)
-        return signal
-
-    def other(self) -> "UniformSignals | None":
-        """The same if the streams whose stamps nothing decided were taken the other way; None where all are decided."""
-        grid = self.grid.other_hypothesis()
-        return None if grid is None else self.on(grid)
-
-    def on(self, grid: UniformGrid) -> "UniformSignals":
-        """The same columns on another grid, each through the low-pass filters of the others that its own lacks."""
-        signals = {column: replace(self, grid=grid).alike(column, signal) for column, signal in grid.signals.items()}
-        return replace(self, grid=grid, signals=signals)
-
-    def one_device(self, *columns: str) -> bool:
-        """Whether these columns share their stamps."""
-        return len({self.devices[column] for column in columns}) == 1
-
-
 def uniform_signals(
     trial: Trial, columns: Sequence[str], limits: GapLimits, computed: Sequence[str] = ()
 ) -> UniformSignals:
@@ -361,17 +322,17 @@ def uniform_signals(
     also = [column for column in computed if column in trial.columns]
     devices = {c: device for c, device in devices_of(trial, [*columns, *also]).items() if device in columns}
     try:
-        grid = one_time_base(streams(trial, devices, frozenset(also)), limits)
+        taken = take(streams(trial, devices, frozenset(also)))
         stated = {column: one for column in devices if (one := origin(trial, column).get("low_pass"))}
         low_passes = {column: SensorLowPass(**one) for column, one in stated.items()}
-        return UniformSignals(trial.name, grid, {}, low_passes, devices).on(grid)
+        return on_one_grid(taken, limits, trial.name, low_passes, devices)
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
 
 
 def regridded(signals: UniformSignals, limits: GapLimits) -> UniformSignals:
     """The same signals with other limits of their gaps; raises as `uniform_signals`, without the trial's name."""
-    return signals.on(on_one_grid(signals.grid.taken, limits))
+    return on_one_grid(signals.taken, limits, signals.trial, signals.low_passes, signals.devices)
 
 
 def devices_of(trial: Trial, columns: Sequence[str]) -> dict[str, str]:

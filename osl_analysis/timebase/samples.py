@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.timebase.device_clock import DeviceClock, device_clock
-from osl_analysis.timebase.stream import Places, Stream, missing_by_rhythm, places_of_samples
+from osl_analysis.timebase.stream import SampleCount, Stream, missing_by_rhythm, places_of_samples
 from osl_analysis.trial import Array
 
 TRUE_ABOVE, EVEN_BELOW, LARGEST_ERROR = 0.75, 0.25, 0.1
@@ -61,28 +61,28 @@ def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence:
     there = ~np.isnan(values)
     x, late, count = values[there], clock.residual[there] / clock.step, clock.count[there]
     window = max(2 * round(SLOPE_S / clock.step) + 1, 7)
-    slope, jitter = smoothed(x, count, window, 1), late - smoothed(late, count, window, 0)
+    slope, jitter = savitzky_golay(x, count, window, 1), late - savitzky_golay(late, count, window, 0)
     whole = count[SIXTH:] - count[:-SIXTH] == SIXTH
     push, seen = (np.correlate(signal, DIFFERENCE, "valid")[whole] for signal in (slope * jitter, x))
     g, se = chunked_slope(push, seen)
     noise = float(np.sum((seen - g * push) ** 2)) / comb(2 * SIXTH, SIXTH) / max(len(seen), 1)
     moves, scatter = float(slope @ slope) / len(x), float(np.var(jitter))
-    slope_noise = float(np.sum(cubic_weights(window, 1)[window // 2] ** 2))  # per variance of white noise
+    slope_noise = float(np.sum(savgol_weights(window, 1)[window // 2] ** 2))  # per variance of white noise
     if noise * slope_noise > LARGEST_NOISE * moves or scatter < NO_MATTER**2:
         return StampEvidence(0.0, np.inf)
     return StampEvidence(g, se)
 
 
-def smoothed(values: Array, count: Places, window: int, order: int) -> Array:
+def savitzky_golay(values: Array, count: SampleCount, window: int, order: int) -> Array:
     """Value (order 0) or slope per step (order 1), (n,), of a cubic through each `window` of evenly counted samples
     (Savitzky-Golay), missing ones bridged linearly. A gap is shortened to two windows, so that a clock that jumps by
     years costs no memory. Half a window at each end is on the cubic of the last window."""
-    place: Places = np.arange(len(values))
+    place: SampleCount = np.arange(len(values))
     if count[-1] - count[0] != len(values) - 1:
         place = np.concatenate([[0], np.cumsum(np.minimum(np.diff(count), 2 * window))])
         values = np.interp(np.arange(place[-1] + 1), place, values)
     window = min(window, (len(values) - 1) // 2 * 2 + 1)
-    weights, half = cubic_weights(window, order), window // 2
+    weights, half = savgol_weights(window, order), window // 2
     found = np.empty_like(values)
     found[half:-half] = np.correlate(values, weights[half], "valid")
     found[:half], found[-half:] = weights[:half] @ values[:window], weights[-half:] @ values[-window:]
@@ -90,7 +90,7 @@ def smoothed(values: Array, count: Places, window: int, order: int) -> Array:
 
 
 @lru_cache
-def cubic_weights(window: int, order: int) -> Array:
+def savgol_weights(window: int, order: int) -> Array:
     """Weights (window, window) of a window's samples in the value (order 0), or slope per step, at each of them."""
     return np.asarray(scipy.signal.savgol_filter(np.eye(window), window, 3, deriv=order, axis=0))
 

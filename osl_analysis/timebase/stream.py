@@ -22,7 +22,7 @@ from osl_analysis.trial import Array
 
 FEWEST_STAMPS = 20
 """Samples below which neither a line through the stamps nor a spline through the samples means anything."""
-Places = NDArray[np.int64]
+SampleCount = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Stream:
     signals: Mapping[str, Array]  # (n,) samples each; NaN where the device sampled and the log lacks the value
     choice: Literal["auto", "even", "exact"] = "auto"
     """`exact`, the stamps are true; `even`, the device samples evenly; `auto`, the stamps and signals decide."""
-    counter: Places | None = None  # (n,) the device's own count of its samples, where it writes one
+    counter: SampleCount | None = None  # (n,) the device's own count of its samples, where it writes one
     silent: frozenset[str] = frozenset()  # signals that say nothing about the stamps, as a command: it is computed
     delays: Mapping[str, float] = field(default_factory=dict)
     """By signal the time [s] by which its samples are older than their stamps; none for a signal that is not there."""
@@ -103,7 +103,7 @@ BLOCKS = (25, 25, 25, 100, 100)
 """Samples among which the promptest is sought, to find the usual step: first so few that most blocks miss none."""
 FEWEST_WHOLE = 0.05  # share of the blocks that must lack no sample if the step is to be taken from them
 BESIDE = 100  # samples on either side of a long step whose levels are compared; three times the step if that is longer
-FEW, TIDY = 20, 0.1
+FEW_AT_END, TIDY = 20, 0.1
 """Samples below which the level of an end of the record is believed only if stamps scatter by less than TIDY steps."""
 LATE_SHARE, EVEN_SHARE = 0.03, 0.2
 """Share of the window below its level: the promptest few where stamps are late, never early; else the lowest fifth."""
@@ -113,7 +113,7 @@ NOTICED = 0.3  # change of the level, in steps, below which a count stands witho
 CLOCK_JUMP_S = 5e-3  # change of the level that a counter does not confirm, from which the clock is said to jump
 
 
-def places_of_samples(stream: Stream) -> Places:
+def places_of_samples(stream: Stream) -> SampleCount:
     """Count of every sample, (n,), from 0, with what is missing left free; the device's counter where there is one.
 
     Raises InputError: The counter does not rise, or the clock jumps where the counter says that no sample is missing.
@@ -141,7 +141,7 @@ def places_of_samples(stream: Stream) -> Places:
     return count
 
 
-def count_from_stamps(stamps: Array) -> Places:
+def count_from_stamps(stamps: Array) -> SampleCount:
     """Count of every sample, (n,), from its stamp (n,) [s]. A sample is missing where the level of the stamps changes
     by a step for good, and only if that lowers the residual of the line through all of them. Every change moves the
     levels behind it, so that a few passes are made."""
@@ -154,7 +154,7 @@ def count_from_stamps(stamps: Array) -> Places:
         return place
     long = LongSteps.of(rows, steps[rows - 1] / step)
     level, missing = (stamps - stamps[0]) / step - place, np.zeros_like(rows)
-    blocks = level[: len(level) // FEW * FEW].reshape(-1, FEW)
+    blocks = level[: len(level) // FEW_AT_END * FEW_AT_END].reshape(-1, FEW_AT_END)
     low, middle, high = np.min(blocks, axis=1), np.median(blocks, axis=1), np.max(blocks, axis=1)
     late_only = np.median(middle - low) < LATE_RATIO * np.median(high - middle)
     for _ in range(4):
@@ -170,13 +170,13 @@ class LongSteps:
     """Steps after which samples may be missing, (steps,) each: row of the sample behind, the most that may be missing,
     samples on either side whose levels are compared, and the order in which they are examined."""
 
-    rows: Places
-    most: Places
-    windows: Places
+    rows: SampleCount
+    most: SampleCount
+    windows: SampleCount
     order: NDArray[np.intp]
 
     @classmethod
-    def of(cls, rows: Places, length: Array) -> "LongSteps":
+    def of(cls, rows: SampleCount, length: Array) -> "LongSteps":
         """By the lengths (steps,) in usual steps. Before a burst one may have been late by 0.8 steps; a burst of held
         samples fills a third of the window at most. The longest are examined first, lest a late sample takes what is
         missing a few samples further; a quarter of a step tells lengths apart, up to two steps."""
@@ -186,7 +186,7 @@ class LongSteps:
         return cls(rows, most, np.maximum(BESIDE, 3 * most), order)
 
 
-def settle(level: Array, long: LongSteps, missing: Places, share: float) -> bool:
+def settle(level: Array, long: LongSteps, missing: SampleCount, share: float) -> bool:
     """Correct `missing` (steps,) and `level` (n,) [steps] in place where the level changes over a long step. Returns
     whether anything changed."""
     changed = False
@@ -218,7 +218,7 @@ def level_change(before: Array, after: Array, share: float) -> int:
     record with too few untidy samples."""
     low, high = (float(np.partition(side, int(share * len(side)))[int(share * len(side))]) for side in (before, after))
     longer, its_level = (before, low) if len(before) > len(after) else (after, high)
-    if min(len(before), len(after)) < FEW and float(np.median(longer)) - its_level > TIDY:
+    if min(len(before), len(after)) < FEW_AT_END and float(np.median(longer)) - its_level > TIDY:
         return 0
     return round(high - low)
 
@@ -239,7 +239,7 @@ def usual_step(stamps: Array) -> float:
     return step if step > 0 else mean
 
 
-def line_through(count: Places, stamps: Array) -> tuple[float, float]:
+def line_through(count: SampleCount, stamps: Array) -> tuple[float, float]:
     """Step [s] of the least-squares line through stamps (n,) over their count, and the sum of squares [s^2] that it
     leaves."""
     x, y = count - count.mean(), stamps - stamps.mean()

@@ -6,7 +6,7 @@ import shlex
 import signal
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from os.path import realpath
 from pathlib import Path
@@ -17,7 +17,7 @@ from click.core import ParameterSource
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError, printable, printable_lines
-from osl_analysis.files import atomic_path, check_output, config_here, default_config, shipped
+from osl_analysis.files import atomic_path, check_output, config_here, shipped
 from osl_analysis.jobs.memory import limited_memory
 
 if TYPE_CHECKING:
@@ -94,45 +94,21 @@ class KeepsItsInput(click.Command):
     """A command that never writes to a file that it reads, no two results to one file, and only to regular files."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command, unless the file of an option that writes is in use, of another kind, or no file."""
-        command = str(ctx.info_name)
-        for name, path in ctx.params.items():
-            if name not in ("output", "plot", "draft_path") or path is None:
-                continue
-            others = {other: value for other, value in ctx.params.items() if other != name}
-            if any(same_file(used, path) for used in files_used(others)):
+        """Run the command, unless the file of an option that writes is in use, of another kind, or no file.
+
+        A link is replaced, never what it leads to (`atomic_path`).
+        """
+        files = {name: path for name, path in ctx.params.items() if isinstance(path, Path)}
+        for name in files.keys() & {"output", "plot", "draft_path"}:
+            path = files[name]
+            if any(realpath(path) == realpath(other) for others, other in files.items() if others != name):
                 raise click.UsageError(f"{path} would be overwritten while it is used; name another file")
-            suffix = WRITTEN_SUFFIXES.get(command, path.suffix)
+            suffix = WRITTEN_SUFFIXES.get(str(ctx.info_name), path.suffix)
             if path.suffix != suffix:  # it may be a source file, a log or a configuration
-                raise click.UsageError(f"{path}: `{command}` writes {suffix} files; choose this suffix")
+                raise click.UsageError(f"{path}: `{ctx.info_name}` writes {suffix} files; choose this suffix")
             check_output(path)
-        read = (ctx.params.get(name) for name in ("log", "mocap", "file", "trial"))
-        with limited_memory([path for path in read if isinstance(path, Path)]):
+        with limited_memory([files[name] for name in ("log", "mocap", "file", "trial") if name in files]):
             return super().invoke(ctx)
-
-
-def files_used(values: Mapping[str, Any]) -> Iterator[Path]:
-    """The files that a command uses besides what it writes, by the values of its options and arguments.
-
-    They are those that its options name, the source files that it finds by name, the default configuration, and all
-    files below the folder that it reads, but for pages of an earlier run.
-    """
-    yield from (value for value in values.values() if isinstance(value, Path))
-    for source in ("log_source", "mocap_source"):
-        if values.get(source) is not None:
-            yield values["sources"] / f"{values[source]}.yaml"
-    if "config_path" in values:
-        yield default_config()
-    if "folder" in values:
-        yield from (path for path in values["folder"].rglob("*") if path.suffix != WRITTEN_SUFFIXES["samples"])
-
-
-def same_file(one: Path, other: Path) -> bool:
-    """Whether two paths name one file, also through links; also one that does not exist yet."""
-    try:
-        return one.samefile(other) if one.exists() and other.exists() else realpath(one) == realpath(other)
-    except OSError:
-        return False
 
 
 @contextmanager

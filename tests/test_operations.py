@@ -164,24 +164,12 @@ def test_every_command_refuses_what_it_cannot_write_before_it_reads(tmp_path, su
 
 
 @pytest.mark.parametrize("link", ["symlink_to", "hardlink_to"])
-def test_no_command_writes_over_a_file_that_its_options_do_not_name(tmp_path, monkeypatch, link):
-    """The source file of a log, the default configuration, and a recording in a folder."""
-    for place in ("sources/mine.yaml", "config/config.yaml", "raw/log.csv"):
-        (tmp_path / place).parent.mkdir()
-        (tmp_path / place).write_text("precious")
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "own.yaml").write_text("campaign: own")
-    reads = {
-        "sources/mine.yaml": ("ingest", "--log", "a.csv", "--log-source", "mine", "--sources", "sources", "--output"),
-        "config/config.yaml": ("fit", "a.parquet", "--config", "own.yaml", "--plot"),
-        "raw/log.csv": ("samples", "raw", "--output"),
-    }
-    for place, command in reads.items():
-        output = Path({"ingest": "x.parquet", "fit": "x.png", "samples": "x.md"}[command[0]])
-        getattr(output, link)(Path(place).resolve())
-        assert "would be overwritten while it is used" in one_line(call(*command, output), code=2)
-        assert "would be overwritten while it is used" in one_line(call(*command, place), code=2)
-        assert Path(place).read_text() == "precious"
+def test_a_result_replaces_a_link_and_never_what_it_leads_to(tmp_path, link):
+    (tmp_path / "mine.yaml").write_text("precious")
+    getattr(tmp_path / "x.csv", link)(tmp_path / "mine.yaml")
+    write_table(TABLE, tmp_path / "x.csv")
+    assert (tmp_path / "mine.yaml").read_text() == "precious"
+    assert not (tmp_path / "x.csv").is_symlink()
 
 
 ODD_NAMES = {

@@ -32,14 +32,6 @@ def archives() -> Iterator[None]:
         OPEN.reset(token)
 
 
-def add_part(path: Path, content: bytes) -> None:
-    """Keep a table for its archive, which is written at the end of the block (`archives`)."""
-    opened = OPEN.get()
-    if opened is None:
-        raise LookupError(f"{path}: written outside of the block `archives`")
-    opened.setdefault(path.parent, {})[path.name] = content
-
-
 def read_part(path: Path) -> bytes:
     try:
         with zipfile.ZipFile(path.parent) as archive:
@@ -80,8 +72,11 @@ def write_table(frame: pl.DataFrame, path: Path) -> None:
     """
     if data := OF_DATA.get():
         frame = frame.select(pl.exclude("data"), pl.lit(data, pl.String).alias("data"))
-    if path.parent.suffix == SUFFIX:  # a table in an archive
-        add_part(path, frame.write_csv().encode())
+    if path.parent.suffix == SUFFIX:  # a table in an archive, which is written at the end of the block `archives`
+        opened = OPEN.get()
+        if opened is None:
+            raise LookupError(f"{path}: written outside of the block `archives`")
+        opened.setdefault(path.parent, {})[path.name] = frame.write_csv().encode()
         return
     with atomic_path(path) as temporary:
         frame.write_csv(temporary)

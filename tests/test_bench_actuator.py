@@ -15,7 +15,7 @@ from osl_analysis.bench.components import ACTUATOR_PARAMETERS as NAMES
 from osl_analysis.bench.components import actuator_alone, actuator_trial
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.cli import main
-from osl_analysis.commands.bench import FitRequest, fit_actuator_trial, fit_trial, summarise_actuator
+from osl_analysis.commands.bench import FitRequest, fit_actuator_trial, fit_trial, summarise
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.configuration import read_section
@@ -189,7 +189,7 @@ def test_from_log_to_headline_numbers(tmp_path, campaign):
     table = pl.concat([read_table(tmp_path / f"actuator_{i}_actuator.csv") for i in (1, 2)])
     table.write_csv(tmp_path / "actuator.csv")
     assert table["VAF"].min() > 99.9
-    summarise_actuator(tmp_path / "actuator.csv", tmp_path / "summary.csv")
+    summarise(tmp_path / "actuator.csv", tmp_path / "summary.csv")
     found = {h.name: h for h in headline_numbers({"actuator_summary": read_table(tmp_path / "summary.csv")})}
     assert set(found) == set(TRUE)
     assert found["k_tau_n_m"].value == pytest.approx(TRUE["k_tau_n_m"], rel=0.01)

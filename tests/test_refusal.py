@@ -107,7 +107,7 @@ def test_a_job_that_refuses_its_input_leaves_reason_and_remedy_in_place_of_an_ol
 
 def test_a_job_that_lacks_an_input_passes_its_causes_on_and_is_no_cause_itself(tmp_path: Path) -> None:
     inputs = {"table": record(tmp_path / "belt.csv", LOST, KILLED)}
-    assert ended(tmp_path, job(tmp_path, "bench.summarise_belt", inputs)) == ("skipped", (LOST, KILLED))
+    assert ended(tmp_path, job(tmp_path, "bench.summarise", inputs)) == ("skipped", (LOST, KILLED))
 
 
 @pytest.mark.parametrize("refuses", ["ingest", "quality"])

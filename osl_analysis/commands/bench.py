@@ -174,19 +174,10 @@ def by_place(table: pl.DataFrame, summary: Callable[[pl.DataFrame], pl.DataFrame
     return pl.concat(named, how="vertical_relaxed")
 
 
-def summarise_belt(table: Path, output: Path) -> None:
-    """Mean, scatter and interval over the trials of `belt.csv`."""
-    write_table(by_place(read_table(table), belt_summary), output)
-
-
-def summarise_transmission(table: Path, output: Path) -> None:
-    """Mean, scatter and interval over the trials of `transmission.csv`."""
-    write_table(by_place(read_table(table), transmission_summary), output)
-
-
-def summarise_actuator(table: Path, output: Path) -> None:
-    """Mean, scatter and interval over the trials of `actuator.csv`."""
-    write_table(by_place(read_table(table), actuator_summary), output)
+def summarise(table: Path, output: Path) -> None:
+    """Mean, scatter and interval over the trials of `belt.csv`, `transmission.csv` or `actuator.csv`."""
+    summaries = {"belt": belt_summary, "transmission": transmission_summary, "actuator": actuator_summary}
+    write_table(by_place(read_table(table), summaries[table.stem]), output)
 
 
 def summarise_model_comparison(table: Path, output: Path) -> None:

@@ -242,7 +242,12 @@ def new_campaign(
         raise InputError(f"{folder}: {what}; name a new folder, nothing is overwritten")
     draft = Draft() if recordings is None else draft_campaign(recordings)
     raw_data = Path(os.path.relpath(recordings.resolve(), folder.resolve()) if recordings else "recordings")
-    names = sorted({"dynamometer", "dynamometer_nodes"}) if example else [known_recorder(name) for name in recorders]
+    known = sorted(path.stem for path in shipped("config/sources").glob("*.yaml"))
+    for name in recorders:
+        if name not in known:
+            like = nearest(name, known)
+            raise InputError(f"no source file for a recorder '{name}'; there are {', '.join(known)}{like}")
+    names = ("dynamometer", "dynamometer_nodes") if example else recorders
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as place:
@@ -257,13 +262,6 @@ def new_campaign(
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another place") from error
     return draft
-
-
-def known_recorder(name: str) -> str:
-    names = sorted(path.stem for path in shipped("config/sources").glob("*.yaml"))
-    if name not in names:
-        raise InputError(f"no source file for a recorder '{name}'; there are {', '.join(names)}{nearest(name, names)}")
-    return name
 
 
 def write_campaign(folder: Path, name: str, raw_data: Path, draft: Draft, example: bool) -> None:
@@ -447,12 +445,6 @@ def read_notes(path: Path) -> dict[str, State]:
         return {}
 
 
-def write_notes(path: Path, seen: Mapping[str, State]) -> None:
-    """Note what was examined, so that a restart does not repeat it."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(seen, indent=1) + "\n", encoding="utf-8")
-
-
 @dataclass(frozen=True)
 class WatchedBench:
     config_path: Path
@@ -482,7 +474,8 @@ def watched_lines(folder: Path, bench: WatchedBench) -> Iterator[str]:
         for path, state in arrivals.complete(time.monotonic()):
             said = recording_line(path, folder, bench)
             arrivals.seen[path.relative_to(folder).as_posix()] = state
-            write_notes(notes, arrivals.seen)
+            with atomic_path(notes) as temporary:  # a restart does not repeat what was examined
+                temporary.write_text(json.dumps(arrivals.seen, indent=1) + "\n", encoding="utf-8")
             yield said
         time.sleep(0.5)
 

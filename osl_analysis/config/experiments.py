@@ -86,7 +86,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         "input shaft locked, joint moved and back: belt stiffness",
         signals=("theta_m",),
         tables=(
-            ResultTable("belt", derived={"belt_summary": "bench.summarise_belt"}),
+            ResultTable("belt", derived={"belt_summary": "bench.summarise"}),
             ResultTable("belt_curves", judged=False, published=False),
             *OF_ALL,
         ),
@@ -96,7 +96,7 @@ EXPERIMENTS: dict[str, Experiment] = {
     "transmission": on_dynamometer(
         "motor detached, stepped sine: B_j and J_j",
         stepped_sine=True,
-        tables=(ResultTable("transmission", derived={"transmission_summary": "bench.summarise_transmission"}), *OF_ALL),
+        tables=(ResultTable("transmission", derived={"transmission_summary": "bench.summarise"}), *OF_ALL),
         fit=FitJob(
             "bench.fit_transmission_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")}, parameters=True
         ),
@@ -109,7 +109,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         torque="torque_m",
         signals=("current",),
         log="actuator",
-        tables=(ResultTable("actuator", derived={"actuator_summary": "bench.summarise_actuator"}), *OF_ALL),
+        tables=(ResultTable("actuator", derived={"actuator_summary": "bench.summarise"}), *OF_ALL),
         fit=FitJob("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}, parameters=True),
         impedance=("", "B_m", "J_m"),
     ),

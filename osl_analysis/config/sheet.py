@@ -201,7 +201,8 @@ def problem_in(row: dict[str, str]) -> str:
         if (length := len(row[column])) > LONGEST_WORD:
             return f"{column} '{row[column][:20]}...' has {length} characters; up to {LONGEST_WORD} are allowed"
     for column in ("K_d", "B_d", "body_mass_kg"):
-        if row[column] and not is_decimal(row[column]):
+        is_decimal = re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", row[column])
+        if row[column] and not (is_decimal and math.isfinite(float(row[column]))):
             return f"{column} '{row[column]}' is not a number; give it in SI units, without the unit"
     if row["body_mass_kg"] and not float(row["body_mass_kg"]) > 0:
         return f"body_mass_kg '{row['body_mass_kg']}' must be above 0, or empty"
@@ -252,7 +253,3 @@ def problem_with_needs(row: dict[str, str]) -> str:
     if row["log_part"] and not row["log"]:
         return f"log_part '{row['log_part']}' without a log; fill in log, or clear log_part"
     return ""
-
-
-def is_decimal(text: str) -> bool:
-    return bool(re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", text)) and math.isfinite(float(text))

@@ -18,15 +18,11 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 from osl_analysis.config.yaml_settings import read_mapping
 
 HERE = Path(__file__).parent
-DICTIONARY_FILES = (
-    *(HERE / f"{name}.yaml" for name in ("bench", "walking", "campaign")),
-    HERE.parent / "figures/figures.yaml",
-)
+DICTIONARY_FILES = [HERE / f"{name}.yaml" for name in ("bench", "walking", "campaign", "../figures/figures")]
 """The YAML files with tables, in the order of the page."""
 
 
@@ -51,18 +47,15 @@ class DescribedTable:
 
 @cache
 def described_tables() -> tuple[DescribedTable, ...]:
-    return tuple(table for path in DICTIONARY_FILES for table in tables_in(read_mapping(path)))
-
-
-def tables_in(content: Mapping[str, Any]) -> Iterator[DescribedTable]:
-    for place, table in content.items():
+    found = []
+    for place, table in (one for path in DICTIONARY_FILES for one in read_mapping(path).items()):
         described: dict[str, DescribedColumn] = {}
-        for key, text in table["columns"].items():
+        for key, text in [*table["columns"].items(), ("data", None)]:
             described |= {column.name: column for column in described_columns(key, text, described)}
             if key == "trial" and place.startswith("tables/"):
                 described |= {column.name: column for column in described_columns("include place", None, described)}
-        described |= {column.name: column for column in described_columns("data", None, described)}
-        yield DescribedTable(place, table.get("also", ""), table["rows"], described)
+        found.append(DescribedTable(place, table.get("also", ""), table["rows"], described))
+    return tuple(found)
 
 
 def described_columns(key: str, text: str | None, before: Mapping[str, DescribedColumn]) -> Iterator[DescribedColumn]:

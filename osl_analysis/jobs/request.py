@@ -113,16 +113,6 @@ def same_recordings(before: Mapping[str, Any], now: Mapping[str, Any], results: 
 digest_of = cache(digest)  # many jobs use the same file
 
 
-def contents(files: Iterable[Path]) -> dict[str, str | None]:
-    """What is in small files, by name: parameters, sources, settings of the simulation."""
-    return {str(file): digest_of(Path(file)) for file in files}
-
-
-def states_of(files: Iterable[Path]) -> dict[str, Any]:
-    """State of recordings. As inputs, Snakemake would ignore an older date, and stop where it cannot read one."""
-    return {str(file): file_state(file) for file in files}
-
-
 class Requests:
     """The requests of a workflow.
 
@@ -199,8 +189,9 @@ class Requests:
             "needs": needs,
             "output": output,
             "settings": settings or {},
-            "made_of": contents(made_of),
-            "recorded": states_of(recordings),
+            "made_of": {str(file): digest_of(Path(file)) for file in made_of},
+            # as inputs, Snakemake would ignore an older date of a recording, and stop where it cannot read one
+            "recorded": {str(file): file_state(file) for file in recordings},
         }
         write_request(path, content, frozen=not self.workflow.is_main_process)
         listed = {"after": [str(file) for file in after], "needs": [str(file) for file in needs]}

@@ -45,11 +45,6 @@ def is_number(value: Any) -> bool:
     return value is None or isinstance(value, int | float)
 
 
-BLANK = b" \t\r\n"
-MOST_DESCRIBED = 2000  # lines whose fields are listed: the first ones and some of the others
-MOST_FIELDS = 2000  # fields that are listed; more are names that count up
-
-
 NUMBER = "name a number as `field` in the source file; for time, or state the rate: `time: {rate: 1000}`"
 
 
@@ -57,14 +52,9 @@ NUMBER = "name a number as `field` in the source file; for time, or state the ra
 class JsonLines:
     """The lines of one file that are not blank."""
 
-    data: bytes  # its bytes, in UTF-8
-    starts: Indices  # where each line begins [bytes]
-    lengths: Indices  # its length [bytes], without the line break
-    numbers: Indices  # its number in the file, counted from 1
-    notes: tuple[str, ...] = ()  # what was repaired, a sentence each
-
-    def line(self, row: int) -> bytes:
-        return self.data[self.starts[row] : self.starts[row] + self.lengths[row]]
+    texts: list[bytes]  # in UTF-8, without line breaks
+    numbers: Indices  # number of each in the file, counted from 1
+    notes: list[str]  # what was repaired, a sentence each
 
 
 @dataclass(frozen=True)
@@ -80,30 +70,26 @@ class DecodedLines:
 
 def is_json_lines(begin: bytes) -> bool:
     """Whether a file that begins with these bytes is JSON lines: an object in its first line, and in the second."""
-    if begin[:2] in UTF_16_MARKS:
-        begin = begin.decode("utf-16", errors="replace").encode()
-    first, _, rest = begin.removeprefix(b"\xef\xbb\xbf").lstrip().partition(b"\n")
+    first, _, rest = as_utf8(begin).lstrip().partition(b"\n")
     return first.startswith(b"{") and rest.lstrip().startswith(b"{") and is_whole(first)
+
+
+def as_utf8(data: bytes) -> bytes:
+    text = data.decode("utf-16", errors="replace").encode() if data[:2] in UTF_16_MARKS else data
+    return text.removeprefix(b"\xef\xbb\xbf")
 
 
 def read_json_lines(path: Path) -> JsonLines:
     """The lines of a file. A last line that breaks off, as a killed logger leaves it, is left out."""
-    data = path.read_bytes()
-    if data[:2] in UTF_16_MARKS:
-        data = data.decode("utf-16", errors="replace").encode()
-    breaks = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))
-    starts = np.concatenate([[3 if data.startswith(b"\xef\xbb\xbf") else 0], breaks + 1])
-    ends = np.concatenate([breaks, [len(data)]])
-    filled = np.array([bool(data[a:b].strip(BLANK)) for a, b in zip(starts.tolist(), ends.tolist(), strict=True)])
-    lines = JsonLines(data, starts[filled], (ends - starts)[filled], np.flatnonzero(filled) + 1)
-    if not filled.any():
+    every, notes = as_utf8(path.read_bytes()).split(b"\n"), list[str]()
+    numbered = [(number, text) for number, text in enumerate(every, 1) if text.strip(b" \t\r\n")]
+    if not numbered:
         raise InputError("holds no lines; record it again, or exclude the trial")
-    if not data.endswith(b"\n") and not is_whole(lines.line(-1)):
-        note = f"the last line, {lines.numbers[-1]}, breaks off and was left out"
-        lines = JsonLines(data, lines.starts[:-1], lines.lengths[:-1], lines.numbers[:-1], (note,))
-    if not lines.starts.size:
+    if every[-1] and not is_whole(numbered[-1][1]):
+        notes.append(f"the last line, {numbered.pop()[0]}, breaks off and was left out")
+    if not numbered:
         raise InputError("its only line breaks off; record it again, or exclude the trial")
-    return lines
+    return JsonLines([text for _, text in numbered], np.array([number for number, _ in numbered]), notes)
 
 
 def is_whole(text: bytes) -> bool:
@@ -117,28 +103,25 @@ def is_whole(text: bytes) -> bool:
 def decode_lines(lines: JsonLines, paths: Sequence[str]) -> DecodedLines:
     """The fields at `paths` (`variables.ankle_angle`, `position[0]`) of all lines."""
     reader = json_reader([*dict.fromkeys(paths)])
-    reader.read(lines.data, lines.starts, lines.lengths)
+    for text in lines.texts:
+        reader.take(text)
     rows, values, present = reader.columns()
     if not rows.size:
         raise InputError(f"{in_lines(reader.misfit, lines)}; {NUMBER}")
     for path, there in present.items():
         if not there.any():
-            check_misfit(lines, path, reader.misfit)
+            alone = json_reader([path])
+            for text in lines.texts:
+                alone.take(text)
+            if reader.misfit and alone.columns().present[path].any():  # only lines that cannot be used have it
+                raise InputError(
+                    f"every line with a field '{path}' has something else than a number in another field: "
+                    f"{in_lines(reader.misfit, lines)}; {NUMBER}"
+                )
             names, _ = addresses_of(lines)
             advice = nearest(path, names) or "; correct `field` in the source file"
             raise InputError(f"no line has a field '{path}'; there are {listing(names)}{advice}")
-    return DecodedLines(rows, values, present, lines.starts.size - rows.size, in_lines(reader.misfit, lines))
-
-
-def check_misfit(lines: JsonLines, path: str, misfit: str) -> None:
-    """Blame the lines that cannot be used where only these have a number at the path."""
-    alone = json_reader([path])
-    alone.read(lines.data, lines.starts, lines.lengths)
-    if misfit and alone.columns().present[path].any():
-        raise InputError(
-            f"every line with a field '{path}' has something else than a number in another field: "
-            f"{in_lines(misfit, lines)}; {NUMBER}"
-        )
+    return DecodedLines(rows, values, present, len(lines.texts) - rows.size, in_lines(reader.misfit, lines))
 
 
 def in_lines(misfit: str, lines: JsonLines) -> str:
@@ -150,18 +133,15 @@ def in_lines(misfit: str, lines: JsonLines) -> str:
 
 
 def addresses_of(lines: JsonLines) -> tuple[list[str], dict[str, int]]:
-    """Every number in the first lines and in some of the others, in the order in which they appear, and long arrays.
-
-    The latter are those of which only the first elements are among the addresses, with their lengths.
-    """
-    count = lines.starts.size
-    first = np.arange(min(count, MOST_DESCRIBED // 2))
-    others = np.linspace(0, count - 1, MOST_DESCRIBED // 2).astype(np.int64)
+    """Every number in the first lines and in some of the others, in the order in which they appear, up to 2000; and
+    the arrays of which only the first elements are among these, with their lengths."""
+    count = len(lines.texts)
+    first, others = np.arange(min(count, 1000)), np.linspace(0, count - 1, 1000).astype(np.int64)
     found: dict[str, None] = {}
     long: dict[str, int] = {}
     for row in np.unique(np.concatenate([first, others])).tolist():
         with suppress(ValueError, RecursionError):
-            found.update(dict.fromkeys(islice(addresses_in(json.loads(lines.line(row)), "", {}, long), MOST_FIELDS)))
-        if len(found) > MOST_FIELDS:
+            found.update(dict.fromkeys(islice(addresses_in(json.loads(lines.texts[row]), "", {}, long), 2000)))
+        if len(found) > 2000:
             break
-    return list(found)[:MOST_FIELDS], long
+    return list(found)[:2000], long

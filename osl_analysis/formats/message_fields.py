@@ -453,17 +453,21 @@ class ObjectReader(Reader):
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
         for start, length in zip(starts.tolist(), lengths.tolist(), strict=True):
-            self.count += 1
-            try:
-                message = self.decode(buffer[start : start + length])
-                self.found.append([number_at(message, path) for path in self.paths])
-                self.rows.append(self.count - 1)
-            except NoNumberError as error:
-                self.no_numbers += 1
-                self.misfit = self.misfit or f"{error}, in message {self.count}"
-            except (ValueError, RecursionError) as error:
-                self.misfit = self.misfit or str(error)
-        self.one_by_one = len(self.rows)
+            self.take(buffer[start : start + length])
+
+    def take(self, payload: bytes) -> None:
+        """Take in one message."""
+        self.count += 1
+        try:
+            message = self.decode(payload)
+            self.found.append([number_at(message, path) for path in self.paths])
+            self.rows.append(self.count - 1)
+            self.one_by_one += 1
+        except NoNumberError as error:
+            self.no_numbers += 1
+            self.misfit = self.misfit or f"{error}, in message {self.count}"
+        except (ValueError, RecursionError) as error:
+            self.misfit = self.misfit or str(error)
 
     def columns(self) -> Columns:
         """A message with a truth value where others have a number is a misfit: joined, `True` would become 1."""

@@ -21,11 +21,6 @@ from osl_analysis.formats.csv_table import CONTROL
 
 MAGIC = b"TDSm"
 INDEX = b"TDSh"
-WORDS = {"O": "text", "V": "nothing", "c": "complex numbers"}  # kinds of numpy's types that are none, in words
-NUMBERS = "biuf"  # kinds of numpy's types that are signals
-UNITS = ("unit_string", "NI_UnitDescription")  # properties in which LabVIEW states the unit of a channel
-LEAD_IN = 28  # bytes at the beginning of a segment that tell its byte order and length
-BIG_ENDIAN = 1 << 6
 NEEDED = ("tdms", "a TDMS file")  # the extra of the package that installs npTDMS, and for what
 RECOVER = "copy it again, or open it in LabVIEW or DIAdem and save it under a new name"
 
@@ -49,7 +44,7 @@ class TdmsChannel:
 
     @property
     def holds_numbers(self) -> bool:
-        return np.dtype(self.kind).kind in NUMBERS
+        return np.dtype(self.kind).kind in "biuf"
 
     @property
     def holds_times(self) -> bool:
@@ -76,9 +71,8 @@ class TdmsFile:
         names = [one.address for one in self.channels]
         if found:
             raise InputError(f"channel '{address[:80]}' is in {len(found)} groups; name it as group/channel")
-        advice = (
-            nearest(address, [*names, *(one.name for one in self.channels)]) or "; correct the name in the source file"
-        )
+        near = nearest(address, [*names, *(one.name for one in self.channels)])
+        advice = near or "; correct the name in the source file"
         raise InputError(f"no channel '{address[:80]}'; the file has {listing(names)}{advice}")
 
     def values(self, wanted: Sequence[TdmsChannel]) -> dict[str, NDArray[Any]]:
@@ -88,20 +82,17 @@ class TdmsFile:
                 raise InputError(f"channel '{one.address}' is empty; take another one, or record again")
             if not (one.holds_numbers or one.holds_times):
                 kind = np.dtype(one.kind)
-                what = WORDS.get(kind.kind, kind.name)
+                what = {"O": "text", "V": "nothing", "c": "complex numbers"}.get(kind.kind, kind.name)
                 raise InputError(f"channel '{one.address}' holds {what} and no numbers; take another one")
-        try:
-            with (
-                overheard(),
-                optional_module("nptdms", *NEEDED).TdmsFile.open(BytesIO(self.data), raw_timestamps=True) as file,
-            ):
-                found: dict[str, Any] = {one.address: file[one.group][one.name].read_data() for one in wanted}
-                for address, one in found.items():
-                    if hasattr(one, "as_datetime64"):  # LabVIEW's time stamps
-                        stamps = one.as_datetime64("ns")
-                        found[address] = (stamps - stamps[0]) / np.timedelta64(1, "ns") * 1e-9
-        except Exception as error:  # the library raises many kinds of errors on damaged bytes
-            raise unreadable(error) from error
+        with (
+            overheard(),
+            optional_module("nptdms", *NEEDED).TdmsFile.open(BytesIO(self.data), raw_timestamps=True) as file,
+        ):
+            found: dict[str, Any] = {one.address: file[one.group][one.name].read_data() for one in wanted}
+            for address, one in found.items():
+                if hasattr(one, "as_datetime64"):  # LabVIEW's time stamps
+                    stamps = one.as_datetime64("ns")
+                    found[address] = (stamps - stamps[0]) / np.timedelta64(1, "ns") * 1e-9
         return {address: np.asarray(values) for address, values in found.items()}
 
 
@@ -112,7 +103,7 @@ def is_tdms(begin: bytes) -> bool:
 
 @contextmanager
 def overheard() -> Iterator[list[str]]:
-    """What npTDMS says meanwhile, in place of lines on the terminal."""
+    """What npTDMS says meanwhile, in place of lines on the terminal; its many errors on damaged bytes as one."""
     said: list[str] = []
 
     def keep(record: logging.LogRecord) -> bool:
@@ -123,6 +114,11 @@ def overheard() -> Iterator[list[str]]:
     handler.addFilter(keep)
     try:
         yield said
+    except InputError:
+        raise
+    except Exception as error:
+        reason = " ".join(f"{type(error).__name__} {error}".split())[:160]
+        raise InputError(f"the TDMS file is damaged or of a kind that is not read ({reason}); {RECOVER}") from error
     finally:
         handler.removeFilter(keep)
 
@@ -134,37 +130,29 @@ def read_tdms(path: Path) -> TdmsFile:
         raise InputError("the index of a TDMS file; name the .tdms file beside it")
     if data[:4] != MAGIC:
         raise InputError(f"no TDMS file (it begins with {data[:8]!r}); check the path and the source's format")
-    tdms = optional_module("nptdms", *NEEDED)
-    try:
-        with overheard() as said, tdms.TdmsFile.read_metadata(BytesIO(data)) as file:
-            channels = [channel_of(one) for group in file.groups() for one in group.channels()]
-            status = file.file_status
-            about = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
-    except Exception as error:  # as above
-        raise unreadable(error) from error
+    with overheard() as said, optional_module("nptdms", *NEEDED).TdmsFile.read_metadata(BytesIO(data)) as file:
+        channels = [channel_of(one) for group in file.groups() for one in group.channels()]
+        status = file.file_status
+        about = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
     odd = [text for text in said if "not a multiple" in text]
     if len(odd) > status.incomplete_final_segment:  # the library would give one channel the bytes of the next
         raise InputError(f"the length of a segment contradicts that of its channels ({odd[0][:80]}); {RECOVER}")
     if not channels:
         raise InputError(f"the TDMS file holds no channels, or is cut off before them; {RECOVER}")
-    return TdmsFile(data, channels, about, tuple(losses(data, status)))
-
-
-def losses(data: bytes, status: Any) -> list[str]:
-    """What the end of the file tells about values that were not written. npTDMS is silent about a cut lead-in."""
-    lost = [one.expected_length - one.read_length for one in (status.channel_statuses or {}).values()]
-    if not status.incomplete_final_segment and ends_with_segment(data):
-        return []
-    count = f"{max(lost)} values of each channel are missing" if any(lost) else "how much is missing is not known"
-    return [f"the last segment is not complete: the recorder did not finish, or the end is lost; {count}"]
+    notes: tuple[str, ...] = ()
+    if status.incomplete_final_segment or not ends_with_segment(data):  # npTDMS is silent about a cut lead-in
+        lost = [one.expected_length - one.read_length for one in (status.channel_statuses or {}).values()]
+        count = f"{max(lost)} values of each channel are missing" if any(lost) else "how much is missing is not known"
+        notes = (f"the last segment is not complete: the recorder did not finish, or the end is lost; {count}",)
+    return TdmsFile(data, channels, about, notes)
 
 
 def ends_with_segment(data: bytes) -> bool:
     """Whether the segments, each of which begins with its length, end where the file ends."""
     at = 0
-    while at + LEAD_IN <= len(data) and data[at : at + 4] == MAGIC:
-        order = ">" if data[at + 4] & BIG_ENDIAN else "<"
-        at += LEAD_IN + int(struct.unpack_from(f"{order}Q", data, at + 12)[0])
+    while at + 28 <= len(data) and data[at : at + 4] == MAGIC:
+        is_big_endian = data[at + 4] & (1 << 6)
+        at += 28 + int(struct.unpack_from(">Q" if is_big_endian else "<Q", data, at + 12)[0])
     return at == len(data)
 
 
@@ -173,14 +161,7 @@ def channel_of(one: Any) -> TdmsChannel:
     step = properties.get("wf_increment")
     since, offset = properties.get("wf_start_time"), float(properties.get("wf_start_offset", 0.0))
     begin = int(since.astype("datetime64[us]").astype(np.int64)) if isinstance(since, np.datetime64) else 0
-    unit = next((str(properties[key]) for key in UNITS if properties.get(key)), "")
+    unit = str(properties.get("unit_string") or properties.get("NI_UnitDescription") or "")
     timed = isinstance(step, float | int) and np.isfinite(step) and step > 0
     kind = np.dtype(one.dtype).str if one.dtype is not None else "V"
     return TdmsChannel(one.group_name, one.name, len(one), kind, unit, float(step) if timed else None, begin, offset)
-
-
-def unreadable(error: Exception) -> InputError:
-    if isinstance(error, InputError):
-        return error
-    reason = " ".join(f"{type(error).__name__} {error}".split())[:160]
-    return InputError(f"the TDMS file is damaged or of a kind that is not read ({reason}); {RECOVER}")

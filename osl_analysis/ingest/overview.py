@@ -337,7 +337,7 @@ def inspect_json(path: Path) -> Overview:
             channels = {stamp: whole, **{name: one for name, one in channels.items() if name not in parts}}
         except InputError as error:
             remarks.append(str(error))
-    facts, settings = {"rows": str(lines.starts.size)}, {"clock": "master", "time": time}
+    facts, settings = {"rows": str(len(lines.texts))}, {"clock": "master", "time": time}
     return Overview("json_lines", facts, list(channels.values()), remarks, settings, open=left_open)
 
 

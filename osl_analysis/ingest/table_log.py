@@ -263,7 +263,7 @@ def json_tables(path: Path, source: Source) -> Tables:
         )
     names = [name for name in wanted(source) if not (parts and name == field)]
     decoded = decode_lines(lines, [*names, *(parts or ())])
-    count, total = decoded.misfits, lines.starts.size
+    count, total = decoded.misfits, len(lines.texts)
     if count and (count > source.most_missing * total or source.time.rate is not None):
         # with a rate, a line that is left out moves the rest
         advice = f", or write `most_missing: {share_above(count, total):g}` in the source file"
@@ -315,7 +315,7 @@ def stamp_column(lines: JsonLines, decoded: DecodedLines, parts: Parts) -> NDArr
 
 
 def notes_on(lines: JsonLines, decoded: DecodedLines) -> list[str]:
-    count, total = decoded.misfits, lines.starts.size
+    count, total = decoded.misfits, len(lines.texts)
     skipped = [f"{count} of {total} lines cannot be used and were skipped: {decoded.misfit}"]
     return [*lines.notes, *skipped * bool(count)]
 

@@ -185,7 +185,7 @@ class McapFile(MessageFile):
             self.damage.declared = by_channel if by_channel.total() == messages else None  # the map may be left empty
 
     def take_footer(self, start: int, end: int) -> None:
-        """Check the summary by the footer, and that nothing follows.
+        """Check the summary, and that nothing follows.
 
         The footer tells where the summary begins, and has its checksum unless that is 0. If the summary stands
         elsewhere, bytes are missing before it, or were inserted. It then still tells what the recorder wrote.
@@ -200,14 +200,10 @@ class McapFile(MessageFile):
             )
         self.damage.finished = data[end:after] == MAGIC
         declared, _, expected = struct.unpack_from("<QQI", data, start)
-        footer = start - RECORD.size
-        begin = declared or footer
-        if not (begin >= self.summary_begin and leads_to(data, begin, footer)):
-            self.summary_damaged |= not (self.summary_begin and leads_to(data, self.summary_begin, footer))
-            self.missing = begin - self.summary_begin
-            begin = self.summary_begin
+        self.summary_damaged |= not self.summary_begin
+        self.missing = declared - self.summary_begin if declared else 0
         if expected and not self.summary_damaged:
-            self.summary_checked = zlib.crc32(data[begin : start + 16]) == expected
+            self.summary_checked = zlib.crc32(data[self.summary_begin : start + 16]) == expected
             self.summary_damaged = not self.summary_checked
         if self.summary_damaged:
             self.indexed_chunks, self.missing = 0, 0
@@ -227,11 +223,9 @@ class McapFile(MessageFile):
             resume = self.resume_at(position + 1, loose=True)
         if self.data_end:
             self.summary_damaged = True
-        elif data[position] == Opcode.CHUNK:
-            self.sections.append(Section("lost chunk", position, resume))
         else:
-            is_index = data[position] == Opcode.MESSAGE_INDEX
-            self.sections.append(Section("lost index" if is_index else "lost", position, resume))
+            lost: dict[int, Any] = {Opcode.CHUNK: "lost chunk", Opcode.MESSAGE_INDEX: "lost index"}
+            self.sections.append(Section(lost.get(data[position], "lost"), position, resume))
         return resume
 
     def resume_at(self, begin: int, *, loose: bool) -> int:
@@ -239,11 +233,8 @@ class McapFile(MessageFile):
         while match := RESUME.search(self.data, begin):
             opcode, length = RECORD.unpack_from(self.data, match.start())
             end = match.end() + length
-            if (
-                (loose or opcode not in LOOSE)
-                and end <= len(self.data)
-                and self.is_sound(opcode, match.end(), end, exact=True)
-            ):
+            is_whole = end <= len(self.data) and (loose or opcode not in LOOSE)
+            if is_whole and self.is_sound(opcode, match.end(), end, exact=True):
                 return match.start()
             begin = match.start() + 1
         return len(self.data)
@@ -325,10 +316,8 @@ class McapFile(MessageFile):
         if section.walk is not None:
             return self.data, section.walk, False
         if section.head is None:
-            where = f"{section.end - section.start} bytes from byte {section.start} on"
-            self.lose(
-                section, f"{where} are {'a damaged chunk' if 'chunk' in section.kind else 'not a readable record'}"
-            )
+            what = "a damaged chunk" if "chunk" in section.kind else "not a readable record"
+            self.lose(section, f"{section.end - section.start} bytes from byte {section.start} on are {what}")
             return None
         listed = [entries["offset"].astype(np.int64) for _, entries in section.indexes]
         offsets = np.sort(np.concatenate([NOWHERE, *listed]), kind="stable")
@@ -506,13 +495,6 @@ def message_index(data: bytes, start: int, end: int, *, exact: bool = False) -> 
     if size % INDEX_ENTRY.itemsize or size > end - start - 6 or (exact and size < end - start - 6):
         return None
     return channel, np.frombuffer(data, INDEX_ENTRY, size // INDEX_ENTRY.itemsize, start + 6)
-
-
-def leads_to(data: bytes, position: int, footer: int) -> bool:
-    """Whether the records from a position on lead to the footer."""
-    while position + RECORD.size <= footer:
-        position += RECORD.size + RECORD.unpack_from(data, position)[1]
-    return position == footer
 
 
 def is_header(data: bytes, start: int, end: int) -> bool:

@@ -19,8 +19,7 @@ from osl_analysis.trial import Array
 DELIMITERS = {"tab": "\t", "space": " "}
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # bytes that no text has
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
-MOST_CELLS = 16384
-"""Most cells of a line, the most columns of a spreadsheet. A file with more has lost its line breaks."""
+MOST_CELLS = 16384  # most cells of a line, the most columns of a spreadsheet. A file with more has lost its line breaks
 Lines = list[tuple[int, str]]  # number in the file, counted from 1, and text
 Rows = list[tuple[int, list[str]]]
 Omitting = tuple[int, list[str | None]]

@@ -110,27 +110,22 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
         raise InputError("no section of a Nexus export (Devices, Trajectories, ...); check the source's format")
     found: dict[str, NexusSection] = {}
     for start, end in zip(starts, [*starts[1:], len(rows)], strict=True):
-        section = nexus_section(rows[start:end], decimal)
-        if section.title in found:
-            raise InputError(f"line {rows[start][0]}: section {section.title} stands twice; export one of each")
-        found[section.title] = section
+        (line, titles), (_, rates), (_, names), (_, components) = rows[start : start + 4]
+        title, rate = titles[0], rates[0]
+        samples, width = rows[start + 5 : end], max(i + 1 for i, cell in enumerate(components) if cell)
+        if not is_number_cell(rate.replace(",", ".")):
+            raise InputError(f"line {line + 1}: '{rate[:40]}' is not a rate; export the trial again")
+        hertz = float(rate.replace(",", "."))
+        if not samples or not hertz > 0:
+            raise InputError(f"section {title[:40]} at {hertz:g} Hz has no samples; export without it")
+        if title in found:
+            raise InputError(f"line {line}: section {title} stands twice; export one of each")
+        full = [""]  # the name of every column: the one above it, or else the nearest to the left
+        for place in range(width):
+            full.append((names[place] if place < len(names) else "") or full[-1])
+        units = (rows[start + 4][1] + [""] * width)[:width]
+        found[title] = NexusSection(title, hertz, full[1:], components[:width], units, samples, decimal)
     return found
-
-
-def nexus_section(rows: Rows, decimal: str) -> NexusSection:
-    (line, title), (_, rate), (_, names), (_, header) = rows[:4]
-    samples = rows[5:]
-    if not is_number_cell(rate[0].replace(",", ".")):
-        raise InputError(f"line {line + 1}: '{rate[0][:40]}' is not a rate; export the trial again")
-    hertz = float(rate[0].replace(",", "."))
-    if not samples or not hertz > 0:
-        raise InputError(f"section {title[0][:40]} at {hertz:g} Hz has no samples; export without it")
-    width = max(i + 1 for i, cell in enumerate(header) if cell)
-    full = [""]  # the name of every column: the one above it, or else the nearest to the left
-    for place in range(width):
-        full.append((names[place] if place < len(names) else "") or full[-1])
-    units = (rows[4][1] + [""] * width)[:width]
-    return NexusSection(title[0], hertz, full[1:], header[:width], units, samples, decimal)
 
 
 UNSEEN = ("", "nan", "NaN", "NAN")  # cells of a marker that was not seen
@@ -177,7 +172,12 @@ def read_trc(path: Path) -> TrcFile:
         raise InputError(f"NumFrames is {frames}, the file holds {len(rows)} rows{cut}; {EXPORT}")
     names = ["frame", "time", *(f"column {place + 3}" for place in range(3 * markers))]
     columns = [column_of(rows, k, UNSEEN[:0] if k < 2 else UNSEEN, n, "export it again") for k, n in enumerate(names)]
-    check_widths(rows, len(names))
+    for line, padded in rows:
+        count = len(unpadded(padded, 0))
+        if count > len(names):
+            raise InputError(f"line {line} has {count - 2} coordinates, the header names {markers} markers; {EXPORT}")
+        if count < len(names) and (count - 2) % 3:
+            raise InputError(f"line {line} ends within a marker, after {count} cells; export it again")
     text = said.get("datarate", "")
     rate = float(text) if is_number_cell(text) else 0.0
     if rate <= 0:
@@ -188,18 +188,6 @@ def read_trc(path: Path) -> TrcFile:
     empty = f"{len(labels) - markers} names after the {markers} markers have no positions, such as {labels[-1][:40]}"
     notes = (empty,) * (len(labels) > markers)  # Cortex names its virtual markers and leaves them out
     return TrcFile(labels[:markers], positions, rate, said.get("units", ""), first, start, notes)
-
-
-def check_widths(rows: Rows, width: int) -> None:
-    """Refuse rows with more coordinates than the header names, or that end within a marker."""
-    for line, padded in rows:
-        count = len(unpadded(padded, 0))
-        if count > width:
-            raise InputError(
-                f"line {line} has {count - 2} coordinates, the header names {(width - 2) // 3} markers; {EXPORT}"
-            )
-        if count < width and (count - 2) % 3:
-            raise InputError(f"line {line} ends within a marker, after {count} cells; export it again")
 
 
 def check_frames(rows: Rows, frame: Array, time: Array, rate: float) -> tuple[int, float]:
@@ -224,8 +212,7 @@ def check_frames(rows: Rows, frame: Array, time: Array, rate: float) -> tuple[in
 
 
 END = re.compile(r"^[ \t]*endheader[ \t\r]*$", re.MULTILINE | re.IGNORECASE)
-FAILED = ("nan", "NaN", "NAN", "-nan", "nan(ind)", "-nan(ind)")
-"""How the C++ of OpenSim writes a value that is none."""
+FAILED = ("nan", "NaN", "NAN", "-nan", "nan(ind)", "-nan(ind)")  # how the C++ of OpenSim writes a value that is none
 
 
 @dataclass(frozen=True)

@@ -53,8 +53,7 @@ class Value:
     is_complex: bool = False
     text: str = ""  # its text, for one row of characters
     fields: tuple[str, ...] = ()
-    elements: Sequence[Mapping[str, "Value"]] = ()
-    """Fields of each element of a struct, in MATLAB's order."""
+    elements: Sequence[Mapping[str, "Value"]] = ()  # fields of each element of a struct, in MATLAB's order
     cells: Sequence["Value"] = ()  # elements of a cell, in MATLAB's order
 
     @property
@@ -120,12 +119,20 @@ class MatFile:
     def read(self, wanted: Collection[str]) -> Mapping[str, Value]:
         """The wanted variables that it has; InputError if one is damaged."""
         known = [name for name in self.names if name in wanted]
-        with told_in_one_line():
-            if self.version == "7.3":
-                with opened73(self.path) as file:
-                    return {name: value73(file[name]) for name in known}
-            objects = {name: Value(self.classes[name]) for name in known if self.classes[name]}
-            return objects | read_version5(self.data, [name for name in known if name not in objects])
+        if self.version == "7.3":
+            with told_in_one_line(), opened73(self.path) as file:
+                return {name: value73(file[name]) for name in known}
+        from scipy.io import loadmat  # half a second, which other commands need not wait for
+
+        objects = {name: Value(self.classes[name]) for name in known if self.classes[name]}
+        others = [name for name in known if name not in objects]
+        try:
+            stream: Any = io.BytesIO(self.data)
+            raw = loadmat(stream, variable_names=others, spmatrix=False)
+            return objects | {name: value5(raw[name]) for name in others if name in raw}
+        except Exception as error:  # on a damaged file scipy raises whatever its parser comes across
+            reason = " ".join(str(error).split())[:160]
+            raise InputError(f"{listing(others, 4)} cannot be read ({reason}); {DAMAGED}") from error
 
 
 def open_mat(path: Path) -> MatFile:
@@ -193,18 +200,6 @@ def parts_of(content: bytes, order: str) -> list[bytes]:
             parts.append(content[at + 8 : at + 8 + size])
             at += 8 + size + -size % 8
     return parts
-
-
-def read_version5(data: bytes, wanted: Sequence[str]) -> dict[str, Value]:
-    from scipy.io import loadmat  # half a second, which other commands need not wait for
-
-    try:
-        stream: Any = io.BytesIO(data)
-        raw = loadmat(stream, variable_names=list(wanted), spmatrix=False)
-        return {name: value5(raw[name]) for name in wanted if name in raw}
-    except Exception as error:  # on a damaged file scipy raises whatever its parser comes across
-        reason = " ".join(str(error).split())[:160]
-        raise InputError(f"{listing(wanted, 4)} cannot be read ({reason}); {DAMAGED}") from error
 
 
 def value5(raw: Any) -> Value:

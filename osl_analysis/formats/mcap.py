@@ -253,12 +253,8 @@ class McapFile(MessageFile):
             return more == 0 or (not exact and more > 0)
         if opcode == Opcode.STATISTICS and end - start < STATISTICS.size:
             return False
-        return opcode != 0 and self.record_follows(end)
-
-    def record_follows(self, end: int) -> bool:
-        """Whether a record, or the end of the file, follows."""
-        if end == len(self.data) or self.data[end] in NUMBERED:
-            return True
+        if opcode == 0 or end == len(self.data) or self.data[end] in NUMBERED:
+            return opcode != 0
         if self.data[end] == 0 or end + RECORD.size > len(self.data):
             return False
         return bool(end + RECORD.size + RECORD.unpack_from(self.data, end)[1] <= len(self.data))
@@ -306,7 +302,13 @@ class McapFile(MessageFile):
             for one in self.parsed(found.others):
                 self.declare(one)
             self.declare_absent(spare)
-            yield self.of_declared_channels(block)
+            known = np.isin(block.channel, list(self.channels))
+            if not known.all():  # the content of the others is unknown
+                strangers = block.channel[~known]
+                damage.misfits.update(strangers.tolist())
+                text = "messages belong to channels that are not declared"
+                damage.remarks.append(f"{strangers.size} {text}, such as {strangers[0]}")
+            yield block if known.all() else block.of(np.flatnonzero(known))
         self.declare_absent(spare)
         is_missed = (damage.declared_chunks or 0) > damage.chunks + damage.chunks_lost
         damage.uncounted |= damage.declared_messages is None and is_missed
@@ -364,18 +366,6 @@ class McapFile(MessageFile):
         for one in spare:
             if one.id not in (self.channels if isinstance(one, Channel) else self.schemas):
                 self.declare(one)
-
-    def of_declared_channels(self, block: MessageBlock) -> MessageBlock:
-        """The block without messages of undeclared channels, whose content is unknown."""
-        if all(number in self.channels for number in block.counts):
-            return block
-        known = np.isin(block.channel, list(self.channels))
-        strangers = block.channel[~known]
-        self.damage.misfits.update(strangers.tolist())
-        self.damage.remarks.append(
-            f"{strangers.size} messages belong to channels that are not declared, such as {strangers[0]}"
-        )
-        return block.of(np.flatnonzero(known))
 
 
 def read_mcap(path: Path) -> McapFile:

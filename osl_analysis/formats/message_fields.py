@@ -64,9 +64,6 @@ class FieldDescription:
             return [self.path]
         return [f"{self.path}[{label}]" for label in self.labels] or [f"{self.path}[0]"]
 
-    def in_words(self) -> str:
-        return self.path if self.length is None else f"{self.path}[0..{self.length - 1}]"
-
 
 def array_labels(path: str, length: int | None, texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
     """Labels of an array's elements, from an array of as many different texts beside it in the message."""
@@ -189,8 +186,7 @@ def short_name(name: str) -> str:
 
 # --- messages of ROS, by their shapes
 
-Messages = np.ndarray[tuple[int], np.dtype[np.void]]
-"""Messages of one length, one after the other."""
+Messages = np.ndarray[tuple[int], np.dtype[np.void]]  # messages of one length, one after the other
 
 
 @dataclass(frozen=True)
@@ -427,19 +423,6 @@ class ShapeReader(Reader):
         return columns
 
 
-def describe_ros(schema: Schema, payload: bytes | None, *, ros1: bool) -> list[FieldDescription]:
-    """The fields of one message; without a message, those of one whose strings and sequences are empty."""
-    shape = shape_of(message_type(schema, ros1=ros1), payload)
-    texts: dict[str, list[str]] = defaultdict(list)
-    for path in shape.texts:
-        texts[path.rpartition("[")[0]].append(shape.text_at(path).decode(errors="replace"))
-    return [
-        FieldDescription(path, np.dtype(leaf.dtype).name, leaf.count, array_labels(path, leaf.count, texts))
-        for path, leaf in shape.leaves.items()
-        if not re.search(r"\[(?!0\])\d+\]", path)  # of an array of messages the first one tells
-    ]
-
-
 # --- JSON and protobuf, message by message
 
 
@@ -668,7 +651,15 @@ def describe_message(channel: Channel, schema: Schema | None, payload: bytes | N
         return [] if payload is None else list(described(json.loads(payload)))
     if channel.message_encoding == "protobuf":
         return list(described(protobuf_decoder(schema)(payload or b"")))
-    return describe_ros(schema, payload, ros1=channel.message_encoding == "ros1")
+    shape = shape_of(message_type(schema, ros1=channel.message_encoding == "ros1"), payload)
+    texts: dict[str, list[str]] = defaultdict(list)
+    for path in shape.texts:
+        texts[path.rpartition("[")[0]].append(shape.text_at(path).decode(errors="replace"))
+    return [
+        FieldDescription(path, np.dtype(leaf.dtype).name, leaf.count, array_labels(path, leaf.count, texts))
+        for path, leaf in shape.leaves.items()
+        if not re.search(r"\[(?!0\])\d+\]", path)  # of an array of messages the first one tells
+    ]
 
 
 def check_encoding(channel: Channel, schema: Schema | None) -> None:

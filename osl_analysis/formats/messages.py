@@ -279,8 +279,7 @@ class ChannelReader:
     log_times: list[Indices] = field(default_factory=list)  # when the messages of each block were logged [ns]
     sequences: list[NDArray[np.uint32]] = field(default_factory=list)
     first: bytes | None = None  # the first message, to list its fields
-    columns: Columns = field(init=False)
-    """The wanted fields, once all messages were read, in the order of recording."""
+    columns: Columns = field(init=False)  # the wanted fields, once all messages were read, in the order of recording
 
     def add(self, mine: MessageBlock) -> None:
         self.first = mine.first() if self.first is None else self.first
@@ -304,8 +303,9 @@ class ChannelReader:
         if self.misfits:
             damage.misfits[self.channel.id] += self.misfits
             damage.remarks.append(f"{self.misfits} of {count} messages of {topic} are lost: {self.reader.misfit}")
-        missing = missing_numbers(sequence)
-        if missing:  # the recorder dropped messages, or a chunk was removed
+        steps = np.diff(np.sort(sequence.astype(np.int64), kind="stable"))
+        if (steps > 0).all() and (steps > 1).any() and np.median(steps) == 1:  # they count messages
+            missing = int((steps - 1).sum())  # the recorder dropped them, or a chunk was removed
             damage.remarks.append(
                 f"the sequence numbers of {topic} say that {missing} messages beside its {count} are not in the file"
             )
@@ -329,10 +329,11 @@ class ChannelReader:
             fields = []
         array, bracket, name = path.rpartition("[")
         chosen = [one for one in fields if bracket and "=" in name and one.path == array and one.labels]
-        words = [
-            one.addresses() if chosen or one.labels else [one.in_words()] for one in chosen or fields if one.length != 0
-        ]
-        return listing([one for several in words for one in several])
+        words: list[str] = []
+        for one in chosen or fields:
+            as_whole = one.path if one.length is None else f"{one.path}[0..{one.length - 1}]"
+            words += [] if one.length == 0 else one.addresses() if chosen or one.labels else [as_whole]
+        return listing(words)
 
     def how(self) -> dict[str, Any]:
         return {
@@ -434,14 +435,6 @@ def rank_of(log_time: Indices, sequence: NDArray[np.uint32]) -> Indices:
     if backwards > 10 or explained:  # a publisher that was restarted goes back, a few times
         rank[by_number] = np.arange(sequence.size)
     return rank
-
-
-def missing_numbers(sequence: NDArray[np.uint32]) -> int:
-    """How many sequence numbers are missing, if they count messages: each is its own and most rise by one; else 0."""
-    steps = np.diff(np.sort(sequence.astype(np.int64), kind="stable"))
-    if (steps == 1).all() or (steps == 0).any() or np.median(steps) != 1:
-        return 0
-    return int((steps - 1).sum())
 
 
 @dataclass

@@ -60,17 +60,6 @@ def is_json_document(begin: bytes) -> bool:
         return False
 
 
-def is_workbook(begin: bytes) -> bool:
-    """Whether a file is an Excel workbook, a ZIP archive with these entries, or an old one."""
-    new = begin.startswith(ZIP) and any(name in begin for name in (b"xl/", b"[Content_Types].xml"))
-    return new or begin.startswith(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")
-
-
-def is_hdf5(begin: bytes) -> bool:
-    """Whether a file is HDF5 and none that MATLAB wrote."""
-    return any(begin[at : at + 8] == HDF5 for at in (0, 512, 1024, 2048)) and not begin.startswith(b"MATLAB 7.")
-
-
 LVM = "delete its lines down to the last `***End_of_Header***` and save the rest as CSV"
 PARQUET = f"{AS_CSV}, or give it to `osl-analysis fit` if `ingest` wrote it"
 OTHERS = (
@@ -87,8 +76,19 @@ OTHERS = (
     ),
     OtherFormat("the description of a ROS 2 bag", "name its folder", text_with(r"^rosbag2_bagfile_information:")),
     OtherFormat("a document of JSON", "write JSON lines, an object per line and sample", is_json_document),
-    OtherFormat("an Excel workbook", SHEET, is_workbook),
-    OtherFormat("an HDF5 file", AS_CSV, is_hdf5),
+    OtherFormat("an Excel workbook", SHEET, starting(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")),
+    OtherFormat(
+        "an Excel workbook",
+        SHEET,
+        lambda begin: begin.startswith(ZIP) and any(name in begin for name in (b"xl/", b"[Content_Types].xml")),
+    ),
+    OtherFormat(  # none that MATLAB wrote
+        "an HDF5 file",
+        AS_CSV,
+        lambda begin: (
+            not begin.startswith(b"MATLAB 7.") and HDF5 in [begin[at : at + 8] for at in (0, 512, 1024, 2048)]
+        ),
+    ),
     OtherFormat("a Parquet file", PARQUET, starting(b"PAR1")),
     OtherFormat("compressed (such as ZIP or gzip)", "unpack it and name the recording inside", starting(*COMPRESSED)),
 )

@@ -10,7 +10,7 @@ import sqlite3
 import struct
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -417,22 +417,16 @@ class Database(MessageFile):
 
     def block(self, rows: list[tuple[int, int, bytes]]) -> MessageBlock:
         channel = np.array([self.numbers[topic] for topic, _, _ in rows], np.uint16)
-        payloads = [unpacked_message(data) for _, _, data in rows]
+        payloads = [data for _, _, data in rows]
+        for place, data in enumerate(payloads):
+            if data[:4] == b"\x28\xb5\x2f\xfd":  # compressed on its own; one in CDR begins with a zero byte
+                with suppress(zstandard.ZstdError):  # a damaged one stays as it is, and is counted as no message
+                    payloads[place] = zstandard.ZstdDecompressor().decompressobj().decompress(data)
         lengths, time = np.array([len(one) for one in payloads]), np.array([time for _, time, _ in rows], np.int64)
         none = np.zeros(len(rows), np.uint32)
         block = MessageBlock(b"".join(payloads), channel, none, time, np.cumsum(lengths) - lengths, lengths)
         self.damage.read.update(block.counts)
         return block
-
-
-def unpacked_message(data: bytes) -> bytes:
-    """A message without a compression of its own; as it is where that is damaged, which is counted as no message."""
-    if data[:4] != b"\x28\xb5\x2f\xfd":  # as CDR, which begins with a zero byte
-        return data
-    try:
-        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
-    except zstandard.ZstdError:
-        return data
 
 
 def read_database(path: Path, described: Description | None = None) -> Database:

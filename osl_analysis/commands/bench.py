@@ -70,9 +70,7 @@ from osl_analysis.files import default_config, shipped
 from osl_analysis.judge.doubts import marked, not_checked_of
 from osl_analysis.judge.impossible import (
     check_recording,
-    plausible_actuator,
-    plausible_belt,
-    plausible_transmission,
+    plausible,
     saturated,
 )
 from osl_analysis.judge.table import DoubtfulFits
@@ -90,7 +88,7 @@ def fit_belt_trial(trial: Trial, parameters: FileOrNone, settings: BeltAnalysis)
     return FitTables(
         belt_series(belt),
         lambda: {"timebase": belt.loading.time_base(["K_s"])},
-        belt=plausible_belt(belt_table(belt), rails, p),
+        belt=plausible(belt_table(belt), rails, p, "K_s"),
         belt_curves=belt_curve(belt),
     )
 
@@ -103,7 +101,7 @@ def fit_transmission_trial(
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
     analysis = transmission_of(sine_record(trial, settings))
-    table = plausible_transmission(transmission_table(analysis), rails, p)
+    table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
     return FitTables(analysis.series(), lambda: {"timebase": analysis.time_base(LOSSES)}, transmission=table)
 
 
@@ -141,7 +139,7 @@ def fit_actuator_trial(trial: Trial, parameters: FileOrNone, settings: ActuatorA
     check_recording(trial, settings, "torque_m", angle=None)
     rails = saturated(trial, "torque_m", "current")
     actuator = actuator_trial(trial, settings)
-    table = plausible_actuator(actuator_table(actuator), rails, p)
+    table = plausible(actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
     series = actuator_series(actuator)
     return FitTables(series, lambda: {"timebase": actuator.time_base(ACTUATOR_PARAMETERS)}, actuator=table)
 

@@ -27,19 +27,15 @@ class CampaignFigure:
     own_rule: bool = False
 
 
-def read_figures(path: Path) -> dict[str, CampaignFigure]:
-    """The figures of a campaign by name, from the list in YAML."""
-    entries = {place.removeprefix("figures/"): entry for place, entry in YAML(typ="safe", pure=True).load(path).items()}
-    optional = ("setting", "option", "own_rule")
-    return {
-        name: CampaignFigure(
-            name, entry["from"], entry.get("module", name), **{key: entry[key] for key in optional if key in entry}
-        )
-        for name, entry in entries.items()
-    }
-
-
-FIGURES = read_figures(Path(__file__).with_name("figures.yaml"))  # the figures of a campaign by name
+FIGURES = {  # the figures of a campaign by name
+    (name := place.removeprefix("figures/")): CampaignFigure(
+        name=name,
+        table=entry["from"],
+        module=entry.get("module", name),
+        **{key: entry[key] for key in ("setting", "option", "own_rule") if key in entry},
+    )
+    for place, entry in YAML(typ="safe", pure=True).load(Path(__file__).with_name("figures.yaml")).items()
+}
 OTHER_DRAWINGS = ("torque", "gain_grid", "study", "not_drawn")  # drawings in `others.py` that are none of a campaign
 
 

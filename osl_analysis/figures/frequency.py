@@ -140,7 +140,16 @@ def draw_fig7(table: pl.DataFrame) -> Figure:
             if len(curve):
                 wanted: dict[str, Any] = {"color": style.BLACK, "label": style.LOOKS["desired"].label}
                 ax.plot(curve["frequency_hz"], curve[column], zorder=1, **wanted)
-        label_axes(magnitude, phase, part["frequency_hz"].to_numpy(), most=8 if len(parts) == 1 else 5)
+        magnitude.set_yscale("log")
+        style.label_log_axis(magnitude.yaxis, magnitude.get_ylim(), most=6, scale=1e3)
+        style.label_phase_axis(phase)
+        f = part["frequency_hz"].to_numpy()
+        for ax in (magnitude, phase):
+            ax.set_xscale("log")
+            limits = style.with_margins(float(f.min()), float(f.max()))
+            style.label_log_axis(ax.xaxis, limits, most=8 if len(parts) == 1 else 5)
+        magnitude.tick_params(labelbottom=False)
+        phase.set_xlabel("Frequency (Hz)")
     axes[0].set_ylabel("Magnitude\n" r"(10$^{-3}$ rad/(N·m))")
     axes[len(parts)].set_ylabel("Phase (deg)")
     named = style.legend_entries(shown)
@@ -151,18 +160,6 @@ def draw_fig7(table: pl.DataFrame) -> Figure:
     figure.legend(handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.5)
     figure.align_ylabels()
     return figure
-
-
-def label_axes(magnitude: Axes, phase: Axes, frequency_hz: np.ndarray, most: int) -> None:
-    magnitude.set_yscale("log")
-    style.label_log_axis(magnitude.yaxis, magnitude.get_ylim(), most=6, scale=1e3)
-    style.label_phase_axis(phase)
-    limits = style.with_margins(float(frequency_hz.min()), float(frequency_hz.max()))
-    for ax in (magnitude, phase):
-        ax.set_xscale("log")
-        style.label_log_axis(ax.xaxis, limits, most)
-    magnitude.tick_params(labelbottom=False)
-    phase.set_xlabel("Frequency (Hz)")
 
 
 def draw_controller(ax: Axes, rows: pl.DataFrame, look: style.Look, column: str, bounds: str) -> None:

@@ -61,7 +61,10 @@ def draw_fig4(table: pl.DataFrame) -> Figure:
     joint, side, trial = table.select("joint", "side", "trial").row(0)
     place = f"{place_name(joint, side)}, trial {drawn_name(trial, 60)}"
     figure, (angle, torque, residual) = style.panels(style.DOUBLE_COLUMN, 3.9, rows=3, names=[place, "", ""])
-    lines = with_breaks(table)
+    step, names = pl.col("time").diff(), ("theta_deg", "torque", "torque_model")
+    rows = table.with_row_index("row")  # with one of NaN before each step that is longer than two ordinary ones
+    breaks = rows.filter(step > 2 * step.median()).with_columns(pl.lit(np.nan).alias(name) for name in names)
+    lines = pl.concat([breaks, rows]).sort("row", maintain_order=True)
     time = lines["time"]
     angle.plot(time, lines["theta_deg"], color=style.BLACK, linewidth=0.9)
     torque.plot(time, lines["torque"], color="#B4B4B4", linewidth=2.2, label="Measured")
@@ -91,14 +94,6 @@ def shade_left_out(ax: Axes, table: pl.DataFrame) -> None:
     for number, (_, first, last) in enumerate(spans.iter_rows()):
         label = "Not fitted" if number == 0 else None
         ax.axvspan(first, last, color="#E8E8E8", linewidth=0, zorder=0, label=label)
-
-
-def with_breaks(table: pl.DataFrame) -> pl.DataFrame:
-    """The table with a row of NaN before each step in time [s] that is longer than two ordinary ones."""
-    step = pl.col("time").diff()
-    broken = table.with_row_index("row").filter(step > 2 * step.median())
-    ends = broken.with_columns(pl.lit(np.nan).alias(name) for name in ("theta_deg", "torque", "torque_model"))
-    return pl.concat([ends, table.with_row_index("row")]).sort("row", maintain_order=True).drop("row")
 
 
 WHERE_THEY_ARE = (
@@ -208,7 +203,7 @@ def fig5_caption(table: pl.DataFrame) -> str:
     said = [
         r"Estimated stiffness $\hat{K}$ (a) and damping $\hat{B}$ (b) of the joint for every desired impedance $K_d$, "
         "$B_d$. A marker is the fit of Eq. 15 to all amplitudes of one trial, a black line the desired value. Places "
-        "on the axis are no scale.",
+        "on the axis are no scale."
     ]
     if table["K_predicted"].count() or table["B_predicted"].count():
         said.append("A short line in the colour of a marker is what linear theory predicts for its gains.")

@@ -18,8 +18,6 @@ from osl_analysis.figures.style import DRAWN_OPEN, GREY, LOOKS, PAPER, Dash, Loo
 from osl_analysis.judge.doubts import reasons_in
 
 DRAFT_CONTROLLERS = ("compensated", "uncompensated")  # the controllers of the draft, whose looks are fixed
-LONGEST_DRAWN = 28  # characters of a name in a figure; a longer one is shortened in its middle
-MISSING = "\ufffd"  # sign in place of a letter that no font of the figures has
 COLOURS = ("#3F8FBF", "#6B3A0A", "#2F5555", "#B98860", "#2B46F0")
 """Colours of controllers other than those of the draft: with these two and black 20 or more apart (CIE 1976) for
 readers without long- or medium-wavelength cones."""
@@ -36,13 +34,14 @@ def drawable_letters() -> frozenset[int]:
 
 
 def with_glyphs(text: str) -> str:
-    """A text of which every letter can be drawn; `MISSING` stands for the others."""
+    """A text of which every letter can be drawn: a sign stands for those that no font of the figures has."""
     composed = unicodedata.normalize("NFC", text)
-    return "".join(sign if ord(sign) in drawable_letters() or sign == "\n" else MISSING for sign in composed)
+    return "".join(sign if ord(sign) in drawable_letters() or sign == "\n" else "\ufffd" for sign in composed)
 
 
-def drawn_name(name: str, longest: int = LONGEST_DRAWN) -> str:
-    """A name as matplotlib draws it: text between dollars is no mathematics, a leading underscore hides no label."""
+def drawn_name(name: str, longest: int = 28) -> str:
+    """A name as matplotlib draws it, shortened in its middle: text between dollars is no mathematics, a leading
+    underscore hides no label."""
     short = name if len(name) <= longest else f"{name[: longest - longest // 3 - 1]}…{name[-(longest // 3) :]}"
     escaped = with_glyphs(short).replace("$", r"\$")
     return f" {escaped}" if escaped.startswith("_") else escaped

@@ -159,8 +159,6 @@ MEASURES = {
     "rmse_over_bound": "RMSE / Cramér–Rao bound",
     "coverage": "Coverage of 95 % intervals (%)",
 }
-SHORT_NAMES = {"unperturbed crossings": "gait", "unperturbed crossings + plate trials": "gait + plate"}
-"""Short names of long kinds of interval, for the margin."""
 RowKey = tuple[str, ...]
 
 
@@ -173,7 +171,9 @@ def draw_study(table: pl.DataFrame) -> Figure:
     for ax, column in zip(axes, MEASURES, strict=True):
         draw_measure(ax, table, keys, column)
         ax.set_yticks(range(len(keys)), [])
-    axes[0].set_yticklabels([row_label(key) for key in keys])
+    long = {"unperturbed crossings": "gait", "unperturbed crossings + plate trials": "gait + plate"}
+    labels = [k[0].replace(" us", " µs") if len(k) == 1 else f"{k[1]}, {long.get(k[2], k[2])}" for k in keys]
+    axes[0].set_yticklabels(labels)
     for text, key in zip(axes[0].get_yticklabels(), keys, strict=True):
         text.set_fontweight("bold" if len(key) == 1 else "normal")
     seen = {SAME_AS.get(name, name) for name in (q.partition(",")[0] for q in table["quantity"])}
@@ -197,10 +197,6 @@ def headed(rows: pl.DataFrame) -> list[RowKey]:
             keys.append(key[:1])
         keys.append(key)
     return keys
-
-
-def row_label(key: RowKey) -> str:
-    return key[0].replace(" us", " µs") if len(key) == 1 else f"{key[1]}, {SHORT_NAMES.get(key[2], key[2])}"
 
 
 def draw_measure(ax: Axes, table: pl.DataFrame, keys: Sequence[RowKey], column: str) -> None:

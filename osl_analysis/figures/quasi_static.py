@@ -175,16 +175,12 @@ def torque_angle_caption(table: pl.DataFrame) -> str:
         said.append("Dashed: the curves that the trials of this colour were designed for.")
     for trial in table.partition_by("trial", maintain_order=True)[:MOST_CURVES]:
         loading = trial.filter(pl.col("branch") == "loading")
-        (low, high), slopes = ends_of(loading, "torque"), loading["stiffness"].drop_nulls().to_numpy()
+        torque = loading.drop_nulls("torque").sort("angle_deg")["torque"]
+        (low, high), slopes = (torque[0], torque[-1]), loading["stiffness"].drop_nulls().to_numpy()
         steepest = f", steepest {np.max(slopes):.4g} {UNIT_SIGN['K']}" if len(slopes) else ""
         said.append(f"{as_text(trial['trial'][0])}: {low:.3g} to {high:.3g} N·m{steepest}.".replace("-", "−"))
     fits = table.unique("trial", maintain_order=True)
     return " ".join([*said, doubtful_said(fits, "drawn dotted", fit="trial")])
-
-
-def ends_of(branch: pl.DataFrame, column: str) -> tuple[float, float]:
-    ordered = branch.drop_nulls(column).sort("angle_deg")[column]
-    return float(ordered[0]), float(ordered[-1])
 
 
 @style.paper_style()

@@ -91,9 +91,8 @@ def drawn_group(rows: dict[tuple[str, str, str], dict[str, Any]], group: str, qu
                 "crossings again"
             )
     mean, ensemble = (rows[group, estimator, quantity] for estimator in (PER_PERTURBATION, BY_ENSEMBLE))
-    found = {name: mean[name] for name in ("n", "mean", "sd", "n_doubtful")}
-    found |= {"ensemble": ensemble["mean"], "ensemble_low": ensemble["low"], "ensemble_high": ensemble["high"]}
-    return found | {"commanded": ensemble["commanded"]}
+    found = {name: mean[name] for name in ("n", "mean", "sd", "n_doubtful")} | {"commanded": ensemble["commanded"]}
+    return found | {"ensemble": ensemble["mean"], **{f"ensemble_{end}": ensemble[end] for end in ("low", "high")}}
 
 
 @style.paper_style()

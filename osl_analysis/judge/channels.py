@@ -216,11 +216,7 @@ def measure_stuck(examined: Examined) -> CheckResult:
 
 
 def held(
-    time: Array,
-    values: Array,
-    reference: tuple[Array, Array] | None = None,
-    least: float = 0.0,
-    beside: float = 0.0,
+    time: Array, values: Array, reference: tuple[Array, Array] | None = None, least: float = 0.0, beside: float = 0.0
 ) -> float:
     """Longest time [s] that a channel (n,) repeats one value while its reference, times and values, changes by more
     than `least`. At both ends of the repetition `beside` [s] do not count."""

@@ -4,7 +4,6 @@ What is only unlikely becomes a column of the result table, with a limit under `
 """
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -17,7 +16,7 @@ from osl_analysis.judge.channels import sampled, samples_at_rail
 from osl_analysis.measured import check_measured, rms
 from osl_analysis.trial import Array, Trial
 
-FACTORS: dict[str, float] = {
+FACTORS: dict[str, float] = {  # between units that are often taken for one another
     "between peak and RMS current": math.sqrt(2),
     "between lbf*ft and N*m": 1.3558,
     "between lbf and N": 4.4482,
@@ -27,16 +26,13 @@ FACTORS: dict[str, float] = {
     "between N*cm and N*m": 100.0,
     "between N*mm and N*m, or mA and A": 1000.0,
 }
-"""Factors between units that are often taken for one another."""
-NEAR = 0.08
-"""Largest relative distance of a ratio from a factor, or from its inverse, that names the factor as the cause."""
 
 
 def known_factor(ratio: float) -> str:
-    """The factor between two units that may make a number `ratio` times too large, in words; empty if there is none."""
+    """The factor between two units that may make a number `ratio` times too large, in words; empty if none is near."""
     size = max(abs(ratio), 1 / abs(ratio)) if ratio else math.inf
     name = min(FACTORS, key=lambda known: abs(math.log(size / FACTORS[known])) if math.isfinite(size) else math.inf)
-    if math.isfinite(size) and abs(size / FACTORS[name] - 1) < NEAR:
+    if math.isfinite(size) and abs(size / FACTORS[name] - 1) < 0.08:
         return f"{FACTORS[name]:.3g} is the factor {name}"
     return ""
 
@@ -118,10 +114,6 @@ REFUSALS = {
     ),
 }
 """What is refused for a number beyond its limit."""
-SAME_AS_BELT = 1.1
-"""Largest K over the belt's K_s. The joint and the motor act through the belt, in series with it, so that the motor can
-render no K above K_s; a tenth allows for the belt at hand."""
-SHORTEST_STEP_S = 1e-5  # smallest mean time between two samples [s]; no recorder of a joint is faster than 100 kHz
 NO_PARAMETERS = "estimates against those of a parameter file: the configuration names none"
 
 
@@ -161,7 +153,7 @@ def check_unit_of_time(trial: Trial) -> None:
     them microseconds apart. The mean step knows nothing of that."""
     time = trial.arrays()[0]
     step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0
-    if 0 < step < SHORTEST_STEP_S:
+    if 0 < step < 1e-5:  # no recorder of a joint is faster than 100 kHz
         raise REFUSALS["step"].of(trial=trial.name, step=step, rate=1 / step)
 
 
@@ -207,26 +199,19 @@ def not_checked(reason: str) -> pl.Expr:
     return pl.lit(reason or None, pl.String).alias("not_checked")
 
 
-def against_file(
-    table: pl.DataFrame, rails: Saturated, known: Mapping[str, float] | None, names: Sequence[str]
-) -> pl.DataFrame:
-    """The table with `saturated_samples` and the ratio of each named estimate to the parameter file's, null without one
-    or where that is 0, and `not_checked`, which says so."""
-    references = {name: (known or {}).get(name) or None for name in names}
-    ratios = [(pl.col(name) / pl.lit(own, pl.Float64)).alias(f"{name}_ratio") for name, own in references.items()]
-    return rails.beside(table).with_columns(*ratios, not_checked(NO_PARAMETERS if known is None else ""))
+def plausible(table: pl.DataFrame, rails: Saturated, p: DrivetrainParameters | None, *names: str) -> pl.DataFrame:
+    """Rows of belt, transmission or actuator with `saturated_samples`, each named estimate's ratio to the parameter
+    file's, null without one or where that is 0, and `not_checked`, which says so.
 
-
-def plausible_belt(table: pl.DataFrame, rails: Saturated, p: DrivetrainParameters | None) -> pl.DataFrame:
-    """The belt's row beside the parameter file's K_s. Raises InputError: K_s is negative."""
-    check_resists(rails.trial, "K_s", table["K_s"][-1])
-    return against_file(table, rails, {"K_s": p.K_s} if p else None, ["K_s"])
-
-
-def plausible_transmission(table: pl.DataFrame, rails: Saturated, p: DrivetrainParameters | None) -> pl.DataFrame:
-    """The transmission's rows beside the parameter file's B_j and J_j. Raises InputError: B_j is negative."""
-    check_resists(rails.trial, "B_j", table["B_j"][-1])
-    return against_file(table, rails, {"B_j": p.B_j, "J_j": p.J_j} if p else None, ["B_j", "J_j"])
+    Raises InputError: the first of the estimates is negative: torque, angle or current has the wrong sign.
+    """
+    if names[0] != "k_tau_n_m":
+        check_resists(rails.trial, names[0], table[names[0]][-1])
+    elif table["k_tau_n_m_high"][-1] < 0:
+        raise REFUSALS["driving"].of(trial=rails.trial, value=table["k_tau_n_m"][-1])
+    known = {name: p.k_tau * p.n_m if name == "k_tau_n_m" else getattr(p, name) for name in names} if p else {}
+    ratios = [(pl.col(name) / pl.lit(known.get(name) or None, pl.Float64)).alias(f"{name}_ratio") for name in names]
+    return rails.beside(table).with_columns(*ratios, not_checked(NO_PARAMETERS if p is None else ""))
 
 
 def plausible_impedance(
@@ -241,7 +226,7 @@ def plausible_impedance(
     """
     K, high = table["K"][-1], table["K_high"][-1]
     check_resists(rails.trial, "K", K, high)
-    if p is not None and K > SAME_AS_BELT * p.K_s:
+    if p is not None and K > 1.1 * p.K_s:  # a motor in series with the belt; a tenth allows for the belt at hand
         ratio, reference = K / (predicted or p.K_s), "what the gains should give" if predicted else "K_s"
         factor = known_factor(ratio)
         cause = (
@@ -256,22 +241,6 @@ def plausible_impedance(
     return rails.beside(table).with_columns(of_belt, of_gains)
 
 
-def plausible_actuator(table: pl.DataFrame, rails: Saturated, p: DrivetrainParameters | None) -> pl.DataFrame:
-    """The actuator's row beside the parameter file. Raises InputError: current or torque has the wrong sign."""
-    if table["k_tau_n_m_high"][-1] < 0:
-        raise REFUSALS["driving"].of(trial=rails.trial, value=table["k_tau_n_m"][-1])
-    known = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": p.f_C, "f_G": p.f_G, "B_m": p.B_m, "J_m": p.J_m} if p else None
-    return against_file(table, rails, known, ["k_tau_n_m", "f_C", "f_G", "B_m", "J_m"])
-
-
-TORQUE_ERROR = 1e-3  # error of the torque, as a share of its RMS, that calibrations and models leave
-LARGEST_STIFFNESS_ERROR = 0.1  # change of K by such an error, as a share of K, from which a motion cannot tell K from I
-MUCH_AMPLIFIED = 3.0
-"""The same, as a multiple of what the error is of torque over angle: without stiffness there is no share of K. It
-is 1.6 from 0.5 to 6 Hz."""
-TINY = float(np.finfo(float).tiny)
-
-
 @dataclass(frozen=True)
 class Tellable:
     """What a small error of the torque in its most harmful shape does to the estimates."""
@@ -282,14 +251,15 @@ class Tellable:
 
 
 def told_by(theta: Array, omega: Array, alpha: Array, torque_rms: float) -> Tellable:
-    """The change of K and I by an error of `TORQUE_ERROR` that has the shape of their own parts of the motion.
+    """The change of K and I by an error of 0.1 % of the torque's RMS, which calibrations and models leave, that has the
+    shape of their own parts of the motion.
 
     Angle [rad], velocity and acceleration are filtered and without their means, shape (n,) each; `torque_rms` [N*m] is
     that of the filtered torque. The own part of the acceleration is what angle and velocity do not explain. A slow
     motion has little of it.
     """
-    error = TORQUE_ERROR * torque_rms
-    of_theta, of_alpha = max(own_part(theta, omega, alpha), TINY), max(own_part(alpha, omega, theta), TINY)
+    error, tiny = 1e-3 * torque_rms, float(np.finfo(float).tiny)
+    of_theta, of_alpha = max(own_part(theta, omega, alpha), tiny), max(own_part(alpha, omega, theta), tiny)
     return Tellable(error / of_theta, error / of_alpha, rms(theta) / of_theta)
 
 
@@ -313,5 +283,7 @@ def check_told(
     if largest_inertia_error is not None and change.inertia > largest_inertia_error:
         needed = max(high * np.sqrt(change.inertia / (0.5 * largest_inertia_error)), 1.5 * high)
         raise REFUSALS["fast motion"].of(**names, change=change.inertia, limit=largest_inertia_error, needed=needed)
-    if change.stiffness > max(LARGEST_STIFFNESS_ERROR * abs(K), K_se) and change.amplified > MUCH_AMPLIFIED:
+    # K by a tenth, and three times what the error is of torque over angle: without stiffness there is no share of K. It
+    # is 1.6 from 0.5 to 6 Hz.
+    if change.stiffness > max(0.1 * abs(K), K_se) and change.amplified > 3:
         raise REFUSALS["slow motion"].of(**names, change=change.stiffness)

@@ -2,7 +2,6 @@
 are always listed.
 """
 
-import csv
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -83,14 +82,10 @@ class Judge:
 
     def verdicts(self, measured: Iterable[Path]) -> pl.DataFrame:
         """The rows of `quality.csv` for trials whose checks were measured; a missing file, or a record, has none."""
-        rows: list[dict[str, Any]] = []
-        for path in measured:
-            if path.is_file() and not is_refused(path):
-                with path.open(newline="", encoding="utf-8") as file:
-                    rows += csv.DictReader(file)
-        values = [float(row["value"]) if row["value"] else None for row in rows]
-        table = pl.DataFrame(rows, schema=dict.fromkeys(CHECK_COLUMNS, pl.String))
-        return judged_table(table.with_columns(pl.Series("value", values, dtype=pl.Float64)), self.rules, self.accept)
+        there = [path for path in measured if path.is_file() and not is_refused(path)]
+        kinds = {name: pl.Float64 if name == "value" else pl.String for name in CHECK_COLUMNS}
+        table = pl.concat([pl.DataFrame(schema=kinds), *(pl.read_csv(path, schema=kinds) for path in there)])
+        return judged_table(table.with_columns(pl.col("remark").fill_null("")), self.rules, self.accept)
 
 
 def exclusions(verdicts: pl.DataFrame) -> dict[str, str]:

@@ -190,8 +190,14 @@ def inline_svg(text: str, name: str, label: str) -> Markup:
                 element.set(key, f"#{name}-{value[1:]}")
             elif "url(#" in value:
                 element.set(key, re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", value))
-        if element.tag == f"{SVG}a":
-            link_to_trial(element)
+        if element.tag == f"{SVG}a":  # behind the name of the report in the figures' files; here the pointer says which
+            trial = element.get(f"{XLINK}href", "").rpartition("#trial=")[2]
+            element.set(f"{XLINK}href", f"#trial={trial}")
+            element.attrib.pop("target", None)
+            element.set("tabindex", "-1")
+            title = ElementTree.Element(f"{SVG}title")
+            title.text = unquote(trial)
+            element.insert(0, title)
     width, height = (float(root.get(key, "0").removesuffix("pt")) for key in ("width", "height"))
     root.set("viewBox", root.get("viewBox") or f"0 0 {width:g} {height:g}")
     root.set("style", f"width: min(100vw - 4rem, {1.9 * width:.0f}px)")
@@ -205,18 +211,6 @@ def inline_svg(text: str, name: str, label: str) -> Markup:
 def inline_png(content: bytes, label: str) -> Markup:
     picture = Markup('<img src="data:image/png;base64,{}" alt="{}" style="max-width: 100%">')
     return picture.format(b64encode(content).decode("ascii"), label)
-
-
-def link_to_trial(element: ElementTree.Element) -> None:
-    """Let a link, in the figures' files behind the name of the report, lead to its trial on this page, and say which
-    one under the pointer."""
-    trial = element.get(f"{XLINK}href", "").rpartition("#trial=")[2]
-    element.set(f"{XLINK}href", f"#trial={trial}")
-    element.attrib.pop("target", None)
-    element.set("tabindex", "-1")
-    title = ElementTree.Element(f"{SVG}title")
-    title.text = unquote(trial)
-    element.insert(0, title)
 
 
 def captions_by_title(text: str) -> dict[str, Markup]:

@@ -236,16 +236,10 @@ def time_base(table: pl.DataFrame | None, described: DescribedTable | None) -> T
 def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
     """What ingest wrote about a trial (`Trial.provenance`), as `files`, `signals` and further `facts`. The axes of a
     marker or plate are one signal."""
-    files = [
-        [
-            role,
-            str(one.get("path", "")),
-            cell_text(one.get("bytes")),
-            str(one.get("sha256", "")),
-            str(one.get("source")),
-        ]
-        for role, one in provenance.get("files", {}).items()
-    ]
+    files = []
+    for role, one in provenance.get("files", {}).items():
+        path, digest = (str(one.get(key, "")) for key in ("path", "sha256"))
+        files.append([role, path, cell_text(one.get("bytes")), digest, str(one.get("source"))])
     signals: dict[str, list[str]] = {}
     for name, origin in provenance.get("columns", {}).items():
         vector = name.rpartition("_")[0] if "component" in origin or "plate" in origin else name

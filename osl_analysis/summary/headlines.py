@@ -195,13 +195,6 @@ ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh")  # endings of t
 
 
 @dataclass(frozen=True)
-class Interval:
-    low: float | None
-    high: float | None
-    kind: str
-
-
-@dataclass(frozen=True)
 class Headline(Label):
     value: float  # in `unit`
     low: float | None
@@ -230,18 +223,18 @@ def over_fits(label: Label, values: pl.Series, middle: Callable[[Array], np.floa
     if not len(finite):
         return []
     low, high = (float(finite.min()), float(finite.max())) if len(finite) > 1 else (None, None)
-    return [headline(label, float(middle(finite)), len(finite), Interval(low, high, RANGE))]
+    return [headline(label, float(middle(finite)), len(finite), low, high, RANGE)]
 
 
 def over_trials(label: Label, fits: pl.DataFrame, middle: Callable[[Array], np.floating] = np.mean) -> list[Headline]:
     return said_of(over_fits(label, fits["VAF"], middle), fits)
 
 
-def headline(label: Label, value: float, n: int, interval: Interval) -> Headline:
+def headline(label: Label, value: float, n: int, low: float | None, high: float | None, kind: str) -> Headline:
     """A number, without an interval where a bound is missing (a single trial has no scatter)."""
-    if interval.low is None or interval.high is None or not np.isfinite([interval.low, interval.high]).all():
+    if low is None or high is None or not np.isfinite([low, high]).all():
         return Headline(**asdict(label), value=value, low=None, high=None, interval=None, n=n)
-    return Headline(**asdict(label), value=value, low=interval.low, high=interval.high, interval=interval.kind, n=n)
+    return Headline(**asdict(label), value=value, low=low, high=high, interval=kind, n=n)
 
 
 def summary_means(table: pl.DataFrame, labels: Mapping[str, Label], interval: str = STUDENT) -> list[Headline]:
@@ -256,7 +249,7 @@ def summary_means(table: pl.DataFrame, labels: Mapping[str, Label], interval: st
             raise InputError(
                 f"summary table: the mean of '{quantity}' is {mean}; look for a fit without a result in its trials"
             )
-        found = headline(label, mean, int(n), Interval(low, high, interval))
+        found = headline(label, mean, int(n), low, high, interval)
         doubtful, left_out = (int(rows[quantity].get(column) or 0) for column in ("n_doubtful", "n_left_out"))
         doubt = rows[quantity].get("doubt") or None
         numbers.append(replace(found, n_doubtful=doubtful, n_left_out=left_out, doubt=doubt))
@@ -405,7 +398,7 @@ def example_headlines(symbol: str, label: Label, trials: pl.DataFrame, example: 
         return said_of(over_fits(label, used[symbol], np.mean), rows, used)
     value, low, high, method = rows.select(symbol, f"{symbol}_low", f"{symbol}_high", "interval_method").row(0)
     lowest, highest = rows.select(f"{symbol}_amplitudes_low", f"{symbol}_amplitudes_high").row(0)
-    number = headline(label, value, 1, Interval(low, high, FEW if method == "repeats" else FIT))
+    number = headline(label, value, 1, low, high, FEW if method == "repeats" else FIT)
     return said_of([replace(number, amplitudes_low=lowest, amplitudes_high=highest)], rows)
 
 
@@ -414,8 +407,8 @@ def model_gain_headlines(table: pl.DataFrame) -> list[Headline]:
     for row in table.drop_nulls("VAF_gain").iter_rows(named=True):
         label = model_gain_label(row["experiment"], row["controller"], row["model"])
         if label is not None:
-            interval = Interval(row["VAF_gain_low"], row["VAF_gain_high"], PAIRED)
-            numbers.append(headline(label, row["VAF_gain"], int(row["trials"]), interval))
+            ends = row["VAF_gain_low"], row["VAF_gain_high"]
+            numbers.append(headline(label, row["VAF_gain"], int(row["trials"]), *ends, PAIRED))
     return numbers
 
 
@@ -423,8 +416,8 @@ def torque_angle_headlines(table: pl.DataFrame) -> list[Headline]:
     numbers = []
     for row in table.iter_rows(named=True):
         for quantity, label in TORQUE_ANGLE_LABELS.items():
-            interval = Interval(row[f"{quantity}_low"], row[f"{quantity}_high"], OF_CYCLES)
-            number = headline(of_group(label, row["trial"]), row[quantity], int(row["cycles"]), interval)
+            ends = row[f"{quantity}_low"], row[f"{quantity}_high"]
+            number = headline(of_group(label, row["trial"]), row[quantity], int(row["cycles"]), *ends, OF_CYCLES)
             numbers.append(replace(number, doubt=row[DOUBTFUL] or None))
     return numbers
 

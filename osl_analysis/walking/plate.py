@@ -329,10 +329,7 @@ def identify_plate_inertia(
     wanted = tuple(name for name in excited if not names or name in names)
     while True:
         chosen = [INERTIAL.index(name) for name in wanted]
-        parameters, errors = (
-            np.zeros(len(INERTIAL)) if known is None else known.copy(),
-            np.zeros(len(INERTIAL)),
-        )
+        parameters, errors = (np.zeros(len(INERTIAL)) if known is None else known.copy(), np.zeros(len(INERTIAL)))
         parameters[chosen] = 0.0
         left, stacked = wrench - columns @ parameters, stacked_columns(columns, wanted)
         try:

@@ -211,12 +211,7 @@ class EnsembleSettings(ResponseSettings):
 
 
 class WalkingAnalysis(
-    CalibrationSettings,
-    PlateModelSettings,
-    CrossingSettings,
-    SelectionSettings,
-    UnperturbedSettings,
-    EnsembleSettings,
+    CalibrationSettings, PlateModelSettings, CrossingSettings, SelectionSettings, UnperturbedSettings, EnsembleSettings
 ):
     """All choices of the walking analysis. Each job uses one of the groups above."""
 

@@ -13,7 +13,6 @@ from scipy.interpolate import CubicSpline
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
-from osl_analysis.simulator.kernel import spline_at
 from osl_analysis.simulator.recorder import Bench
 from osl_analysis.simulator.settings import SimulationSettings
 
@@ -308,11 +307,6 @@ def test_failed_readings_are_nan_in_the_log(tmp_path):
     failed = np.isnan(log["load_cell_torque"])
     assert failed.mean() == pytest.approx(0.01, rel=0.5)
     assert not np.isnan(log["joint_angle"]).any()
-
-
-def test_three_samples_are_refused():
-    with pytest.raises(InputError, match="3 samples at 1000 Hz is too short"):
-        spline_at(np.zeros(3), 1000.0, np.zeros(2))
 
 
 def test_without_a_compiler_nothing_is_simulated_and_one_line_says_what_to_install(monkeypatch, tmp_path):

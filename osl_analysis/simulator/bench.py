@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.model.compensator import Gains, select_gains
@@ -26,7 +27,6 @@ from osl_analysis.simulator.joint_motion import (
     stepped_sine,
     there_and_back,
 )
-from osl_analysis.simulator.kernel import spline_at
 from osl_analysis.simulator.mcap_writer import ACTUATOR, DYNAMOMETER, joint_states, wrenches, write_mcap, write_topics
 from osl_analysis.simulator.recorder import BenchLog, Jumping, TrueSignal, bench_truth, recorded
 from osl_analysis.simulator.settings import ActuatorBench, SimulationSettings, stream
@@ -122,7 +122,7 @@ def drivetrain_effects(settings: SimulationSettings) -> DrivetrainEffects:
         control_delay=int(effects.control_delay.value),
         control_updates=drivetrain.control_updates if effects.control_delay.enabled else drivetrain.substeps,
         encoder_resolution=effects.actuator_encoder.value,
-        velocity_cutoff_hz=effects.velocity_filter.size if effects.velocity_filter.enabled else None,
+        velocity_cutoff_hz=effects.velocity_filter.value,
         sign_width=drivetrain.sign_width,
         hysteresis_torque=effects.belt_hysteresis.value,
         hysteresis_width=drivetrain.hysteresis_width,
@@ -218,10 +218,11 @@ def torque_of(motion: JointMotion, current: Array, p: DrivetrainParameters, rate
     curve through the samples has every jump half a step after a sample. A torque transducer that samples later than the
     encoder would read all of them late, which looks like inertia."""
 
+    time, true = np.arange(len(current)) / rate_hz, np.column_stack([current, motion.omega, motion.alpha])
+
     def at(instants: Array) -> Array:
         """The torque at any instants [s]."""
-        signals = (current, motion.omega, motion.alpha)
-        amperes, omega, alpha = (spline_at(signal, rate_hz, instants) for signal in signals)
+        amperes, omega, alpha = CubicSpline(time, true)(instants).T
         return actuator_torque(amperes, omega, alpha, p)
 
     return Jumping(actuator_torque(current, motion.omega, motion.alpha, p), at)

@@ -5,18 +5,21 @@ Stoermer-Verlet scheme (half drift, kick, half drift): J_m domega_m/dt = k_tau n
 where tau_s is the belt's torque at theta_s = theta - theta_m/n_T. Friction enters the kick implicitly with the true
 sign of the velocity. The actuator therefore sticks exactly, for any step.
 
-In its place a trial may have a joint of Eq. 15, or a passive foot.
+In its place a trial may have a joint of Eq. 15, or a passive foot. Compiled functions that call one another share this
+file, because numba's disk cache does not notice changes in other files.
 """
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from osl_analysis.config.parameters import DrivetrainParameters
+from osl_analysis.compiled import fused
+from osl_analysis.config.parameters import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.errors import InputError
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.kernel import Controller, Plant, belt_path, integrate, torque_through_gap
 from osl_analysis.simulator.settings import PassiveFoot, SecondOrderJoint, SlippingSpring
 from osl_analysis.trial import Array
 
@@ -33,42 +36,27 @@ class ControlCommands:
     cancels_friction: bool  # Whether the controller adds the friction term of Eq. 5
 
 
-@dataclass(frozen=True)
-class DrivetrainEffects:
-    """The difference between the simulated drivetrain with its controller and the linear model."""
+class DrivetrainEffects(NamedTuple):
+    """The difference between the simulated drivetrain with its controller and the linear model; as it stands here, no
+    difference but that of sampling."""
 
-    friction: bool  # Whether there is friction. Without it the controller cancels none, and the loop is linear
-    control_delay: int  # Delay from a measurement to the current computed from it [updates of the controller]
-    encoder_resolution: float  # Resolution [rad] of the encoder at the actuator's output. 0: an ideal encoder
-    velocity_cutoff_hz: float | None
-    """Cut-off [Hz] of the one-pole low-pass over the differentiated encoder. None: the true velocity."""
-    sign_width: float  # Velocity [rad/s] over which the controller smooths its sign
-    hysteresis_torque: float  # Largest rate-independent torque [N*m] of the belt
-    hysteresis_width: float  # Deflection [rad] over which the hysteresis torque changes sign after a reversal
+    friction: bool = False  # Whether there is friction. Without it the controller cancels none, and the loop is linear
     friction_scale: float = 1.0
     """Ratio of the true friction to the friction of the parameters, which the controller cancels."""
+    control_delay: int = 0  # Delay from a measurement to the current computed from it [updates of the controller]
+    encoder_resolution: float = 0.0  # Resolution [rad] of the encoder at the actuator's output. 0: an ideal encoder
+    velocity_cutoff_hz: float = 0.0
+    """Cut-off [Hz] of the one-pole low-pass over the differentiated encoder. 0: the true velocity."""
+    sign_width: float = 0.1  # Velocity [rad/s] over which the controller smooths its sign
+    hysteresis_torque: float = 0.0  # Largest rate-independent torque [N*m] of the belt
+    hysteresis_width: float = 1e-3  # Deflection [rad] over which the hysteresis torque changes sign after a reversal
     substeps: int = 20  # Integration steps per sample
     control_updates: int = 1
     """Updates of the controller per sample. The current is held between updates. A value equal to `substeps` gives the
     continuous controller of linear theory."""
 
-    def __post_init__(self) -> None:
-        if self.control_updates < 1 or self.substeps % self.control_updates:
-            raise InputError(
-                f"{self.control_updates} updates of the controller do not fit evenly into {self.substeps} fine steps; "
-                "choose a divisor"
-            )
 
-
-IDEAL = DrivetrainEffects(
-    friction=False,
-    control_delay=0,
-    encoder_resolution=0.0,
-    velocity_cutoff_hz=None,
-    sign_width=0.1,
-    hysteresis_torque=0.0,
-    hysteresis_width=1e-3,
-)
+IDEAL = DrivetrainEffects()
 
 
 @dataclass(frozen=True)
@@ -80,6 +68,26 @@ class DrivetrainMotion:
     omega_m: Array
     current: Array
     belt_torque: Array
+
+
+class Device(NamedTuple):
+    """`DrivetrainParameters` as compiled functions take them."""
+
+    k_tau: float
+    n_m: float
+    B_m: float
+    J_m: float
+    f_C: float
+    f_G: float
+    n_T: float
+    K_s: float
+    K_s2: float
+    B_j: float
+    J_j: float
+
+
+def device_of(p: DrivetrainParameters) -> Device:
+    return Device(**{name: float(getattr(p, name)) for name in PARAMETER_UNITS})
 
 
 def simulate_drivetrain(
@@ -96,11 +104,10 @@ def simulate_drivetrain(
     theta [rad] and omega [rad/s], shape (n,), are sampled at `rate_hz` [Hz]. omega must be the exact derivative of
     theta, because the motion is interpolated by cubic Hermite polynomials.
     """
-    columns = np.empty((4, len(theta)))
-    gains = np.vstack([commands.K_1, commands.B_1, commands.theta_eq]).astype(float)
-    plant, controller = build_plant(rate_hz, effects, p), build_controller(rate_hz, commands, effects, p)
+    columns, gains = np.empty((4, len(theta))), np.vstack([commands.K_1, commands.B_1, commands.theta_eq]).astype(float)
     theta, omega = np.ascontiguousarray(theta, dtype=float), np.ascontiguousarray(omega, dtype=float)
-    integrate(theta, omega, gains, float(theta_m_start), plant, controller, columns)
+    cancels = bool(commands.cancels_friction and effects.friction)
+    integrate(theta, omega, gains, float(theta_m_start), float(rate_hz), cancels, effects, device_of(p), columns)
     if not np.abs(columns[0]).max(initial=0.0) <= LARGEST_ANGLE:  # NaN is none either
         raise InputError(
             f"the simulated actuator runs away, beyond {LARGEST_ANGLE:g} rad: its loop is unstable with K_1 up to "
@@ -110,48 +117,109 @@ def simulate_drivetrain(
     return DrivetrainMotion(*columns)
 
 
+@fused
+def turned_belt(theta_s: float, z: float, turned_to: float, width: float) -> float:
+    """State z in [-1, 1] of the belt's hysteresis after its deflection went from theta_s to another one [rad]: it tends
+    to the sign of this change. Exact for a monotone change."""
+    change = (turned_to - theta_s) / width
+    return z + (z - math.copysign(1.0, change)) * math.expm1(-abs(change))
+
+
+@fused
+def belt_tension(theta_s: float, z: float, effects: DrivetrainEffects, p: Device) -> float:
+    """Torque [N*m] in the belt: linear, quadratic, and hysteresis."""
+    return (p.K_s + p.K_s2 * abs(theta_s)) * theta_s + effects.hysteresis_torque * z
+
+
+@fused
+def encoder_reading(angle: float, resolution: float) -> float:
+    """Angle [rad] to the nearest encoder count; resolution 0 is an ideal encoder."""
+    return float(np.rint(angle / resolution) * resolution) if resolution > 0.0 else angle
+
+
+@fused
+def feedforward_current(u: float, s: float, p: Device) -> float:
+    """Current [A] for an actuator torque u [N*m], as `model.compensator.motor_current` (Eq. 5) has it for arrays; s is
+    the smoothed sign of the velocity, or 0 for a controller that ignores friction."""
+    r = u + s * p.f_C
+    return r / (p.k_tau * p.n_m - (s if r >= 0.0 else -s) * p.f_G)
+
+
+@fused
+def between(fraction: float, i: int, theta: Array, omega: Array, sample: float) -> float:
+    """Angle [rad] at a fraction of the way from sample i to i + 1, by cubic Hermite interpolation."""
+    a, b, rise = omega[i] * sample, omega[i + 1] * sample, theta[i + 1] - theta[i]
+    angle = theta[i] + fraction * (a + fraction * (3.0 * rise - 2.0 * a - b + fraction * (a + b - 2.0 * rise)))
+    return float(angle)
+
+
+@fused
+def integrate(
+    theta: Array,
+    omega: Array,
+    gains: Array,
+    theta_m: float,
+    rate_hz: float,
+    cancels_friction: bool,
+    effects: DrivetrainEffects,
+    p: Device,
+    columns: Array,
+) -> None:
+    """Fill `columns`, shape (4, n), with theta_m, omega_m, current, belt torque, from rest at `theta_m`. The rows of
+    `gains`, shape (3, n) or (3, 1), are K_1, B_1, theta_eq. During the initial delay of the controller the current is
+    0. The actuator's damping is trapezoidal."""
+    step, width = 1.0 / (rate_hz * effects.substeps), effects.hysteresis_width
+    inertia, damping = p.J_m / step, 0.5 * p.B_m
+    rubs = effects.friction_scale if effects.friction else 0.0
+    every, updates_per_second = effects.substeps // effects.control_updates, rate_hz * effects.control_updates
+    smoothing = -math.expm1(-2 * math.pi * effects.velocity_cutoff_hz / updates_per_second)
+    pending, slot = np.zeros(effects.control_delay + 1), 0
+    current, omega_m, velocity, z = 0.0, 0.0, 0.0, 0.0
+    seen, theta_s = encoder_reading(theta_m, effects.encoder_resolution), theta[0] - theta_m / p.n_T
+    for i in range(len(theta)):
+        middle, theta_s = theta_s, theta[i] - theta_m / p.n_T
+        z = turned_belt(middle, z, theta_s, width)
+        columns[0, i], columns[1, i], columns[3, i] = theta_m, omega_m, belt_tension(theta_s, z, effects, p)
+        K_1, B_1, theta_eq = gains[:, min(i, gains.shape[1] - 1)]
+        for k in range(effects.substeps):
+            if k % every == 0:
+                last, seen = seen, encoder_reading(theta_m, effects.encoder_resolution)
+                velocity += smoothing * ((seen - last) * updates_per_second - velocity)
+                velocity = velocity if smoothing else omega_m
+                sign = math.tanh(velocity / effects.sign_width) if cancels_friction else 0.0
+                pending[slot] = feedforward_current(K_1 * (theta_eq - seen) - B_1 * velocity, sign, p)  # Eq. 7
+                slot = 0 if slot == effects.control_delay else slot + 1
+                current = pending[slot]
+                if k == 0:
+                    columns[2, i] = current
+            if i == len(theta) - 1:
+                break
+            theta_m += 0.5 * step * omega_m
+            before, theta_s = (
+                theta_s,
+                between((k + 0.5) / effects.substeps, i, theta, omega, 1 / rate_hz) - theta_m / p.n_T,
+            )
+            z = turned_belt(before, z, theta_s, width)
+            push = p.k_tau * p.n_m * current + belt_tension(theta_s, z, effects, p) / p.n_T
+            free = ((inertia - damping) * omega_m + push) / (inertia + damping)
+            lost = rubs * (p.f_C + p.f_G * abs(current)) / (inertia + damping)
+            omega_m = free - max(-lost, min(free, lost))  # it stops but never drives
+            theta_m += 0.5 * step * omega_m
+
+
 def simulate_belt_torque(theta_s: Array, effects: DrivetrainEffects, p: DrivetrainParameters) -> Array:
     """Torque [N*m] of the belt along a path of deflections theta_s [rad], shape (n,), with hysteresis."""
-    return belt_path(np.ascontiguousarray(theta_s, dtype=float), build_plant(1.0, effects, p))
+    return belt_path(np.ascontiguousarray(theta_s, dtype=float), effects, device_of(p))
 
 
-def build_plant(rate_hz: float, effects: DrivetrainEffects, p: DrivetrainParameters) -> Plant:
-    """The drivetrain in the form of the compiled kernel. The actuator's damping is trapezoidal."""
-    scale = effects.friction_scale if effects.friction else 0.0
-    inertia, half_damping = p.J_m * rate_hz * effects.substeps, 0.5 * p.B_m
-    return Plant(
-        step=1.0 / (rate_hz * effects.substeps),
-        substeps=effects.substeps,
-        kept=(inertia - half_damping) / (inertia + half_damping),
-        mobility=1.0 / (inertia + half_damping),
-        n_T=p.n_T,
-        K_s=p.K_s,
-        K_s2=p.K_s2,
-        torque_constant=p.k_tau * p.n_m,
-        f_C=scale * p.f_C,
-        f_G=scale * p.f_G,
-        hysteresis_torque=effects.hysteresis_torque,
-        hysteresis_width=effects.hysteresis_width,
-    )
-
-
-def build_controller(
-    rate_hz: float, commands: ControlCommands, effects: DrivetrainEffects, p: DrivetrainParameters
-) -> Controller:
-    """The controller in the form of the compiled kernel, at the rate of its updates."""
-    rate, cutoff = float(rate_hz * effects.control_updates), effects.velocity_cutoff_hz
-    return Controller(
-        every=effects.substeps // effects.control_updates,
-        updates_per_second=rate,
-        delay=effects.control_delay,
-        resolution=effects.encoder_resolution,
-        smoothing=0.0 if cutoff is None else float(-np.expm1(-2 * np.pi * cutoff / rate)),
-        sign_width=effects.sign_width,
-        cancels_friction=commands.cancels_friction,
-        torque_constant=p.k_tau * p.n_m,
-        f_C=p.f_C if effects.friction else 0.0,
-        f_G=p.f_G if effects.friction else 0.0,
-    )
+@fused
+def belt_path(theta_s: Array, effects: DrivetrainEffects, p: Device) -> Array:
+    """Torque [N*m] of the belt along a path of deflections [rad], shape (n,), from a rested belt."""
+    torque, z = np.empty_like(theta_s), 0.0
+    for i in range(len(theta_s)):
+        z = turned_belt(theta_s[max(i - 1, 0)], z, theta_s[i], effects.hysteresis_width)
+        torque[i] = belt_tension(theta_s[i], z, effects, p)
+    return torque
 
 
 SIGN_WIDTH = 1e-3  # Velocity [rad/s] over which Coulomb friction changes its sign, a hundredth of a slow sine's largest
@@ -168,6 +236,52 @@ def second_order_torque(joint: SecondOrderJoint, motion: JointMotion, rate_hz: f
     else:
         linear = joint.K * theta + joint.B * omega + joint.I * alpha
     return linear + joint.K * joint.stiffening.value * theta**3 + joint.coulomb.value * np.tanh(omega / SIGN_WIDTH)
+
+
+@fused
+def torque_through_gap(
+    theta: Array,
+    omega: Array,
+    alpha: Array,
+    joint: tuple[float, float, float],
+    gap: float,
+    sample: float,
+    substeps: int,
+) -> Array:
+    """Torque [N*m] at the samples of a bench that turns a joint (K, B, I) through a gap [rad], shape (n,). At an end of
+    the gap the bench can push the joint but not pull it. Inside the gap the joint moves freely. The contact at an end
+    is plastic. Its impulse is spread over one sample."""
+    K, B, I = joint
+    step, half = sample / substeps, 0.5 * gap
+    torque = np.zeros_like(theta)
+    side, angle, velocity, blow, blows = 0, theta[0], 0.0, 0.0, 0
+    for i in range(len(theta)):
+        for k in range(substeps if i + 1 < len(theta) else 1):
+            part = k / substeps
+            bench = between(part, i, theta, omega, sample) if k else theta[i]
+            later = i + 1 if k else i
+            speed = omega[i] + part * (omega[later] - omega[i])
+            turning = alpha[i] + part * (alpha[later] - alpha[i])
+            push = 0.0
+            if side != 0:
+                angle, velocity = bench - side * half, speed
+                push = K * angle + B * velocity + I * turning
+                if push * side < 0.0:
+                    side, push = 0, 0.0
+            elif angle <= bench - half or angle >= bench + half:
+                side = 1 if angle <= bench - half else -1
+                blow, blows = I * (speed - velocity) / sample, substeps
+                angle, velocity = bench - side * half, speed
+                push = K * angle + B * velocity + I * turning
+            if blows > 0:
+                push += blow
+                blows -= 1
+            if k == 0:
+                torque[i] = push
+            if side == 0:
+                velocity += -step * (K * angle + B * velocity) / I
+                angle += step * velocity
+    return torque
 
 
 def foot_torque(foot: PassiveFoot, motion: JointMotion) -> Array:

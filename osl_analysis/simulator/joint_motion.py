@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from osl_analysis.compiled import compiled
 from osl_analysis.multisine import odd_multisine
-from osl_analysis.simulator.kernel import propagate
 from osl_analysis.simulator.settings import BeltMotion, Excitation, SlowCycles, SteppedSineSchedule
 from osl_analysis.trial import Array
 
@@ -149,6 +149,23 @@ def position_loop(command: JointMotion, rate_hz: float, bandwidth_hz: float, dam
     transition = np.ascontiguousarray(scipy.linalg.expm(augmented * step)[:2])
     theta, omega = propagate(transition, command.theta, command.omega, step)
     return JointMotion(theta, omega, w**2 * (command.theta - theta) - 2 * damping_ratio * w * omega)
+
+
+@compiled
+def propagate(transition: Array, commanded: Array, speed: Array, step: float) -> Array:
+    """Angle and velocity, shape (2, n), from rest at the first of the commanded angles [rad], (n,), with their speeds.
+    `transition` (2, 6) takes both, and the command with its three derivatives, over a step [s]."""
+    states = np.zeros((2, len(commanded)))
+    states[0, 0] = commanded[0]
+    for i in range(len(commanded) - 1):
+        mean = (commanded[i + 1] - commanded[i]) / step
+        curvature = 2.0 * (3.0 * mean - 2.0 * speed[i] - speed[i + 1]) / step
+        jerk = 6.0 * (speed[i] + speed[i + 1] - 2.0 * mean) / step**2
+        for row in range(2):
+            t = transition[row]
+            forced = t[2] * commanded[i] + t[3] * speed[i] + t[4] * curvature + t[5] * jerk
+            states[row, i + 1] = t[0] * states[0, i] + t[1] * states[1, i] + forced
+    return states
 
 
 SMOOTHING_ORDER = 4  # Order of the Butterworth low-pass that smooths a binary command

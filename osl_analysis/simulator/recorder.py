@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi
 
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.files import atomic_path
 from osl_analysis.model.compensator import Gains
-from osl_analysis.simulator.kernel import spline_at
 from osl_analysis.simulator.settings import NodeSettings, Scatter, SensorLowPass, SimulationSettings, stream
 from osl_analysis.trial import Array
 
@@ -228,7 +228,9 @@ class Bench:
         instants = np.maximum(sampling.instants - late, 0.0) if late else sampling.instants
         if isinstance(true, Jumping):
             return true.at(instants)
-        return true if sampling.even and not late else spline_at(true, rate, instants)
+        if sampling.even and not late:
+            return true
+        return np.asarray(CubicSpline(np.arange(len(true)) / rate, true)(instants))
 
     def torque_errors(self, instants: Array) -> Array:
         """Offset, drift, hum and 1/f noise [N*m] of a torque sensor at the sampled instants [s]."""
@@ -246,7 +248,7 @@ class Bench:
 def low_passed(signal: Array, rate_hz: float, low_pass: SensorLowPass) -> Array:
     """The signal (n,) behind a sensor's causal low-pass, which is at rest at the first value."""
     fine = np.arange((len(signal) - 1) * FINER + 1) / FINER
-    finer = spline_at(signal, 1.0, fine)
+    finer = CubicSpline(np.arange(len(signal)), signal)(fine)
     analogue = butter(low_pass.order, 2 * np.pi * low_pass.size, analog=True)
     numerator, below, _ = cont2discrete(analogue, 1 / (FINER * rate_hz), method="foh")
     above = np.ravel(numerator)

@@ -11,7 +11,7 @@ from osl_analysis.commands.simulate import simulate_campaign, simulate_trial, wr
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
-from osl_analysis.simulator.joint_motion import stepped_sine
+from osl_analysis.simulator.joint_motion import sine_command
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
 
@@ -114,7 +114,7 @@ def test_an_unstable_loop_is_refused_and_nothing_is_written(tmp_path, monkeypatc
 def test_the_length_of_a_protocol_is_that_of_its_command(length):
     rests = {"rest_s": 0.7, "lead_s": 1.1, "rest_between_s": 0.3, "ramp_s": 0.2}
     protocol = SteppedSineSchedule(frequencies_hz=(1, 4), amplitudes_deg=(2, 4, 6), **rests, **length)
-    assert len(stepped_sine(protocol, 1000).theta) == pytest.approx(1000 * protocol.total_s, abs=1)
+    assert len(sine_command(protocol, 1000).theta) == pytest.approx(1000 * protocol.total_s, abs=1)
 
 
 @pytest.mark.parametrize("written", ["dynamometer/belt_01.mcap", "trials.csv"])

@@ -19,8 +19,8 @@ from osl_analysis.simulator.joint_motion import (
     JointMotion,
     excitation_motion,
     position_loop,
+    sine_command,
     slow_cycles,
-    stepped_sine,
     there_and_back,
 )
 from osl_analysis.simulator.plan import plan_trials
@@ -62,7 +62,7 @@ def regress(y, *columns):
 
 
 def test_the_stepped_sine_makes_whole_cycles_of_each_frequency_at_each_amplitude():
-    motion = stepped_sine(schedule(amplitudes_deg=(2, 5)), 1000.0)
+    motion = sine_command(schedule(amplitudes_deg=(2, 5)), 1000.0)
     block = 4 + 4 / 3 + 0.5
     assert len(motion.theta) == round((1 + 2 * block) * 1000)
     t = np.arange(len(motion.theta)) / 1000
@@ -99,7 +99,7 @@ def simpson_error(values, derivative, rate):
 )
 def test_every_motion_comes_with_its_true_derivatives(changes, largest):
     """Simpson's rule is exact to h^5/90 of the fourth derivative, and to 4 h of the kink that a ramp's end has."""
-    motion = stepped_sine(schedule(frequencies_hz=(1,), rest_s=0, lead_s=0, **changes), 1000.0)
+    motion = sine_command(schedule(frequencies_hz=(1,), rest_s=0, lead_s=0, **changes), 1000.0)
     theta, omega, alpha = (signal[2:-2] for signal in (motion.theta, motion.omega, motion.alpha))
     assert simpson_error(theta, omega, 1000) < largest
     assert simpson_error(omega, alpha, 1000) < largest
@@ -117,11 +117,11 @@ def test_every_motion_comes_with_its_true_derivatives(changes, largest):
     ],
 )
 def test_a_schedule_lasts_as_long_as_it_says(changes, duration):
-    assert len(stepped_sine(schedule(**changes), 1000.0).theta) == pytest.approx(1000 * duration, abs=1)
+    assert len(sine_command(schedule(**changes), 1000.0).theta) == pytest.approx(1000 * duration, abs=1)
 
 
 def test_frequencies_run_in_their_order_and_on_the_benchs_clock():
-    motion = stepped_sine(schedule(frequencies_hz=(3, 1), clock_error=effect(-5000, "ppm"), start="cosine"), 1000.0)
+    motion = sine_command(schedule(frequencies_hz=(3, 1), clock_error=effect(-5000, "ppm"), start="cosine"), 1000.0)
     first = slice(1010, 2300)
     t = np.arange(len(motion.theta))[first] / 1000 - 1 / 0.995
     assert motion.theta[first] == pytest.approx(np.deg2rad(2) * np.cos(2 * np.pi * 3 * 0.995 * t), abs=1e-9)

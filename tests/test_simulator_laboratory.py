@@ -16,7 +16,7 @@ from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.simulator import step as gait
-from osl_analysis.simulator.crossing import motion_grid, rendered_impedance, simulate_walking_trial
+from osl_analysis.simulator.crossing import impedance_of_leg, motion_grid, simulate_walking_trial
 from osl_analysis.simulator.rigid_body import Pose, RigidBody, rotation_about
 from osl_analysis.simulator.step import draw_step, unloaded_platform
 from osl_analysis.simulator.walking_settings import WalkingSettings
@@ -418,7 +418,7 @@ def test_without_imperfections_the_leg_renders_what_linear_theory_says(shipped):
     window = (crossing.time >= onset) & (crossing.time <= onset + 0.1)
     answer = crossing.drivetrain_torque - calm.drivetrain_torque
     np.testing.assert_allclose(answer[window], theory[window], atol=0.1)
-    rendered = rendered_impedance(crossing, calm)
+    rendered = impedance_of_leg(crossing, calm)
     columns = [(getattr(crossing.motion, n) - getattr(calm.motion, n))[window] for n in ("theta", "omega", "alpha")]
     K, B, inertia = np.linalg.lstsq(np.stack(columns, axis=-1), theory[window], rcond=None)[0]
     assert rendered["K_rendered"] == pytest.approx(K, rel=2e-3)
@@ -427,6 +427,6 @@ def test_without_imperfections_the_leg_renders_what_linear_theory_says(shipped):
 
 
 def test_with_imperfections_it_renders_340_within_a_few_percent(walked, calm):
-    rendered = rendered_impedance(walked, calm)
+    rendered = impedance_of_leg(walked, calm)
     assert rendered["K_rendered"] == pytest.approx(340, rel=0.04)
     assert rendered["B_rendered"] == pytest.approx(5, rel=0.1)

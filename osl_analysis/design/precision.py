@@ -18,10 +18,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
+from scipy.special import stdtrit, zeta
 
 from osl_analysis.design.plan import Continuous, PeriodicMultisine, Plan, Sines, SteppedSine
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -33,7 +34,7 @@ from osl_analysis.stats.regression import CONDITION_LIMIT
 from osl_analysis.trial import Array
 
 KBI = ("K", "B", "I")
-ZETA_3 = 1.2020569031595942  # Sum of 1/k^3
+ZETA_3 = float(zeta(3))  # Sum of 1/k^3
 Impedances = NDArray[np.complex128]
 
 
@@ -400,10 +401,25 @@ class Precision:
     def se(self) -> Array:
         return np.asarray(np.sqrt(np.sum(list(self.causes.values()), axis=0)))
 
+    def rows(self, joint: Joint) -> dict[str, dict[str, Any]]:
+        """What is expected of K, B and I, by name, in SI units; `variance` by its cause."""
+        columns = {
+            "expected": joint.values,
+            "half_width": self.half_width,
+            "half_width_of_noise": self.noise_half_width,
+            "se": self.se,
+            "degrees_of_freedom": self.degrees_of_freedom,
+        }
+        return {
+            name: {column: float(values[k]) for column, values in columns.items()}
+            | {"variance": {cause: float(values[k]) for cause, values in self.causes.items()}}
+            for k, name in enumerate(KBI)
+        }
+
     def reaches(self, joint: Joint, within: Mapping[str, float]) -> bool:
         """Whether the half widths are within these shares of K, B, I, as far as there are any."""
-        asked = ((KBI.index(name), share) for name, share in within.items())
-        return all(self.half_width[k] <= share * abs(float(joint.values[k])) for k, share in asked)
+        rows = self.rows(joint)
+        return all(rows[name]["half_width"] <= share * abs(rows[name]["expected"]) for name, share in within.items())
 
 
 def precision(

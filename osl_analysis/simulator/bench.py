@@ -14,7 +14,7 @@ from osl_analysis.model.drivetrain import actuator_torque
 from osl_analysis.simulator.drivetrain import (
     ControlCommands,
     DrivetrainEffects,
-    foot_torque,
+    passive_torque,
     second_order_torque,
     simulate_belt_torque,
     simulate_drivetrain,
@@ -23,12 +23,12 @@ from osl_analysis.simulator.joint_motion import (
     JointMotion,
     excitation_motion,
     position_loop,
+    sine_command,
     slow_cycles,
-    stepped_sine,
     there_and_back,
 )
 from osl_analysis.simulator.mcap_writer import ACTUATOR, DYNAMOMETER, joint_states, wrenches, write_mcap, write_topics
-from osl_analysis.simulator.recorder import BenchLog, Jumping, TrueSignal, bench_truth, recorded
+from osl_analysis.simulator.recorder import BenchLog, Jumping, TrueSignal, bench_truth, recording_of
 from osl_analysis.simulator.settings import ActuatorBench, SimulationSettings, stream
 from osl_analysis.trial import Array
 
@@ -54,14 +54,14 @@ def simulate_dynamometer_trial(
     transmission, torque_angle or impedance), controller, K_d and B_d."""
     trial, gains = str(row["trial"]), None
     if row["experiment"] == "belt":
-        p = replace(p, K_s=p.K_s * scatter(trial, settings))
+        p = replace(p, K_s=p.K_s * belt_scatter(trial, settings))
         command, motion = moved(there_and_back(settings.belt, settings.dynamometer.rate_hz), settings)
         response = simulate_belt(motion, drivetrain_effects(settings), p)
     elif row["experiment"] == "torque_angle" and settings.foot is not None:
         command, motion = moved(slow_cycles(settings.foot.cycles, settings.dynamometer.rate_hz), settings)
-        response = unpowered(foot_torque(settings.foot, motion))
+        response = unpowered(passive_torque(settings.foot, motion))
     else:
-        command, motion = moved(commanded(row, settings), settings)
+        command, motion = moved(commanded_motion(row, settings), settings)
         if row["experiment"] == "transmission":
             response = simulate_transmission(motion, p)
         elif settings.joint is not None:
@@ -74,12 +74,12 @@ def simulate_dynamometer_trial(
     return log, bench_truth(trial, settings, p, gains, drawn)
 
 
-def commanded(row: Mapping[str, Any], settings: SimulationSettings) -> JointMotion:
+def commanded_motion(row: Mapping[str, Any], settings: SimulationSettings) -> JointMotion:
     """The motion that the dynamometer is told to make in a transmission or impedance trial."""
     trial, rate = str(row["trial"]), settings.dynamometer.rate_hz
     excitation = settings.excitation_of(trial) if row["experiment"] == "impedance" else None
     if excitation is None:
-        return stepped_sine(settings.protocol, rate)
+        return sine_command(settings.protocol, rate)
     return excitation_motion(excitation, trial, settings.seed, rate)
 
 
@@ -130,7 +130,7 @@ def drivetrain_effects(settings: SimulationSettings) -> DrivetrainEffects:
     )
 
 
-def scatter(trial: str, settings: SimulationSettings) -> float:
+def belt_scatter(trial: str, settings: SimulationSettings) -> float:
     """Ratio of the trial's K_s to that of the parameter file."""
     draw = stream(settings.seed, trial, "belt_scatter").standard_normal()
     return float(1 + settings.effects.belt_scatter.value * draw)
@@ -149,7 +149,7 @@ def recorded_dynamometer(
         "commanded_angle": command,
         "load_cell_torque": -response.torque,
     }
-    return recorded(trial, signals, settings)
+    return recording_of(trial, signals, settings)
 
 
 def simulate_actuator_trial(
@@ -172,23 +172,16 @@ def turning(bench: ActuatorBench, rate_hz: float) -> JointMotion:
     time = np.arange(round(bench.duration_s * rate_hz)) / rate_hz
     w = 2 * np.pi * np.array([[tone.frequency_hz] for tone in bench.velocity])
     size = np.array([[tone.size] for tone in bench.velocity])
-    angle, velocity, acceleration = (
-        x.sum(axis=0) for x in (size / w * (1 - np.cos(w * time)), size * np.sin(w * time), size * w * np.cos(w * time))
-    )
-    fade, rate, curvature = fading(time, bench.duration_s, bench.fade_s)
-    return JointMotion(
-        fade * angle,
-        rate * angle + fade * velocity,
-        curvature * angle + 2 * rate * velocity + fade * acceleration,
-    )
+    angle, velocity = size / w * (1 - np.cos(w * time)), size * np.sin(w * time)
+    tones = JointMotion(*(x.sum(axis=0) for x in (angle, velocity, size * w * np.cos(w * time))))
+    return fading(time, bench.duration_s, bench.fade_s) * tones
 
 
-def fading(time: Array, duration: float, fade: float) -> tuple[Array, Array, Array]:
-    """A window (n,) that rises from 0 to 1 and falls to 0 within `fade` [s], and its first two derivatives
-    (continuous)."""
+def fading(time: Array, duration: float, fade: float) -> JointMotion:
+    """A window (n,) that rises from 0 to 1 and falls to 0 within `fade` [s], with continuous derivatives."""
     u = np.clip(np.minimum(time, duration - time) / fade, 0.0, 1.0)
     side = np.where(time < duration / 2, 1.0, -1.0) / fade
-    return (
+    return JointMotion(
         u**3 * (10 - 15 * u + 6 * u**2),
         30 * u**2 * (1 - u) ** 2 * side,
         60 * u * (1 - u) * (1 - 2 * u) * side**2,
@@ -199,7 +192,7 @@ def current_schedule(bench: ActuatorBench, rate_hz: float) -> Array:
     """Commanded I_q [A], which the current loop follows: the sum of the tones, faded in and out."""
     time = np.arange(round(bench.duration_s * rate_hz)) / rate_hz
     tones = sum(tone.size * np.sin(2 * np.pi * tone.frequency_hz * time) for tone in bench.current)
-    return np.asarray(tones * fading(time, bench.duration_s, bench.fade_s)[0])
+    return np.asarray(tones * fading(time, bench.duration_s, bench.fade_s).theta)
 
 
 def recorded_actuator(
@@ -208,7 +201,7 @@ def recorded_actuator(
     """The recorded log of an actuator with these parameters, and the errors that were drawn for this trial. The torque
     is that of the actuator on the bench, the paper's tau_m."""
     torque = torque_of(motion, current, p, settings.dynamometer.rate_hz)
-    return recorded(
+    return recording_of(
         trial, {"actuator_angle": motion.theta, "motor_current": current, "output_torque": torque}, settings
     )
 

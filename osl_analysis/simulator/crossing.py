@@ -22,7 +22,7 @@ from osl_analysis.simulator.drivetrain import ControlCommands, DrivetrainEffects
 from osl_analysis.simulator.mcap_writer import LEG, write_mcap
 from osl_analysis.simulator.recorder import rounded_to, write_curves, write_truth
 from osl_analysis.simulator.rigid_body import (
-    GRAVITY,
+    FREE_FALL,
     Pose,
     RigidBody,
     TrueWrench,
@@ -32,7 +32,7 @@ from osl_analysis.simulator.rigid_body import (
 )
 from osl_analysis.simulator.settings import SimulationSettings, stream
 from osl_analysis.simulator.step import (
-    WINDOW_S,
+    RENDERED_S,
     PlatformMotion,
     Step,
     ankle_path,
@@ -192,21 +192,21 @@ def react(
     phase = step.stance_phase(time)
     contact = stance_window(phase)
     given = contact * (about_axis - answer)
-    force = step.force_factor * ground_reaction(phase) * mass * -GRAVITY[2]
+    force = step.force_factor * ground_reaction(phase) * mass * -FREE_FALL[2]
     roll = ROLL_LEVER_M * force[:, 2]
     spin = FREE_MOMENT * mass * contact * np.sin(2 * np.pi * phase)
     moment = given[:, None] * axis + roll[:, None] * forward + spin[:, None] * upward
     return about_axis - given, TrueWrench(force, moment, foot.origin)
 
 
-def rendered_impedance(perturbed: SimulatedCrossing, unperturbed: SimulatedCrossing) -> dict[str, float]:
+def impedance_of_leg(perturbed: SimulatedCrossing, unperturbed: SimulatedCrossing) -> dict[str, float]:
     """K [N*m/rad], B [N*m*s/rad] and I [kg*m^2] of the drivetrain's response to the perturbation. Least squares of
     d_torque = K d_theta + B d_omega + I d_alpha without intercept, over the 100 ms after the onset. Both crossings are
     identical before the onset, so that the differences are exactly zero there."""
     onset = perturbed.motion.platform.onset
     if onset is None:
         return {}
-    rows = (perturbed.time >= onset) & (perturbed.time <= onset + WINDOW_S)
+    rows = (perturbed.time >= onset) & (perturbed.time <= onset + RENDERED_S)
     new, old = perturbed.motion, unperturbed.motion
     columns = np.stack([new.theta - old.theta, new.omega - old.omega, new.alpha - old.alpha], axis=-1)[rows]
     answer = (perturbed.drivetrain_torque - unperturbed.drivetrain_torque)[rows]
@@ -264,13 +264,12 @@ def leg_columns(
     """What the leg logs at times [s] of Vicon's clock, shape (n,) each, in the fields of its message. Gains and current
     are held from one update of the controller to the next."""
     rates, effects, seed = walking.rates, settings.effects, settings.seed
-    encoder = walking.effects.leg_joint_encoder
-    resolution = 2 * np.pi / 2**encoder.size if encoder.enabled else 0.0
     held = np.floor(time * rates.controller_hz).astype(int)
     ripple = effects.current_noise.value * stream(seed, trial, "current_noise").standard_normal(len(time))
+    theta = interpolated_at(crossing.motion.theta, rates.motion_hz, time)
     theta_m = interpolated_at(crossing.drivetrain.theta_m, rates.controller_hz, time)
     return {
-        "joint_angle": rounded_to(interpolated_at(crossing.motion.theta, rates.motion_hz, time), resolution),
+        "joint_angle": rounded_to(theta, walking.effects.leg_joint_encoder.value),
         "actuator_angle": rounded_to(theta_m, effects.actuator_encoder.value),
         "motor_current": rounded_to(crossing.drivetrain.current[held] + ripple, effects.current_quantisation.value),
         "stiffness_gain": crossing.commands.K_1[held],
@@ -377,7 +376,7 @@ def scene_of(walked: SimulatedCrossing, walking: WalkingSettings) -> Scene:
 def standing_scene(platform: PlatformMotion, walking: WalkingSettings) -> Scene:
     """Quiet standing: foot flat, shank upright, half the body weight vertically above the ankle."""
     leg = Pose(platform.pose.rotation, np.tile(nominal_ankle(walking), (len(platform.angle), 1)))
-    weight = np.tile(-0.5 * walking.gait.body_mass_kg * GRAVITY, (len(platform.angle), 1))
+    weight = np.tile(-0.5 * walking.gait.body_mass_kg * FREE_FALL, (len(platform.angle), 1))
     markers = leg_markers(leg, leg) | on_body(leg, ANKLE_AXIS) | platform_markers(platform.pose, walking)
     return Scene(markers, platform.pose, TrueWrench(weight, np.zeros_like(weight), leg.origin), None)
 
@@ -394,5 +393,5 @@ def crossing_facts(walked: SimulatedCrossing, unperturbed: SimulatedCrossing, cl
         "foot_yaw_rad": step.yaw,
         "placement_m": step.placement.tolist(),
         "leg_clock": {"offset_s": clock.offset, "drift": clock.drift},
-        **rendered_impedance(walked, unperturbed),
+        **impedance_of_leg(walked, unperturbed),
     }

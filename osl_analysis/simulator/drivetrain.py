@@ -86,7 +86,7 @@ class Device(NamedTuple):
     J_j: float
 
 
-def device_of(p: DrivetrainParameters) -> Device:
+def compiled_device(p: DrivetrainParameters) -> Device:
     return Device(**{name: float(getattr(p, name)) for name in PARAMETER_UNITS})
 
 
@@ -107,7 +107,7 @@ def simulate_drivetrain(
     columns, gains = np.empty((4, len(theta))), np.vstack([commands.K_1, commands.B_1, commands.theta_eq]).astype(float)
     theta, omega = np.ascontiguousarray(theta, dtype=float), np.ascontiguousarray(omega, dtype=float)
     cancels = bool(commands.cancels_friction and effects.friction)
-    integrate(theta, omega, gains, float(theta_m_start), float(rate_hz), cancels, effects, device_of(p), columns)
+    integrate(theta, omega, gains, float(theta_m_start), float(rate_hz), cancels, effects, compiled_device(p), columns)
     if not np.abs(columns[0]).max(initial=0.0) <= LARGEST_ANGLE:  # NaN is none either
         raise InputError(
             f"the simulated actuator runs away, beyond {LARGEST_ANGLE:g} rad: its loop is unstable with K_1 up to "
@@ -209,7 +209,7 @@ def integrate(
 
 def simulate_belt_torque(theta_s: Array, effects: DrivetrainEffects, p: DrivetrainParameters) -> Array:
     """Torque [N*m] of the belt along a path of deflections theta_s [rad], shape (n,), with hysteresis."""
-    return belt_path(np.ascontiguousarray(theta_s, dtype=float), effects, device_of(p))
+    return belt_path(np.ascontiguousarray(theta_s, dtype=float), effects, compiled_device(p))
 
 
 @fused
@@ -222,20 +222,17 @@ def belt_path(theta_s: Array, effects: DrivetrainEffects, p: Device) -> Array:
     return torque
 
 
-SIGN_WIDTH = 1e-3  # Velocity [rad/s] over which Coulomb friction changes its sign, a hundredth of a slow sine's largest
-GAP_SUBSTEPS = 20  # Integration steps per sample for a joint with backlash
-
-
 def second_order_torque(joint: SecondOrderJoint, motion: JointMotion, rate_hz: float) -> Array:
     """Resisting torque [N*m] of the joint, shape (n,), where the bench makes `motion`."""
     theta, omega, alpha = motion.theta, motion.omega, motion.alpha
     if joint.backlash.value:
         angle, velocity, acceleration = (np.ascontiguousarray(x, dtype=float) for x in (theta, omega, alpha))
         K_B_I, gap = (joint.K, joint.B, joint.I), joint.backlash.value
-        linear = torque_through_gap(angle, velocity, acceleration, K_B_I, gap, 1 / rate_hz, GAP_SUBSTEPS)
+        linear = torque_through_gap(angle, velocity, acceleration, K_B_I, gap, 1 / rate_hz, 20)
     else:
         linear = joint.K * theta + joint.B * omega + joint.I * alpha
-    return linear + joint.K * joint.stiffening.value * theta**3 + joint.coulomb.value * np.tanh(omega / SIGN_WIDTH)
+    friction = joint.coulomb.value * np.tanh(omega / 1e-3)  # changes its sign within a hundredth of a slow sine's speed
+    return linear + joint.K * joint.stiffening.value * theta**3 + friction
 
 
 @fused
@@ -284,7 +281,7 @@ def torque_through_gap(
     return torque
 
 
-def foot_torque(foot: PassiveFoot, motion: JointMotion) -> Array:
+def passive_torque(foot: PassiveFoot, motion: JointMotion) -> Array:
     """Resisting torque [N*m] of a passive foot on a motion from rest, shape (n,)."""
     theta = motion.theta
     elastic = foot.K * theta * (1 + foot.stiffening * theta**2) + foot.B * motion.omega

@@ -2,7 +2,7 @@
 
 import math
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -22,8 +22,20 @@ class JointMotion:
     alpha: Array
 
     def __add__(self, other: "JointMotion") -> "JointMotion":
-        """The sum of two motions."""
         return JointMotion(self.theta + other.theta, self.omega + other.omega, self.alpha + other.alpha)
+
+    def __mul__(self, other: "JointMotion") -> "JointMotion":
+        """The product, as of a sine and its envelope, with its derivatives."""
+        return JointMotion(
+            self.theta * other.theta,
+            self.omega * other.theta + self.theta * other.omega,
+            self.alpha * other.theta + 2 * self.omega * other.omega + self.theta * other.alpha,
+        )
+
+
+def sine(w: Array | float, phase: Array, size: float = 1.0) -> JointMotion:
+    """A sine; w [rad/s] is the derivative of the phase (n,) [rad], and constant or taken as it."""
+    return JointMotion(size * np.sin(phase), size * w * np.cos(phase), -size * w**2 * np.sin(phase))
 
 
 @dataclass(frozen=True)
@@ -55,76 +67,46 @@ def stepped_sine_pieces(protocol: SteppedSineSchedule) -> list[Piece]:
     return pieces
 
 
-def stepped_sine(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
+def sine_command(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
     """The commanded stepped sine from rest, sampled at `rate_hz` [Hz]. The phase is continuous where the frequency
     changes, and a multiple of 2 pi where the amplitude changes. The angle therefore has no jumps, unless a frequency
     starts as a cosine or does not end with a whole cycle. The velocity jumps at these changes. If the command is
     followed exactly, the acceleration does not include these jumps."""
     pieces = stepped_sine_pieces(protocol)
     time = np.arange(round(pieces[-1].end * rate_hz)) / rate_hz
-    motion = JointMotion(*np.zeros((3, len(time))))
     first = [*np.searchsorted(time, [piece.start for piece in pieces]), len(time)]
+    motion = np.zeros((3, len(time)))
     for piece, *ends in zip(pieces, first[:-1], first[1:], strict=True):
         if piece.w > 0:
-            rows = slice(*ends)
-            turning = piece_motion(piece, time[rows] - piece.start, protocol)
-            motion.theta[rows], motion.omega[rows], motion.alpha[rows] = turning.theta, turning.omega, turning.alpha
-    return motion
+            moved = piece_motion(piece, time[slice(*ends)] - piece.start, protocol)
+            motion[:, slice(*ends)] = moved.theta, moved.omega, moved.alpha
+    return JointMotion(*motion)
 
 
 def piece_motion(piece: Piece, elapsed: Array, protocol: SteppedSineSchedule) -> JointMotion:
     """The motion at one frequency, at times (n,) [s] since its start, with its ramps and harmonics."""
-    size, w = np.full_like(elapsed, piece.amplitude), piece.w
-    envelope = decaying(ramped(size, elapsed, piece.duration, protocol.ramp_s), elapsed, protocol.decay.value)
-    motion = envelope.times(w, w * elapsed + (np.pi / 2 if protocol.start == "cosine" else 0.0))
+    w, envelope = piece.w, ramped(elapsed, piece.duration, protocol.ramp_s, piece.amplitude)
+    if rate := protocol.decay.value:
+        left = np.exp(-rate * elapsed)
+        envelope = envelope * JointMotion(left, -rate * left, rate**2 * left)
+    motion = sine(w, w * elapsed + (np.pi / 2 if protocol.start == "cosine" else 0.0))
     for order, harmonic in ((2, protocol.second_harmonic), (3, protocol.third_harmonic)):
         if harmonic.enabled:
-            motion = motion + envelope.scaled(harmonic.value).times(order * w, order * w * elapsed)
-    return motion
+            motion = motion + sine(order * w, order * w * elapsed, harmonic.value)
+    return envelope * motion
 
 
-@dataclass(frozen=True)
-class Envelope:
-    """Amplitude (n,) [rad] of a sine, with its first and second derivative."""
-
-    size: Array
-    rate: Array
-    curvature: Array
-
-    def scaled(self, factor: float) -> "Envelope":
-        """The envelope times a factor."""
-        return Envelope(factor * self.size, factor * self.rate, factor * self.curvature)
-
-    def times(self, w: Array | float, phase: Array) -> JointMotion:
-        """A sine of this amplitude with its derivatives; w [rad/s] is the derivative of the phase [rad]."""
-        sine, cosine = np.sin(phase), np.cos(phase)
-        return JointMotion(
-            self.size * sine,
-            self.size * w * cosine + self.rate * sine,
-            -self.size * w**2 * sine + 2 * self.rate * w * cosine + self.curvature * sine,
-        )
-
-
-def ramped(size: Array, elapsed: Array, duration: float, ramp_s: float) -> Envelope:
-    """The amplitude (n,) [rad] that rises and falls as a cosine within `ramp_s` [s] at both ends of its piece."""
-    still = np.zeros_like(size)
+def ramped(elapsed: Array, duration: float, ramp_s: float, size: float = 1.0) -> JointMotion:
+    """An amplitude (n,) that rises and falls as a cosine within `ramp_s` [s] at both ends of its piece."""
     if not ramp_s:
-        return Envelope(size, still, still)
+        return JointMotion(np.full_like(elapsed, size), *np.zeros((2, len(elapsed))))
     inside, turn = np.clip(np.minimum(elapsed, duration - elapsed), 0, ramp_s), np.pi / ramp_s
     side, rises = np.where(elapsed < duration / 2, 1.0, -1.0), inside < ramp_s
-    return Envelope(
+    return JointMotion(
         size * 0.5 * (1 - np.cos(turn * inside)),
         size * 0.5 * turn * np.sin(turn * inside) * side * rises,
         size * 0.5 * turn**2 * np.cos(turn * inside) * rises,
     )
-
-
-def decaying(envelope: Envelope, elapsed: Array, rate: float) -> Envelope:
-    """The envelope times exp(-rate t), t being the time [s] since the start of its piece."""
-    if not rate:
-        return envelope
-    left, size, first, second = np.exp(-rate * elapsed), envelope.size, envelope.rate, envelope.curvature
-    return Envelope(left * size, left * (first - rate * size), left * (second - 2 * rate * first + rate**2 * size))
 
 
 def there_and_back(belt: BeltMotion, rate_hz: float) -> JointMotion:
@@ -195,18 +177,7 @@ def realisation(excitation: Excitation, trial: str, seed: int, number: int, rate
         "ramps": ramps_motion,
         "hand": hand_motion,
     }[excitation.kind](excitation, time, draws)
-    envelope = ramped(np.ones_like(time), time, whole, excitation.fade_s)
-    return shaped(envelope, made)
-
-
-def shaped(envelope: Envelope, motion: JointMotion) -> JointMotion:
-    """The motion times an envelope (n,), with the derivatives of the product."""
-    e, x = envelope, motion
-    return JointMotion(
-        e.size * x.theta,
-        e.rate * x.theta + e.size * x.omega,
-        e.curvature * x.theta + 2 * e.rate * x.omega + e.size * x.alpha,
-    )
+    return ramped(time, whole, excitation.fade_s) * made
 
 
 def multisine_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
@@ -226,9 +197,9 @@ def chirp_motion(excitation: Excitation, time: Array, draws: np.random.Generator
     w = 2 * np.pi * low + rate * inside
     phase = 2 * np.pi * low * np.minimum(t, 0) + 2 * np.pi * low * inside + rate * inside**2 / 2
     phase = phase + 2 * np.pi * high * np.maximum(t - excitation.full_s, 0) + draws.uniform(0, 2 * np.pi)
-    size, sweeps = np.sqrt(2) * np.deg2rad(excitation.rms_deg), (t > 0) & (t < excitation.full_s)
-    sine, cosine = np.sin(phase), np.cos(phase)
-    return JointMotion(size * sine, size * w * cosine, size * (rate * sweeps * cosine - w**2 * sine))
+    size, sweeps = float(np.sqrt(2) * np.deg2rad(excitation.rms_deg)), (t > 0) & (t < excitation.full_s)
+    steady = sine(w, phase, size)
+    return replace(steady, alpha=steady.alpha + size * rate * sweeps * np.cos(phase))
 
 
 def noise_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
@@ -244,8 +215,8 @@ def hand_motion(excitation: Excitation, time: Array, draws: np.random.Generator)
     f = np.fft.rfftfreq(len(time), time[1])
     steady = spectrum_motion(excitation, time, draws, ((f >= low) & (f <= high)) / np.maximum(f, low) ** 1.5)
     turn = 2 * np.pi / HAND_WANDERS_S
-    phase = turn * time + draws.uniform(0, 2 * np.pi)
-    return shaped(Envelope(1 + 0.4 * np.sin(phase), 0.4 * turn * np.cos(phase), -0.4 * turn**2 * np.sin(phase)), steady)
+    wandering = sine(turn, turn * time + draws.uniform(0, 2 * np.pi), 0.4)
+    return replace(wandering, theta=1 + wandering.theta) * steady
 
 
 def spectrum_motion(excitation: Excitation, time: Array, draws: np.random.Generator, gain: Array) -> JointMotion:

@@ -18,7 +18,7 @@ from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.files import atomic_path
 from osl_analysis.model.compensator import Gains
-from osl_analysis.simulator.settings import NodeSettings, Scatter, SensorLowPass, SimulationSettings, stream
+from osl_analysis.simulator.settings import LowPassEffect, NodeSettings, Scatter, SimulationSettings, stream
 from osl_analysis.trial import Array
 
 
@@ -53,7 +53,7 @@ def flicker(size: float, n: int, draws: np.random.Generator) -> Array:
 TORQUES = ("load_cell_torque", "output_torque")
 NOISES = {"motor_current": "current_noise", **dict.fromkeys(TORQUES, "load_cell_noise")}
 """Effect with the white noise of a channel."""
-STEPS = {
+RESOLUTIONS = {
     "joint_angle": "joint_encoder",
     "commanded_angle": "joint_encoder",
     "actuator_angle": "actuator_encoder",
@@ -111,7 +111,7 @@ class Sampling:
     rows: NDArray[np.intp] | slice
 
 
-def recorded(
+def recording_of(
     trial: str, signals: Mapping[str, TrueSignal], settings: SimulationSettings
 ) -> tuple[BenchLog, dict[str, float]]:
     """What the nodes of a bench write, and the numbers that were drawn for this trial. `signals` are the true ones by
@@ -212,7 +212,7 @@ class Bench:
             reading = np.clip(reading, -sensor.clipping.size, sensor.clipping.size)
         if sensor.adc.enabled:
             reading = rounded_to(reading, 2 * sensor.clipping.size / 2**sensor.adc.size)
-        reading = rounded_to(reading, getattr(effects, STEPS[channel]).value)
+        reading = rounded_to(reading, getattr(effects, RESOLUTIONS[channel]).value)
         reading = reading * sensor.gain.size if sensor.gain.enabled else reading
         if sensor.failed.enabled:
             failed = stream(self.settings.seed, self.trial, f"{channel}.failed").random(n) < sensor.failed.size
@@ -245,7 +245,7 @@ class Bench:
         return errors
 
 
-def low_passed(signal: Array, rate_hz: float, low_pass: SensorLowPass) -> Array:
+def low_passed(signal: Array, rate_hz: float, low_pass: LowPassEffect) -> Array:
     """The signal (n,) behind a sensor's causal low-pass, which is at rest at the first value."""
     fine = np.arange((len(signal) - 1) * FINER + 1) / FINER
     finer = CubicSpline(np.arange(len(signal)), signal)(fine)

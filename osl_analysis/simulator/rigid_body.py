@@ -6,7 +6,7 @@ import numpy as np
 
 from osl_analysis.trial import Array
 
-GRAVITY = np.array([0.0, 0.0, -9.81])
+FREE_FALL = np.array([0.0, 0.0, -9.81])
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class RigidBody:
         acceleration = time_derivative(time_derivative(centre, rate_hz), rate_hz)
         inertia = (pose.rotation * (self.mass * self.gyration**2)) @ pose.rotation.transpose(0, 2, 1)
         momentum = np.einsum("nij,nj->ni", inertia, angular_velocity(pose.rotation, rate_hz))
-        return TrueWrench(self.mass * (acceleration - GRAVITY), time_derivative(momentum, rate_hz), centre)
+        return TrueWrench(self.mass * (acceleration - FREE_FALL), time_derivative(momentum, rate_hz), centre)
 
 
 def time_derivative(values: Array, rate_hz: float) -> Array:

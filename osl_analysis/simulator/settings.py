@@ -56,7 +56,7 @@ class Hum(Effect):
     frequency_hz: Positive = 50.0
 
 
-class SensorLowPass(Effect):
+class LowPassEffect(Effect):
     """A causal Butterworth low-pass, whose cut-off is the size."""
 
     order: Annotated[int, Field(ge=1, le=4)] = 1
@@ -112,7 +112,7 @@ Seconds = Annotated[Effect, in_unit("s")]
 Amperes = Annotated[Effect, in_unit("A")]
 Torque = Annotated[Effect, in_unit("N*m")]
 Ratio = Annotated[Effect, in_unit("1")]
-Share = Annotated[Effect, in_unit("1"), AfterValidator(share)]
+ShareEffect = Annotated[Effect, in_unit("1"), AfterValidator(share)]
 Hertz = Annotated[Effect, in_unit("Hz"), AfterValidator(positive)]
 WholeSamples = Annotated[Effect, in_unit("sample"), AfterValidator(whole_number), AfterValidator(positive)]
 SignedSeconds = Annotated[SignedEffect, in_unit("s")]
@@ -176,7 +176,7 @@ class SecondOrderJoint(Settings):
         return self
 
 
-Cycles = Annotated[int, Field(ge=1, le=10_000)]
+CycleCount = Annotated[int, Field(ge=1, le=10_000)]
 
 
 class SteppedSineSchedule(Settings):
@@ -184,7 +184,7 @@ class SteppedSineSchedule(Settings):
     fields from `rest_between_s` on describe other protocols and imperfections of the motion."""
 
     frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
-    cycles: Cycles | tuple[Cycles, ...] | None = None  # at each frequency: one number, or one for each
+    cycles: CycleCount | tuple[CycleCount, ...] | None = None  # at each frequency: one number, or one for each
     seconds: Positive | None = None  # duration of each frequency in place of `cycles`
     amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
     rest_s: NotNegative  # after each amplitude
@@ -192,8 +192,8 @@ class SteppedSineSchedule(Settings):
     rest_between_s: NotNegative = 0.0  # after each frequency
     ramp_s: NotNegative = 0.0  # in which each frequency grows from 0, and falls to 0, in addition to its cycles
     start: Literal["sine", "cosine"] = "sine"  # at the angle 0, or with a jump of the command to the amplitude
-    second_harmonic: Share = off("1")  # of the motion, as a share of the first
-    third_harmonic: Share = off("1")
+    second_harmonic: ShareEffect = off("1")  # of the motion, as a share of the first
+    third_harmonic: ShareEffect = off("1")
     decay: Annotated[Effect, in_unit("1/s")] = off("1/s")  # of the amplitude from the start of each frequency
     clock_error: PartsPerMillion = NO_PPM
     """Rate error of the clock that generates the motion. A positive error raises frequencies and shortens durations."""
@@ -262,7 +262,7 @@ class ActuatorBench(Settings):
         return self
 
 
-Channel = Literal[
+BenchChannel = Literal[
     "joint_angle", "actuator_angle", "commanded_angle", "motor_current", "load_cell_torque", "output_torque"
 ]
 
@@ -279,13 +279,13 @@ class NodeSettings(Settings):
     clock_offset: SignedSeconds = NO_SECONDS  # what the node's clock shows when the bench's shows 0
     clock_drift: PartsPerMillion = NO_PPM  # how much faster than the bench's the node's clock runs
     decimals: Annotated[Effect, in_unit("decimal"), AfterValidator(whole_number)] = off("decimal")  # of stamps in s
-    dropped: Share = off("1")  # share of the samples that are missing, at drawn places; at least one gap
+    dropped: ShareEffect = off("1")  # share of the samples that are missing, at drawn places; at least one gap
     burst: WholeSamples = off("sample", 1.0)  # missing samples in a row; off: one
     lost_every: Annotated[RegularGaps, in_unit("sample"), AfterValidator(whole_number), AfterValidator(positive)] = (
         RegularGaps(enabled=False, size=100, unit="sample")
     )
     """Interval between regular gaps of `burst` missing samples, from the beginning of one to that of the next."""
-    duplicated: Share = off("1")  # share of the samples that are written twice, with the same stamp
+    duplicated: ShareEffect = off("1")  # share of the samples that are written twice, with the same stamp
 
     @model_validator(mode="after")
     def _is_never_early(self) -> Self:
@@ -297,14 +297,14 @@ class NodeSettings(Settings):
 class SensorSettings(Settings):
     """What one sensor makes of its true signal, in the order in which it happens."""
 
-    low_pass: Annotated[SensorLowPass, in_unit("Hz"), AfterValidator(positive)] = SensorLowPass(
+    low_pass: Annotated[LowPassEffect, in_unit("Hz"), AfterValidator(positive)] = LowPassEffect(
         enabled=False, size=1, unit="Hz"
     )
     delay: Seconds = off("s")  # how old a value is at the instant at which it is sampled
     clipping: Annotated[Effect, in_unit("N*m", "rad", "A"), AfterValidator(positive)] = off("N*m", 1.0)
     """Largest value in size that the sensor gives, noise and offset included."""
     adc: Annotated[Effect, in_unit("bit"), AfterValidator(whole_number)] = off("bit")  # from minus to plus `clipping`
-    failed: Share = off("1")  # share of the readings that fail, at drawn places: the log has NaN there
+    failed: ShareEffect = off("1")  # share of the readings that fail, at drawn places: the log has NaN there
     gain: Annotated[SignedEffect, in_unit("1")] = SignedEffect(enabled=False, size=1, unit="1")
     """What the recorder multiplies a value with by mistake: a wrong unit or sign."""
 
@@ -320,7 +320,7 @@ class RecorderSettings(Settings):
 
     node: NodeSettings = NodeSettings()
     torque_node: NodeSettings | None = None
-    sensors: dict[Channel, SensorSettings] = Field(default_factory=dict)
+    sensors: dict[BenchChannel, SensorSettings] = Field(default_factory=dict)
 
     def sensor(self, channel: str) -> SensorSettings:
         """What the sensor of a channel does."""
@@ -375,7 +375,7 @@ class Excitation(Settings):
 
 
 class SlippingSpring(Settings):
-    """A spring in series with dry friction. Cycles of amplitude A lose 4 limit (A - limit/stiffness)."""
+    """A spring in series with dry friction. CycleCount of amplitude A lose 4 limit (A - limit/stiffness)."""
 
     stiffness: Positive  # [N*m/rad], until it slips
     limit: Positive  # torque [N*m] at which it slips
@@ -419,7 +419,6 @@ class PassiveFoot(Settings):
 
 
 Count = Annotated[int, Field(ge=0, le=100_000)]
-SAMPLES_PER_CYCLE = 10  # smallest number of samples of the bench's log in one cycle of the fastest sine
 MOST_SAMPLES = 10_000_000
 """Largest number of samples in a trial: nearly three hours at 1 kHz. More does not fit into memory, or is a slip."""
 LONGEST_DELAY_S = 0.03
@@ -466,7 +465,7 @@ class Dynamometer(Settings):
     damping_ratio: Positive  # of the position loop
 
 
-class Drivetrain(Settings):
+class DrivetrainSettings(Settings):
     """How the drivetrain is integrated and controlled."""
 
     substeps: Annotated[int, Field(ge=1, le=1000)]  # integration steps per sample of the log
@@ -492,7 +491,7 @@ class SimulationSettings(Settings):
     protocol: SteppedSineSchedule  # of transmission and impedance trials
     belt: BeltMotion
     dynamometer: Dynamometer
-    drivetrain: Drivetrain
+    drivetrain: DrivetrainSettings
     effects: Effects
     recorder: RecorderSettings = RecorderSettings()
     joint: SecondOrderJoint | None = None  # replaces the drivetrain in every impedance trial
@@ -515,15 +514,15 @@ class SimulationSettings(Settings):
         return next(found, None)
 
     @model_validator(mode="after")
-    def _actuator_is_described(self) -> Self:
-        if self.experiments.actuator and self.actuator is None:
-            raise ValueError(f"{self.experiments.actuator} actuator trials are planned but 'actuator' has no schedule")
-        return self
-
-    @model_validator(mode="after")
-    def _foot_is_described(self) -> Self:
-        if self.experiments.torque_angle and self.foot is None:
-            raise ValueError(f"{self.experiments.torque_angle} torque-angle trials are planned but there is no 'foot'")
+    def _what_is_planned_is_described(self) -> Self:
+        wanted = self.experiments
+        if wanted.actuator and self.actuator is None:
+            raise ValueError(f"{wanted.actuator} actuator trials are planned but 'actuator' has no schedule")
+        if wanted.torque_angle and self.foot is None:
+            raise ValueError(f"{wanted.torque_angle} torque-angle trials are planned but there is no 'foot'")
+        crossings = wanted.static + wanted.plate + wanted.walking
+        if crossings and self.walking is None:
+            raise ValueError(f"{crossings} gait-laboratory trials are planned but 'walking' names no settings file")
         return self
 
     @model_validator(mode="after")
@@ -532,10 +531,11 @@ class SimulationSettings(Settings):
         tones = () if self.actuator is None else (*self.actuator.velocity, *self.actuator.current)
         bands = (one.band_hz[1] for one in self.excitations)
         fastest = max((*self.protocol.frequencies_hz, *(tone.frequency_hz for tone in tones), *bands))
-        if rate < SAMPLES_PER_CYCLE * fastest:
+        fewest = 10  # samples of the log in one cycle
+        if rate < fewest * fastest:
             raise ValueError(
                 f"dynamometer.rate_hz = {rate:g} Hz takes {rate / fastest:g} samples of a cycle at {fastest:g} Hz; "
-                f"take {SAMPLES_PER_CYCLE * fastest:g} Hz or more"
+                f"take {fewest * fastest:g} Hz or more"
             )
         if bandwidth.value >= rate / 2:
             raise ValueError(
@@ -546,13 +546,11 @@ class SimulationSettings(Settings):
 
     @model_validator(mode="after")
     def _ends(self) -> Self:
-        durations = {"protocol": self.protocol.total_s, "belt": self.belt.total_s}
-        if self.actuator is not None:
-            durations["actuator"] = self.actuator.duration_s
-        if self.foot is not None:
-            durations["foot.cycles"] = self.foot.cycles.total_s
-        durations |= {f"excitations.{one.name}": one.total_s for one in self.excitations}
-        for name, duration in durations.items():
+        lasting = {"protocol": self.protocol.total_s, "belt": self.belt.total_s}
+        lasting |= {"actuator": self.actuator.duration_s} if self.actuator else {}
+        lasting |= {"foot.cycles": self.foot.cycles.total_s} if self.foot else {}
+        lasting |= {f"excitations.{one.name}": one.total_s for one in self.excitations}
+        for name, duration in lasting.items():
             check_length(name, duration, self.dynamometer.rate_hz)
         return self
 
@@ -572,13 +570,6 @@ class SimulationSettings(Settings):
                 f"effects.control_delay of {delay.value:g} updates is {1e3 * delay.value / updates:g} ms, with which "
                 f"no impedance is stable; choose {longest:g} updates ({1e3 * LONGEST_DELAY_S:g} ms) or fewer"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _walking_is_described(self) -> Self:
-        wanted = self.experiments.static + self.experiments.plate + self.experiments.walking
-        if wanted and self.walking is None:
-            raise ValueError(f"{wanted} gait-laboratory trials are planned but 'walking' names no settings file")
         return self
 
 

@@ -100,7 +100,7 @@ def rolled_over(pivot: Array, pitch: Array) -> Array:
     return np.stack([x - (cos * x - sin * z), np.zeros_like(pitch), z - (sin * x + cos * z)], axis=-1)
 
 
-WINDOW_S = 0.1  # Time [s] after the onset in which the rendered impedance is fitted
+RENDERED_S = 0.1  # Time [s] after the onset in which the rendered impedance is fitted
 WANDER_HZ = (0.3, 4.0)
 WANDER_WAVES = 6
 STEEPEST = 35 / 16  # Largest slope of `smooth_step`
@@ -130,7 +130,7 @@ class Step:
         """Phase of stance at times [s]: 0 at heel strike, 1 at toe-off."""
         elapsed = time - self.heel_strike
         if self.hurry:
-            begins = self.onset + WINDOW_S - self.heel_strike
+            begins = self.onset + RENDERED_S - self.heel_strike
             left = self.stance + self.hurry - begins
             elapsed = elapsed - self.hurry * smooth_step((elapsed - begins) / left)
         return np.asarray(elapsed / self.stance)
@@ -157,7 +157,7 @@ def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings) -> S
     phase = float(stream(seed, trial, "perturbation_phase").uniform(*perturbation.stance_phase))
     command, hurry = heel_strike + phase * stance, 0.01 * nominal.after_window_percent * stance
     onset = command + perturbation.latency_s
-    left = heel_strike + stance + hurry - onset - WINDOW_S
+    left = heel_strike + stance + hurry - onset - RENDERED_S
     if hurry and not left > STEEPEST * max(hurry, 0.0):
         raise InputError(
             f"trial {trial}: after_window_percent {nominal.after_window_percent:g} leaves {left:.3f} s of stance "

@@ -14,16 +14,14 @@ import ezc3d
 import numpy as np
 
 from osl_analysis.files import atomic_path
-from osl_analysis.simulator.rigid_body import GRAVITY, Pose, RigidBody, TrueWrench, interpolated_at
+from osl_analysis.simulator.rigid_body import FREE_FALL, Pose, RigidBody, TrueWrench, interpolated_at
 from osl_analysis.simulator.settings import stream
-from osl_analysis.simulator.walking_settings import Plate, WalkingSettings
+from osl_analysis.simulator.walking_settings import ForcePlate, WalkingSettings
 from osl_analysis.trial import Array
 
 MM = 1e3
 RESIDUAL_SEEN, RESIDUAL_HIDDEN = 0.0, -1.0
 """Residuals of seen and hidden markers. 0, because readers disagree about the byte that holds a positive residual."""
-TEXT, WHOLE_NUMBER, FLOAT = -1, 2, 4
-"""C3D's parameter types: bytes per element, -1 for characters."""
 
 
 @dataclass(frozen=True)
@@ -104,12 +102,13 @@ def set_parameters(file: Any, group: str, **values: list[str] | np.ndarray[Any, 
     parameters = file["parameters"]
     parameters.create_group_if_needed(group)
     for name, value in values.items():
-        kind = TEXT if isinstance(value, list) else WHOLE_NUMBER if value.dtype.kind == "i" else FLOAT
+        # C3D's types are bytes per element, -1 for characters
+        kind = -1 if isinstance(value, list) else 2 if value.dtype.kind == "i" else 4
         known = parameters[group].get(name, {"description": "", "is_locked": False})
         parameters[group][name] = {**known, "type": kind, "value": value}
 
 
-Place = tuple[float, float, float]
+MarkerPlace = tuple[float, float, float]
 # from the ankle's centre, in the axes of foot and shank when standing [m]; the right leg's outer side is -y
 FOOT = {
     "FOOT1": (-0.075, 0.012, -0.030),
@@ -133,8 +132,6 @@ PLATFORM = {
 ANKLE_AXIS = {"ANKLE_MED": (0.0, 0.042, 0.0), "ANKLE_LAT": (0.0, -0.042, 0.0)}
 HIGH_V = 5.0
 TRIGGER_S = 0.02
-LONG_GAP_SHARE = 0.25
-SHORT_GAP_S, LONG_GAP_S = (0.007, 0.04), (0.05, 0.2)
 
 
 def sync_level(trial: str, seed: int, duration: float, time: Array) -> Array:
@@ -166,7 +163,7 @@ def leg_markers(foot: Pose, shank: Pose) -> dict[str, Array]:
     return on_body(foot, FOOT) | on_body(shank, SHANK)
 
 
-def on_body(body: Pose, places: Mapping[str, Place]) -> dict[str, Array]:
+def on_body(body: Pose, places: Mapping[str, MarkerPlace]) -> dict[str, Array]:
     """Exact paths [m], shape (n, 3) each, of points given by their places [m] on a body."""
     return {label: body.point(np.array(place)) for label, place in places.items()}
 
@@ -174,20 +171,20 @@ def on_body(body: Pose, places: Mapping[str, Place]) -> dict[str, Array]:
 PLATE_AXES = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
-def plate_corners(plate: Plate) -> Array:
+def plate_corners(plate: ForcePlate) -> Array:
     """The four corners [m] of the resting plate in laboratory axes, shape (4, 3), in C3D's order."""
     quadrants = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]], dtype=float) @ PLATE_AXES.T
     half = 0.5 * np.array([*plate.size_m, 0.0])
     return np.asarray(np.array(plate.centre_m) + quadrants * half)
 
 
-def sensor_from_centre(plate: Plate) -> Array:
+def sensor_from_centre(plate: ForcePlate) -> Array:
     """The sensor origin [m] from the surface's centre, laboratory axes of the resting plate, shape (3,)."""
     return np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
 
 
 def sensor_reading(
-    reaction: TrueWrench, platform: Pose, plate: Plate, mass: float, rate_hz: float
+    reaction: TrueWrench, platform: Pose, plate: ForcePlate, mass: float, rate_hz: float
 ) -> tuple[Array, Array]:
     """Force [N] and moment about the sensor origin [N*m] that the plate reads, shape (n, 3) each, in its moving axes.
 
@@ -201,7 +198,7 @@ def sensor_reading(
     body = RigidBody(mass, np.add(plate.centre_m, plate.centre_of_mass_m), np.array(plate.gyration_m))
     own = body.support(platform, rate_hz)
     origin = platform.point(sensor)
-    resting = -mass * GRAVITY
+    resting = -mass * FREE_FALL
     zero_moment = np.cross(body.centre_of_mass - sensor, resting)
     return (
         in_axes(turned, reaction.force + own.force) - resting @ PLATE_AXES,
@@ -265,7 +262,7 @@ def seen_markers(trial: str, seed: int, exact: Array, walking: WalkingSettings) 
     seen = exact + 1e-3 * effects.marker_noise.value * noise
     random = stream(seed, trial, "marker_gaps")
     for _ in range(random.poisson(effects.marker_gaps.value)):
-        shortest, longest = LONG_GAP_S if random.random() < LONG_GAP_SHARE else SHORT_GAP_S
+        shortest, longest = (0.05, 0.2) if random.random() < 0.25 else (0.007, 0.04)  # a quarter of them are long
         length = int(np.ceil(random.uniform(shortest, longest) * walking.rates.points_hz))
         first, label = random.integers(len(exact)), random.integers(exact.shape[1])
         seen[first : first + length, label] = np.nan

@@ -14,6 +14,7 @@ from osl_analysis.config.yaml_settings import Degrees, Positive, Settings, Shipp
 from osl_analysis.simulator.settings import (
     Count,
     Effect,
+    Encoder,
     NotNegative,
     Seconds,
     SwitchedEffects,
@@ -57,13 +58,13 @@ class WalkingEffects(SwitchedEffects):
     plate_lag: Milliseconds  # of the plate's channels behind markers, trigger and sync
     leg_clock_offset: Seconds  # mean offset of the leg's clock from that of the recording
     leg_clock_drift: Annotated[Effect, in_unit("ppm")]  # scatter of the rate of the leg's clock
-    leg_joint_encoder: Annotated[Effect, in_unit("bit")]  # bits per turn
+    leg_joint_encoder: Annotated[Encoder, in_unit("bit")]
 
 
 Rate = Annotated[int, Field(ge=1, le=1_000_000)]
 Vector = tuple[float, float, float]
 PositiveVector = tuple[Positive, Positive, Positive]
-Share = Annotated[float, Field(ge=0, le=1)]
+Phase = Annotated[float, Field(ge=0, le=1)]
 
 
 class Rates(Settings):
@@ -121,7 +122,7 @@ class Perturbation(Settings):
     angle_deg: Degrees
     rise_s: Positive
     latency_s: NotNegative  # from the command to the start of the ramp
-    stance_phase: tuple[Share, Share]  # first and last at which the ramp is commanded, drawn evenly
+    stance_phase: tuple[Phase, Phase]  # first and last at which the ramp is commanded, drawn evenly
     hold_s: NotNegative  # after toe-off, when the platform starts to return
     return_s: Positive
 
@@ -133,7 +134,7 @@ class Body(Settings):
     gyration_m: PositiveVector  # principal radii about the centre of mass
 
 
-class Plate(Body):
+class ForcePlate(Body):
     """The force plate. Its centre of mass is given from the centre of its surface."""
 
     centre_m: Vector  # of the surface at rest, in laboratory axes
@@ -154,7 +155,7 @@ class WalkingSettings(Settings):
     gait: Gait
     perturbation: Perturbation
     foot: Body
-    plate: Plate
+    plate: ForcePlate
     effects: WalkingEffects
     gain_weight: WeightSettings = WEIGHT_OF_PAPER  # that of the simulated campaign replaces it
 

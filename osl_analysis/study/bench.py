@@ -26,18 +26,18 @@ from osl_analysis.second_order import impedance_columns, impedance_torque
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.simulator.bench import (
     BenchResponse,
+    belt_scatter,
     current_schedule,
     drivetrain_effects,
     moved,
     recorded_actuator,
     recorded_dynamometer,
-    scatter,
     simulate_belt,
     simulate_impedance,
     simulate_transmission,
     turning,
 )
-from osl_analysis.simulator.joint_motion import JointMotion, stepped_sine, there_and_back
+from osl_analysis.simulator.joint_motion import JointMotion, sine_command, there_and_back
 from osl_analysis.simulator.settings import Effect, Encoder, RecorderSettings, SimulationSettings, stream
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.regression import LinearFit
@@ -78,9 +78,13 @@ Estimates = Iterator[tuple[str, str, Mapping[str, StudyEstimate]]]
 """The estimates of one trial: estimator, kind of interval, and an estimate for each quantity."""
 
 
-def of_filtered(method: str, fit: LinearFit, names: Sequence[str]) -> Estimates:
+def of_filtered(fit: LinearFit, names: Sequence[str]) -> Estimates:
     """The named estimates of the bench's estimator: one filter for all signals, derivatives, least squares."""
-    yield "filtered", method, {name: StudyEstimate(fit[name], fit.se(name), *fit.interval(name)) for name in names}
+    yield (
+        "filtered",
+        fit.interval_method,
+        {name: StudyEstimate(fit[name], fit.se(name), *fit.interval(name)) for name in names},
+    )
 
 
 def ideal_sensors(settings: SimulationSettings) -> SimulationSettings:
@@ -105,18 +109,24 @@ def recorded_trial(
     return Trial(name, samples.join(other, on="time", how="full", coalesce=True).sort("time"))
 
 
-def at_any_phase(trial: str, settings: SimulationSettings) -> SimulationSettings:
-    """The settings with recorders that start anywhere between two instants of the simulated motion. Every trial repeats
-    the motion. With samples at the same phases of it the rounding of an encoder would repeat too."""
+def through_sensors(
+    trial: str, settings: SimulationSettings, encoder: Encoder, ideal: bool
+) -> tuple[SimulationSettings, float]:
+    """Settings with which a trial is recorded, and the zero of its encoder [rad].
+
+    Every trial repeats the motion. With samples at the same phases of it the rounding of an encoder would repeat too:
+    recorders start anywhere between two instants of the simulated motion, and the zero lies anywhere between two steps.
+    """
+    if ideal:
+        return ideal_sensors(settings), 0.0
     later = float(stream(settings.seed, trial, "sampling_phase").random()) / settings.dynamometer.rate_hz
-    recorder = settings.recorder
-    nodes = {"node": recorder.node, "torque_node": recorder.torque_node}
-    moved = {
+    nodes = {
         name: node.model_copy(update={"phase": Effect(enabled=True, size=node.phase.value + later, unit="s")})
-        for name, node in nodes.items()
-        if node is not None
+        for name in ("node", "torque_node")
+        if (node := getattr(settings.recorder, name)) is not None
     }
-    return settings.model_copy(update={"recorder": recorder.model_copy(update=moved)})
+    zero = encoder.value * float(stream(settings.seed, trial, "encoder_zero").random())
+    return settings.model_copy(update={"recorder": settings.recorder.model_copy(update=nodes)}), zero
 
 
 def recorded_as(inputs: StudyInputs, recording: RecordedAs) -> StudyInputs:
@@ -168,14 +178,13 @@ class StudyBench:
     p: DrivetrainParameters  # as the analysis knows them
     analysis: DynamometerAnalysis
     names: tuple[str, ...]  # quantities that are estimated
-    fit: Callable[["StudyBench", Trial], tuple[str, LinearFit]]  # kind of interval and fit, as the tables have them
+    fit: Callable[["StudyBench", Trial], LinearFit]  # as the tables have it
     exact: dict[str, float]  # parameters that made the torque, where the joint has such parameters
     theory: dict[str, float]  # prediction of linear theory
 
     def trial(self, name: str, ideal: bool = False) -> Trial:
-        """One trial as ingest would give it. The encoder's zero lies anywhere between two of its steps."""
-        settings = ideal_sensors(self.settings) if ideal else at_any_phase(name, self.settings)
-        zero = settings.effects.joint_encoder.value * stream(settings.seed, name, "encoder_zero").random()
+        """One trial as ingest would give it."""
+        settings, zero = through_sensors(name, self.settings, self.settings.effects.joint_encoder, ideal)
         motion = replace(self.motion, theta=self.motion.theta + zero)
         log, _ = recorded_dynamometer(name, self.command, motion, self.response, settings)
         joint = {"theta": log["joint_angle"], "theta_m": log["actuator_angle"], "theta_command": log["commanded_angle"]}
@@ -186,7 +195,7 @@ class StudyBench:
 
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """The estimates of the pipeline's fit, from noisy or ideal sensors."""
-        yield from of_filtered(*self.fit(self, self.trial(trial, ideal)), self.names)
+        yield from of_filtered(self.fit(self, self.trial(trial, ideal)), self.names)
 
     def bounds(self) -> dict[str, float]:
         """Cramer-Rao bound of the load cell's noise and drift, for the true motion in the rows that are fitted."""
@@ -202,20 +211,8 @@ class StudyBench:
         return regression_bound(columns, *torque_noise(self.settings, rows / rate))
 
 
-def sine_fit(bench: StudyBench, trial: Trial, model: Model) -> tuple[str, LinearFit]:
-    record = sine_record(trial, bench.analysis)
-    fit = with_effects(plain_sums(record, model), model)
-    return fit.interval_method, fit
-
-
-def transmission_fit(bench: StudyBench, trial: Trial) -> tuple[str, LinearFit]:
-    return sine_fit(bench, trial, TRANSMISSION)
-
-
-def belt_fit(bench: StudyBench, trial: Trial) -> tuple[str, LinearFit]:
-    """K_s, the slope while loading. Nothing repeats within a trial."""
-    fit = belt_trial(trial, bench.p, bench.analysis).loading.whole
-    return fit.interval_method, fit
+def sine_fit(bench: StudyBench, trial: Trial, model: Model) -> LinearFit:
+    return with_effects(plain_sums(sine_record(trial, bench.analysis), model), model)
 
 
 def sine_bench(inputs: StudyInputs) -> StudyBench:
@@ -228,7 +225,7 @@ def sine_bench(inputs: StudyInputs) -> StudyBench:
     }
     schedule = inputs.simulation.protocol.model_copy(update=short)
     settings = inputs.simulation.model_copy(update={"protocol": schedule})
-    command, motion = moved(stepped_sine(schedule, settings.dynamometer.rate_hz), settings)
+    command, motion = moved(sine_command(schedule, settings.dynamometer.rate_hz), settings)
     still = np.zeros_like(motion.theta)
     return StudyBench(
         command=command,
@@ -273,12 +270,18 @@ def linear_drivetrain(inputs: StudyInputs) -> StudyBench:
 def transmission(inputs: StudyInputs) -> StudyBench:
     """The joint with the motor detached."""
     bench, exact = sine_bench(inputs), {"B_j": inputs.p.B_j, "J_j": inputs.p.J_j}
-    response = simulate_transmission(bench.motion, inputs.p)
-    return replace(bench, response=response, names=tuple(exact), fit=transmission_fit, exact=exact, theory=exact)
+    return replace(
+        bench,
+        response=simulate_transmission(bench.motion, inputs.p),
+        names=tuple(exact),
+        fit=lambda own, trial: sine_fit(own, trial, TRANSMISSION),
+        exact=exact,
+        theory=exact,
+    )
 
 
 def belt(inputs: StudyInputs) -> StudyBench:
-    """The belt of a locked actuator, with its hysteresis."""
+    """The belt of a locked actuator, with its hysteresis. K_s is the slope while loading."""
     settings = inputs.simulation
     command, motion = moved(there_and_back(settings.belt, settings.dynamometer.rate_hz), settings)
     return StudyBench(
@@ -289,7 +292,7 @@ def belt(inputs: StudyInputs) -> StudyBench:
         p=inputs.p,
         analysis=inputs.dynamometer,
         names=("K_s",),
-        fit=belt_fit,
+        fit=lambda own, trial: belt_trial(trial, own.p, own.analysis).loading.whole,  # nothing repeats within a trial
         exact={"K_s": inputs.p.K_s},
         theory={"K_s": inputs.p.K_s},
     )
@@ -380,7 +383,7 @@ def repeated_belt(inputs: StudyInputs) -> RepeatedBench:
     nominal, settings, p = belt(inputs), inputs.simulation, inputs.p
 
     def scattered(trial: str) -> StudyBench:
-        own = replace(p, K_s=p.K_s * scatter(trial, settings))
+        own = replace(p, K_s=p.K_s * belt_scatter(trial, settings))
         return replace(nominal, response=simulate_belt(nominal.motion, drivetrain_effects(settings), own))
 
     deviation = {"K_s": p.K_s * settings.effects.belt_scatter.value}
@@ -410,9 +413,8 @@ class ActuatorExperiment:
         return self.exact  # the fitted model is exact
 
     def trial(self, name: str, ideal: bool = False) -> Trial:
-        """One trial as ingest would give it. The encoder's zero lies anywhere between two of its steps."""
-        settings = ideal_sensors(self.settings) if ideal else at_any_phase(name, self.settings)
-        zero = settings.effects.actuator_encoder.value * stream(settings.seed, name, "encoder_zero").random()
+        """One trial as ingest would give it."""
+        settings, zero = through_sensors(name, self.settings, self.settings.effects.actuator_encoder, ideal)
         motion = replace(self.motion, theta=self.motion.theta + zero)
         log, _ = recorded_actuator(name, motion, self.current, self.actuator, settings)
         actuator = {"theta_m": log["actuator_angle"], "current": log["motor_current"]}
@@ -421,7 +423,7 @@ class ActuatorExperiment:
     def estimates(self, trial: str, low_pass: LowPass, ideal: bool = False) -> Estimates:
         """The estimates of the pipeline's fit."""
         fit = actuator_trial(self.trial(trial, ideal), self.analysis).whole
-        yield from of_filtered(fit.interval_method, fit, self.names)
+        yield from of_filtered(fit, self.names)
 
     def bounds(self) -> dict[str, float]:
         """Cramer-Rao bound of the torque's noise in the fitted rows. Noise in the columns would increase it

@@ -16,8 +16,8 @@ from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.crossing import (
     SimulatedCrossing,
+    impedance_of_leg,
     motion_grid,
-    rendered_impedance,
     scene_of,
     simulate_crossing,
     simulate_walking_trial,
@@ -77,7 +77,7 @@ class StudyLaboratory:
         # the same crossing's stance without the perturbation, whatever the perturbation does to it
         ideal = isolate_response(walked_ideally, alone, analysis.timing, "unperturbed")
         exact = fit_without_offset(ideal.fitted_motion, ideal.fitted_torque)
-        return PerturbedCrossing(self.seen(name, walked, noisy=True), exact, rendered_impedance(walked, unperturbed))
+        return PerturbedCrossing(self.seen(name, walked, noisy=True), exact, impedance_of_leg(walked, unperturbed))
 
     def sharing(self, names: Sequence[str]) -> "StudyLaboratory":
         """The laboratory that knows what the platform's motions share in the perturbed crossings of these names. Ideal

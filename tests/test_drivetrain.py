@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import ROOT, multisine
+from conftest import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
@@ -22,7 +22,6 @@ from osl_analysis.model.drivetrain import (
     desired_admittance,
     joint_admittance,
     motor_friction,
-    resisting_torque,
 )
 from osl_analysis.model.drivetrain_response import Friction, belt_response
 from osl_analysis.simulator.drivetrain import (
@@ -70,12 +69,6 @@ def test_admittance_solves_the_equations_of_motion(parameters, K_1, B_1, J_j):
         _, theta_s = np.linalg.solve(equations, [1.0, 0.0])
         torque = p.K_s * theta_s + p.B_j * s + J_j * s**2
         assert joint_admittance(K_1, B_1, p, J_j)(s) == pytest.approx(1 / torque, rel=1e-10)
-
-
-def test_resisting_torque_adds_damping_and_inertia_of_the_joint(parameters):
-    motion = multisine(1.3)
-    torque = resisting_torque(0 * motion.theta, motion.omega, motion.alpha, parameters)
-    assert torque == pytest.approx(0.452 * motion.omega + 5e-3 * motion.alpha)
 
 
 def test_desired_admittance_is_a_spring_and_a_damper():

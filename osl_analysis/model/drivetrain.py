@@ -1,6 +1,6 @@
 """The drivetrain: actuator (Eqs. 1-2), belt transmission (Eqs. 3-4), joint admittance (Eqs. 8-11).
 
-Signs are the paper's, except where a function says *resisting*: a resisting torque is minus the paper's tau_j.
+Signs are the paper's.
 """
 
 from dataclasses import dataclass
@@ -52,11 +52,6 @@ def belt_torque(theta_s: ArrayLike, p: DrivetrainParameters) -> Array:
     """Torque tau_s [N*m] in the belt (Eq. 8), plus the quadratic term K_s2, which is 0 in most parameter files."""
     theta_s = np.asarray(theta_s)
     return np.asarray(p.K_s * theta_s + p.K_s2 * theta_s * np.abs(theta_s))
-
-
-def resisting_torque(theta_s: ArrayLike, omega: ArrayLike, alpha: ArrayLike, p: DrivetrainParameters) -> Array:
-    """Torque [N*m] with which the joint resists its motion: minus Eq. 4."""
-    return belt_torque(theta_s, p) + p.B_j * np.asarray(omega) + p.J_j * np.asarray(alpha)
 
 
 def desired_admittance(K_d: float, B_d: float) -> RationalFunction:

@@ -16,7 +16,7 @@ import numpy as np
 from osl_analysis.files import atomic_path
 from osl_analysis.simulator.rigid_body import FREE_FALL, Pose, RigidBody, TrueWrench, interpolated_at
 from osl_analysis.simulator.settings import stream
-from osl_analysis.simulator.walking_settings import ForcePlate, WalkingSettings
+from osl_analysis.simulator.walking_settings import MovingPlate, WalkingSettings
 from osl_analysis.trial import Array
 
 MM = 1e3
@@ -171,20 +171,20 @@ def on_body(body: Pose, places: Mapping[str, MarkerPlace]) -> dict[str, Array]:
 PLATE_AXES = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
-def plate_corners(plate: ForcePlate) -> Array:
+def plate_corners(plate: MovingPlate) -> Array:
     """The four corners [m] of the resting plate in laboratory axes, shape (4, 3), in C3D's order."""
     quadrants = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]], dtype=float) @ PLATE_AXES.T
     half = 0.5 * np.array([*plate.size_m, 0.0])
     return np.asarray(np.array(plate.centre_m) + quadrants * half)
 
 
-def sensor_from_centre(plate: ForcePlate) -> Array:
+def sensor_from_centre(plate: MovingPlate) -> Array:
     """The sensor origin [m] from the surface's centre, laboratory axes of the resting plate, shape (3,)."""
     return np.array([*plate.sensor_offset_m, -plate.sensor_depth_m])
 
 
 def sensor_reading(
-    reaction: TrueWrench, platform: Pose, plate: ForcePlate, mass: float, rate_hz: float
+    reaction: TrueWrench, platform: Pose, plate: MovingPlate, mass: float, rate_hz: float
 ) -> tuple[Array, Array]:
     """Force [N] and moment about the sensor origin [N*m] that the plate reads, shape (n, 3) each, in its moving axes.
 

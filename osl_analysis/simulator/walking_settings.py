@@ -134,7 +134,7 @@ class Body(Settings):
     gyration_m: PositiveVector  # principal radii about the centre of mass
 
 
-class ForcePlate(Body):
+class MovingPlate(Body):
     """The force plate. Its centre of mass is given from the centre of its surface."""
 
     centre_m: Vector  # of the surface at rest, in laboratory axes
@@ -155,7 +155,7 @@ class WalkingSettings(Settings):
     gait: Gait
     perturbation: Perturbation
     foot: Body
-    plate: ForcePlate
+    plate: MovingPlate
     effects: WalkingEffects
     gain_weight: WeightSettings = WEIGHT_OF_PAPER  # that of the simulated campaign replaces it
 

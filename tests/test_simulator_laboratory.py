@@ -339,6 +339,12 @@ def test_the_flat_foot_is_rigid_on_the_platform(walked):
     assert np.degrees(np.ptp(walked.motion.platform.angle[flat])) == pytest.approx(5, abs=1e-6)
 
 
+def test_the_ankle_turns_by_what_the_shank_does_not_yield(walked, calm):
+    """4 % of 5 deg, 0.2 s after the onset."""
+    held = np.searchsorted(walked.time, walked.motion.platform.onset + 0.25)
+    assert np.degrees(walked.motion.theta - calm.motion.theta)[held] == pytest.approx(0.96 * 5, abs=1e-6)
+
+
 def test_the_foot_stays_above_the_floor(calm, shipped):
     for point in (gait.HEEL, gait.BALL):
         assert calm.motion.foot.point(point)[:, 2].min() > shipped.walking.plate.centre_m[2] - 1e-3

@@ -7,6 +7,7 @@ import polars as pl
 import pytest
 from click.testing import CliRunner
 from conftest import ROOT
+from scipy.stats import t as student
 
 from osl_analysis.bench.response_tables import RESPONSE
 from osl_analysis.cli import main
@@ -50,6 +51,8 @@ def test_text_and_json_say_the_same_intervals():
             f"{100 * one['half_width'] / one['expected']:.3g}",
         ]
         assert sum(one["variance"].values()) == pytest.approx(one["se"] ** 2)
+        assert one["half_width"] == pytest.approx(student.ppf(0.975, one["degrees_of_freedom"]) * one["se"])
+        assert one["half_width"] > 10 * one["half_width_of_noise"]
     assert f"adds to B {said['friction_damping']['in all']:.3g}" in text
     assert "load cell drift 0.05 N·m/min" in text
 

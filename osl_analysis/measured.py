@@ -22,13 +22,8 @@ NO_SENSOR = "no sensor gives that; check its channel and unit in the source file
 
 
 def check_finite(name: str, values: ArrayLike, limit: float = LARGEST_SIGNAL) -> float:
-    """The largest size of some numbers, of any shape, 0 of none; `name` is for the message.
-
-    Raises
-    ------
-    InputError
-        A value is not finite or beyond the limit.
-    """
+    """The largest size of some numbers, of any shape, 0 of none; refused is a value that is not finite or beyond the
+    limit. `name` is for the message."""
     array = np.asarray(values)
     largest = max(float(array.max()), -float(array.min()), 0.0) if array.size else 0.0
     if not largest <= limit:
@@ -40,13 +35,8 @@ def check_finite(name: str, values: ArrayLike, limit: float = LARGEST_SIGNAL) ->
 
 
 def check_measured(name: str, values: ArrayLike) -> None:
-    """Refuse a signal, of any shape, that no sensor can have given; `name` is for the message.
-
-    Raises
-    ------
-    InputError
-        As `check_finite`, or the values are below `SMALLEST_SIGNAL` without being 0 throughout.
-    """
+    """Refuse a signal, of any shape, that no sensor can have given: as `check_finite`, or values below
+    `SMALLEST_SIGNAL` without being 0 throughout."""
     largest = check_finite(name, values)
     if 0 < largest < SMALLEST_SIGNAL:
         raise InputError(f"{name} reaches {largest:.3g}, less than {SMALLEST_SIGNAL:g} and not 0: {NO_SENSOR}")

@@ -17,14 +17,10 @@ def plate_axes(corners: Array) -> Array:
     return np.column_stack([axis / np.linalg.norm(axis) for axis in (x, np.cross(normal, x), normal)])
 
 
-def half_sizes(corners: Array) -> Array:
-    """Half the lengths (2,) [m] of the edges along the first two of `plate_axes`."""
-    return np.array([np.linalg.norm(corners[0] - corners[1]), np.linalg.norm(corners[0] - corners[3])]) / 2
-
-
 def beside(points: Array, corners: Array) -> Array:
     """Distance (k,) [m] by which points (k, 2) [m], from the plate's centre along its axes, lie beside it; 0 on it."""
-    return np.asarray(np.hypot(*np.maximum(np.abs(points) - half_sizes(corners), 0.0).T))
+    half = np.array([np.linalg.norm(corners[0] - corners[1]), np.linalg.norm(corners[0] - corners[3])]) / 2
+    return np.asarray(np.hypot(*np.maximum(np.abs(points) - half, 0.0).T))
 
 
 def furthest_outside(points: Array, corners: Array) -> float:

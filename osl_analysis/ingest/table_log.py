@@ -27,7 +27,7 @@ from osl_analysis.formats.gait_text import read_opensim
 from osl_analysis.formats.json_lines import DecodedLines, JsonLines, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import find, no_variable, open_mat, parsed, vector
 from osl_analysis.formats.table import Loss, Table
-from osl_analysis.formats.tdms import TdmsChannel, TdmsFile, read_tdms
+from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest.captures import exported_columns, exported_plates
 from osl_analysis.ingest.message_log import LAST_SECOND, SECOND, joined_on_stamp, median_rate, stamp_fields
 from osl_analysis.ingest.recording import LEVEL_UNIT, Recording, canonical_series, checked_numbers
@@ -349,8 +349,8 @@ def tdms_tables(path: Path, source: Source) -> Tables:
     """A table for each timing that channels have by their own properties; one where the source file tells the time."""
     file = read_tdms(path)
     timings: dict[tuple[int, float, float | None, int], list[Channel]] = defaultdict(list)
-    for one in source.channels.values():
-        channel = file.channel(one.name)
+    for mapped in source.channels.values():
+        channel = file.channel(mapped.name)
         told = (channel.begin, channel.offset, channel.step, channel.count)
         if source.time.name or source.time.rate is not None:
             told = (0, 0.0, None, 0)
@@ -359,31 +359,26 @@ def tdms_tables(path: Path, source: Source) -> Tables:
                 f"channel '{channel.address}' has no timing (`wf_increment` among its properties); name the "
                 f"channel of time, as `time: {{channel: GROUP/NAME, unit: s}}`, or {RATE}"
             )
-        timings[told].append(one)
-    first = min(begin for begin, *_ in timings)
-    tables = []
-    for (begin, offset, step, length), some in timings.items():
-        named = [name for one in some for name in (one.name, one.counter)]
-        table = tdms_table(file, {name: file.channel(name) for name in [*named, source.time.name] if name})
-        own = None if step is None else np.asarray(np.arange(length) * step, dtype=np.float64)
-        tables.append((offset + (begin - first) * 1e-6, replace(table, time=own)))
-    return tables
-
-
-def tdms_table(file: TdmsFile, channels: Mapping[str, TdmsChannel]) -> Table:
-    """Channels of one length, by the address that asked for them."""
-    some = list(channels.values())
-    for one in some:
-        if one.count != some[0].count:
-            raise InputError(
-                f"channel '{one.address}' has {one.count} values and '{some[0].address}' has "
-                f"{some[0].count}; name channels of one recording, or export those of each length on their own"
-            )
-    values = file.values(some)
-    columns = {name: values[one.address] for name, one in channels.items()}
-    units = {name: "s" if one.holds_times else one.unit for name, one in channels.items()}
+        timings[told].append(mapped)
+    first, tables = min(begin for begin, *_ in timings), list[tuple[float, Table]]()
     report = {"complete": False, "messages_lost": None, "remarks": list(file.notes)} if file.notes else {}
-    return Table(some[0].count, columns, units, loss=Loss(file.notes, report))
+    for (begin, offset, step, length), of_timing in timings.items():
+        named = [name for mapped in of_timing for name in (mapped.name, mapped.counter)]
+        channels = {name: file.channel(name) for name in [*named, source.time.name] if name}
+        some = list(channels.values())
+        for one in some:
+            if one.count != some[0].count:
+                raise InputError(
+                    f"channel '{one.address}' has {one.count} values and '{some[0].address}' has "
+                    f"{some[0].count}; name channels of one recording, or export those of each length on their own"
+                )
+        values = file.values(some)
+        columns = {name: values[one.address] for name, one in channels.items()}
+        units = {name: "s" if one.holds_times else one.unit for name, one in channels.items()}
+        own = None if step is None else np.asarray(np.arange(length) * step, dtype=np.float64)
+        table = Table(some[0].count, columns, units, own, Loss(file.notes, report))
+        tables.append((offset + (begin - first) * 1e-6, table))
+    return tables
 
 
 ANGLES = {"rad": {"deg": "deg", "rad": "rad"}, "rad/s": {"deg": "deg/s", "rad": "rad/s"}}

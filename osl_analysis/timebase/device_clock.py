@@ -116,9 +116,8 @@ def lower_edge(x: Array, y: Array) -> tuple[float, float]:
     return float(y[left] - slope * x[left]), float(slope)
 
 
-SURE_OF_DRIFT = (
-    4.0  # standard errors by which a drift must differ from zero before it is believed, if they are known exactly
-)
+SURE_OF_DRIFT = 4.0
+"""Standard errors by which a drift must differ from zero before it is believed, if they are known exactly."""
 
 
 @dataclass(frozen=True)

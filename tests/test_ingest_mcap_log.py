@@ -296,6 +296,9 @@ def test_a_message_that_is_repeated_counts_once(tmp_path: Path) -> None:
     read = of_stamps(tmp_path, sorted([*range(COUNT), 5, 20]))
     np.testing.assert_array_equal(read.samples["theta"], np.arange(COUNT))
     assert read.facts["stamps"]["/lab"] == {"late": 0, "repeated": 2, "contradicted": 0}
+    again = write_log(tmp_path / "log.mcap", messages([*range(100), *range(80, 92), *range(100, COUNT)]))
+    sent_twice = FORMATS["mcap"].read(again, source(loss=0.2, **RADIANS))  # no clock that was set back
+    assert sent_twice.facts["stamps"]["/lab"] == {"late": 12, "repeated": 12, "contradicted": 0}
 
 
 def test_stamps_that_stand_still_are_refused_and_are_not_taken_for_rounded(tmp_path: Path) -> None:

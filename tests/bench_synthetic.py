@@ -38,12 +38,12 @@ def record_of_sines(time, theta, torque, protocol=PROTOCOL):
     return replace(made, band_hz=(min(protocol.frequencies_hz), max(protocol.frequencies_hz)))
 
 
-def belt_record(theta_s, torque, rate=RATE):
+def belt_record(theta_s, torque, rate=RATE, unusable=()):
     """The record of a belt's deflection [rad] and torque [N*m], as if they were filtered."""
-    time, everywhere = np.arange(len(theta_s)) / rate, np.ones(len(theta_s), dtype=bool)
+    time, usable = np.arange(len(theta_s)) / rate, ~np.isin(np.arange(len(theta_s)), unusable)
     omega = np.gradient(theta_s) * rate
-    motion, groups = Motion(theta_s, omega, np.gradient(omega) * rate), branches_of(theta_s, rate, everywhere, 15.0)
-    return Record("b", time, theta_s, torque, motion, torque, LOW_PASS, everywhere, groups)
+    motion, groups = Motion(theta_s, omega, np.gradient(omega) * rate), branches_of(theta_s, rate, usable, 15.0)
+    return Record("b", time, theta_s, torque, motion, torque, LOW_PASS, usable, groups)
 
 
 def table_of(record):

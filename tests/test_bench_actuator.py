@@ -122,6 +122,17 @@ def test_a_simulated_bench_gives_them_back_within_their_errors():
     assert max(fits[0].se(name) / TRUE[name] for name in ("k_tau_n_m", "f_C", "f_G", "J_m")) < 0.02
 
 
+def test_rows_near_a_gap_are_not_fitted():
+    t, theta, omega, alpha, current = schedule()
+    torque, usable = by_hand(theta, omega, alpha, current), np.ones(len(t), dtype=bool)
+    torque[9000:9100] += 30.0
+    usable[8800:9300] = False
+    signals = {"theta_m": theta, "current": current, "torque_m": torque}
+    fit = actuator_alone("made", t, signals, ANALYSIS, usable).whole
+    assert fit["f_C"] == pytest.approx(TRUE["f_C"], rel=5e-3)
+    assert abs(actuator_alone("made", t, signals, ANALYSIS).whole["f_C"] / TRUE["f_C"] - 1) > 0.02
+
+
 def test_refuses_a_current_that_always_has_the_direction_of_the_motion():
     t, theta, omega, alpha, _ = schedule()
     current = 0.6 * omega

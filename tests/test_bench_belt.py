@@ -16,6 +16,7 @@ from osl_analysis.bench.components import (
     transmission_table,
 )
 from osl_analysis.errors import InputError
+from osl_analysis.stats.regression import linear_fit
 
 
 def belt_cycle(K_s=685.6, K_s2=0.0, coulomb=0.0, peak=0.0873):
@@ -53,6 +54,22 @@ def test_quadratic_belt_is_recovered_where_the_line_is_not():
     fit = fitted(*belt_cycle(K_s=876, K_s2=14913))
     assert (fit.quadratic["K_s"], fit.quadratic["K_s2"]) == pytest.approx((876, 14913), rel=1e-6)
     assert fit.loading.whole["K_s"] > 1500
+
+
+def test_a_belt_is_fitted_as_by_a_regression_of_its_usable_rows():
+    theta_s, torque = belt_cycle()
+    torque = torque + filtered_noise(np.random.default_rng(3), n=len(theta_s))
+    torque[700:760] += 40.0
+    loading = fit_branches(belt_record(theta_s, torque, unusable=range(690, 770))).loading
+    rows = loading.record.rows("loading")
+    assert (rows.min(), rows.max(), len(rows)) == (416, 1699, 1699 - 416 + 1 - 80)
+    columns = {"K_s": theta_s, "offset": np.ones(len(theta_s)), "B_j": np.gradient(theta_s) * RATE}
+    other = linear_fit(torque[rows], {name: column[rows] for name, column in columns.items()})
+    fit = loading.whole
+    assert [fit[name] for name in columns] == pytest.approx([other[name] for name in columns], rel=1e-8)
+    assert (fit.vaf, fit.r_squared) == pytest.approx((other.vaf, other.r_squared), rel=1e-10)
+    assert fit.condition_number == pytest.approx(other.condition_number, rel=1e-6)
+    assert fit.largest_correlation == pytest.approx(other.largest_correlation, rel=1e-6)
 
 
 def test_belt_intervals_hold_what_drift_makes_of_the_slope():

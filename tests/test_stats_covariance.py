@@ -41,6 +41,14 @@ def test_the_spread_of_cycles_covers_where_friction_fools_hac():
     assert linear_fit(y, columns).se("b") > 3 * fit.se("b")
 
 
+def test_cycles_that_are_no_whole_rows_have_the_sums_that_their_integrals_have():
+    period, edges = 250 / 3, 250 / 3 * np.arange(1, 9)
+    turn = 2 * np.pi * np.arange(800) / period
+    X = np.column_stack([np.cos(turn), np.sin(turn), np.ones(800)])
+    found = products_between(X, X, edges[:-1], edges[1:])
+    assert found == pytest.approx(np.broadcast_to(np.diag([0.5, 0.5, 1.0]) * period, found.shape), abs=2e-3)
+
+
 def test_one_stratum_is_statsmodels_cluster_covariance():
     y, columns, cycles = repeated(np.random.default_rng(5))
     groups = np.repeat(np.arange(COUNT), CYCLE)

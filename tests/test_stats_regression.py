@@ -167,6 +167,14 @@ def test_phasor_agrees_with_a_nonlinear_least_squares_fit():
     assert np.sqrt(np.trace(phasor.covariance) / 2) == pytest.approx(np.sqrt(covariance[0, 0]), rel=0.3)
 
 
+def test_a_phasor_is_that_of_the_cycles_it_is_given():
+    t = np.arange(0, 6, 1e-3)
+    y = np.cos(2 * np.pi * t + 0.3) + np.where((t > 2) & (t < 3), 5.0, 0.0)
+    first = np.array([0.0, 1000, 3000, 4000, 5000])
+    phasor = fit_sinusoid(t, y, 1.0, (first, first + 1000))
+    assert (phasor.magnitude, phasor.phase, phasor.interval_method) == (pytest.approx(1), pytest.approx(0.3), "cycles")
+
+
 def test_distortion_is_the_share_of_the_harmonics():
     t = np.arange(0, 4, 1e-3)
     y = np.cos(2 * np.pi * t) + 0.03 * np.cos(6 * np.pi * t) + 0.04 * np.sin(10 * np.pi * t)

@@ -210,30 +210,27 @@ def fit_run(time: Array, theta: Array, rows: slice, frequency: float) -> Run | N
 
 
 def joined_runs(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
-    """The runs (n,), two of them as one where the same sine goes on behind a cycle that was disturbed."""
+    """The runs (n,), two of them as one where the same sine (frequency, amplitude and phase) goes on behind a cycle
+    that was disturbed, two cycles later at most."""
     whole: list[Run] = []
     for run in runs:
-        again = None
-        if whole and is_same_sine(whole[-1], run):
-            rows = slice(*np.searchsorted(time, [whole[-1].start, run.stop]))
-            again = fit_run(time, theta, rows, whole[-1].frequency_hz)
+        again, last = None, whole[-1] if whole else run
+        middle = (last.stop + run.start) / 2
+        slip = np.angle(np.exp(1j * (last.phase_at(middle) - run.phase_at(middle))))
+        if (
+            whole
+            and (run.start - last.stop) * last.frequency_hz < 2.5
+            and abs(run.frequency_hz / last.frequency_hz - 1) < SAME_FREQUENCY
+            and abs(run.amplitude / last.amplitude - 1) < ONE_HEIGHT
+            and abs(float(slip)) < 0.3
+        ):
+            rows = slice(*np.searchsorted(time, [last.start, run.stop]))
+            again = fit_run(time, theta, rows, last.frequency_hz)
         if again is None:
             whole.append(run)
         else:
             whole[-1] = again
     return whole
-
-
-def is_same_sine(run: Run, following: Run) -> bool:
-    """Whether `following` is the same sine: frequency, amplitude and phase, two cycles later at most."""
-    middle = (run.stop + following.start) / 2
-    slip = np.angle(np.exp(1j * (run.phase_at(middle) - following.phase_at(middle))))
-    return (
-        (following.start - run.stop) * run.frequency_hz < 2.5
-        and abs(following.frequency_hz / run.frequency_hz - 1) < SAME_FREQUENCY
-        and abs(following.amplitude / run.amplitude - 1) < ONE_HEIGHT
-        and abs(float(slip)) < 0.3
-    )
 
 
 def prolonged_runs(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
@@ -247,8 +244,11 @@ def prolonged_runs(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
         for run, before, after in zip(runs, befores, afters, strict=True)
     ]
     for k, (run, following) in enumerate(pairwise(longer)):
-        if run.stop > following.start:
-            border = nearer_until(time, theta, run, following)
+        if run.stop > following.start:  # each sample belongs to the sine that is nearer
+            low, high = np.searchsorted(time, [following.start, run.stop])
+            t, x = time[low : high + 1], theta[low : high + 1]
+            gain = (x - following.angle(t)) ** 2 - (x - run.angle(t)) ** 2
+            border = float(t[int(np.argmax(np.cumsum(gain)))])
             longer[k], longer[k + 1] = replace(run, stop=border), replace(following, start=border)
     return longer
 
@@ -264,14 +264,6 @@ def followed_until(time: Array, theta: Array, run: Run, limit: float) -> float:
     if not away.any():
         return limit
     return float(time[rows[max(int(np.argmax(away)) - 1, 0)]])
-
-
-def nearer_until(time: Array, theta: Array, run: Run, following: Run) -> float:
-    """Time [s] in the overlap of two runs from which the angle is nearer to the sine of the following one."""
-    low, high = np.searchsorted(time, [following.start, run.stop])
-    t, x = time[low : high + 1], theta[low : high + 1]
-    gain = (x - following.angle(t)) ** 2 - (x - run.angle(t)) ** 2
-    return float(t[int(np.argmax(np.cumsum(gain)))])
 
 
 @dataclass(frozen=True)
@@ -505,18 +497,35 @@ class Likeness:
 
     @cached_property
     def sines(self) -> float:
-        """In sines of three cycles or more, each of one frequency and amplitude."""
+        """In sines of three cycles or more, each of one frequency and amplitude: those that were commanded, and pure
+        ones, whose misfit is 0.08 of their RMS at most; that of a triangle is 0.12."""
         if not self.moves:
             return 0.0
-        found = [run for run in self.runs if is_sine(run, self.crossings, self.protocol)]
-        return share_of(self.moving, self.time, [(run.start, run.stop) for run in found])
+        found = []
+        for run in self.runs:
+            commanded = self.protocol.frequency_near(run.frequency_hz) and self.protocol.amplitude_near(run.amplitude)
+            if self.is_steady(run) and (commanded or run.misfit < 0.08 * run.amplitude / np.sqrt(2)):
+                found.append((run.start, run.stop))
+        return share_of(self.moving, self.time, found)
+
+    def is_steady(self, run: Run) -> bool:
+        """Whether both halves of a run have one frequency to 1 %, by two or more upward crossings of each; those of a
+        sweep differ by more."""
+        margin = 0.1 / run.frequency_hz
+        own = self.crossings[(self.crossings > run.start - margin) & (self.crossings < run.stop + margin)]
+        middle = len(own) // 2
+        if middle < 2:
+            return True
+        periods = (own[middle] - own[0]) / middle, (own[-1] - own[middle]) / (len(own) - 1 - middle)
+        return bool(max(periods) / min(periods) - 1 < 0.01)
 
     @cached_property
     def commanded(self) -> float:
         """In single cycles of a commanded frequency and amplitude."""
-        found = []
-        for start, stop in pairwise(self.crossings.tolist()):
-            angle = self.theta[rows_between(self.time, start, stop)]
+        found, rows = [], np.searchsorted(self.time, self.crossings)
+        cycles = zip(pairwise(self.crossings.tolist()), pairwise(rows.tolist()), strict=True)
+        for (start, stop), (first, last) in cycles:
+            angle = self.theta[first:last]
             half = float(np.ptp(angle)) / 2 if angle.size else 0.0
             near = half and self.protocol.amplitude_near(half) and self.protocol.frequency_near(1 / (stop - start))
             found += [(start, stop)] if near else []
@@ -524,8 +533,25 @@ class Likeness:
 
     @cached_property
     def one_line(self) -> float:
-        """Power at one commanded frequency at a time, as a share of all; 0 if most of them never come."""
-        return one_line_share(self.time, self.theta, self.protocol)
+        """Power at one commanded frequency at a time, as a share of all: the mean over pieces of 4 s of the largest
+        share. Power counts from below the slowest to above the fastest commanded frequency. 0 if fewer than `WON` of
+        the commanded frequencies prevail in a piece, as they do in turn in a stepped sine."""
+        time, theta, commanded = self.time, self.theta, np.unique(self.protocol.frequencies_hz)
+        rate = (len(time) - 1) / float(time[-1])
+        n = round(4.0 * rate)
+        f = np.fft.rfftfreq(n, 1 / rate)
+        band = (f >= 0.6 * commanded[0]) & (f <= 1.5 * commanded[-1])
+        near = np.abs(f[:, None] - commanded) <= np.maximum(0.05 * commanded, 1.01 / 4.0)
+        shares, most = [], MOVING_SHARE * float(np.ptp(theta))
+        for start in range(0, len(theta) - n + 1, n // 2):
+            piece = theta[start : start + n]
+            power = np.abs(np.fft.rfft(np.hanning(n) * (piece - piece.mean()))) ** 2
+            if np.ptp(piece) > most and power[band].sum() > 0:
+                shares.append((power[:, None] * near).sum(axis=0) / power[band].sum())
+        if not shares:
+            return 0.0
+        won = np.count_nonzero((np.array(shares) > WON).any(axis=0))
+        return float(np.max(shares, axis=1).mean()) if won >= WON * len(commanded) else 0.0
 
     @property
     def kind(self) -> Literal["stepped sine", "unclear", "other"]:
@@ -549,53 +575,9 @@ def moving_bins(time: Array, theta: Array) -> NDArray[np.bool_]:
     return np.asarray(np.repeat(moves, np.diff(np.append(first, len(theta)))))
 
 
-def rows_between(time: Array, start: float, stop: float) -> slice:
-    return slice(*(int(row) for row in np.searchsorted(time, [start, stop])))
-
-
 def share_of(moving: NDArray[np.bool_], time: Array, parts: Sequence[tuple[float, float]]) -> float:
     """Share of the moving rows (n,) that lie in parts, from a time [s] to another one."""
     inside = np.zeros_like(moving)
-    for part in parts:
-        inside[rows_between(time, *part)] = True
+    for first, last in np.searchsorted(time, np.reshape(parts, (-1, 2))).tolist():
+        inside[first:last] = True
     return float(np.count_nonzero(inside & moving) / np.count_nonzero(moving))
-
-
-def is_sine(run: Run, crossings: Array, protocol: SteppedSineProtocol) -> bool:
-    """Whether a run is a sine of one frequency: one that was commanded, or a pure one, whose misfit is 0.08 of its RMS
-    at most; that of a triangle is 0.12. `crossings` are its upward ones [s]."""
-    commanded = protocol.frequency_near(run.frequency_hz) and protocol.amplitude_near(run.amplitude)
-    return is_steady(run, crossings) and bool(commanded or run.misfit < 0.08 * run.amplitude / np.sqrt(2))
-
-
-def is_steady(run: Run, crossings: Array) -> bool:
-    """Whether both halves of a run have one frequency to 1 %, by two or more upward crossings [s] of each; those of a
-    sweep differ by more."""
-    margin = 0.1 / run.frequency_hz
-    own = crossings[(crossings > run.start - margin) & (crossings < run.stop + margin)]
-    middle = len(own) // 2
-    if middle < 2:
-        return True
-    periods = (own[middle] - own[0]) / middle, (own[-1] - own[middle]) / (len(own) - 1 - middle)
-    return bool(max(periods) / min(periods) - 1 < 0.01)
-
-
-def one_line_share(time: Array, theta: Array, protocol: SteppedSineProtocol) -> float:
-    """Mean over pieces of 4 s of the largest share of power of the angle (n,) [rad] at one commanded frequency. Power
-    counts from below the slowest to above the fastest commanded frequency. 0 if fewer than `WON` of the commanded
-    frequencies prevail in a piece, as they do in turn in a stepped sine."""
-    rate, commanded = (len(time) - 1) / float(time[-1]), np.unique(protocol.frequencies_hz)
-    n = round(4.0 * rate)
-    f = np.fft.rfftfreq(n, 1 / rate)
-    band = (f >= 0.6 * commanded[0]) & (f <= 1.5 * commanded[-1])
-    near = np.abs(f[:, None] - commanded) <= np.maximum(0.05 * commanded, 1.01 / 4.0)
-    shares, most = [], MOVING_SHARE * float(np.ptp(theta))
-    for start in range(0, len(theta) - n + 1, n // 2):
-        piece = theta[start : start + n]
-        power = np.abs(np.fft.rfft(np.hanning(n) * (piece - piece.mean()))) ** 2
-        if np.ptp(piece) > most and power[band].sum() > 0:
-            shares.append((power[:, None] * near).sum(axis=0) / power[band].sum())
-    if not shares:
-        return 0.0
-    won = np.count_nonzero((np.array(shares) > WON).any(axis=0))
-    return float(np.max(shares, axis=1).mean()) if won >= WON * len(commanded) else 0.0

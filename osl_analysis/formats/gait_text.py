@@ -103,8 +103,8 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
     rows = split_rows(lines, delimiter_of(header[:1], delimiter))
     starts = []
     for i in range(len(rows) - 3):  # a title alone, a rate alone, names, and the header
-        title, rate, above = (rows[i + k][1] for k in (0, 1, 3))
-        alone = bool(title[0]) and not any(title[1:]) and not any(rate[1:])
+        first, second, above = (rows[i + k][1] for k in (0, 1, 3))
+        alone = bool(first[0]) and not any(first[1:]) and not any(second[1:])
         starts += [i] * (alone and tuple(cell.casefold() for cell in above[:2]) == HEADER)
     if not starts:
         raise InputError("no section of a Nexus export (Devices, Trajectories, ...); check the source's format")

@@ -302,13 +302,14 @@ class McapFile(MessageFile):
             for one in self.parsed(found.others):
                 self.declare(one)
             self.declare_absent(spare)
-            known = np.isin(block.channel, list(self.channels))
-            if not known.all():  # the content of the others is unknown
+            if not block.counts.keys() <= self.channels.keys():  # the content of other messages is unknown
+                known = np.isin(block.channel, list(self.channels))
                 strangers = block.channel[~known]
                 damage.misfits.update(strangers.tolist())
                 text = "messages belong to channels that are not declared"
                 damage.remarks.append(f"{strangers.size} {text}, such as {strangers[0]}")
-            yield block if known.all() else block.of(np.flatnonzero(known))
+                block = block.of(np.flatnonzero(known))
+            yield block
         self.declare_absent(spare)
         is_missed = (damage.declared_chunks or 0) > damage.chunks + damage.chunks_lost
         damage.uncounted |= damage.declared_messages is None and is_missed

@@ -84,7 +84,8 @@ class Judge:
         """The rows of `quality.csv` for trials whose checks were measured; a missing file, or a record, has none."""
         there = [path for path in measured if path.is_file() and not is_refused(path)]
         kinds = {name: pl.Float64 if name == "value" else pl.String for name in CHECK_COLUMNS}
-        table = pl.concat([pl.DataFrame(schema=kinds), *(pl.read_csv(path, schema=kinds) for path in there)])
+        read = (pl.read_csv(path, columns=CHECK_COLUMNS, schema_overrides=kinds) for path in there)
+        table = pl.concat([pl.DataFrame(schema=kinds), *read])
         return judged_table(table.with_columns(pl.col("remark").fill_null("")), self.rules, self.accept)
 
 

@@ -10,24 +10,8 @@ from typing import Any
 
 import polars as pl
 
+from osl_analysis.bench import components, model_comparison
 from osl_analysis.bench.analysis import FitTables
-from osl_analysis.bench.components import (
-    ACTUATOR_PARAMETERS,
-    LOSSES,
-    PLACE,
-    actuator_series,
-    actuator_summary,
-    actuator_table,
-    actuator_trial,
-    belt_curve,
-    belt_series,
-    belt_summary,
-    belt_table,
-    belt_trial,
-    transmission_of,
-    transmission_summary,
-    transmission_table,
-)
 from osl_analysis.bench.impedance import (
     QUANTITIES,
     AskedImpedance,
@@ -35,14 +19,6 @@ from osl_analysis.bench.impedance import (
     judged_impedance,
     rendered_phasors,
     repeated_trials_table,
-)
-from osl_analysis.bench.model_comparison import (
-    SCORE_COLUMNS,
-    belt_scores,
-    comparison_summary,
-    drivetrain_of,
-    impedance_scores,
-    transmission_scores,
 )
 from osl_analysis.bench.phasors import frequency_response_table
 from osl_analysis.bench.record import record_of_trial, sine_record
@@ -84,12 +60,12 @@ def fit_belt_trial(trial: Trial, parameters: FileOrNone, settings: BeltAnalysis)
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
-    belt = belt_trial(trial, p, settings)
+    belt = components.belt_trial(trial, p, settings)
     return FitTables(
-        belt_series(belt),
+        components.belt_series(belt),
         lambda: {"timebase": belt.loading.time_base(["K_s"])},
-        belt=plausible(belt_table(belt), rails, p, "K_s"),
-        belt_curves=belt_curve(belt),
+        belt=plausible(components.belt_table(belt), rails, p, "K_s"),
+        belt_curves=components.belt_curve(belt),
     )
 
 
@@ -100,9 +76,9 @@ def fit_transmission_trial(
     p = known_parameters(parameters)
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
-    analysis = transmission_of(sine_record(trial, settings))
-    table = plausible(transmission_table(analysis), rails, p, "B_j", "J_j")
-    return FitTables(analysis.series(), lambda: {"timebase": analysis.time_base(LOSSES)}, transmission=table)
+    analysis = components.transmission_of(sine_record(trial, settings))
+    table = plausible(components.transmission_table(analysis), rails, p, "B_j", "J_j")
+    return FitTables(analysis.series(), lambda: {"timebase": analysis.time_base(components.LOSSES)}, transmission=table)
 
 
 def fit_impedance_trial(
@@ -138,10 +114,10 @@ def fit_actuator_trial(trial: Trial, parameters: FileOrNone, settings: ActuatorA
     p = known_parameters(parameters)
     check_recording(trial, settings, "torque_m", angle=None)
     rails = saturated(trial, "torque_m", "current")
-    actuator = actuator_trial(trial, settings)
-    table = plausible(actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
-    series = actuator_series(actuator)
-    return FitTables(series, lambda: {"timebase": actuator.time_base(ACTUATOR_PARAMETERS)}, actuator=table)
+    actuator = components.actuator_trial(trial, settings)
+    table = plausible(components.actuator_table(actuator), rails, p, "k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
+    series = components.actuator_series(actuator)
+    return FitTables(series, lambda: {"timebase": actuator.time_base(components.ACTUATOR_PARAMETERS)}, actuator=table)
 
 
 def fit_torque_angle_trial(
@@ -162,10 +138,10 @@ def fit_torque_angle_trial(
 
 def by_place(table: pl.DataFrame, summary: Callable[[pl.DataFrame], pl.DataFrame]) -> pl.DataFrame:
     """The summary of each joint and side on its own, one below the other, with columns that name them."""
-    if not set(PLACE) <= set(table.columns):
+    if not set(components.PLACE) <= set(table.columns):
         return summary(table)
-    parts = table.partition_by(PLACE, maintain_order=True)
-    found = [(part.select(PLACE).row(0, named=True), summary(part)) for part in parts]
+    parts = table.partition_by(components.PLACE, maintain_order=True)
+    found = [(part.select(components.PLACE).row(0, named=True), summary(part)) for part in parts]
     named = [
         one.select([pl.lit(v, pl.String).alias(name) for name, v in place.items()] + [pl.all()]) for place, one in found
     ]
@@ -174,13 +150,17 @@ def by_place(table: pl.DataFrame, summary: Callable[[pl.DataFrame], pl.DataFrame
 
 def summarise(table: Path, output: Path) -> None:
     """Mean, scatter and interval over the trials of `belt.csv`, `transmission.csv` or `actuator.csv`."""
-    summaries = {"belt": belt_summary, "transmission": transmission_summary, "actuator": actuator_summary}
+    summaries = {
+        "belt": components.belt_summary,
+        "transmission": components.transmission_summary,
+        "actuator": components.actuator_summary,
+    }
     write_table(by_place(read_table(table), summaries[table.stem]), output)
 
 
 def summarise_model_comparison(table: Path, output: Path) -> None:
     """Standing of the rival models over the trials of `model_comparison.csv`."""
-    write_table(comparison_summary(read_table(table, required=SCORE_COLUMNS)), output)
+    write_table(model_comparison.comparison_summary(read_table(table, required=model_comparison.SCORE_COLUMNS)), output)
 
 
 def average_over_trials(table: Path, output: Path) -> None:
@@ -196,7 +176,8 @@ def average_over_amplitudes(table: Path, output: Path) -> None:
 def compare_belt_models(trials: Sequence[Path], parameters: FileOrNone, settings: BeltAnalysis, output: Path) -> None:
     """Rival models of the belt on each trial, predicted by fits to all the others."""
     p = known_parameters(parameters)
-    write_table(belt_scores([belt_trial(read_trial(path), p, settings) for path in trials]), output)
+    belts = [components.belt_trial(read_trial(path), p, settings) for path in trials]
+    write_table(model_comparison.belt_scores(belts), output)
 
 
 def compare_transmission_models(
@@ -204,7 +185,7 @@ def compare_transmission_models(
 ) -> None:
     """Rival models of the transmission on each trial, predicted by fits to all the others."""
     records = [sine_record(read_trial(path), settings) for path in trials]
-    write_table(transmission_scores(records, sign_width), output)
+    write_table(model_comparison.transmission_scores(records, sign_width), output)
 
 
 def compare_impedance_models(
@@ -227,7 +208,8 @@ def compare_impedance_models(
     gains = condition.gains(p, weight)
     if gains is None:
         raise InputError(f"trial {trial.stem}: {condition.unknown_gains()}; Eq. 9 needs the gains of the controller")
-    write_table(impedance_scores(drivetrain_of(record, gains, p, sign_width), condition.controller), output)
+    drivetrain = model_comparison.drivetrain_of(record, gains, p, sign_width)
+    write_table(model_comparison.impedance_scores(drivetrain, condition.controller), output)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -20,6 +20,7 @@ from osl_analysis.judge.doubts import DOUBTFUL, EXCLUDED, doubtful_row, marked
 from osl_analysis.judge.table import Doubt
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Array, Trial, read_trial, write_trial
+from osl_analysis.walking import tables
 from osl_analysis.walking.bodies import StaticCalibration, hinge_of_trials, hinge_row, static_calibration
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing
 from osl_analysis.walking.ensemble import group_headline
@@ -52,22 +53,6 @@ from osl_analysis.walking.settings import (
     UnperturbedSettings,
 )
 from osl_analysis.walking.setup import body_mass, check_direction
-from osl_analysis.walking.tables import (
-    ENSEMBLE,
-    FACTS,
-    SUMMARISED,
-    Group,
-    excluded_crossings,
-    fitted_time,
-    group_facts,
-    group_row,
-    groups_of,
-    headline_rows,
-    impedance_over_stance,
-    perturbation_row,
-    response_table,
-    with_trajectory,
-)
 
 SIGNALS = ("time", "phase", "theta", "torque", "platform")
 LOADS = ("load", "pressure_left")
@@ -330,7 +315,7 @@ GroupResult = tuple[Sequence[Mapping[str, Any]], Mapping[str, Any], pl.DataFrame
 
 
 def group_result(
-    group: Group,
+    group: tables.Group,
     own: pl.DataFrame,
     files: Mapping[str, Path],
     gait: UnperturbedGait | None,
@@ -338,7 +323,7 @@ def group_result(
 ) -> GroupResult:
     """The result of a group; without one, rows with the reason, and a warning. `own` are its rows of `walking.csv`."""
     known = {"group": group.name}
-    fact: dict[str, Any] = group_row(group, gait, settings.window_s) | {"fitted_phase": None, "reason": None}
+    fact: dict[str, Any] = tables.group_row(group, gait, settings.window_s) | {"fitted_phase": None, "reason": None}
     try:
         if gait is None:
             raise InputError(NO_GAIT)
@@ -350,17 +335,17 @@ def group_result(
         headline = group_headline([read_crossing(files[trial]) for trial in own["trial"]], gait, settings)
     except OslAnalysisError as error:
         warnings.warn(f"no result of {group.name}: {error}", stacklevel=2)
-        none = {"estimator": ENSEMBLE, "n": len(own), "mean": None, "reason": str(error)}
-        rows = [known | {"quantity": quantity} | none for quantity in SUMMARISED]
+        none = {"estimator": tables.ENSEMBLE, "n": len(own), "mean": None, "reason": str(error)}
+        rows = [known | {"quantity": quantity} | none for quantity in tables.SUMMARISED]
         return rows, fact | {"reason": str(error)}, None
-    time = fitted_time(headline.ensemble, settings.timing)
+    time = tables.fitted_time(headline.ensemble, settings.timing)
     fact["fitted_phase"] = float(fact["onset_phase"] + time / fact["stance_s"])
     rows = [
         known | row | {"commanded": group.cells.get(f"{row['quantity']}_d"), "reason": None}
-        for row in headline_rows(headline, own, doubtful_row(own))
+        for row in tables.headline_rows(headline, own, doubtful_row(own))
     ]
-    curve = response_table(group.name, headline.responses, headline.ensemble)
-    return rows, fact | group_facts(headline), curve
+    curve = tables.response_table(group.name, headline.responses, headline.ensemble)
+    return rows, fact | tables.group_facts(headline), curve
 
 
 HEADLINES = ("group", "quantity", "estimator", "n", "mean", "se", "low", "high", "commanded")
@@ -434,11 +419,12 @@ def fit_perturbation(
         reason = NO_GAIT
     if reason is None and gait is not None:
         try:
-            row = perturbation_row(read_crossing(crossing), gait, settings)
+            row = tables.perturbation_row(read_crossing(crossing), gait, settings)
         except OslAnalysisError as error:
             reason = str(error)
     known = {"trial": crossing.stem, "group": place["group"], "direction": place["direction"]}
-    row = row or dict.fromkeys(SUMMARISED)  # a campaign in which no perturbation can be used keeps its other results
+    # a campaign in which no perturbation can be used keeps its other results
+    row = row or dict.fromkeys(tables.SUMMARISED)
     write_table(pl.DataFrame([known | row | {EXCLUDED: reason}]), output)
 
 
@@ -463,7 +449,7 @@ def summarise_perturbations(
     beyond one of the `limits` is doubtful, and so is its ensemble. `places` has joint and side of each crossing."""
     fits, chosen = read_table(table, ["trial"]), read_table(selection, ["trial", "reason", "gait", "group"])
     reasons = fits.select("trial", pl.col(EXCLUDED).alias("reason"))
-    write_table(on_the_walkway(excluded_crossings(chosen, reasons), places), excluded)
+    write_table(on_the_walkway(tables.excluded_crossings(chosen, reasons), places), excluded)
     fitted = fits.filter(pl.col(EXCLUDED).is_null())
     if len(fitted) < FEWEST_PERTURBED:
         raise InputError(
@@ -472,7 +458,7 @@ def summarise_perturbations(
         )
     gaits, files = read_unperturbed_gaits(unperturbed), {path.stem: path for path in crossings}
     sides, results = {}, []
-    for group in groups_of(chosen, sheet):
+    for group in tables.groups_of(chosen, sheet):
         of = {(places or {}).get(trial, {}).get("side") for trial in group.trials}
         sides[group.name] = {"side": of.pop() if len(of) == 1 else None}
         own = fitted.filter(pl.col("trial").is_in(group.trials))
@@ -485,7 +471,7 @@ def summarise_perturbations(
     judged = marked(pl.DataFrame(facts, infer_schema_length=None), limits or Doubt(), "walking_groups")
     doubts = dict(zip(judged["group"], judged[DOUBTFUL], strict=True))
     rows = [
-        {**row, "doubt": doubts[str(row["group"])] if row["estimator"] == ENSEMBLE else None}
+        {**row, "doubt": doubts[str(row["group"])] if row["estimator"] == tables.ENSEMBLE else None}
         for of_group, _, _ in results
         for row in of_group
     ]
@@ -515,9 +501,9 @@ def tabulate_over_stance(
     """K, B and I of every group at the phase of stance that its fit reads, with interval and commanded value.
     `trajectory` has the file of the commanded impedance over the gait cycle, if there is one; stance is the first
     `stance_share` of it."""
-    table = impedance_over_stance(read_table(summary, HEADLINES), read_table(groups, FACTS))
+    table = tables.impedance_over_stance(read_table(summary, HEADLINES), read_table(groups, tables.FACTS))
     for path in commanded(trajectory, data):
-        table = with_trajectory(table, *over_stance(path, stance_share))
+        table = tables.with_trajectory(table, *over_stance(path, stance_share))
     write_table(table, output)
 
 

@@ -250,35 +250,32 @@ def belt_summary(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def belt_figure_points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> pl.DataFrame:
-    """The numbers of Fig. 3: the curves with what they differ by from the mean slope and the reason why a fit is
-    doubtful, and the mean slope as two points. `curves` are the trials' `belt_curve`s, `table` is `belt.csv`, `summary`
-    is `belt_summary.csv`."""
+    """The numbers of Fig. 3, for each joint and side: the curves with the `deviation` of torque [N*m] from the mean
+    slope and the reason why a fit is doubtful; this slope as two points, from 0 to the largest deflection, with the
+    mean area of the loops [J]. `curves` are the trials' `belt_curve`s, `table` is `belt.csv`, `summary` its summary.
+    """
     facts = table.select("trial", *PLACE, "doubtful")
+    found = []
     marked_curves = curves.join(facts, on="trial", how="left", maintain_order="left")
-    parts = marked_curves.partition_by(PLACE, maintain_order=True)
-    return pl.concat([frame for part in parts for frame in beside_mean_slope(part, summary)], how="diagonal")
-
-
-def beside_mean_slope(curves: pl.DataFrame, summary: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """The belts of one joint and side with the `deviation` of torque [N*m] from the mean slope; this slope as two
-    points, from 0 to the largest deflection, with the mean area of the loops [J]."""
-    place = curves.select(PLACE).row(0, named=True)
-    same = [pl.col(name).eq_missing(pl.lit(value, pl.String)) for name, value in place.items()]
-    numbers = {
-        f"{quantity}{ending}": summary.filter(pl.col("quantity") == quantity, *same)[column][0]
-        for quantity in ("K_s", "hysteresis_area")
-        for ending, column in (("", "mean"), ("_low", "low"), ("_high", "high"))
-    }
-    slope = numbers["K_s"] * np.pi / 180
-    deflection = curves["theta_s_deg"]
-    ends = pl.DataFrame({"theta_s_deg": [0.0, deflection[int(np.argmax(deflection.abs().to_numpy()))]]})
-    constant = {"trial": "mean slope", "branch": "loading", **place, **numbers}
-    types = dict.fromkeys(numbers, pl.Float64)
-    mean = ends.with_columns(
-        torque=slope * pl.col("theta_s_deg"),
-        **{name: pl.lit(value, types.get(name, pl.String)) for name, value in constant.items()},
-    )
-    return curves.with_columns(deviation=pl.col("torque") - slope * pl.col("theta_s_deg")), mean
+    for one in marked_curves.partition_by(PLACE, maintain_order=True):
+        place = one.select(PLACE).row(0, named=True)
+        same = [pl.col(name).eq_missing(pl.lit(value, pl.String)) for name, value in place.items()]
+        numbers = {
+            f"{quantity}{ending}": summary.filter(pl.col("quantity") == quantity, *same)[column][0]
+            for quantity in ("K_s", "hysteresis_area")
+            for ending, column in (("", "mean"), ("_low", "low"), ("_high", "high"))
+        }
+        slope = numbers["K_s"] * np.pi / 180
+        deflection = one["theta_s_deg"]
+        ends = [0.0, deflection[int(np.argmax(deflection.abs().to_numpy()))]]
+        texts = {"trial": "mean slope", "branch": "loading", **place}
+        mean = pl.DataFrame({"theta_s_deg": ends}).with_columns(
+            torque=slope * pl.col("theta_s_deg"),
+            **{name: pl.lit(value, pl.String) for name, value in texts.items()},
+            **{name: pl.lit(value, pl.Float64) for name, value in numbers.items()},
+        )
+        found += [one.with_columns(deviation=pl.col("torque") - slope * pl.col("theta_s_deg")), mean]
+    return pl.concat(found, how="diagonal")
 
 
 LOSSES = ("B_j", "J_j")

@@ -325,21 +325,16 @@ def example_phasors() -> pl.DataFrame:
     return phasor_table("", [SegmentPhasors(1.0, 10.0, sine, sine)])
 
 
-def no_responses() -> pl.DataFrame:
-    """The columns of `frequency_response_table` without a row."""
-    numbers = ("K_d", "B_d", "frequency_hz")
-    keys = {name: pl.lit(None, pl.Float64 if name in numbers else pl.String) for name in RESPONSE_KEYS}
-    row = pl.DataFrame([mean_response_row(example_phasors().with_columns(doubtful=pl.lit("")))])
-    return row.select(**keys).hstack(row).clear()
-
-
 def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     """Complex mean of Y over the amplitudes, a row per trial and frequency, from the gathered phasor tables."""
     keys = [key for key in RESPONSE_KEYS if key in phasors.columns]
     groups = phasors.group_by(keys, maintain_order=True)
     rows = [{**dict(zip(keys, values, strict=True)), **mean_response_row(group)} for values, group in groups]
-    if not rows:
-        return no_responses()
+    if not rows:  # its columns
+        numbers = ("K_d", "B_d", "frequency_hz")
+        named = {name: pl.lit(None, pl.Float64 if name in numbers else pl.String) for name in RESPONSE_KEYS}
+        row = pl.DataFrame([mean_response_row(example_phasors().with_columns(doubtful=pl.lit("")))])
+        return row.select(**named).hstack(row).clear()
     return pl.DataFrame(rows, schema_overrides={key: phasors.schema[key] for key in keys}, infer_schema_length=None)
 
 

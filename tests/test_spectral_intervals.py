@@ -16,7 +16,7 @@ from osl_analysis.spectral.models import (
     NOISE,
     POWER,
     REALISATIONS,
-    Drivetrain,
+    RationalDrivetrain,
     SecondOrder,
     fit_by_power,
     fit_structure,
@@ -307,13 +307,13 @@ def test_the_gains_that_made_the_torque_are_recovered_from_eq_9(parameters):
         return np.fft.irfft(Z * X * SAMPLES / 2)
 
     lines = lines_of_periods([realisation(2, torque_of, 4, 1e-3)], LINE_LOW_PASS)
-    found = fit_structure(Drivetrain(p), lines, (280.0, 5.0))
+    found = fit_structure(RationalDrivetrain(p), lines, (280.0, 5.0))
     assert found.fit["K_1"] == pytest.approx(K_1, rel=1e-3)
     assert found.fit["B_1"] == pytest.approx(B_1, rel=2e-3)
     assert found.p > 0.01
     assert found.impedance(np.array([0.0])).real == pytest.approx([K_1 * p.K_s / (K_1 + p.K_s / p.n_T**2)], rel=1e-3)
     with pytest.raises(InputError, match=r"Eq\. 9 of this parameter file cannot render"):
-        fit_structure(Drivetrain(p), lines, (p.K_s, 5.0))
+        fit_structure(RationalDrivetrain(p), lines, (p.K_s, 5.0))
 
 
 def moving(seed: int, noise: float):

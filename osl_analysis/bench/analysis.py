@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.effects import SURE, Model, plain_sums, with_effects
+from osl_analysis.bench.effects import FALSE_ALARM, Model, plain_sums, with_effects
 from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf, repeat_row, residual_whiteness
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.settings import BenchStiffness
@@ -155,7 +155,7 @@ def friction_row(s: Sums, model: Model, fit: LinearFit, label: Label) -> Row:
         return dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
     made = fit[damping] - beside[damping]
     row: Row = {"coulomb_torque": beside["T_C"], "coulomb_damping": made, "coulomb_share": 0.0}
-    if beside["T_C"] <= 0 or not beside.certain("T_C", SURE):
+    if beside["T_C"] <= 0 or not beside.certain("T_C", FALSE_ALARM):
         return row | dict.fromkeys(names)
     row["coulomb_share"] = made / fit[damping]
     values = [v for name in (damping, "T_C") for v in (beside[name], beside.se(name), *beside.interval(name))]

@@ -41,16 +41,14 @@ Model = Mapping[str, str]  # column of the basis, by estimate
 IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "late"}
 TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "late"}
 NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk", "jerk": "snap", "linear": "linear_rate"}  # derivatives
-SIGN_WIDTH = 0.01  # rad/s over which the sign of the velocity is smoothed: ten times the velocity noise of 14 bits
 STOPS = {"hysteresis": 0.05, "hysteresis_2": 0.15, "hysteresis_3": 0.4}
 """Half-widths of springs that slip, as shares of the motion's RMS: presliding friction, a belt that winds up."""
 PHYSICS = ("T_C", "T_G", *STOPS, "cubic", "gap", "linear")
 """What a joint may have beside the model: Coulomb friction, friction that grows with the angle, springs that slip, a
 spring that stiffens, play, the higher dynamics of the linear model with its gains."""
 FAULTS = ("lag_s", "K_change")  # what a recording may have
-SURE = 1e-3  # probability of a false alarm for one effect
+FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
 COUNTS = 1e-3  # share of what is left that an effect takes at least
-ALIKE = 0.01  # probability below which the estimates of parts of a recording differ
 SPACING = 5e-3  # between delays that are tried [s]; Gauss and Newton's steps go as far to each side
 CERTAINLY = 50.0  # standard errors from which a reader must know of such a lag
 ONLY_NOISE = 1.5  # what a fit leaves, over the noise, up to which it counts as noise
@@ -61,7 +59,7 @@ BEYOND = 3.0  # cut-offs of the filter up to which the linear model is taken int
 LARGEST_YIELD = 0.5  # largest share of the joint's angle by which a frame may yield; beyond it the fit did not find one
 SWEEPS = 0.5  # correlation of the frequency with time beyond which a motion is a sweep
 FEWEST_REPEATS = 3  # repeats of one motion that tell a change beside their mean
-UNSEEN = 0.1  # share of I, or of B, by an effect that was not found, from which it is not known whether there is one
+HIDDEN = 0.1  # share of I, or of B, by an effect that was not found, from which it is not known whether there is one
 POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found
 LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
 """Sizes of K, B [N*m*s/rad] and I [kg*m^2] below which their shares say little; added in quadrature to what a share is
@@ -79,7 +77,7 @@ def basis(record: Record, expected: Admittance | None = None) -> tuple[dict[str,
     late = time - time.mean()
     duration = np.concatenate([record.time[[p.start, p.stop - 1]] for p in record.pieces])
     u = late / max(float(np.ptp(duration)), np.finfo(float).tiny)
-    sign = np.tanh(omega / SIGN_WIDTH)
+    sign = np.tanh(omega / 0.01)  # rad/s: ten times the velocity noise of 14 bits
     shaped = {"sign": sign, "load_sign": np.abs(theta) * sign, "cubic": theta**3}
     shaped |= {name: spring_that_slips(theta, share * size) for name, share in STOPS.items()}
     shaped["gap"] = -np.sign(first_torque(record, theta))
@@ -186,54 +184,55 @@ def with_effects(
     Newton's steps. A `known` column is a part of this torque whose size is 1. Raises as `fit_groups`.
     """
     if "lag_s" in effects:
-        return lags(s, model, effects, label, keep, known)[0][0]
+        return told_lag(s, model, effects, label, keep, known)[0]
     return fit_groups(s, with_columns(model, effects), label, keep, limit=EFFECTS_LIMIT if effects else CONDITION_LIMIT)
 
 
-def lags(
+def told_lag(
     s: Sums,
     model: Model,
     effects: Sequence[str],
     label: Label = None,
     keep: NDArray[np.bool_] | None = None,
     known: str | None = None,
-) -> list[tuple[GroupFit, Sums]]:
-    """The fits with a late torque that leave as little as the best one, the best first; raises as `fit_groups`.
+) -> tuple[GroupFit, Sums]:
+    """The fit with the lag that leaves least, and the sums that are about it; raises as `fit_groups`.
 
-    A lag that is certain has a mirror image of the other sign, or even one at 0, which leaves nearly as little: what is
-    left is asked over all lags. Of equals those count that a joint may have. A delay goes before a low-pass as long as
+    A lag that is certain has an image, of the other sign or even at 0, which leaves nearly as little: what is left is
+    asked over all lags. Of equals the one of a joint counts whose K, B and I are not negative, of which there is one at
+    most: to third order an image takes so much off B that B or I is below 0. A delay goes before a low-pass as long as
     it leaves little more: how smooth friction is changes as much.
     """
     base = with_columns(model, effects)
     fixed = {} if known is None else {known: 1.0}
-    near = settled(s, base, fixed, 0.0, label, keep)
+    near = near_lag(s, base, fixed, 0.0, label, keep)
     joint = {} if known else model  # beside a known column the model is what that lacks, of either sign
-    if not near.certain("lag_s", SURE) and possible_joint(near, joint):
-        return [(near, s)]
+    if not near.certain("lag_s", FALSE_ALARM) and possible_joint(near, joint):
+        return near, s
     tried = []
-    for lag, one in minima(profile(s, base, fixed, label, keep)):
+    for lag, one in minima(left_over_lags(s, base, fixed, label, keep)):
         try:
-            tried.append((settled(one, base, fixed, lag, label, keep), one))
+            tried.append((near_lag(one, base, fixed, lag, label, keep), one))
         except (IdentifiabilityError, InputError, np.linalg.LinAlgError):
             continue
     tried.sort(key=lambda both: both[0].left)
     if not tried:
-        return [(near, s)]
+        return near, s
     delays = [both for both in tried if both[1].noise_gain == 1 and both[0].left < ONLY_NOISE**2 * tried[0][0].left]
     tried = delays or tried
     least = tried[0][0]
-    more = float(chdtri(1, SURE)) * least.left / least.samples * s.independent
-    equal = [both for both in tried if both[0].left < least.left + more]
-    return [both for both in equal if possible_joint(both[0], joint)] or tried[:1]
+    more = float(chdtri(1, FALSE_ALARM)) * least.left / least.samples * s.independent
+    equal = (both for both in tried if both[0].left < least.left + more)
+    return next((both for both in equal if possible_joint(both[0], joint)), tried[0])
 
 
 def possible_joint(fit: GroupFit, model: Model) -> bool:
     """Whether no stiffness, damping or inertia of a fit is certainly negative."""
     names = [name for name, column in model.items() if column in ("theta", "omega", "alpha")]
-    return all(fit[name] > 0 or not fit.certain(name, SURE) for name in names)
+    return all(fit[name] > 0 or not fit.certain(name, FALSE_ALARM) for name in names)
 
 
-def profile(
+def left_over_lags(
     s: Sums,
     base: Model,
     fixed: Mapping[str, float],
@@ -248,7 +247,9 @@ def profile(
         few, is_delay = replace(one, gram=total[None]), one.noise_gain == 1
         span = SPACING / 2 if is_delay else one.late / 3
         for lag in np.linspace(-span, span, 5, endpoint=not is_delay):
-            left = left_of(without(few, late_by(lag, fixed)).gram[0], *late_columns(one, base, lag), one.torque)
+            left = least_left(
+                torque_without(few, late_by(lag, fixed)).gram[0], *late_columns(one, base, lag), one.torque
+            )
             found.append((left / one.noise_gain, one.late + float(lag), one))
     return found
 
@@ -269,7 +270,7 @@ def late_columns(s: Sums, base: Model, lag: float) -> tuple[list[int], Array]:
     return s.index(used), np.array([[part.get(name, 0.0) for part in parts] for name in used])
 
 
-def left_of(total: Array, at: list[int], C: Array, q: int) -> float:
+def least_left(total: Array, at: list[int], C: Array, q: int) -> float:
     """Sum of squares that combinations of columns leave of the torque."""
     A, b = C.T @ total[np.ix_(at, at)] @ C, C.T @ total[at, q]
     scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
@@ -277,7 +278,7 @@ def left_of(total: Array, at: list[int], C: Array, q: int) -> float:
     return float(total[q, q] - estimates @ (b / scale))
 
 
-def settled(
+def near_lag(
     s: Sums,
     base: Model,
     fixed: Mapping[str, float],
@@ -289,7 +290,7 @@ def settled(
     lag = start - s.late
     at, C = late_columns(s, base, lag)
     names = [s.names[k] for k in at]
-    first = fit_groups(without(s, late_by(lag, fixed)), base, label, keep, (names, C), EFFECTS_LIMIT)
+    first = fit_groups(torque_without(s, late_by(lag, fixed)), base, label, keep, (names, C), EFFECTS_LIMIT)
     found, fit = {name: first[name] for name in base}, first
     for _ in range(LAG_STEPS):
         parts = [late_by(lag, {column: 1.0}) for column in base.values()]
@@ -300,7 +301,7 @@ def settled(
         parts.append(late_by(lag, slope))
         used = [name for name in s.names if any(name in part for part in parts)]
         C = np.array([[part.get(name, 0.0) for part in parts] for name in used])
-        rest = without(s, late_by(lag, fixed))
+        rest = torque_without(s, late_by(lag, fixed))
         fit = fit_groups(rest, {**base, "lag_s": "jerk"}, label, keep, (used, C), EFFECTS_LIMIT)
         found = {name: fit[name] for name in base}
         before, lag = lag, float(np.clip(lag + fit["lag_s"], -SPACING, SPACING))
@@ -311,7 +312,7 @@ def settled(
     return replace(fit, estimates=estimates, left=fit.left / s.noise_gain)
 
 
-def without(s: Sums, part: Mapping[str, float]) -> Sums:
+def torque_without(s: Sums, part: Mapping[str, float]) -> Sums:
     """The sums of a torque less a combination of columns."""
     if not part:
         return s
@@ -350,7 +351,7 @@ class Causes:
 
     def certain(self, effect: str) -> bool:
         """Whether an effect is among the causes and these explain all: a drivetrain leaves something of any shape."""
-        return self.only_noise and effect in self.chosen and self.fit.certain(effect, SURE)
+        return self.only_noise and effect in self.chosen and self.fit.certain(effect, FALSE_ALARM)
 
 
 def causes(record: Record, s: Sums, model: Model) -> Causes:
@@ -365,19 +366,19 @@ def causes(record: Record, s: Sums, model: Model) -> Causes:
         left = {e: left_by(at, model, (*chosen, e)) for e in effects if e not in chosen}
         most = (1 - COUNTS) * left_by(at, model, chosen)
         if wide and "lag_s" in left:
-            left["lag_s"] = min(left["lag_s"], *(one for one, *_ in profile(s, with_columns(model, chosen), {})))
+            left["lag_s"] = min(left["lag_s"], *(one for one, *_ in left_over_lags(s, with_columns(model, chosen), {})))
         tried = (
             (e, tried_fit(at, model, (*chosen, e), lag=lag))
             for e in sorted(left, key=left.__getitem__)
             if left[e] < most
         )
-        effect, fit = next(((e, fit) for e, fit in tried if fit and fit.certain(e, SURE)), ("", None))
+        effect, fit = next(((e, fit) for e, fit in tried if fit and fit.certain(e, FALSE_ALARM)), ("", None))
         if fit is None:
             break
         chosen.append(effect)
         now = fit
         if effect == "lag_s":
-            lag, at = fit["lag_s"], lags(s, model, chosen)[0][1]
+            lag, at = fit["lag_s"], told_lag(s, model, chosen)[1]
     return Causes(tuple(chosen), now, leaves_noise(record, now))
 
 
@@ -412,7 +413,7 @@ def tried_fit(
     try:
         if lag is None:
             return with_effects(s, model, effects, keep=keep)
-        return settled(s, with_columns(model, effects), {}, lag, keep=keep)
+        return near_lag(s, with_columns(model, effects), {}, lag, keep=keep)
     except (IdentifiabilityError, InputError, np.linalg.LinAlgError):
         return None
 
@@ -422,7 +423,7 @@ def with_columns(model: Model, effects: Sequence[str]) -> Model:
     return dict(model) | {effect: COLUMN.get(effect, effect) for effect in effects if effect != "lag_s"}
 
 
-def beside(s: Sums, model: Model, fault: str, found: Causes) -> tuple[str, ...]:
+def competing(s: Sums, model: Model, fault: str, found: Causes) -> tuple[str, ...]:
     """What a fault must be certain beside: all of the physics and what was chosen; this alone where it explains all."""
     chosen = tuple(e for e in found.chosen if e != fault)
     return chosen if found.only_noise else tuple(dict.fromkeys((*physics_of(s, model), *chosen)))
@@ -431,7 +432,7 @@ def beside(s: Sums, model: Model, fault: str, found: Causes) -> tuple[str, ...]:
 def is_alike(s: Sums, model: Model, fault: str, found: Causes, lag: float | None = None) -> bool:
     """Whether the parts of a recording, its labels or else thirds by speed, agree on the size of a fault; of a lag [s]
     near that of all of it, whose sums `s` are about it."""
-    effects = (*beside(s, model, fault, found), fault)
+    effects = (*competing(s, model, fault, found), fault)
     labels = s.groups.labels
     if len(labels) > 1:
         parts = [s.groups.of(label) for label in labels]
@@ -446,7 +447,7 @@ def is_alike(s: Sums, model: Model, fault: str, found: Causes, lag: float | None
         return True
     estimates, variances = np.array(known).T
     mean = np.sum(estimates / variances) / np.sum(1 / variances)
-    return bool(chdtrc(len(known) - 1, float(np.sum((estimates - mean) ** 2 / variances))) > ALIKE)
+    return bool(chdtrc(len(known) - 1, float(np.sum((estimates - mean) ** 2 / variances))) > 0.01)
 
 
 @dataclass(frozen=True)
@@ -464,35 +465,32 @@ def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None
 
     It is found only in a joint of which the model, the physics and the lag leave no more than noise: what a drivetrain
     leaves looks like a lag of 2 to 20 ms. Beyond `LARGEST_TURN` it may be one and must be as certain as `CERTAINLY`.
-    Where two lags of a possible joint leave as little, the standard error reaches from one to the other.
     """
-    others = beside(s, model, "lag_s", found)
+    others = competing(s, model, "lag_s", found)
     if "linear" in s.names:  # of the linear model with its gains, and of none that is free, a lag is told sharply
-        exact = tried_lags(s, model, (*(e for e in others if e != "linear"), "lag_s"), known="linear")
-        if exact and leaves_noise(record, exact[0][0]):
-            fit, size = exact[0][0], exact[0][0]["lag_s"]
-            sure = fit.certain("lag_s", SURE) and may_be_late(record, fit)
+        exact = tried_lag(s, model, (*(e for e in others if e != "linear"), "lag_s"), known="linear")
+        if exact and leaves_noise(record, exact[0]):
+            fit, size = exact[0], exact[0]["lag_s"]
+            sure = fit.certain("lag_s", FALSE_ALARM) and may_be_late(record, fit)
             return Fault(size, fit.se("lag_s"), sure, abs(size) + POSSIBLE * fit.se("lag_s"))
-    tried = tried_lags(s, model, (*others, "lag_s"))
+    tried = tried_lag(s, model, (*others, "lag_s"))
     if not tried:
         return None
-    fit, about = tried[0]
+    fit, about = tried
     size, se = fit["lag_s"], fit.se("lag_s")
     asked = "lag_s" in found.chosen or not possible_joint(found.fit, model)
-    sure = asked and fit.certain("lag_s", SURE) and may_be_late(record, fit)
+    sure = asked and fit.certain("lag_s", FALSE_ALARM) and may_be_late(record, fit)
     sure = sure and (leaves_noise(record, fit) or leaves_noise_behind_low_pass(record, fit, about, model, others))
-    sure = sure and is_alike(about, model, "lag_s", found, size)
-    apart = max(abs(other["lag_s"] - size) for other, _ in tried)
-    return Fault(size, max(se, apart), sure, abs(size) + POSSIBLE * se)
+    return Fault(size, se, sure and is_alike(about, model, "lag_s", found, size), abs(size) + POSSIBLE * se)
 
 
 def leaves_noise_behind_low_pass(record: Record, fit: GroupFit, s: Sums, model: Model, others: Sequence[str]) -> bool:
     """Whether a fit with a lag leaves no more than noise of which a low-pass of the sensor has taken off the part by
     which it is known: little more, of which the richest model explains nothing."""
     names = list(dict.fromkeys([*s.rich, *with_columns(model, others).values()]))
-    more = fit.left - left_of(s.total, s.index(names), np.eye(len(names)), s.torque) / s.noise_gain
+    more = fit.left - least_left(s.total, s.index(names), np.eye(len(names)), s.torque) / s.noise_gain
     free = max(len(names) - len(fit.names), 1)
-    explained = more > float(chdtri(free, SURE)) * fit.left / fit.samples * s.independent
+    explained = more > float(chdtri(free, FALSE_ALARM)) * fit.left / fit.samples * s.independent
     return leaves_noise(record, fit, LESS_NOISE) and not explained
 
 
@@ -502,12 +500,12 @@ def may_be_late(record: Record, fit: GroupFit) -> bool:
     return bool(turn < LARGEST_TURN or abs(fit["lag_s"]) > CERTAINLY * fit.se("lag_s"))
 
 
-def tried_lags(s: Sums, model: Model, effects: Sequence[str], known: str | None = None) -> list[tuple[GroupFit, Sums]]:
-    """As `lags`; none where the motion does not tell the effects apart."""
+def tried_lag(s: Sums, model: Model, effects: Sequence[str], known: str | None = None) -> tuple[GroupFit, Sums] | None:
+    """As `told_lag`; None where the motion does not tell the effects apart."""
     try:
-        return lags(s, model, effects, known=known)
+        return told_lag(s, model, effects, known=known)
     except (IdentifiabilityError, InputError, np.linalg.LinAlgError):
-        return []
+        return None
 
 
 def stiffness_change(s: Sums, model: Model, found: Causes) -> Fault | None:
@@ -520,13 +518,13 @@ def stiffness_change(s: Sums, model: Model, found: Causes) -> Fault | None:
     if s.groups.repeat and (within := changes_of_repeats(s, model, {"K_within": {"theta": 1.0}})):
         tried.append(change_of(within, "K_within", True, s.seconds))
     enough = len(s.groups.first) >= FEWEST_GROUPS
-    full = tried_fit(s, model, (*beside(s, model, "K_change", found), "K_change")) if enough else None
+    full = tried_fit(s, model, (*competing(s, model, "K_change", found), "K_change")) if enough else None
     if full is not None:
-        sure = "K_change" in found.chosen and full.certain("K_change", SURE)
+        sure = "K_change" in found.chosen and full.certain("K_change", FALSE_ALARM)
         if sure and not found.only_noise:  # as after a step: no dynamics of higher order may make it
-            others = (e for e in beside(s, model, "K_change", found) if e != "lag_s")
+            others = (e for e in competing(s, model, "K_change", found) if e != "lag_s")
             rich = tried_fit(s, model, (*others, "jerk", "snap", "K_change"))
-            sure = rich is not None and rich.certain("K_change", SURE**2) and not sweeps(s)
+            sure = rich is not None and rich.certain("K_change", FALSE_ALARM**2) and not sweeps(s)
         tried.append(change_of(full, "K_change", sure and is_alike(s, model, "K_change", found)))
     return min(tried, key=lambda fault: fault.possible if not fault.found else fault.se, default=None)
 
@@ -583,7 +581,7 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
 def change_of(fit: GroupFit, name: str, sure: bool, duration: float = 1.0) -> Fault:
     """A change of K beyond noise, in a `duration` of the estimate's unit of time; 0 if it is no more."""
     change, se = duration * fit[name], duration * fit.se(name)
-    noise = float(stdtrit(fit.freedom(name), 1 - SURE)) * se  # one-sided
+    noise = float(stdtrit(fit.freedom(name), 1 - FALSE_ALARM)) * se  # one-sided
     return Fault(float(np.sign(change)) * (abs(change) - noise), se, sure and abs(change) > noise, noise)
 
 

@@ -41,11 +41,10 @@ NEAR_PEAKS = 2.0
 """Variance of what rounding does to an estimate over that of errors that are independent from row to row: where the
 joint turns round, many rows share a step. From 0.4 to 2.5, by how an amplitude lies between steps (simulated)."""
 EFFECTS_LIMIT = 1e5  # largest scaled condition number of a fit with effects, whose columns are alike at times
-UNITS, REPEATS = "units", "repeats"
+BY_UNITS, BY_REPEATS = "units", "repeats"
 """Source of an interval: units that were left out, with the noise; repeats, of too few units."""
 DELAYS = tuple(5e-3 * k for k in (-3, -2, -1, 0, 1, 2, 3, 4))  # delays of the torque [s] about which a lag is told
 LOW_PASSES = (1.5e-3, 2.5e-3, 4e-3, 6e-3, 9e-3, 13e-3)  # the same of low-passes of first order, from 100 to 12 Hz
-PARTS = 3  # consecutive parts of a record of one label, each of which is predicted by a fit to the others
 
 
 @dataclass(frozen=True)
@@ -235,7 +234,7 @@ def fit_groups(
         condition,
         s.groups.usual_length,
         round(float(n)),
-        UNITS if unit is stratum or not s.groups.repeat else REPEATS,
+        BY_UNITS if unit is stratum or not s.groups.repeat else BY_REPEATS,
         freedom,
         np.empty(0),
         largest_correlation(about_means),
@@ -363,7 +362,7 @@ def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None) -> floa
         pairs = [(~s.groups.of(x), s.groups.of(x)) for x in labels]
     else:
         place = np.argsort(np.argsort(s.groups.first, kind="stable"), kind="stable")
-        part = place * PARTS // len(place)
+        part = 3 * place // len(place)  # consecutive thirds
         pairs = [(part != k, part == k) for k in np.unique(part)] if len(place) > 1 else []
     try:
         return min((vaf_of_groups(s, fit_groups(s, model, keep=rest), model, own) for rest, own in pairs), default=None)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_row
 from osl_analysis.bench.effects import (
+    HIDDEN,
     IMPEDANCE,
     LITTLE,
-    UNSEEN,
     Admittance,
     Causes,
     Fault,
@@ -57,17 +57,6 @@ from osl_analysis.trial import Array
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
 WEIGHTING = "power of the filtered motion"
 """How frequencies weigh in the estimates, as in every least-squares fit of filtered signals."""
-MAY_BE_NULL = (
-    "amplitude_deg", "commanded_deg", "K_change", "B_change", "backlash_deg", "backlash_share", "stiffening",
-    "lag_s", "lag_se_s", "lag_damping", "certain_lag_damping", "lag_share", "lag_inertia_share", "frame_stiffness",
-    "K_drift", "drift_inertia_share", "time_base_shift", "clock_drift_ppm", "clock_drift_se_ppm",
-    "certain_clock_drift_ppm", "VAF_held_out", "even_harmonics", "odd_harmonics", "torque_at_peaks", "period_s",
-    "periods", "realisations", "theta_rms_deg", "angle_noise_share", "coulomb_torque", "coulomb_damping",
-    "coulomb_share", "K_repeat_se", "B_repeat_se", "I_repeat_se", "residual_autocorrelation", "ljung_box_per_lag",
-    "ljung_box_p",
-    *(f"{name}{end}" for name in ("B_viscous", "f_C") for end in ("", "_se", "_low", "_high")),
-)  # fmt: skip
-"""Columns without a number in some rows, or in all."""
 
 
 @dataclass(frozen=True)
@@ -333,8 +322,8 @@ def impedance_table(rendered: Rendered) -> pl.DataFrame:
             }
         )
     rows = over_amplitudes(rows, half_widths_of_change(analysis))
-    types = dict.fromkeys(MAY_BE_NULL, pl.Float64)
-    table = pl.DataFrame(rows, schema_overrides=types, infer_schema_length=None)
+    table = pl.DataFrame(rows, infer_schema_length=None, schema_overrides={"explained_by": pl.String})
+    table = table.with_columns(pl.col(pl.Null).cast(pl.Float64))
     return table.with_columns(*(bound for name in QUANTITIES for bound in range_over_amplitudes(name)))
 
 
@@ -382,7 +371,7 @@ def explained_by(found: Causes, lag: Fault | None, change: Fault | None) -> str 
 
 def lag_row(lag: Fault | None, fit: GroupFit, frame: float | None) -> Row:
     """Lag of the torque, the damping that it makes, and the shares of B and I of one that was found. Both shares are
-    null where one that was not found might yet change I by more than `UNSEEN`."""
+    null where one that was not found might yet change I by more than `HIDDEN`."""
     if lag is None:
         return {**lag_damping_row(None, None, fit["K"]), **dict.fromkeys(("lag_share", "lag_inertia_share", FRAME))}
     row: Row = {**lag_damping_row(lag.size, lag.se, fit["K"], 0.0 if lag.found else np.inf)}
@@ -393,7 +382,7 @@ def lag_row(lag: Fault | None, fit: GroupFit, frame: float | None) -> Row:
             FRAME: frame,
         }
     most = (abs(fit["B"]) + fit["K"] * lag.possible) * lag.possible / float(np.hypot(fit["I"], LITTLE["I"]))
-    share = None if most > UNSEEN else 0.0  # of either sign: a large lag has falsified B
+    share = None if most > HIDDEN else 0.0  # of either sign: a large lag has falsified B
     return {**row, "lag_share": share, "lag_inertia_share": share, FRAME: None}
 
 
@@ -451,7 +440,7 @@ def change_row(change: Fault | None, s: Sums, fit: GroupFit, label: Label) -> Ro
     if change.found:
         size = abs(change.size) + change.possible
         return dict(zip(names, (change.size / fit["K"], taken * size), strict=True))
-    return dict.fromkeys(names, None if taken * change.possible > UNSEEN else 0.0)
+    return dict.fromkeys(names, None if taken * change.possible > HIDDEN else 0.0)
 
 
 def angle_noise_share(record: Record, s: Sums, fit: GroupFit, label: Label) -> float:
@@ -641,21 +630,13 @@ def judged_impedance(
     return rendered, table
 
 
-SAME_MOTION = 0.15  # largest relative difference of band, period and size of motions that are realisations of one
-SAME = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
-"""Columns in which the trials of one row agree, as far as the table of fits has them."""
-TEXT = ("joint", "side", "controller", "group", "excitation", "quantity", "interval_method")  # columns of text
-NUMBERS = ("band_low_hz", "band_high_hz", "n", "mean", "sd", "se", "low", "high", "n_doubtful", "n_left_out")
-"""Columns of numbers beside the condition."""
-
-
-def alike(trials: pl.DataFrame) -> list[pl.DataFrame]:
+def by_motion(trials: pl.DataFrame) -> list[pl.DataFrame]:
     """The trials of one condition, apart where their motions differ in band, period or size, in their order."""
     kinds: list[list[int]] = []
     numbers = [name for name in ("band_high_hz", "period_s", "theta_rms_deg") if name in trials.columns]
     values = trials.select(numbers).fill_null(0.0).to_numpy()
     for row, own in enumerate(values):
-        near = (kind for kind in kinds if np.allclose(values[kind[0]], own, rtol=SAME_MOTION))
+        near = (kind for kind in kinds if np.allclose(values[kind[0]], own, rtol=0.15))  # realisations of one motion
         found = next(near, None)
         if found is None:
             kinds.append([row])
@@ -672,9 +653,12 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
     trials may not. Doubtful fits are left out where half of the trials or more are sound.
     """
     whole = impedance.filter(pl.col("amplitude_deg").is_null())
-    keys = [name for name in SAME if name in whole.columns]
+    same = ("joint", "side", "controller", "K_d", "B_d", "group", "excitation")
+    keys = [name for name in same if name in whole.columns]
     rows = []
-    for key, trials in ((key, part) for key, same in whole.group_by(keys, maintain_order=True) for part in alike(same)):
+    for key, trials in (
+        (key, part) for key, one in whole.group_by(keys, maintain_order=True) for part in by_motion(one)
+    ):
         if len(trials) < 2:
             continue
         used = counted(trials)
@@ -684,5 +668,6 @@ def repeated_trials_table(impedance: pl.DataFrame) -> pl.DataFrame:
         rows += [{**said, "quantity": name, **summary_row(used[name]), **left_out} for name in QUANTITIES]
     if rows:
         return pl.DataFrame(rows, infer_schema_length=None)
-    columns = (*keys, "quantity", "interval_method", *NUMBERS)
-    return pl.DataFrame(schema={name: pl.String() if name in TEXT else pl.Float64() for name in columns})
+    numbers = ("band_low_hz", "band_high_hz", "n", "mean", "sd", "se", "low", "high", "n_doubtful", "n_left_out")
+    texts = {name: pl.String() for name in (*keys, "quantity", "interval_method") if name not in ("K_d", "B_d")}
+    return pl.DataFrame(schema={name: pl.Float64() for name in keys} | texts | dict.fromkeys(numbers, pl.Float64()))

@@ -36,13 +36,10 @@ OF_MODEL = ("experiment", *PLACE, "controller", "model", "terms", "parameters")
 SMALLEST_LOSS = 1e-9  # percent of the variance below which what a model leaves is rounding error
 SAMPLES_PER_PERIOD = 6
 """Samples kept per period of the filter's cut-off. More of them cost time and add no information."""
-PARTS = 3  # number of consecutive parts of a record, each of which is predicted by a fit to the others
 GIVEN = np.ones(3)
 """The three fitted numbers of Eq. 9 at their given values: K_1 divided by its given value, 1 plus the change of B_1
 divided by (K_1 J_m)^1/2, and friction divided by that of the parameter file."""
 LEAST_GAIN = 0.1  # smallest K_1, divided by its given value
-STEP = 1e-2
-"""Step of the numerical derivatives. Because friction stops and starts, the torque is rough at smaller steps."""
 
 
 @dataclass(frozen=True)
@@ -202,8 +199,9 @@ def fitted_drivetrain(trial: DrivetrainTrial, model: str, terms: str) -> Candida
     """
     least_damping = 1 - 0.99 * (trial.p.B_m + trial.gains.B_1) / trial.unit_damping
     lowest = np.array([LEAST_GAIN, least_damping, 0.0])
+    # because friction stops and starts, the torque is rough at steps below a hundredth
     best = least_squares(
-        trial.residuals, GIVEN, bounds=(lowest, np.inf), diff_step=[STEP] * 3, xtol=1e-3, ftol=1e-4, max_nfev=10
+        trial.residuals, GIVEN, bounds=(lowest, np.inf), diff_step=[1e-2] * 3, xtol=1e-3, ftol=1e-4, max_nfev=10
     )
     ends = np.cumsum([0, *(len(trial.torque[rows]) for rows in trial.amplitude_rows)])
     held_out = []
@@ -263,7 +261,7 @@ def thinned_amplitudes(trial: Record) -> list[NDArray[np.intp]]:
     another motion has consecutive parts in their place."""
     step = max(int(trial.rate_hz / (SAMPLES_PER_PERIOD * trial.low_pass.cutoff_hz)), 1)
     if not trial.is_stepped_sine:
-        return [part[::step] for part in np.array_split(trial.rows(), PARTS)]
+        return [part[::step] for part in np.array_split(trial.rows(), 3)]
     moving = [trial.moving(label) for label in trial.groups.labels]
     thinned = [np.concatenate([np.arange(s.start, s.stop, step) for s in one]) for one in moving]
     return [rows[trial.usable[rows]] for rows in thinned]

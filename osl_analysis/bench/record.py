@@ -387,7 +387,7 @@ def record_of_trial(
         assert isinstance(settings, ImpedanceAnalysis)
         return any_motion(signals, settings, windows or settings.windows, steps)
     try:
-        found = stepped_sine(signals, settings, known, steps)
+        found = from_stepped_sine(signals, settings, known, steps)
     except InputError as error:
         words = f"trial {trial.name}: {error}"
         if excitation == "auto" and not known.moves:
@@ -429,7 +429,7 @@ def at_rest(theta: Array) -> str:
 Steps = tuple[float | None, float | None]
 
 
-def stepped_sine(
+def from_stepped_sine(
     signals: UniformSignals, settings: SteppedSineAnalysis, known: Likeness, steps: Steps = (None, None)
 ) -> Record:
     """The record of a stepped sine; raises InputError without the trial's name."""
@@ -456,18 +456,18 @@ def any_motion(
     The time base bridges gaps up to a tenth of a period of the fastest motion, which is found first.
     """
     try:
-        groups, band, periodic, regular = parts_of(signals, settings, windows)
+        groups, band, periodic, regular = motion_parts(signals, settings, windows)
         made = replace(with_alternatives(regular, settings, groups, band, steps), periodic=periodic)
         again = regular.other()
         if again is None:
             return made
-        groups, band, _, again = parts_of(again, settings, windows)
+        groups, band, _, again = motion_parts(again, settings, windows)
         return replace(made, other=conditioned(again, settings, groups, band, 0.0))
     except (InputError, IdentifiabilityError) as error:
         raise type(error)(f"trial {signals.trial}: {error}") from error
 
 
-def parts_of(
+def motion_parts(
     signals: UniformSignals, settings: ImpedanceAnalysis, windows: str | None
 ) -> tuple[Groups, tuple[float, float], PeriodicMotion | None, UniformSignals]:
     """Groups, band and periods of a motion that is no stepped sine, and the signals with gaps that it bears."""

@@ -13,9 +13,9 @@ from osl_analysis.signals import LowPass
 from osl_analysis.spectral.models import (
     EQ_9,
     EQ_15,
-    Drivetrain,
     FittedLines,
     FittedStructure,
+    RationalDrivetrain,
     SecondOrder,
     Structure,
     fit_structure,
@@ -134,7 +134,7 @@ def fitted_structures(lines: FittedLines, p: DrivetrainParameters | None) -> Fit
     """Eq. 15 and, with parameters, Eq. 9 fitted to lines, or why one cannot be."""
     found: dict[str, FittedStructure | OslAnalysisError] = {}
     first = (0.0, 0.0)
-    structures: list[Structure] = [SecondOrder()] if p is None else [SecondOrder(), Drivetrain(p)]
+    structures: list[Structure] = [SecondOrder()] if p is None else [SecondOrder(), RationalDrivetrain(p)]
     for structure in structures:
         try:
             one = fit_structure(structure, lines, first)

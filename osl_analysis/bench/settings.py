@@ -13,7 +13,7 @@ from osl_analysis.trial import Array
 
 STIFFNESS_UNITS = {"N*m/rad": 1.0, "Nm/rad": 1.0, "N*m/deg": 180 / np.pi, "Nm/deg": 180 / np.pi}
 """Units of a stiffness of the bench, and their factors to N*m/rad."""
-Cycles = Annotated[int, Field(ge=1, le=10_000)]
+CycleCount = Annotated[int, Field(ge=1, le=10_000)]
 
 
 class TimeBase(Settings):
@@ -118,7 +118,7 @@ class SteppedSineAnalysis(BenchAnalysis):
     """Commanded amplitudes [deg], one block each, in the order of the protocol."""
     frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
     """Frequencies [Hz] of a block, one segment each, in the order of the protocol."""
-    cycles: Cycles | tuple[Cycles, ...]
+    cycles: CycleCount | tuple[CycleCount, ...]
     """Number of cycles at each frequency: one number for all, or one for each. It is an expectation: the fits use what
     was recorded, and the quality check `protocol` says where the two differ."""
     seconds_per_frequency: Positive | None = None

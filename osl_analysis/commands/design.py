@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.gram import UNITS
+from osl_analysis.bench.gram import BY_UNITS
 from osl_analysis.config.configuration import Config
 from osl_analysis.design.plan import (
     MOST_DRAWN,
@@ -387,7 +387,7 @@ def spread_of(rows: pl.DataFrame) -> Spread | None:
     columns = ["realisations", "band_low_hz", "band_high_hz", "theta_rms_deg", *(f"{name}_se" for name in KBI)]
     if not set(columns) <= set(rows.columns):
         return None
-    of_motions = pl.col("interval_method").is_in([REALISATIONS, UNITS])
+    of_motions = pl.col("interval_method").is_in([REALISATIONS, BY_UNITS])
     known = rows.filter(of_motions).select(pl.col(columns).cast(pl.Float64)).drop_nulls()
     if not len(known):
         return None

@@ -52,10 +52,7 @@ def cell_number(row: AnyRow, name: str) -> float | None:
 
 
 def late_signal(row: AnyRow) -> str:
-    lag, se = cell_number(row, "lag_s"), cell_number(row, "lag_se_s")
-    if lag is not None and se is not None and se > abs(lag):
-        return "the torque or the angle"
-    return "the angle" if lag is not None and lag < 0 else "the torque"
+    return "the angle" if (cell_number(row, "lag_s") or 0.0) < 0 else "the torque"
 
 
 def late(_: float, row: AnyRow) -> str:

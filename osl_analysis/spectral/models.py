@@ -20,7 +20,7 @@ from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.period import Spectrum
-from osl_analysis.spectral.realisations import NEIGHBOURS, Lines, Realisation, distinct, scatter, smoothed
+from osl_analysis.spectral.realisations import NEIGHBOURS, LineKinds, Realisation, distinct, scatter, smoothed_lines
 from osl_analysis.spectral.response import (
     HALF_WIDTH,
     LOCAL_FREEDOM,
@@ -71,7 +71,7 @@ class SecondOrder:
         return np.array([np.ones_like(s), s, s**2])
 
 
-class Drivetrain:
+class RationalDrivetrain:
     """Z = P - c/N (Eq. 9), in the letters of `model.drivetrain.joint_admittance`, the joint's inertia included."""
 
     name = EQ_9
@@ -159,7 +159,7 @@ def parts(values: Spectrum) -> Array:
     return np.concatenate([values.real, values.imag], axis=1).ravel()
 
 
-def distortion_level(error: Spectrum, lines: Lines) -> tuple[Array | None, Array | None]:
+def distortion_level(error: Spectrum, lines: LineKinds) -> tuple[Array | None, Array | None]:
     """E|error|^2 at excited lines (realisations, excited), averaged from lines without excitation, and the weights.
     Between two such lines it is interpolated. None where they are too few. `error` (realisations, lines) is
     weighted."""
@@ -169,9 +169,6 @@ def distortion_level(error: Spectrum, lines: Lines) -> tuple[Array | None, Array
     shares = np.array([np.interp(at, seen, row) for row in np.eye(len(seen))]).T
     level = np.mean(np.abs(error[:, seen]) ** 2, axis=0) @ shares.T
     return np.tile(level, (len(error), 1)), shares
-
-
-HARMONICS = 100  # harmonics of the error of rounding that are summed
 
 
 def repeated_rounding(one: Realisation, impedance: Spectrum) -> Array:
@@ -192,7 +189,7 @@ def repeated_variance(one: Realisation, spectra: Spectrum, step: float | None) -
     """
     if step is None:
         return 0.0
-    samples, k = one.period * one.rate_hz, np.arange(1, HARMONICS + 1)
+    samples, k = one.period * one.rate_hz, np.arange(1, 101)
     of_sample = float(np.mean(scatter(spectra)[1:])) * samples / 4 / step**2
     noise = float(noise_before_rounding(np.array([of_sample]))[0])
     left = float(np.sum(np.exp(-((2 * np.pi * k * noise) ** 2)) / (2 * (np.pi * k) ** 2)))
@@ -202,8 +199,6 @@ def repeated_variance(one: Realisation, spectra: Spectrum, step: float | None) -
 POWER, NOISE = "power", "noise"
 """Weights of a fit: power behind the low-pass filter, or the inverse variance of the noise."""
 SIGNIFICANT = 0.05  # probability below which what a structure leaves is more than noise
-STEPS, CONVERGED = 30, 1e-9
-"""Largest number of steps of Gauss and Newton, and the share of a parameter below which a step ends them."""
 
 
 @dataclass(frozen=True)
@@ -292,7 +287,7 @@ def lines_of_record(spectrum: RecordSpectrum, low_pass: LowPass) -> FittedLines:
     of the record and a drift of the torque add is fitted too."""
     s = np.asarray(2j * np.pi * spectrum.frequency_hz, dtype=np.complex128)[None, :]
     local = local_fit(spectrum).noise
-    noise = smoothed(local, np.ones(len(local)))[None, :]
+    noise = smoothed_lines(local, np.ones(len(local)))[None, :]
     return FittedLines(
         s=s,
         theta=spectrum.theta[None, :],
@@ -350,7 +345,7 @@ def gauss_newton(
     x = start
     further = {} if lines.transient is None else {f"end {k}": column for k, column in enumerate(lines.transient)}
     fixed = {name: parts(np.asarray(column * weight)) for name, column in further.items()}
-    for _ in range(STEPS):
+    for _ in range(30):
         slopes = structure.derivatives(x, lines.s)
         columns = {
             name: parts(np.asarray(slope * lines.theta * weight))
@@ -361,6 +356,6 @@ def gauss_newton(
         fit = linear_fit(y, columns | fixed, scatter)
         step = fit.estimates[: len(x)] - x
         x = x + step
-        if np.all(np.abs(step) <= CONVERGED * np.maximum(np.abs(x), np.finfo(float).tiny)):
+        if np.all(np.abs(step) <= 1e-9 * np.maximum(np.abs(x), np.finfo(float).tiny)):
             break
     return fit

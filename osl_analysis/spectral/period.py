@@ -22,16 +22,10 @@ LEAST_CORRELATION = 0.3
 MOST_CANDIDATES = 60  # largest number of lags that are tried
 LARGEST_MISMATCH = 0.1
 """Largest difference between a motion and itself a period later, as a share of its RMS, in the middle of all times."""
-LOCAL_MISMATCH = 0.25  # the same at one time, within `WINDOW_S`
-WINDOW_S = 0.25  # width [s] of the windows in which the mismatch is measured
+LOCAL_MISMATCH = 0.25  # the same at one time, within a quarter of a second
 REST = 0.2  # RMS over one period, as a share of the largest one, below which the joint rests
 LEAST_COVERED = 0.5  # smallest share of the time in motion in which it must repeat itself
-SETTLED, FLOOR = 5.0, 3e-4
-"""A transient has ended where the mismatch is `SETTLED` times what it is in the middle of the repeating times, or
-`FLOOR` of the motion's RMS."""
-STEPS = 2  # steps of Gauss and Newton to the lag
-SLACK = 0.02  # share of a period by which a stretch of two periods may be too short: windows and averages blur its ends
-ALIKE = 2.0  # of lags with mismatches within this factor the shortest one is the period, and not a multiple of it
+FLOOR = 3e-4  # share of the motion's RMS below which a mismatch is none
 
 
 @dataclass(frozen=True)
@@ -97,7 +91,8 @@ def find_repetition(theta: Array, rate_hz: float, usable: NDArray[np.bool_] | No
     if not tried:
         return None
     best = min(one.mismatch for one in tried)
-    return min((one for one in tried if one.mismatch <= ALIKE * best + FLOOR), key=lambda one: one.period)
+    # of lags with mismatches within a factor of two the shortest one is the period, and not a multiple of it
+    return min((one for one in tried if one.mismatch <= 2 * best + FLOOR), key=lambda one: one.period)
 
 
 def coarse(theta: Array, rate_hz: float, usable: NDArray[np.bool_] | None) -> CoarseMotion:
@@ -134,7 +129,7 @@ def repetition(motion: CoarseMotion, lag: float) -> Repetition | None:
     Gauss and Newton in these stretches correct the lag."""
     moving = in_motion(motion, lag)
     scale = float(np.sqrt(np.mean(motion.theta[moving] ** 2))) if moving.any() else 0.0
-    for _ in range(STEPS):
+    for _ in range(2):
         difference, local = mismatch(motion, lag)
         alike = alike_runs(motion, moving, lag, local < LOCAL_MISMATCH * scale)
         rows = np.concatenate([np.r_[run] for run in alike]) if alike else np.empty(0, dtype=np.intp)
@@ -143,7 +138,7 @@ def repetition(motion: CoarseMotion, lag: float) -> Repetition | None:
         slope = motion.slope(lag, int(rows.max()) + 1)[rows]
         lag -= float(slope @ difference[rows]) / max(float(slope @ slope), np.finfo(float).tiny)
     middle = float(np.median(local[rows]))
-    settled = alike_runs(motion, moving, lag, local < max(SETTLED * middle, FLOOR * scale))
+    settled = alike_runs(motion, moving, lag, local < max(5 * middle, FLOOR * scale))  # the transient has ended
     covered = sum(run.stop - run.start + lag for run in settled) / max(int(moving.sum()), 1)
     if middle > LARGEST_MISMATCH * scale or covered < LEAST_COVERED:
         return None
@@ -158,10 +153,10 @@ def in_motion(motion: CoarseMotion, lag: float) -> NDArray[np.bool_]:
 
 
 def mismatch(motion: CoarseMotion, lag: float) -> tuple[Array, Array]:
-    """The motion a lag later minus the motion, and its RMS in windows of `WINDOW_S`, shape (m,) each."""
+    """The motion a lag later minus the motion, and its RMS in windows of a quarter of a second, shape (m,) each."""
     later = motion.later(lag)
     difference = later - motion.theta[: len(later)]
-    window = max(round(WINDOW_S * motion.rate_hz), 1)
+    window = max(round(0.25 * motion.rate_hz), 1)
     return difference, np.sqrt(np.maximum(uniform_filter1d(difference**2, window, mode="nearest"), 0.0))
 
 
@@ -170,4 +165,5 @@ def alike_runs(motion: CoarseMotion, moving: NDArray[np.bool_], lag: float, alik
     m, whole = len(alike), round(lag)
     good = motion.usable & moving
     later = np.concatenate([good[whole:], np.repeat(good[-1:], whole)])[:m]
-    return [run for run in runs(alike & good[:m] & later) if run.stop - run.start > (1 - SLACK) * lag - 1]
+    shortest = 0.98 * lag - 1  # windows and averages blur the ends of a stretch of two periods
+    return [run for run in runs(alike & good[:m] & later) if run.stop - run.start > shortest]

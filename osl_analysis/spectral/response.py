@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.spectral.period import Spectrum
-from osl_analysis.spectral.realisations import Lines, Realisation, distinct, lines_of, scatter, smoothed
+from osl_analysis.spectral.realisations import LineKinds, Realisation, distinct, lines_of, scatter, smoothed_lines
 from osl_analysis.trial import Array
 
 ROBUST, FAST, LOCAL = "robust", "fast", "local polynomial"
@@ -66,7 +66,7 @@ class BandLevels:
 class EquationError:
     """torque - Z theta of several realisations; what the angle's own noise and distortion do to Z is in it."""
 
-    lines: Lines
+    lines: LineKinds
     frequency_hz: Array  # frequencies of the lines [Hz], shape (lines,)
     impedance: Spectrum  # Z (lines,) [N*m/rad]; between excited lines it is interpolated
     angle: Array  # sum over realisations of the amplitudes of the angle (lines,) [rad]
@@ -109,12 +109,12 @@ def periodic_response(realisations: Sequence[Realisation]) -> tuple[FrequencyRes
     found = equation_error(realisations)
     at, count = np.flatnonzero(found.lines.excited), len(found.error)
     mean_angle = found.angle[at] / count
-    noise = smoothed(found.noise.mean(axis=0), (np.arange(len(found.angle)) > 0).astype(float))[at]
+    noise = smoothed_lines(found.noise.mean(axis=0), (np.arange(len(found.angle)) > 0).astype(float))[at]
     square = np.mean(np.abs(found.error) ** 2, axis=0)  # at excited lines, where Z was fitted, with one degree less
     square = np.asarray(np.where(found.lines.excited, square * count / max(count - 1, 1), square))
     kinds = showing(found.lines, count)
     odd, even = (without_noise(square, found.noise, kind) for kind in kinds)
-    between = smoothed(square, found.lines.excited.astype(float))[at]
+    between = smoothed_lines(square, found.lines.excited.astype(float))[at]
     seen = (found.lines.detection).any()
     total = between if count > 1 else (noise + odd[at] if seen else np.full(len(at), np.nan))
     response = FrequencyResponse(
@@ -138,11 +138,11 @@ def without_noise(square: Array, noise: Array, kind: NDArray[np.bool_]) -> Array
     if not kind.any():
         return np.full(len(square), np.nan)
     at, k = np.flatnonzero(kind), np.arange(len(square))
-    above = smoothed(square - noise.mean(axis=0), kind.astype(float))[at]
+    above = smoothed_lines(square - noise.mean(axis=0), kind.astype(float))[at]
     return np.asarray(np.interp(k, at, np.maximum(above, 0.0)))
 
 
-def showing(lines: Lines, realisations: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def showing(lines: LineKinds, realisations: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Lines (lines,) that show the odd and the even distortion. Of several realisations of an odd motion the excited
     lines show the odd distortion too. Of another motion every line shows both, and counts as odd."""
     odd, even = lines.odd, lines.even
@@ -182,7 +182,6 @@ END_POWERS = 5  # powers of s that the ends of a record add
 WEAK, NEAREST = 0.01, 2
 """RMS of the angle at a line and its `NEAREST` ones to each side, as a share of the largest one, below which the
 impedance is not known."""
-UNKNOWN = 0.1  # standard deviation of an impedance, as a share of it, from which on it is not known
 LARGEST_CONDITION = 1e8  # largest condition number of a local fit, its columns scaled
 
 
@@ -239,7 +238,7 @@ def local_fit(spectrum: RecordSpectrum) -> LocalFit:
     Z, variance, noise, condition = local_fit_at(spectrum, np.arange(len(spectrum.theta)))
     size = nearby(spectrum.theta)
     known = (size > WEAK * size.max()) & (condition < LARGEST_CONDITION)
-    known &= variance < UNKNOWN**2 * np.abs(Z) ** 2
+    known &= variance < 0.1**2 * np.abs(Z) ** 2  # a tenth of it is not known
     return LocalFit(np.where(known, Z, np.nan), np.where(known, variance, np.nan), noise)
 
 

@@ -130,8 +130,7 @@ def shipped(path: Path | str) -> Path:
     return theirs if not own.exists() and theirs.exists() else own
 
 
-CAMPAIGN = Path("config.yaml")
-"""The configuration in the folder of a campaign, as `osl-analysis init` writes it."""
+CAMPAIGN = Path("config.yaml")  # The configuration in the folder of a campaign, as `osl-analysis init` writes it.
 
 
 def config_here() -> Path:

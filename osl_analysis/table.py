@@ -82,8 +82,7 @@ def write_table(frame: pl.DataFrame, path: Path) -> None:
         frame.write_csv(temporary)
 
 
-Places = Mapping[str, Mapping[str, str | None]]
-"""`joint` and `side` by the name of a trial or group."""
+Places = Mapping[str, Mapping[str, str | None]]  # `joint` and `side` by the name of a trial or group.
 
 
 def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.DataFrame:

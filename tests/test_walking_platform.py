@@ -392,6 +392,7 @@ def test_without_a_correction_the_torque_of_a_light_plate_is_that_of_the_wrench_
     assert table["rms_before"].null_count() == len(table)
     model = read_model(outputs[0], PlateModel)
     assert (model.delay, model.lag, model.leave_one_out) == (0.0, None, ())
+    assert "NaN" not in outputs[0].read_text()  # which is no JSON
     calibration = static_calibration(standing(), settings())
     weightless, stamps = replace(QUIET, mass=1e-9), np.arange(3 * PLATE_RATE) / PLATE_RATE
     crossing = analyse_crossing(walked("w", Ramp(), weightless, 1), calibration, model, True, chosen)

@@ -17,8 +17,7 @@ from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 
 TRUTH = "truth"
-NOTHING = SharedChoices()
-"""No configuration to follow: the settings alone decide."""
+NOTHING = SharedChoices()  # No configuration to follow: the settings alone decide.
 
 
 def check_folder(folder: Path) -> None:

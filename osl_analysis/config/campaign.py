@@ -306,8 +306,7 @@ ABOUT_MEANING = {
     "recorded": "date of the data, or what is known in its place",
 }
 """What the fields of `About` are."""
-ABOUT_MACROS = {name: name.capitalize() for name in ABOUT_MEANING}
-"""Their LaTeX macros, without prefix."""
+ABOUT_MACROS = {name: name.capitalize() for name in ABOUT_MEANING}  # Their LaTeX macros, without prefix.
 
 
 @dataclass(frozen=True)

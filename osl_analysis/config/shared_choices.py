@@ -35,8 +35,7 @@ class WeightSettings(Settings):
         return Weight(self.cutoff_hz, self.order)
 
 
-WEIGHT_OF_PAPER = WeightSettings(cutoff_hz=1.0, order=3)
-"""W of the paper."""
+WEIGHT_OF_PAPER = WeightSettings(cutoff_hz=1.0, order=3)  # W of the paper.
 
 
 class FollowedProtocol(Settings):
@@ -63,8 +62,7 @@ class SharedChoices(Settings):
     impedance_trajectory: Path | None = None  # The impedance that the leg is asked to render over the gait cycle.
 
 
-SYNTHETIC = "synthetic"
-"""Kind of a trajectory that was made for a simulated leg."""
+SYNTHETIC = "synthetic"  # Kind of a trajectory that was made for a simulated leg.
 
 
 @dataclass(frozen=True)

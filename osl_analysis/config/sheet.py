@@ -90,10 +90,8 @@ def outer_blanks_off(cell: str) -> str:
     return cell[seen[0] : seen[-1] + 1] if seen else ""
 
 
-JOINT = "ankle"
-"""The joint of a trial whose row names none. The walkway measures this one."""
-LONGEST_WORD = 100
-"""Largest number of characters of a joint or controller."""
+JOINT = "ankle"  # The joint of a trial whose row names none. The walkway measures this one.
+LONGEST_WORD = 100  # Largest number of characters of a joint or controller.
 SIDES, DIRECTIONS = ("left", "right"), ("up", "down")
 CONDITIONS = ("group", "subject", "session", "side", "speed", "direction")
 """Columns that say under which conditions a crossing was walked. Walking results are split by them."""
@@ -101,8 +99,7 @@ SHEET_COLUMNS = (
     "trial", "experiment", "controller", "K_d", "B_d", "perturbed", "log", "log_source", "mocap", "mocap_source",
     "log_part", "desired", "windows", "exclude", "accept", "joint", *CONDITIONS, "body_mass_kg", "static",
 )  # fmt: skip
-SheetRows = dict[str, dict[str, Any]]
-"""The rows of a sheet by trial, with all columns; None where a cell is empty."""
+SheetRows = dict[str, dict[str, Any]]  # The rows of a sheet by trial, with all columns; None where a cell is empty.
 
 
 def read_sheet(path: Path) -> SheetRows:

@@ -24,14 +24,11 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.files import shipped
 
-Positive = Annotated[float, Field(gt=0)]
-"""A number above zero."""
-Degrees = Annotated[float, Field(gt=0, le=180)]
-"""An angle above zero, of half a turn at most."""
+Positive = Annotated[float, Field(gt=0)]  # A number above zero.
+Degrees = Annotated[float, Field(gt=0, le=180)]  # An angle above zero, of half a turn at most.
 ShippedPath = Annotated[Path, AfterValidator(shipped)]
 """A path of the campaign's folder or, where that has none, of a shipped file such as `config/config.yaml`."""
-Place = Sequence[int | str]
-"""Keys and numbers of list entries that lead to a field, from the outermost."""
+Place = Sequence[int | str]  # Keys and numbers of list entries that lead to a field, from the outermost.
 
 
 class Settings(BaseModel):

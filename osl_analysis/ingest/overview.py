@@ -48,10 +48,8 @@ from osl_analysis.trial import Array
 class RecordedChannel:
     """One thing that the file recorded."""
 
-    kind: str
-    """What it is: marker, model output, analog, plate, device, column, or the type of a topic's messages."""
-    address: Mapping[str, str]
-    """How a source file names it: `topic` and `field`, `column`, `channel`, `label` ..."""
+    kind: str  # What it is: marker, model output, analog, plate, device, column, or the type of a topic's messages.
+    address: Mapping[str, str]  # How a source file names it: `topic` and `field`, `column`, `channel`, `label` ...
     unit: str = ""  # unit of the numbers, as the file spells it; empty where it gives none
     count: int = 0
     rate: float | None = None  # median rate [Hz]; None where nothing tells it

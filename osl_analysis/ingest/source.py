@@ -49,10 +49,8 @@ def misplaced(reason: str, *place: str) -> PydanticCustomError:
 class SensorFilter(Settings):
     """The low-pass of a sensor or its amplifier, an analogue Butterworth that ran once while recording."""
 
-    cutoff: str
-    """Cut-off with its unit, as `100 Hz`."""
-    order: int = Field(default=1, ge=1, le=8)
-    """Order."""
+    cutoff: str  # Cut-off with its unit, as `100 Hz`.
+    order: int = Field(default=1, ge=1, le=8)  # Order.
 
     @field_validator("cutoff")
     @classmethod
@@ -71,21 +69,16 @@ class Conversion(Settings):
     """Age of a sample at its stamp, such as `2 ms`. It is subtracted from the channel's stamps."""
     low_pass: SensorFilter | None = None
     """The sensor's own low-pass: analyses put all other signals of the trial through the same filter."""
-    resolution: str | None = None
-    """Smallest step of the recorded values with its unit, as `0.02 deg`."""
-    bits: int | None = Field(default=None, ge=4, le=32)
-    """Bits of an encoder per revolution, in place of `resolution`."""
+    resolution: str | None = None  # Smallest step of the recorded values with its unit, as `0.02 deg`.
+    bits: int | None = Field(default=None, ge=4, le=32)  # Bits of an encoder per revolution, in place of `resolution`.
     range: str | tuple[str, str] | None = None
     """Range of the sensor with its unit, before `sign` and `offset`: `60 N*m` for +-60 N*m, or both ends, as
     `[0 deg, 300 deg]`."""
     unit: Unit | None = None
     """Unit of the numbers, as laboratories spell it. Without it, the unit that the file states is used."""
-    sign: Literal[1, -1] = 1
-    """-1 if the recorder has the opposite direction as positive."""
-    scale: NoSlip = 1.0
-    """Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits."""
-    offset: NoSlip = 0.0
-    """Offset that is added to the raw numbers before the scale, in the raw unit."""
+    sign: Literal[1, -1] = 1  # -1 if the recorder has the opposite direction as positive.
+    scale: NoSlip = 1.0  # Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits.
+    offset: NoSlip = 0.0  # Offset that is added to the raw numbers before the scale, in the raw unit.
 
     @field_validator("delay")
     @classmethod
@@ -167,8 +160,7 @@ class Conversion(Settings):
 class Addressed(Settings):
     """What names one channel of a recording."""
 
-    ADDRESS: ClassVar[str] = ""
-    """The key that names it: `column`, `field`, `channel` or `variable`."""
+    ADDRESS: ClassVar[str] = ""  # The key that names it: `column`, `field`, `channel` or `variable`.
 
     @property
     def name(self) -> str:
@@ -189,8 +181,7 @@ AddressText = Annotated[str, AfterValidator(checked_address)]
 class Channel(Conversion, Addressed):
     """Where a recording has a canonical column, and the conversion."""
 
-    topic: str
-    """Name of the topic."""
+    topic: str  # Name of the topic.
     field: str
     """Dotted path of the number, with an index or a name where it passes an array: `wrench.force.x`, `position[0]`,
     `position[name=ankle]`; in JSON a name with a dot in it in quotes, `functions["loadcell.mz"]`."""
@@ -203,10 +194,8 @@ class Channel(Conversion, Addressed):
     variable: AddressText
     """Its address in MATLAB's notation: `torque`, `Test.run(2).torque`, `data(:,3)`, `runs{2}.torque`. It is within
     `log_part`, unless it begins with `/`."""
-    device: str
-    """Name of the device's output, such as `EMG2000 - Voltage`."""
-    component: str
-    """Name of the column under it."""
+    device: str  # Name of the device's output, such as `EMG2000 - Voltage`.
+    component: str  # Name of the column under it.
     counter: ColumnName | None = None
     """Where the device counts its samples, named as the signal is. It tells which samples are missing."""
 
@@ -214,28 +203,21 @@ class Channel(Conversion, Addressed):
 class Time(Addressed):
     """Where the time of a row or message comes from: the recording has it, or the rate at which rows were written."""
 
-    IN_FILE: ClassVar[bool] = False
-    """Whether the format itself tells when a sample was taken."""
+    IN_FILE: ClassVar[bool] = False  # Whether the format itself tells when a sample was taken.
 
-    source: Literal["header", "log"]
-    """`header`: the stamp in the message. `log`: when the recorder logged it."""
-    unit: TimeUnit | None = None
-    """Unit of the numbers that are time. Without it, the file's unit is used."""
-    rate: PositiveFloat | None = None
-    """Rows per second [Hz], for a file without time."""
+    source: Literal["header", "log"]  # `header`: the stamp in the message. `log`: when the recorder logged it.
+    unit: TimeUnit | None = None  # Unit of the numbers that are time. Without it, the file's unit is used.
+    rate: PositiveFloat | None = None  # Rows per second [Hz], for a file without time.
     repeated: Literal["keep", "drop"] = "keep"
     """Rows whose stamp is that of the row before. `keep`: they are samples whose stamps were rounded. `drop`: the
     recorder read a device faster than it sampled; only the first row of each stamp is used."""
-    stamps: Stamps = "auto"
-    """How the stamps are taken."""
-    column: ColumnName | None = None
-    """Name of the column that holds time."""
+    stamps: Stamps = "auto"  # How the stamps are taken.
+    column: ColumnName | None = None  # Name of the column that holds time.
     field: str | None = None
     """Path of the number that holds time, or of a stamp: an object of seconds and nanoseconds, without `unit`."""
     channel: str | None = None
     """The channel that holds time. LabVIEW's time stamps need no unit. Without it: the channels' own timing."""
-    variable: AddressText | None = None
-    """Address of the variable that holds time, as in `channels`."""
+    variable: AddressText | None = None  # Address of the variable that holds time, as in `channels`.
 
 
 class RowTime(Addressed):
@@ -254,49 +236,37 @@ class RowTime(Addressed):
 class Plate(Settings):
     """A force plate that was exported as numbers. The file does not say where it lies."""
 
-    device: str
-    """The plate's outputs are called `<device> - Force` and `<device> - Moment`."""
-    force: str
-    """Beginning of the names of the force's columns [N]: `R_ground_force_v`."""
-    point: str
-    """Beginning of the names of the columns of the point of application [m]: `R_ground_force_p`."""
-    moment: str
-    """Beginning of the names of the columns of the moment about this point [N*m]: `R_ground_torque_`."""
+    device: str  # The plate's outputs are called `<device> - Force` and `<device> - Moment`.
+    force: str  # Beginning of the names of the force's columns [N]: `R_ground_force_v`.
+    point: str  # Beginning of the names of the columns of the point of application [m]: `R_ground_force_p`.
+    moment: str  # Beginning of the names of the columns of the moment about this point [N*m]: `R_ground_torque_`.
     corners: tuple[Corner, Corner, Corner, Corner]
     """Corners of the surface in the file's axes [m], in an export of Nexus [mm]."""
     moment_about: Corner | None = None
     """Point about which the file's moment is taken [mm]; without it the centre of the corners."""
-    sign: Literal[1, -1] = 1
-    """-1 if the file has the force on the plate instead of the force on the foot."""
+    sign: Literal[1, -1] = 1  # -1 if the file has the force on the plate instead of the force on the foot.
 
 
 class PlateUnits(Settings):
     """Units of the plates' channels where the file's ANALOG:UNITS are absent or wrong."""
 
-    force: ForceUnit
-    """Unit of the force channels."""
-    moment: MomentUnit
-    """Unit of the moment channels."""
-    length: LengthUnit | None = None
-    """Unit of the centre of pressure of a type 1 plate; null: the file's."""
+    force: ForceUnit  # Unit of the force channels.
+    moment: MomentUnit  # Unit of the moment channels.
+    length: LengthUnit | None = None  # Unit of the centre of pressure of a type 1 plate; null: the file's.
 
 
 class SharedAngle(Settings):
     """An angle that log and motion capture both recorded, which aligns their clocks where no sync edges do."""
 
-    column: str
-    """Column of the log with the angle. Its scale, sign and offset do not matter."""
-    markers: tuple[str, str, str]
-    """Three markers of motion capture. The angle is at the second marker."""
+    column: str  # Column of the log with the angle. Its scale, sign and offset do not matter.
+    markers: tuple[str, str, str]  # Three markers of motion capture. The angle is at the second marker.
 
 
 class ModelOutput(Conversion):
     """One component of a model output, such as a joint moment of Plug-in Gait, that is stored like a marker."""
 
-    label: str
-    """Label of the output in the file."""
-    component: Literal["x", "y", "z"]
-    """Component of the output."""
+    label: str  # Label of the output in the file.
+    component: Literal["x", "y", "z"]  # Component of the output.
     unit: Unit
     """Unit that the software computes in, which the file may misstate: moments of Plug-in Gait are always N*mm/kg."""
 
@@ -401,10 +371,8 @@ class SourceFile(Settings):
 class Source(SourceFile):
     """A source file of a log (the file of a recorder with a clock of its own) or of a motion-capture laboratory."""
 
-    format: str
-    """Format of the file."""
-    description: str = ""
-    """For readers; nothing is computed from it."""
+    format: str  # Format of the file.
+    description: str = ""  # For readers; nothing is computed from it.
     clock: Literal["master", "sync", "shared"] = "master"
     """How the log's clock is aligned to motion capture's.
 
@@ -412,10 +380,8 @@ class Source(SourceFile):
     the signal that motion capture's source file names under `shared`. `common` (OpenSim): its times are those of the
     capture in TRC, which was exported with it.
     """
-    channels: dict[str, Channel]
-    """The recorded channel of each canonical column."""
-    time: Time
-    """Where the time of a row or message comes from."""
+    channels: dict[str, Channel]  # The recorded channel of each canonical column.
+    time: Time  # Where the time of a row or message comes from.
     most_missing: SampleShare = 0.01
     """Largest share of a channel's numbers that may be NaN or missing, and of the rows that may be skipped. More where
     a channel has a lower rate than the rows."""
@@ -426,14 +392,11 @@ class Source(SourceFile):
     sheet replaces it."""
     delimiter: Literal["auto", ",", ";", "tab", "space", "|"] = "auto"
     """Sign between cells; `auto` takes the first of tab, `;`, `|` and `,` that all lines have."""
-    decimal: Literal[".", ","] = "."
-    """Decimal sign."""
-    comment: str = "#"
-    """Sign at the beginning of comment lines; empty if there are none."""
+    decimal: Literal[".", ","] = "."  # Decimal sign.
+    comment: str = "#"  # Sign at the beginning of comment lines; empty if there are none.
     header: Literal["row", "comment", "none"] = "row"
     """Place of the columns' names: the first row, the last comment line, or none."""
-    units_row: bool = False
-    """Whether a row of units follows the header."""
+    units_row: bool = False  # Whether a row of units follows the header.
     missing: tuple[str, ...] = ("", "nan", "NaN")
     """Cells that become NaN: what the logger writes where a reading failed."""
     extra_cells: Literal["refuse", "first", "last"] = "refuse"
@@ -450,12 +413,9 @@ class Source(SourceFile):
     """The markers to read: all (every labelled point except model outputs), none or a list of labels."""
     axes: Axes = ("x", "y", "z")
     """The file's axes that point forward, to the left and up: `[z, x, y]` or `[x, -z, y]` where y is up."""
-    shared: SharedAngle | None = None
-    """What aligns the clock of a log that says `clock: shared`."""
-    analogs: dict[str, Channel] = Field(default={})
-    """The recorded channel of each canonical column."""
-    outputs: dict[str, ModelOutput] = Field(default={})
-    """The model output of each canonical column."""
+    shared: SharedAngle | None = None  # What aligns the clock of a log that says `clock: shared`.
+    analogs: dict[str, Channel] = Field(default={})  # The recorded channel of each canonical column.
+    outputs: dict[str, ModelOutput] = Field(default={})  # The model output of each canonical column.
     counts: Literal["refuse", "header", "parameters"] = "refuse"
     """Which counts of points and analog channels hold where the file's header and its parameters contradict each other:
     header, parameters, or refuse."""
@@ -474,8 +434,7 @@ class Source(SourceFile):
 class Keys:
     """The keys that source files of one format have, besides `format` and `description`."""
 
-    source: str
-    """Its own keys: of `Source`."""
+    source: str  # Its own keys: of `Source`.
     channel: str = ""
     """Keys of an entry under `channels` or `analogs`, besides those of `Conversion`. The first names the channel."""
     time: str = ""

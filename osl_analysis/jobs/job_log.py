@@ -17,8 +17,7 @@ from pydantic import TypeAdapter
 from osl_analysis.files import atomic_path
 
 Outcome = Literal["done", "refused", "failed", "died", "skipped"]
-REQUEST = ("input", "output", "settings")
-"""The last entries of a log: the request."""
+REQUEST = ("input", "output", "settings")  # The last entries of a log: the request.
 
 
 @dataclass(frozen=True)
@@ -37,8 +36,7 @@ class JobLog:
     traceback: str = ""  # of an error of the program
 
 
-FROM_ENTRIES = TypeAdapter(JobLog)
-"""Builds a log from its entries, with the types of its fields."""
+FROM_ENTRIES = TypeAdapter(JobLog)  # Builds a log from its entries, with the types of its fields.
 
 
 def write_log(path: Path, ended: JobLog, request: Mapping[str, Any]) -> None:

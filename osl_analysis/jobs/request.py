@@ -19,8 +19,7 @@ from osl_analysis.judge.usable import Judge, exclusions
 
 PLACES = {"<package>": str(PACKAGE), "<shipped>": str(root())}
 """What stands in requests for folders of the program, so that results hold in another environment with the same."""
-TABLES = (".csv", ".zip")
-"""Suffixes of files that say by their column `data` what their data are."""
+TABLES = (".csv", ".zip")  # Suffixes of files that say by their column `data` what their data are.
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ from osl_analysis.jobs import server
 NO_JOBS = {"--lint", "--dag", "--rulegraph", "--filegraph", "--d3dag", "--summary", "--unlock", "--report", "--list"}
 NO_JOBS |= {"-n", "--dry-run", "--dryrun", "--touch", "--delete-all-output", "--archive", "--print-compilation"}
 """Options of Snakemake with which it runs no job."""
-STARTED = time.time()
-"""Start of this run [s]. Its report covers the logs that were written after this time."""
+STARTED = time.time()  # Start of this run [s]. Its report covers the logs that were written after this time.
 
 
 class JobError(OslAnalysisError):

@@ -130,8 +130,7 @@ class Evidence:
 class Rule(Settings):
     """The threshold of one check, and what happens to a trial beyond it."""
 
-    threshold: str
-    """Number and unit, as in `20 N`."""
+    threshold: str  # Number and unit, as in `20 N`.
     on_failure: Literal["flag", "exclude"]
     """`flag` says so in the table of quality; `exclude` keeps the trial out of every other table and figure, too."""
 

@@ -283,8 +283,7 @@ class NodeSettings(Settings):
     burst: WholeSamples = off("sample", 1.0)  # missing samples in a row; off: one
     lost_every: Annotated[RegularGaps, in_unit("sample"), AfterValidator(whole_number), AfterValidator(positive)] = (
         RegularGaps(enabled=False, size=100, unit="sample")
-    )
-    """Interval between regular gaps of `burst` missing samples, from the beginning of one to that of the next."""
+    )  # Interval between regular gaps of `burst` missing samples, from the beginning of one to that of the next.
     duplicated: ShareEffect = off("1")  # share of the samples that are written twice, with the same stamp
 
     @model_validator(mode="after")

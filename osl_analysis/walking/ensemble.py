@@ -39,9 +39,6 @@ from osl_analysis.walking.setup import DOWN, UP
 Predictors = tuple[str, ...]
 CANDIDATES: tuple[Predictors, ...] = ((), ("angle_slope",), ("angle", "torque"), BEHAVIOUR)
 """Sets of predictors among which cross-validation chooses; with none the prediction is the mean."""
-CROSSINGS_PER_PREDICTOR, CROSSINGS_BESIDE = 3, 4
-"""A set of q predictors needs 3 q + 4 unperturbed crossings: fewer leave the bootstrap's regressions undetermined."""
-SEED = 20  # Seed of the bootstrap: the same data give the same interval
 
 
 @dataclass(frozen=True)
@@ -162,7 +159,7 @@ class Ensemble:
         first order) resampled with replacement: the errors of mean gait and plate are common to all responses and do
         not show in the scatter between perturbations. With a `sign` the mean of that direction alone, from the same
         draws."""
-        random, signs = np.random.default_rng(SEED), self.signs
+        random, signs = np.random.default_rng(20), self.signs  # the same data give the same interval
         perturbed = np.empty((samples, len(signs)))
         for each in np.unique(signs)[::-1]:
             perturbed[:, signs == each] = resampling_weights(random, samples, int(np.sum(signs == each)))
@@ -243,7 +240,7 @@ def cross_validated(responses: Sequence[PerturbationResponse], impedance: Impeda
     curves = np.mean([gait_torque(r, impedance)[:, responses[0].window] for r in responses], axis=0)
     behaviour, missed = np.mean([r.behaviour for r in responses], axis=0), {}
     for predictors in CANDIDATES:
-        if len(curves) < CROSSINGS_PER_PREDICTOR * len(predictors) + CROSSINGS_BESIDE * bool(predictors):
+        if predictors and len(curves) < 3 * len(predictors) + 4:  # the bootstrap's regressions were undetermined
             continue
         some = behaviour[[BEHAVIOUR.index(name) for name in predictors]]
         columns = np.column_stack([np.ones(len(curves)), (some - some.mean(axis=1, keepdims=True)).T])

@@ -147,7 +147,6 @@ def side_of(static: str, cells: Cells, served: Mapping[str, Cells], otherwise: s
     return str(own or next(iter(sides), otherwise))
 
 
-NORMAL_MAD = 1.4826  # Standard deviation of a normal distribution divided by its median absolute deviation
 ANGLE_BEFORE, TORQUE_BEFORE = "angle before the onset", "torque before the onset"
 LOAD_BEFORE, LOAD_LATER, PRESSURE = "load before the onset", "load in single support", "pressure beside the ankle"
 """Names of the features that compare curves."""
@@ -196,7 +195,7 @@ class Compared:
     def feature(self, name: str, unit: str, values: Array, smallest_scatter: float) -> Feature:
         """Values (n,) as a feature."""
         median = self.medians(values)
-        scatter = NORMAL_MAD * float(np.median(np.abs(values - median)[self.sound]))
+        scatter = 1.4826 * float(np.median(np.abs(values - median)[self.sound]))
         return Feature(name, unit, values, median, max(scatter, smallest_scatter))
 
 
@@ -276,13 +275,6 @@ def pressure_left(crossing: Crossing) -> Array:
     return crossing.load.left
 
 
-CLEAR_GAP = 0.03
-"""Gap between onset phases [share of stance] that parts two timings. One timing with an SD of 0.02 has such a gap, with
-`FEWEST_BESIDE_GAP` crossings on either side, in about one campaign in a hundred."""
-FEWEST_BESIDE_GAP = 3  # Fewest crossings on either side of a gap that parts timings with the overall SD of one
-WIDEST_BIN = 2.0  # Widest part, in `timing_scatter`, of timings that spread without a gap
-
-
 @dataclass(frozen=True)
 class Membership:
     """Where a crossing belongs."""
@@ -332,7 +324,7 @@ def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
         bins = np.zeros(len(rows), dtype=np.intp)
         if wide(phases[rows], scatter):
             low, span = phases[rows].min(), np.ptp(phases[rows])
-            most = int(np.ceil(span / (WIDEST_BIN * scatter)))
+            most = int(np.ceil(span / (2 * scatter)))
             raw = np.minimum(((phases[rows] - low) / span * most).astype(int), most - 1)
             bins = np.unique(raw, return_inverse=True)[1]
         numbers[rows] = count + bins
@@ -341,11 +333,12 @@ def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
 
 
 def parted(phases: Array, order: NDArray[np.intp], scatter: float) -> list[NDArray[np.intp]]:
-    """The parts of phases (n,), by their indices in `order` (k,), between the largest gaps above `CLEAR_GAP`. If their
-    SD is that of one timing, a gap needs `FEWEST_BESIDE_GAP` phases on either side: one alone is no timing."""
-    least = 1 if wide(phases[order], scatter) else FEWEST_BESIDE_GAP
+    """The parts of phases (n,), by their indices in `order` (k,), between the largest gaps above 0.03 of stance. If
+    their SD is that of one timing, a gap needs three phases on either side: one timing with an SD of 0.02 has such a
+    gap in about one campaign in a hundred."""
+    least = 1 if wide(phases[order], scatter) else 3
     gaps = np.diff(phases[order])[least - 1 : max(len(order) - least, 0)]
-    if not len(gaps) or gaps.max() <= CLEAR_GAP:
+    if not len(gaps) or gaps.max() <= 0.03:
         return [order]
     cut = int(np.argmax(gaps)) + least
     return [part for half in (order[:cut], order[cut:]) for part in parted(phases, half, scatter)]
@@ -357,7 +350,6 @@ def wide(phases: Array, scatter: float) -> bool:
 
 
 USED, OUTLIER, REFUSED = "used", "outlier", "refused"  # Status of a crossing in `walking_crossings.csv`
-BRIDGED = 0.05  # Share of hidden frames from which they are named beside an outlier
 SEPARATOR = "; "  # Between the names of gaits in one cell; no name has a semicolon
 
 
@@ -383,7 +375,7 @@ def selection_rows(
             features = crossing_features(some, settings.timing, rule)
             reasons |= outlier_reasons(features, [c.name for c in some], rule.limit)
         for k, c in enumerate(some):
-            if c.name in reasons and c.bridged >= BRIDGED:
+            if c.name in reasons and c.bridged >= 0.05:
                 remedy = "fill the gaps in Nexus, or lower longest_gap_s"
                 reasons[c.name] += f" (markers were hidden for {c.bridged:.0%} of it: {remedy})"
             rows[c.name] = crossing_row(c, k, features, load_reason(c, settings) or reasons.get(c.name))

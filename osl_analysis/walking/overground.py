@@ -25,8 +25,6 @@ from osl_analysis.walking.settings import OvergroundAnalysis
 from osl_analysis.walking.setup import body_mass
 
 LETTERS_OF_SIDES: dict[Side, str] = {"left": "L", "right": "R"}
-SHORTEST_STANCE_S = 0.3
-ON_PLATE = 0.5  # A stance belongs to the foot whose ankle is over the plate in more than this part of its frames
 
 
 @dataclass(frozen=True)
@@ -88,9 +86,9 @@ def compare_moments(trial: Trial, body_mass: float, load: float) -> list[MomentC
     """Every stance of the trial in which exactly one foot is over a plate, in order of side and plate, in N*m/kg.
     Frames count while the plate carries more than `load` [N]."""
     plates = [int(plate["plate"]) for plate in trial.provenance.get("plates", [])]
-    sides = [side for side in LETTERS_OF_SIDES if reference_column(side) in trial.samples.columns]
+    sides = [side for side in LETTERS_OF_SIDES if f"reference_ankle_moment_{side}" in trial.samples.columns]
     if not sides or not plates:
-        absent = f"column '{reference_column('left')}'" if not sides else "force plate"
+        absent = "force plate" if sides else "column 'reference_ankle_moment_left'"
         raise InputError(
             f"trial {trial.name}: no {absent}; map the laboratory's moment and the plates in the source file"
         )
@@ -117,11 +115,6 @@ def check_no_downward_force(trial: Trial, largest_zero: float) -> None:
             )
 
 
-def reference_column(side: Side) -> str:
-    """Column of the laboratory's own ankle moment."""
-    return f"reference_ankle_moment_{side}"
-
-
 def stances_on_plate(trial: Trial, side: Side, plate: int, body_mass: float, load: float) -> Iterator[MomentComparison]:
     """The stances of one foot on one plate."""
     time, points = marker_tracks(trial, [f"{LETTERS_OF_SIDES[side]}TIO", f"{LETTERS_OF_SIDES[side]}TIL"])
@@ -130,13 +123,13 @@ def stances_on_plate(trial: Trial, side: Side, plate: int, body_mass: float, loa
     corners = recorded_corners(trial, plate)
     unit = axis / np.linalg.norm(axis, axis=1, keepdims=True)
     moment = ankle_torque(wrench, corners.mean(axis=0), ankle, unit) / body_mass
-    reference = trial.sampled(reference_column(side))[reference_column(side)].to_numpy()
+    reference = trial.arrays(f"reference_ankle_moment_{side}")[1]
     known = np.isfinite(moment) & np.isfinite(reference) & (wrench[:, 2] > load)
     over = over_plate(ankle, corners)
-    for stance in find_stances(time, wrench[:, 2], load, load, SHORTEST_STANCE_S):
+    for stance in find_stances(time, wrench[:, 2], load, load, 0.3):
         inside = (time > stance.heel_strike) & (time < stance.toe_off)
         rows = known & inside
-        if over[inside].mean() > ON_PLATE and rows.sum() > 2:
+        if over[inside].mean() > 0.5 and rows.sum() > 2:
             yield MomentComparison(side, plate, stance, time[rows], moment[rows], reference[rows])
 
 

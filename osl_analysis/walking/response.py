@@ -20,7 +20,6 @@ BEHAVIOUR = ("angle", "torque", "angle_slope", "torque_slope")
 """What a crossing does before the onset, up to where the filter spreads the response: mean and slope of its curves."""
 FROM_GAIT, FROM_GAIT_AND_PLATE = "unperturbed crossings", "unperturbed crossings + plate trials"
 """Sources of the interval of a single perturbation. With a single plate trial the plate's part is unknown."""
-LARGEST_LAG_S, LAG_STEP_S = 0.01, 0.001  # Largest lag and step [s] of the search, within the margin of 8 frames
 
 
 @dataclass(frozen=True)
@@ -172,7 +171,8 @@ def response_lag(response: PerturbationResponse) -> tuple[float, float] | None:
     is not of second order shifts it too: compare sessions with it, and do not correct the torque."""
     motion, stamps = response.fitted_motion, response.time[response.window]
     later = make_interp_spline(response.time, response.torque, k=5)
-    lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + LAG_STEP_S / 2, LAG_STEP_S)
+    step = 0.001  # [s]
+    lags = np.arange(-0.01, 0.01 + step / 2, step)  # within the margin of 8 frames
     misfit = np.empty(len(lags))
     try:
         for i, lag in enumerate(lags):
@@ -184,8 +184,8 @@ def response_lag(response: PerturbationResponse) -> tuple[float, float] | None:
     if best in (0, len(lags) - 1):
         return None
     before, least, after = misfit[best - 1 : best + 2]
-    curvature = (before - 2 * least + after) / LAG_STEP_S**2
-    lag = float(lags[best] + 0.5 * LAG_STEP_S * (before - after) / (before - 2 * least + after))
+    curvature = (before - 2 * least + after) / step**2
+    lag = float(lags[best] + 0.5 * step * (before - after) / (before - 2 * least + after))
     fit = fit_without_offset(motion, np.asarray(later(stamps + lag))).fit
     freedom = max(fit.samples / fit.correlation_samples - 4, 1.0)
     return lag, float(np.sqrt(2 * least / freedom / curvature))

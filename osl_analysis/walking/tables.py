@@ -133,7 +133,6 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
         "bridged": crossing.bridged,
         **estimates_row(fit, "K", "B", "I"),
         **covariance_row(fit, "K", "B", "I"),
-        **offset_comparison(response.fitted_motion, response.fitted_torque, fit["K"]),
         **single_facts(response, impedance),
         **lag_damping_row(lag, lag_se, fit["K"]),
         "lag_out_of_reach": float(delay is None),
@@ -141,26 +140,21 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
     }
 
 
-SMALL_RESIDUAL = 0.03  # share of the torque's RMS below which a residual does not count
-SMALL_OFFSET = 0.15  # relative change of K by an offset below which the offset does not count
-SMALL_DIFFERENCE = 0.03  # share of the mean stiffness by which single ones may differ
-ROUNDING_SHARE = 1e-9  # width of an interval, as a share of the estimate, from which on it is more than rounding
-CERTAIN_T = 3.0  # value of t from which a change of stance is certain
 Facts = dict[str, float | None]
 
 
 def single_facts(response: PerturbationResponse, impedance: ImpedanceFit) -> Facts:
-    """Columns of `walking.csv`: residual and offset of one fit over those that ordinary gait causes, change of stance.
+    """Columns of `walking.csv`: residual and offset of one fit, over those that ordinary gait causes, change of stance.
     Null where the residual is a small share of the torque, the offset hardly changes K, or no stance is expected."""
     motion, torque = response.fitted_motion, response.fitted_torque
     left = gait_torque(response, impedance)[:, response.window]
-    compared = offset_comparison(motion, torque, impedance.K)
+    free = offset_comparison(motion, torque, impedance.K)
     columns = np.column_stack([motion.theta, motion.omega, motion.alpha, np.ones_like(motion.theta)])
     scatter = float(np.std(np.linalg.lstsq(columns, left.T, rcond=None)[0][-1], ddof=1))
-    counts = abs(compared["offset_share"] or 0.0) > SMALL_OFFSET and scatter > 0
-    return {
+    counts = abs(free["offset_share"] or 0.0) > 0.15 and scatter > 0  # by less an offset hardly changes K
+    return free | {
         "residual_over_gait": residual_over_gait(motion, torque, left),
-        "offset_over_gait": abs(compared["offset"] or 0.0) / scatter if counts else None,
+        "offset_over_gait": abs(free["offset"] or 0.0) / scatter if counts else None,
         "stance_change": response.stance_change if np.isfinite(response.stance_change) else None,
     }
 
@@ -198,7 +192,7 @@ def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | No
     below 3 % of the torque, or gait leaves none."""
     columns = np.column_stack([motion.theta, motion.omega, motion.alpha])
     own, gait = (rms(y - (columns @ np.linalg.lstsq(columns, y.T, rcond=None)[0]).T) for y in (torque[None], left))
-    return own / gait if own > SMALL_RESIDUAL * rms(torque) and gait > 0 else None
+    return own / gait if own > 0.03 * rms(torque) and gait > 0 else None
 
 
 def estimator_difference(
@@ -213,7 +207,7 @@ def estimator_difference(
     for name, (low, high) in intervals.items():
         mean = over_repeats([getattr(fit, name) for fit in singles], headline.common.get(name, ()), signs)
         width = high - low + mean.high - mean.low
-        if width > ROUNDING_SHARE * abs(values[name]):
+        if width > 1e-9 * abs(values[name]):
             distances.append(2 * abs(values[name] - mean.mean) / width)
     return max(distances, default=0.0)
 
@@ -222,7 +216,7 @@ def heterogeneity(singles: Sequence[ImpedanceFit]) -> float | None:
     """Scatter of single stiffnesses over that of their standard errors, at least 3 % of the mean each: Cochran's Q over
     its degrees of freedom. None of fewer than two stiffnesses, or where all are 0."""
     K, se = np.array([fit.K for fit in singles]), np.array([fit.fit.se("K") for fit in singles])
-    variance = se**2 + (SMALL_DIFFERENCE * K.mean()) ** 2
+    variance = se**2 + (0.03 * K.mean()) ** 2
     if len(K) < 2 or not np.isfinite(se).all() or not (variance > 0).all():
         return None
     weight = 1 / variance
@@ -238,7 +232,7 @@ def stance_facts(responses: Sequence[PerturbationResponse]) -> Facts:
     if len(changes) < 2:
         return {"stance_change": None, "uncorrected_stance_change": None}
     left = float(errors.mean())
-    certain = abs(left) > CERTAIN_T * float(errors.std(ddof=1)) / np.sqrt(len(errors))
+    certain = abs(left) > 3 * float(errors.std(ddof=1)) / np.sqrt(len(errors))
     return {"stance_change": float(changes.mean()), "uncorrected_stance_change": left if certain else None}
 
 

@@ -14,7 +14,7 @@ from osl_analysis.commands import study, trials
 from osl_analysis.commands.walking import read_json
 from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import temporary_path
-from osl_analysis.jobs.job import died, perform, reason_and_remedy
+from osl_analysis.jobs.job import died, perform, reason_and_remedy, refusal
 from osl_analysis.jobs.job_log import JobLog, read_log, read_logs, run_report, write_log
 from osl_analysis.jobs.refusal import Refusal, is_refused, read_refusals, refusal_report, refusals_in, write_refusals
 from osl_analysis.jobs.request import Job, write_request
@@ -220,6 +220,18 @@ def test_a_remedy_says_what_to_do_and_nothing_of_the_reason_is_lost(message: str
     reason, said = reason_and_remedy(message)
     assert said == remedy
     assert message == "; ".join(filter(None, [reason, remedy]))
+
+
+def test_what_to_do_is_told_by_the_outcome_where_the_message_does_not():
+    def told(outcome, trial="a.parquet", traceback=""):
+        asked = Job("m.f", {"input": {"trial": trial}, "settings": {}, "output": {}}, (), ["x.csv"])
+        return refusal(asked, JobLog("m.f", outcome, error="no sense", traceback=traceback)).remedy
+
+    assert told("refused").startswith("correct or replace the file")
+    assert told("refused", trial="").startswith("correct or exclude the trials behind it")
+    assert told("failed").startswith("make the file or its folder accessible")
+    assert told("failed", traceback="T").startswith("a fault of this program: report it with the traceback in job.log")
+    assert told("died").startswith("run again")
 
 
 def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_path: Path) -> None:

@@ -435,6 +435,14 @@ def test_one_perturbation_has_no_summary(ideal: Session, tmp_path: Path) -> None
     assert not (tmp_path / "summary.csv").exists()
 
 
+def test_a_crossing_reads_back_as_it_was_written(ideal: Session, tmp_path: Path) -> None:
+    crossing = replace(read_crossing(ideal.crossing(ideal.perturbed[0])), body_mass=71.5)
+    write_crossing(crossing, tmp_path / "c.parquet")
+    again = read_crossing(tmp_path / "c.parquet")
+    for name in ("name", "stance", "onset", "bridged", "quality", "turn", "body_mass"):
+        assert getattr(again, name) == getattr(crossing, name)
+
+
 def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Session, tmp_path: Path) -> None:
     broken, perturbed = tmp_path / "plate.json", ideal.crossing(ideal.perturbed[0])
     with pytest.raises(InputError, match=r"plate\.json: no such file; run the step 'identify-plate'"):

@@ -206,8 +206,7 @@ def told_lag(
     base = with_columns(model, effects)
     fixed = {} if known is None else {known: 1.0}
     near = near_lag(s, base, fixed, 0.0, label, keep)
-    joint = {} if known else model  # beside a known column the model is what that lacks, of either sign
-    if not near.certain("lag_s", FALSE_ALARM) and possible_joint(near, joint):
+    if not near.certain("lag_s", FALSE_ALARM) and possible_joint(near, model):
         return near, s
     tried = []
     for lag, one in minima(left_over_lags(s, base, fixed, label, keep)):
@@ -223,7 +222,7 @@ def told_lag(
     least = tried[0][0]
     more = float(chdtri(1, FALSE_ALARM)) * least.left / least.samples * s.independent
     equal = (both for both in tried if both[0].left < least.left + more)
-    return next((both for both in equal if possible_joint(both[0], joint)), tried[0])
+    return next((both for both in equal if possible_joint(both[0], model)), tried[0])
 
 
 def possible_joint(fit: GroupFit, model: Model) -> bool:

@@ -98,10 +98,9 @@ def left_jacobian(turn: Array) -> Array:
 
 def noise_gain(low_pass: LowPass, rate: float, derivative: int = 0) -> float:
     """Variance of the `derivative`-th derivative [1/s^derivative, squared] of white unit noise through a low-pass. The
-    integral over frequency of (2 pi f)^(2 derivative) |H|^2, with H = 1/(1 + (f/f_c)^(2 m)) for both runs."""
+    integral over frequency of (2 pi f)^(2 derivative) |H|^2, with H the gain of both runs."""
     f = np.linspace(0.0, rate / 2, 2001)
-    power = (2 * np.pi * f) ** (2 * derivative) / (1 + (f / low_pass.cutoff_hz) ** (2 * low_pass.order)) ** 2
-    return float(np.trapezoid(power, f) * 2 / rate)
+    return float(np.trapezoid((2 * np.pi * f) ** (2 * derivative) * low_pass.gain(f) ** 2, f) * 2 / rate)
 
 
 def gated_noise(weights: Array, rate: float, low_pass: LowPass, further: LowPass) -> float:
@@ -110,7 +109,7 @@ def gated_noise(weights: Array, rate: float, low_pass: LowPass, further: LowPass
     (1 at lag 0), q of the further filter's response and A of the weights."""
     n = 2 * len(weights)
     f = np.fft.rfftfreq(n, 1 / rate)
-    passed = [1 / (1 + (f / one.cutoff_hz) ** (2 * one.order)) ** 2 for one in (low_pass, further)]
+    passed = [one.gain(f) ** 2 for one in (low_pass, further)]
     acceleration = np.fft.irfft(passed[0] * f**4, n)
     lags = np.fft.irfft(np.abs(np.fft.rfft(weights, n)) ** 2, n)
     return float(np.sum(lags * acceleration / acceleration[0] * np.fft.irfft(passed[1], n)))

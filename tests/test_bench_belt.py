@@ -42,6 +42,8 @@ def test_belt_refuses_a_joint_that_hardly_moved_and_a_record_that_ends_loaded():
         fitted(theta_s / 100, torque)
     with pytest.raises(InputError, match="ends while the belt is still loaded"):
         fitted(theta_s[:2000], torque[:2000])
+    with pytest.raises(InputError, match="no row while unloading is free of gaps"):
+        belt_record(theta_s, torque, unusable=range(1690, 3400))
 
 
 def test_belt_refuses_a_motion_that_goes_there_and_back_more_than_once():

@@ -42,7 +42,7 @@ from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.signals import Motion, differentiate, filtered_motion, runs
 from osl_analysis.stats.fit_row import Row, covariance_row, estimates_row
 from osl_analysis.timebase.device_clock import drift_row
-from osl_analysis.timebase.grid import UniformSignals, uniform_signals
+from osl_analysis.timebase.grid import BRIDGE_MORE, UniformSignals, uniform_signals
 from osl_analysis.trial import Array, Trial
 
 BELT: Model = {"K_s": "theta", "offset": "one"}
@@ -90,8 +90,8 @@ class BeltTrial:
 def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnalysis) -> BeltTrial:
     """Filter and fit one canonical trial. Without parameters (None) the ratio n_T is not known: the shaft must rest.
 
-    Raises InputError: as `fit_branches`, the belt is stiffer than the bench, or a signal is missing or irregular; the
-    message names the trial.
+    Raises InputError, IdentifiabilityError: as `branches_of` and `fit_groups`, the belt is stiffer than the bench, or a
+    signal is missing or irregular; the message names the trial.
     """
     signals = uniform_signals(trial, ("theta", "theta_m", "torque"), settings.gap_limits)
     other, bench = signals.other(), settings.bench_stiffness
@@ -102,8 +102,8 @@ def belt_trial(trial: Trial, p: DrivetrainParameters | None, settings: BeltAnaly
         if other is None:
             return belt
         return replace(belt, loading=replace(belt.loading, others=belt_of(other, p, settings).loading.fits))
-    except InputError as error:
-        raise InputError(f"trial {trial.name}: {error}") from error
+    except (InputError, IdentifiabilityError) as error:
+        raise type(error)(f"trial {trial.name}: {error}") from error
 
 
 def belt_of(
@@ -154,12 +154,17 @@ def fit_branches(record: Record, drift: float = 0.0) -> BeltTrial:
 
 
 def branches_of(theta_s: Array, rate_hz: float, usable: NDArray[np.bool_], cutoff_hz: float) -> Groups:
-    """Stretches of loading and unloading of a deflection theta_s (n,) [rad] in usable rows."""
+    """Stretches of loading and unloading of a deflection theta_s (n,) [rad] in usable rows.
+
+    Raises InputError: as `loaded_rows`, or a branch has no usable row.
+    """
     onset, peak, release = loaded_rows(theta_s - theta_s[0])
     found = []
     for label, rows in (("loading", slice(onset, peak + 1)), ("unloading", slice(peak, release))):
         inside = np.zeros(len(theta_s), dtype=np.bool_)
         inside[rows] = usable[rows]
+        if not inside.any():
+            raise InputError(f"no row while {label} is free of gaps that are too long to be bridged; {BRIDGE_MORE}")
         seconds = max((rows.stop - rows.start) / rate_hz / BRANCH_STRETCHES, 0.5 / cutoff_hz)
         found.append(stretches_of(runs(inside), rate_hz, seconds, label))
     return joined_groups(found)
@@ -337,8 +342,7 @@ EDGE_PERIODS = 3
 def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
     """Filter and fit one canonical trial. Its motion is theta_m, or omega_m of a bench that logs no angle.
 
-    Raises InputError, IdentifiabilityError: as `fit_actuator_signals`, or a signal is missing; the message names the
-    trial.
+    Raises InputError, IdentifiabilityError: as `actuator_alone`, or a signal is missing; the message names the trial.
     """
     motion = next((name for name in ("theta_m", "omega_m") if name in trial.samples.columns), "theta_m")
     uniform = uniform_signals(trial, (motion, "current", "torque_m"), settings.gap_limits)

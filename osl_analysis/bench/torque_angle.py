@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from osl_analysis.bench.analysis import Series, check_stiffer, timebase_table
 from osl_analysis.bench.record import joint_angle
@@ -253,21 +254,14 @@ def branch_curve(
     points = np.array([[local_parabola(theta[r], torque[r], a, window, independent) for a in at] for r in branches])
     torques, slopes = points[..., 0], points[..., 1]
     if len(branches) > 1:
-        halves = [np.array([half_width(values) for values in signal.T]) for signal in (torques, slopes)]
+        student = float(stdtrit(len(branches) - 1, 0.975)) / np.sqrt(len(branches))
+        halves = [student * np.std(signal, axis=0, ddof=1) for signal in (torques, slopes)]
         return Curve(torques.mean(axis=0), slopes.mean(axis=0), halves[0], halves[1], torques)
     seen = points[0][np.isfinite(points[0, :, 4])]
     density, freedom = np.median(seen[:, 4:], axis=0) if len(seen) else (np.nan, np.nan)
     noise = density / (1 - 2 / (9 * freedom)) ** 3
     half = 1.96 * np.sqrt(noise * points[0, :, 2:4])
     return Curve(torques[0], slopes[0], half[:, 0], half[:, 1], torques)
-
-
-def half_width(values: Array) -> float:
-    """Half-width of the 95 % interval of the mean of values (cycles,); NaN where one is."""
-    if np.isnan(values).any():
-        return np.nan
-    repeats = over_repeats(values)
-    return repeats.high - repeats.mean
 
 
 def straight_line(theta: Array, torque: Array, pieces: Sequence[slice]) -> float:

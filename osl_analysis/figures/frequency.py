@@ -48,14 +48,10 @@ OBSERVED, DESIRED, LINEAR_MODEL = "observed", "desired", "linear model"  # kinds
 
 
 def fig7_points(response: pl.DataFrame, curves: pl.DataFrame) -> pl.DataFrame:
-    """Observed points of one desired impedance with 95 % intervals and the range over amplitudes, then the curves.
-
-    `response` has the columns `FIG7_NEEDS` and, where the campaign has them, `joint`, `side` and `look`; `curves`
-    has `CURVE_TYPES`: the desired response and, where there is a prediction, that of the linear model of a controller.
-    Magnitudes in rad/(N*m), phases in degrees.
-
-    Raises InputError: the responses are of several desired impedances, K_d [N*m/rad] and B_d [N*m*s/rad].
-    """
+    """Observed points of one desired impedance with 95 % intervals and the range over amplitudes, then the curves, with
+    `CURVE_TYPES`: the desired response and, where there is a prediction, that of a controller's linear model.
+    Magnitudes in rad/(N*m), phases in degrees. Raises InputError: the responses are of several desired impedances, K_d
+    [N*m/rad] and B_d [N*m*s/rad]."""
     impedances = response.select("K_d", "B_d").n_unique()
     if impedances > 1:
         raise InputError(
@@ -120,11 +116,8 @@ def fig7_caption(table: pl.DataFrame) -> str:
 @style.paper_style()
 def draw_fig7(table: pl.DataFrame) -> Figure:
     """(a) magnitude, (b) phase over the logarithm of frequency: markers observed, black line desired, broken lines
-    predicted, each controller's with a line style of its own.
-
-    A marker is the mean over amplitudes. A thin bar is their range, a thick bar the 95 % interval of noise. The phasor
-    of at least one amplitude is doubtful where the marker is open. Several joints or sides stand side by side.
-    """
+    predicted. A marker is the mean over amplitudes, open where the phasor of one at least is doubtful. A thin bar is
+    their range, a thick bar the 95 % interval of noise. Several joints or sides stand side by side."""
     parts, looks = placed_rows(table), looks_in(table.filter(pl.col("curve") != DESIRED))
     names = [name for name, _ in parts]
     width = style.SINGLE_COLUMN if len(parts) == 1 else style.DOUBLE_COLUMN

@@ -123,12 +123,10 @@ def fig5_points(impedance: pl.DataFrame) -> pl.DataFrame:
 
 @style.paper_style()
 def draw_fig5(table: pl.DataFrame) -> Figure:
-    """(a) stiffness, (b) damping: a marker per trial's fit to all amplitudes, a black line at the desired value.
-
-    Each desired impedance has a place of its own on the axis, which is no scale, the same in both panels; its trials
-    stand side by side there, open where doubtful. Thin bars: range of the fits to single amplitudes; thick bars: 95 %
-    interval; a dash of the same colour: linear theory. Every joint and side has two panels.
-    """
+    """(a) stiffness, (b) damping: a marker per trial's fit to all amplitudes, a black line at the desired value. Each
+    desired impedance has a place of its own on the axis, which is no scale; its trials stand side by side there, open
+    where doubtful. Thin bars: range of the fits to single amplitudes; thick bars: 95 % interval; a dash of the same
+    colour: linear theory."""
     parts, looks = placed_rows(table), looks_in(table)
     names = [name for name, _ in parts for _ in range(2)]
     figure, axes = style.panels(style.DOUBLE_COLUMN, 0.5 + 3.2 * len(parts), rows=2 * len(parts), names=names)
@@ -306,14 +304,9 @@ def axis_limits(vaf: Array) -> tuple[float, float]:
 
 
 def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
-    """One row per trial and amplitude, with its place `x` in the swarm, 0 to 1 across the panel.
-
-    A trial that no stepped sine moved has no amplitudes, and one row. Each controller of each joint and side has a
-    swarm. `x_centre` is its middle, `median_VAF` [percent] its median. Fits without a VAF (a constant torque) have no
-    row.
-
-    Raises InputError: no fit of a single amplitude has a VAF.
-    """
+    """One row per trial and amplitude, with its place `x` in the swarm of its controller, joint and side, 0 to 1 across
+    the panel. A trial that no stepped sine moved has one row, a fit without a VAF (a constant torque) none. Raises
+    InputError: no fit of a single amplitude has a VAF."""
     single = impedance.filter(
         (pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)) & pl.col("VAF").is_finite()
     )

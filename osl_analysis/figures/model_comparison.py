@@ -66,10 +66,8 @@ def drawn_experiments(table: pl.DataFrame) -> list[str]:
 @style.paper_style()
 def draw_models(table: pl.DataFrame) -> Figure:
     """A panel per experiment with three models or more, the draft's model on the left: each line is a trial, each bar
-    the geometric mean. Joints and sides stand side by side, each with a marker and a mean of its own.
-
-    The axes are logarithmic in the share of the variance of held-out torque that a model does not account for.
-    """
+    the geometric mean, over the logarithm of the share of the variance of held-out torque that a model does not account
+    for."""
     several = len(table.select(JOINT_SIDE).unique()) > 1
     present = drawn_experiments(table)
     shares = [len(RIVALS[experiment][1]) for experiment in present]

@@ -188,10 +188,8 @@ def said_of_missing(trials: Sequence[str]) -> str:
 
 @paper_style()
 def write_footer(figure: Figure, text: str) -> Bbox:
-    """A small line below a drawn figure; the part of the plane [in] to be saved, which is as much taller.
-
-    The figure itself keeps its size and its layout: the line stands below its lower edge.
-    """
+    """A small line below a drawn figure; the part of the plane [in] to be saved, which is as much taller. The figure
+    itself keeps its size and its layout: the line stands below its lower edge."""
     (width, height), size, line, edge = figure.get_size_inches(), 5.5, 0.1, 0.02  # [in]; size of the letters [pt]
     lines = textwrap.wrap(text, int(width * 28))  # letters per inch
     look: dict[str, Any] = {"fontsize": size, "color": GREY, "ha": "center", "va": "top", "linespacing": 1.1}

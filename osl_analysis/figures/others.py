@@ -19,11 +19,8 @@ NO_GAINS = "There are no gains, because the configuration names no parameter fil
 
 
 def fig8_points(gains: pl.DataFrame, stance_share: float = 0.62) -> pl.DataFrame:
-    """Desired impedance, and gains times the square of the belt's ratio, over `phase` of the gait cycle in stance.
-
-    Stance is the first `stance_share` of the cycle, 0.62 where it is not stated. In swing the walking controller
-    renders no impedance (Section IV): what the trajectory's file has there is not shown.
-    """
+    """Desired impedance, and gains times the square of the belt's ratio, over `phase` of the gait cycle in stance, its
+    first `stance_share`. In swing the walking controller renders no impedance (Section IV)."""
     return gains.select(FIG8_COLUMNS).filter(pl.col("phase") <= stance_share + 1e-9)
 
 

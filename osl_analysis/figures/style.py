@@ -122,11 +122,9 @@ def panels(
     shares: Sequence[float] | None = None,
     names: Sequence[str] = (),
 ) -> tuple[Figure, list[Axes]]:
-    """A figure of the given size [in] and its panels, row by row, lettered (a), (b) ... if there are several.
-
-    `shares` are the relative widths of the columns; the panels of a row then share their vertical axis. `names` stand
-    behind the letters; panels with names of their own share no axis.
-    """
+    """A figure of the given size [in] and its panels, row by row, lettered (a), (b) ... if there are several. `shares`
+    are the relative widths of the columns; the panels of a row then share their vertical axis. `names` stand behind the
+    letters; panels with names of their own share no axis."""
     figure = Figure(figsize=(width, height), layout="constrained")
     share = rows > 1 and not names
     grid = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=bool(shares), width_ratios=shares)
@@ -272,11 +270,9 @@ def label_phase_axis(ax: Axes) -> None:
 
 
 def moved_apart(places: Sequence[float], gap: float, limits: tuple[float, float] = (-np.inf, np.inf)) -> Array:
-    """The places (n,), moved as little as possible (least squares) so that none is closer than `gap` to another.
-
-    Their order stays: it is a monotone regression of `place - rank * gap`, by pooling neighbours that violate it. They
-    lie within the limits if there is room for them.
-    """
+    """The places (n,), moved as little as possible (least squares) so that none is closer than `gap` to another. Their
+    order stays: it is a monotone regression of `place - rank * gap`, by pooling neighbours that violate it. They lie
+    within the limits if there is room for them."""
     values = np.asarray(places, dtype=float)
     order = np.argsort(values, kind="stable")
     pools: list[tuple[float, int]] = []
@@ -295,10 +291,8 @@ def moved_apart(places: Sequence[float], gap: float, limits: tuple[float, float]
 def name_ends(
     ax: Axes, ends: Sequence[tuple[float, float]], names: Sequence[str], colours: Sequence[str]
 ) -> list[Text]:
-    """Names (n,) beside the right edge of a panel, each with a hair line to the end (x, y) of its curve.
-
-    Names that would overlap are moved apart. The limits of the panel are kept.
-    """
+    """Names (n,) beside the right edge of a panel, each with a hair line to the end (x, y) of its curve. Names that
+    would overlap are moved apart. The limits of the panel are kept."""
     figure = ax.figure.figure
     figure.draw_without_rendering()
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
@@ -316,10 +310,8 @@ def name_ends(
 
 def swarm_positions(values: Array, width: float) -> Array:
     """Sideways offsets (n,) at which points of diameter `width` at heights `values` (n,) do not overlap; in one unit.
-
     From the lowest value up, each point takes the free place that is nearest to the middle. Of two equally near places
-    it takes the right and the left one in turn.
-    """
+    it takes the right and the left one in turn."""
     offsets = np.zeros(len(values))
     order = np.argsort(values, kind="stable")
     for rank, point in enumerate(order):

@@ -50,14 +50,9 @@ def fig9_points(
     walking_summary: pl.DataFrame, walking: pl.DataFrame, over_stance: pl.DataFrame, commanded_K: float | None = None
 ) -> pl.DataFrame:
     """For each group and each of K, B and I a row with mean and SD over the perturbations and the ensemble's estimate
-    with its 95 % interval, then a row per perturbation with its `estimate`.
-
-    `over_stance` is `impedance_over_stance.csv`. What is commanded comes from the sheet, from `commanded_K` [N*m/rad]
-    for K in a campaign of one group, or from the trajectory at the phase that the fit reads. A group without a result
-    has only its perturbations.
-
-    Raises InputError: a quantity of a group is not in the summary, or nothing has a result.
-    """
+    with its 95 % interval, then a row per perturbation with its `estimate`. What is commanded comes from the sheet,
+    from `commanded_K` [N*m/rad] for K in a campaign of one group, or from the trajectory at the phase that the fit
+    reads (`over_stance`). Raises InputError: a quantity of a group is not in the summary, or nothing has a result."""
     summary = walking_summary.select(SUMMARY_NEEDED).filter(pl.col("mean").is_not_null())
     fits = walking.select(FIT_COLUMNS).drop_nulls("group").filter(pl.all_horizontal(pl.col(ESTIMATES).is_finite()))
     rows = {(r["group"], r["estimator"], r["quantity"]): r for r in summary.iter_rows(named=True)}
@@ -98,11 +93,8 @@ def drawn_group(rows: dict[tuple[str, str, str], dict[str, Any]], group: str, qu
 @style.paper_style()
 def draw_fig9(table: pl.DataFrame) -> Figure:
     """(a) K, (b) B, (c) I: a point per perturbation, open where its fit is doubtful, beside them their mean with one SD
-    on either side and the fit to the mean response with its 95 % interval, commanded values dashed.
-
-    Several groups stand side by side, in panels one above the other, with the number of perturbations in brackets. No
-    axis begins at zero for its own sake.
-    """
+    on either side and the fit to the mean response with its 95 % interval, commanded values dashed. Several groups
+    stand side by side, in panels one above the other, with the number of perturbations in brackets."""
     groups = table["group"].unique(maintain_order=True).to_list()
     single = len(groups) == 1
     if single:
@@ -361,8 +353,7 @@ def over_stance_caption(table: pl.DataFrame) -> str:
 @style.paper_style()
 def draw_over_stance(table: pl.DataFrame) -> Figure:
     """(a) K, (b) B, (c) I: the fit of each group at the phase that it reads, its fitted window as a horizontal bar, its
-    95 % interval as a vertical one. The commanded impedance is dashed, and a short line at each group.
-    """
+    95 % interval as a vertical one. The commanded impedance is dashed, and a short line at each group."""
     figure, axes = style.panels(style.DOUBLE_COLUMN, 2.6, columns=3)
     names = [name for name in table["series"].unique(maintain_order=True) if name != COMMANDED_SERIES]
     for ax, quantity in zip(axes, ESTIMATES, strict=True):

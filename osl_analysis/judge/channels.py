@@ -79,12 +79,10 @@ def check_ranges(trial: Trial) -> None:
 
 
 def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int:
-    """Longest run [samples] of a channel at an end of its range, stated or seen; 0 for a command, which has levels.
-
-    A channel with noise is at an end where it repeats its lowest or highest value. An angle also rests at an extreme:
-    it is clipped only where `torque` goes on to change meanwhile. This holds for an angle that a bench drives; a motor
-    behind a belt may stand by its own friction while the torque changes.
-    """
+    """Longest run [samples] of a channel at an end of its range, stated or seen; 0 for a command, which has levels. A
+    channel with noise is at an end where it repeats its lowest or highest value. An angle also rests at an extreme: it
+    is clipped only where `torque` goes on to change meanwhile. This holds for an angle that a bench drives; a motor
+    behind a belt may stand by its own friction while the torque changes."""
     if column not in trial.columns:
         return 0
     time, values = sampled(trial, column)
@@ -170,8 +168,7 @@ def noisy_channels(trial: Trial, raw: Iterable[str]) -> dict[str, tuple[Array, A
 
 def measure_saturation(examined: Examined) -> CheckResult:
     """Longest run [samples] of a channel at the lowest or highest value of its sensor, stated or seen; of a plate, of
-    its raw channels.
-    """
+    its raw channels."""
     trial, raw = examined.trial, raw_channels(examined.trial)
     driven = examined.experiment.motion  # what nobody drives may stand by friction
     names = [*noisy_channels(trial, raw), *(c for c in trial.samples.columns if c == driven or stated_range(trial, c))]
@@ -180,12 +177,10 @@ def measure_saturation(examined: Examined) -> CheckResult:
 
 
 def measure_stuck(examined: Examined) -> CheckResult:
-    """Longest time [s] that a noisy channel repeats one value, or that an angle stands while it should change.
-
-    A load cell whose steps are larger than its noise repeats a value while the joint rests, and Nexus writes 0 without
-    load. The angle should follow its command, or else the torque, averaged: while the joint rests, the noise of a
-    small torque is a part of its range. It may rest in static and plate trials.
-    """
+    """Longest time [s] that a noisy channel repeats one value, or that an angle stands while it should change. A load
+    cell whose steps are larger than its noise repeats a value while the joint rests, and Nexus writes 0 without load.
+    The angle should follow its command, or else the torque, averaged: while the joint rests, the noise of a small
+    torque is a part of its range. It may rest in static and plate trials."""
     trial, columns, raw = examined.trial, examined.samples.columns, raw_channels(examined.trial)
     moving = examined.experiment.motion or ("theta" if examined.experiment.tables else "")
     angle = sampled(trial, moving if moving in columns else "theta")

@@ -136,11 +136,8 @@ def findings_report(verdicts: pl.DataFrame, tables: Iterable[Path]) -> str:
 
 
 def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:
-    """Excluded trials with reasons, for the end of a run, also of a failed run; empty without excluded trials.
-
-    `verdicts` are those on the trials that were examined, `by_sheet` has the reasons in the sample sheet. Trials that
-    fail the same check are one line.
-    """
+    """Excluded trials with reasons, in the sample sheet or by the `verdicts`, for the end of a run, also of a failed
+    run; empty without any. Trials that fail the same check are one line."""
     failed = verdicts.filter(pl.col("verdict") == "exclude").unique("trial", keep="first", maintain_order=True)
     reasons, lines = exclusions(verdicts), []
     for (check,), rows in failed.group_by("check", maintain_order=True):
@@ -154,10 +151,8 @@ def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str
 
 
 def left_behind_report(stored: Iterable[Path], trials: Collection[str]) -> str:
-    """A line on trials that are not in the sample sheet, as after a renaming, whose files are still among the results.
-
-    `stored` are the files of trials there, `trials` all those of the sheet. Empty without such files.
-    """
+    """A line on trials that are not among those of the sheet, as after a renaming, whose files are still `stored` among
+    the results; empty without such files."""
     unknown = sorted({path.stem for path in stored} - set(trials))
     if not unknown:
         return ""

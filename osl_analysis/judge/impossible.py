@@ -201,10 +201,8 @@ def not_checked(reason: str) -> pl.Expr:
 
 def plausible(table: pl.DataFrame, rails: Saturated, p: DrivetrainParameters | None, *names: str) -> pl.DataFrame:
     """Rows of belt, transmission or actuator with `saturated_samples`, each named estimate's ratio to the parameter
-    file's, null without one or where that is 0, and `not_checked`, which says so.
-
-    Raises InputError: the first of the estimates is negative: torque, angle or current has the wrong sign.
-    """
+    file's, null without one or where that is 0, and `not_checked`, which says so. Raises InputError: the first of the
+    estimates is negative: torque, angle or current has the wrong sign."""
     if names[0] != "k_tau_n_m":
         check_resists(rails.trial, names[0], table[names[0]][-1])
     elif table["k_tau_n_m_high"][-1] < 0:
@@ -218,12 +216,9 @@ def plausible_impedance(
     table: pl.DataFrame, rails: Saturated, p: DrivetrainParameters | None, predicted: float | None = None
 ) -> pl.DataFrame:
     """The rows of Eq. 15 with `saturated_samples`, `K_over_K_s` and `K_ratio`, K over what the gains should give.
-
     `K_ratio` is that of the largest amplitude in every row: friction changes K least there. `predicted` is the K
-    [N*m/rad] of linear theory; None where the gains are not known. Without a parameter file K_s is not known.
-
-    Raises InputError: K is negative, its interval too, or larger than that of the belt through which the motor acts.
-    """
+    [N*m/rad] of linear theory; None where the gains are not known. Without a parameter file K_s is not known. Raises
+    InputError: K is negative, its interval too, or larger than that of the belt through which the motor acts."""
     K, high = table["K"][-1], table["K_high"][-1]
     check_resists(rails.trial, "K", K, high)
     if p is not None and K > 1.1 * p.K_s:  # a motor in series with the belt; a tenth allows for the belt at hand
@@ -252,12 +247,9 @@ class Tellable:
 
 def told_by(theta: Array, omega: Array, alpha: Array, torque_rms: float) -> Tellable:
     """The change of K and I by an error of 0.1 % of the torque's RMS, which calibrations and models leave, that has the
-    shape of their own parts of the motion.
-
-    Angle [rad], velocity and acceleration are filtered and without their means, shape (n,) each; `torque_rms` [N*m] is
-    that of the filtered torque. The own part of the acceleration is what angle and velocity do not explain. A slow
-    motion has little of it.
-    """
+    shape of their own parts of the motion. Angle [rad], velocity and acceleration are filtered and without their means,
+    shape (n,) each; `torque_rms` [N*m] is that of the filtered torque. The own part of the acceleration is what angle
+    and velocity do not explain. A slow motion has little of it."""
     error, tiny = 1e-3 * torque_rms, float(np.finfo(float).tiny)
     of_theta, of_alpha = max(own_part(theta, omega, alpha), tiny), max(own_part(alpha, omega, theta), tiny)
     return Tellable(error / of_theta, error / of_alpha, rms(theta) / of_theta)

@@ -29,11 +29,9 @@ def measure_rate(examined: Examined) -> CheckResult:
 
 
 def measure_jitter(examined: Examined) -> CheckResult:
-    """Largest slow wander [%] of a recorder's stamps about their line, in steps, where nothing decides what it is.
-
-    0 where the stamps lie on their line, or where signals or the source file decide (docs/time_base.md): scatter of any
-    size then costs nothing. The remark has each recorder's scatter and the decision.
-    """
+    """Largest slow wander [%] of a recorder's stamps about their line, in steps, where nothing decides what it is. 0
+    where the stamps lie on their line, or where signals or the source file decide (docs/time_base.md): scatter of any
+    size then costs nothing. The remark has each recorder's scatter and the decision."""
     wander, remarks = {}, []
     columns = [column for column in examined.experiment.needed_columns if column in examined.samples.columns]
     try:
@@ -103,8 +101,7 @@ MOST_DIFFERENCES, MOST_RUNS = 20, 3  # differences, and runs of one amplitude at
 
 def measure_protocol(examined: Examined) -> CheckResult:
     """Number of segments, of one amplitude and frequency, that are missing, have other numbers of cycles than
-    commanded, or were not commanded. Another motion in place of the stepped sine is said and does not count.
-    """
+    commanded, or were not commanded. Another motion in place of the stepped sine is said and does not count."""
     if "theta" not in examined.samples.columns:
         return not_applicable(NO_STEPPED_SINE)
     commanded = examined.commanded.protocol

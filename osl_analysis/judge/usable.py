@@ -32,13 +32,10 @@ class Usable:
 
 
 def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> Usable:
-    """The named inputs of a job without refusal records.
-
-    A trial with a record in one list, or among those in `quality` or the results in `fitted`, is removed from
-    every list. The job cannot run if a record stands for a single input or for one of the `unnamed` files, if the input
-    `trial` is such a trial, or if nothing is left of a list; beside an input `trial`, lists may become empty. Lists by
-    name are handed over as they are.
-    """
+    """The named inputs of a job without refusal records. A trial with a record in one list, or among those in `quality`
+    or the results in `fitted`, is removed from every list. The job cannot run if a record stands for a single input or
+    for one of the `unnamed` files, if the input `trial` is such a trial, or if nothing is left of a list; beside an
+    input `trial`, lists may become empty. Lists by name are handed over as they are."""
     lists = {name: files for name, files in inputs.items() if isinstance(files, list)}
     named = {name: files for name, files in inputs.items() if isinstance(files, Mapping)}
     groups = {name: files for name, files in named.items() if not any(isinstance(f, list) for f in files.values())}
@@ -59,11 +56,9 @@ def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> U
 @dataclass(frozen=True)
 class Judge:
     """What decides which trials are used: the configured rules of quality control, and what the sheet accepts by trial.
-
-    A job that measures knows neither: a changed threshold judges again what was measured, and measures nothing again.
-    A job over several trials finds it in a file, whose change alone runs no job again: its request names the trials
-    that are excluded.
-    """
+    A job that measures knows neither: a changed threshold judges again what was measured, and measures nothing again. A
+    job over several trials finds it in a file, whose change alone runs no job again: its request names the trials that
+    are excluded."""
 
     rules: QualityRules
     accept: Mapping[str, Collection[str]]
@@ -100,11 +95,9 @@ def exclusions(verdicts: pl.DataFrame) -> dict[str, str]:
 
 
 def without_excluded(inputs: Mapping[str, Any], reasons: Mapping[str, str]) -> dict[str, Any]:
-    """The named inputs of a job without the files of excluded trials (`exclusions`).
-
-    Of the trials in the input `quality`, files with the name of an excluded one are removed from every list. The inputs
-    `JUDGES` are not passed on. An excluded input `trial` is refused, and so are lists of excluded trials alone.
-    """
+    """The named inputs of a job without the files of excluded trials (`exclusions`). Of the trials in the input
+    `quality`, files with the name of an excluded one are removed from every list. The inputs `JUDGES` are not passed
+    on. An excluded input `trial` is refused, and so are lists of excluded trials alone."""
     judged = {Path(path).stem for path in inputs.get("quality", ())}
     lists = {name: files for name, files in inputs.items() if isinstance(files, list) and name not in JUDGES}
     needed = {Path(file).stem for files in lists.values() for file in files} & judged

@@ -36,10 +36,8 @@ class PageTrial:
 
 
 def written_page(content: Mapping[str, Any], trials: Sequence[PageTrial], largest_mb: float) -> str:
-    """The HTML of the report. Its signals are thinned out until it is no larger than `largest_mb` [MB].
-
-    `content` are the names that the template `report.html.j2` uses, besides scripts, styles and trials.
-    """
+    """The HTML of the report, of the names that the template `report.html.j2` uses. Its signals are thinned out until
+    it is no larger than `largest_mb` [MB]."""
     around = Environment(
         loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     ).get_template("report.html.j2")
@@ -64,10 +62,8 @@ def written_page(content: Mapping[str, Any], trials: Sequence[PageTrial], larges
 
 
 def thinned_trials(trials: Sequence[PageTrial], largest: float) -> tuple[int, dict[str, str]]:
-    """k, and the trials packed with every k-th sample by name, so that together they have at most `largest` bytes.
-
-    No table is thinned below `FEWEST_PACKED` rows. Where that is still too much, a warning says so.
-    """
+    """k, and the trials packed with every k-th sample by name, so that together they have at most `largest` bytes. No
+    table is thinned below `FEWEST_PACKED` rows. Where that is still too much, a warning says so."""
     longest = max((len(table) for trial in trials for table in trial.tables.values()), default=0)
     every = 1
     packed = {trial.name: packed_trial(trial, every) for trial in trials}
@@ -121,11 +117,9 @@ def policy(*scripts: str) -> str:
 
 def packed_table(table: pl.DataFrame) -> dict[str, Any]:
     """A table of numbers for the page: `rows`, `plain` columns as lists, `even` ones as start and step, and `counts`.
-
     `counts` has, per column, the value of count 0 and that of one count. `data` holds, one column after the other, the
     differences of its counts modulo 2^16: all low bytes, then all high bytes, which deflates better than pairs.
-    Rounding to counts costs at most 1/32 000 of a column's range.
-    """
+    Rounding to counts costs at most 1/32 000 of a column's range."""
     if len(table) < FEWEST_PACKED:
         return {"rows": len(table), "plain": {name: plain_values(table[name]) for name in table.columns}}
     even: dict[str, list[float]] = {}
@@ -174,9 +168,7 @@ SVG, XLINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}"
 
 def inline_svg(text: str, name: str, label: str) -> Markup:
     """The SVG of a figure for the page: identifiers begin with `name`, links lead to trials, `label` says what it is.
-
-    Links are not stops of the keyboard: the table of trials has the same, and a figure hundreds.
-    """
+    Links are not stops of the keyboard: the table of trials has the same, and a figure hundreds."""
     for prefix, space in (("", SVG), ("xlink", XLINK)):
         ElementTree.register_namespace(prefix, space.strip("{}"))
     root = ElementTree.fromstring(text)

@@ -60,10 +60,8 @@ def over_frequency(title: str, label: str, drawn: Sequence[Drawn], log_y: bool =
 
 
 def bench_pictures(series: pl.DataFrame, motion: str, whole_loop: bool = False) -> Pictures:
-    """Torque, residual and motion over time, and torque against angle, of a fitted trial on the bench.
-
-    `series` as `bench.series.Series.table` writes it, `motion` what moves. The loop is of the fitted samples, or whole.
-    """
+    """Torque, residual and motion over time, and torque against angle, of a fitted trial on the bench. `series` as
+    `bench.series.Series.table` writes it, `motion` what moves. The loop is of the fitted samples, or whole."""
     x = "omega" if "omega" in series.columns else "theta_deg"
     label = f"{motion} (rad/s)" if x == "omega" else f"{motion} (deg)"
     both = [Drawn("series", "time", "torque", "measured"), Drawn("series", "time", "torque_model", "model", "model")]
@@ -88,10 +86,8 @@ def bench_pictures(series: pl.DataFrame, motion: str, whole_loop: bool = False) 
 
 
 def phasor_pictures(phasors: pl.DataFrame, fit: Mapping[str, Any]) -> Pictures:
-    """Magnitude and phase of the measured admittance over frequency, points per amplitude with their intervals.
-
-    The line is that of Eq. 15 with `K`, `B` and `I` of the `fit` to all amplitudes.
-    """
+    """Magnitude and phase of the measured admittance over frequency, points per amplitude with their intervals. The
+    line is that of Eq. 15 with `K`, `B` and `I` of the `fit` to all amplitudes."""
     magnitude = ("Y_magnitude", "Y_magnitude_low", "Y_magnitude_high")
     phase = ("Y_phase_deg", "Y_phase_low_deg", "Y_phase_high_deg")
     parts = phasors.partition_by("amplitude_deg", maintain_order=True, as_dict=True)

@@ -34,10 +34,7 @@ class LeftOut:
 def left_out_trials(
     excluded: pl.DataFrame, crossings: pl.DataFrame | None, refused: Mapping[str, str]
 ) -> dict[str, LeftOut]:
-    """The trials that are left out, by name.
-
-    `excluded` is `excluded.csv`, `crossings` is `walking_excluded.csv`, `refused` has the reason of each refused trial.
-    """
+    """The trials that are left out, by name; `refused` has the reason of each refused trial."""
     found: dict[str, LeftOut] = {}
     for row in excluded.iter_rows(named=True):
         by_job = row["check"] in ("refused", "failed", "died")  # outcomes of a job, which are no checks
@@ -184,10 +181,8 @@ def estimate_rows(table: pl.DataFrame, described: DescribedTable | None) -> dict
 
 def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, DescribedTable]) -> list[dict[str, Any]]:
     """Each doubt about one trial: `where` in it, `of` all of its fit, a part, or an other table, `text`, `meaning`.
-
     `tables` has its rows of each table, that of its fit first. Doubts that other tables only repeat, with that table's
-    name before them, are left out.
-    """
+    name before them, are left out."""
     found = []
     for number, (name, table) in enumerate(tables.items()):
         for row in table.iter_rows(named=True):

@@ -140,10 +140,8 @@ def of_group(label: Label, group: str) -> Label:
 
 
 def letters(text: str) -> str:
-    """Text as letters only, for the name of a macro: `K_d 200, timing 41 %` gives `KdTwoZeroZeroTimingFourOne`.
-
-    A sign beyond the Latin letters gives the last word of its name: `PD α` gives `PDAlpha`.
-    """
+    """Text as letters only, for the name of a macro: `K_d 200, timing 41 %` gives `KdTwoZeroZeroTimingFourOne`. A sign
+    beyond the Latin letters gives the last word of its name: `PD α` gives `PDAlpha`."""
     spelled = "".join(latin(sign) for sign in unicodedata.normalize("NFKD", text))
     words = re.findall(r"[A-Za-z]+|[0-9]", spelled.replace("_", ""))
     return "".join(DIGITS[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words) or "Unnamed"
@@ -209,10 +207,8 @@ class Headline(Label):
 
 
 def said_of(numbers: Iterable[Headline], candidates: pl.DataFrame, used: pl.DataFrame | None = None) -> list[Headline]:
-    """The numbers with the count of doubtful rows among their candidates, and of those that are not in `used`.
-
-    A VAF uses all rows: to leave out fits that are doubtful for a low VAF would raise it.
-    """
+    """The numbers with the count of doubtful rows among their candidates, and of those that are not in `used`. A VAF
+    uses all rows: to leave out fits that are doubtful for a low VAF would raise it."""
     left_out = 0 if used is None else len(candidates) - len(used)
     return [replace(n, n_doubtful=doubtful_count(candidates)[0], n_left_out=left_out) for n in numbers]
 
@@ -257,10 +253,8 @@ def summary_means(table: pl.DataFrame, labels: Mapping[str, Label], interval: st
 
 
 def with_own_names(numbers: Sequence[Headline]) -> list[Headline]:
-    """The numbers with names and macros that no other one has, with its endings; the first one keeps its own.
-
-    Different names of a campaign may have the same letters: the second `PD 1` and `PD-1` becomes `PDOneB`.
-    """
+    """The numbers with names and macros that no other one has, with its endings; the first one keeps its own. Different
+    names of a campaign may have the same letters: the second `PD 1` and `PD-1` becomes `PDOneB`."""
     names, macros, found = set[str](), set[str](RESERVED), []
     for number in numbers:
         name = next(free for k in count(1) if (free := number.name + (f" ({k})" if k > 1 else "")) not in names)
@@ -319,12 +313,8 @@ def needed_columns(table: str) -> tuple[str, ...] | None:
 
 
 def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example = DRAFT_EXAMPLE) -> list[Headline]:
-    """Headline numbers of the experiments that the campaign has; `tables` by name, `example` of Fig. 4.
-
-    The bench's numbers are of one joint and side each. No two have one name or one macro.
-
-    Raises InputError: a summary table has no finite mean for a quantity that it lists.
-    """
+    """Headline numbers of the experiments that the campaign has; `tables` by name, `example` of Fig. 4. The bench's are
+    of one joint and side each. Raises InputError: a summary table has no finite mean for a quantity that it lists."""
     numbers = [
         number for name, of_table in BENCH if name in tables for number in per_place(tables[name], of_table, example)
     ]

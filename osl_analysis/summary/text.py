@@ -63,9 +63,8 @@ SMALLEST_PLAIN = 1e-4  # numbers smaller than this are written with a power of t
 
 def to_json(about: About, headlines: Sequence[Headline], missing: Mapping[str, Any] | None = None) -> str:
     """What the numbers are made of, which trials and results are `missing`, and an object per number in full precision.
-
-    Null where there is no interval or the draft has no value; only numbers with a range over single amplitudes have it.
-    """
+    Null where there is no interval or the draft has no value; only numbers with a range over single amplitudes have
+    it."""
     numbers = {
         h.name: {key: getattr(h, key) for key in (*KEPT, *(AMPLITUDES if h.amplitudes_low is not None else ()))}
         for h in headlines
@@ -75,11 +74,9 @@ def to_json(about: About, headlines: Sequence[Headline], missing: Mapping[str, A
 
 
 def to_tex(about: About, headlines: Sequence[Headline], remarks: Sequence[str] = ()) -> str:
-    r"""Macros such as `\oslBeltStiffness`, with `Low` and `High` where there is an interval, rounded, without unit.
-
-    The first comment and `\oslData`, `\oslCampaign` ... say what the numbers are made of. Each line ends in a comment,
-    so that reading the file puts no space into the text. `remarks` are comments too.
-    """
+    r"""Macros such as `\oslBeltStiffness`, with `Low` and `High` where there is an interval, rounded, without unit;
+    `\oslData`, `\oslCampaign` ... say what the numbers are made of. Each line ends in a comment, so that reading the
+    file puts no space into the text. `remarks` are comments too."""
     lines = [f"% {about.sentence()}", "% Headline numbers by osl-analysis; \\input this file and use the macros."]
     lines += [f"% {remark}" for remark in remarks]
     for name, value in asdict(about).items():
@@ -146,10 +143,8 @@ def trials_text(number: Mapping[str, Any]) -> str:
 
 
 def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None]:
-    """Bounds that decide to how many digits a number is rounded, and their kind.
-
-    These are the range over single amplitudes if there is one and it is the wider one, otherwise the interval.
-    """
+    """Bounds that decide to how many digits a number is rounded, and their kind. These are the range over single
+    amplitudes if there is one and it is the wider one, otherwise the interval."""
     low, high = (number.get(key) for key in AMPLITUDES)
     own = number["low"], number["high"], number["interval"]
     if low is None or high is None or (number["low"] is not None and number["high"] - number["low"] > high - low):
@@ -158,10 +153,8 @@ def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, s
 
 
 def decimals(value: float, low: float | None, high: float | None, interval: str | None) -> int:
-    """Decimal places with which a number is written: half its interval keeps two digits, without one it has three.
-
-    With a range, which does not show the precision, it has three, or more until the ends differ; a count has none.
-    """
+    """Decimal places with which a number is written: half its interval keeps two digits, without one it has three. With
+    a range, which does not show the precision, it has three, or more until the ends differ; a count has none."""
     if interval == COUNT:
         return 0
     half = 0.0 if low is None or high is None or interval == RANGE else abs(high - low) / 2

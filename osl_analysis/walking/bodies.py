@@ -16,9 +16,6 @@ from osl_analysis.walking.settings import CalibrationSettings, MarkerSettings
 
 Mask = NDArray[np.bool_]
 
-COLLINEAR = 0.1  # Markers lie on a line if their spread across it is below this fraction of their spread along it
-BESIDE_S, FEWEST_BESIDE = 0.015, 4
-"""Time [s] before and after a gap whose frames bridge it, and their smallest number on each side."""
 FREE_FALL = np.array([0.0, 0.0, -9.80665])  # Acceleration of free fall [m/s^2] in laboratory axes, z up
 
 
@@ -99,11 +96,11 @@ def cluster_poses(reference: Array, observed: Array, largest_residual: float = n
 
 
 def spans_a_plane(points: Array) -> bool:
-    """Whether points (m, 3) are three or more and do not lie on a line."""
+    """Whether points (m, 3) are three or more and do not lie on a line, with a tenth of their spread beside it."""
     if len(points) < 3:
         return False
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(spread[1] > COLLINEAR * spread[0])
+    return bool(spread[1] > 0.1 * spread[0])
 
 
 def fit_rows(poses: Poses, rows: NDArray[np.intp] | slice, reference: Array, observed: Array) -> None:
@@ -122,8 +119,8 @@ def fit_rows(poses: Poses, rows: NDArray[np.intp] | slice, reference: Array, obs
 
 def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
     """Interpolate gaps of up to `longest` [s] between frames that were seen, and flag them: by the cubic of least
-    squares through the frames of `BESIDE_S` on either side. A spline through all frames has the slope of two noisy
-    ones, and leaves a motion of stance by 1 to 10 deg over gaps of 60 to 190 ms; this cubic by 0.1 to 3 deg."""
+    squares through the frames of 15 ms, four at least, on either side. A spline through all frames has the slope of two
+    noisy ones, and leaves a motion of stance by 1 to 10 deg over gaps of 60 to 190 ms; this cubic by 0.1 to 3 deg."""
     steps, seen = np.diff(time), np.flatnonzero(poses.seen())
     if not (steps > 0).all():
         row = int(np.argmin(steps > 0))
@@ -137,7 +134,7 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
     hidden = (np.diff(seen) - 1) * step
     ends = np.flatnonzero((hidden > 0) & (hidden < longest + step / 2))
     rotation, position, bridged = poses.rotation.copy(), poses.position.copy(), poses.bridged.copy()
-    count = max(round(BESIDE_S / step), FEWEST_BESIDE)
+    count = max(round(0.015 / step), 4)
     for k in ends:
         gap, beside = np.arange(seen[k] + 1, seen[k + 1]), seen[max(k + 1 - count, 0) : k + 1 + count]
         origin = scipy.spatial.transform.Rotation.from_matrix(poses.rotation[seen[k]])
@@ -214,9 +211,6 @@ def cross_matrix(v: Array) -> Array:
 Side = Literal["left", "right"]
 Vectors = dict[str, Array]
 SEGMENTS = ("foot", "shank", "platform")
-HIGHEST_FOOT = 0.05
-"""Height [m] of the foot's markers above the shank's beyond which the clusters are exchanged. Standing, they are
-lower by 0.1 m and more."""
 
 
 @dataclass(frozen=True)
@@ -265,7 +259,7 @@ def calibrate_static(clusters: dict[str, Vectors], medial: Array, lateral: Array
             )
     foot, shank = means["foot"], means["shank"]
     above = float(np.mean([p[2] for p in foot.values()]) - np.mean([p[2] for p in shank.values()]))
-    if above > HIGHEST_FOOT:
+    if above > 0.05:  # standing, they are lower by 0.1 m and more
         raise InputError(
             f"the foot markers {', '.join(foot)} stand {100 * above:.0f} cm above the shank markers "
             f"{', '.join(shank)}: exchange them under `markers` or in Nexus; or z does not point up, then state `axes` "
@@ -308,12 +302,6 @@ def moment_of_foot(foot: BodyMotion, ankle: Array, axis: Array, mass: float, ine
     c."""
     lever = np.cross(foot.point - ankle, mass * (foot.acceleration - FREE_FALL))
     return np.asarray(np.sum(axis * (lever + inertia * foot.alpha), axis=1))
-
-
-LEAST_EXCURSION = np.deg2rad(5.0)  # Smallest RMS rotation [rad] that determines an axis better than marker noise
-FLAT = 0.05
-"""Smallest singular value, over the largest, of a direction in which the motion determines the centre. In the others
-the anatomical centre is kept."""
 
 
 @dataclass(frozen=True)
@@ -360,15 +348,15 @@ def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: Sta
     vectors = (relative * relative.mean().inv()).as_rotvec()
     _, size, directions = np.linalg.svd(vectors, full_matrices=False)
     size = size / np.sqrt(len(vectors))
-    if size[0] < LEAST_EXCURSION:
+    if size[0] < np.deg2rad(5):  # which determines an axis better than marker noise
         raise InputError(
-            f"the ankle turned by {np.rad2deg(size[0]):.1f} deg RMS, expected {np.rad2deg(LEAST_EXCURSION):.0f} deg or "
-            "more for a functional axis; record a range-of-motion trial, or set hinge to anatomical"
+            f"the ankle turned by {np.rad2deg(size[0]):.1f} deg RMS, expected 5 deg or more for a functional axis; "
+            "record a range-of-motion trial, or set hinge to anatomical"
         )
     axis = directions[0] * np.sign(directions[0] @ calibration.ankle_axis)
     start, turned = calibration.ankle_centre, foot - shank
     apart = np.concatenate([f.point(start) - s.point(start) for f, s in both])
-    shift = np.linalg.lstsq(turned.reshape(-1, 3), -apart.reshape(-1), rcond=FLAT)[0]
+    shift = np.linalg.lstsq(turned.reshape(-1, 3), -apart.reshape(-1), rcond=0.05)[0]
     centre, gap = start + shift, float(np.sqrt(np.mean(np.sum((apart + turned @ shift) ** 2, axis=1))))
     angle = float(np.arccos(np.clip(axis @ calibration.ankle_axis, -1, 1)))
     distance = float(np.linalg.norm(np.cross(calibration.ankle_centre - centre, axis)))

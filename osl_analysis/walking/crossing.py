@@ -36,7 +36,6 @@ from osl_analysis.walking.plate import (
     load_on_foot,
     only_stance,
     recorded_corners,
-    wrench_reader,
     zeroed_wrench,
 )
 from osl_analysis.walking.platform import (
@@ -148,8 +147,7 @@ def crossing_from_trial(
         labels, cluster = getattr(settings.markers, segment), getattr(calibration, segment)
         frames, recorded[segment] = segment_poses(trial, labels, cluster, settings)
         reference[segment] = reference_positions(cluster, labels, name)
-    stamps, zeroed, zero = zeroed_wrench(trial, settings)
-    read, rate, low_pass = wrench_reader(stamps, zeroed, frames), sampling_rate(frames), settings.low_pass
+    (read, zero), rate, low_pass = zeroed_wrench(trial, frames, settings), sampling_rate(frames), settings.low_pass
     force = read(plate.delay)[:, :3]
     check_vertical(force)
     limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
@@ -198,8 +196,11 @@ def crossing_from_trial(
         torque = torque + moment_of_foot(of_foot, ankle, axis, settings.foot.mass_kg, settings.foot.inertia_kg_m2)
     phase = stance.phase(time)
     check_heading(phase, poses["shank"].position - ankle, axis)
+    turn = None
     if onset is None:
         check_push(phase, torque)
+    else:
+        turn = platform_turn(time, poses["platform"], axis, (onset, onset + settings.window_s))
     inside = (time >= stance.heel_strike) & (time <= stance.toe_off)
     left = {segment: pose.residual[inside & np.isfinite(pose.residual)] for segment, pose in poses.items()}
     flat = poses["foot"][(phase >= 0.15) & (phase <= 0.35)]  # before the perturbation
@@ -223,9 +224,7 @@ def crossing_from_trial(
         quality=quality,
         plate_errors=np.reshape(jackknife_rows(without_plate, without_crossings), (-1, len(torque))),
         load=load_on_foot(on_foot, centre, ankle, axis),
-        turn=None
-        if onset is None
-        else platform_turn(time, poses["platform"], axis, (onset, onset + settings.window_s)),
+        turn=turn,
     )
 
 

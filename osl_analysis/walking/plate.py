@@ -113,14 +113,16 @@ def wrench_reader(time: Array, wrench: Array, frames: Array) -> Callable[[float]
     return lambda lag: np.asarray(spline(np.clip(frames + lag, time[0], time[-1])))
 
 
-def zeroed_wrench(trial: Trial, settings: CrossingSettings) -> tuple[Array, Array, float | None]:
-    """Stamps and wrench of the plate minus its zero, and the zero's vertical force [N]; None if none is removed."""
+def zeroed_wrench(
+    trial: Trial, frames: Array, settings: CrossingSettings
+) -> tuple[Callable[[float], Array], float | None]:
+    """The `wrench_reader` of the plate minus its zero, and the zero's vertical force [N]; None if none is removed."""
     (time, wrench), zero_force = recorded_wrench(trial, settings.plate), None
     if settings.unloaded_s is not None:
         zero = unloaded_zero(time, wrench, settings.unloaded_s, settings.largest_zero_n)
         wrench, zero_force = wrench - zero, float(zero[2])
     check_range(time, wrench[:, :3], plate_axes(recorded_corners(trial, settings.plate)), settings.load_on_n)
-    return time, wrench, zero_force
+    return wrench_reader(time, wrench, frames), zero_force
 
 
 def unloaded_zero(time: Array, wrench: Array, duration: float, largest: float) -> Array:

@@ -67,11 +67,8 @@ class FootSettings(Settings):
 
 
 class OutlierRule(Settings):
-    """Which crossings are excluded: those further from the median crossing than `limit` times the scatter.
-
-    The scatter is 1.4826 times the median absolute deviation, which is the standard deviation of a normal
-    distribution. For each feature it is at least the smallest scatter given below.
-    """
+    """Which crossings are excluded: those further from the median crossing than `limit` times the scatter, which is
+    1.4826 times the median absolute deviation, and for each feature at least the smallest scatter given below."""
 
     limit: Positive  # Largest distance from the median, in scatters
     stance_s: Positive  # Smallest scatter [s] of the duration of stance

@@ -80,14 +80,14 @@ def parameter_value(data: bytes, position: int, processor: str, name: str) -> tu
         raise InputError(f"the parameter '{name}' reaches beyond the end of the file")
     if kind == -1:
         length = (shape[0] if shape else 1) or 1  # of each text
-        return [text_of(content[i : i + length]) for i in range(0, len(content), length)], begin + len(content)
+        return [unpadded_text(content[i : i + length]) for i in range(0, len(content), length)], begin + len(content)
     whole = "u1" if kind == 1 else f"{ENDIAN[processor]}i2"
     values = reals(content, processor) if kind == 4 else np.frombuffer(content, whole)
     with np.errstate(invalid="ignore"):  # a damaged real may be no number
         return values.astype(np.float64).reshape(shape, order="F"), begin + len(content)
 
 
-def text_of(text: bytes) -> str:
+def unpadded_text(text: bytes) -> str:
     """A text without its padding, in UTF-8, or else in Latin-1."""
     try:
         return text.decode("utf-8").strip(" \0")

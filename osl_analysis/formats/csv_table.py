@@ -20,12 +20,12 @@ DELIMITERS = {"tab": "\t", "space": " "}
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # bytes that no text has
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 MOST_CELLS = 16384  # most cells of a line, the most columns of a spreadsheet. A file with more has lost its line breaks
-Lines = list[tuple[int, str]]  # number in the file, counted from 1, and text
+TextLines = list[tuple[int, str]]  # number in the file, counted from 1, and text
 Rows = list[tuple[int, list[str]]]
 Omitting = tuple[int, list[str | None]]
 
 
-def read_lines(path: Path) -> Lines:
+def read_lines(path: Path) -> TextLines:
     """The lines of a file without blank ones; refused where zero bytes show that it is not text."""
     text = decoded_text(path.read_bytes())
     if "\0" in text:
@@ -53,7 +53,7 @@ def is_text(begin: bytes) -> bool:
     return begin[:2] in UTF_16_MARKS or CONTROL.search(begin.partition(b"\n")[0]) is None
 
 
-def delimiter_of(lines: Lines, given: str) -> str:
+def delimiter_of(lines: TextLines, given: str) -> str:
     """The delimiter that is given, or for `auto` the first of tab, `;`, `|`, `,` and blank that every line has.
 
     The comma comes late because it may be the decimal sign, the blank last because it may stand in names; it is taken
@@ -67,7 +67,7 @@ def delimiter_of(lines: Lines, given: str) -> str:
     return everywhere[0] if everywhere else " " if spaced else ","
 
 
-def split_rows(lines: Lines, delimiter: str) -> Rows:
+def split_rows(lines: TextLines, delimiter: str) -> Rows:
     """Cells of every line, stripped, without lines of empty cells; refused where a quote is not closed on its line."""
     reader = csv.reader((text for _, text in lines), delimiter=delimiter, skipinitialspace=True)
     rows: Rows = []
@@ -200,7 +200,7 @@ def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
     return plain_table(lines, layout) or table_of(lines, layout)
 
 
-def plain_table(lines: Lines, layout: CsvLayout) -> CsvTable | None:
+def plain_table(lines: TextLines, layout: CsvLayout) -> CsvTable | None:
     """The table of lines that are all alike below the first ones, split by polars; None of others.
 
     A list of rows takes a hundred bytes per cell, and an hour at 1 kHz would not fit into memory.
@@ -227,9 +227,11 @@ def plain_table(lines: Lines, layout: CsvLayout) -> CsvTable | None:
     return replace(table, lines=numbered, body=pl.concat([table.body, rest]))
 
 
-def table_of(lines: Lines, layout: CsvLayout) -> CsvTable:
+def table_of(lines: TextLines, layout: CsvLayout) -> CsvTable:
     sign = layout.comment
-    comments: Lines = [(n, t.strip()[len(sign) :].strip()) for n, t in lines if sign and t.lstrip().startswith(sign)]
+    comments: TextLines = [
+        (n, t.strip()[len(sign) :].strip()) for n, t in lines if sign and t.lstrip().startswith(sign)
+    ]
     content = [(n, text) for n, text in lines if not (sign and text.lstrip().startswith(sign))]
     delimiter = delimiter_of(content, layout.delimiter)
     rows = split_rows(content, delimiter)
@@ -256,7 +258,7 @@ def table_of(lines: Lines, layout: CsvLayout) -> CsvTable:
     return CsvTable(names, units, numbered, pl.DataFrame(cells), said, [*notes, *repairs], delimiter, not cut)
 
 
-def header_of(rows: Rows, comments: Lines, delimiter: str, layout: CsvLayout) -> list[str]:
+def header_of(rows: Rows, comments: TextLines, delimiter: str, layout: CsvLayout) -> list[str]:
     """Names of the columns; their numbers, counted from 1, where the file has no header."""
     if layout.header == "comment":
         named = split_rows(comments[-1:], delimiter)

@@ -128,7 +128,6 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
     return found
 
 
-UNSEEN = ("", "nan", "NaN", "NAN")  # cells of a marker that was not seen
 EXPORT = "export it again, or correct the header"
 
 
@@ -171,7 +170,8 @@ def read_trc(path: Path) -> TrcFile:
         cut = ": the end is missing" if len(rows) < frames else ""
         raise InputError(f"NumFrames is {frames}, the file holds {len(rows)} rows{cut}; {EXPORT}")
     names = ["frame", "time", *(f"column {place + 3}" for place in range(3 * markers))]
-    columns = [column_of(rows, k, UNSEEN[:0] if k < 2 else UNSEEN, n, "export it again") for k, n in enumerate(names)]
+    unseen = ("", "nan", "NaN", "NAN")  # cells of a marker that was not seen
+    columns = [column_of(rows, k, unseen if k > 1 else (), name, "export it again") for k, name in enumerate(names)]
     for line, padded in rows:
         count = len(unpadded(padded, 0))
         if count > len(names):

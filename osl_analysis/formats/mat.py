@@ -151,7 +151,7 @@ def open_mat(path: Path) -> MatFile:
             return MatFile(path, data, "7.3", dict.fromkeys(names, ""))
 
 
-MATRIX, COMPRESSED, OPAQUE = 14, 15, 17
+MI_MATRIX, MI_COMPRESSED, MX_OPAQUE = 14, 15, 17
 """Types of parts of a file of version 5, and the class of objects that only MATLAB can read."""
 
 
@@ -168,19 +168,19 @@ def variable_classes(data: bytes) -> dict[str, str]:
         if at + 8 > len(data):
             raise InputError(f"ends within a variable; {DAMAGED}")
         kind, size = struct.unpack_from(f"{order}II", data, at)
-        start, at = at + 8, at + 8 + size + (-size % 8 if kind == MATRIX else 0)
+        start, at = at + 8, at + 8 + size + (-size % 8 if kind == MI_MATRIX else 0)
         if start + size > len(data):
             raise InputError(f"declares {size} bytes where {len(data) - start} are left; {DAMAGED}")
         content = data[start : start + size]
-        if kind == COMPRESSED:
+        if kind == MI_COMPRESSED:
             try:
                 content = zlib.decompressobj().decompress(content, 4096)[8:]  # enough for its name
             except zlib.error as error:
                 raise InputError(f"the compressed variable at byte {start} is damaged ({error}); {DAMAGED}") from error
-        elif kind != MATRIX:
+        elif kind != MI_MATRIX:
             raise InputError(f"holds a part of type {kind} at byte {start} where a variable is expected; {DAMAGED}")
-        flags, dimensions_or_name, *more = parts_of(content, order)
-        is_object = struct.unpack_from(f"{order}I", flags)[0] & 0xFF == OPAQUE
+        flags, dimensions_or_name, *more = leading_parts(content, order)
+        is_object = struct.unpack_from(f"{order}I", flags)[0] & 0xFF == MX_OPAQUE
         name = (dimensions_or_name if is_object else more[0]).decode("latin-1")
         if name and name in found:
             raise InputError(f"variable '{name}' stands twice in the file; {DAMAGED}")
@@ -188,10 +188,10 @@ def variable_classes(data: bytes) -> dict[str, str]:
     return {name: kind for name, kind in found.items() if name}
 
 
-def parts_of(content: bytes, order: str) -> list[bytes]:
+def leading_parts(content: bytes, order: str) -> list[bytes]:
     """The first four parts of a variable of version 5: flags, and then size and name, or name, system and class."""
     parts, at = [], 0
-    for _ in range(4 if struct.unpack_from(f"{order}I", content, 8)[0] & 0xFF == OPAQUE else 3):
+    for _ in range(4 if struct.unpack_from(f"{order}I", content, 8)[0] & 0xFF == MX_OPAQUE else 3):
         kind, size = struct.unpack_from(f"{order}II", content, at)
         if kind >> 16:  # up to four bytes stand in the tag itself
             parts.append(content[at + 4 : at + 4 + (kind >> 16)])
@@ -286,7 +286,7 @@ def holds_references(item: Any) -> bool:
     return isinstance(item, h5py.Dataset) and h5py.check_ref_dtype(item.dtype) is h5py.Reference
 
 
-STEP = re.compile(
+ADDRESS_STEP = re.compile(
     r"\.?(?P<name>[A-Za-z]\w*)"
     r"|\((?P<field>[A-Za-z]\w*)=(?P<value>[^()]*)\)"
     r"|\((?P<number>[1-9]\d{0,8})\)|\{(?P<cell>[1-9]\d{0,8})\}"
@@ -295,7 +295,7 @@ STEP = re.compile(
 
 
 class Address(NamedTuple):
-    """An address, in the steps of `STEP`."""
+    """An address, in the steps of `ADDRESS_STEP`."""
 
     text: str  # as it was written
     steps: tuple[re.Match[str], ...]
@@ -316,7 +316,7 @@ def parsed(text: str, inside: bool = False) -> Address:
     """An address; `inside`: it is one within a part, which may also begin with a choice of a column, as `(:,2)`."""
     plain, at = re.sub(r"\s*([(){}.,:=])\s*", r"\1", text.strip()).removeprefix("/"), 0
     steps: list[re.Match[str]] = []
-    while (found := STEP.match(plain, at)) and (not found["name"] or found[0].startswith(".") == (at > 0)):
+    while (found := ADDRESS_STEP.match(plain, at)) and (not found["name"] or found[0].startswith(".") == (at > 0)):
         steps.append(found)
         at = found.end()
     if at < len(plain) or not steps or not (steps[0]["name"] or inside):

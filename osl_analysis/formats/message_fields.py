@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 
-PART = re.compile(
+PATH_PART = re.compile(
     r"(?P<name>[^.\[\]]+)|\[(?P<quoted>\"(?:[^\"\\]|\\.)*\")\]|\[(?P<index>\d+)\]|\[(?P<names>\w+)=(?P<one>[^\]]+)\]|\."
 )
 ENCODINGS = (("cdr", "ros2msg"), ("ros1", "ros1msg"), ("protobuf", "protobuf"))  # of messages and schema; JSON: none
@@ -80,7 +80,7 @@ def array_labels(path: str, length: int | None, texts: Mapping[str, Sequence[str
 def steps_of(path: str) -> tuple[tuple[Key, str], ...]:
     """The steps to a field, each with the way that leads to it."""
     steps: list[tuple[Key, str]] = []
-    for part in PART.finditer(path):
+    for part in PATH_PART.finditer(path):
         way = path[: part.start()].rstrip(".")
         if part["names"] is not None:
             steps.append(((part["names"], part["one"]), way))

@@ -39,17 +39,17 @@ def starting(*marks: bytes) -> Callable[[bytes], bool]:
 def text_with(pattern: str) -> Callable[[bytes], bool]:
     """A test for a regular expression in a text, with `^` at the begin of any line."""
     found = re.compile(pattern, re.MULTILINE | re.IGNORECASE)
-    return lambda begin: found.search(text_of(begin)) is not None
+    return lambda begin: found.search(beginning_text(begin)) is not None
 
 
-def text_of(begin: bytes) -> str:
+def beginning_text(begin: bytes) -> str:
     """The text that a file begins with; empty if it is not text."""
     return decoded_text(begin) if b"\0" not in begin or begin[:2] in UTF_16_MARKS else ""
 
 
 def is_json_document(begin: bytes) -> bool:
     """Whether a text begins with an object or a list of JSON, or a dictionary as Python prints it, and is not lines."""
-    text = text_of(begin).lstrip()
+    text = beginning_text(begin).lstrip()
     if text[:1] not in ("{", "[") or is_json_lines(begin):
         return False
     if re.match(r"\{\s*[\"'}]|\[\s*\{", text):

@@ -32,10 +32,10 @@ from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFile
 BAG1 = b"#ROSBAG V2.0\n"
 ANY_BAG1 = b"#ROSBAG V"
 SQLITE = b"SQLite format 3\0"
-MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
+MESSAGE_DATA, BAG, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 5, 6, 7
 """Kinds of records of a ROS 1 bag, by their field `op`."""
 LENGTH = struct.Struct("<I")
-UNPACKERS: Unpackers = {
+BAG_UNPACKERS: Unpackers = {
     b"none": lambda packed, _: packed,
     b"bz2": lambda packed, _: bz2.BZ2Decompressor().decompress(packed),
     b"lz4": lambda packed, _: lz4.frame.LZ4FrameDecompressor().decompress(packed),
@@ -47,7 +47,7 @@ DESCRIPTION = "metadata.yaml"
 # --- ROS 1
 
 
-class Record(NamedTuple):
+class BagRecord(NamedTuple):
     """One record: a header of named fields, and data."""
 
     fields: dict[bytes, bytes]
@@ -76,7 +76,7 @@ def named_fields(data: bytes, start: int, end: int) -> dict[bytes, bytes]:
     return fields
 
 
-def record_at(data: bytes, position: int) -> Record | None:
+def record_at(data: bytes, position: int) -> BagRecord | None:
     """The record at a position; None if no whole record begins there."""
     head = position + LENGTH.size
     if head > len(data):
@@ -85,7 +85,7 @@ def record_at(data: bytes, position: int) -> Record | None:
     start = body + LENGTH.size
     if start > len(data) or (end := start + LENGTH.unpack_from(data, body)[0]) > len(data):
         return None
-    return Record(named_fields(data, head, body), start, end)
+    return BagRecord(named_fields(data, head, body), start, end)
 
 
 @dataclass
@@ -93,7 +93,7 @@ class Bag1(MessageFile):
     """A ROS 1 bag whose top level was scanned; `blocks` reads its messages. Every intact chunk is read."""
 
     data: bytes = b""
-    sections: list[tuple[int, int, Record | None]] = field(default_factory=list)
+    sections: list[tuple[int, int, BagRecord | None]] = field(default_factory=list)
     """Start and end of its chunks and of unreadable stretches, in order, with the chunk's record."""
     counts: dict[int, Counter[int]] = field(default_factory=dict)
     """Messages of each connection in the chunk at a byte, as the bag's index says."""
@@ -119,7 +119,7 @@ class Bag1(MessageFile):
         self.find_chunks(head.end, index if damage.finished else len(data))
         damage.gaps = any(record is None for *_, record in self.sections)
 
-    def take_index(self, position: int, head: Record) -> bool:
+    def take_index(self, position: int, head: BagRecord) -> bool:
         """Take in the connections and chunks that the index lists; whether it is whole."""
         expected = head.number(b"conn_count"), head.number(b"chunk_count")
         connections, chunks = 0, 0
@@ -142,7 +142,7 @@ class Bag1(MessageFile):
         while position < end:
             record = record_at(self.data, position)
             if record is not None and record.op >= 0 and record.end <= end:
-                if record.op in (CHUNK, MESSAGE):
+                if record.op in (CHUNK, MESSAGE_DATA):
                     self.sections.append((position, record.end, record if record.op == CHUNK else None))
                 elif record.op == CONNECTION:
                     self.connect(self.data, record)
@@ -165,7 +165,7 @@ class Bag1(MessageFile):
                 self.sections.append((position, after, None))
             position = after
 
-    def connect(self, data: bytes, record: Record) -> None:
+    def connect(self, data: bytes, record: BagRecord) -> None:
         """Take in a connection: a topic and the definition of its messages; raises RefusedFileError as `declare`."""
         number = self.numbers.setdefault(record.number(b"conn"), len(self.numbers))
         about = named_fields(data, record.start, record.end)
@@ -183,7 +183,7 @@ class Bag1(MessageFile):
             try:
                 packed, name = self.data[record.start : record.end], record.fields.get(b"compression", b"")
                 size = len(packed) if name == b"none" else record.number(b"size")
-                block = self.block_of(unpacked(packed, name, size, UNPACKERS), start)
+                block = self.block_of(unpacked(packed, name, size, BAG_UNPACKERS), start)
             except DamagedChunkError as error:
                 lost = self.counts.get(start)
                 text = f"the chunk at byte {start} is damaged: it {error}"
@@ -204,7 +204,7 @@ class Bag1(MessageFile):
             record = record_at(content, position)
             if record is None:
                 raise DamagedChunkError(f"holds no record at byte {position} of its {len(content)} bytes")
-            if record.op == MESSAGE and len(record.fields.get(b"time", b"")) == 8 and b"conn" in record.fields:
+            if record.op == MESSAGE_DATA and len(record.fields.get(b"time", b"")) == 8 and b"conn" in record.fields:
                 seconds, rest = struct.unpack("<II", record.fields[b"time"])
                 time = seconds * 1_000_000_000 + rest
                 found.append((record.number(b"conn"), time, record.start, record.end - record.start))
@@ -245,7 +245,7 @@ def read_bag1(path: Path) -> Bag1:
     return bag
 
 
-PART = re.compile(r"(?P<name>.*)_(?P<number>\d+)\.bag(\.active)?")
+SPLIT_NAME = re.compile(r"(?P<name>.*)_(?P<number>\d+)\.bag(\.active)?")
 """How `rosbag record --split` names its files; the one that it was writing when it was killed is still `active`."""
 DATE = re.compile(r"\d{4}(-\d\d){5}")  # when a file was begun, in its name; each has its own
 ONE_BAG = "keep the files of one recording in the folder, or name one bag as the trial's log"
@@ -256,7 +256,7 @@ def split_parts(folder: Path) -> list[Path]:
     numbered, strangers, names = dict[int, Path](), [], set()
     bags = bags_in(folder)
     for path in bags:
-        if part := PART.fullmatch(path.name):
+        if part := SPLIT_NAME.fullmatch(path.name):
             numbered[int(part["number"])] = path
             names.add(DATE.sub("DATE", part["name"]))
         else:
@@ -287,7 +287,7 @@ def read_rosbag1(path: Path) -> MessageFile:
         return read_bag1(path)
     bags = [read_bag1(file) for file in split_parts(path)]
     log = SplitLog(path, sum(bag.size for bag in bags), parts=bags)
-    first = PART.fullmatch(bags[0].path.name)
+    first = SPLIT_NAME.fullmatch(bags[0].path.name)
     if first and int(first["number"]) > 0:
         log.damage.remarks.append(
             f"the recording begins with '{bags[0].path.name}': its files before that are not here"

@@ -19,10 +19,10 @@ from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats import optional_module
 from osl_analysis.formats.csv_table import CONTROL
 
-MAGIC = b"TDSm"
-INDEX = b"TDSh"
+TDMS_MARK = b"TDSm"
+INDEX_MARK = b"TDSh"
 NEEDED = ("tdms", "a TDMS file")  # the extra of the package that installs npTDMS, and for what
-RECOVER = "copy it again, or open it in LabVIEW or DIAdem and save it under a new name"
+SAVE_AGAIN = "copy it again, or open it in LabVIEW or DIAdem and save it under a new name"
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class TdmsFile:
 
 def is_tdms(begin: bytes) -> bool:
     """Whether a file that begins with these bytes is TDMS or its index. Text never is: `TDSm` may name a column."""
-    return begin.startswith((MAGIC, INDEX)) and CONTROL.search(begin) is not None
+    return begin.startswith((TDMS_MARK, INDEX_MARK)) and CONTROL.search(begin) is not None
 
 
 @contextmanager
@@ -118,7 +118,7 @@ def overheard() -> Iterator[list[str]]:
         raise
     except Exception as error:
         reason = " ".join(f"{type(error).__name__} {error}".split())[:160]
-        raise InputError(f"the TDMS file is damaged or of a kind that is not read ({reason}); {RECOVER}") from error
+        raise InputError(f"the TDMS file is damaged or of a kind that is not read ({reason}); {SAVE_AGAIN}") from error
     finally:
         handler.removeFilter(keep)
 
@@ -126,9 +126,9 @@ def overheard() -> Iterator[list[str]]:
 def read_tdms(path: Path) -> TdmsFile:
     """The channels of a file with their timing; InputError if npTDMS is not installed, or the file is damaged."""
     data = path.read_bytes()
-    if data[:4] == INDEX:
+    if data[:4] == INDEX_MARK:
         raise InputError("the index of a TDMS file; name the .tdms file beside it")
-    if data[:4] != MAGIC:
+    if data[:4] != TDMS_MARK:
         raise InputError(f"no TDMS file (it begins with {data[:8]!r}); check the path and the source's format")
     with overheard() as said, optional_module("nptdms", *NEEDED).TdmsFile.read_metadata(BytesIO(data)) as file:
         channels = [channel_of(one) for group in file.groups() for one in group.channels()]
@@ -136,9 +136,9 @@ def read_tdms(path: Path) -> TdmsFile:
         about = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
     odd = [text for text in said if "not a multiple" in text]
     if len(odd) > status.incomplete_final_segment:  # the library would give one channel the bytes of the next
-        raise InputError(f"the length of a segment contradicts that of its channels ({odd[0][:80]}); {RECOVER}")
+        raise InputError(f"the length of a segment contradicts that of its channels ({odd[0][:80]}); {SAVE_AGAIN}")
     if not channels:
-        raise InputError(f"the TDMS file holds no channels, or is cut off before them; {RECOVER}")
+        raise InputError(f"the TDMS file holds no channels, or is cut off before them; {SAVE_AGAIN}")
     notes: tuple[str, ...] = ()
     if status.incomplete_final_segment or not ends_with_segment(data):  # npTDMS is silent about a cut lead-in
         lost = [one.expected_length - one.read_length for one in (status.channel_statuses or {}).values()]
@@ -150,7 +150,7 @@ def read_tdms(path: Path) -> TdmsFile:
 def ends_with_segment(data: bytes) -> bool:
     """Whether the segments, each of which begins with its length, end where the file ends."""
     at = 0
-    while at + 28 <= len(data) and data[at : at + 4] == MAGIC:
+    while at + 28 <= len(data) and data[at : at + 4] == TDMS_MARK:
         is_big_endian = data[at + 4] & (1 << 6)
         at += 28 + int(struct.unpack_from(">Q" if is_big_endian else "<Q", data, at + 12)[0])
     return at == len(data)

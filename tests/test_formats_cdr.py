@@ -140,11 +140,8 @@ def alone(payload: bytes) -> Any:
             b"\0\0\0\0" + struct.pack(">B7xdh2xf", 7, -2.5, -300, 0.75),
             [7, -2.5, -300, 0.75],
         ),
-        (
-            "char a\nint8 b\nbyte c\nuint8 d",
-            b"\0\1\0\0\xc8\xc8\xc8\xc8",
-            [200, -56, 200, 200],
-        ),  # as rosidl defines them
+        # as rosidl defines them
+        ("char a\nint8 b\nbyte c\nuint8 d", b"\0\1\0\0\xc8\xc8\xc8\xc8", [200, -56, 200, 200]),
     ],
 )
 def test_big_endian_messages_and_characters_are_numbers(schema: str, payload: bytes, expected: list[float]) -> None:

@@ -215,7 +215,7 @@ class Record:
             if abs(length - round(length)) < 1e-3 and first[-1] + length <= len(signal):
                 each = signal[first[:, None] + np.arange(round(length))]
                 seen.append(float(np.mean(each.var(axis=0, ddof=1))) / step**2)
-        return float(noise_before_rounding(np.array([np.median(seen)]))[0]) if seen else 0.0
+        return noise_before_rounding(float(np.median(seen))) if seen else 0.0
 
     @cached_property
     def pieces(self) -> tuple[slice, ...]:

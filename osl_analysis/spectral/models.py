@@ -191,7 +191,7 @@ def repeated_variance(one: Realisation, spectra: Spectrum, step: float | None) -
         return 0.0
     samples, k = one.period * one.rate_hz, np.arange(1, 101)
     of_sample = float(np.mean(scatter(spectra)[1:])) * samples / 4 / step**2
-    noise = float(noise_before_rounding(np.array([of_sample]))[0])
+    noise = noise_before_rounding(of_sample)
     left = float(np.sum(np.exp(-((2 * np.pi * k * noise) ** 2)) / (2 * (np.pi * k) ** 2)))
     return 4 * left * step**2 / samples
 

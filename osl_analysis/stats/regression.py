@@ -61,18 +61,8 @@ class LinearFit:
         half = float(scipy.special.stdtrit(self.degrees_of_freedom[self.names.index(name)], 0.975)) * self.se(name)
         return self[name] - half, self[name] + half
 
-    def predicted(self, columns: Mapping[str, Array]) -> Array:
-        """y (n,) [unit of y] predicted from the same columns (n,) of other data. Further columns are ignored."""
-        first, *others = (self[name] * columns[name] for name in self.names)
-        return sum(others, first)
 
-
-def linear_fit(
-    y: Array,
-    columns: Mapping[str, Array],
-    residuals: ResidualCorrelation = NO_REPEATS,
-    condition_limit: float = CONDITION_LIMIT,
-) -> LinearFit:
+def linear_fit(y: Array, columns: Mapping[str, Array], residuals: ResidualCorrelation = NO_REPEATS) -> LinearFit:
     """Least squares of y (n,) on named columns (n,) each, with standard errors for correlated residuals.
 
     Consecutive samples of a filtered signal are not independent. The covariance is Newey and West's (Econometrica 55,
@@ -81,10 +71,10 @@ def linear_fit(
     An exact fit has covariance 0, or that of rounding; degrees of freedom are infinite where a variance is 0.
 
     Raises InputError: Lengths differ, a value cannot be measured (`check_measured`), or there are not more samples than
-    columns. Raises IdentifiabilityError: The scaled condition number exceeds
-    `condition_limit`; the message names the two columns that look alike.
+    columns. Raises IdentifiabilityError: The scaled condition number exceeds `CONDITION_LIMIT`; the message names the
+    two columns that look alike.
     """
-    return regressors(columns, np.shape(y), condition_limit).fit(y, residuals)
+    return regressors(columns, np.shape(y)).fit(y, residuals)
 
 
 @dataclass(frozen=True)
@@ -144,25 +134,18 @@ class Regressors:
         )
 
 
-def regressors(
-    columns: Mapping[str, Array], shape: tuple[int, ...], condition_limit: float = CONDITION_LIMIT
-) -> Regressors:
+def regressors(columns: Mapping[str, Array], shape: tuple[int, ...]) -> Regressors:
     """The named columns, for fits to y of some shape (n,); raises as `linear_fit`."""
     for name, column in columns.items():
         if np.shape(column) != shape:
             raise InputError(f"column '{name}' has shape {np.shape(column)}, expected {shape} like y")
-    X = np.array([np.asarray(c, dtype=float) for c in columns.values()])
-    check_all_measured([f"column '{name}'" for name in columns], X)
-    if shape[0] <= len(columns):
-        raise InputError(f"{shape[0]} samples cannot determine {len(columns)} parameters; use a longer window")
-    return regressors_of(tuple(columns), X.T, condition_limit)
-
-
-def regressors_of(names: tuple[str, ...], X: Array, condition_limit: float = CONDITION_LIMIT) -> Regressors:
-    """Columns X (n, p) that can be measured, for fits; raises IdentifiabilityError as `linear_fit`."""
-    scale = check_not_zero(names, np.linalg.norm(X, axis=0))
-    found = Regressors(names, X, scale, *np.linalg.svd(X / scale, full_matrices=False))
-    if found.condition > condition_limit:
+    rows, names = np.array([np.asarray(c, dtype=float) for c in columns.values()]), tuple(columns)
+    check_all_measured([f"column '{name}'" for name in names], rows)
+    if shape[0] <= len(names):
+        raise InputError(f"{shape[0]} samples cannot determine {len(names)} parameters; use a longer window")
+    scale = check_not_zero(names, np.linalg.norm(rows, axis=1))
+    found = Regressors(names, rows.T, scale, *np.linalg.svd(rows.T / scale, full_matrices=False))
+    if found.condition > CONDITION_LIMIT:
         refuse_unidentifiable(names, found.Vt[-1], found.condition)
     return found
 

@@ -46,7 +46,7 @@ def scatter_of_noise() -> tuple[Array, Array]:
     return s, s**2 + np.sum((1 - np.exp(-((2 * np.pi * k * s) ** 2))) / (2 * (np.pi * k) ** 2), axis=0)
 
 
-def noise_before_rounding(scatter: Array) -> Array:
+def noise_before_rounding(scatter: float) -> float:
     """Standard deviation [steps] of the noise before the rounding from the scatter [steps^2] of what it leaves.
 
     Noise of standard deviation s makes the error of a rounded signal s^2 + 1/12 large on average over all places within
@@ -57,4 +57,4 @@ def noise_before_rounding(scatter: Array) -> Array:
     """
     check_finite("the scatter", scatter)
     s, left = scatter_of_noise()
-    return np.where(scatter > left[-1], np.sqrt(scatter), np.interp(scatter, left, s))
+    return float(np.sqrt(scatter) if scatter > left[-1] else np.interp(scatter, left, s))

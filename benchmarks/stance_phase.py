@@ -13,6 +13,7 @@ import numpy as np
 from gait_of_phase import TRUTH, Change, crossing
 from impedance_over_stance import laboratory
 
+from osl_analysis.simulator.walking_settings import StepChange
 from osl_analysis.study.walking import StudyLaboratory
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
@@ -70,8 +71,8 @@ def simulated(number: int, shipped: StudyLaboratory) -> Campaign:
     perturbed, truths = {}, {}
     for label, change in CHANGES.items():
         fields = {"slower_percent": 100 * (change.slower - 1), "after_window_percent": 100 * (change.after_window - 1)}
-        laboratory = shipped.gait.model_copy(update={"gait": shipped.gait.gait.model_copy(update=fields)})
-        walked = [replace(shipped, gait=laboratory).perturbed(f"{name}_p") for name in names]
+        gait = shipped.gait.model_copy(update={"changes": (StepChange(**fields),)})
+        walked = [replace(shipped, gait=gait).perturbed(f"{name}_p") for name in names]
         truths[label] = np.array([[getattr(one.exact, q) for q in QUANTITIES] for one in walked])
         perturbed[label] = [one.crossing for one in walked]
     return with_half(unperturbed_gait([shipped.unperturbed(f"{name}_u") for name in names], 3), perturbed, truths)

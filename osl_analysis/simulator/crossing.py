@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.config.parameters import DrivetrainParameters
-from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import check_request, stiffness_gain
 from osl_analysis.model.gain_selection import Weight, optimal_damping
 from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.drivetrain import ControlCommands, DrivetrainEffects, DrivetrainMotion, simulate_drivetrain
 from osl_analysis.simulator.mcap_writer import LEG, write_mcap
+from osl_analysis.simulator.plan import Condition, condition_of
 from osl_analysis.simulator.recorder import rounded_to, write_curves, write_truth
 from osl_analysis.simulator.rigid_body import (
     FREE_FALL,
@@ -32,10 +32,12 @@ from osl_analysis.simulator.rigid_body import (
 )
 from osl_analysis.simulator.settings import SimulationSettings, stream
 from osl_analysis.simulator.step import (
+    FOOT_WIDTH,
     RENDERED_S,
     PlatformMotion,
     Step,
     ankle_path,
+    displaced,
     draw_step,
     foot_pitch,
     ground_reaction,
@@ -47,7 +49,6 @@ from osl_analysis.simulator.step import (
     resting_platform,
     smooth_step,
     stance_window,
-    turned,
     unloaded_platform,
 )
 from osl_analysis.simulator.vicon import (
@@ -65,9 +66,11 @@ from osl_analysis.trial import AXES, Array
 
 
 @lru_cache(maxsize=32)
-def compensated_damping(path: Path, p: DrivetrainParameters, weight: Weight) -> tuple[Array, Array]:
+def compensated_damping(
+    path: Path, p: DrivetrainParameters, weight: Weight, K_d: float | None = None, B_d: float | None = None
+) -> tuple[Array, Array]:
     """A grid of phases, and B_1 [N*m*s/rad] (Eq. 14) at these. A grid is enough because B_1 is a smooth curve."""
-    desired, grid = read_impedance_trajectory(path), np.linspace(0.0, 1.0, 51)
+    desired, grid = Condition(K_d=K_d, B_d=B_d).desired(path), np.linspace(0.0, 1.0, 51)
     stiffness, damping = desired.at(desired.K_d, grid), desired.at(desired.B_d, grid)
     # at() is periodic, so the grid's last point is its first
     check_request(stiffness, damping, p)
@@ -81,23 +84,26 @@ def walking_commands(
     """Commands to the actuator in a step, shape (updates of the controller,); `time` [s] is that of the motion. Unless
     the file of the desired impedance has an equilibrium angle, it is chosen so that K_d and B_d give the step's ankle
     moment at the step's nominal angle."""
-    stride = walking.rates.motion_hz // walking.rates.controller_hz
-    c, desired = step.cycle_phase(time[::stride]), read_impedance_trajectory(walking.impedance)
+    stride, asked = walking.rates.motion_hz // walking.rates.controller_hz, step.condition
+    c, desired = step.cycle_phase(time[::stride]), asked.desired(walking.impedance)
     K_d, B_d = desired.at(desired.K_d, c), desired.at(desired.B_d, c)
     if compensates:
-        K_1 = stiffness_gain(K_d, p)
-        B_1 = np.interp(np.mod(c, 1.0), *compensated_damping(walking.impedance, p, walking.gain_weight.weight))
+        damping = compensated_damping(walking.impedance, p, walking.gain_weight.weight, asked.K_d, asked.B_d)
+        K_1, B_1 = stiffness_gain(K_d, p), np.interp(np.mod(c, 1.0), *damping)
     else:
         K_1, B_1 = K_d / p.n_T**2, B_d / p.n_T**2
+    usual = step.body_mass * nominal_ankle_moment(c)
+    moment = step.load * usual + step.torque_wander[::stride]
     if desired.theta_eq is not None:
-        theta_eq = desired.at(desired.theta_eq, c)
+        theta_eq = desired.at(desired.theta_eq, c) - (moment - usual) / K_d
     else:
-        moment, angle = walking.gait.body_mass_kg * nominal_ankle_moment(c), nominal_ankle_angle(c)
+        angle = step.change.amplitude * nominal_ankle_angle(c)
         theta_eq = angle - (moment - B_d * time_derivative(angle, walking.rates.controller_hz)) / K_d
     return ControlCommands(K_1, B_1, theta_eq * p.n_T, cancels_friction=compensates)
 
 
 YIELD_S = 0.2
+SLIP_S = 0.1
 RELEASE_S = 0.3
 ROLL_LEVER_M = 0.004
 FREE_MOMENT = 0.03  # Largest free moment divided by body mass [N*m/kg]
@@ -162,14 +168,19 @@ def move(time: Array, step: Step, perturbed: bool, walking: WalkingSettings) -> 
     platform = perturbed_platform(time, step, walking) if perturbed else resting_platform(time, walking)
     rate, c = walking.rates.motion_hz, step.cycle_phase(time)
     on_platform = 1.0 - smooth_step((time - step.toe_off) / RELEASE_S)
-    carried = platform.angle * on_platform
-    theta = step.angle_factor * nominal_ankle_angle(c) + step.wander + carried
+    carried, moved = platform.angle * on_platform, platform.shift * on_platform[:, None]
+    theta = step.change.amplitude * step.angle_factor * nominal_ankle_angle(c) + step.wander + carried
+    theta = theta - moved[:, 0] / walking.perturbation.leg_length_m
+    path = ankle_path(c, walking.gait.stride_m)
     if platform.onset is not None:
-        given = 0.01 * walking.effects.shank_yield.value * np.radians(walking.perturbation.angle_deg)
+        given = 0.01 * walking.effects.shank_yield.value * step.condition.sign
+        given *= np.radians(walking.perturbation.angle_deg)
         theta = theta - given * pulse(time, platform.onset, YIELD_S, step.toe_off, RELEASE_S)
+        slip = 1e-3 * walking.effects.foot_slip.value
+        path[:, 0] -= slip * pulse(time, platform.onset, SLIP_S, step.toe_off, RELEASE_S)
     yaw = rotation_about(2, np.full_like(time, step.yaw))
-    path = nominal_ankle(walking) + step.placement + ankle_path(c, walking.gait.stride_m) @ yaw[0].T
-    foot = turned(carried, walking).after(Pose(yaw @ rotation_about(1, -foot_pitch(c)), path))
+    path = nominal_ankle(walking) + step.placement + path @ yaw[0].T
+    foot = displaced(carried, moved, walking).after(Pose(yaw @ rotation_about(1, -foot_pitch(c)), path))
     shank = Pose(foot.rotation @ rotation_about(1, theta), foot.origin)
     omega = time_derivative(theta, rate)
     return LegMotion(theta, omega, time_derivative(omega, rate), foot, shank, platform)
@@ -182,7 +193,7 @@ def react(
     needs the moment N = u . (dH/dt + r x m (a - g)). The shank applies +tau (toes down), and the ground applies the
     rest, N - tau. The part of the ground decreases with its force at the beginning and end of stance. Across the axis
     the ground's moments are small, and the hinge carries the rest."""
-    foot, mass = motion.foot, walking.gait.body_mass_kg
+    foot, mass = motion.foot, step.body_mass
     forward, axis, upward = (foot.rotation[:, :, i] for i in range(3))
     body = RigidBody(
         walking.effects.foot_inertia.value, np.array(walking.foot.centre_of_mass_m), np.array(walking.foot.gyration_m)
@@ -192,7 +203,7 @@ def react(
     phase = step.stance_phase(time)
     contact = stance_window(phase)
     given = contact * (about_axis - answer)
-    force = step.force_factor * ground_reaction(phase) * mass * -FREE_FALL[2]
+    force = step.load * step.force_factor * ground_reaction(phase) * mass * -FREE_FALL[2]
     roll = ROLL_LEVER_M * force[:, 2]
     spin = FREE_MOMENT * mass * contact * np.sin(2 * np.pi * phase)
     moment = given[:, None] * axis + roll[:, None] * forward + spin[:, None] * upward
@@ -221,7 +232,7 @@ def crossing_curves(
     moment about the centre of the plate's surface where the platform has carried it (`plate_centre`); axis: the
     ankle's, through `ankle`; foot_moment: what the foot's weight and inertia demand about it, so that torque =
     foot_moment - axis . (moment + (plate_centre - ankle) x force)."""
-    motion, desired = crossing.motion, read_impedance_trajectory(walking.impedance)
+    motion, desired = crossing.motion, crossing.step.condition.desired(walking.impedance)
     phase = crossing.step.cycle_phase(crossing.time)
     centre = motion.platform.pose.point(np.array(walking.plate.centre_m))
     axis = motion.foot.rotation[:, :, 1]
@@ -322,16 +333,16 @@ def simulate_walking_trial(
     if row["experiment"] == "walking":
         walked, unperturbed = both_crossings(row, time, settings, walking, p)
         clock = draw_clock(trial, seed, walking)
-        scene, curves = scene_of(walked, walking), crossing_curves(walked, unperturbed, walking)
+        scene, curves = scene_of(walked, walking, seed), crossing_curves(walked, unperturbed, walking)
         facts |= crossing_facts(walked, unperturbed, clock)
     elif row["experiment"] == "plate":
-        platform = unloaded_platform(time, trial, seed, walking)
+        platform = unloaded_platform(time, trial, seed, walking, condition_of(row, settings))
         nothing = np.zeros((len(time), 3))
         load = TrueWrench(nothing, nothing, nothing)
         scene = Scene(platform_markers(platform.pose, walking), platform.pose, load, platform.command)
     elif row["experiment"] == "static":
         platform = resting_platform(time, walking)
-        scene = standing_scene(platform, walking)
+        scene = standing_scene(platform, walking, seed, condition_of(row, settings))
     else:
         raise InputError(
             f"trial {trial}: experiment '{row['experiment']}' is not one of the gait laboratory; "
@@ -358,7 +369,7 @@ def both_crossings(
 ) -> tuple[SimulatedCrossing, SimulatedCrossing]:
     """A crossing, and the same one without the perturbation. The controller compensates unless that of the row is
     'uncompensated'."""
-    step = draw_step(str(row["trial"]), settings.seed, time, walking)
+    step = draw_step(str(row["trial"]), settings.seed, time, walking, condition_of(row, settings))
     compensates, effects = str(row.get("controller")) != "uncompensated", drivetrain_effects(settings)
     unperturbed = simulate_crossing(time, step, False, compensates, walking, effects, p)
     if not row.get("perturbed"):
@@ -366,24 +377,45 @@ def both_crossings(
     return simulate_crossing(time, step, True, compensates, walking, effects, p), unperturbed
 
 
-def scene_of(walked: SimulatedCrossing, walking: WalkingSettings) -> Scene:
-    """The quantities of a crossing that Vicon records."""
-    motion = walked.motion
-    markers = leg_markers(motion.foot, motion.shank) | platform_markers(motion.platform.pose, walking)
-    return Scene(markers, motion.platform.pose, walked.reaction, motion.platform.command)
+def scene_of(walked: SimulatedCrossing, walking: WalkingSettings, seed: int = 0) -> Scene:
+    """The quantities of a crossing that Vicon records. The seed decides where markers are in later sessions."""
+    motion, step = walked.motion, walked.step
+    markers = leg_markers(motion.foot, motion.shank, step.condition, walking, seed)
+    markers |= platform_markers(motion.platform.pose, walking)
+    load, command = load_on_plate(walked, walking), motion.platform.command
+    return Scene(markers, motion.platform.pose, load, command, step.body_mass, step.condition.person)
 
 
-def standing_scene(platform: PlatformMotion, walking: WalkingSettings) -> Scene:
+def standing_scene(platform: PlatformMotion, walking: WalkingSettings, seed: int, condition: Condition) -> Scene:
     """Quiet standing: foot flat, shank upright, half the body weight vertically above the ankle."""
     leg = Pose(platform.pose.rotation, np.tile(nominal_ankle(walking), (len(platform.angle), 1)))
-    weight = np.tile(-0.5 * walking.gait.body_mass_kg * FREE_FALL, (len(platform.angle), 1))
-    markers = leg_markers(leg, leg) | on_body(leg, ANKLE_AXIS) | platform_markers(platform.pose, walking)
-    return Scene(markers, platform.pose, TrueWrench(weight, np.zeros_like(weight), leg.origin), None)
+    mass = condition.body_mass(walking.gait.body_mass_kg)
+    weight = np.tile(-0.5 * mass * FREE_FALL, (len(platform.angle), 1))
+    markers = leg_markers(leg, leg, condition, walking, seed) | on_body(leg, ANKLE_AXIS)
+    markers |= platform_markers(platform.pose, walking)
+    load = TrueWrench(weight, np.zeros_like(weight), leg.origin)
+    return Scene(markers, platform.pose, load, None, mass, condition.person)
+
+
+def load_on_plate(walked: SimulatedCrossing, walking: WalkingSettings) -> TrueWrench:
+    """The load on the plate, about the ankle of the foot that walks; shape (n, 3) each. The pressure is even over the
+    width of the foot. What is beside the plate is carried by the floor, and the middle of the rest is half of that
+    width further inward (to the left). The other foot's load is a Gaussian curve about mid-stance, 0.15 m behind the
+    nominal ankle and 0.18 m to the left."""
+    change, reaction, phase = walked.step.change, walked.reaction, walked.step.stance_phase(walked.time)
+    beside = 1e-3 * change.overhang_mm
+    on_plate, ankle = 1.0 - beside / FOOT_WIDTH, reaction.point + np.array([0.0, 0.5 * beside, 0.0])
+    curve = np.exp(-(((phase - 0.5) / 0.12) ** 2)) * ((phase > 0) & (phase < 1))
+    other = curve[:, None] * (-0.01 * change.second_foot_percent * walked.step.body_mass * FREE_FALL)
+    place = np.add(walking.plate.centre_m, [*walking.plate.nominal_ankle_m, 0.0]) + np.array([-0.15, 0.18, 0.0])
+    lever = walked.motion.platform.pose.point(place) - ankle
+    return TrueWrench(on_plate * reaction.force + other, on_plate * reaction.moment + np.cross(lever, other), ankle)
 
 
 def crossing_facts(walked: SimulatedCrossing, unperturbed: SimulatedCrossing, clock: LegClock) -> dict[str, object]:
     """The random quantities of a crossing, and the impedance that the leg rendered in it."""
-    step, platform = walked.step, walked.motion.platform
+    step, platform, condition = walked.step, walked.motion.platform, walked.step.condition
+    planned = {name: getattr(condition, name) for name in ("direction", "K_d", "B_d", "stance_phase", "session")}
     return {
         "perturbed": platform.onset is not None,
         "command_s": platform.command,
@@ -392,6 +424,8 @@ def crossing_facts(walked: SimulatedCrossing, unperturbed: SimulatedCrossing, cl
         "toe_off_s": step.toe_off,
         "foot_yaw_rad": step.yaw,
         "placement_m": step.placement.tolist(),
+        "condition": planned | {"subject": condition.person},
+        "change": step.change.model_dump(mode="json", exclude={"of", "share"}),
         "leg_clock": {"offset_s": clock.offset, "drift": clock.drift},
         **impedance_of_leg(walked, unperturbed),
     }

@@ -1,15 +1,94 @@
-"""The sample sheet of a simulated campaign."""
+"""The sample sheet of a simulated campaign, and the condition that each trial of the gait laboratory has by plan."""
 
 import itertools
+import re
 from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.shared_choices import ImpedanceTrajectory, read_impedance_trajectory
 from osl_analysis.config.sheet import JOINT, SHEET_COLUMNS, SheetRows
 from osl_analysis.errors import InputError
-from osl_analysis.simulator.settings import SimulationSettings, stream
+from osl_analysis.simulator.settings import RampDirection, SimulationSettings, Subject, stream
 
 TWO_NODES = "_nodes"  # Ending of the name of a bench's source file if two nodes record
 PlannedRow = dict[str, object]
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What a trial of the gait laboratory is by plan. None: as the settings of the gait laboratory have it."""
+
+    perturbed: bool = False
+    direction: RampDirection = "up"
+    K_d: float | None = None  # Largest desired stiffness [N*m/rad]
+    B_d: float | None = None  # Largest desired damping [N*m*s/rad]
+    stance_phase: float | None = None  # Mean phase of stance at which the ramp is commanded
+    subject: Subject | None = None
+    session: int = 1
+    attached_anew: bool = False  # Whether the leg's markers are not those of the campaign's first session
+
+    @property
+    def person(self) -> str | None:
+        """Name of the person, if the campaign names persons."""
+        return self.subject.name if self.subject else None
+
+    @property
+    def sign(self) -> float:
+        """1 if the platform turns the toes up, -1 if down."""
+        return 1.0 if self.direction == "up" else -1.0
+
+    def body_mass(self, nominal: float) -> float:
+        """Body mass [kg] of the person, or the nominal one."""
+        return (self.subject and self.subject.body_mass_kg) or nominal
+
+    def desired(self, path: Path) -> ImpedanceTrajectory:
+        """The desired impedance of a file, scaled to this condition's."""
+        found = read_impedance_trajectory(path)
+        K_d = found.K_d if self.K_d is None else found.K_d * (self.K_d / found.K_d.max())
+        B_d = found.B_d if self.B_d is None else found.B_d * (self.B_d / (found.B_d.max() or 1.0))
+        return replace(found, K_d=K_d, B_d=B_d)
+
+
+def condition_of(row: Mapping[str, Any], settings: SimulationSettings) -> Condition:
+    """The condition of a row of the sample sheet: by its name, and by what it states of direction, K_d and B_d. By name
+    a trial has a place in a random order of all combinations. Subjects and sessions share the trials of an
+    experiment."""
+    trial, lists = str(row["trial"]), settings.experiments.conditions
+    choices = (lists.directions, *(values or (None,) for values in (lists.K_d, lists.B_d, lists.stance_phases)))
+    combinations = list(itertools.product(*choices))
+    found = re.search(r"\d+$", trial)
+    number = int(found.group()) - 1 if found else 0
+    block, place = divmod(number, len(combinations))
+    stem = trial.rstrip("0123456789")
+    order = stream(settings.seed, f"{stem}{block}", "condition").permutation(len(combinations))
+    drawn = dict(zip(("direction", "K_d", "B_d", "stance_phase"), combinations[order[place]], strict=True))
+    stated = {name: row[name] for name in ("direction", "K_d", "B_d") if row.get(name) is not None}
+    trials, people = max(getattr(settings.experiments, row["experiment"]), 1), lists.subjects or (None,)
+    part = number % trials * len(people) * lists.sessions // trials
+    return Condition(
+        **drawn | stated,
+        perturbed=bool(row.get("perturbed")),
+        subject=people[part // lists.sessions],
+        session=part % lists.sessions + 1,
+        attached_anew=part > 0,
+    )
+
+
+def stated_columns(row: PlannedRow, settings: SimulationSettings) -> PlannedRow:
+    """The columns of the sample sheet that state the condition of a row, as far as `stated` has them."""
+    lists, condition = settings.experiments.conditions, condition_of(row, settings)
+    facts: PlannedRow = {"subject": condition.person, "session": str(condition.session), "side": lists.side}
+    facts["body_mass_kg"] = condition.subject.body_mass_kg if condition.subject else None
+    if row["experiment"] == "walking":
+        timing = condition.stance_phase
+        parts = [condition.direction, *(f"K{v:g}" for v in [condition.K_d] if v), *(f"{t:.0%}" for t in [timing] if t)]
+        facts |= {"K_d": condition.K_d, "B_d": condition.B_d, "group": "_".join(parts).replace("%", "")}
+        facts |= {"direction": condition.direction if row.get("perturbed") else None}
+    return {name: facts[name] for name in lists.stated if name in facts}
 
 
 def plan_trials(settings: SimulationSettings) -> SheetRows:
@@ -47,13 +126,14 @@ def bench_plan(settings: SimulationSettings) -> list[PlannedRow]:
 
 
 def laboratory_plan(settings: SimulationSettings) -> list[PlannedRow]:
-    """The trials in the gait laboratory. Crossings also have the leg's log."""
+    """The trials in the gait laboratory, with what the sheet states of their condition. Crossings also have the leg's
+    log."""
     wanted = settings.experiments
     rows = numbered("static", wanted.static, 1) + numbered("plate", wanted.plate, 2)
     for row in numbered("walking", wanted.walking, 2):
         perturbed = stream(settings.seed, str(row["trial"]), "perturbed").random() < wanted.perturbed_share
         rows.append(row | {"perturbed": bool(perturbed)})
-    return rows
+    return [row | stated_columns(row, settings) for row in rows]
 
 
 def planned_row(trial: str, experiment: str) -> PlannedRow:

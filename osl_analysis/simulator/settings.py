@@ -120,6 +120,35 @@ PartsPerMillion = Annotated[SignedEffect, in_unit("ppm")]
 NO_SCATTER = Scatter(enabled=False, size=0, unit="s")
 NO_SECONDS = SignedEffect(enabled=False, size=0, unit="s")
 NO_PPM = SignedEffect(enabled=False, size=0, unit="ppm")
+RampDirection = Literal["up", "down"]
+StatedColumn = Literal["K_d", "B_d", "direction", "subject", "session", "side", "group", "body_mass_kg"]
+
+
+class Subject(Settings):
+    """A person, by the name in sample sheet and capture. What is left out is that of the gait laboratory's settings."""
+
+    name: str
+    body_mass_kg: Positive | None = None
+    stance_s: Positive | None = None
+
+
+class Conditions(Settings):
+    """Lists of which each crossing gets one entry. An empty list leaves the settings of the gait laboratory. In n
+    successive crossings, n being the number of combinations, each combination of direction, K_d, B_d and stance_phase
+    occurs once, in a random order. Subjects and sessions follow each other in equal blocks."""
+
+    directions: Annotated[tuple[RampDirection, ...], Field(min_length=1)] = ("up",)  # up: toes up, dorsiflexion
+    K_d: tuple[Positive, ...] = ()  # largest desired stiffness [N*m/rad]; the whole trajectory is scaled
+    B_d: tuple[NotNegative, ...] = ()  # largest desired damping [N*m*s/rad]; the whole trajectory is scaled
+    stance_phases: tuple[Annotated[float, Field(ge=0, lt=1)], ...] = ()
+    """Mean phase of stance at which the ramp is commanded. It scatters as `perturbation.stance_phase` does."""
+    subjects: tuple[Subject, ...] = ()
+    sessions: Annotated[int, Field(ge=1)] = 1
+    """Number of sessions of each person. In each the markers of the leg are attached anew (`marker_placement`)."""
+    side: Literal["left", "right"] = "right"
+    """Side that the sheet states if `stated` has it. The simulated leg is the right one, whatever is stated."""
+    stated: tuple[StatedColumn, ...] = ()
+    """Columns of the sample sheet that state the condition of a crossing. Without them the sheet leaves it unsaid."""
 
 
 class SwitchedEffects(Settings):
@@ -447,6 +476,7 @@ class Experiments(Settings):
     plate: Count = 0  # a perturbation of the unloaded platform
     walking: Count = 0  # crossings
     perturbed_share: Annotated[float, Field(ge=0, le=1)] = 0.5  # probability that a crossing is perturbed
+    conditions: Conditions = Conditions()
 
     @model_validator(mode="after")
     def _some(self) -> Self:

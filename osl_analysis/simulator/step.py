@@ -5,15 +5,19 @@ walking with a prosthetic ankle. They have three or more continuous derivatives,
 Cycle phase c: 0 at heel strike, 1 at the next one, any real number; stance phase p: 0 at heel strike, 1 at toe-off.
 """
 
+import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from osl_analysis.errors import InputError
+from osl_analysis.simulator.plan import Condition
 from osl_analysis.simulator.rigid_body import Pose, rotation_about
 from osl_analysis.simulator.settings import stream
-from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.simulator.walking_settings import StepChange, WalkingSettings
 from osl_analysis.trial import Array
 
 STANCE_FRACTION = 0.62
@@ -21,6 +25,7 @@ FLAT_FROM, FLAT_TO = 0.12, 0.60
 ANKLE_HEIGHT = 0.08
 HEEL = np.array([-0.06, 0.0, -ANKLE_HEIGHT])
 BALL = np.array([0.13, 0.0, -ANKLE_HEIGHT])
+FOOT_WIDTH = 0.09  # Width [m] of the foot, whose middle is below the ankle
 # (size, cycle phase of the peak, sharpness) of periodic bumps; sizes in degrees and N*m/kg
 ANKLE_ANGLE = ((-7.0, 0.06, 20.0), (12.0, 0.40, 3.5), (-18.0, 0.63, 11.0))
 ANKLE_MOMENT = ((0.45, 0.28, 6.0), (0.35, 0.37, 14.0), (1.35, 0.475, 11.0), (-0.15, 0.05, 30.0))
@@ -100,6 +105,43 @@ def rolled_over(pivot: Array, pitch: Array) -> Array:
     return np.stack([x - (cos * x - sin * z), np.zeros_like(pitch), z - (sin * x + cos * z)], axis=-1)
 
 
+def drawn_change(trial: str, seed: int, perturbed: bool, changes: Iterable[StepChange]) -> StepChange:
+    """All changes of one crossing in one: factors multiply, the rest adds up."""
+    found = [
+        change
+        for i, change in enumerate(changes)
+        if change.concerns(trial, perturbed) and stream(seed, trial, f"change{i}").random() < change.share
+    ]
+    fields = {name: math.prod(getattr(c, name) for c in found) for name in ("load", "amplitude")}
+    for name in ("slower_percent", "after_window_percent", "second_foot_percent", "overhang_mm"):
+        fields[name] = sum(getattr(c, name) for c in found)
+    return StepChange(of=(trial,), **fields)
+
+
+SHIVER_HZ = (8.0, 20.0)
+SETTLES_S = 0.1  # Time [s] after the ramp at which the shiver begins to fade
+FADE_S = 0.05
+
+
+@dataclass(frozen=True)
+class Servo:
+    """What is random in a motion of the platform."""
+
+    slowness: float  # Factor of the duration of the ramp
+    shiver: Array  # Deviation [rad] of the angle, shape (n,), before it is limited to the motion
+
+    def shivering(self, time: Array, onset: float, rise: float) -> Array:
+        """Deviation [rad] of the angle, shape (n,): from the onset [s] until shortly after the rise [s]."""
+        return self.shiver * pulse(time, onset, FADE_S, onset + rise + SETTLES_S, FADE_S)
+
+
+def draw_servo(trial: str, seed: int, time: Array, walking: WalkingSettings) -> Servo:
+    """Draw the servo of a trial."""
+    shiver = wandering(stream(seed, trial, "servo_shiver"), time, SHIVER_HZ)
+    size = np.radians(walking.effects.servo_shiver.value)
+    return Servo(1 + deviate(trial, seed, walking, "rise_scatter", 0.01), size * shiver)
+
+
 RENDERED_S = 0.1  # Time [s] after the onset in which the rendered impedance is fitted
 WANDER_HZ = (0.3, 4.0)
 WANDER_WAVES = 6
@@ -116,15 +158,27 @@ class Step:
     command: float  # Time [s] at which the perturbation is commanded
     angle_factor: float  # Factor of the ankle's angle
     wander: Array  # Smooth deviation [rad] of the ankle's angle, shape (n,)
+    torque_wander: Array  # Smooth deviation [N*m] of the ankle's torque, shape (n,). The leg's equilibrium follows it
     force_factor: Array  # Factor of each component of the ground reaction, shape (3,)
     placement: Array  # Deviation [m] of the foot's place forward, to the left and up, shape (3,)
     yaw: float  # Direction [rad] of the foot, to the left
     hurry: float  # Time [s] by which stance is longer after the window
+    timing: tuple[float, float]
+    """Deviation of the phase of stance in its middle, and of one half of it against the other."""
+    body_mass: float  # Body mass [kg]
+    servo: Servo  # What is random in the platform's motion
+    change: StepChange  # What makes this crossing differ from others
+    condition: Condition  # What the crossing is by plan
 
     @property
     def toe_off(self) -> float:
         """Time [s] at which the foot leaves the platform."""
         return self.heel_strike + self.stance + self.hurry
+
+    @property
+    def load(self) -> float:
+        """Factor of the ground reaction and of the ankle's nominal torque."""
+        return self.change.load * self.change.amplitude
 
     def stance_phase(self, time: Array) -> Array:
         """Phase of stance at times [s]: 0 at heel strike, 1 at toe-off."""
@@ -133,7 +187,9 @@ class Step:
             begins = self.onset + RENDERED_S - self.heel_strike
             left = self.stance + self.hurry - begins
             elapsed = elapsed - self.hurry * smooth_step((elapsed - begins) / left)
-        return np.asarray(elapsed / self.stance)
+        phase = elapsed / self.stance
+        inside, (middle, halves) = np.clip(phase, 0.0, 1.0), self.timing
+        return np.asarray(phase + 256.0 * (inside * (1 - inside)) ** 4 * (middle + halves * 2 * (2 * inside - 1)))
 
     def cycle_phase(self, time: Array) -> Array:
         """Phase of the gait cycle at times [s]: 0 at the heel strike on the platform, 1 at the next."""
@@ -144,25 +200,31 @@ class Step:
         return self if perturbed or not self.hurry else replace(self, hurry=0.0)
 
 
-def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings) -> Step:
+def deviate(trial: str, seed: int, walking: WalkingSettings, effect: str, unit: float = 1.0) -> float:
+    """A normal deviate with an effect's standard deviation, in SI units."""
+    return unit * float(getattr(walking.effects, effect).value * stream(seed, trial, effect).standard_normal())
+
+
+def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings, condition: Condition | None = None) -> Step:
     """Draw a crossing. Each effect has its own random stream."""
-    effects, nominal, perturbation = walking.effects, walking.gait, walking.perturbation
-
-    def normal(effect: str, unit: float = 1.0) -> float:
-        """A normal deviate with the effect's standard deviation, in SI units."""
-        return unit * float(getattr(effects, effect).value * stream(seed, trial, effect).standard_normal())
-
-    stance = nominal.stance_s * (1 + normal("stance_scatter", 0.01)) * (1 + 0.01 * nominal.slower_percent)
+    effects, nominal, condition = walking.effects, walking.gait, condition or Condition()
+    normal = partial(deviate, trial, seed, walking)
+    change = drawn_change(trial, seed, condition.perturbed, walking.changes)
+    usual = (condition.subject and condition.subject.stance_s) or nominal.stance_s
+    stance = usual * (1 + normal("stance_scatter", 0.01)) * (1 + 0.01 * change.slower_percent)
+    hurry = 0.01 * change.after_window_percent * stance
     heel_strike = nominal.heel_strike_s + normal("heel_strike_scatter")
-    phase = float(stream(seed, trial, "perturbation_phase").uniform(*perturbation.stance_phase))
-    command, hurry = heel_strike + phase * stance, 0.01 * nominal.after_window_percent * stance
-    onset = command + perturbation.latency_s
+    command = heel_strike + command_phase(trial, seed, walking, condition) * stance
+    onset = command + walking.perturbation.latency_s + normal("trigger_scatter", 1e-3)
     left = heel_strike + stance + hurry - onset - RENDERED_S
     if hurry and not left > STEEPEST * max(hurry, 0.0):
         raise InputError(
-            f"trial {trial}: after_window_percent {nominal.after_window_percent:g} leaves {left:.3f} s of stance "
+            f"trial {trial}: after_window_percent {change.after_window_percent:g} leaves {left:.3f} s of stance "
             "after the window; choose a smaller change, or an earlier perturbation"
         )
+    load, amplitude = (getattr(change, name) * (1 + normal(f"{name}_scatter", 0.01)) for name in ("load", "amplitude"))
+    sideways = overhanging(change, walking) if change.overhang_mm else normal("placement_sideways", 1e-3)
+    halves = stream(seed, trial, "timing_halves").standard_normal()
     return Step(
         heel_strike=heel_strike,
         stance=stance,
@@ -170,17 +232,36 @@ def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings) -> S
         command=command,
         angle_factor=1 + normal("angle_scale", 0.01),
         wander=np.radians(effects.angle_wander.value) * wandering(stream(seed, trial, "angle_wander"), time),
+        torque_wander=effects.torque_wander.value * wandering(stream(seed, trial, "torque_wander"), time),
         force_factor=1 + 0.01 * effects.force_scale.value * stream(seed, trial, "force_scale").standard_normal(3),
-        placement=np.array([normal("placement_forward", 1e-3), normal("placement_sideways", 1e-3), 0.0]),
+        placement=np.array([normal("placement_forward", 1e-3), sideways, 0.0]),
         yaw=normal("foot_yaw", np.pi / 180),
         hurry=hurry,
+        timing=(normal("timing_wander", 0.01), float(0.01 * effects.timing_wander.value * halves)),
+        body_mass=condition.body_mass(nominal.body_mass_kg),
+        servo=draw_servo(trial, seed, time, walking),
+        change=change.model_copy(update={"load": load, "amplitude": amplitude}),
+        condition=condition,
     )
 
 
-def wandering(random: np.random.Generator, time: Array) -> Array:
-    """A smooth deviation of unit standard deviation, shape (n,): slow waves of random size, frequency and phase."""
+def command_phase(trial: str, seed: int, walking: WalkingSettings, condition: Condition) -> float:
+    """Phase of stance at which the perturbation is commanded. It scatters about the condition's as about the usual."""
+    first, last = walking.perturbation.stance_phase
+    moved = 0.0 if condition.stance_phase is None else condition.stance_phase - 0.5 * (first + last)
+    return float(moved + stream(seed, trial, "perturbation_phase").uniform(first, last))
+
+
+def overhanging(change: StepChange, walking: WalkingSettings) -> float:
+    """Deviation [m] of a foot's place to the left, whose outer side is `overhang_mm` beyond the plate's right edge."""
+    outer = -0.5 * walking.plate.size_m[1] - 1e-3 * change.overhang_mm
+    return outer + 0.5 * FOOT_WIDTH - walking.plate.nominal_ankle_m[1]
+
+
+def wandering(random: np.random.Generator, time: Array, band: tuple[float, float] = WANDER_HZ) -> Array:
+    """A smooth deviation of unit standard deviation, shape (n,): waves of random size, frequency [Hz] and phase."""
     sizes = random.standard_normal(WANDER_WAVES) * np.sqrt(2 / WANDER_WAVES)
-    pitches, phases = random.uniform(*WANDER_HZ, WANDER_WAVES), random.uniform(0, 2 * np.pi, WANDER_WAVES)
+    pitches, phases = random.uniform(*band, WANDER_WAVES), random.uniform(0, 2 * np.pi, WANDER_WAVES)
     return np.asarray(np.cos(2 * np.pi * np.outer(time, pitches) + phases) @ sizes)
 
 
@@ -195,6 +276,7 @@ class PlatformMotion:
     """True motion of the platform."""
 
     angle: Array  # Dorsiflexion (toes-up) angle [rad], shape (n,)
+    shift: Array  # Displacement [m] of the axis of rotation, laboratory axes, shape (n, 3)
     pose: Pose  # Displacement of the platform from where it is at rest
     command: float | None  # Time [s] at which the trigger fires. None if the platform stays at rest
     onset: float | None  # Time [s] at which the platform starts to move. None if it stays at rest
@@ -205,10 +287,13 @@ def pulse(time: Array, start: float, rise: float, back: float, fall: float) -> A
     return np.asarray(smooth_step((time - start) / rise) - smooth_step((time - back) / fall))
 
 
-def turned(angle: Array, walking: WalkingSettings) -> Pose:
-    """Rotation of the platform by an angle [rad, toes up] about the mediolateral axis through the nominal ankle."""
-    rotation, pivot = rotation_about(1, -angle), nominal_ankle(walking)
-    return Pose(rotation, pivot - rotation @ pivot)
+def displaced(angle: Array, shift: Array, walking: WalkingSettings) -> Pose:
+    """The platform turned by an angle [rad, toes up] about its mediolateral axis, which is shifted [m]. The axis goes
+    through the nominal ankle, or below it in the depth that the settings give."""
+    rotation, pivot, depth = rotation_about(1, -angle), nominal_ankle(walking), walking.perturbation.axis_depth_m
+    if depth is not None:
+        pivot[2] = walking.plate.centre_m[2] - depth
+    return Pose(rotation, pivot - rotation @ pivot + shift)
 
 
 def nominal_ankle(walking: WalkingSettings) -> Array:
@@ -218,31 +303,49 @@ def nominal_ankle(walking: WalkingSettings) -> Array:
 
 def perturbed_platform(time: Array, step: Step, walking: WalkingSettings) -> PlatformMotion:
     """The ramp under a walking foot, held until after toe-off."""
-    ramp = walking.perturbation
-    held = pulse(time, step.onset, ramp.rise_s, step.toe_off + ramp.hold_s, ramp.return_s)
-    angle = np.radians(ramp.angle_deg) * held
-    return PlatformMotion(angle, turned(angle, walking), step.command, step.onset)
+    ramp, servo = walking.perturbation, step.servo
+    rise = servo.slowness * ramp.rise_s
+    held = pulse(time, step.onset, rise, step.toe_off + ramp.hold_s, ramp.return_s)
+    angle, shift = ramp_motion(held, step.condition, walking)
+    angle = angle + servo.shivering(time, step.onset, rise)
+    return PlatformMotion(angle, shift, displaced(angle, shift, walking), step.command, step.onset)
+
+
+def ramp_motion(held: Array, condition: Condition, walking: WalkingSettings) -> tuple[Array, Array]:
+    """Angle [rad], shape (n,), and shift [m] of the axis, shape (n, 3), of a platform that has gone a share `held` of
+    its way. A platform that shifts the ankle backward dorsiflexes it, as one that turns the toes up. The heave is
+    largest in the middle of the way."""
+    ramp, shift = walking.perturbation, np.zeros((len(held), 3))
+    shift[:, 2] = 1e-3 * walking.effects.platform_heave.value * 4 * held * (1 - held)
+    if ramp.shift_mm is not None:
+        shift[:, 0] = -condition.sign * 1e-3 * ramp.shift_mm * held
+        return np.zeros_like(held), shift
+    return condition.sign * np.radians(ramp.angle_deg) * held, shift
 
 
 def resting_platform(time: Array, walking: WalkingSettings) -> PlatformMotion:
     """A platform that stays flat."""
-    still = np.zeros_like(time)
-    return PlatformMotion(still, turned(still, walking), None, None)
+    still, unmoved = np.zeros_like(time), np.zeros((len(time), 3))
+    return PlatformMotion(still, unmoved, displaced(still, unmoved, walking), None, None)
 
 
-def unloaded_platform(time: Array, trial: str, seed: int, walking: WalkingSettings) -> PlatformMotion:
+def unloaded_platform(
+    time: Array, trial: str, seed: int, walking: WalkingSettings, condition: Condition | None = None
+) -> PlatformMotion:
     """The perturbation of an unloaded platform: the ramp, with small random variations, and its return. Every
     `full_motion_every`-th trial (by the number at the end of its name) then also shifts along all three axes and tilts
     slowly about the walking direction. A regression can then estimate all inertial parameters of the plate."""
-    ramp, onset = walking.perturbation, UNLOADED_COMMAND_S + walking.perturbation.latency_s
-    size, slowness = stream(seed, trial, "unloaded_ramp").uniform(*UNLOADED_RANGE)
-    back = onset + 0.5
-    angle = size * (np.radians(ramp.angle_deg) * pulse(time, onset, slowness * ramp.rise_s, back, ramp.return_s))
-    pose = turned(angle, walking)
+    ramp, servo = walking.perturbation, draw_servo(trial, seed, time, walking)
+    onset = UNLOADED_COMMAND_S + ramp.latency_s + deviate(trial, seed, walking, "trigger_scatter", 1e-3)
+    size, slowness = (1.0, 1.0) if ramp.same_unloaded else stream(seed, trial, "unloaded_ramp").uniform(*UNLOADED_RANGE)
+    back, rise = onset + 0.5, slowness * servo.slowness * ramp.rise_s
+    angle, shift = ramp_motion(pulse(time, onset, rise, back, ramp.return_s), condition or Condition(), walking)
+    angle, shift = size * angle + servo.shivering(time, onset, rise), size * shift
+    pose = displaced(angle, shift, walking)
     number, every = re.search(r"\d+$", trial), walking.plate.full_motion_every
     if number and every and int(number.group()) % every == 0:
         pose = shifted_and_tilted(time, back + ramp.return_s, ramp.rise_s).after(pose)
-    return PlatformMotion(angle, pose, UNLOADED_COMMAND_S, onset)
+    return PlatformMotion(angle, shift, pose, UNLOADED_COMMAND_S, onset)
 
 
 def shifted_and_tilted(time: Array, start: float, rise: float) -> Pose:

@@ -1,8 +1,8 @@
 """The simulated Vicon recording: markers with noise and gaps, force plate, sync and trigger, as a C3D file of Nexus.
 
 The plate's axes are those of C3D force plates: x along laboratory +y, y along laboratory +x, z down, all turning with
-the platform. Corners 1-4 lie in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of these axes. The plate is of
-type 2, whose channels are force and moment about the sensor origin.
+the platform. Corners 1-4 lie in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of these axes. The channels of
+types 1 to 4 are as the C3D manual has them, with Kistler's formulas solved.
 """
 
 from collections.abc import Mapping
@@ -14,9 +14,10 @@ import ezc3d
 import numpy as np
 
 from osl_analysis.files import atomic_path
+from osl_analysis.simulator.plan import Condition
 from osl_analysis.simulator.rigid_body import FREE_FALL, Pose, RigidBody, TrueWrench, interpolated_at
 from osl_analysis.simulator.settings import stream
-from osl_analysis.simulator.walking_settings import MovingPlate, WalkingSettings
+from osl_analysis.simulator.walking_settings import CaptureSettings, MovingPlate, WalkingSettings
 from osl_analysis.trial import Array
 
 MM = 1e3
@@ -27,7 +28,8 @@ RESIDUAL_SEEN, RESIDUAL_HIDDEN = 0.0, -1.0
 @dataclass(frozen=True)
 class C3dRecording:
     """Markers [m], shape (frames, labels, 3), NaN where hidden, and analogs, shape (samples, channels), in `units`. The
-    rate of the analogs [Hz] is a whole multiple of the markers'. The first six channels are the force plate's."""
+    rate of the analogs [Hz] is a whole multiple of the markers'. The first six channels, or eight of type 3, are the
+    force plate's."""
 
     labels: tuple[str, ...]
     points: Array
@@ -38,6 +40,12 @@ class C3dRecording:
     analog_rate_hz: int
     corners: Array  # of the plate [m], shape (4, 3), in laboratory axes and C3D's order
     origin: Array  # FORCE_PLATFORM:ORIGIN [m] in the plate's axes, shape (3,)
+    plate_type: int = 2
+    calibration: Array | None = None  # (6, 6) of type 4, which turns its channels into [N] and [N*mm]
+    screen: tuple[str, str] | None = ("+X", "+Z")
+    """Axes of the file to the right and upward on a screen (POINT:X_SCREEN, Y_SCREEN). None: they are not stated."""
+    body_mass_kg: float | None = None  # Body mass [kg] that the file states. None: it states none
+    subject: str | None = None  # Name of the person that the file states. None: it states none
 
 
 def write_c3d(path: Path, recording: C3dRecording) -> None:
@@ -67,8 +75,7 @@ def describe(file: Any, recording: C3dRecording) -> None:
         DESCRIPTIONS=[""] * len(recording.labels),
         UNITS=["mm"],
         RATE=np.array([float(recording.point_rate_hz)]),
-        X_SCREEN=["+X"],
-        Y_SCREEN=["+Z"],
+        **({"X_SCREEN": [recording.screen[0]], "Y_SCREEN": [recording.screen[1]]} if recording.screen else {}),
         FORCE_UNITS=["N"],
         MOMENT_UNITS=["Nmm"],
     )
@@ -85,14 +92,18 @@ def describe(file: Any, recording: C3dRecording) -> None:
         file,
         "FORCE_PLATFORM",
         USED=np.array([1]),
-        TYPE=np.array([2]),
+        TYPE=np.array([recording.plate_type]),
         ZERO=np.array([1, 0]),
         CORNERS=recording.corners.T[:, :, None] * MM,
         ORIGIN=recording.origin[:, None] * MM,
-        CHANNEL=np.arange(1, 7)[:, None],
-        CAL_MATRIX=np.zeros(0),
+        CHANNEL=np.arange(1, 9 if recording.plate_type == 3 else 7)[:, None],
+        CAL_MATRIX=np.zeros(0) if recording.calibration is None else recording.calibration[:, :, None],
     )
     set_parameters(file, "TRIAL", CAMERA_RATE=np.array([float(recording.point_rate_hz)]))
+    if recording.body_mass_kg is not None:
+        set_parameters(file, "PROCESSING", BODYMASS=np.array([recording.body_mass_kg]))
+    if recording.subject is not None:
+        set_parameters(file, "SUBJECTS", NAMES=[recording.subject])
     set_parameters(file, "MANUFACTURER", COMPANY=["osl-analysis"], SOFTWARE=["simulator"])
 
 
@@ -150,6 +161,8 @@ class Scene:
     platform: Pose  # Pose of the platform
     reaction: TrueWrench  # Ground reaction on the plate
     command: float | None  # Time [s] at which the trigger fires. None if it does not
+    body_mass: float | None = None  # Body mass [kg] of the person. None if nobody is there
+    subject: str | None = None  # Name of the person. None if it has none
 
 
 def platform_markers(platform: Pose, walking: WalkingSettings) -> dict[str, Array]:
@@ -158,12 +171,21 @@ def platform_markers(platform: Pose, walking: WalkingSettings) -> dict[str, Arra
     return {label: platform.point(centre + np.array(place)) for label, place in PLATFORM.items()}
 
 
-def leg_markers(foot: Pose, shank: Pose) -> dict[str, Array]:
-    """Exact paths [m], shape (n, 3) each, of the markers that foot and shank always carry."""
-    return on_body(foot, FOOT) | on_body(shank, SHANK)
+def leg_markers(foot: Pose, shank: Pose, condition: Condition, walking: WalkingSettings, seed: int) -> dict[str, Array]:
+    """Exact paths [m], shape (n, 3) each, of the markers that foot and shank always carry. Their places scatter from
+    session to session of each person about those of the campaign's first one."""
+    session = f"{condition.person} {condition.session}"
+    scatter = 1e-3 * walking.effects.marker_placement.value if condition.attached_anew else 0.0
+
+    def attached(nominal: Mapping[str, MarkerPlace]) -> dict[str, Array]:
+        """The places [m] of markers on their body."""
+        streams = {label: stream(seed, session, f"marker_placement_{label}") for label in nominal}
+        return {label: place + scatter * streams[label].standard_normal(3) for label, place in nominal.items()}
+
+    return on_body(foot, attached(FOOT)) | on_body(shank, attached(SHANK))
 
 
-def on_body(body: Pose, places: Mapping[str, MarkerPlace]) -> dict[str, Array]:
+def on_body(body: Pose, places: Mapping[str, MarkerPlace | Array]) -> dict[str, Array]:
     """Exact paths [m], shape (n, 3) each, of points given by their places [m] on a body."""
     return {label: body.point(np.array(place)) for label, place in places.items()}
 
@@ -211,25 +233,120 @@ def in_axes(rotation: Array, vectors: Array) -> Array:
     return np.asarray(np.einsum("nji,nj->ni", rotation, vectors))
 
 
+CHANNELS_OF_TYPE = {
+    1: ("Fx1", "Fy1", "Fz1", "Px1", "Py1", "Tz1"),
+    2: ("Fx1", "Fy1", "Fz1", "Mx1", "My1", "Mz1"),
+    3: ("fx12", "fx34", "fy14", "fy23", "fz1", "fz2", "fz3", "fz4"),
+    4: ("C1", "C2", "C3", "C4", "C5", "C6"),
+}
+UNITS_OF_TYPE = {
+    1: ("N", "N", "N", "mm", "mm", "Nmm"),
+    2: ("N", "N", "N", "Nmm", "Nmm", "Nmm"),
+    3: ("N",) * 8,
+    4: ("V",) * 6,
+}
+PRESSURE_FROM_N = 20.0
+"""Vertical force from which on a plate of type 1 reports a centre of pressure; below it reports 0."""
+VOLTS_PER = np.array([2e-3, 2e-3, 1e-3, 1e-5, 1e-5, 2e-5])
+CROSSTALK = 0.01  # Share of each channel of type 4 in the next one
+
+
+def plate_channels(force: Array, moment: Array, walking: WalkingSettings) -> tuple[Array, Array, Array | None]:
+    """The channels of the plate's type from force [N] and moment [N*m] about the sensor origin, shape (n, 3) each;
+    ORIGIN [m]; and the calibration matrix of type 4, whose channels are voltages with crosstalk.
+
+    ORIGIN of types 2 and 4 has the sign of Vicon Nexus: z > 0 for a sensor below the surface. The C3D manual defines
+    the opposite vector, and readers reverse it by the sign of z.
+    """
+    plate, capture = walking.plate, walking.capture
+    origin = np.asarray(PLATE_AXES.T @ sensor_from_centre(plate))
+    if capture.plate_type == 1:
+        return pressure_channels(force, moment + np.cross(origin, force)), np.zeros(3), None
+    if capture.plate_type == 3:
+        (a, b), depth = capture.sensor_span_m, plate.sensor_depth_m
+        lever = PLATE_AXES.T @ np.array([*plate.sensor_offset_m, 0.0])
+        return corner_forces(force, moment + np.cross(lever, force), a, b), np.array([a, b, -depth]), None
+    wrench = np.hstack([force, MM * moment])
+    if capture.plate_type == 2:
+        return wrench, origin, None
+    scale = np.array([1, 1, 1, MM, MM, MM])
+    sensitivity = (np.eye(6) + CROSSTALK * np.eye(6, k=1)) * VOLTS_PER[:, None] * 10 / scale
+    return wrench @ sensitivity.T, origin, np.linalg.inv(sensitivity)
+
+
+def pressure_channels(force: Array, moment: Array) -> Array:
+    """Channels of type 1, shape (n, 6): force, centre of pressure on the surface and free moment, as computed by a
+    plate that knows no motion, from the moment [N*m] about the surface's centre."""
+    loaded = np.abs(force[:, 2]) > PRESSURE_FROM_N
+    upward = np.where(loaded, force[:, 2], 1.0)
+    x, y = np.where(loaded, [-moment[:, 1] / upward, moment[:, 0] / upward], 0.0)
+    free = np.where(loaded, moment[:, 2] - x * force[:, 1] + y * force[:, 0], 0.0)
+    return np.column_stack([force, MM * x, MM * y, MM * free])
+
+
+def corner_forces(force: Array, moment: Array, a: float, b: float) -> Array:
+    """Channels of type 3, shape (n, 8): forces of four sensors in the corners (+a, +b), (-a, +b), (-a, -b), (+a, -b),
+    from the moment [N*m] about their middle. Statics leave how the horizontal pairs share Mz, and a torsion of the four
+    vertical forces: half each, and none."""
+    (x, y, z), (m_x, m_y, m_z) = force.T, moment.T
+    channels = [x / 2 - m_z / (4 * b), x / 2 + m_z / (4 * b), y / 2 + m_z / (4 * a), y / 2 - m_z / (4 * a)]
+    for right, front in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
+        channels.append(z / 4 + front * m_x / (4 * b) - right * m_y / (4 * a))
+    return np.column_stack(channels)
+
+
+def as_amplified(channels: Array, walking: WalkingSettings) -> Array:
+    """The plate's channels inside the rails of their amplifiers, with the dead ones."""
+    capture, effects, kind = walking.capture, walking.effects, walking.capture.plate_type
+    rails = {
+        "N": (effects.sensor_clip if kind == 3 else effects.force_clip).value,
+        "Nmm": MM * effects.moment_clip.value,
+    }
+    limits = np.array([rails.get(unit, 0.0) or np.inf for unit in UNITS_OF_TYPE[kind]])
+    limited = np.clip(channels, -limits, limits)
+    for label, value in capture.dead_channels.items():
+        limited[:, CHANNELS_OF_TYPE[kind].index(label)] = value
+    return limited
+
+
+def in_file_axes(places: Array, capture: CaptureSettings) -> Array:
+    """Laboratory coordinates, shape (..., 3), in the axes of the file. With y up, z points to the right."""
+    x, y, z = np.moveaxis(places, -1, 0)
+    return places if capture.up_axis == "z" else np.stack([x, z, -y], axis=-1)
+
+
+def labels_in(trial: str, labels: tuple[str, ...], capture: CaptureSettings) -> tuple[str, ...]:
+    """The labels that a trial's markers have in the file."""
+    if capture.swapped_in is not None and trial not in capture.swapped_in:
+        return labels
+    other = {a: b for pair in capture.swapped_labels for a, b in (pair, pair[::-1])}
+    return tuple(other.get(label, label) for label in labels)
+
+
 def vicon_recording(trial: str, seed: int, scene: Scene, walking: WalkingSettings) -> C3dRecording:
-    """The Vicon recording of a scene. ORIGIN of the plate has the sign of Vicon Nexus: z > 0 for a sensor below the
-    surface. The C3D manual defines the opposite vector, and readers reverse it by the sign of z."""
-    rates, plate = walking.rates, walking.plate
+    """The Vicon recording of a scene."""
+    rates, plate, capture, kind = walking.rates, walking.plate, walking.capture, walking.capture.plate_type
     exact = np.stack(list(scene.markers.values()), axis=1)[:: rates.motion_hz // rates.points_hz]
     time = np.arange(len(exact) * (rates.analogs_hz // rates.points_hz)) / rates.analogs_hz
     true = sensor_reading(scene.reaction, scene.platform, plate, walking.effects.plate_inertia.value, rates.motion_hz)
-    channels = disturbed_reading(trial, seed, true, time, walking)
+    force, moment = disturbed_reading(trial, seed, true, time, walking)
+    channels, origin, calibration = plate_channels(force, moment, walking)
     levels = [sync_level(trial, seed, walking.gait.recording_s, time), trigger(time, scene.command)]
     return C3dRecording(
-        labels=tuple(scene.markers),
-        points=seen_markers(trial, seed, exact, walking),
+        labels=labels_in(trial, tuple(scene.markers), capture),
+        points=in_file_axes(seen_markers(trial, seed, exact, walking), capture),
         point_rate_hz=rates.points_hz,
-        channels=("Fx1", "Fy1", "Fz1", "Mx1", "My1", "Mz1", "Sync", "Trigger"),
-        units=("N", "N", "N", "Nmm", "Nmm", "Nmm", "V", "V"),
-        analogs=np.column_stack([channels, *(HIGH_V * level for level in levels)]),
+        channels=(*CHANNELS_OF_TYPE[kind], "Sync", "Trigger"),
+        units=(*((capture.moment_label or unit) if unit == "Nmm" else unit for unit in UNITS_OF_TYPE[kind]), "V", "V"),
+        analogs=np.column_stack([as_amplified(channels, walking), *(HIGH_V * level for level in levels)]),
         analog_rate_hz=rates.analogs_hz,
-        corners=plate_corners(plate),
-        origin=np.asarray(PLATE_AXES.T @ sensor_from_centre(plate)),
+        corners=in_file_axes(plate_corners(plate), capture),
+        origin=origin,
+        plate_type=kind,
+        calibration=calibration,
+        screen=("+X", f"+{capture.up_axis.upper()}") if capture.states_axes else None,
+        body_mass_kg=scene.body_mass if capture.states_body_mass else None,
+        subject=scene.subject,
     )
 
 
@@ -242,17 +359,17 @@ def trigger(time: Array, command: float | None) -> Array:
 
 def disturbed_reading(
     trial: str, seed: int, reading: tuple[Array, Array], time: Array, walking: WalkingSettings
-) -> Array:
-    """The plate's channels [N, N*mm], shape (n, 6), at times [s], with its lag, offset and noise."""
+) -> list[Array]:
+    """The plate's reading, force [N] and moment [N*m], at times [s], with its lag, offset and noise."""
     effects, rate = walking.effects, walking.rates.motion_hz
     late = time - 1e-3 * effects.plate_lag.value
     channels = []
-    for (quantity, unit), values in zip({"force": 1.0, "moment": 1e3}.items(), reading, strict=True):
+    for quantity, values in zip(("force", "moment"), reading, strict=True):
         noise = stream(seed, trial, f"{quantity}_noise").standard_normal((len(time), 3))
         offset = stream(seed, trial, f"{quantity}_offset").standard_normal(3)
         disturbed = interpolated_at(values, rate, late) + getattr(effects, f"{quantity}_noise").value * noise
-        channels.append(unit * (disturbed + getattr(effects, f"{quantity}_offset").value * offset))
-    return np.hstack(channels)
+        channels.append(disturbed + getattr(effects, f"{quantity}_offset").value * offset)
+    return channels
 
 
 def seen_markers(trial: str, seed: int, exact: Array, walking: WalkingSettings) -> Array:

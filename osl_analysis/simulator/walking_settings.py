@@ -5,9 +5,9 @@ campaign's simulation settings.
 """
 
 import math
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
 from osl_analysis.config.yaml_settings import Degrees, Positive, Settings, ShippedPath
@@ -21,9 +21,53 @@ from osl_analysis.simulator.settings import (
     Torque,
     check_length,
     in_unit,
+    off,
+    positive,
 )
 
+
+class CaptureSettings(Settings):
+    """The C3D file. The defaults are what Vicon Nexus writes."""
+
+    plate_type: Literal[1, 2, 3, 4] = 2
+    """1 (force, centre of pressure, free moment), 2 (force and moment), 3 (eight sensors of Kistler) or 4 (six voltages
+    with a calibration matrix)."""
+    sensor_span_m: tuple[Positive, Positive] = (0.21, 0.26)  # of type 3 from the centre, along the plate's x and y
+    dead_channels: dict[str, float] = Field(default_factory=dict)  # what they show, by label, such as `Mx1`
+    moment_label: str | None = None  # unit that the file states for the plate's moments; null: the true one, Nmm
+    swapped_labels: tuple[tuple[str, str], ...] = ()  # pairs of markers
+    swapped_in: tuple[str, ...] | None = None  # trials whose labels are exchanged; null: all
+    up_axis: Literal["z", "y"] = "z"  # with `y`, z points to the right
+    states_axes: bool = True  # POINT:X_SCREEN and Y_SCREEN
+    states_body_mass: bool = False  # PROCESSING:BODYMASS
+
+
 Percent = Annotated[float, Field(gt=-50, lt=100)]
+
+
+class StepChange(Settings):
+    """A change of some crossings, by name or by chance. What is left out stays as it is."""
+
+    of: Literal["all", "perturbed", "unperturbed"] | tuple[str, ...] = "all"  # a kind, or a list of names
+    share: Annotated[float, Field(ge=0, le=1)] = 1.0  # of these, drawn for each crossing
+    load: Positive = 1.0
+    """Factor of the ground reaction and of the ankle's torque, at the same angle: the leg's equilibrium follows."""
+    amplitude: Positive = 1.0  # factor of the ankle's angle, its torque and the ground reaction
+    slower_percent: Percent = 0.0  # extension of the whole gait cycle
+    after_window_percent: Percent = 0.0  # extension of stance 100 ms after the onset, if perturbed
+    second_foot_percent: NotNegative = 0.0  # largest load [% of body weight] of the other foot, at mid-stance
+    overhang_mm: Annotated[float, Field(ge=0, lt=90)] = 0.0  # of the foot's 90 mm, carried by the floor beside
+
+    @property
+    def factors(self) -> dict[str, float]:
+        """The factors by name."""
+        return {"load": self.load, "amplitude": self.amplitude}
+
+    def concerns(self, trial: str, perturbed: bool) -> bool:
+        """Whether a crossing can have the change."""
+        if isinstance(self.of, tuple):
+            return trial in self.of
+        return self.of == "all" or (self.of == "perturbed") == perturbed
 
 
 Percentage = Annotated[Effect, in_unit("%")]
@@ -36,7 +80,8 @@ Kilograms = Annotated[Effect, in_unit("kg")]
 
 class WalkingEffects(SwitchedEffects):
     """Every imperfection of gait and gait laboratory. The size of a scatter, an offset or a noise is its standard
-    deviation. The actuator's encoder and current have the imperfections of the campaign."""
+    deviation. The actuator's encoder and current have the imperfections of the campaign. Rails of channels that are off
+    are none."""
 
     heel_strike_scatter: Seconds  # of the time of heel strike on the platform
     stance_scatter: Percentage  # of the duration of stance on the platform
@@ -47,6 +92,17 @@ class WalkingEffects(SwitchedEffects):
     placement_sideways: Millimetres
     foot_yaw: Angle  # of the foot's direction on the platform; the ankle's axis turns with it
     shank_yield: Percentage  # share of the platform's rotation by which the shank rotates within 0.2 s
+    foot_slip: Millimetres  # by which the foot slides back during the perturbation
+    amplitude_scatter: Percentage = off("%")  # of a factor of the ankle's angle, its torque and the ground reaction
+    load_scatter: Percentage = off("%")  # of a factor of ground reaction and ankle's torque, at the same angle
+    timing_wander: Percentage = off("%")  # of the phase in the middle of stance; heel strike and toe-off stay
+    torque_wander: Torque = off("N*m")
+    """Smooth deviation of the ankle's torque, below 4 Hz. The leg's equilibrium follows it."""
+    trigger_scatter: Milliseconds = off("ms")  # of the time from the command, which the trigger shows, to the ramp
+    rise_scatter: Percentage = off("%")  # of the duration of the platform's ramp, over crossings and plate trials
+    servo_shiver: Angle = off("deg")
+    """Vibration of the platform's angle at 8 to 20 Hz, while it moves and 0.1 s longer, another one in each trial."""
+    platform_heave: Millimetres = off("mm")  # height in the middle of the ramp, as of a hexapod
     foot_inertia: Kilograms  # of foot and shoe below the ankle
     plate_inertia: Kilograms  # of the plate above its sensors; off: the reading is the ground reaction
     marker_noise: Millimetres  # white, each axis
@@ -56,6 +112,11 @@ class WalkingEffects(SwitchedEffects):
     force_offset: Newtons  # constant over a trial
     moment_offset: Torque
     plate_lag: Milliseconds  # of the plate's channels behind markers, trigger and sync
+    moment_clip: Annotated[Torque, AfterValidator(positive)] = off("N*m", 60.0)  # rails of a plate of type 1 or 2
+    force_clip: Annotated[Newtons, AfterValidator(positive)] = off("N", 500.0)
+    sensor_clip: Annotated[Newtons, AfterValidator(positive)] = off("N", 250.0)  # rails of type 3
+    marker_placement: Millimetres = off("mm")
+    """Scatter of the place of each marker on foot and shank from session to session, each axis."""
     leg_clock_offset: Seconds  # mean offset of the leg's clock from that of the recording
     leg_clock_drift: Annotated[Effect, in_unit("ppm")]  # scatter of the rate of the leg's clock
     leg_joint_encoder: Annotated[Encoder, in_unit("bit")]
@@ -103,8 +164,6 @@ class Gait(Settings):
     heel_strike_s: Positive  # time of the heel strike on the platform
     stance_s: Positive  # duration of stance on the platform
     stride_m: Positive
-    slower_percent: Percent = 0.0  # extension of the whole gait cycle
-    after_window_percent: Percent = 0.0  # extension of stance 100 ms after the onset of a perturbation
 
     @model_validator(mode="after")
     def _step_is_recorded(self) -> Self:
@@ -116,8 +175,7 @@ class Gait(Settings):
 
 
 class Perturbation(Settings):
-    """Ramp of the platform, toes up, about the mediolateral axis through the nominal ankle. In plate trials size and
-    duration vary by 15 and 30 %."""
+    """Ramp of the platform about a mediolateral axis; toes up, if the conditions of the campaign do not say more."""
 
     angle_deg: Degrees
     rise_s: Positive
@@ -125,6 +183,12 @@ class Perturbation(Settings):
     stance_phase: tuple[Phase, Phase]  # first and last at which the ramp is commanded, drawn evenly
     hold_s: NotNegative  # after toe-off, when the platform starts to return
     return_s: Positive
+    axis_depth_m: float | None = None  # below the plate's surface; null: the axis passes through the nominal ankle
+    shift_mm: Positive | None = None
+    """Distance by which the platform shifts in place of a turn: backward for `up`, which dorsiflexes the ankle, as the
+    hip stays where it is. Null: it turns."""
+    leg_length_m: Positive = 0.9  # ankle to hip, which converts a shift of the platform to an angle of the shank
+    same_unloaded: bool = False  # else size and duration of the ramp in plate trials vary by 15 and 30 %
 
 
 class Body(Settings):
@@ -157,6 +221,8 @@ class WalkingSettings(Settings):
     foot: Body
     plate: MovingPlate
     effects: WalkingEffects
+    changes: tuple[StepChange, ...] = ()  # what makes some crossings differ from the others
+    capture: CaptureSettings = CaptureSettings()
     gain_weight: WeightSettings = WEIGHT_OF_PAPER  # that of the simulated campaign replaces it
 
     @model_validator(mode="after")

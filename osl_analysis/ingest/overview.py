@@ -170,15 +170,6 @@ def rate_of(time: Array) -> float | None:
     return float(1 / np.median(steps)) if steps.size else None
 
 
-def unit_of_clock(time: Array) -> str:
-    """The unit in which readings of a clock come at a usual rate: a guess; empty where none does, or they may count."""
-    per_unit = rate_of(time)
-    if per_unit is None or time.size < FEWEST_READINGS or bool((np.diff(time) == 1).all()):
-        return ""
-    units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-    return next((unit for unit, in_s in units.items() if USUAL_RATES[0] <= per_unit * in_s <= USUAL_RATES[1]), "")
-
-
 def gaps_text(time: Array) -> str:
     """Gaps, steps of more than 1.5 usual ones, stamps that go back and repeated ones, in words; empty if none."""
     steps = np.diff(np.sort(time))
@@ -209,7 +200,12 @@ def listed(
         note = f"a clock, {rate:g} per unit" if rate else "a clock that stands still"
         note += f", {gaps}" * bool(gaps)
     lost = f", {numbers.size - known.size} x NaN or infinity" * (known.size < numbers.size)
-    guess = "" if unit else likely_unit(own or name) or (unit_of_clock(known) if is_time else "")
+    guess = "" if unit else likely_unit(own or name)
+    per_unit = rate_of(known) if is_time and not unit and not guess and known.size >= FEWEST_READINGS else None
+    if per_unit is not None and not (np.diff(known) == 1).all():  # such readings may count rows
+        units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+        usual = [unit for unit, in_s in units.items() if USUAL_RATES[0] <= per_unit * in_s <= USUAL_RATES[1]]
+        guess = usual[0] if usual else ""
     return RecordedChannel(key, {key: name}, unit, int(known.size), None, f"{note}{lost}{also}", kind, guess)
 
 

@@ -187,13 +187,18 @@ class LongSteps:
 
 
 def settle(level: Array, long: LongSteps, missing: SampleCount, share: float) -> bool:
-    """Correct `missing` (steps,) and `level` (n,) [steps] in place where the level changes over a long step. Returns
-    whether anything changed."""
+    """Correct `missing` (steps,) and `level` (n,) [steps] in place where the level, which `share` of the samples on a
+    side lie below, changes by whole steps over a long step; not at an end of the record with too few untidy samples.
+    Returns whether anything changed."""
     changed = False
     for k in long.order[suspicious(level, long, share)[long.order]]:
         row, window = int(long.rows[k]), int(long.windows[k])
-        change = level_change(level[max(row - window, 0) : row], level[row : row + window], share)
-        more = min(max(int(missing[k]) + change, 0), int(long.most[k])) - int(missing[k])
+        sides = level[max(row - window, 0) : row], level[row : row + window]
+        low, high = (float(np.partition(side, int(share * len(side)))[int(share * len(side))]) for side in sides)
+        longer, its_level = (sides[0], low) if len(sides[0]) > len(sides[1]) else (sides[1], high)
+        if min(map(len, sides)) < FEW_AT_END and float(np.median(longer)) - its_level > TIDY:
+            continue
+        more = min(max(int(missing[k]) + round(high - low), 0), int(long.most[k])) - int(missing[k])
         if more:
             level[row:] -= more
             missing[k] += more
@@ -211,16 +216,6 @@ def suspicious(level: Array, long: LongSteps, share: float) -> NDArray[np.bool_]
     after, before = np.minimum(long.rows + half, last), np.maximum(long.rows - half, 0)
     near_an_end = (long.rows < BESIDE) | (long.rows > last - BESIDE)
     return (np.abs(smooth[after] - smooth[before]) > NOTICED) | (3 * long.most > BESIDE) | near_an_end
-
-
-def level_change(before: Array, after: Array, share: float) -> int:
-    """Whole steps by which the level (window,), which `share` of the samples lie below, changes; none at an end of the
-    record with too few untidy samples."""
-    low, high = (float(np.partition(side, int(share * len(side)))[int(share * len(side))]) for side in (before, after))
-    longer, its_level = (before, low) if len(before) > len(after) else (after, high)
-    if min(len(before), len(after)) < FEW_AT_END and float(np.median(longer)) - its_level > TIDY:
-        return 0
-    return round(high - low)
 
 
 def usual_step(stamps: Array) -> float:

@@ -108,7 +108,7 @@ def gated_noise(weights: Array, rate: float, low_pass: LowPass, further: LowPass
     again: the sum over all lags of A r q, with the autocorrelations r of low-passed noise that is differentiated twice
     (1 at lag 0), q of the further filter's response and A of the weights."""
     n = 2 * len(weights)
-    f = np.fft.rfftfreq(n, 1 / rate)
+    f: Array = np.fft.rfftfreq(n, 1 / rate).astype(np.float64)
     passed = [one.gain(f) ** 2 for one in (low_pass, further)]
     acceleration = np.fft.irfft(passed[0] * f**4, n)
     lags = np.fft.irfft(np.abs(np.fft.rfft(weights, n)) ** 2, n)

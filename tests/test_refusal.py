@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from osl_analysis.jobs.job import died, perform, reason_and_remedy, refusal
 from osl_analysis.jobs.job_log import JobLog, read_log, read_logs, run_report, write_log
 from osl_analysis.jobs.refusal import Refusal, is_refused, read_refusals, refusal_report, refusals_in, write_refusals
 from osl_analysis.jobs.request import Job, write_request
-from osl_analysis.jobs.run import run_job, start_server
+from osl_analysis.jobs.run import run_job, start, start_server
 from osl_analysis.jobs.server import JOBS, OWNER
 from osl_analysis.judge.findings import exclusion_report, findings_report, left_behind_report
 from osl_analysis.judge.table import QualityRules
@@ -187,9 +188,11 @@ def test_a_job_that_is_killed_is_named(tmp_path: Path, monkeypatch, server: bool
     (tmp_path / "site/sitecustomize.py").write_text(KILLED_AT_ITS_TRIAL)
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path / 'site'}:{ROOT}")
     request = written(tmp_path)
-    place = f"/tmp/osl-test-{os.getpid()}-{server}/jobs" if server else ""
+    place = f"{tempfile.mkdtemp(dir='/tmp')}/jobs" if server else ""
     for name, value in {JOBS: place, OWNER: str(os.getpid())}.items():
         monkeypatch.setenv(name, value)
+    if server:
+        start(place)
     monkeypatch.chdir(tmp_path)
     run_job(str(request))
     assert read_refusals(tmp_path / "fits/b_7.csv")[0].reason.endswith("was killed (signal 9, SIGKILL)")
@@ -297,11 +300,15 @@ def test_a_long_TMPDIR_does_not_keep_jobs_from_starting(tmp_path: Path, monkeypa
     long = tmp_path / ("t" * 100)
     long.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(long))
-    monkeypatch.setattr("sys.argv", ["snakemake", "-n"])
+    monkeypatch.setattr("osl_analysis.jobs.run.start", lambda path: Path(path).parent.rmdir())
     for name in (JOBS, OWNER):
         monkeypatch.setenv(name, "")
     start_server()
-    assert os.environ[JOBS].startswith("/tmp/")
+    assert os.environ[JOBS].startswith("/tmp/osl-jobs-")
+    monkeypatch.setattr("sys.argv", ["snakemake", "-n"])
+    start_server()
+    assert os.environ[JOBS] == ""  # no job runs
+    monkeypatch.setattr("sys.argv", ["snakemake"])
     monkeypatch.setattr("os.access", lambda *_: False)
     start_server()
     assert os.environ[JOBS] == ""  # each job starts Python anew

@@ -32,20 +32,19 @@ class JobError(OslAnalysisError):
 
 
 def start_server() -> None:
-    """Name the server of this run's jobs, and start it while the workflow is still read: its imports take another core.
+    """Start the server of this run's jobs while the workflow is still read: its imports take another core.
 
-    Where Snakemake runs no job, it is only named. A run that a test starts uses the server of this test.
+    Where Snakemake runs no job, there is none. A run that a test starts uses the server of this test.
     """
     if os.environ.get(server.OWNER) == str(os.getppid()):
         return
+    os.environ |= {server.OWNER: str(os.getpid()), server.JOBS: ""}
     places = [place for place in (tempfile.gettempdir(), "/tmp", "/var/tmp", "/dev/shm") if os.access(place, os.W_OK)]
     short = [place for place in places if len(os.fsencode(place)) <= 70]  # bytes: a socket's path has 107
-    os.environ[server.JOBS] = f"{short[0]}/osl-jobs-{os.getuid()}-{os.getpid()}/jobs" if short else ""
-    os.environ[server.OWNER] = str(os.getpid())
     if short and NO_JOBS.isdisjoint(sys.argv):
         with suppress(OSError):
-            if is_ours(os.environ[server.JOBS]):
-                start(os.environ[server.JOBS])
+            os.environ[server.JOBS] = f"{tempfile.mkdtemp(prefix='osl-jobs-', dir=short[0])}/jobs"
+            start(os.environ[server.JOBS])
 
 
 def run_job(request: str) -> None:
@@ -68,54 +67,25 @@ def run_job(request: str) -> None:
 
 def served(request: str) -> tuple[int | None, int, int]:
     """Exit code of the job in the server, the signal that killed it (0: none) and its process; no code without one."""
-    pid, path = 0, os.environ.get(server.JOBS)
+    pid = 0
     try:
-        if not path or not is_ours(path):
-            return None, 0, 0
-        with connected(path) as link:
+        with socket.socket(socket.AF_UNIX) as link:
+            link.connect(os.environ[server.JOBS])
             body = "\0".join([os.getcwd(), request]).encode()
             socket.send_fds(link, [len(body).to_bytes(4, "big")], [0, 1, 2])
             link.sendall(body)
             pid = int.from_bytes(link.recv(4), "big")
             said = link.recv(2)
         return (said[0], said[1], pid) if len(said) == 2 else (None, 0, pid)
-    except (OSError, AttributeError):  # no server can be had, or a system without such sockets
+    except (OSError, AttributeError, KeyError):  # there is no server, or a system without such sockets
         return None, 0, pid
 
 
-def connected(path: str) -> socket.socket:
-    """A connection to the server, which is started if need be."""
-    link = socket.socket(socket.AF_UNIX)
-    try:
-        link.connect(path)
-    except OSError:
-        start(path)
-        link.connect(path)
-    return link
-
-
-def is_ours(path: str) -> bool:
-    """Whether the socket's folder, which is made, belongs to this user alone: another one could answer there."""
-    folder = os.path.dirname(path)
-    os.makedirs(folder, 0o700, exist_ok=True)
-    found = os.stat(folder)
-    return found.st_uid == os.getuid() and not found.st_mode & 0o077
-
-
 def start(path: str) -> None:
-    """Start the server if there is none. It listens when this returns, and does its imports while jobs wait."""
-    import fcntl
-
-    with open(f"{path}.lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        try:
-            with socket.socket(socket.AF_UNIX) as probe:
-                probe.connect(path)
-            return
-        except OSError:
-            pass
-        with open(f"{path}.log", "ab") as log:  # who reads the run's lines to their end shall not wait for the server
-            apart("--serve", path, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=log).wait()
+    """Start the server, in a folder that belongs to this user alone. It listens when this returns, and does its imports
+    while jobs wait."""
+    with open(f"{path}.log", "ab") as log:  # who reads the run's lines to their end shall not wait for the server
+        apart("--serve", path, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=log).wait()
 
 
 def apart(*arguments: str, **files: Any) -> subprocess.Popen[bytes]:

@@ -13,7 +13,6 @@ import selectors
 import signal
 import socket
 import sys
-import time
 from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
@@ -110,29 +109,24 @@ def forked(server: int, words: list[str], files: list[int]) -> NoReturn:
 
 
 def goes_on(owner: int) -> bool:
-    """Whether the process that this server is for goes on, and is not a zombie; True if it belongs to none."""
+    """Whether the process that this server is for goes on, and is not a zombie."""
     try:
-        if owner:
-            os.kill(owner, 0)
-            with open(f"/proc/{owner}/stat", encoding="utf-8") as file:
-                return ") Z " not in file.read()
-    except (ProcessLookupError, FileNotFoundError):
-        return False
+        os.kill(owner, 0)
+        return ") Z " not in Path(f"/proc/{owner}/stat").read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return sys.platform != "linux"  # elsewhere is no /proc
     except OSError:
-        return os.name == "posix"  # no /proc on this system
-    return True
+        return False
 
 
 class Server:
-    """Takes jobs at a socket until its owner has ended; without an owner, until nothing has come for 30 s."""
+    """Takes jobs at a socket until its owner has ended."""
 
     def __init__(self, path: str, owner: int) -> None:
         self.path, self.owner = path, owner
         self.clients: dict[int, socket.socket] = {}
         self.listener = socket.socket(socket.AF_UNIX)
-        with suppress(FileNotFoundError):
-            os.unlink(path)
-        self.listener.bind(path)  # in a folder that belongs to this user alone
+        self.listener.bind(path)
         self.listener.listen(512)
         self.wake, woken = socket.socketpair()
         for end in (self.wake, woken):
@@ -146,8 +140,8 @@ class Server:
         """Until the end of the run."""
         signal.signal(signal.SIGCHLD, lambda *_: None)
         signal.set_wakeup_fd(self.woken.fileno())
-        last, ahead = time.monotonic(), list(OF_MOST_JOBS)
-        while self.clients or (goes_on(self.owner) and (self.owner or time.monotonic() - last < 30)):
+        ahead = list(OF_MOST_JOBS)
+        while self.clients or goes_on(self.owner):
             came = self.ready.select(0 if ahead else 2)  # [s] between two looks whether the run goes on
             if ahead and not came:
                 with suppress(ImportError):  # a job that needs it will say so
@@ -163,8 +157,7 @@ class Server:
                             kill(key.data, signal.SIGKILL)
                     self.end(key.data, None)
             self.reap()
-            last = time.monotonic() if self.clients else last
-        for left in (self.path, f"{self.path}.lock", f"{self.path}.log"):
+        for left in (self.path, f"{self.path}.log"):
             with suppress(OSError):
                 os.unlink(left)
         with suppress(OSError):
@@ -212,7 +205,7 @@ def begin(what: str, argument: str, pid: str = "0") -> int:
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if what == "--serve":
-        server = Server(argument, int(os.environ.get(OWNER, "0")))
+        server = Server(argument, int(os.environ[OWNER]))
         if not os.fork():  # who has started this process waits for its end: from now on it listens
             gc.disable()
             server.serve()

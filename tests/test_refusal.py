@@ -17,7 +17,15 @@ from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import temporary_path
 from osl_analysis.jobs.job import died, perform, reason_and_remedy, refusal
 from osl_analysis.jobs.job_log import JobLog, read_log, read_logs, run_report, write_log
-from osl_analysis.jobs.refusal import Refusal, is_refused, read_refusals, refusal_report, refusals_in, write_refusals
+from osl_analysis.jobs.refusal import (
+    Refusal,
+    is_refused,
+    read_refusals,
+    refusal_report,
+    refusals_in,
+    refused_trials,
+    write_refusals,
+)
 from osl_analysis.jobs.request import Job, write_request
 from osl_analysis.jobs.run import run_job, start, start_server
 from osl_analysis.jobs.server import JOBS, OWNER
@@ -54,6 +62,7 @@ def result(path: Path) -> str:
 def test_a_record_reads_back_whatever_the_reason_holds(tmp_path: Path) -> None:
     odd = Refusal("b,1", 'a "file"', "j", "refused", "columns 'a', \"b\": 1,2; # no", "")
     assert read_refusals(record(tmp_path / "x.parquet", odd, LOST)) == (odd, LOST)
+    assert refused_trials([LOST, replace(LOST, reason="later"), KILLED]) == {"b_1": LOST, "b_2": KILLED}
 
 
 def test_results_folders_and_missing_files_are_no_records(tmp_path: Path) -> None:

@@ -19,7 +19,9 @@ from osl_analysis.commands.inspect import (
     Arrivals,
     bench_of,
     device_of_row,
+    first_look,
     fit_of_row,
+    new_campaign,
     quality_text,
     read_notes,
     recording_line,
@@ -129,6 +131,10 @@ def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     write_joint(tmp_path / "in/k300_b2.csv")
     said = recording_line(tmp_path / "in/k300_b2.csv", tmp_path / "in", bench)
     assert "LOOK AT IT: K is 0.4 times the K_d = 300" in said
+    write_joint(tmp_path / "in/impedance_k300_b2.csv")
+    new_campaign(tmp_path / "c", recordings=tmp_path / "in")
+    (look,) = first_look(tmp_path / "c")
+    assert re.search("first trial of experiment impedance, .*: LOOK AT IT\n  K is 0.4 times the K_d = 300", look)
 
 
 def test_a_constant_torque_and_a_wrong_unit_of_time_are_refused_by_name(tmp_path, bench):

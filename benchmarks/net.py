@@ -83,6 +83,7 @@ EXPLAINED += [
     *(("*/impedance.csv", name, "*", ANY, BESIDE) for name in ("lag_*", "certain_lag_damping", "K_drift",
       "drift_inertia_share", "clock_drift_*", "coulomb_*", "B_viscous*", "f_C*", "explained_by", "stiffening",
       "backlash_*", "even_harmonics", "angle_noise_share", "VAF_held_out", "")),
+    *(("results/impedance.csv", name, "*", ANY, "of a stepped sine, too") for name in ("fitted_s", "theta_rms_deg")),
     *(("*/transmission.csv", name, "*", ANY, BESIDE) for name in ("clock_drift_*", "coulomb_*", "VAF_held_out",
       "even_harmonics", "odd_harmonics", "VAF*", "R2", "B_j_*", "J_j_*", "cov_*", "load_cell_drift", "samples",
       "time_base_shift", "ljung_box_*", "residual_autocorrelation", "")),

@@ -145,8 +145,8 @@ def centred(fit: GroupFit, sums: Sums) -> GroupFit:
 
 
 def friction_row(s: Sums, model: Model, fit: LinearFit, label: Label) -> Row:
-    """Coulomb friction [N*m] of a fit that has it beside the others; where it is certain, the share of the damping that
-    it makes, else 0, and the viscous damping and the friction, each with its interval."""
+    """Coulomb friction [N*m] of a fit that has it beside the others, and the share of the damping that it makes, 0
+    where all of the trial has none for certain; where the label has, viscous damping and friction with intervals."""
     damping = next(name for name, column in model.items() if column == "omega")
     names = [f"{name}{end}" for name in (f"{damping}_viscous", "f_C") for end in ("", "_se", "_low", "_high")]
     try:
@@ -155,9 +155,11 @@ def friction_row(s: Sums, model: Model, fit: LinearFit, label: Label) -> Row:
         return dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
     made = fit[damping] - beside[damping]
     row: Row = {"coulomb_torque": beside["T_C"], "coulomb_damping": made, "coulomb_share": 0.0}
+    whole = beside if label is None else with_effects(s, model, ("T_C",))
+    if whole["T_C"] > 0 and whole.certain("T_C", FALSE_ALARM):
+        row["coulomb_share"] = made / fit[damping]
     if beside["T_C"] <= 0 or not beside.certain("T_C", FALSE_ALARM):
         return row | dict.fromkeys(names)
-    row["coulomb_share"] = made / fit[damping]
     values = [v for name in (damping, "T_C") for v in (beside[name], beside.se(name), *beside.interval(name))]
     return row | dict(zip(names, values, strict=True))
 

@@ -211,20 +211,16 @@ def parse_header(data: bytes, start: int, processor: str) -> C3DHeader:
         remark=remark,
     )
     stated = header.numbers("POINT:RATE")
-    rated = replace(header, rate=float(stated[0])) if stated.size and stated[0] > 0 else header
-    return replace(rated, frames=long_frames(rated) or rated.frames) if last == MOST_FRAMES else rated
-
-
-def long_frames(header: C3DHeader) -> int:
-    """The number of frames where the 16 bits of the header cannot hold it; 0 where no parameter gives it.
-
-    Vicon and Qualisys write the first and last frame as two 16-bit words, low word first, others POINT:LONG_FRAMES.
-    """
-    first, last = (header.numbers(f"TRIAL:ACTUAL_{end}_FIELD") % 65536 for end in ("START", "END"))
-    if first.size == last.size == 2:
-        return int((last - first) @ [1, 65536]) + 1
-    stated = header.numbers("POINT:LONG_FRAMES")
-    return int(stated[0]) if stated.size and np.isfinite(stated[0]) else 0
+    header = replace(header, rate=float(stated[0])) if stated.size and stated[0] > 0 else header
+    if last < MOST_FRAMES:
+        return header
+    # Vicon and Qualisys write the first and last frame as two 16-bit words, low word first, others POINT:LONG_FRAMES
+    start_field, end_field = (header.numbers(f"TRIAL:ACTUAL_{end}_FIELD") % 65536 for end in ("START", "END"))
+    long = header.numbers("POINT:LONG_FRAMES")
+    count = int(long[0]) if long.size and np.isfinite(long[0]) else 0
+    if start_field.size == end_field.size == 2:
+        count = int((end_field - start_field) @ [1, 65536]) + 1
+    return replace(header, frames=count or header.frames)
 
 
 def check_section(header: C3DHeader) -> None:

@@ -6,8 +6,8 @@ The ending of a name proves nothing. Without this table a marker file in TSV pas
 import json
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.csv_table import CONTROL, UTF_16_MARKS, decoded_text
@@ -22,8 +22,7 @@ AS_CSV = "export its table as CSV in UTF-8"
 SHEET = "save its sheet as 'CSV UTF-8'"
 
 
-@dataclass(frozen=True)
-class OtherFormat:
+class OtherFormat(NamedTuple):
     """One format that is not read."""
 
     name: str  # what the file is, with its article

@@ -149,9 +149,8 @@ class Bag1(MessageFile):
                 position = record.end
                 continue
             if self.data.startswith(BAG1, position):
-                raise RefusedFileError(
-                    f"two bags were joined: a second one begins at byte {position}; give each a file"
-                )
+                text = f"two bags were joined: a second one begins at byte {position}; give each a file"
+                raise RefusedFileError(text)
             after = min((at for at in self.counts if at > position), default=end)
             head = position + LENGTH.size  # a killed recorder leaves the beginning of a record
             length = LENGTH.unpack_from(self.data, position)[0] if head <= len(self.data) else 0
@@ -287,11 +286,10 @@ def read_rosbag1(path: Path) -> MessageFile:
         return read_bag1(path)
     bags = [read_bag1(file) for file in split_parts(path)]
     log = SplitLog(path, sum(bag.size for bag in bags), parts=bags)
-    first = SPLIT_NAME.fullmatch(bags[0].path.name)
+    begin = bags[0].path.name
+    first = SPLIT_NAME.fullmatch(begin)
     if first and int(first["number"]) > 0:
-        log.damage.remarks.append(
-            f"the recording begins with '{bags[0].path.name}': its files before that are not here"
-        )
+        log.damage.remarks.append(f"the recording begins with '{begin}': its files before that are not here")
     return log
 
 

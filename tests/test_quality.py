@@ -153,6 +153,9 @@ def test_an_encoder_that_stands_while_the_joint_is_told_to_move_is_stuck_and_one
     found = results(bench(theta, theta_command=stepped_sine()))
     assert found["stuck"] == CheckResult(pytest.approx(1.0, abs=2e-3), "theta")
     assert results(bench())["stuck"].value == 0.0  # though the joint rests for half a second
+    samples = bench().drop("theta_command")
+    torque = samples["torque"].to_numpy() + 40 * (np.arange(samples.height) // 20 == 24)  # before it breaks loose
+    assert results(samples.with_columns(torque=torque))["stuck"].value < 0.1
 
 
 @pytest.mark.parametrize(

@@ -47,6 +47,7 @@ from osl_analysis.walking.plate import (
     unloaded_zero,
     without_mean,
     wrench_reader,
+    zeroed_wrench,
 )
 from osl_analysis.walking.setup import check_heading, check_push, check_vertical
 
@@ -302,6 +303,11 @@ def test_the_zero_is_read_before_the_foot_comes_not_after_the_platform_tilted(of
     zero = unloaded_zero(TIME, stepped(offset), 0.2, 100)
     np.testing.assert_allclose(zero[:3], offset, atol=0.1)
     np.testing.assert_allclose(zero[3:], 0.02 * offset, atol=1e-9)
+    markers = labelled("PLAT", np.tile(PLATFORM, (len(TIME) // 5, 1, 1)))
+    trial = recording("c", markers, stepped(offset)[:, :3], stepped(offset)[:, 3:])
+    read, removed = zeroed_wrench(trial, TIME[::5], settings())
+    assert removed == zero[2]
+    np.testing.assert_allclose(read(0.0)[20:180].mean(axis=0), 0, atol=0.15)
 
 
 def test_a_plate_far_off_zero_and_a_record_that_starts_under_load_are_refused() -> None:

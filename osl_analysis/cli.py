@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from os.path import realpath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.core import ParameterSource
@@ -19,9 +19,6 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError, printable, printable_lines
 from osl_analysis.files import atomic_path, check_output, config_here, shipped
 from osl_analysis.jobs.memory import limited_memory
-
-if TYPE_CHECKING:
-    from osl_analysis.bench.impedance import DesiredImpedance
 
 
 class NumberList(click.ParamType[list[float]]):
@@ -60,19 +57,6 @@ CONFIG = click.option(
     show_default=True,
     help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
 )
-
-
-def desired_impedance(model: str, K_d: float | None, B_d: float | None, controller: str) -> "DesiredImpedance | None":
-    """The desired impedance of a trial, as far as it is given; None if nothing is. Values without a use are refused."""
-    from osl_analysis.bench.impedance import DesiredImpedance
-
-    given = click.get_current_context().get_parameter_source("controller") is ParameterSource.COMMANDLINE
-    if K_d is None and B_d is None and not given:
-        return None
-    if model != "impedance":
-        said = "--stiffness, --damping and --controller are those of an impedance trial: give --model impedance"
-        raise click.UsageError(said)
-    return DesiredImpedance(controller, K_d, B_d)
 
 
 AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON in SI units instead of a table.")
@@ -295,10 +279,16 @@ def fit(
     The configuration may be a campaign's own, which overrides fields of the default. With --stiffness and --damping an
     impedance trial is judged as in a campaign: whether the torque is late, and whether K is plausible.
     """
+    from osl_analysis.bench.impedance import DesiredImpedance
     from osl_analysis.commands import bench as command
     from osl_analysis.trial import read_trial
 
-    desired = desired_impedance(model, stiffness, damping, controller)
+    stated = click.get_current_context().get_parameter_source("controller") is ParameterSource.COMMANDLINE
+    given = stated or stiffness is not None or damping is not None
+    desired = DesiredImpedance(controller, stiffness, damping) if given else None
+    if desired is not None and model != "impedance":
+        said = "--stiffness, --damping and --controller are those of an impedance trial: give --model impedance"
+        raise click.UsageError(said)
     device = command.campaign_parameters(config_path) if parameters is None else parameters
     request = command.fit_request(model, config_path, desired)
     fitted = command.fit_trial(model, read_trial(trial), None if device == Path("none") else device, request)

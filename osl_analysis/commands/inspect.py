@@ -546,8 +546,7 @@ def row_in_sheet(path: Path, bench: WatchedBench) -> Mapping[str, Any] | None:
     """The row of the sample sheet that names a recording as its log; None if none does."""
     if bench.campaign is None:
         return None
-    for trial in bench.campaign.trials():
-        row = bench.campaign.row(trial)
+    for row in bench.campaign.rows.values():
         if row["log"] and (bench.config.raw_data / row["log"]).resolve() == path.resolve():
             return row
     return None

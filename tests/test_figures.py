@@ -20,14 +20,7 @@ from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, OBSERVED, grid
 from osl_analysis.figures.impedance import LARGEST_VAF
 from osl_analysis.figures.names import write_footer
 from osl_analysis.figures.quasi_static import MEAN_SLOPE
-from osl_analysis.figures.style import (
-    LOOKS,
-    MAGENTA,
-    ORANGE,
-    PURPLE,
-    SINGLE_COLUMN,
-    paper_style,
-)
+from osl_analysis.figures.style import LOOKS, MAGENTA, ORANGE, PURPLE, SINGLE_COLUMN, paper_style
 from osl_analysis.figures.walking import BY_ENSEMBLE, PER_PERTURBATION
 from osl_analysis.jobs.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table

@@ -33,11 +33,7 @@ from osl_analysis.report.page import (
     packed_table,
     written_page,
 )
-from osl_analysis.report.panels import (
-    crossing_pictures,
-    isolated_pictures,
-    second_order_admittance,
-)
+from osl_analysis.report.panels import crossing_pictures, isolated_pictures, second_order_admittance
 from osl_analysis.report.trial_page import (
     ReportedTrial,
     doubts_of,

@@ -126,9 +126,7 @@ def angle(phase: Array) -> Array:
 
 def walked(name: str, scale: float = 1.0, slow: float = 0.0, onset: float | None = None) -> Crossing:
     """A crossing with that angle at a pace, and with slow deviations of angle and torque that its name determines.
-
-    Deviations of the angle are of `slow` [rad] and below 4 Hz. Those of the torque are 300 N*m/rad of them.
-    """
+    Deviations of the angle are of `slow` [rad] and below 4 Hz. Those of the torque are 300 N*m/rad of them."""
     random = np.random.default_rng(sum(map(ord, name)))
     plain = crossing(name, onset=onset, stance=0.72 * scale)
     waves = random.uniform(0.3, 4.0, 4)[:, None] * plain.time + random.random((4, 1))

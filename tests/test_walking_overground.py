@@ -22,10 +22,8 @@ MASS = 70.0
 
 
 def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
-    """Standing on plate 1 from 0.5 to 1.5 s with the load 0.12 m ahead of an ankle that is `over` [m] forward.
-
-    The laboratory's moment is our own by formula, 5 % larger.
-    """
+    """Standing on plate 1 from 0.5 to 1.5 s with the load 0.12 m ahead of an ankle that is `over` [m] forward. The
+    laboratory's moment is our own by formula, 5 % larger."""
     t = np.arange(2 * PLATE_RATE) / PLATE_RATE
     load = 800 * np.clip(np.minimum(t - 0.5, 1.5 - t) / 0.1, 0, 1)
     force = np.outer(load, [0.0, 0.0, 1.0])

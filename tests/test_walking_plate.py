@@ -67,10 +67,8 @@ def matrix(about: int, angle: Array) -> Array:
 
 
 def plate_motion(about: int, height: float, scale: float) -> tuple[BodyMotion, Array]:
-    """The plate turns about a laboratory axis through the pivot by two bumps; its wrench by Newton and Euler.
-
-    All derivatives by hand: a = z x r + w x (w x r), and the force on the body is m (a_com - g).
-    """
+    """The plate turns about a laboratory axis through the pivot by two bumps; its wrench by Newton and Euler. All
+    derivatives by hand: a = z x r + w x (w x r), and the force on the body is m (a_com - g)."""
     t = np.arange(RATE) / RATE
     phi, omega, alpha = (height * (a - 0.7 * b) for a, b in zip(bump(t, 0.3, scale), bump(t, 0.6, scale), strict=True))
     R, n = matrix(about, phi), np.eye(3)[about]

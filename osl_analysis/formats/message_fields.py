@@ -432,11 +432,14 @@ class ObjectReader(Reader):
 
     decode: Callable[[bytes], Any] = field(kw_only=True)  # raises ValueError if a message does not fit its type
     rows: list[int] = field(default_factory=list)  # places of the messages that could be read
-    found: list[list[float | bool | None]] = field(default_factory=list)  # what these have at each path
+    found: list[list[float | bool | None]] = field(default_factory=list)  # what the last of these have at each path
+    parts: list[list[tuple[NDArray[Any], ...]]] = field(default_factory=list)
+    """What those before have: by path the numbers, whether there is one, and 1 or 2 for false or true, else 0."""
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
         for start, length in zip(starts.tolist(), lengths.tolist(), strict=True):
             self.take(buffer[start : start + length])
+        self.pack()
 
     def take(self, payload: bytes) -> None:
         """Take in one message."""
@@ -452,28 +455,50 @@ class ObjectReader(Reader):
         except (ValueError, RecursionError) as error:
             self.misfit = self.misfit or str(error)
 
+    def pack(self) -> None:
+        """Hold what was found as arrays, which take a tenth of the memory."""
+        part: list[tuple[NDArray[Any], ...]] = []
+        for place in range(len(self.paths)):
+            column = [found[place] for found in self.found]
+            there = np.array([one is not None for one in column], bool)
+            truth = np.array([one.__class__ is bool and 1 + one for one in column], np.int8)
+            numeric = there & (truth == 0)
+            kept = numeric if numeric.any() else there
+            some = as_array([one for one, is_kept in zip(column, kept.tolist(), strict=True) if is_kept])  # type: ignore[misc]
+            values = np.zeros(there.size, some.dtype)
+            values[kept] = some
+            part.append((values, there, truth))
+        self.parts.append(part)
+        self.found = []
+
     def columns(self) -> Columns:
         """A message with a truth value where others have a number is a misfit: joined, `True` would become 1."""
-        by_path = dict(
-            zip(self.paths, zip(*self.found, strict=True) if self.found else [()] * len(self.paths), strict=True)
-        )
-        lost: dict[int, str] = {}  # the field with a truth value, by row
-        for path, values in sorted(by_path.items()):
-            if {int, float} & {one.__class__ for one in values}:
-                lost = {row: path for row, one in enumerate(values) if one.__class__ is bool} | lost
-        if lost and not self.misfit:
-            row = min(lost)
-            shown = str(by_path[lost[row]][row]).lower()
-            where = f"in message {self.rows[row] + 1}"
-            self.misfit = f"field '{lost[row]}' is {shown}, not a number as elsewhere, {where}"
-        kept = [row for row in range(len(self.rows)) if row not in lost]
-        columns = Columns(np.array([self.rows[row] for row in kept], np.int64), {}, {})
-        for path, values in by_path.items():
-            there = np.array([values[row] is not None for row in kept], bool)
-            some = as_array([one for row in kept if (one := values[row]) is not None])
-            columns.values[path], columns.present[path] = np.zeros(there.size, some.dtype), there
-            columns.values[path][there] = some
+        self.pack()
+        rows = np.array(self.rows, np.int64)
+        by_path = {}
+        for place, path in enumerate(self.paths):
+            by_path[path] = [joined(one) for one in zip(*(part[place] for part in self.parts), strict=True)]
+        lost = np.zeros(rows.size, bool)
+        for _, there, truth in by_path.values():
+            lost |= (truth > 0) & (there & (truth == 0)).any()
+        if lost.any() and not self.misfit:
+            row = int(np.argmax(lost))
+            path = min(
+                path for path, (_, there, truth) in by_path.items() if truth[row] and (there & (truth == 0)).any()
+            )
+            shown, where = ("", "false", "true")[by_path[path][2][row]], f"in message {rows[row] + 1}"
+            self.misfit = f"field '{path}' is {shown}, not a number as elsewhere, {where}"
+        columns = Columns(rows[~lost], {}, {})
+        for path, (values, there, _) in by_path.items():
+            columns.values[path], columns.present[path] = values[~lost], there[~lost]
         return columns
+
+
+def joined(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Numbers one after the other, in one type that holds them all; numpy would make floats of signed and unsigned."""
+    if {one.dtype.kind for one in pieces} - {"b"} == {"i", "u"} and all((one >= 0).all() for one in pieces):
+        return np.concatenate([one.astype(np.uint64) for one in pieces])
+    return np.concatenate(pieces)
 
 
 def as_array(numbers: Sequence[float | bool]) -> NDArray[Any]:

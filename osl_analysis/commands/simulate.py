@@ -1,6 +1,5 @@
 """Simulate a campaign, or one trial of it, into a raw-data folder."""
 
-import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -49,13 +48,15 @@ def planned_sheet(settings_path: Path, sheet: Path) -> SheetRows | None:
 
 def write_sheet(settings_path: Path, sheet: Path) -> None:
     """Write the plan of a simulated campaign as its sample sheet."""
+    import pandas as pd  # 0.3 s, and most runs find their sheet on disk
+
     check_folder(sheet.parent)
     plan = plan_trials(read_yaml(settings_path, SimulationSettings))
     (sheet.parent / TRUTH).mkdir(parents=True, exist_ok=True)
-    with atomic_path(sheet) as path, path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, SHEET_COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(plan.values())
+    with atomic_path(sheet) as path:
+        pd.DataFrame.from_dict(plan, orient="index", columns=list(SHEET_COLUMNS)).to_csv(
+            path, index=False, lineterminator="\n"
+        )
 
 
 def settings_files(settings_path: Path, followed: SharedChoices = NOTHING) -> list[Path]:

@@ -115,6 +115,7 @@ def test_every_type_of_plate_carries_the_wrench_of_type_2(setup, tmp_path, kind)
     labels = parameters["ANALOG"]["LABELS"]["value"]
     assert len(labels) == (10 if kind == 3 else 8)
     assert labels[-2:] == ["Sync", "Trigger"]
+    assert parameters["FORCE_PLATFORM"]["CHANNEL"]["value"].size == len(labels) - 2
 
 
 @pytest.mark.parametrize(
@@ -347,12 +348,19 @@ def test_an_impossible_stance_is_refused(setup, tmp_path):
         decoded(stepping(setup, after_window_percent=90), tmp_path, True)
 
 
-def test_only_perturbed_crossings_change_after_the_window(setup, usual, tmp_path):
-    np.testing.assert_array_equal(decoded(stepping(setup, after_window_percent=-8), tmp_path).force, usual.force)
+@pytest.mark.parametrize("change", [{"after_window_percent": -8}, {"of": "perturbed", "load": 0.5}])
+def test_what_only_perturbed_crossings_change_leaves_the_others(setup, usual, tmp_path, change):
+    np.testing.assert_array_equal(decoded(stepping(setup, **change), tmp_path).force, usual.force)
 
 
 def test_other_timing_keeps_heel_strike_and_toe_off(setup, usual, tmp_path):
-    warped = decoded(imperfect(setup, timing_wander=3), tmp_path)
+    """Between them the phase deviates by 256 (p (1 - p))^4 of two numbers: in the middle, and of the halves."""
+    other = imperfect(setup, timing_wander=3)
+    step, p = draw_step("walking_01", 1, np.zeros(1), other.walking), np.array([0.25, 0.5, 0.75])
+    (middle, halves), quarter = step.timing, 256 * 0.1875**4
+    moved = step.stance_phase(step.heel_strike + p * step.stance) - p
+    np.testing.assert_allclose(moved, [quarter * (middle - halves), middle, quarter * (middle + halves)])
+    warped = decoded(other, tmp_path)
     assert warped.stance == pytest.approx(usual.stance, abs=0.004)
     assert np.abs(warped.force[:, 2] - usual.force[:, 2]).max() > 10
 

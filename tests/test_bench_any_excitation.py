@@ -203,7 +203,8 @@ def test_friction_is_told_from_damping():
     assert row["B"] - row["coulomb_damping"] == pytest.approx(5, rel=0.05)
 
 
-def test_jumps_of_the_acceleration_are_refused_for_want_of_an_anti_aliasing_filter():
+@pytest.mark.parametrize("angle_noise", [0.0, 2e-5])
+def test_jumps_of_the_acceleration_are_refused_for_want_of_an_anti_aliasing_filter(angle_noise):
     """A second-order servo follows a binary command: its acceleration jumps at every change of the command."""
     rng, rate, w = np.random.default_rng(9), 1000.0, 2 * np.pi * 30
     command = np.concatenate([np.zeros(1500), np.repeat(rng.choice([-0.035, 0.035], 200), 100), np.zeros(1500)])
@@ -214,7 +215,7 @@ def test_jumps_of_the_acceleration_are_refused_for_want_of_an_anti_aliasing_filt
         state = np.array([target, 0]) + turn @ (state - [target, 0])
     motion = np.arange(len(command)) / rate, tuple(np.array(steps).T)
     with pytest.raises(InputError, match=r"jumps within a sample, \d+ times.*anti-aliasing"):
-        row_of(made_trial(rng, motion))
+        row_of(made_trial(rng, motion, angle_noise=angle_noise))
 
 
 def test_a_motion_that_repeats_itself_is_fitted_by_its_lines_with_its_period():

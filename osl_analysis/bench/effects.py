@@ -200,8 +200,8 @@ def told_lag(
 
     A lag that is certain has an image, of the other sign or even at 0, which leaves nearly as little: what is left is
     asked over all lags. Of equals the one of a joint counts whose K, B and I are not negative, of which there is one at
-    most: to third order an image takes so much off B that B or I is below 0. A delay goes before a low-pass as long as
-    it leaves little more: how smooth friction is changes as much.
+    most: to third order an image takes so much off B that B or I is below 0. Of a delay and a low-pass that leave as
+    little the delay is told.
     """
     base = with_columns(model, effects)
     fixed = {} if known is None else {known: 1.0}
@@ -217,11 +217,10 @@ def told_lag(
     tried.sort(key=lambda both: both[0].left)
     if not tried:
         return near, s
-    delays = [both for both in tried if both[1].noise_gain == 1 and both[0].left < ONLY_NOISE**2 * tried[0][0].left]
-    tried = delays or tried
     least = tried[0][0]
     more = float(chdtri(1, FALSE_ALARM)) * least.left / least.samples * s.independent
-    equal = (both for both in tried if both[0].left < least.left + more)
+    equal = [both for both in tried if both[0].left < least.left + more]
+    equal.sort(key=lambda both: both[1].noise_gain > 1)
     return next((both for both in equal if possible_joint(both[0], model)), tried[0])
 
 

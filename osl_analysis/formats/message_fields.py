@@ -477,7 +477,7 @@ class ObjectReader(Reader):
         rows = np.array(self.rows, np.int64)
         by_path = {}
         for place, path in enumerate(self.paths):
-            by_path[path] = [joined(one) for one in zip(*(part[place] for part in self.parts), strict=True)]
+            by_path[path] = [joined_numbers(one) for one in zip(*(part[place] for part in self.parts), strict=True)]
         lost = np.zeros(rows.size, bool)
         for _, there, truth in by_path.values():
             lost |= (truth > 0) & (there & (truth == 0)).any()
@@ -494,7 +494,7 @@ class ObjectReader(Reader):
         return columns
 
 
-def joined(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
+def joined_numbers(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
     """Numbers one after the other, in one type that holds them all; numpy would make floats of signed and unsigned."""
     if {one.dtype.kind for one in pieces} - {"b"} == {"i", "u"} and all((one >= 0).all() for one in pieces):
         return np.concatenate([one.astype(np.uint64) for one in pieces])

@@ -23,7 +23,7 @@ from osl_analysis.formats.message_fields import (
     Reader,
     Values,
     describe_message,
-    joined,
+    joined_numbers,
     reader_of,
 )
 
@@ -412,7 +412,7 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
     channel = np.repeat(np.array([one.channel.id for one in used], np.uint16), [one.columns.rows.size for one in used])
     (_, values, present), *others = (one.columns for one in used)
     for path in values if others else ():
-        values[path] = joined([one.columns.values[path] for one in used])
+        values[path] = joined_numbers([one.columns.values[path] for one in used])
         present[path] = np.concatenate([one.columns.present[path] for one in used])
     return Decoded(np.concatenate(log_time), channel, values, present, [one.how() for one in readers])
 

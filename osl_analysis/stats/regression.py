@@ -173,7 +173,7 @@ def scaled_condition(inverse: Array) -> float:
     """Condition number of columns scaled to unit length, from the inverse (p, p) of their normal equations."""
     gram = np.linalg.inv(inverse)
     squares = np.linalg.eigvalsh(gram / np.sqrt(np.outer(np.diag(gram), np.diag(gram))))
-    return float(np.sqrt(squares[-1] / max(squares[0], np.finfo(float).tiny)))
+    return float(np.sqrt(squares[-1] / max(squares[0], np.finfo(float).eps ** 2 * squares[-1])))
 
 
 def largest_correlation(covariance: Array) -> float:

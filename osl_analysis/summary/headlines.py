@@ -182,7 +182,7 @@ def all_labels() -> list[Label]:
 
 STUDENT = "95 % of the mean (Student)"
 FIT = "95 % for another motion of this kind"
-FEW = "95 % for this motion again, of too few frequencies for what the model misses"
+FEW = "95 % for a repetition of this motion"
 BOOTSTRAP = "95 % (bootstrap over crossings and trials of the unloaded plate)"
 OF_CYCLES = "95 % of the mean of cycles (Student)"
 PAIRED = "95 % of the mean difference of the same trials (Student)"

@@ -119,6 +119,16 @@ def test_a_chunk_with_an_absurd_length_costs_itself_alone(
     assert damage["share_lost"] == pytest.approx(lost / MESSAGES)
 
 
+@pytest.mark.parametrize("bit", range(8))
+@pytest.mark.parametrize("record", [Opcode.CHUNK, Opcode.DATA_END])
+def test_a_flipped_bit_in_an_opcode_loses_no_message(tmp_path: Path, record: Opcode, bit: int) -> None:
+    content = bytearray(written(tmp_path))
+    content[[start for opcode, start, _ in top_level(bytes(content)) if opcode == record][-1]] ^= 1 << bit
+    samples, damage = read(tmp_path, bytes(content))
+    assert len(samples) == MESSAGES
+    assert damage["messages_lost"] == 0
+
+
 def test_a_chunk_that_fails_its_checksum_is_left_out_and_counted(tmp_path: Path) -> None:
     content = bytearray(written(tmp_path, compression=CompressionType.NONE))
     start, end = chunks(content)[1]

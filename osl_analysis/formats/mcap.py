@@ -141,6 +141,8 @@ class McapFile(MessageFile):
             return self.take_lost(position)
         opcode, length = RECORD.unpack_from(data, position)
         end = start + length
+        if end <= len(data) and not self.data_end and is_disguised_chunk(data, start, end):
+            opcode = Opcode.CHUNK
         if opcode in LOOSE:
             walk = walk_records(data, position, len(data), in_chunk=False)
             if walk.end > position:
@@ -200,6 +202,8 @@ class McapFile(MessageFile):
             )
         self.damage.finished = data[end:after] == MAGIC
         declared, _, expected = struct.unpack_from("<QQI", data, start)
+        if not self.summary_begin and declared and leads_to(data, declared, start - RECORD.size):
+            self.summary_begin = declared  # the end of the data is damaged
         self.summary_damaged |= not self.summary_begin
         self.missing = declared - self.summary_begin if declared else 0
         if expected and not self.summary_damaged:
@@ -406,7 +410,7 @@ def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool, listed:
             break
         if opcode == Opcode.MESSAGE and length >= MESSAGE_HEAD:
             messages.append(position)
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and not is_disguised_chunk(buffer, start, start + length):
             others.append((opcode, buffer[start : start + length]))
         elif in_chunk and opcode not in NUMBERED and opcode:
             unknown += 1
@@ -463,6 +467,14 @@ UNPACKERS: Unpackers = {
 }
 
 
+def is_disguised_chunk(data: bytes, start: int, end: int) -> bool:
+    """Whether a record whose opcode a flipped bit may have changed holds a chunk: names and lengths leave no doubt."""
+    head = chunk_head(data, start, end)
+    if head is None or head.end != end:
+        return False
+    return head.name in (b"zstd", b"lz4") or (head.name == b"" and head.size == end - head.begin > 0)
+
+
 def unpacked(packed: bytes, name: bytes, size: int, unpackers: Unpackers = UNPACKERS) -> bytes:
     """The content of a chunk, which must be of the declared size. `name` is its compression."""
     if name not in unpackers:
@@ -486,6 +498,13 @@ def message_index(data: bytes, start: int, end: int, *, exact: bool = False) -> 
     if size % INDEX_ENTRY.itemsize or size > end - start - 6 or (exact and size < end - start - 6):
         return None
     return channel, np.frombuffer(data, INDEX_ENTRY, size // INDEX_ENTRY.itemsize, start + 6)
+
+
+def leads_to(data: bytes, position: int, footer: int) -> bool:
+    """Whether the records from a position on lead to the footer."""
+    while position + RECORD.size <= footer:
+        position += RECORD.size + RECORD.unpack_from(data, position)[1]
+    return position == footer
 
 
 def is_header(data: bytes, start: int, end: int) -> bool:

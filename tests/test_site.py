@@ -84,6 +84,11 @@ def test_every_equation_of_the_method_leads_to_its_function():
         assert callable(getattr(import_module(f"osl_analysis.{module}"), function)), name
 
 
+def test_the_page_of_functions_finds_every_function_that_it_names(site):
+    names = re.findall(r":: ([\w.]+)", site["pages"].functions_page())
+    assert {f"osl_analysis.{name}" for part in site["pages"].FUNCTIONS.values() for name in part} <= set(names)
+
+
 def test_the_first_page_of_the_site_leads_to_every_page():
     linked = {(ROOT / "docs" / link).resolve() for link in LINK.findall((ROOT / "docs/index.md").read_text())}
     pages = {*(ROOT / "docs").glob("*.md"), *(ROOT / "docs/site").glob("*.md")} - {ROOT / "docs/index.md"}

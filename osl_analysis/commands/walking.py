@@ -88,7 +88,7 @@ def built(kind: Any, content: Any) -> Any:
     if is_dataclass(kind):
         types = get_type_hints(kind)
         return kind(**{name: built(types[name], value) for name, value in content.items()})  # type: ignore[operator]
-    if get_origin(kind) is np.ndarray:
+    if kind == Array:  # newer NumPy has a type alias, whose origin is not the class
         return np.array(content, dtype=float)
     if get_origin(kind) is tuple:
         return tuple(built(inner[0], value) for value in content)

@@ -229,7 +229,7 @@ def main() -> None:
             floor = seconds_of(lambda path=path: limit(path), REPEATS)
             before = "" if asked.against is None else seconds_of_earlier(asked.against.resolve(), path)
             print(
-                f"{encoding:9} {ours:.3f} s, the mcap packages {theirs:.2f} s: {theirs / ours:.0f} x as fast; "
+                f"{encoding:9} {ours:.3f} s, the mcap packages {theirs:.2f} s: {theirs / ours:.2g} x as fast; "
                 f"{ours / floor:.2f} x the limit of {floor:.3f} s"
                 + (f"; the earlier release {before:.3f} s: {before / ours:.2f} x as fast" if before else "")
             )

@@ -1,4 +1,4 @@
-"""The table of docs/desr.md, from the results of `config/campaigns/desr`.
+"""The table of docs/torque_angle.md, from the results of `config/campaigns/desr`.
 
 python benchmarks/desr.py
 """

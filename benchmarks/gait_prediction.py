@@ -1,7 +1,7 @@
 """What a crossing would have done: the mean unperturbed gait, or its own behaviour before the onset.
 
 Run from the repository: `python benchmarks/gait_prediction.py [campaigns]` prints the last table of
-`docs/stance_phase.md`: error and interval of K with either baseline. Campaigns of ten perturbed and ten unperturbed
+`docs/walking.md`: error and interval of K with either baseline. Campaigns of ten perturbed and ten unperturbed
 crossings; the same seeds give the same. About two seconds a campaign and row.
 """
 

@@ -3,7 +3,7 @@
 Run from the repository: `python benchmarks/impedance_over_stance.py [campaigns]`. The leg follows the trajectory of
 `config/impedance/synthetic_walking.csv`; the platform turns at four timings. Crossings pass through the simulated
 sensors' noise and the walking analysis of `config/config.yaml`, not through files. Prints the coverage at each timing,
-and writes the figure of `docs/impedance_over_stance.md`. About ten seconds a campaign. The same seeds give the same.
+and writes the figure of `docs/walking.md`. About ten seconds a campaign. The same seeds give the same.
 """
 
 import sys

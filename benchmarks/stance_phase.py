@@ -1,7 +1,7 @@
 """Which duration of stance turns time into phase: bias and scatter of K, B and I by rule, on two kinds of gait.
 
 Run from the repository: `python benchmarks/stance_phase.py [campaigns] [gait]` prints the tables of
-`docs/stance_phase.md`; the gait is `simulator` or `formula`, without one both.
+`docs/walking.md`; the gait is `simulator` or `formula`, without one both.
 Forty campaigns of ten perturbed and ten unperturbed crossings take ten minutes. The same seeds give the same.
 """
 

@@ -1,4 +1,4 @@
-"""Draw the walking laboratory of docs/walking_setup.md: side view and top view, with markers, axes and signs.
+"""Draw the walking laboratory of docs/walking.md: side view and top view, with markers, axes and signs.
 
 python benchmarks/walking_setup.py [docs/walking_setup.png]
 """

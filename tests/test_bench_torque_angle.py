@@ -413,7 +413,7 @@ def test_the_tests_of_a_real_foot_give_what_an_independent_computation_finds_wit
     assert spec.loader is not None
     printed = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(printed)
-    page = (ROOT / "docs/desr.md").read_text(encoding="utf-8").splitlines()
+    page = (ROOT / "docs/torque_angle.md").read_text(encoding="utf-8").splitlines()
     for row in read_sheet(campaign.sheet).values():
         trial = trial_from_files(row, REAL_DATA / "mat", campaign.sources)
         found = torque_angle_table(torque_angle_trial(trial, campaign.torque_angle), row["desired"]).to_dicts()[0]

@@ -57,8 +57,6 @@ def fill_page(app, page, source):
     text = source[0]
     if page in FILES:
         text = with_links(ROOT / FILES[page], page).replace("# osl-analysis\n", "# Overview\n", 1)
-    elif page == "site/glossary":
-        text = "# Glossary\n\n" + section(with_links(ROOT / "CONTRIBUTING.md", page), "## Words")
     elif page == "site/commands":
         text = text.partition("\n")[0] + "\n\n" + commands_page()
     elif page == "site/tables":
@@ -86,11 +84,6 @@ def corrected(text, folder, file):
         return "](" + Path(os.path.relpath(target, folder)).as_posix()
 
     return LINK.sub(link, text)
-
-
-def section(text, heading):
-    """What stands below a heading, up to the next one of its level."""
-    return text.split(f"{heading}\n")[1].split(f"\n{heading.split()[0]} ")[0]
 
 
 def navigated(text):

@@ -128,7 +128,7 @@ def read_sheet(path: Path) -> SheetRows:
     Raises InputError where the sheet is missing or empty, a column is unknown, or a value is not allowed.
     """
     if not path.is_file():
-        raise InputError(f"{path}: no such sample sheet; write one (README, 'Your own data') or set `sheet`")
+        raise InputError(f"{path}: no such sample sheet; write one (docs/own_data.md) or set `sheet`")
     columns, lines = sheet_lines(path)
     unknown = sorted(set(columns) - set(SHEET_COLUMNS))
     absent = sorted({"trial", "experiment"} - set(columns))

@@ -8,7 +8,7 @@ People differ from step to step in the size of a motion, and in its level, which
 cannot imitate is sharp: the ankle's turn from plantarflexion to dorsiflexion after heel strike. So size and drift are
 fitted too, and the drift is the polynomial with which the unperturbed crossings' scales scatter least. Torque and load
 are no help: the low-pass and the heel's impact act in time and not in phase, so that both misread a slower crossing by
-a few per cent (docs/stance_phase.md).
+a few per cent (docs/walking.md).
 """
 
 import re

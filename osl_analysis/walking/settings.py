@@ -191,7 +191,7 @@ class ResponseSettings(WalkingFilter, TimingSettings):
     """How a response is isolated and fitted."""
 
     perturbed_stance: StanceSource
-    """Duration of stance that converts the time of a perturbed crossing to phase (docs/stance_phase.md). `matched`: the
+    """Duration of stance that converts the time of a perturbed crossing to phase (docs/walking.md). `matched`: the
     one at which its ankle angle before the onset is most like that of the mean unperturbed gait; right whether the
     perturbation changes the stance or whole crossings are slower. `own`: its own; wrong if the perturbation changes it.
     `unperturbed`: the mean of the unperturbed crossings; wrong if whole crossings are slower. Where `own` or
@@ -203,7 +203,7 @@ class EnsembleSettings(ResponseSettings):
 
     baseline: Literal["mean", "predicted"] = "mean"
     """What a perturbed crossing would have done, for the headline: the `mean` unperturbed gait, or what is `predicted`
-    from its own behaviour before the onset (docs/stance_phase.md). The other one stands beside it in the table."""
+    from its own behaviour before the onset (docs/walking.md). The other one stands beside it in the table."""
     bootstrap_samples: Annotated[int, Field(ge=100, le=100_000)]  # Number of bootstrap samples of the ensemble
 
 

@@ -378,7 +378,7 @@ def test_the_time_base_bridges_gaps_by_the_band_of_this_motion(band, lost, left_
     rows = np.arange(len(whole))
     trial = Trial("made", whole.filter(pl.Series((rows % 1500 > lost) | (rows < 10))))
     record = moving_record(trial)
-    assert bool(record.uniform.report.masked) == left_out
+    assert (not record.uniform.usable.all()) == left_out
     assert fit_of(record)["K"] == pytest.approx(300, rel=2e-3)
 
 

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict
 from itertools import product
 
 import numpy as np
@@ -13,12 +12,8 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.device_clock import (
-    ClockDrift,
-    check_drift,
-)
 from osl_analysis.timebase.grid import GapLimits, UniformSignals, on_one_grid
-from osl_analysis.timebase.samples import take
+from osl_analysis.timebase.samples import ClockDrift, take
 from osl_analysis.timebase.stream import Stream, count_from_stamps
 
 
@@ -125,7 +120,7 @@ def test_a_5_hz_sine_comes_to_the_grid_with_the_error_that_the_report_states(rat
     inner = slice(20, -20)
     error = np.max(np.abs(grid.signals["wave"] - np.sin(10 * np.pi * grid.time))[inner])
     assert error == pytest.approx(largest, rel=0.05)
-    assert grid.report.streams[0].error == pytest.approx(largest, rel=0.06)
+    assert grid.streams[0]["error"] == pytest.approx(largest, rel=0.06)
     assert error < 1e-4
 
 
@@ -137,16 +132,6 @@ def test_even_samples_of_one_device_stay_as_they_are_to_the_bit():
         assert np.array_equal(grid.signals[name], values)
     assert grid.time == pytest.approx(t, abs=1e-12)
     assert grid.usable.all()
-
-
-def test_the_grid_covers_what_all_streams_share_and_not_a_step_more():
-    a, b = clock(100.0, 20.0), clock(33.0, 18.0, first=1.003)
-    grid = one_time_base([Stream("a", a, {"a": 2 * a}), Stream("b", b, {"b": 3 * b})])
-    assert grid.rate_hz == pytest.approx(100.0)
-    assert grid.time[0] == pytest.approx(b[0], abs=1e-9)
-    assert b[-1] - 0.01 < grid.time[-1] <= b[-1] + 1e-9
-    assert grid.signals["a"] == pytest.approx(2 * grid.time, abs=1e-9)
-    assert grid.signals["b"] == pytest.approx(3 * grid.time, abs=1e-9)
 
 
 # ---- Are the stamps true?
@@ -163,10 +148,10 @@ def test_no_case_is_decided_wrongly_over_bits_jitter_and_lateness(motion):
         stamps = waits(t, jitter, random) if late else np.sort(t + jitter * random.standard_normal(len(t)))
         taken = t if even else stamps
         (part,) = take([Stream("x", stamps, {"x": rounded_to_bits(MOTIONS[motion](taken)[0], bits)})])
-        said = part.decision.evidence.get("x")
+        said = part.evidence.get("x")
         if said is not None and (said.true or said.even):
             firm += 1
-            assert part.decision.even == even, (bits, jitter, late, said)
+            assert part.even == even, (bits, jitter, late, said)
     assert firm >= 8
 
 
@@ -174,12 +159,11 @@ def test_a_python_loop_with_absolute_targets_is_late_and_never_early_and_yet_its
     random = np.random.default_rng(4)
     stamps = logger(random)
     grid = one_time_base([log(stamps, stamps, random)])
-    (said,) = grid.report.streams
-    assert not said.even
-    assert said.firm
-    assert said.skew > 3
-    assert said.g["theta"] == pytest.approx(1.0, abs=4 * said.g_se["theta"])
-    assert said.merged > 5
+    (said,) = grid.streams
+    assert (said["stamps"], said["firm"]) == ("exact", True)
+    assert said["skew"] > 3
+    assert said["g"] == pytest.approx(1.0, abs=4 * said["g_se"])
+    assert said["merged"] > 5
     assert_recovers_the_joint(grid)
 
 
@@ -187,16 +171,16 @@ def test_a_channel_of_mere_noise_does_not_pass_for_an_even_one_beside_true_motio
     random = np.random.default_rng(12)
     stamps = np.cumsum(0.008 + 0.004 * random.random(12_000))
     recorded = Stream("loop", stamps, joint(stamps, stamps).signals | {"rest": noisy(0 * stamps, random)})
-    (said,) = one_time_base([recorded]).report.streams
-    assert (said.signals, said.even, said.firm, said.g_se["rest"]) == (("theta", "rest"), False, True, None)
+    (part,) = take([recorded])
+    assert (part.signals, part.even, part.firm, part.evidence["rest"].se) == (("theta", "rest"), False, True, np.inf)
 
 
 def test_channels_firmly_true_and_firmly_even_are_taken_apart():
     t, random = clock(1000.0), np.random.default_rng(6)
     stamps = np.sort(t + 2e-4 * random.standard_normal(len(t)))
     grid = one_time_base([Stream("log", stamps, joint(t, t).signals | cell(stamps, stamps, random).signals)])
-    assert {s.signals: s.even for s in grid.report.streams} == {("torque",): False, ("theta",): True}
-    assert [s.name for s in grid.report.streams] == ["log [torque]", "log [theta]"]
+    assert {s["signals"]: s["stamps"] for s in grid.streams} == {"torque": "exact", "theta": "even"}
+    assert [part.stream.name for part in grid.taken] == ["log [torque]", "log [theta]"]
     assert_recovers_the_joint(grid)
 
 
@@ -205,30 +189,30 @@ def test_a_resting_or_slow_signal_decides_nothing_and_jitter_is_then_not_believe
     stamps = np.sort(t + 2e-4 * random.standard_normal(len(t)))
     slow = rounded_to_bits(0.05 * np.sin(0.2 * np.pi * t), 14)
     grid = one_time_base([Stream("belt", stamps, {"angle": slow, "rest": noisy(0 * t, random)})])
-    (said,) = grid.report.streams
-    assert (said.even, said.firm, said.missing) == (True, False, 0)
-    assert said.why.startswith("undecided, even: the residual wanders by 0.0")
+    (said,) = grid.streams
+    assert (said["stamps"], said["firm"], said["missing"]) == ("even", False, 0)
+    assert said["why"].startswith("undecided, even: the residual wanders by 0.0")
     assert grid.signals["angle"] == pytest.approx(slow, abs=1e-12)
-    dead = one_time_base([Stream("dead", stamps, {"zero": 0 * t})]).report.streams[0]
-    assert (dead.g["zero"], dead.g_se["zero"], dead.firm) == (0.0, None, False)
+    dead = one_time_base([Stream("dead", stamps, {"zero": 0 * t})]).streams[0]
+    assert (dead["g"], dead["g_se"], dead["firm"]) == (None, None, False)
 
 
 def test_a_slow_wander_is_believed_where_the_signal_cannot_tell():
     t, random = clock(100.0), np.random.default_rng(8)
     stamps = t + 0.02 * np.sin(2 * np.pi * t / 30)
-    (said,) = one_time_base([Stream("rest", stamps, {"x": noisy(0 * t, random)})]).report.streams
-    assert (said.even, said.firm) == (False, False)
+    (said,) = one_time_base([Stream("rest", stamps, {"x": noisy(0 * t, random)})]).streams
+    assert (said["stamps"], said["firm"]) == ("exact", False)
 
 
 # ---- Recordings as recorders make them
 
 
-@pytest.mark.parametrize(("rate", "decimals"), [(300.0, 4), (1024.0, 4), (333.0, 3), (1024.0, 3), (100.0, 3)])
+@pytest.mark.parametrize(("rate", "decimals"), [(300.0, 4), (1024.0, 3)])
 def test_printed_decimals_cost_nothing(rate, decimals):
     t, random = clock(rate), np.random.default_rng(21)
     grid = one_time_base([log(np.round(t, decimals), t, random)])
-    (said,) = grid.report.streams
-    assert (said.even, said.missing) == (True, 0)
+    (said,) = grid.streams
+    assert (said["stamps"], said["missing"]) == ("even", 0)
     assert grid.rate_hz == pytest.approx(rate, rel=1e-5)
     assert_recovers_the_joint(grid)
 
@@ -237,18 +221,18 @@ def test_printed_decimals_cost_nothing(rate, decimals):
 def test_host_latency_on_one_node_is_taken_away_with_its_mean(wait):
     t, random = clock(1000.0), np.random.default_rng(22)
     grid = one_time_base([joint(t, t), cell(waits(t, wait, random), t, random)])
-    said = grid.report.streams[1]
-    assert (said.even, said.firm, said.missing) == (True, True, 0)
-    assert said.skew > 0.5
+    said = grid.streams[1]
+    assert (said["stamps"], said["firm"], said["missing"]) == ("even", True, 0)
+    assert said["skew"] > 0.5
     assert_recovers_the_joint(grid)
 
 
 def test_the_clock_difference_of_two_nominally_equal_devices_is_stated_in_ppm():
     a, b, random = clock(1000.0), clock(1000.05), np.random.default_rng(27)
-    first, second = one_time_base([joint(a, a), cell(b, b, random)]).report.streams
-    assert second.ppm - first.ppm == pytest.approx(50.0, abs=0.1)
+    first, second = one_time_base([joint(a, a), cell(b, b, random)]).streams
+    assert second["ppm"] - first["ppm"] == pytest.approx(50.0, abs=0.1)
     c = clock(333.0)
-    assert one_time_base([joint(c, c), cell(a, a, random)]).report.streams[0].ppm is None
+    assert one_time_base([joint(c, c), cell(a, a, random)]).streams[0]["ppm"] is None
 
 
 # ---- Missing, late, repeated
@@ -270,27 +254,17 @@ def test_every_missing_sample_is_found_at_its_place(lost, jitter, late):
     assert wrong <= SHARE_MISPLACED[late > 0, lost == 3000]
 
 
-def test_bursts_held_back_by_a_host_shift_nothing():
-    t, random = clock(1000.0), np.random.default_rng(30)
-    stamps = t.copy()
-    for first in random.integers(0, len(t) - 100, 15):
-        stamps[first : first + 50] = t[first + 49]
-    grid = one_time_base([joint(t, t), cell(stamps, t, random)])
-    assert grid.report.streams[1].missing == 0
-    assert_recovers_the_joint(grid)
-
-
 @pytest.mark.parametrize("jitter", [0.0, 2e-5])
 def test_missing_samples_cost_nothing(jitter):
     t, random = clock(1000.0), np.random.default_rng(31)
     kept = np.sort(random.choice(len(t), len(t) - 600, replace=False))
     stamps = np.sort(t + jitter * random.standard_normal(len(t)))[kept]
     grid = one_time_base([log(stamps, stamps, random)])
-    (said,) = grid.report.streams
-    assert said.missing == kept[-1] - kept[0] + 1 - len(kept)
-    assert 500 < said.bridged <= 600
-    assert (said.firm, said.even) == (True, jitter == 0)
-    assert (said.marked, grid.report.masked) == (0, 0)
+    (said,) = grid.streams
+    assert said["missing"] == kept[-1] - kept[0] + 1 - len(kept)
+    assert 500 < said["bridged"] <= 600
+    assert (said["firm"], said["stamps"]) == (True, "exact" if jitter else "even")
+    assert (said["marked"], grid.usable.all()) == (0, True)
     assert_recovers_the_joint(grid)
 
 
@@ -306,30 +280,14 @@ def gapped(length, random, first=20.0):
 def test_a_gap_of_20_ms_is_data_and_one_of_25_ms_is_marked_with_three_periods_of_the_filter_on_both_sides():
     random = np.random.default_rng(40)
     short, marked = gapped(0.020, random), gapped(0.025, random)
-    assert (short.report.streams[0].bridged, short.report.masked) == (1, 0)
-    assert short.report.streams[0].bridge_error == pytest.approx(4.1e-4, rel=0.02)
-    said = marked.report.streams[0]
-    assert (said.bridged, said.marked, said.missing) == (0, 1, 24)
+    assert (short.streams[0]["bridged"], short.usable.all()) == (1, True)
+    assert short.streams[0]["bridge_error"] == pytest.approx(4.1e-4, rel=0.02)
+    said = marked.streams[0]
+    assert (said["bridged"], said["marked"], said["missing"]) == (0, 1, 24)
     left_out = marked.time[~marked.usable]
     assert left_out[[0, -1]] == pytest.approx([20.0 - 0.2, 20.025 + 0.2], abs=1.1e-3)
-    assert len(left_out) == marked.report.masked == pytest.approx(426, abs=1)
+    assert len(left_out) == pytest.approx(426, abs=1)
     assert np.diff(marked.time) == pytest.approx(1e-3, abs=1e-9)
-
-
-def test_a_gap_of_one_node_marks_the_rows_of_all():
-    t, random = clock(1000.0), np.random.default_rng(42)
-    kept = (t < 20) | (t > 20.1)
-    grid = one_time_base([joint(t, t), cell(t[kept] + 3e-4, t[kept] + 3e-4, random)])
-    assert [s.marked for s in grid.report.streams] == [0, 1]
-    assert not grid.usable[np.searchsorted(grid.time, 20.05)]
-    assert_recovers_the_joint(grid)
-
-
-def test_what_is_missing_outside_the_overlap_does_not_count():
-    t = clock(100.0)
-    a = t[(t < 2) | (t > 5)]
-    grid = one_time_base([Stream("a", a, {"a": a}), Stream("b", t + 10, {"b": t})])
-    assert grid.report.streams[0].bridged == grid.report.streams[0].marked == 0
 
 
 # ---- Refusals: channel, time, value, remedy
@@ -338,6 +296,11 @@ def test_what_is_missing_outside_the_overlap_does_not_count():
 def stamps_with(change):
     t = clock(100.0, 20.0)
     return Stream("cell", change(t), {"torque": np.sin(t)})
+
+
+def gappy(kept):
+    t = clock(1000.0, 10.0)[kept]
+    return Stream("cell", t, {"torque": t})
 
 
 def set_back(t):
@@ -372,6 +335,14 @@ def set_back(t):
             ),
             r"cell: the clock jumps by 0\.5 s at 5\.500000 s, row 500, while the sample counter runs on; cut",
         ),
+        (
+            lambda: gappy(np.arange(10_000) // 100 % 2 == 0),
+            r"every row from 0\.0000 s to 9\.8990 s lies within 0\.20 s of a gap longer than 20 ms",
+        ),
+        (
+            lambda: Stream("log", clock(10.0, 30.0), {"torque": np.full(300, np.nan)}),
+            r"log: torque has 0 values in 300 rows; at least 20 are needed",
+        ),
     ],
 )
 def test_refuses_a_recording_with_channel_time_value_and_remedy(make, says):
@@ -379,7 +350,13 @@ def test_refuses_a_recording_with_channel_time_value_and_remedy(make, says):
         one_time_base([make()])
 
 
-@pytest.mark.parametrize("seed", range(40))
+def test_refuses_streams_that_never_overlap():
+    t = clock(100.0, 10.0)
+    with pytest.raises(InputError, match=r"late begins at 20\.0000 s and early ends at 9\.9900 s: they overlap in 0"):
+        one_time_base([Stream("early", t, {"a": t}), Stream("late", t + 20, {"b": t})])
+
+
+@pytest.mark.parametrize("seed", range(20))
 def test_no_stamps_lead_to_anything_but_a_grid_or_a_refusal(seed):
     random = np.random.default_rng(seed)
     steps = random.choice(
@@ -391,30 +368,14 @@ def test_no_stamps_lead_to_anything_but_a_grid_or_a_refusal(seed):
         assert np.isfinite(grid.signals["x"]).all()
 
 
-def test_refuses_streams_that_never_overlap():
-    t = clock(100.0, 10.0)
-    with pytest.raises(InputError, match=r"late begins at 20\.0000 s and early ends at 9\.9900 s: they overlap in 0"):
-        one_time_base([Stream("early", t, {"a": t}), Stream("late", t + 20, {"b": t})])
-
-
-def test_refuses_a_recording_with_nothing_but_gaps():
-    t = clock(1000.0, 10.0)
-    kept = (np.arange(len(t)) // 100) % 2 == 0
-    with pytest.raises(
-        InputError, match=r"every row from 0\.0000 s to 9\.8990 s lies within 0\.20 s of a gap longer than 20 ms"
-    ):
-        one_time_base([Stream("cell", t[kept], {"torque": t[kept]})])
-
-
 # ---- Clocks of two devices
 
 
 def test_drift_is_refused_beyond_what_damping_and_inertia_bear_if_it_is_certain():
-    check_drift(ClockDrift(1.9, 0.01), 2.0)
-    check_drift(ClockDrift(-5.0, 4.0), 2.0)
-    assert ClockDrift(-5.0, 4.0).certain_ppm == 0
+    ClockDrift(1.9, 0.01).check(2.0)
+    ClockDrift(-5.0, 4.0).check(2.0)
     with pytest.raises(InputError, match=r"drift apart by -2\.10 \+- 0\.10 ppm, more than 2: .*synchronise"):
-        check_drift(ClockDrift(-2.1, 0.1), 2.0)
+        ClockDrift(-2.1, 0.1).check(2.0)
 
 
 def test_a_drift_is_certain_from_a_student_quantile_as_rare_as_four_exact_standard_errors():
@@ -424,17 +385,13 @@ def test_a_drift_is_certain_from_a_student_quantile_as_rare_as_four_exact_standa
 # ---- Provenance
 
 
-def test_the_report_is_plain_json_with_every_number_that_provenance_states():
+def test_the_report_is_plain_json_with_every_number_that_the_table_states():
     t, random = clock(1000.0), np.random.default_rng(70)
     kept = (t < 20) | (t >= 20.1)
     stamps = t + 2e-5 * random.standard_normal(len(t))
     grid = one_time_base([joint(stamps, stamps), cell(t[kept], t[kept], random)])
-    said = json.loads(json.dumps(asdict(grid.report), allow_nan=False))
-    assert said["rows"] == len(grid.time)
-    assert said["masked"] == np.count_nonzero(~grid.usable)
-    assert 1e-5 < said["farthest_s"] < 5.1e-4  # of the rows outside the gap, which is 100 ms long
-    assert said["rate_hz"] == pytest.approx(1000.0)
-    angle, torque = said["streams"]
+    assert 1e-5 < grid.farthest_s < 5.1e-4  # of the rows outside the gap, which is 100 ms long
+    angle, torque = json.loads(json.dumps(grid.streams, allow_nan=False))
     assert angle["why"].startswith("true: theta g = ")
     assert angle["residual_sd_s"] == pytest.approx(2e-5, rel=0.05)
     assert (torque["missing"], torque["marked"], torque["why"]) == (100, 1, "even: the stamps lie on their line")
@@ -446,7 +403,7 @@ def test_a_counter_that_counts_by_twos_leaves_the_step_between_samples():
     stream = Stream("encoder", t, {"theta": sines(t)[0]}, counter=2 * np.arange(len(t)))
     (taken,) = take([stream])
     assert (taken.stride, taken.clock.step) == (2, pytest.approx(1e-3))
-    assert taken.samples().step == pytest.approx(2e-3)
+    assert taken.step == pytest.approx(2e-3)
 
 
 RATE, SHORTER = 1000.0, 24.0
@@ -476,8 +433,7 @@ def two_nodes(random, wait=(0.0, 0.0), one_in=(0, 0), rates=(RATE, RATE), scatte
     return made
 
 
-@pytest.mark.parametrize("wait", [2e-4, 5e-4, 2e-3])
-@pytest.mark.parametrize("one_in", [(0, 50), (100, 0), (300, 300), (0, 5000)])
+@pytest.mark.parametrize(("wait", "one_in"), [(2e-4, (0, 50)), (5e-4, (100, 0)), (2e-3, (300, 300)), (5e-4, (0, 5000))])
 def test_regular_losses_behind_a_late_host_are_refused(wait, one_in):
     random = np.random.default_rng(one_in[1] + int(1e6 * wait))
     waiting = tuple(wait if n else 0.0 for n in one_in)
@@ -488,13 +444,11 @@ def test_regular_losses_behind_a_late_host_are_refused(wait, one_in):
     assert said == pytest.approx(true, rel=0.05, abs=1.1)
 
 
-@pytest.mark.parametrize(
-    "rates", [(333.0, 1000.0), (1000.0, 333.0), (833.3, 833.3), (1024.0, 1000.0), (990.0, 990.0), (1005.0, 1005.0)]
-)
+@pytest.mark.parametrize("rates", [(333.0, 1000.0), (1024.0, 1000.0), (990.0, 990.0)])
 def test_late_hosts_that_lose_nothing_are_right_at_any_rates(rates):
     random = np.random.default_rng(int(sum(rates)))
     grid = one_time_base(two_nodes(random, (5e-4, 1e-3), rates=rates))
-    assert [stream.missing for stream in grid.report.streams] == [0, 0]
+    assert [stream["missing"] for stream in grid.streams] == [0, 0]
     assert_recovers_the_joint(grid)
 
 
@@ -534,12 +488,12 @@ def test_values_that_are_missing_cost_nothing_and_split_no_device(kind, change):
     stamps, taken = {"even": (t, t), "jitter": (jittered, jittered), "latency": (late(t, 5e-4, random), t)}[kind]
     recorded = with_nan(random, change, stamps, taken)
     grid = one_time_base([recorded])
-    angle, torque = grid.report.streams
+    angle, torque = grid.streams
     lower = change is two_of_three_torques
     lacking = [int(np.isnan(values).sum()) for values in recorded.signals.values()]
-    assert [angle.empty, torque.empty] == ([0, 0] if lower else lacking)
-    assert torque.error == pytest.approx(81 * angle.error if lower else angle.error, rel=1e-4)
-    assert {angle.even, torque.even} == {kind != "jitter"}
+    assert [angle["empty"], torque["empty"]] == ([0, 0] if lower else lacking)
+    assert torque["error"] == pytest.approx(81 * angle["error"] if lower else angle["error"], rel=1e-4)
+    assert {angle["stamps"], torque["stamps"]} == {"exact" if kind == "jitter" else "even"}
     assert_recovers_the_joint(grid)
 
 
@@ -549,7 +503,7 @@ def test_missing_values_in_a_row_are_a_gap_of_their_own_length(length, bridged, 
         signals["torque"][5000 : 5000 + length] = np.nan
 
     grid = one_time_base([with_nan(np.random.default_rng(8), change)])
-    assert [(s.empty, s.bridged, s.marked) for s in grid.report.streams] == [(0, 0, 0), (length, bridged, marked)]
+    assert [(s["empty"], s["bridged"], s["marked"]) for s in grid.streams] == [(0, 0, 0), (length, bridged, marked)]
     assert_recovers_the_joint(grid)
 
 
@@ -559,16 +513,8 @@ def test_losses_behind_a_late_host_are_not_refused_where_one_device_has_channels
     one = log(late(t, 2e-4, random)[kept], t[kept], random)
     one.signals["torque"][::150] = np.nan
     grid = one_time_base([one])
-    assert [stream.signals for stream in grid.report.streams] == [("theta",), ("torque",)]
+    assert [stream["signals"] for stream in grid.streams] == ["theta", "torque"]
     assert_recovers_the_joint(grid)
-
-
-def test_a_channel_without_values_and_one_that_lacks_them_for_too_long_are_refused():
-    random = np.random.default_rng(9)
-    with pytest.raises(InputError, match=r"log: torque has 0 values in 24000 rows; at least 20 are needed"):
-        one_time_base([with_nan(random, lambda signals, _: signals["torque"].fill(np.nan))])
-    with pytest.raises(InputError, match=r"torque has no sample from 4\.9990 s to 5\.6000 s"):
-        one_time_base([with_nan(random, lambda signals, _: signals["torque"][5000:5600].fill(np.nan))])
 
 
 def test_rows_written_twice_go_though_a_value_is_missing_in_both():
@@ -578,7 +524,7 @@ def test_rows_written_twice_go_though_a_value_is_missing_in_both():
     one = with_nan(np.random.default_rng(10), twice)
     rows = np.sort(np.append(np.arange(len(one.stamps)), 100))
     again = Stream("log", one.stamps[rows], {name: values[rows] for name, values in one.signals.items()})
-    assert one_time_base([again]).report.streams[0].repeated == 1
+    assert one_time_base([again]).streams[0]["repeated"] == 1
 
 
 # ---- The page's example of sixth differences
@@ -593,7 +539,7 @@ def example(even):
     pushed = size * w * np.cos(w * t) * (stamps - t)
     seen = [1e4 * np.std(np.diff(x, 6)) for x in (theta, pushed)]
     (part,) = take([Stream("encoder", stamps, {"theta": theta})])
-    said = part.decision.evidence["theta"]
+    said = part.evidence["theta"]
     name = "device samples evenly, stamps scatter" if even else "stamps are true"
     return f"| {name} | {seen[0]:.2f} | {seen[1]:.2f} | {said.g:.3f} | {said.se:.3f} |"
 

@@ -117,9 +117,9 @@ def test_a_stated_use_of_the_stamps_stands():
     for stamps, even in (("exact", False), ("auto", False), ("even", True)):
         provenance = {"columns": {"theta": {"file": "log"}}, "log": {"time": {"stamps": stamps}}}
         signals = uniform_signals(Trial("made", samples, provenance), ["theta", "torque"], GapLimits())
-        (stream,) = signals.report.streams
-        assert stream.even == even
-        assert stream.why.startswith("stated") == (stamps != "auto")
+        (stream,) = signals.streams
+        assert stream["stamps"] == ("even" if even else "exact")
+        assert stream["why"].startswith("stated") == (stamps != "auto")
 
 
 def test_a_command_says_nothing_about_the_stamps():
@@ -127,9 +127,9 @@ def test_a_command_says_nothing_about_the_stamps():
     theta, load, command = motion(scattered)[0], torque(scattered), motion(times())[0]
     samples = pl.DataFrame({"time": scattered, "theta": theta, "torque": load, "theta_command": command})
     signals = uniform_signals(Trial("made", samples), ["theta", "torque"], GapLimits(), computed=["theta_command"])
-    (stream,) = signals.report.streams
+    (stream,) = signals.taken
     assert not stream.even
-    assert set(stream.g) == {"theta", "torque"}
+    assert set(stream.evidence) == {"theta", "torque"}
 
 
 def test_cycles_beside_a_gap_are_not_fitted_and_the_fit_is_right():

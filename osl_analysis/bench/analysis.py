@@ -3,8 +3,7 @@ the time base, and what an estimate cannot be.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
@@ -17,7 +16,7 @@ from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.stats.fit_row import Row, covariance_row, estimates_row, judged_row
 from osl_analysis.stats.regression import LinearFit, with_shared_error
-from osl_analysis.timebase.grid import StreamReport, UniformSignals
+from osl_analysis.timebase.grid import UniformSignals
 from osl_analysis.trial import Array
 
 MOST_ROWS = 10_000
@@ -196,38 +195,21 @@ def timebase_table(
     """The rows of `timebase.csv` for one trial, a row per stream. `other_hypothesis` says what estimates would become
     if undecided stamps were taken the other way."""
     assert signals is not None  # a trial that was read from a file
-    report = signals.report
     shared = {
-        "grid_rate_hz": report.rate_hz,
-        "first_s": report.first_s,
-        "last_s": report.last_s,
-        "rows": report.rows,
-        "masked": report.masked,
-        "farthest_s": report.farthest_s,
+        "grid_rate_hz": (len(signals.time) - 1) / float(signals.time[-1] - signals.time[0]),
+        "first_s": float(signals.time[0]),
+        "last_s": float(signals.time[-1]),
+        "rows": len(signals.time),
+        "masked": int(np.count_nonzero(~signals.usable)),
+        "farthest_s": signals.farthest_s,
         "other_hypothesis": other_hypothesis,
         "bench_stiffness": 1 / bench.compliance if bench else None,
         "bench_stiffness_se": bench.compliance_error / bench.compliance**2 or None if bench else None,
     }
-    rows = [{"trial": signals.trial, **stream_row(stream, signals), **shared} for stream in report.streams]
+    rows = [{"trial": signals.trial, **stream, **shared} for stream in signals.streams]
     text, numbers = ("low_pass", "other_hypothesis"), ("ppm", "g", "g_se", "bench_stiffness", "bench_stiffness_se")
     schema = dict.fromkeys(text, pl.String) | dict.fromkeys(numbers, pl.Float64)
     return pl.DataFrame(rows, schema_overrides=schema, infer_schema_length=None)
-
-
-def stream_row(stream: StreamReport, signals: UniformSignals) -> dict[str, Any]:
-    """What the time base found and did in one stream; g is that of the signal that knows it best."""
-    known = {name: se for name, se in stream.g_se.items() if se is not None}
-    best = min(known, key=lambda name: known[name], default=None)
-    filters = [f"{name}: {one}" for name, one in signals.low_passes.items() if name in stream.signals]
-    plain = {f.name: getattr(stream, f.name) for f in fields(stream) if f.name not in ("name", "even", "g", "g_se")}
-    return {
-        **plain,
-        "signals": ", ".join(stream.signals),
-        "stamps": "even" if stream.even else "exact",
-        "g": None if best is None else stream.g[best],
-        "g_se": None if best is None else known[best],
-        "low_pass": "; ".join(filters) or None,
-    }
 
 
 @dataclass(frozen=True)

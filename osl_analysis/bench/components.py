@@ -41,8 +41,8 @@ from osl_analysis.judge.impossible import check_changes
 from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.signals import Motion, differentiate, filtered_motion, runs
 from osl_analysis.stats.fit_row import Row, covariance_row, estimates_row
-from osl_analysis.timebase.device_clock import drift_row
 from osl_analysis.timebase.grid import BRIDGE_MORE, UniformSignals, uniform_signals
+from osl_analysis.timebase.samples import drift_row
 from osl_analysis.trial import Array, Trial
 
 BELT: Model = {"K_s": "theta", "offset": "one"}

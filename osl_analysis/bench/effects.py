@@ -32,7 +32,7 @@ from osl_analysis.judge.doubts import LARGEST_TURN
 from osl_analysis.signals import Motion, seven_point_motion
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import CONDITION_LIMIT
-from osl_analysis.timebase.device_clock import ClockDrift, check_drift
+from osl_analysis.timebase.samples import ClockDrift
 from osl_analysis.trial import Array
 
 Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
@@ -605,7 +605,7 @@ def clock_drift_of(record: Record, s: Sums, model: Model, found: Causes, largest
         if seen is None:
             return None
         drift = ClockDrift(seen["ppm"], seen.se("ppm"), seen.freedom("ppm"))
-        check_drift(drift, largest_ppm)
+        drift.check(largest_ppm)
     except IdentifiabilityError:
         return None
     except InputError as error:

@@ -51,7 +51,7 @@ from osl_analysis.spectral.response import periodic_response
 from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.repeats import summary_row
 from osl_analysis.stats.rounding import distinct_values
-from osl_analysis.timebase.device_clock import drift_row
+from osl_analysis.timebase.samples import drift_row
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15

@@ -483,7 +483,7 @@ def motion_parts(
     pieces = fitted_pieces(signals, low_pass, stated)
     motion = filtered_motion(signals.time, joint(), signals["torque"], low_pass)[0]
     band = band_of(motion, rate, joined_pieces(pieces, inside))
-    if signals.report.masked or any(stream.bridged for stream in signals.report.streams):
+    if not signals.usable.all() or any(stream["bridged"] for stream in signals.streams):
         highest = min(band[1], settings.cutoff_hz)
         signals = regridded(signals, GapLimits(highest, settings.cutoff_hz, settings.time_base.longest_gap_s))
         pieces = fitted_pieces(signals, low_pass, stated)

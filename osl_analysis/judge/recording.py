@@ -39,11 +39,11 @@ def measure_jitter(examined: Examined) -> CheckResult:
     except InputError as error:
         return not_applicable(f"no time base, {error}")
     for part in parts:
-        open_question = part.decision.matters and not part.decision.firm
-        name, step = ", ".join(part.decision.signals), part.clock.step
+        open_question = part.matters and not part.firm
+        name, step = ", ".join(part.signals), part.clock.step
         wander[name] = 100 * part.clock.wander / step if open_question else 0.0
-        if part.decision.matters:
-            remarks.append(f"{name}: {100 * part.clock.sd / step:.3g} % of scatter, {part.decision.why}")
+        if part.matters:
+            remarks.append(f"{name}: {100 * part.clock.sd / step:.3g} % of scatter, {part.why}")
     found = worst(wander, "no signals of a bench")
     return found if found.value is None else CheckResult(found.value, "; ".join(remarks))
 

@@ -1,4 +1,5 @@
-"""The samples of a stream at the times that its decision gives them: true stamps, or the even clock of the device.
+"""The samples of a stream at the times that its decision gives them: true stamps, or the even clock of the device; and
+by how much the clocks of two devices, one of which measured the angle and the other the torque, drift apart.
 
 The signal itself decides. With delta the residual of the stamps to their line, a signal x sampled at its true stamps is
 x(line) + x' delta: sixth differences D6 take the smooth motion away and leave D6(x' delta). Of a device that samples
@@ -7,7 +8,7 @@ is does not decide: a loop that waits for absolute targets is late, never early,
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from math import comb
@@ -17,60 +18,143 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.device_clock import DeviceClock, device_clock
-from osl_analysis.timebase.stream import SampleCount, Stream, missing_by_rhythm, places_of_samples
+from osl_analysis.timebase.stream import SampleCount, Stream, line_through, missing_by_rhythm, places_of_samples
 from osl_analysis.trial import Array
 
-TRUE_ABOVE, EVEN_BELOW, LARGEST_ERROR = 0.75, 0.25, 0.1
-"""Bounds of g, and of its standard error, from which a signal is firm; 1727 of 1730 cases so decided, none wrongly."""
-NO_MATTER = 0.001  # residual, in steps, below which both answers are the same samples
-SIXTH = 6
-DIFFERENCE = np.array([(-1.0) ** k * comb(SIXTH, k) for k in range(SIXTH + 1)])
-"""Weights of seven samples in a sixth difference."""
-LARGEST_NOISE = 0.2  # share of the slope's mean square that may be noise
-SLOPE_S = 0.02  # half the stretch [s] over which the signal's slope is taken
-CHUNKS, FEWEST_CHUNKS = 20, 5  # chunks that give the error of g, and the fewest of them that tell one
-TIE = 1e-9  # share of x^2 by which two chunks may differ
+
+@dataclass(frozen=True)
+class DeviceClock:
+    """Stamps of a stream against the least-squares line through them."""
+
+    stamps: Array  # (n,) [s]
+    count: SampleCount  # (n,) place of every sample in the device's count
+    start: float  # the line's value [s] at count 0
+    step: float  # its slope [s]
+
+    @classmethod
+    def through(cls, stamps: Array, count: SampleCount) -> "DeviceClock":
+        step = line_through(count, stamps)[0]
+        return cls(stamps, count, float(np.mean(stamps) - step * np.mean(count)), step)
+
+    @cached_property
+    def residual(self) -> Array:
+        """Stamp minus line (n,) [s]."""
+        return np.asarray(self.stamps - self.step * self.count - self.start)
+
+    @cached_property
+    def sd(self) -> float:
+        """Standard deviation [s] of the residual."""
+        return float(np.std(self.residual))
+
+    @cached_property
+    def usual(self) -> tuple[float, float]:
+        """Median [s] of the residual, and its spread [s] by the 5th and 95th percentile, in standard deviations of a
+        normal one. Unlike `sd` it does not see a handful of late samples."""
+        low, middle, high = (float(at) for at in np.quantile(self.residual, (0.05, 0.5, 0.95)))
+        return middle, (high - low) / 3.29
+
+    @cached_property
+    def wander(self) -> float:
+        """Standard deviation [s] of the residual averaged over 50 samples, in which jitter averages out."""
+        blocks = len(self.stamps) // 50
+        return float(np.std(self.residual[: blocks * 50].reshape(-1, 50).mean(axis=1))) if blocks > 1 else self.sd
+
+    @property
+    def missing(self) -> int:
+        """Samples that the count leaves free."""
+        return int(self.count[-1] - self.count[0] + 1 - len(self.count))
+
+    def skew(self, residual: Array) -> float:
+        """Skewness of a residual; 0 where it does not scatter."""
+        apart, sd = residual - residual.mean(), float(np.std(residual))
+        return float(apart @ (apart * apart)) / len(apart) / sd**3 if sd > 1e-6 * self.step else 0.0
+
+    def times(self) -> Array:
+        """When the samples were taken, (n,) [s], if the device samples evenly. The least-squares line through all but
+        the few samples that lie far off. Where the residual of these is still one-sided, the line along its lower edge:
+        a host's stamp is late by what the message waited, and the promptest messages waited least."""
+        residual, (middle, spread) = self.residual, self.usual
+        near = np.abs(residual - middle) <= 5 * spread + 1e-6 * self.step
+        count, usual = self.count[near], residual[near]
+        if self.skew(usual) > 0.5:
+            start, step = lower_edge(self.count.astype(float), residual)
+        else:
+            step = line_through(count, usual)[0]
+            start = float(np.mean(usual) - step * np.mean(count))
+        times = (self.step + step) * self.count
+        times += self.start + start
+        return np.asarray(times, dtype=np.float64)
+
+
+def lower_edge(x: Array, y: Array) -> tuple[float, float]:
+    """Value at 0 and slope of the highest line below all points (x, y), (n,) each, x rising: their hull at its middle.
+    One point is held on each side of the mean of x; the lowest point below the line through them replaces the one on
+    its side, until none lies below."""
+    middle = float(np.mean(x))
+    left, right = 0, len(x) - 1
+    for _ in range(len(x)):
+        slope = (y[right] - y[left]) / (x[right] - x[left])
+        above = y - y[left] - slope * (x - x[left])
+        lowest = int(np.argmin(above))
+        if above[lowest] >= 0 or lowest in (left, right):
+            break
+        left, right = (lowest, right) if x[lowest] <= middle else (left, lowest)
+    return float(y[left] - slope * x[left]), float(slope)
 
 
 @dataclass(frozen=True)
 class StampEvidence:
-    """What one signal says: g, 1 where the stamps are true and 0 where the device is even, and its standard error."""
+    """What one signal says: g, 1 where the stamps are true and 0 where the device is even, and its standard error.
+
+    Of 1730 cases that these bounds call firm, 1727 are right, and none is wrong.
+    """
 
     g: float
     se: float
 
     @property
     def true(self) -> bool:
-        return self.g > TRUE_ABOVE and self.se < LARGEST_ERROR
+        return self.g > 0.75 and self.se < 0.1
 
     @property
     def even(self) -> bool:
-        return self.g < EVEN_BELOW and self.se < LARGEST_ERROR
+        return self.g < 0.25 and self.se < 0.1
+
+
+NO_MATTER = 0.001  # residual, in steps, below which both answers are the same samples
 
 
 def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence:
-    """g and its standard error of one signal (n,), by the regression of D6 x on D6(x' delta).
+    """g and its standard error of one signal (n,), by the regression of D6 x on D6(x' delta) through the origin.
 
     The slope x' is that of a cubic over 40 ms. The slow part of delta is subtracted first: sixth differences remove it,
     but not its product with the noise of x'. A difference needs seven consecutive samples; others are left out.
 
-    The error is infinite, so that the signal decides nothing, where delta does not scatter, or where more than a fifth
-    of the mean square of x' is noise: noise in the regressor would pull g towards 0.
+    The error, from the scatter of 20 chunks of equal shares of D6(x' delta)^2, is infinite, so that the signal decides
+    nothing, where delta does not scatter, where a few samples carry everything, or where more than a fifth of the mean
+    square of x' is noise: noise in the regressor would pull g towards 0.
     """
     there = ~np.isnan(values)
     x, late, count = values[there], clock.residual[there] / clock.step, clock.count[there]
-    window = max(2 * round(SLOPE_S / clock.step) + 1, 7)
+    window = max(2 * round(0.02 / clock.step) + 1, 7)
     slope, jitter = savitzky_golay(x, count, window, 1), late - savitzky_golay(late, count, window, 0)
-    whole = count[SIXTH:] - count[:-SIXTH] == SIXTH
-    push, seen = (np.correlate(signal, DIFFERENCE, "valid")[whole] for signal in (slope * jitter, x))
-    g, se = chunked_slope(push, seen)
-    noise = float(np.sum((seen - g * push) ** 2)) / comb(2 * SIXTH, SIXTH) / max(len(seen), 1)
-    moves, scatter = float(slope @ slope) / len(x), float(np.var(jitter))
-    slope_noise = float(np.sum(savgol_weights(window, 1)[window // 2] ** 2))  # per variance of white noise
-    if noise * slope_noise > LARGEST_NOISE * moves or scatter < NO_MATTER**2:
+    whole, weights = count[6:] - count[:-6] == 6, np.array([(-1.0) ** k * comb(6, k) for k in range(7)])
+    push, seen = (np.correlate(signal, weights, "valid")[whole] for signal in (slope * jitter, x))
+    total = float(push @ push)
+    if not total > 0:
         return StampEvidence(0.0, np.inf)
-    return StampEvidence(g, se)
+    # motions that repeat themselves have ties: which row is the first is not left to rounding
+    shares = np.searchsorted(np.cumsum(push**2), total * (np.arange(20) / 20 - 1e-9))
+    edges = np.unique(np.minimum(shares, len(push) - 1))
+    g = float(push @ seen) / total
+    noise = float(np.sum((seen - g * push) ** 2)) / comb(12, 6) / max(len(seen), 1)
+    slope_noise = float(np.sum(savgol_weights(window, 1)[window // 2] ** 2))  # per variance of white noise
+    drowned = noise * slope_noise > 0.2 * float(slope @ slope) / len(x)
+    if len(edges) < 5 or drowned or float(np.var(jitter)) < NO_MATTER**2:
+        return StampEvidence(0.0, np.inf)
+    chunks = [slice(*ends) for ends in pairwise([*edges.tolist(), len(push)])]
+    left = np.array([push[rows] @ (seen[rows] - g * push[rows]) for rows in chunks])
+    return StampEvidence(g, float(np.sqrt(left @ left * len(left) / (len(left) - 1)) / total))
 
 
 def savitzky_golay(values: Array, count: SampleCount, window: int, order: int) -> Array:
@@ -95,97 +179,29 @@ def savgol_weights(window: int, order: int) -> Array:
     return np.asarray(scipy.signal.savgol_filter(np.eye(window), window, 3, deriv=order, axis=0))
 
 
-def chunked_slope(x: Array, y: Array) -> tuple[float, float]:
-    """Slope of y on x, (n,) each, through the origin, and its standard error from the scatter of 20 chunks. The chunks
-    carry equal shares of x^2. Where fewer than five can be made, since a few samples carry everything, or x is zero,
-    the error is infinite."""
-    total = float(x @ x)
-    if not total > 0:
-        return 0.0, np.inf
-    # motions that repeat themselves have ties: which row is the first is not left to rounding
-    shares = np.searchsorted(np.cumsum(x**2), total * (np.arange(CHUNKS) / CHUNKS - TIE))
-    edges = np.unique(np.minimum(shares, len(x) - 1))
-    if len(edges) < FEWEST_CHUNKS:
-        return 0.0, np.inf
-    slope = float(x @ y) / total
-    chunks = [slice(*ends) for ends in pairwise([*edges.tolist(), len(x)])]
-    left = np.array([x[rows] @ (y[rows] - slope * x[rows]) for rows in chunks])
-    return slope, float(np.sqrt(left @ left * len(left) / (len(left) - 1)) / total)
-
-
-WANDERS = 0.1  # slow wander of the residual, in steps, from which an undecided stream keeps its stamps
-
-
 @dataclass(frozen=True)
-class Decision:
-    """How the stamps of some signals of a stream are taken."""
+class Taken:
+    """Signals of a stream with the stream's clock, and how their stamps are taken."""
 
-    signals: tuple[str, ...]
+    stream: Stream
+    clock: DeviceClock
+    signals: tuple[str, ...]  # their names; they lack values in the same rows
     even: bool  # the device samples evenly; else the stamps are true
     firm: bool  # stated, or seen in the signals; else the other hypothesis may be right
     matters: bool  # the two hypotheses differ
     why: str  # one sentence for provenance
-    evidence: Mapping[str, StampEvidence]  # per signal; empty where none was sought
-
-
-def decide(stream: Stream, clock: DeviceClock) -> list[Decision]:
-    """One decision for all signals of a stream; two where one signal is firmly true and one firmly even, which was held
-    by its own device: all others then take the stamps.
-
-    A stated choice stands. A residual that does not matter, below a thousandth of a step, leaves the device even. Where
-    no signal moves enough to tell, stamps that wander slowly are kept, stamps that only scatter are not.
-    """
-    names = tuple(stream.signals)
-    if stream.choice != "auto":
-        return [Decision(names, stream.choice == "even", True, True, f"stated: {stream.choice}", {})]
-    if clock.sd < NO_MATTER * clock.step:
-        return [Decision(names, True, True, False, "even: the stamps lie on their line", {})]
-    evidence = {n: evidence_of(values, clock) for n, values in stream.signals.items() if n not in stream.silent}
-    even = tuple(name for name, one in evidence.items() if one.even)
-    if not even and not any(one.true for one in evidence.values()):
-        wanders = clock.wander > WANDERS * clock.step
-        steps = f"the residual wanders by {clock.wander / clock.step:.3f} steps"
-        why = f"undecided, {'true' if wanders else 'even'}: {steps}"
-        return [Decision(names, not wanders, False, True, why, evidence)]
-    kinds = [(names, bool(even))]
-    if even and any(one.true for one in evidence.values()):
-        kinds = [(tuple(name for name in names if name not in even), False), (even, True)]
-    decisions = []
-    for group, is_even in kinds:
-        said = {name: evidence[name] for name in group if name in evidence}
-        seen = ", ".join(f"{name} g = {e.g:.3f} +- {e.se:.3f}" for name, e in said.items())
-        decisions.append(Decision(group, is_even, True, True, f"{'even' if is_even else 'true'}: {seen}", said))
-    return decisions
-
-
-CLOSE = 0.5
-"""Distance of true stamps, in steps, below which samples are averaged: close knots of a spline amplify noise."""
-COUNTABLE = 0.1
-"""Spread of a host's latency, in steps, from which a missing sample without a counter may be taken for a late one."""
-CLOCKS_DIFFER, NOT_MEANT = 2e-4, 0.1
-"""Relative difference of two rates that no clocks have, and from which it is the devices' intention."""
-
-
-@dataclass(frozen=True)
-class Taken:
-    """A stream with its clock and the decision how its stamps are taken. `repeated` rows were written twice. Its
-    samples are `delay` [s] older than their stamps."""
-
-    stream: Stream
-    clock: DeviceClock
-    decision: Decision
-    repeated: int
-    delay: float = 0.0
+    evidence: Mapping[str, StampEvidence] = field(default_factory=dict)  # per signal; empty where none was sought
+    repeated: int = 0  # rows that were written twice
+    delay: float = 0.0  # [s] by which the samples are older than their stamps
 
     def other(self) -> "Taken":
         """The same samples under the other hypothesis."""
-        why = f"the other hypothesis to: {self.decision.why}"
-        return replace(self, decision=replace(self.decision, even=not self.decision.even, why=why))
+        return replace(self, even=not self.even, why=f"the other hypothesis to: {self.why}")
 
     @cached_property
     def present(self) -> NDArray[np.bool_]:
         """Rows (n,) in which the signals have values."""
-        return np.asarray(~np.isnan(self.stream.signals[self.decision.signals[0]]))
+        return np.asarray(~np.isnan(self.stream.signals[self.signals[0]]))
 
     @cached_property
     def stride(self) -> int:
@@ -193,41 +209,28 @@ class Taken:
         return int(np.median(np.diff(self.clock.count[self.present])))
 
     @property
-    def empty(self) -> int:
-        return max(round(np.count_nonzero(~self.present) - len(self.present) * (1 - 1 / self.stride)), 0)
-
-    def samples(self) -> "Samples":
-        """The samples of the signals that are not silent at their times, the delay taken out; true stamps that lie
-        close are averaged."""
-        there, silent = self.present, self.stream.silent
-        names = tuple(n for n in self.decision.signals if n in self.stream.signals and n not in silent)
-        values = [self.stream.signals[name][there] for name in names]
-        if self.decision.even:
-            times, merged = self.clock.times()[there], 0
-        else:
-            stamps = self.stream.stamps[there]
-            times, values = averaged_where_close(stamps, values, CLOSE * self.clock.step * self.stride)
-            merged = len(stamps) - len(times)
-        return Samples(self, names, times - self.delay, tuple(values), merged)
-
-
-@dataclass(frozen=True)
-class Samples:
-    """What the grid is made from: rising times (k,) [s] and values (k,) of each signal; `merged` were averaged."""
-
-    taken: Taken
-    names: tuple[str, ...]
-    times: Array
-    values: tuple[Array, ...]
-    merged: int
-
-    @property
-    def name(self) -> str:
-        return self.taken.stream.name
-
-    @property
     def step(self) -> float:
-        return self.taken.clock.step * self.taken.stride
+        """Usual step [s] from one value to the next."""
+        return self.clock.step * self.stride
+
+    @cached_property
+    def samples(self) -> tuple[Array, dict[str, Array], int]:
+        """Rising times (k,) [s] of the samples, the delay taken out; their values (k,) by signal, without the silent
+        ones; and how many true stamps lay so close that they were averaged: close knots of a spline amplify noise."""
+        names = [name for name in self.signals if name in self.stream.signals and name not in self.stream.silent]
+        values = [self.stream.signals[name][self.present] for name in names]
+        if self.even:
+            return self.clock.times()[self.present] - self.delay, dict(zip(names, values, strict=True)), 0
+        stamps, closest = self.stream.stamps[self.present], 0.5 * self.step
+        begins = np.concatenate([[True], np.diff(stamps) >= closest])
+        start = 0.0
+        for row in np.flatnonzero(~begins):  # a group is what lies within `closest` of its first sample
+            start = stamps[row - 1] if begins[row - 1] else start
+            begins[row] = stamps[row] - start >= closest
+        first = np.flatnonzero(begins)
+        size = np.diff(np.append(first, len(stamps)))
+        times, *averaged = (np.add.reduceat(one, first) / size for one in (stamps, *values))
+        return times - self.delay, dict(zip(names, averaged, strict=True)), len(stamps) - len(times)
 
 
 def take(streams: Sequence[Stream]) -> list[Taken]:
@@ -237,34 +240,69 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
     Raises InputError: As `places_of_samples`; or one of several streams has a host's latency *and* missing samples and
     no counter, so that nothing tells which of its samples is which.
     """
-    taken = []
+    taken: list[Taken] = []
     for stream in streams:
         fresh = stream.without_repeats()
-        clock = device_clock(fresh.stamps, places_of_samples(fresh))
         groups = []
-        for decision in decide(fresh, clock):
-            kinds = {n: (fresh.delays.get(n, 0.0), np.isnan(fresh.signals[n]).tobytes()) for n in decision.signals}
+        for one in decide(fresh, DeviceClock.through(fresh.stamps, places_of_samples(fresh))):
+            kinds = {n: (fresh.delays.get(n, 0.0), np.isnan(fresh.signals[n]).tobytes()) for n in one.signals}
             for kind in dict.fromkeys(kinds.values()):
-                alike = tuple(name for name in decision.signals if kinds[name] == kind)
-                groups.append((replace(decision, signals=alike), kind[0]))
-        for decision, delay in groups:
-            part = fresh if len(groups) == 1 else fresh.only(decision.signals)
-            taken.append(Taken(part, clock, decision, len(stream.stamps) - len(fresh.stamps), delay))
-    if len(streams) > 1 or len({part.decision.even for part in taken}) > 1:
-        fastest = max(part.clock.rate_hz for part in taken)
+                alike = tuple(name for name in one.signals if kinds[name] == kind)
+                repeated = len(stream.stamps) - len(fresh.stamps)
+                groups.append(replace(one, signals=alike, repeated=repeated, delay=kind[0]))
+        for one in groups:
+            part = fresh
+            if len(groups) > 1:  # a stream whose name says which signals it has
+                own = {name: fresh.signals[name] for name in one.signals}
+                part = replace(fresh, name=f"{fresh.name} [{', '.join(own)}]", signals=own)
+            taken.append(replace(one, stream=part))
+    if len(streams) > 1 or len({part.even for part in taken}) > 1:
+        fastest = max(1 / part.clock.step for part in taken)
         for one in taken:
             check_countable(one, fastest)
     return taken
+
+
+def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
+    """One decision for all signals of a stream; two where one signal is firmly true and one firmly even, which was held
+    by its own device: all others then take the stamps.
+
+    A stated choice stands. A residual that does not matter, below a thousandth of a step, leaves the device even. Where
+    no signal moves enough to tell, stamps that wander slowly are kept, stamps that only scatter are not.
+    """
+    names = tuple(stream.signals)
+    if stream.choice != "auto":
+        return [Taken(stream, clock, names, stream.choice == "even", True, True, f"stated: {stream.choice}")]
+    if clock.sd < NO_MATTER * clock.step:
+        return [Taken(stream, clock, names, True, True, False, "even: the stamps lie on their line")]
+    evidence = {n: evidence_of(values, clock) for n, values in stream.signals.items() if n not in stream.silent}
+    even, is_true = tuple(name for name, one in evidence.items() if one.even), any(e.true for e in evidence.values())
+    if not even and not is_true:
+        wanders = clock.wander > 0.1 * clock.step
+        steps = f"the residual wanders by {clock.wander / clock.step:.3f} steps"
+        why = f"undecided, {'true' if wanders else 'even'}: {steps}"
+        return [Taken(stream, clock, names, not wanders, False, True, why, evidence)]
+    kinds = [(names, bool(even))]
+    if even and is_true:
+        kinds = [(tuple(name for name in names if name not in even), False), (even, True)]
+    decisions = []
+    for group, is_even in kinds:
+        said = {name: evidence[name] for name in group if name in evidence}
+        seen = ", ".join(f"{name} g = {e.g:.3f} +- {e.se:.3f}" for name, e in said.items())
+        why = f"{'even' if is_even else 'true'}: {seen}"
+        decisions.append(Taken(stream, clock, group, is_even, True, True, why, said))
+    return decisions
 
 
 def check_countable(taken: Taken, fastest_hz: float) -> None:
     """Refuse an even device behind a host that is late and loses samples, where no counter says which. Waits of three
     steps and more hide the rhythm of the stamps. The device is then refused if steps seem to be missing, or if it is
     slower than the fastest one by a share that is too large for clocks and too small to be meant."""
-    clock, stream = taken.clock, taken.stream
-    if not taken.decision.even or stream.counter is not None or clock.usual_spread <= COUNTABLE * clock.step:
+    clock, stream, spread = taken.clock, taken.stream, taken.clock.usual[1]
+    # a tenth of a step: from there on a missing sample may be taken for a late one
+    if not taken.even or stream.counter is not None or spread <= 0.1 * clock.step:
         return
-    late = f"the host's stamps are late by {clock.usual_spread * 1e3:.2f} ms (SD)"
+    late = f"the host's stamps are late by {spread * 1e3:.2f} ms (SD)"
     remedy = "state the device's sample counter in the source file, stamp on the device, or record without loss"
     missing = missing_by_rhythm(stream.stamps)
     if missing or (missing is not None and clock.missing):
@@ -274,8 +312,7 @@ def check_countable(taken: Taken, fastest_hz: float) -> None:
             f"{stream.name}: about {missing or clock.missing} samples are missing{where}, and {late} at a "
             f"step of {clock.step * 1e3:.2f} ms: beside another device nothing tells which sample is which; {remedy}"
         )
-    slower = 1 - clock.rate_hz / fastest_hz
-    if missing is None and (clock.missing or CLOCKS_DIFFER < slower < NOT_MEANT):
+    if missing is None and (clock.missing or 2e-4 < 1 - 1 / clock.step / fastest_hz < 0.1):
         mean = (len(stream.stamps) - 1) / (stream.stamps[-1] - stream.stamps[0])
         raise InputError(
             f"{stream.name}: {late}, too late to see whether some of its {mean:.2f} samples per second are missing; "
@@ -283,16 +320,33 @@ def check_countable(taken: Taken, fastest_hz: float) -> None:
         )
 
 
-def averaged_where_close(stamps: Array, values: list[Array], closest: float) -> tuple[Array, list[Array]]:
-    """Stamps (n,) [s] and values (n,) of each signal; samples within `closest` of the first of a group are averaged."""
-    begins = np.concatenate([[True], np.diff(stamps) >= closest])
-    if begins.all():
-        return stamps, values
-    start = 0.0
-    for row in np.flatnonzero(~begins):
-        start = stamps[row - 1] if begins[row - 1] else start
-        begins[row] = stamps[row] - start >= closest
-    first = np.flatnonzero(begins)
-    size = np.diff(np.append(first, len(stamps)))
-    times, *averaged = (np.add.reduceat(one, first) / size for one in (stamps, *values))
-    return times, averaged
+@dataclass(frozen=True)
+class ClockDrift:
+    """How much faster the torque's clock runs than the angle's [ppm], and its standard error [ppm]."""
+
+    ppm: float
+    se: float
+    freedom: float = np.inf  # degrees of freedom of the standard error
+
+    @property
+    def certain_ppm(self) -> float:
+        """The drift [ppm] if it is larger than chance makes it, else 0: 4 standard errors that are known exactly, and
+        of estimated ones as many as are as rare (Student)."""
+        rare = float(scipy.special.ndtr(-4.0))
+        enough = 4.0 if np.isinf(self.freedom) else float(-scipy.special.stdtrit(self.freedom, rare))
+        return self.ppm if abs(self.ppm) > enough * self.se else 0.0
+
+    def check(self, largest_ppm: float) -> None:
+        """Refuse a drift beyond what B and I bear."""
+        if abs(self.certain_ppm) > largest_ppm:
+            raise InputError(
+                f"the clocks of angle and torque drift apart by {self.ppm:.2f} +- {self.se:.2f} ppm, "
+                f"more than {largest_ppm:g}: B and I would be wrong; "
+                "synchronise the clocks, or record both channels with one device"
+            )
+
+
+def drift_row(drift: ClockDrift | None) -> dict[str, float | str | None]:
+    """The drift [ppm], its standard error, and the drift if it is certain, as columns of a table; null without one."""
+    values = (None, None, None) if drift is None else (drift.ppm, drift.se, drift.certain_ppm)
+    return dict(zip(("clock_drift_ppm", "clock_drift_se_ppm", "certain_clock_drift_ppm"), values, strict=True))

@@ -9,7 +9,7 @@ t = start + k step + wait: the spectrum of the stamps, |mean exp(2 pi i f t)|, h
 1/step, and none at the rate of the samples that are left.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
-FEWEST_STAMPS = 20
-"""Samples below which neither a line through the stamps nor a spline through the samples means anything."""
+FEWEST_STAMPS = 20  # samples below which neither a line through the stamps nor a spline through them means anything
 SampleCount = NDArray[np.int64]
 
 
@@ -53,16 +52,16 @@ class Stream:
         for name, values in {"stamps": stamps, **self.signals}.items():
             bad = ~np.isfinite(values) if name == "stamps" else np.isinf(values)
             there = np.count_nonzero(~np.isnan(values))
-            if there < FEWEST_STAMPS and not bad.any():
-                raise InputError(
-                    f"{self.name}: {name} has {there} values in {len(values)} rows; at least {FEWEST_STAMPS} are "
-                    "needed: repair the log or exclude the trial"
-                )
             if bad.any():
                 row = int(np.argmax(bad))
                 raise InputError(
                     f"{self.name}: {name} is {values[row]} at row {row}, after {stamps[max(row - 1, 0)]:.6f} s; "
                     f"{bad.sum()} of {len(values)} values are not finite: repair the log or exclude the trial"
+                )
+            if there < FEWEST_STAMPS:
+                raise InputError(
+                    f"{self.name}: {name} has {there} values in {len(values)} rows; at least {FEWEST_STAMPS} are "
+                    "needed: repair the log or exclude the trial"
                 )
         if (stamps[1:] < stamps[:-1]).any():
             row = int(np.argmin(np.diff(stamps)))
@@ -75,11 +74,6 @@ class Stream:
                 f"{self.name}: time stands still at {stamps[0]:.6f} s for {len(stamps)} samples; "
                 "take another time source"
             )
-
-    def only(self, names: Sequence[str]) -> "Stream":
-        """The named signals alone, as a stream whose name says so."""
-        kept = {name: self.signals[name] for name in names}
-        return replace(self, name=f"{self.name} [{', '.join(names)}]", signals=kept)
 
     def without_repeats(self) -> "Stream":
         """Without rows that equal their predecessor in stamp and every value, NaN in both too: they were written
@@ -95,22 +89,8 @@ class Stream:
         return replace(self, stamps=self.stamps[new], signals=signals, counter=counter)
 
 
-EVENLY = 0.2  # range of the steps, in mean steps, below which none is missing: a missing sample makes one step of two
 LONG_STEP = 1.5  # step, in usual steps, from which it counts as a gap
-SUSPECT = 1.3  # step from which a sample may be missing before it: the sample before the missing one may have been late
-BURST = 10  # step from which samples are missing in a burst
-BLOCKS = (25, 25, 25, 100, 100)
-"""Samples among which the promptest is sought, to find the usual step: first so few that most blocks miss none."""
-FEWEST_WHOLE = 0.05  # share of the blocks that must lack no sample if the step is to be taken from them
 BESIDE = 100  # samples on either side of a long step whose levels are compared; three times the step if that is longer
-FEW_AT_END, TIDY = 20, 0.1
-"""Samples below which the level of an end of the record is believed only if stamps scatter by less than TIDY steps."""
-LATE_SHARE, EVEN_SHARE = 0.03, 0.2
-"""Share of the window below its level: the promptest few where stamps are late, never early; else the lowest fifth."""
-LATE_RATIO = 0.7
-"""Distance of the lowest of 20 stamps to their median over that of the highest, below which all are late."""
-NOTICED = 0.3  # change of the level, in steps, below which a count stands without a closer look
-CLOCK_JUMP_S = 5e-3  # change of the level that a counter does not confirm, from which the clock is said to jump
 
 
 def places_of_samples(stream: Stream) -> SampleCount:
@@ -130,7 +110,7 @@ def places_of_samples(stream: Stream) -> SampleCount:
         )
     count = np.asarray(counter - counter[0], dtype=np.int64)
     step = line_through(count, stamps)[0]
-    level, jumps = stamps - stamps[0] - step * count, max(CLOCK_JUMP_S, LONG_STEP * step)
+    level, jumps = stamps - stamps[0] - step * count, max(5e-3, LONG_STEP * step)  # 5 ms: a host's scatter is less
     for row in (np.flatnonzero(np.abs(np.diff(level)) > jumps) + 1).tolist():
         jump = np.median(level[row : row + BESIDE]) - np.median(level[max(row - BESIDE, 0) : row])
         if abs(jump) > jumps:
@@ -143,79 +123,53 @@ def places_of_samples(stream: Stream) -> SampleCount:
 
 def count_from_stamps(stamps: Array) -> SampleCount:
     """Count of every sample, (n,), from its stamp (n,) [s]. A sample is missing where the level of the stamps changes
-    by a step for good, and only if that lowers the residual of the line through all of them. Every change moves the
-    levels behind it, so that a few passes are made."""
+    by a step for good, and only if that lowers the residual of the line through all of them."""
     place, steps = np.arange(len(stamps)), np.diff(stamps)
-    if np.ptp(steps) < EVENLY * float(np.mean(steps)):
+    if np.ptp(steps) < 0.2 * float(np.mean(steps)):  # a missing sample makes one step of two
         return place
     step = usual_step(stamps)
-    rows = np.flatnonzero(steps > SUSPECT * step) + 1
+    # 1.3 steps and not 2: the sample before a missing one may have been late
+    rows = np.flatnonzero(steps > 1.3 * step) + 1
     if not len(rows):
         return place
-    long = LongSteps.of(rows, steps[rows - 1] / step)
+    # The most that may be missing in each: before a burst one may have been late by 0.8 steps. A burst of held samples
+    # fills a third of the window at most.
+    length = steps[rows - 1] / step
+    most = np.maximum(np.where(length > 10, np.floor(length - 0.2), np.rint(length) - 1).astype(np.int64), 1)
+    windows = np.maximum(BESIDE, 3 * most)
+    # The longest first, lest a late sample takes what is missing a few samples further; a quarter of a step tells
+    # lengths apart, up to two steps.
+    order = np.argsort(-np.minimum(np.rint(4 * length), 8), kind="stable")
     level, missing = (stamps - stamps[0]) / step - place, np.zeros_like(rows)
-    blocks = level[: len(level) // FEW_AT_END * FEW_AT_END].reshape(-1, FEW_AT_END)
-    low, middle, high = np.min(blocks, axis=1), np.median(blocks, axis=1), np.max(blocks, axis=1)
-    late_only = np.median(middle - low) < LATE_RATIO * np.median(high - middle)
-    for _ in range(4):
-        if not settle(level, long, missing, LATE_SHARE if late_only else EVEN_SHARE):
+    few = 20  # samples of a block, and below which the level of an end of the record needs tidy stamps
+    blocks = level[: len(level) // few * few].reshape(-1, few)
+    middle = np.median(blocks, axis=1)
+    late_only = np.median(middle - np.min(blocks, axis=1)) < 0.7 * np.median(np.max(blocks, axis=1) - middle)
+    # the level is that of the promptest few where stamps are late, never early; else of the lowest fifth
+    share = 0.03 if late_only else 0.2
+    rough = scipy.ndimage.minimum_filter1d if late_only else scipy.ndimage.uniform_filter1d
+    half, last = BESIDE // 2, len(level) - 1
+    after, before = np.minimum(rows + half, last), np.maximum(rows - half, 0)
+    always = (3 * most > BESIDE) | (rows < BESIDE) | (rows > last - BESIDE)
+    for _ in range(4):  # every change moves the levels behind it
+        smooth, changed = rough(level, BESIDE, mode="nearest"), False
+        closer = (np.abs(smooth[after] - smooth[before]) > 0.3) | always
+        for k in order[closer[order]]:
+            row, window = int(rows[k]), int(windows[k])
+            sides = level[max(row - window, 0) : row], level[row : row + window]
+            low, high = (float(np.partition(side, int(share * len(side)))[int(share * len(side))]) for side in sides)
+            longer, its_level = (sides[0], low) if len(sides[0]) > len(sides[1]) else (sides[1], high)
+            if min(map(len, sides)) < few and float(np.median(longer)) - its_level > 0.1:
+                continue
+            more = min(max(int(missing[k]) + round(high - low), 0), int(most[k])) - int(missing[k])
+            level[row:] -= more
+            missing[k] += more
+            changed = changed or more != 0
+        if not changed:
             break
     extra = np.zeros_like(place)
     extra[rows] = missing
     return min(place, place + np.cumsum(extra), key=lambda count: line_through(count, stamps)[1])
-
-
-@dataclass(frozen=True)
-class LongSteps:
-    """Steps after which samples may be missing, (steps,) each: row of the sample behind, the most that may be missing,
-    samples on either side whose levels are compared, and the order in which they are examined."""
-
-    rows: SampleCount
-    most: SampleCount
-    windows: SampleCount
-    order: NDArray[np.intp]
-
-    @classmethod
-    def of(cls, rows: SampleCount, length: Array) -> "LongSteps":
-        """By the lengths (steps,) in usual steps. Before a burst one may have been late by 0.8 steps; a burst of held
-        samples fills a third of the window at most. The longest are examined first, lest a late sample takes what is
-        missing a few samples further; a quarter of a step tells lengths apart, up to two steps."""
-        burst = np.where(length > BURST, np.floor(length - 0.2), np.rint(length) - 1)
-        most = np.maximum(burst.astype(np.int64), 1)
-        order = np.argsort(-np.minimum(np.rint(4 * length), 8), kind="stable")
-        return cls(rows, most, np.maximum(BESIDE, 3 * most), order)
-
-
-def settle(level: Array, long: LongSteps, missing: SampleCount, share: float) -> bool:
-    """Correct `missing` (steps,) and `level` (n,) [steps] in place where the level, which `share` of the samples on a
-    side lie below, changes by whole steps over a long step; not at an end of the record with too few untidy samples.
-    Returns whether anything changed."""
-    changed = False
-    for k in long.order[suspicious(level, long, share)[long.order]]:
-        row, window = int(long.rows[k]), int(long.windows[k])
-        sides = level[max(row - window, 0) : row], level[row : row + window]
-        low, high = (float(np.partition(side, int(share * len(side)))[int(share * len(side))]) for side in sides)
-        longer, its_level = (sides[0], low) if len(sides[0]) > len(sides[1]) else (sides[1], high)
-        if min(map(len, sides)) < FEW_AT_END and float(np.median(longer)) - its_level > TIDY:
-            continue
-        more = min(max(int(missing[k]) + round(high - low), 0), int(long.most[k])) - int(missing[k])
-        if more:
-            level[row:] -= more
-            missing[k] += more
-            changed = True
-    return changed
-
-
-def suspicious(level: Array, long: LongSteps, share: float) -> NDArray[np.bool_]:
-    """Long steps (steps,) that deserve a closer look: a rough level, the lowest or the mean, changes over them."""
-    if share == LATE_SHARE:
-        smooth = scipy.ndimage.minimum_filter1d(level, BESIDE, mode="nearest")
-    else:
-        smooth = scipy.ndimage.uniform_filter1d(level, BESIDE, mode="nearest")
-    half, last = BESIDE // 2, len(level) - 1
-    after, before = np.minimum(long.rows + half, last), np.maximum(long.rows - half, 0)
-    near_an_end = (long.rows < BESIDE) | (long.rows > last - BESIDE)
-    return (np.abs(smooth[after] - smooth[before]) > NOTICED) | (3 * long.most > BESIDE) | near_an_end
 
 
 def usual_step(stamps: Array) -> float:
@@ -225,12 +179,13 @@ def usual_step(stamps: Array) -> float:
     n = len(stamps)
     mean, median = float(stamps[-1] - stamps[0]) / (n - 1), float(np.median(np.diff(stamps)))
     step = min(mean, median) if median > 0.8 * mean else mean  # the shorter of the two: steps are found too long
-    for k, block in enumerate(min(size, n // 4) for size in BLOCKS):
+    # blocks first so short that most miss no sample
+    for k, block in enumerate(min(size, n // 4) for size in (25, 25, 25, 100, 100)):
         late = (stamps - step * np.arange(n))[: n // block * block]
         change = np.diff(late.reshape(-1, block).min(axis=1))
         usual = 0.0 if k else float(np.quantile(change, 0.25))
         whole = np.abs(change - usual) <= 0.5 * step
-        step += float(np.mean(change[whole])) / block if np.mean(whole) > FEWEST_WHOLE else 0.0
+        step += float(np.mean(change[whole])) / block if np.mean(whole) > 0.05 else 0.0
     return step if step > 0 else mean
 
 
@@ -242,21 +197,11 @@ def line_through(count: SampleCount, stamps: Array) -> tuple[float, float]:
     return across / along, float(y @ y) - across**2 / along
 
 
-PROMPT_BLOCKS = (16, 128)
-"""Samples of which only the promptest is used: it waited least. The longer blocks are for waits of several steps."""
-FEWEST_PROMPT = 60  # promptest samples below which no line stands out
-LOWEST, HIGHEST = 0.998, 1.1
-"""Where the line is sought, in rates of the samples that are left: up to one sample in ten is lost."""
-BINS = 6  # bins per step into which stamps are sorted for the spectrum; the line is refined from the stamps themselves
-STANDS_OUT = 6.0
-"""Height of the line over the median of the spectrum. Of 100 000 frequencies of noise the highest reaches 4."""
-REFINED = (0.5, 0.1, 0.02)  # half-widths of three searches around the line, in cycles over the record
-
-
 def missing_by_rhythm(stamps: Array) -> int | None:
     """Samples missing between the ends of a record, by its stamps (n,) [s]; None where no line stands out. Steps of the
     device between the promptest samples at both ends, less the samples between them."""
-    step = next(filter(None, (device_step(stamps, block) for block in PROMPT_BLOCKS)), None)
+    # of each block only the promptest sample is used: it waited least; longer blocks are for waits of several steps
+    step = next(filter(None, (device_step(stamps, block) for block in (16, 128))), None)
     if step is None:
         return None
     late = stamps / step - np.arange(len(stamps))
@@ -269,18 +214,19 @@ def device_step(stamps: Array, block: int) -> float | None:
     n, blocks, duration = len(stamps), len(stamps) // block, float(stamps[-1] - stamps[0])
     above = stamps[: blocks * block] - (stamps[-1] - stamps[0]) / (n - 1) * np.arange(blocks * block)
     prompt = stamps[np.arange(blocks) * block + above.reshape(blocks, block).argmin(axis=1)] - stamps[0]
-    if len(prompt) < FEWEST_PROMPT:
+    if len(prompt) < 60:
         return None
     rate = (n - 1) / duration
-    size = scipy.fft.next_fast_len(int(2 * duration * rate * BINS) + 2)
-    histogram = np.bincount((prompt * rate * BINS).astype(np.intp), minlength=size)
-    frequency = np.arange(size // 2 + 1) * BINS * rate / size
-    near = (frequency > LOWEST * rate) & (frequency < HIGHEST * rate)
+    bins = 6  # per step into which stamps are sorted; the line is refined from the stamps themselves
+    size = scipy.fft.next_fast_len(int(2 * duration * rate * bins) + 2)
+    histogram = np.bincount((prompt * rate * bins).astype(np.intp), minlength=size)
+    frequency = np.arange(size // 2 + 1) * bins * rate / size
+    near = (frequency > 0.998 * rate) & (frequency < 1.1 * rate)  # up to one sample in ten is lost
     height = np.abs(scipy.fft.rfft(histogram.astype(np.float64)))[near]
-    if height.max() < STANDS_OUT * float(np.median(height)):
+    if height.max() < 6 * float(np.median(height)):  # of 100 000 frequencies of noise the highest reaches 4
         return None
     line = float(frequency[near][np.argmax(height)])
-    for width in REFINED:
+    for width in (0.5, 0.1, 0.02):  # of three searches around the line, in cycles over the record
         tried = line + width / duration * np.linspace(-1, 1, 11)
         line = float(tried[np.argmax([abs(np.exp(2j * np.pi * f * prompt).sum()) for f in tried])])
     return 1 / line

@@ -196,12 +196,15 @@ def test_of_two_lags_that_explain_the_torque_the_smaller_one_is_taken(seed):
     assert abs(lag_in(record).size) < 1e-3
 
 
-def test_friction_is_told_from_damping():
+@pytest.mark.parametrize("width", [0.001, 0.003, 0.01])
+def test_friction_is_told_from_damping_whatever_the_velocity_over_which_it_turns_its_sign(width):
     rng = np.random.default_rng(8)
-    motion = noise(rng)
-    row = row_of(made_trial(rng, motion, more=0.5 * np.sign(motion[1][1])))
-    assert row["coulomb_torque"] == pytest.approx(0.5, rel=0.15)
+    motion = noise(rng, band=(0.3, 4), rms_deg=1.5)
+    row = row_of(made_trial(rng, motion, 0.01, more=0.5 * np.tanh(motion[1][1] / width)))
     assert row["B"] - row["coulomb_damping"] == pytest.approx(5, rel=0.05)
+    assert row["f_C_low"] < 0.5 < row["f_C_high"]
+    assert row["B_viscous_low"] < 5 < row["B_viscous_high"]
+    assert row["f_C_high"] - row["f_C_low"] < 0.05
 
 
 @pytest.mark.parametrize("angle_noise", [0.0, 2e-5])

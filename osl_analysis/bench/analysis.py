@@ -159,6 +159,10 @@ def friction_row(s: Sums, model: Model, fit: LinearFit, label: Label) -> Row:
         row["coulomb_share"] = made / fit[damping]
     if beside["T_C"] <= 0 or not beside.certain("T_C", FALSE_ALARM):
         return row | dict.fromkeys(names)
+    # No recording shows over which velocity friction turns its sign. What a tenth of that of T_C makes of both numbers
+    # is the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
+    sharp = with_effects(s, model, ("T_C_sharp",), label)
+    beside = widened(beside, (sharp.estimates - beside.estimates) / np.sqrt(3))
     values = [v for name in (damping, "T_C") for v in (beside[name], beside.se(name), *beside.interval(name))]
     return row | dict(zip(names, values, strict=True))
 

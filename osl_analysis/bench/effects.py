@@ -78,7 +78,7 @@ def basis(record: Record, expected: Admittance | None = None) -> tuple[dict[str,
     duration = np.concatenate([record.time[[p.start, p.stop - 1]] for p in record.pieces])
     u = late / max(float(np.ptp(duration)), np.finfo(float).tiny)
     sign = np.tanh(omega / 0.01)  # rad/s: ten times the velocity noise of 14 bits
-    shaped = {"sign": sign, "load_sign": np.abs(theta) * sign, "cubic": theta**3}
+    shaped = {"sign": sign, "sharp_sign": np.tanh(omega / 0.001), "load_sign": np.abs(theta) * sign, "cubic": theta**3}
     shaped |= {name: spring_that_slips(theta, share * size) for name, share in STOPS.items()}
     shaped["gap"] = -np.sign(first_torque(record, theta))
     smooth = low_pass(np.array(list(shaped.values())).T, record.rate_hz).T
@@ -166,7 +166,7 @@ def plain_sums(record: Record, model: Model) -> Sums:
     return gram_sums(record, columns, list(model.values()), centre)
 
 
-COLUMN = {"T_C": "sign", "T_G": "load_sign", "K_change": "u_theta"}
+COLUMN = {"T_C": "sign", "T_C_sharp": "sharp_sign", "T_G": "load_sign", "K_change": "u_theta"}
 """Columns of effects that are not named alike."""
 
 

@@ -4,7 +4,7 @@
     python benchmarks/design.py multisine [trials]      odd multisine: exact joint, Coulomb friction, drivetrain
 
 The study simulates its trials, brings them on a time base, finds their protocol, filters and fits them; it knows
-nothing of the prediction. Trials of a multisine are simulated in memory and fitted by `spectral.models`.
+nothing of the prediction. Trials of a multisine are simulated in memory and fitted by `spectral.response`.
 """
 
 import sys
@@ -25,9 +25,8 @@ from osl_analysis.signals import LowPass
 from osl_analysis.simulator.bench import drivetrain_effects, simulate_impedance
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.spectral.models import SecondOrder, fit_by_power, lines_of_periods
-from osl_analysis.spectral.realisations import Realisation, period_spectra
-from osl_analysis.spectral.response import periodic_response
+from osl_analysis.spectral.periods import Realisation, period_spectra
+from osl_analysis.spectral.response import SecondOrder, fit_by_power, lines_of_periods, periodic_response
 from osl_analysis.study.bench import StudyInputs
 from osl_analysis.trial import Array
 
@@ -113,9 +112,9 @@ def seen_before(torque_of: Torque, low_pass: LowPass) -> dict[str, Distortion]:
     """What another trial, of `EARLIER` realisations, showed of the distortion, in words."""
     rng = np.random.default_rng(7)
     earlier = [realisation(100_000 + r, torque_of, rng) for r in range(EARLIER)]
-    response, _ = periodic_response(earlier)
+    response = periodic_response(earlier)
     spacing, band = float(np.min(np.diff(response.frequency_hz))), response.frequency_hz[[0, -1]]
-    density = Density(response.frequency_hz, 0.5 * (response.odd_level * response.angle) ** 2 / spacing)
+    density = Density(response.frequency_hz, 0.5 * (response.levels["odd"] * response.angle) ** 2 / spacing)
     fit = fit_by_power(SecondOrder(), lines_of_periods(earlier, low_pass), (JOINT.K, JOINT.B))
     variance = EARLIER * np.array([fit.se(name) for name in KBI]) ** 2
     return {

@@ -16,9 +16,16 @@ from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain_response import Friction, belt_response
 from osl_analysis.multisine import odd_multisine
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.models import SecondOrder, fit_by_power, fit_structure, lines_of_periods, lines_of_record
-from osl_analysis.spectral.realisations import PeriodicMotion, Realisation, periodic_motion
-from osl_analysis.spectral.response import periodic_response, record_spectrum
+from osl_analysis.spectral.periods import PeriodicMotion, Realisation, periodic_motion
+from osl_analysis.spectral.response import (
+    SecondOrder,
+    fit_by_power,
+    fit_structure,
+    lines_of_periods,
+    lines_of_record,
+    periodic_response,
+    record_spectrum,
+)
 from osl_analysis.trial import Array
 
 RATE, PERIOD, BAND, LOW_PASS = 250.0, 8.0, (0.5, 6.0), LowPass(15)
@@ -88,13 +95,14 @@ def false_alarms(name: str, lines_of: Callable[[int], object], seeds: int) -> No
 
 def levels(seeds: int) -> None:
     """Rows: the odd level in decibel about that of all seeds together, from so many realisations."""
-    _, of_all = periodic_response([r for s in range(8) for r in found(with_friction(500 + s, 8, 2)).realisations])
+    every = [r for s in range(8) for r in found(with_friction(500 + s, 8, 2)).realisations]
+    of_all = periodic_response(every).band
     for count in (1, 4, 8):
-        made = [periodic_response(found(with_friction(seed, count, 2)).realisations)[1] for seed in range(seeds)]
-        odd = 20 * np.log10([one.odd / of_all.odd for one in made])
+        made = [periodic_response(found(with_friction(seed, count, 2)).realisations).band for seed in range(seeds)]
+        odd = 20 * np.log10([one["odd"] / of_all["odd"] for one in made])
         print(f"| {count} | {odd.mean():+.1f} ± {odd.std():.1f} |")
-    beside = 20 * np.log10(of_all.detection / of_all.distortion)
-    even = 20 * np.log10(max(of_all.even, 1e-9) / of_all.odd)
+    beside = 20 * np.log10(of_all["detection"] / of_all["distortion"])
+    even = 20 * np.log10(max(of_all["even"], 1e-9) / of_all["odd"])
     print(f"\nDetection lines over excited lines {beside:+.1f} dB, even over odd {even:+.0f} dB")
 
 

@@ -11,7 +11,7 @@ from scipy.stats import t as student
 
 from osl_analysis.bench.response_tables import RESPONSE
 from osl_analysis.cli import main
-from osl_analysis.spectral.realisations import periodic_motion
+from osl_analysis.spectral.periods import periodic_motion
 
 
 @pytest.fixture(autouse=True)

@@ -32,7 +32,7 @@ FUNCTIONS = {
         "stats.regression.linear_fit", "stats.regression.LinearFit",
     ),
     "Frequency response": (
-        "spectral.period.find_repetition", "spectral.realisations.periodic_motion",
+        "spectral.periods.find_repetition", "spectral.periods.periodic_motion",
         "spectral.response.periodic_response",
     ),
     "The drivetrain": (

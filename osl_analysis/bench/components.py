@@ -31,7 +31,7 @@ from osl_analysis.bench.effects import (
     with_effects,
 )
 from osl_analysis.bench.gram import GroupFit, fit_groups, gram_sums
-from osl_analysis.bench.phasors import at_amplitude, harmonic_shares, phasors_of_record
+from osl_analysis.bench.phasors import harmonic_shares, phasors_of_record
 from osl_analysis.bench.record import Groups, Label, Record, joined_groups, joint_angle, stretches_of
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
 from osl_analysis.config.parameters import DrivetrainParameters
@@ -301,16 +301,16 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     phasors, found = phasors_of_record(record), causes(record, s, TRANSMISSION)
     largest = record.settings.time_base.largest_drift_ppm if record.settings else np.inf
     clocks = drift_row(clock_drift_of(record, s, TRANSMISSION, found, largest))
-    commanded = {one.label: one.commanded for one in record.groups.strata}
+    commanded = {one.label: one.commanded_deg for one in record.groups.strata}
     rows: list[Row] = []
     for label, fit in analysis.fits.items():
-        friction, meant = with_effects(s, TRANSMISSION, ("T_C",), label), commanded.get(label)
-        even, odd = harmonic_shares(at_amplitude(phasors, label), (0.0, fit["B_j"], fit["J_j"]))
+        friction = with_effects(s, TRANSMISSION, ("T_C",), label)
+        even, odd = harmonic_shares(phasors, label, (0.0, fit["B_j"], fit["J_j"]))
         rows.append(
             {
                 "trial": record.name,
                 "amplitude_deg": label if isinstance(label, float) else None,
-                "commanded_deg": None if meant is None else round(float(np.rad2deg(meant)), 9),
+                "commanded_deg": commanded.get(label),
                 **analysis.rows(label, *LOSSES),
                 **estimates_row(friction, "T_C"),
                 "B_j_coulomb": friction["B_j"],

@@ -30,9 +30,7 @@ from osl_analysis.bench.effects import (
 from osl_analysis.bench.gram import GroupFit, Sums, paired_errors
 from osl_analysis.bench.phasors import (
     SegmentPhasors,
-    at_amplitude,
     harmonic_shares,
-    no_phasors,
     phasor_table,
     phasors_of_record,
 )
@@ -46,7 +44,7 @@ from osl_analysis.model.compensator import CONTROLLERS, Gains, predicted_impedan
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.gain_selection import Weight
 from osl_analysis.protocol.stepped_sine import moving_bins
-from osl_analysis.spectral.realisations import distinct
+from osl_analysis.spectral.periods import distinct
 from osl_analysis.spectral.response import periodic_response
 from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.repeats import summary_row
@@ -300,14 +298,13 @@ def impedance_table(rendered: Rendered) -> pl.DataFrame:
     frame = frame_stiffness(s, IMPEDANCE, rendered.found) if lag and lag.found else None
     largest = record.settings.time_base.largest_drift_ppm if record.settings else np.inf
     clocks = drift_row(clock_drift_of(record, s, IMPEDANCE, rendered.found, largest))
-    commanded = {one.label: one.commanded for one in record.groups.strata}
+    commanded = {one.label: one.commanded_deg for one in record.groups.strata}
     for label, fit in analysis.fits.items():
-        meant = commanded.get(label)
         rows.append(
             {
                 "trial": record.name,
                 "amplitude_deg": label if isinstance(label, float) else None,
-                "commanded_deg": None if meant is None else round(float(np.rad2deg(meant)), 9),
+                "commanded_deg": commanded.get(label),
                 **analysis.rows(label, *QUANTITIES),
                 **lag_row(lag, fit, frame),
                 **harmonic_row(rendered, label),
@@ -401,12 +398,12 @@ def harmonic_row(rendered: Rendered, label: Label) -> Row:
     if rendered.phasors:
         fit = rendered.analysis.fits[label]
         linear = fit["K"], fit["B"], fit["I"]
-        return dict(zip(names, harmonic_shares(at_amplitude(rendered.phasors, label), linear), strict=True))
+        return dict(zip(names, harmonic_shares(rendered.phasors, label, linear), strict=True))
     found = rendered.record.periodic
     if found is None:
         return dict.fromkeys(names)
-    levels = periodic_response(found.realisations)[1]
-    shares = (float(x / levels.torque) if np.isfinite(x) else None for x in (levels.even, levels.odd))
+    band = periodic_response(found.realisations).band
+    shares = (float(x / band["torque"]) if np.isfinite(x) else None for x in (band["even"], band["odd"]))
     return dict(zip(names, shares, strict=True))
 
 
@@ -557,7 +554,7 @@ def prediction_columns(predicted: tuple[float, float, float] | None) -> dict[str
 
 def rendered_phasors(rendered: Rendered) -> pl.DataFrame:
     """The trial's rows of `phasors.csv`; none where no sines moved the joint."""
-    return phasor_table(rendered.record.name, rendered.phasors) if rendered.phasors else no_phasors()
+    return phasor_table(rendered.record.name, rendered.phasors)
 
 
 OF_GAINS, OF_LAG = (

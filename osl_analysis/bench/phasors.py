@@ -1,9 +1,9 @@
 """Phasors of angle and torque in each segment of a stepped sine (Fig. 7) with their covariance, and harmonics."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import isclose
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -27,6 +27,22 @@ from osl_analysis.stats.regression import regressors
 from osl_analysis.trial import Array
 
 COMPLEX_PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")  # endings of the columns of an estimate
+POLAR = (
+    *("magnitude", "magnitude_se", "magnitude_low", "magnitude_high"),
+    *("phase_deg", "phase_se_deg", "phase_low_deg", "phase_high_deg"),
+)
+"""Magnitude and phase [deg] with standard errors and 95 % intervals (Student), to first order."""
+PHASORS: dict[str, type[pl.DataType]] = {
+    "trial": pl.String,
+    **dict.fromkeys(("amplitude_deg", "frequency_hz"), pl.Float64),
+    **dict.fromkeys((f"{name}_{part}" for name in ("theta", "torque") for part in COMPLEX_PARTS), pl.Float64),
+    **dict.fromkeys(("theta_distortion", "torque_distortion"), pl.Float64),
+    **dict.fromkeys((f"Y_{part}" for part in (*COMPLEX_PARTS, *POLAR, "se_bench")), pl.Float64),
+    "interval_method": pl.String,
+    "commanded_deg": pl.Float64,
+}
+"""Columns of `phasors.csv`: phasors of angle [rad] and torque [N*m] and Y [rad/(N*m)] with covariances and degrees of
+freedom, distortions, magnitude and phase of Y."""
 
 
 @dataclass(frozen=True)
@@ -53,30 +69,27 @@ class ComplexEstimate:
     @property
     def magnitude_se(self) -> float:
         """Standard error of the magnitude, in the unit of the number; refused for 0."""
-        return self._se_along(self.value / self._size)
+        return self._se_along(1)
 
     @property
     def phase_se(self) -> float:
         """Standard error of the phase [rad]; refused for 0."""
-        return self._se_along(1j * self.value / self._size) / self._size
+        return self._se_along(1j) / self.magnitude
 
-    @property
-    def quantile(self) -> float:
-        """Student's quantile: half the width of a 95 % interval in standard errors."""
-        return float(stdtrit(self.degrees_of_freedom, 0.975))
-
-    @property
-    def _size(self) -> float:
+    def _se_along(self, turn: complex) -> float:
         if self.magnitude < SMALLEST_SIGNAL:
             raise InputError(f"the number {self.value:.3g} has no phase; check the signals from which it was estimated")
-        return self.magnitude
-
-    def _se_along(self, direction: complex) -> float:
+        direction = turn * self.value / self.magnitude
         unit = np.array([direction.real, direction.imag])
         return float(np.sqrt(max(float(unit @ self.covariance @ unit), 0.0)))
 
 
-Estimate = TypeVar("Estimate", bound=ComplexEstimate)
+def with_errors(value: complex, errors: Sequence[tuple[Array, float]]) -> ComplexEstimate:
+    """A number with independent errors: covariances (2, 2), each with its degrees of freedom, which add up by the
+    trace."""
+    covariances, freedom = zip(*errors, strict=True)
+    total = float(welch_satterthwaite([np.trace(C) for C in covariances], freedom))
+    return ComplexEstimate(value, np.sum(covariances, axis=0), total)
 
 
 def complex_quotient(numerator: ComplexEstimate, denominator: ComplexEstimate) -> ComplexEstimate:
@@ -87,38 +100,23 @@ def complex_quotient(numerator: ComplexEstimate, denominator: ComplexEstimate) -
     if denominator.magnitude < SMALLEST_SIGNAL:
         raise InputError(f"no quotient by {denominator.value:.3g}; check the signal from which it was estimated")
     ratio = numerator.value / denominator.value
-    derivatives = (1 / denominator.value, -ratio / denominator.value)
-    covariances = [
-        as_matrix(derivative) @ number.covariance @ as_matrix(derivative).T
-        for derivative, number in zip(derivatives, (numerator, denominator), strict=True)
-    ]
-    return ComplexEstimate(ratio, *sum_covariances(covariances, (numerator, denominator)))
+    errors = []
+    for slope, number in ((1 / denominator.value, numerator), (-ratio / denominator.value, denominator)):
+        turn = np.array([[slope.real, -slope.imag], [slope.imag, slope.real]])  # multiplication, as a matrix
+        errors.append((turn @ number.covariance @ turn.T, number.degrees_of_freedom))
+    return with_errors(ratio, errors)
 
 
 def complex_mean(numbers: Sequence[ComplexEstimate]) -> ComplexEstimate:
     """Mean of complex numbers whose errors are independent."""
-    covariances = [number.covariance / len(numbers) ** 2 for number in numbers]
-    return ComplexEstimate(complex(np.mean([n.value for n in numbers])), *sum_covariances(covariances, numbers))
+    errors = [(number.covariance / len(numbers) ** 2, number.degrees_of_freedom) for number in numbers]
+    return with_errors(complex(np.mean([n.value for n in numbers])), errors)
 
 
-def with_known_error(number: Estimate, error: complex) -> Estimate:
-    """The number with one more error of known size, one standard deviation, in the direction of `error` (type B)."""
-    parts = np.array([error.real, error.imag])
-    covariances = [number.covariance, np.outer(parts, parts)]
-    each = [number.degrees_of_freedom, np.inf]
-    degrees_of_freedom = float(welch_satterthwaite([np.trace(C) for C in covariances], each))
-    return replace(number, covariance=np.sum(covariances, axis=0), degrees_of_freedom=degrees_of_freedom)
-
-
-def as_matrix(z: complex) -> Array:
-    """Multiplication by a complex number, as a matrix (2, 2) on real and imaginary part."""
-    return np.array([[z.real, -z.imag], [z.imag, z.real]])
-
-
-def sum_covariances(covariances: Sequence[Array], numbers: Sequence[ComplexEstimate]) -> tuple[Array, float]:
-    """Sum of the independent covariances (2, 2) that come from `numbers`, and its degrees of freedom (by the trace)."""
-    each = [number.degrees_of_freedom for number in numbers]
-    return np.sum(covariances, axis=0), float(welch_satterthwaite([np.trace(C) for C in covariances], each))
+def with_real_error(number: ComplexEstimate, error: float) -> ComplexEstimate:
+    """The number with one more error of its real part, of a known standard deviation (type B)."""
+    known = np.diag([error**2, 0.0])
+    return with_errors(number.value, [(number.covariance, number.degrees_of_freedom), (known, np.inf)])
 
 
 def complex_row(name: str, number: ComplexEstimate) -> dict[str, float]:
@@ -135,66 +133,54 @@ def complex_from_row(name: str, row: Mapping[str, float]) -> ComplexEstimate:
 
 
 def polar_row(number: ComplexEstimate) -> dict[str, float]:
-    """Magnitude and phase [deg] with standard errors and 95 % intervals (Student), to first order."""
-    magnitude, phase = number.magnitude, float(np.rad2deg(number.phase))
-    magnitude_se, phase_se = number.magnitude_se, float(np.rad2deg(number.phase_se))
-    return {
-        "magnitude": magnitude,
-        "magnitude_se": magnitude_se,
-        "magnitude_low": magnitude - number.quantile * magnitude_se,
-        "magnitude_high": magnitude + number.quantile * magnitude_se,
-        "phase_deg": phase,
-        "phase_se_deg": phase_se,
-        "phase_low_deg": phase - number.quantile * phase_se,
-        "phase_high_deg": phase + number.quantile * phase_se,
-    }
-
-
-HIGHEST_HARMONIC = 5  # highest harmonic that is fitted. Harmonics 3 and 5, which friction makes, are among them.
+    """The columns `POLAR`."""
+    quantile, values = float(stdtrit(number.degrees_of_freedom, 0.975)), list[float]()
+    angle, angle_se = float(np.rad2deg(number.phase)), float(np.rad2deg(number.phase_se))
+    for value, se in ((number.magnitude, number.magnitude_se), (angle, angle_se)):
+        values += [value, se, value - quantile * se, value + quantile * se]
+    return dict(zip(POLAR, values, strict=True))
 
 
 @dataclass(frozen=True)
 class Phasor(ComplexEstimate):
     """Complex amplitude P of a sine: signal = Re(P exp(j w t)) + offset + harmonics, in the unit of the signal."""
 
-    distortion: float  # root sum of squares of harmonics 2 to 5, divided by the fundamental
     harmonics: NDArray[np.complex128]
     """Complex amplitudes of the fundamental and of harmonics 2 to 5, shape (5,): harmonic k is Re(H exp(j k w t))."""
     interval_method: str  # source of the covariance, as in `LinearFit`
 
     @property
-    def amplitudes(self) -> Array:
-        """Amplitudes of the fundamental and of harmonics 2 to 5, shape (5,)."""
-        return np.abs(self.harmonics)
+    def distortion(self) -> float:
+        """Root sum of squares of harmonics 2 to 5, divided by the fundamental."""
+        size = np.abs(self.harmonics)
+        return float(np.linalg.norm(size[1:]) / size[0])
 
 
-CycleEdges = tuple[Array, Array]  # where each cycle begins and where it ends (m,), in rows, which need not be whole
-
-
-def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: CycleEdges | None = None) -> Phasor:
+def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: tuple[Array, Array] | None = None) -> Phasor:
     """Phasor of a settled signal (n,) at a known frequency, with offset and harmonics 2 to 5.
 
     `time` [s] sets the zero of the phase: fit angle and torque with the same times. The spread of the `cycles` gives
-    the covariance, and only their rows are fitted; None: all rows, divided into cycles from the first one on. Of fewer
-    than five cycles the covariance is that of the residual's autocorrelation.
+    the covariance, and only their rows are fitted. They are the rows, which need not be whole, at which each begins and
+    ends, (m,); None: all rows, divided into cycles from the first one on. Of fewer than five cycles the covariance is
+    that of the residual's autocorrelation.
 
     Raises InputError: less than one cycle, steps too long for the highest harmonic, or no sine of this frequency.
     """
     check_finite("time", time)
+    highest = 5  # friction makes harmonics 3 and 5
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
     if len(time) * step < 0.99 / frequency_hz:
         raise InputError(
             f"the signal has less than one cycle at {frequency_hz:g} Hz; record more cycles, or lower `settle_cycles` "
             "in the configuration"
         )
-    if 2 * HIGHEST_HARMONIC * frequency_hz * step >= 1:
+    if 2 * highest * frequency_hz * step >= 1:
         raise InputError(
-            f"a step of {step * 1e3:.2f} ms is too long for harmonic {HIGHEST_HARMONIC} of {frequency_hz:g} Hz; sample "
-            "faster"
+            f"a step of {step * 1e3:.2f} ms is too long for harmonic {highest} of {frequency_hz:g} Hz; sample faster"
         )
     once, columns = np.exp(2j * np.pi * frequency_hz * time), {"offset": np.ones(len(time))}
     turned = once
-    for k in range(1, HIGHEST_HARMONIC + 1):
+    for k in range(1, highest + 1):
         columns |= {f"cos{k}": turned.real, f"sin{k}": turned.imag}
         turned = turned * once
     inside = np.full(len(time), cycles is None)
@@ -214,19 +200,14 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: CycleE
         covariance, freedom = between_cycles(scores, np.zeros(len(scores), dtype=np.intp))
         method = CYCLES
     harmonics = estimates[1::2] - 1j * estimates[2::2]  # a cos(wt) + b sin(wt) = Re((a - j b) exp(j w t))
-    size = np.abs(harmonics)
-    if size[0] <= 1e-12 * np.abs(signal).max():  # the fit's rounding error
+    if abs(harmonics[0]) <= 1e-12 * np.abs(signal).max():  # the fit's rounding error
         raise InputError(
             f"the signal has no sine of {frequency_hz:g} Hz, it stays at {signal[0]:g}; check its channel in "
             "the source file, or exclude the trial"
         )
     to_phasor = np.array([[1.0, -1.0], [-1.0, 1.0]])
     own = to_phasor * covariance[1:3, 1:3], float(np.min(freedom[1:3]))
-    return Phasor(complex(harmonics[0]), *own, float(np.linalg.norm(size[1:]) / size[0]), harmonics, method)
-
-
-RESPONSE_KEYS = ("trial", "joint", "side", "controller", "K_d", "B_d", "frequency_hz")
-"""Columns of the phasor table whose rows differ in the amplitude only."""
+    return Phasor(complex(harmonics[0]), *own, harmonics, method)
 
 
 @dataclass(frozen=True)
@@ -245,55 +226,37 @@ class SegmentPhasors:
     def admittance(self) -> ComplexEstimate:
         """Integral admittance Y = theta/torque [rad/(N*m)]. An error of the bench's compliance c changes the angle by
         -c torque, and Y by -c."""
-        return with_known_error(complex_quotient(self.theta, self.torque), self.compliance_error)
+        return with_real_error(complex_quotient(self.theta, self.torque), self.compliance_error)
 
 
 def phasors_of_record(record: Record) -> list[SegmentPhasors]:
     """Phasors of the settled cycles of every segment of a stepped sine, amplitude by amplitude; none of another motion.
     The last cycle is not used. If the angle lags the command by more at one frequency than at another, this cycle
-    contains the beginning of the next frequency."""
+    contains the beginning of the next frequency. Raises InputError: as `fit_sinusoid`; the message names the trial."""
     if not record.is_stepped_sine:
         return []
-    order = sorted(
-        range(len(record.groups.strata)), key=lambda k: record.groups.labels.index(record.groups.strata[k].label)
-    )
-    try:
-        return [phasors_of(record, k) for k in order]
-    except InputError as error:
-        raise InputError(f"trial {record.name}, {error}") from error
-
-
-def phasors_of(record: Record, k: int) -> SegmentPhasors:
-    """Phasors of one stratum of a record."""
-    groups, one = record.groups, record.groups.strata[k]
-    assert isinstance(one.label, float)
-    first, stop = groups.first[groups.stratum == k], groups.stop[groups.stratum == k]
-    rows = whole_rows(first.min(), stop.max())
-    time, cycles = record.time[rows], (first - rows.start, stop - rows.start)
-
-    def phasor(name: str, signal: Array) -> Phasor:
-        try:
-            return fit_sinusoid(time, signal[rows], one.frequency_hz, cycles)
-        except InputError as error:
-            raise InputError(f"{name} from {time[0]:.1f} s: {error}") from error
-
-    theta, torque = phasor("theta", record.theta), phasor("torque", record.torque)
-    compliance_error = record.bench.compliance_error if record.bench else 0.0
-    commanded_deg = None if one.commanded is None else round(float(np.rad2deg(one.commanded)), 9)
-    return SegmentPhasors(one.label, one.frequency_hz, theta, torque, compliance_error, commanded_deg)
-
-
-def at_amplitude(phasors: Sequence[SegmentPhasors], label: Label) -> list[SegmentPhasors]:
-    """The segments of one amplitude [deg], or all (None)."""
-    return [s for s in phasors if not isinstance(label, float) or isclose(s.amplitude_deg, label, rel_tol=1e-5)]
+    groups, found = record.groups, []
+    for k in sorted(range(len(groups.strata)), key=lambda k: groups.labels.index(groups.strata[k].label)):
+        one = groups.strata[k]
+        assert isinstance(one.label, float)
+        first, stop = groups.first[groups.stratum == k], groups.stop[groups.stratum == k]
+        rows = whole_rows(first.min(), stop.max())
+        time, cycles, pair = record.time[rows], (first - rows.start, stop - rows.start), list[Phasor]()
+        for name, signal in (("theta", record.theta), ("torque", record.torque)):
+            try:
+                pair.append(fit_sinusoid(time, signal[rows], one.frequency_hz, cycles))
+            except InputError as error:
+                raise InputError(f"trial {record.name}, {name} from {time[0]:.1f} s: {error}") from error
+        compliance_error = record.bench.compliance_error if record.bench else 0.0
+        found.append(SegmentPhasors(one.label, one.frequency_hz, pair[0], pair[1], compliance_error, one.commanded_deg))
+    return found
 
 
 def phasor_table(trial: str, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:
-    """A row per amplitude and frequency: phasors of angle [rad] and torque [N*m] and Y [rad/(N*m)] with covariances and
-    degrees of freedom, distortions, magnitude and phase of Y."""
+    """A row per amplitude and frequency; none where no sines moved the joint."""
     rows = list[Row]()
     for segment in phasors:
-        admittance = segment.admittance
+        Y = segment.admittance
         rows.append(
             {
                 "trial": trial,
@@ -303,81 +266,77 @@ def phasor_table(trial: str, phasors: Sequence[SegmentPhasors]) -> pl.DataFrame:
                 **complex_row("torque", segment.torque),
                 "theta_distortion": segment.theta.distortion,
                 "torque_distortion": segment.torque.distortion,
-                **complex_row("Y", admittance),
-                **{f"Y_{name}": value for name, value in polar_row(admittance).items()},
+                **complex_row("Y", Y),
+                **{f"Y_{name}": value for name, value in polar_row(Y).items()},
                 "Y_se_bench": segment.compliance_error,
                 "interval_method": max(segment.theta.interval_method, segment.torque.interval_method, key=len),
                 "commanded_deg": segment.commanded_deg,
             }
         )
-    return pl.DataFrame(rows, schema_overrides={"commanded_deg": pl.Float64})
-
-
-def no_phasors() -> pl.DataFrame:
-    """The columns of `phasor_table` without a row, for a trial that no sine moved."""
-    return example_phasors().clear()
-
-
-def example_phasors() -> pl.DataFrame:
-    """One row of `phasor_table`, of a sine that stands for no trial; only its columns count."""
-    time = np.arange(200) / 200
-    sine = fit_sinusoid(time, np.sin(2 * np.pi * 10 * time), 10.0)
-    return phasor_table("", [SegmentPhasors(1.0, 10.0, sine, sine)])
+    return pl.DataFrame(rows, schema=PHASORS)
 
 
 def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
-    """Complex mean of Y over the amplitudes, a row per trial and frequency, from the gathered phasor tables."""
-    keys = [key for key in RESPONSE_KEYS if key in phasors.columns]
-    groups = phasors.group_by(keys, maintain_order=True)
-    rows = [{**dict(zip(keys, values, strict=True)), **mean_response_row(group)} for values, group in groups]
-    if not rows:  # its columns
-        numbers = ("K_d", "B_d", "frequency_hz")
-        named = {name: pl.lit(None, pl.Float64 if name in numbers else pl.String) for name in RESPONSE_KEYS}
-        row = pl.DataFrame([mean_response_row(example_phasors().with_columns(doubtful=pl.lit("")))])
-        return row.select(**named).hstack(row).clear()
-    return pl.DataFrame(rows, schema_overrides={key: phasors.schema[key] for key in keys}, infer_schema_length=None)
-
-
-def mean_response_row(amplitudes: pl.DataFrame) -> Row:
-    """Mean of Y over amplitudes at one frequency: magnitude [rad/(N*m)] and phase [deg] with 95 % intervals.
+    """Complex mean of Y over the amplitudes, a row per trial and frequency, from the gathered phasor tables: magnitude
+    [rad/(N*m)] and phase [deg] with 95 % intervals.
 
     The intervals contain the noise of the phasors only. `_min` and `_max` are the values of the single amplitudes.
     Their phases are computed relative to that of the mean, so that they do not jump at 180 degrees. `doubtful` lists
     the reasons of doubtful phasors with their amplitudes.
     """
-    rows = list(amplitudes.iter_rows(named=True))
-    shared = max(float(row["Y_se_bench"]) for row in rows)
-    responses = [complex_from_row("Y", row | {"Y_var_re": row["Y_var_re"] - shared**2}) for row in rows]
-    mean = with_known_error(complex_mean(responses), shared)  # all amplitudes share the error of the bench
-    phases = [np.rad2deg(mean.phase + np.angle(r.value / mean.value)) for r in responses]
-    reasons = amplitudes.select("amplitude_deg", "doubtful").drop_nulls().filter(pl.col("doubtful") != "").rows()
-    return {
-        **polar_row(mean),
-        **complex_row("Y", mean),
-        "interval_method": " and ".join(amplitudes["interval_method"].unique().sort()),
-        "magnitude_min": min(r.magnitude for r in responses),
-        "magnitude_max": max(r.magnitude for r in responses),
-        "phase_min_deg": float(min(phases)),
-        "phase_max_deg": float(max(phases)),
-        "n_amplitudes": len(responses),
-        "doubtful": "; ".join(f"at {amplitude:g} deg: {reason}" for amplitude, reason in reasons),
-    }
+    types: dict[str, Any] = {
+        **dict.fromkeys(("trial", "joint", "side", "controller"), pl.String),
+        **dict.fromkeys(("K_d", "B_d", "frequency_hz"), pl.Float64),
+    }  # rows that agree in these differ in the amplitude only
+    keys = [key for key in types if key in phasors.columns] if len(phasors) else list(types)
+    rows = list[Row]()
+    for values, amplitudes in phasors.group_by(keys, maintain_order=True) if len(phasors) else ():
+        of_single = list(amplitudes.iter_rows(named=True))
+        shared = max(float(row["Y_se_bench"]) for row in of_single)  # all amplitudes share the error of the bench
+        responses = [complex_from_row("Y", row | {"Y_var_re": row["Y_var_re"] - shared**2}) for row in of_single]
+        mean = with_real_error(complex_mean(responses), shared)
+        phases = [np.rad2deg(mean.phase + np.angle(r.value / mean.value)) for r in responses]
+        reasons = amplitudes.select("amplitude_deg", "doubtful").drop_nulls().filter(pl.col("doubtful") != "").rows()
+        rows.append(
+            {
+                **dict(zip(keys, values, strict=True)),
+                **polar_row(mean),
+                **complex_row("Y", mean),
+                "interval_method": " and ".join(amplitudes["interval_method"].unique().sort()),
+                "magnitude_min": min(r.magnitude for r in responses),
+                "magnitude_max": max(r.magnitude for r in responses),
+                "phase_min_deg": float(min(phases)),
+                "phase_max_deg": float(max(phases)),
+                "n_amplitudes": len(responses),
+                "doubtful": "; ".join(f"at {amplitude:g} deg: {reason}" for amplitude, reason in reasons),
+            }
+        )
+    schema = {key: phasors.schema.get(key, types[key]) for key in keys}
+    schema |= dict.fromkeys((*POLAR, *(f"Y_{part}" for part in COMPLEX_PARTS)), pl.Float64)
+    schema |= {"interval_method": pl.String}
+    schema |= dict.fromkeys(("magnitude_min", "magnitude_max", "phase_min_deg", "phase_max_deg"), pl.Float64)
+    return pl.DataFrame(rows, schema=schema | {"n_amplitudes": pl.Int64, "doubtful": pl.String})
 
 
-def harmonic_shares(phasors: Sequence[SegmentPhasors], linear: tuple[float, float, float]) -> tuple[float, float]:
-    """Even and odd harmonics of the torque beyond those of a linear joint (K, B, I), as shares of the fundamental.
+def harmonic_shares(
+    phasors: Sequence[SegmentPhasors], label: Label, linear: tuple[float, float, float]
+) -> tuple[float, float]:
+    """Even and odd harmonics of the torque beyond those of a linear joint (K, B, I), as shares of the fundamental, over
+    the segments of one amplitude [deg], or all (None).
 
     The angle's own harmonics make some of the torque's: these are taken off first. Even harmonics, 2 and 4, count as
     far as all segments have the same: asymmetry. A symmetric joint that chatters has some, at any phase. Odd ones, 3
     and 5, are those of friction, play, or a spring that stiffens.
     """
-    K, B, I = linear
-    own = []
+    (K, B, I), own, size = linear, [], []
     for one in phasors:
+        if isinstance(label, float) and not isclose(one.amplitude_deg, label, rel_tol=1e-5):
+            continue
         k = np.arange(1, one.torque.harmonics.size + 1)
         s = 2j * np.pi * one.frequency_hz * k
-        left = one.torque.harmonics - (K + B * s + I * s**2) * one.theta.harmonics
-        own.append(left * np.exp(-1j * k * one.theta.phase))
-    size, left = np.array([abs(one.torque.value) for one in phasors]), np.array(own)
-    even = (left / size[:, None])[:, [1, 3]].mean(axis=0)
+        beyond = one.torque.harmonics - (K + B * s + I * s**2) * one.theta.harmonics
+        own.append(beyond * np.exp(-1j * k * one.theta.phase))
+        size.append(abs(one.torque.value))
+    left = np.array(own)
+    even = (left / np.array(size)[:, None])[:, [1, 3]].mean(axis=0)
     return float(np.linalg.norm(even)), float(np.linalg.norm(left[:, [2, 4]]) / np.linalg.norm(size))

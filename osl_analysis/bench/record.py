@@ -30,7 +30,7 @@ from osl_analysis.protocol.stepped_sine import (
     whole_rows,
 )
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
-from osl_analysis.spectral.realisations import PeriodicMotion, periodic_motion
+from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
 from osl_analysis.stats.covariance import FEWEST_CYCLES, sums_between
 from osl_analysis.stats.rounding import noise_before_rounding, visible_step
 from osl_analysis.timebase.grid import GapLimits, UniformSignals, origin, regridded, uniform_signals
@@ -59,7 +59,7 @@ class Stratum:
     rows: slice  # rows of the motion that they are of, its transient included
     label: Label = None
     frequency_hz: float = np.nan  # of a sine [Hz]
-    commanded: float | None = None  # amplitude of the protocol that a sine follows [rad]
+    commanded_deg: float | None = None  # amplitude of the protocol that a sine follows [deg]
 
 
 @dataclass(frozen=True)
@@ -267,8 +267,7 @@ class Record:
 
         Raises InputError: no amplitude is near it.
         """
-        commanded = {one.label: one.commanded for one in self.groups.strata}
-        sizes = {label: float(np.rad2deg(c)) if c else label for label, c in commanded.items()}
+        sizes = {one.label: one.commanded_deg or one.label for one in self.groups.strata}
         numbers = {label: size for label, size in sizes.items() if isinstance(size, float)}
         if not numbers:
             return None
@@ -294,12 +293,16 @@ def without_drift(time: Array, torque: Array, rate: float) -> Array:
     return np.asarray(torque - rate * (time - time.mean()))
 
 
+def commanded_deg(segment: Segment) -> float | None:
+    return None if segment.commanded is None else round(float(np.rad2deg(segment.commanded)), 9)
+
+
 def cycles_of(segments: Sequence[Segment], settle_cycles: int, usable: NDArray[np.bool_]) -> Groups:
     """The settled, usable cycles of segments; a stratum is a segment. Raises InputError as `settled_cycles`."""
     kept = [settled_cycles(segment, settle_cycles, usable) for segment in segments]
     labels = labels_deg(segments)
     strata = tuple(
-        Stratum(whole.rows, label, whole.frequency_hz, whole.commanded)
+        Stratum(whole.rows, label, whole.frequency_hz, commanded_deg(whole))
         for whole, label in zip(segments, labels, strict=True)
     )
     first, stop = (np.concatenate([one.edges[np.array(one.used) + end] for one in kept]) for end in (0, 1))

@@ -1,7 +1,7 @@
 """Frequency response of a trial as tables: the response, the structures fitted to it, and the lines of its periods."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -10,34 +10,30 @@ from osl_analysis.bench.record import Record
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.models import (
-    EQ_9,
-    EQ_15,
+from osl_analysis.spectral.periods import LINES, Realisation, distinct, lines_frame
+from osl_analysis.spectral.response import (
     FittedLines,
     FittedStructure,
+    FrequencyResponse,
     RationalDrivetrain,
     SecondOrder,
     Structure,
     fit_structure,
     lines_of_periods,
     lines_of_record,
-)
-from osl_analysis.spectral.realisations import LINES, Realisation, distinct, lines_frame
-from osl_analysis.spectral.response import (
-    FrequencyResponse,
     local_response,
     periodic_response,
     record_spectrum,
 )
 from osl_analysis.stats.fit_row import Row, estimates_row
 
-STRUCTURES = (EQ_15, EQ_9)
-LEVELS = ("noise_level", "odd_level", "even_level", "total_level")
-CURVES = tuple(f"{part}_{name}" for name in ("eq15", "eq9") for part in ("magnitude", "phase_deg"))
+LEVELS = ("noise", "odd", "even", "total")
+CURVES = {SecondOrder.name: "eq15", RationalDrivetrain.name: "eq9"}
 RESPONSE: dict[str, type[pl.DataType]] = {
     "trial": pl.String, "method": pl.String, "realisations": pl.Int64,
     **dict.fromkeys(("frequency_hz", "angle_deg", "Z_re", "Z_im", "magnitude", "phase_deg"), pl.Float64),
-    **dict.fromkeys(("noise_sd", "total_sd", *LEVELS, *CURVES), pl.Float64),
+    **dict.fromkeys(("noise_sd", "total_sd", *(f"{name}_level" for name in LEVELS)), pl.Float64),
+    **dict.fromkeys(("magnitude_eq15", "phase_deg_eq15", "magnitude_eq9", "phase_deg_eq9"), pl.Float64),
 }  # fmt: skip
 """Columns of `response.csv`."""
 ESTIMATED = tuple(f"{name}{end}" for name in ("K", "B", "I", "K_1", "B_1") for end in ("", "_se", "_low", "_high"))
@@ -50,31 +46,17 @@ MODELS: dict[str, type[pl.DataType]] = {
     "excluded": pl.String,
 }  # fmt: skip
 """Columns of `response_models.csv`."""
+NO_RESPONSE = {"response": RESPONSE, "response_models": MODELS, "response_lines": LINES}
 
 
-@dataclass(frozen=True)
-class ResponseTables:
-    """Rows of `response.csv` and `response_models.csv`, and the lines of the periods."""
-
-    response: pl.DataFrame
-    models: pl.DataFrame
-    lines: pl.DataFrame
-
-    def frames(self) -> Mapping[str, pl.DataFrame]:
-        """The frames by name of the table."""
-        return {"response": self.response, "response_models": self.models, "response_lines": self.lines}
-
-
-NO_RESPONSE = ResponseTables(*(pl.DataFrame(schema=schema) for schema in (RESPONSE, MODELS, LINES)))
-
-
-def response_tables(record: Record, p: DrivetrainParameters | None) -> ResponseTables:
-    """The tables of one trial; Eq. 9 where the device has parameters. None of a stepped sine, whose response is in
-    `phasors.csv`. The lines are of the signals before the filter: of the periods of the motion, up to its cut-off, else
-    of the longest stretch. A structure that cannot be fitted has a row with the reason, and so has a trial without a
-    frequency response."""
+def response_tables(record: Record, p: DrivetrainParameters | None) -> dict[str, pl.DataFrame]:
+    """Rows of `response.csv` and `response_models.csv` of one trial, and the lines of its periods; Eq. 9 where the
+    device has parameters. None of a stepped sine, whose response is in `phasors.csv`. The lines are of the signals
+    before the filter: of the periods of the motion, up to its cut-off, else of the longest stretch. A structure that
+    cannot be fitted has a row with the reason, and so has a trial without a frequency response."""
+    nothing = {name: pl.DataFrame(schema=schema) for name, schema in NO_RESPONSE.items()}
     if record.is_stepped_sine:
-        return NO_RESPONSE
+        return nothing
     try:
         found = record.periodic
         if found is not None:
@@ -89,14 +71,10 @@ def response_tables(record: Record, p: DrivetrainParameters | None) -> ResponseT
         spectrum = record_spectrum(*signals, record.rate_hz, record.low_pass.cutoff_hz)
         response = local_response(spectrum)
     except OslAnalysisError as error:
-        reason = {"trial": record.name, "model": EQ_15, "excluded": str(error)}
-        return replace(NO_RESPONSE, models=pl.DataFrame([reason], schema=MODELS))
-    structures = fitted_structures(lines_of_record(spectrum, record.low_pass), p)
-    return ResponseTables(
-        response_frame(record.name, response, structures, 1),
-        models_frame(record.name, response, structures, {"realisations": 1}),
-        NO_RESPONSE.lines,
-    )
+        reason = {"trial": record.name, "model": SecondOrder.name, "excluded": str(error)}
+        return nothing | {"response_models": pl.DataFrame([reason], schema=MODELS)}
+    lines = lines_of_record(spectrum, record.low_pass)
+    return nothing | frames_of(record.name, response, lines, p, {"realisations": 1})
 
 
 def periodic_tables(
@@ -105,56 +83,31 @@ def periodic_tables(
     low_pass: LowPass,
     p: DrivetrainParameters | None,
     period_error_ppm: float | None = None,
-) -> ResponseTables:
-    """The tables of the realisations of a periodic motion, in one trial or in several.
-
-    Raises InputError: As `lines_of`.
-    """
-    response, levels = periodic_response(realisations)
-    found = fitted_structures(lines_of_periods(realisations, low_pass), p)
-    count = len(distinct(realisations))
+) -> dict[str, pl.DataFrame]:
+    """The tables of the realisations of a periodic motion, in one trial or in several; raises as `lines_of`."""
+    response = periodic_response(realisations)
     facts: Row = {
-        "realisations": count,
+        "realisations": len(distinct(realisations)),
         "periods": sum(r.periods for r in realisations),
         "period_s": realisations[0].period,
         "period_error_ppm": period_error_ppm,
-        **{f"{name}_level": getattr(levels, name) for name in BAND},
+        **{f"{name}_level": response.band[name] for name in BAND},
     }
-    return ResponseTables(
-        response_frame(trial, response, found, count),
-        models_frame(trial, response, found, facts),
-        lines_frame(trial, realisations),
-    )
+    frames = frames_of(trial, response, lines_of_periods(realisations, low_pass), p, facts)
+    return {**frames, "response_lines": lines_frame(trial, realisations)}
 
 
-Fitted = Mapping[str, FittedStructure | OslAnalysisError]
-
-
-def fitted_structures(lines: FittedLines, p: DrivetrainParameters | None) -> Fitted:
-    """Eq. 15 and, with parameters, Eq. 9 fitted to lines, or why one cannot be."""
-    found: dict[str, FittedStructure | OslAnalysisError] = {}
-    first = (0.0, 0.0)
-    structures: list[Structure] = [SecondOrder()] if p is None else [SecondOrder(), RationalDrivetrain(p)]
-    for structure in structures:
-        try:
-            one = fit_structure(structure, lines, first)
-        except OslAnalysisError as error:
-            found[structure.name] = error
-            continue
-        found[structure.name] = one
-        if structure.name == EQ_15:
-            first = (one.fit["K"], one.fit["B"])
-    return found
-
-
-def response_frame(trial: str, response: FrequencyResponse, found: Fitted, realisations: int) -> pl.DataFrame:
-    """A row per frequency, with the curves of the structures."""
-    Z = response.impedance
+def frames_of(
+    trial: str, response: FrequencyResponse, lines: FittedLines, p: DrivetrainParameters | None, facts: Row
+) -> dict[str, pl.DataFrame]:
+    """A row per frequency, with the curves of the structures fitted to the lines; and a row per structure: parameters,
+    misfit beyond the noise, its test, and the `facts`."""
+    Z, frequency = response.impedance, response.frequency_hz
     columns: dict[str, object] = {
         "trial": trial,
         "method": response.method,
-        "realisations": realisations,
-        "frequency_hz": response.frequency_hz,
+        "realisations": facts["realisations"],
+        "frequency_hz": frequency,
         "angle_deg": np.rad2deg(response.angle),
         "Z_re": Z.real,
         "Z_im": Z.imag,
@@ -162,43 +115,29 @@ def response_frame(trial: str, response: FrequencyResponse, found: Fitted, reali
         "phase_deg": np.rad2deg(np.angle(Z)),
         "noise_sd": response.noise_sd,
         "total_sd": response.total_sd,
-        **{name: getattr(response, name) for name in LEVELS},
+        **{f"{name}_level": level for name, level in response.levels.items()},
+        **dict.fromkeys(name for name in RESPONSE if "_eq" in name),
     }
-    for name, short in zip(STRUCTURES, ("eq15", "eq9"), strict=True):
-        one = found.get(name)
-        curve = one.impedance(response.frequency_hz) if isinstance(one, FittedStructure) else None
-        columns[f"magnitude_{short}"] = None if curve is None else np.abs(curve)
-        columns[f"phase_deg_{short}"] = None if curve is None else np.rad2deg(np.angle(curve))
-    return pl.DataFrame(columns, schema=RESPONSE).fill_nan(None)
-
-
-def models_frame(trial: str, response: FrequencyResponse, found: Fitted, facts: Row) -> pl.DataFrame:
-    """A row per structure: parameters, misfit beyond the noise, its test, and the levels of the band."""
-    shared: Row = {
-        "trial": trial,
-        "method": response.method,
-        "lines": len(response.frequency_hz),
-        "lowest_hz": float(response.frequency_hz[0]),
-        "highest_hz": float(response.frequency_hz[-1]),
-        **facts,
-    }
-    rows = [
-        {**shared, "model": name, **(model_row(one) if isinstance(one, FittedStructure) else {"excluded": str(one)})}
-        for name, one in found.items()
-    ]
-    return pl.DataFrame(rows, schema=MODELS).fill_nan(None)
-
-
-def model_row(one: FittedStructure) -> Row:
-    """The columns of one fitted structure."""
-    names = one.structure.parameters
+    band = float(frequency[0]), float(frequency[-1])
+    shared: Row = {"trial": trial, "method": response.method, "lines": len(frequency), **facts}
+    shared |= {"lowest_hz": band[0], "highest_hz": band[1]}
+    rows, first = list[Row](), (0.0, 0.0)
+    structures: list[Structure] = [SecondOrder()] if p is None else [SecondOrder(), RationalDrivetrain(p)]
+    for structure in structures:
+        row: Row = {**shared, "model": structure.name}
+        try:
+            one: FittedStructure = fit_structure(structure, lines, first)
+        except OslAnalysisError as error:
+            rows.append(row | {"excluded": str(error)})
+            continue
+        if isinstance(structure, SecondOrder):
+            first = (one.fit["K"], one.fit["B"])
+        curve, short = one.impedance(frequency), CURVES[structure.name]
+        columns |= {f"magnitude_{short}": np.abs(curve), f"phase_deg_{short}": np.rad2deg(np.angle(curve))}
+        row |= {"weights": one.weights, "interval_method": one.fit.interval_method}
+        row |= {"parameters": len(structure.parameters), **estimates_row(one.fit, *structure.parameters)}
+        rows.append(row | {"VAF": one.vaf, "misfit": one.misfit, "misfit_ratio": one.ratio, "misfit_p": one.p})
     return {
-        "weights": one.weights,
-        "interval_method": one.fit.interval_method,
-        "parameters": len(names),
-        **estimates_row(one.fit, *names),
-        "VAF": one.vaf,
-        "misfit": one.misfit,
-        "misfit_ratio": one.ratio,
-        "misfit_p": one.p,
+        "response": pl.DataFrame(columns, schema=RESPONSE).fill_nan(None),
+        "response_models": pl.DataFrame(rows, schema=MODELS).fill_nan(None),
     }

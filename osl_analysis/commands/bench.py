@@ -102,7 +102,7 @@ def fit_impedance_trial(
     stated = condition.columns() if condition else {}
 
     def further() -> dict[str, pl.DataFrame]:
-        frames = {"phasors": rendered_phasors(rendered), **response_tables(rendered.record, p).frames()}
+        frames = {"phasors": rendered_phasors(rendered), **response_tables(rendered.record, p)}
         of_condition = {name: frame.with_columns(**stated) for name, frame in frames.items()}
         return of_condition | {"timebase": rendered.analysis.time_base(QUANTITIES)}
 

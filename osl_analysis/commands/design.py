@@ -36,7 +36,7 @@ from osl_analysis.design.precision import (
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.impossible import check_told, told_by
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.models import DETECTION, ENOUGH_REALISATIONS, REALISATIONS
+from osl_analysis.spectral.response import DETECTION, ENOUGH_REALISATIONS, REALISATIONS
 from osl_analysis.stats.covariance import CYCLES
 from osl_analysis.table import finite_or_null, read_table, write_table
 from osl_analysis.trial import Array

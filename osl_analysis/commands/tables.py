@@ -22,7 +22,7 @@ from osl_analysis.judge.doubts import marked, with_doubts_of
 from osl_analysis.judge.findings import findings
 from osl_analysis.judge.table import Doubt, QualityRules
 from osl_analysis.judge.usable import Judge
-from osl_analysis.spectral.realisations import Realisation, pooled, realisations_from
+from osl_analysis.spectral.periods import Realisation, pooled, realisations_from
 from osl_analysis.summary.headlines import DRAFT_EXAMPLE, Example, headline_numbers, needed_columns
 from osl_analysis.summary.text import (
     finding_lines,
@@ -100,7 +100,7 @@ def pool_responses(
             pl.lit(conditions[names[0]].get(column), dtype).alias(column) for column, dtype in CONDITION_TYPES.items()
         ]
         device = p if conditions[names[0]].get("joint") == of_joint else None
-        frames = periodic_tables(", ".join(names), every, settings.low_pass, device).frames()
+        frames = periodic_tables(", ".join(names), every, settings.low_pass, device)
         for name, pools in made.items():
             pools.append(frames[name].rename({"trial": "trials"}).select(*place, pl.all()))
     for name, schema, path in (

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.multisine import Multisine, odd_multisine
-from osl_analysis.spectral.models import ENOUGH_REALISATIONS
+from osl_analysis.spectral.response import ENOUGH_REALISATIONS
 from osl_analysis.stats.covariance import FEWEST_CYCLES
 from osl_analysis.trial import Array
 

@@ -28,7 +28,7 @@ from osl_analysis.design.plan import Continuous, PeriodicMultisine, Plan, Sines,
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.second_order import impedance_columns
 from osl_analysis.signals import LowPass, Motion
-from osl_analysis.spectral.models import DETECTION, ENOUGH_REALISATIONS, REALISATIONS
+from osl_analysis.spectral.response import DETECTION, ENOUGH_REALISATIONS, REALISATIONS
 from osl_analysis.stats.covariance import CYCLES, FEWEST_CYCLES, welch_satterthwaite
 from osl_analysis.stats.regression import CONDITION_LIMIT
 from osl_analysis.trial import Array

@@ -1,30 +1,129 @@
-"""Realisations of a periodic motion: the spectra of angle and torque in every whole period of a record,
-which of their lines are excited, and these lines as a table.
+"""Motions that repeat themselves: the period, the spectra of every whole period, and their lines as a table.
+
+The period need not be a whole number of samples: the clocks of generator and recorder differ by up to 1e-4.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from osl_analysis.errors import InputError
-from osl_analysis.measured import check_measured
-from osl_analysis.spectral.period import COARSE_HZ, Repetition, Spectrum, find_repetition
+from osl_analysis.measured import check_measured, varies
+from osl_analysis.signals import runs
 from osl_analysis.trial import Array
 
-FEWEST_PERIODS = 2  # smallest number of periods of a realisation; one has no scatter
-BLURRED = 3  # coarse samples by which the ends of a stretch are uncertain
-REFINEMENTS = 2  # how often the period is corrected by the phases of its lines
-STRONG = 0.1  # size of a line, as a share of the largest, from which its phase helps to find the period
-LARGEST_UNSTEADINESS = 0.02
-"""Largest difference of the lines of two periods, as a share of their size. A bench repeats a motion within 1 %, a hand
-that tries to within 5 to 10."""
-SAME_MOTION = 0.99
-"""Correlation of two mean periods, at the best shift, from which they are one realisation, recorded twice."""
+Spectrum = NDArray[np.complex128]
+COARSE_HZ = 100.0  # rate [Hz] at which periods are looked for; neighbouring samples are averaged down to it
+FLOOR = 3e-4  # share of the motion's RMS below which a mismatch is none
+PERIODS_AGREE = 1e-3  # largest difference between the periods of realisations that are analysed together, as a share
+NEIGHBOURS = 8  # lines to each side of a line that count as its neighbourhood
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """A motion that repeats itself after a lag."""
+
+    period: float  # lag [s], not a whole number of samples
+    mismatch: float
+    """RMS of the difference between the motion and itself a lag later, as a share of its RMS; median over time."""
+    stretches: tuple[tuple[float, float], ...]
+    """First and last time [s] from the first sample of each stretch of two periods or more."""
+
+
+def find_repetition(theta: Array, rate_hz: float, usable: NDArray[np.bool_] | None = None) -> Repetition | None:
+    """The shortest lag after which an angle (n,) [rad], sampled at `rate_hz`, repeats itself; None if it does not.
+
+    The autocorrelation gives the lags that may be the period. At each of them the motion is compared with itself in
+    short windows. A record may hold several motions with the same period, each with a transient, and rests between
+    them: their comparison fails only where one motion ends. `usable` (n,) are the rows that are not near a gap.
+
+    A stepped sine also repeats itself: look for its protocol first.
+    """
+    check_measured("the angle", theta)
+    if not varies(theta):
+        return None
+    step = max(int(rate_hz / COARSE_HZ), 1)
+    rows = len(theta) // step * step
+    mean = theta[:rows].reshape(-1, step).mean(axis=1)
+    place = np.arange(len(mean)) - (len(mean) - 1) / 2
+    slope = float(place @ mean) / max(float(place @ place), 1.0)
+    x = mean - mean.mean() - slope * place
+    every = np.ones(rows, dtype=bool) if usable is None else usable[:rows]
+    good = np.asarray(every.reshape(-1, step).all(axis=1))
+    spline = make_interp_spline(np.arange(len(x)), x, k=3)
+    tried = [one for lag in likely_lags(x) if (one := repetition(x, spline, good, lag, rate_hz / step)) is not None]
+    if not tried:
+        return None
+    best = min(one.mismatch for one in tried)
+    # of lags with mismatches within a factor of two the shortest one is the period, and not a multiple of it
+    return min((one for one in tried if one.mismatch <= 2 * best + FLOOR), key=lambda one: one.period)
+
+
+def likely_lags(x: Array) -> Array:
+    """Lags at peaks of the autocorrelation of x (n,) behind its first negative value, between samples by a parabola.
+
+    It is divided by the size of both overlapping parts, so that it does not fall with the lag. With realisations of two
+    periods each it is a half.
+    """
+    n, least = len(x), 0.3
+    lags = np.arange(n // 2 + 1)
+    products = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * n)) ** 2, 2 * n)[lags]
+    energy = np.concatenate([[0.0], np.cumsum(x**2)])
+    size = np.sqrt(energy[n - lags] * np.maximum(energy[n] - energy[lags], 0.0))
+    correlation = np.divide(products, size, out=np.zeros(len(lags)), where=size > 1e-9 * energy[n])
+    negative = np.flatnonzero(correlation < 0)
+    if not len(negative):
+        return np.empty(0)
+    inner = np.arange(max(int(negative[0]), 1), len(correlation) - 1)
+    before, here, after = correlation[inner - 1], correlation[inner], correlation[inner + 1]
+    peak = (here >= before) & (here > after) & (here > least)
+    bend = (before - 2 * here + after)[peak]
+    at = inner[peak] + 0.5 * (before - after)[peak] / np.where(bend < 0, bend, -1.0)
+    highest = np.argsort(-here[peak], kind="stable")[:60]
+    last = len(correlation) - 1
+    at_end = last > 1 and correlation[last] > max(least, correlation[last - 1])
+    return np.array([*at[highest], *([float(last)] if at_end else [])])
+
+
+def repetition(x: Array, spline: Any, good: NDArray[np.bool_], lag: float, rate_hz: float) -> Repetition | None:
+    """Where an angle x (n,) with a spline through it repeats itself after a lag [samples]; None if it does not in most
+    of its time. Steps of Gauss and Newton in these stretches correct the lag. Rows that are not `good` do not count."""
+    power = uniform_filter1d(x**2, max(round(lag), 1), mode="nearest")
+    moving = np.asarray(power > 0.2**2 * np.max(power))  # elsewhere the joint rests
+    scale = float(np.sqrt(np.mean(x[moving] ** 2))) if moving.any() else 0.0
+
+    def alike_runs(alike: NDArray[np.bool_]) -> list[slice]:
+        """Runs of at least one lag in which the moving joint is `alike` (m,) itself a lag later, without gaps."""
+        m, whole, there = len(alike), round(lag), good & moving
+        later = np.concatenate([there[whole:], np.repeat(there[-1:], whole)])[:m]
+        shortest = 0.98 * lag - 1  # windows and averages blur the ends of a stretch of two periods
+        return [run for run in runs(alike & there[:m] & later) if run.stop - run.start > shortest]
+
+    for _ in range(2):
+        m = int(len(x) - np.ceil(lag))
+        difference = np.asarray(spline(np.arange(m) + lag)) - x[:m]
+        window = max(round(0.25 * rate_hz), 1)
+        local = np.sqrt(np.maximum(uniform_filter1d(difference**2, window, mode="nearest"), 0.0))
+        found = alike_runs(local < 0.25 * scale)
+        if not found:
+            return None
+        rows = np.concatenate([np.r_[run] for run in found])
+        slope = np.asarray(spline(np.arange(int(rows.max()) + 1) + lag, 1))[rows]
+        lag -= float(slope @ difference[rows]) / max(float(slope @ slope), np.finfo(float).tiny)
+    middle = float(np.median(local[rows]))
+    settled = alike_runs(local < max(5 * middle, FLOOR * scale))  # the transient has ended
+    covered = sum(run.stop - run.start + lag for run in settled) / max(int(moving.sum()), 1)
+    if middle > 0.1 * scale or covered < 0.5:
+        return None
+    return Repetition(
+        lag / rate_hz, middle / scale, tuple((run.start / rate_hz, (run.stop + lag) / rate_hz) for run in settled)
+    )
 
 
 @dataclass(frozen=True)
@@ -50,6 +149,10 @@ class Realisation:
         """Frequencies [Hz] of the lines, shape (lines,)."""
         return np.arange(self.theta.shape[1]) / self.period
 
+    def mean_lines(self) -> tuple[Spectrum, Spectrum]:
+        """Means over the periods of the lines of angle and torque, (lines,) each."""
+        return self.theta.mean(axis=0), self.torque.mean(axis=0)
+
 
 @dataclass(frozen=True)
 class PeriodicMotion:
@@ -73,8 +176,8 @@ def periodic_motion(
     found = find_repetition(theta, rate_hz, usable)
     if found is None:
         return None
-    period, error, made = found.period, np.inf, list[Realisation]()
-    for _ in range(REFINEMENTS + 1):
+    period, error = found.period, np.inf
+    for _ in range(3):
         made = realisations_of(found, period, (theta,), rate_hz, highest_hz)
         if not made:
             return None
@@ -84,7 +187,8 @@ def periodic_motion(
     for one in made:
         mean = one.theta.mean(axis=0)
         apart = np.sum(np.abs((one.theta - mean)[:, 1:]) ** 2) / (one.periods - 1)
-        if apart > LARGEST_UNSTEADINESS**2 * np.sum(np.abs(mean[1:]) ** 2):
+        # a bench repeats the lines of a motion within 1 % of their size, a hand that tries to within 5 to 10
+        if apart > 0.02**2 * np.sum(np.abs(mean[1:]) ** 2):
             return None
     return PeriodicMotion(period, 1e6 * error, tuple(made)) if made else None
 
@@ -100,11 +204,12 @@ def realisations_of(
     made = []
     for start, stop in found.stretches:
         end = min(stop * rate_hz, last)
-        periods = int((end - max(start * rate_hz, 0.0) + BLURRED * rate_hz / COARSE_HZ) / samples)
+        blurred = 3 * rate_hz / COARSE_HZ  # samples by which the ends of a stretch are uncertain
+        periods = int((end - max(start * rate_hz, 0.0) + blurred) / samples)
         first = max(end - periods * samples, 0.0)
         if first + periods * samples > last + 1:
             periods -= 1
-        if periods >= FEWEST_PERIODS:
+        if periods >= 2:  # one has no scatter
             spectra = [period_spectra(signal, first, samples, periods, count) for signal in signals]
             made.append(Realisation(period, rate_hz, spectra[0], spectra[-1], first / rate_hz))
     return made
@@ -133,7 +238,7 @@ def phase_drift(made: Sequence[Realisation]) -> tuple[float, float]:
     steps, phases, weights = list[Array](), list[Array](), list[Array]()
     for one in made:
         mean = one.theta.mean(axis=0)
-        k = 1 + np.flatnonzero(np.abs(mean[1:]) > STRONG * np.abs(mean[1:]).max())
+        k = 1 + np.flatnonzero(np.abs(mean[1:]) > 0.1 * np.abs(mean[1:]).max())
         number = np.arange(one.periods) - (one.periods - 1) / 2
         steps.append((2 * np.pi * number[:, None] * k).ravel().astype(float))
         phases.append(-np.angle(one.theta[:, k] / mean[k]).ravel())
@@ -141,29 +246,24 @@ def phase_drift(made: Sequence[Realisation]) -> tuple[float, float]:
     x, y, w = (np.concatenate(each) for each in (steps, phases, weights))
     size = float(np.sum(w * x**2))
     share = float(np.sum(w * x * y)) / size
-    left = float(np.sqrt(np.sum((w * x * (y - share * x)) ** 2))) / size
-    return share, left
+    return share, float(np.sqrt(np.sum((w * x * (y - share * x)) ** 2))) / size
 
 
 def distinct(made: Sequence[Realisation]) -> list[Realisation]:
     """The realisations of one period, those that are one motion recorded twice joined to one, in their order. A motion
     that is repeated has the same distortion again; only other phases give another one."""
-    joined: list[Realisation] = []
+    merged: list[Realisation] = []
     for one in with_common_lines(made):
-        for place, other in enumerate(joined):
+        for place, other in enumerate(merged):
             shift = shift_between(other, one)
             if shift is not None:
-                k = np.arange(one.theta.shape[1])
-                turn = np.exp(2j * np.pi * k * shift)
-                joined[place] = replace(
-                    other,
-                    theta=np.vstack([other.theta, one.theta * turn]),
-                    torque=np.vstack([other.torque, one.torque * turn]),
-                )
+                turn = np.exp(2j * np.pi * np.arange(one.theta.shape[1]) * shift)
+                theta, torque = np.vstack([other.theta, one.theta * turn]), np.vstack([other.torque, one.torque * turn])
+                merged[place] = replace(other, theta=theta, torque=torque)
                 break
         else:
-            joined.append(one)
-    return joined
+            merged.append(one)
+    return merged
 
 
 def with_common_lines(made: Sequence[Realisation]) -> list[Realisation]:
@@ -173,15 +273,16 @@ def with_common_lines(made: Sequence[Realisation]) -> list[Realisation]:
 
 
 def shift_between(first: Realisation, second: Realisation) -> float | None:
-    """Share of a period by which the second must be turned on to be the first; None if it is another motion."""
+    """Share of a period by which the second must be turned on to be the first; None if it is another motion: at the
+    best shift the correlation of the mean periods is below 0.99."""
     one, two = (r.theta.mean(axis=0)[1:] for r in (first, second))
-    if abs(first.period - second.period) > 1e-3 * first.period:
+    if abs(first.period - second.period) > PERIODS_AGREE * first.period:
         return None
     cross = one * two.conj()
     count = 16 * (len(cross) + 1)
     along = np.fft.ifft(np.concatenate([[0.0], cross]), count).real * count
     size = float(np.linalg.norm(one) * np.linalg.norm(two))
-    if not size or float(along.max()) < SAME_MOTION * size:
+    if not size or float(along.max()) < 0.99 * size:
         return None
     at, k = -float(np.argmax(along)) / count, np.arange(1, len(cross) + 1)
     for _ in range(3):
@@ -189,13 +290,6 @@ def shift_between(first: Realisation, second: Realisation) -> float | None:
         weight = np.abs(cross) * k
         at += float(np.sum(weight * phase)) / (2 * np.pi * float(np.sum(weight * k)))
     return at
-
-
-NEIGHBOURS = 8  # lines to each side of a line that count as its neighbourhood
-BESIDE_NEIGHBOURS, BESIDE_ALL = 0.05, 0.005
-"""Size of an excited line, as a share of the largest one in its neighbourhood, and of all."""
-ABOVE_NOISE = 5.0  # standard errors by which an excited line differs from 0
-PERIODS_AGREE = 1e-3  # largest difference between the periods of realisations that are analysed together, as a share
 
 
 @dataclass(frozen=True)
@@ -222,21 +316,6 @@ def lines_of(realisations: Sequence[Realisation]) -> LineKinds:
 
     Raises InputError: There is no realisation, periods differ, or no line stands out of the noise.
     """
-    check_alike(realisations)
-    size = np.sqrt(np.mean([np.abs(r.theta.mean(axis=0)) ** 2 for r in realisations], axis=0))
-    error = np.sqrt(np.mean([scatter(r.theta) / r.periods for r in realisations], axis=0) / len(realisations))
-    size[0] = 0.0
-    largest = maximum_filter1d(size, 2 * NEIGHBOURS + 1)
-    excited = (size > BESIDE_NEIGHBOURS * largest) & (size > BESIDE_ALL * size.max()) & (size > ABOVE_NOISE * error)
-    if not excited.any():
-        raise InputError("no line of the motion stands out of the noise; move the joint further, or record for longer")
-    k, at = np.arange(len(size)), np.flatnonzero(excited)
-    band = (k >= at[0] / 2) & (k <= at[-1]) & ~excited & (k > 0)
-    return LineKinds(excited, band & (k % 2 == 1), band & (k % 2 == 0))
-
-
-def check_alike(realisations: Sequence[Realisation]) -> None:
-    """Refuse no realisation, or realisations with different periods."""
     if not realisations:
         raise InputError("no periods to fit; record at least two periods of the motion")
     periods = np.array([r.period for r in realisations])
@@ -245,6 +324,16 @@ def check_alike(realisations: Sequence[Realisation]) -> None:
             f"realisations with periods from {periods.min():.6g} to {periods.max():.6g} s cannot be fitted together; "
             "analyse them as trials of their own"
         )
+    size = np.sqrt(np.mean([np.abs(r.theta.mean(axis=0)) ** 2 for r in realisations], axis=0))
+    error = np.sqrt(np.mean([scatter(r.theta) / r.periods for r in realisations], axis=0) / len(realisations))
+    size[0] = 0.0
+    largest = maximum_filter1d(size, 2 * NEIGHBOURS + 1)
+    excited = (size > 0.05 * largest) & (size > 0.005 * size.max()) & (size > 5.0 * error)
+    if not excited.any():
+        raise InputError("no line of the motion stands out of the noise; move the joint further, or record for longer")
+    k, at = np.arange(len(size)), np.flatnonzero(excited)
+    band = (k >= at[0] / 2) & (k <= at[-1]) & ~excited & (k > 0)
+    return LineKinds(excited, band & (k % 2 == 1), band & (k % 2 == 0))
 
 
 def scatter(periods: Spectrum) -> Array:
@@ -260,9 +349,6 @@ def smoothed_lines(values: Array, weights: Array) -> Array:
     return np.asarray(np.convolve(values * weights, window, "same") / np.maximum(total, np.finfo(float).tiny))
 
 
-SIZES_AGREE = 0.1
-"""Largest difference between the sizes of two motions, and of their lines, that are realisations of one condition, as a
-share. Friction weighs more in a smaller motion."""
 LINES: dict[str, type[pl.DataType]] = {
     "trial": pl.String,
     **dict.fromkeys(("realisation", "period", "line"), pl.Int64),
@@ -277,13 +363,9 @@ def lines_frame(trial: str, realisations: Sequence[Realisation]) -> pl.DataFrame
     frames = []
     for number, one in enumerate(realisations):
         period, line = (index.ravel() for index in np.indices(one.theta.shape))
-        theta, torque = one.theta.ravel(), one.torque.ravel()
-        columns: dict[str, object] = {
-            "trial": trial, "realisation": number, "period": period, "line": line, "period_s": one.period,
-            "rate_hz": one.rate_hz, "start_s": one.start,
-            "theta_step": one.steps[0], "torque_step": one.steps[1], "theta_re": theta.real, "theta_im": theta.imag,
-            "torque_re": torque.real, "torque_im": torque.imag,
-        }  # fmt: skip
+        of_motion = (one.period, one.rate_hz, one.start, *one.steps)
+        spectra = (part for lines in (one.theta.ravel(), one.torque.ravel()) for part in (lines.real, lines.imag))
+        columns: dict[str, object] = dict(zip(LINES, (trial, number, period, line, *of_motion, *spectra), strict=True))
         frames.append(pl.DataFrame(columns, schema=LINES))
     return pl.concat(frames)
 
@@ -297,30 +379,28 @@ def realisations_from(lines: pl.DataFrame) -> list[Realisation]:
             (rows[f"{name}_re"].to_numpy() + 1j * rows[f"{name}_im"].to_numpy()).reshape(shape)
             for name in ("theta", "torque")
         )
-        period, rate_hz, start, *steps = rows.select("period_s", "rate_hz", "start_s", "theta_step", "torque_step").row(
-            0
-        )
-        made.append(Realisation(period, rate_hz, theta, torque, start, (steps[0], steps[1])))
+        facts = rows.row(0, named=True)
+        steps = facts["theta_step"], facts["torque_step"]
+        made.append(Realisation(facts["period_s"], facts["rate_hz"], theta, torque, facts["start_s"], steps))
     return made
 
 
-def alike(first: Realisation, second: Realisation) -> bool:
-    """Whether two motions differ in their phases only: the same period, and lines of the same size."""
-    if abs(first.period - second.period) > PERIODS_AGREE * first.period:
-        return False
-    one, two = (np.abs(r.theta.mean(axis=0)[1:]) for r in with_common_lines([first, second]))
-    return bool(np.linalg.norm(one - two) <= SIZES_AGREE * np.linalg.norm(one))
-
-
 def pooled(trials: Mapping[str, Sequence[Realisation]]) -> list[dict[str, list[Realisation]]]:
-    """Trials of one condition, each by name with its realisations, sorted by motions that are alike; two or more each.
-    A trial whose own realisations differ is with those that are like its first one."""
+    """Trials of one condition, each by name with its realisations, sorted by motions that differ in their phases only;
+    two or more each. A trial whose own realisations differ is with those that are like its first one."""
+
+    def alike(first: Realisation, second: Realisation) -> bool:
+        one, two = (np.abs(r.theta.mean(axis=0)[1:]) for r in with_common_lines([first, second]))
+        same_period = abs(first.period - second.period) <= PERIODS_AGREE * first.period
+        # friction weighs more in a smaller motion
+        return same_period and bool(np.linalg.norm(one - two) <= 0.1 * np.linalg.norm(one))
+
     groups: list[dict[str, list[Realisation]]] = []
     for name, made in trials.items():
-        for group in groups:
-            if alike(next(iter(group.values()))[0], made[0]):
-                group[name] = list(made)
-                break
-        else:
+        same = (group for group in groups if alike(next(iter(group.values()))[0], made[0]))
+        group = next(same, None)
+        if group is None:
             groups.append({name: list(made)})
+        else:
+            group[name] = list(made)
     return [group for group in groups if len(group) > 1]

@@ -145,7 +145,7 @@ def alone(payload: bytes) -> Any:
     ],
 )
 def test_big_endian_messages_and_characters_are_numbers(schema: str, payload: bytes, expected: list[float]) -> None:
-    read = shape_of(kind_of(schema), payload).want("abcd").read(alone(payload))
+    read = shape_of(kind_of(schema), payload, "abcd").read(alone(payload))
     assert [read[path][0] for path in "abcd"] == expected
 
 
@@ -187,7 +187,7 @@ def test_a_message_with_more_than_its_schema_describes_is_refused_and_padding_is
     for more in (b"\0\0\0\1", struct.pack("<d", 2.0), bytes(8)):
         with pytest.raises(InputError, match=f"a message of {12 + len(more)} bytes has {len(more)} more than its"):
             shape_of(kind, ONE + more)
-    padded = shape_of(kind, ONE + bytes(4)).want(["a"])
+    padded = shape_of(kind, ONE + bytes(4), ["a"])
     assert not padded.fits(alone(ONE + b"\0\0\0\7"))[0]  # zeros there do not let another with content pass
 
 

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,7 @@ import numpy as np
 
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.csv_table import UTF_16_MARKS
-from osl_analysis.formats.message_fields import Indices, array_labels, is_array_of, json_reader, path_to
-from osl_analysis.trial import Array
+from osl_analysis.formats.message_fields import Columns, Indices, array_labels, is_array, json_reader, path_to
 
 MOST_ELEMENTS = 64
 """Elements of an array that are listed. Longer ones are images or whole recordings, and no signals of one sample."""
@@ -26,7 +25,7 @@ def addresses_in(value: Any, path: str, beside: Mapping[str, Any], cut: dict[str
     """
     if isinstance(value, dict):
         inner = {path_to(path, name): one for name, one in value.items()}
-        texts = {name: one for name, one in inner.items() if is_array_of(one, str)}
+        texts = {name: one for name, one in inner.items() if is_array(one, str)}
         for name, one in inner.items():
             yield from addresses_in(one, name, texts, cut)
     elif isinstance(value, list):
@@ -55,17 +54,6 @@ class JsonLines:
     texts: list[bytes]  # in UTF-8, without line breaks
     numbers: Indices  # number of each in the file, counted from 1
     notes: list[str]  # what was repaired, a sentence each
-
-
-@dataclass(frozen=True)
-class DecodedLines:
-    """The wanted fields of the lines that can be used."""
-
-    rows: Indices  # their places among the lines, (n,)
-    values: Mapping[str, Array]  # numbers (n,) by path, in the type of the file
-    present: Mapping[str, np.ndarray[tuple[int], np.dtype[np.bool_]]]  # whether the line has the field, (n,) by path
-    misfits: int  # lines that cannot be used
-    misfit: str  # what is wrong with the first of these
 
 
 def is_json_lines(begin: bytes) -> bool:
@@ -100,28 +88,26 @@ def is_whole(text: bytes) -> bool:
     return True
 
 
-def decode_lines(lines: JsonLines, paths: Sequence[str]) -> DecodedLines:
+def decode_lines(lines: JsonLines, paths: Sequence[str]) -> Columns:
     """The fields at `paths` (`variables.ankle_angle`, `position[0]`) of all lines."""
     reader = json_reader([*dict.fromkeys(paths)])
-    for text in lines.texts:
-        reader.take(text)
-    rows, values, present = reader.columns()
-    if not rows.size:
-        raise InputError(f"{in_lines(reader.misfit, lines)}; {NUMBER}")
-    for path, there in present.items():
+    reader.take(lines.texts)
+    found = reader.columns()
+    if not found.rows.size:
+        raise InputError(f"{in_lines(found.misfit, lines)}; {NUMBER}")
+    for path, there in found.present.items():
         if not there.any():
             alone = json_reader([path])
-            for text in lines.texts:
-                alone.take(text)
-            if reader.misfit and alone.columns().present[path].any():  # only lines that cannot be used have it
+            alone.take(lines.texts)
+            if found.misfit and alone.columns().present[path].any():  # only lines that cannot be used have it
                 raise InputError(
                     f"every line with a field '{path}' has something else than a number in another field: "
-                    f"{in_lines(reader.misfit, lines)}; {NUMBER}"
+                    f"{in_lines(found.misfit, lines)}; {NUMBER}"
                 )
             names, _ = addresses_of(lines)
             advice = nearest(path, names) or "; correct `field` in the source file"
             raise InputError(f"no line has a field '{path}'; there are {listing(names)}{advice}")
-    return DecodedLines(rows, values, present, len(lines.texts) - rows.size, in_lines(reader.misfit, lines))
+    return replace(found, misfit=in_lines(found.misfit, lines))
 
 
 def in_lines(misfit: str, lines: JsonLines) -> str:

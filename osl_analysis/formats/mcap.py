@@ -8,7 +8,7 @@ import re
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -33,15 +33,12 @@ MESSAGE = np.dtype(
 )
 MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # within the content
 CHUNK_HEAD = struct.Struct("<QQQII")  # times of first and last message, size, checksum, length of the name
-INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 STATISTICS = struct.Struct("<Q14xI16xI")  # messages, chunks, bytes of the map of messages by channel
 NUMBERED = range(Opcode.HEADER, Opcode.DATA_END + 1)
 """Opcodes that the format defines. Records of higher ones are private or of a later version, and are skipped."""
 RESUME = re.compile(rb"[\x03-\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL)
 """Beginnings of records at which reading can go on after damage."""
 LOOSE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)  # records within a chunk, or in a file without chunks
-TWO_LOGS = "split them into two files there (`head -c`, `tail -c`) and give each a trial of its own"
-NOWHERE = np.empty(0, np.int64)
 
 
 class DamagedChunkError(Exception):
@@ -51,11 +48,15 @@ class DamagedChunkError(Exception):
 class Walk(NamedTuple):
     """The records that follow each other in a buffer."""
 
-    heads: NDArray[Any]  # heads of the messages, a structured array
+    heads: NDArray[Any]  # heads of the messages, of the type MESSAGE
     starts: Indices  # where their records begin [bytes]
     others: list[tuple[int, bytes]]  # opcode and content of the schemas and channels among them
     end: int  # end of the walk [bytes]: the end of the buffer, or the first bytes that are not a record
     unknown: int = 0  # records of opcodes that the format does not define, which were skipped
+
+    def counts(self) -> Counter[int]:
+        """How many messages each channel has."""
+        return Counter(self.heads["channel"].tolist())
 
 
 class ChunkHead(NamedTuple):
@@ -78,12 +79,12 @@ class Section:
     end: int
     walk: Walk | None = None  # the loose messages
     head: ChunkHead | None = None  # what a chunk declares of itself
-    indexes: list[tuple[int, NDArray[Any]]] = field(default_factory=list)
-    """Channel and entries of the message index records that follow a chunk."""
+    index: list[tuple[int, Indices]] = field(default_factory=list)
+    """Channel and places in the chunk of the messages that each message index behind it lists."""
 
     def indexed(self) -> Counter[int]:
         """How many messages of each channel its message indexes list."""
-        return sum((Counter({channel: entries.size}) for channel, entries in self.indexes), Counter())
+        return sum((Counter({channel: places.size}) for channel, places in self.index), Counter())
 
 
 @dataclass
@@ -144,7 +145,7 @@ class McapFile(MessageFile):
         if end <= len(data) and not self.data_end and is_disguised_chunk(data, start, end):
             opcode = Opcode.CHUNK
         if opcode in LOOSE:
-            walk = walk_records(data, position, len(data), in_chunk=False)
+            walk = walk_records(data, position)
             if walk.end > position:
                 if self.data_end:
                     self.described += walk.others
@@ -153,11 +154,6 @@ class McapFile(MessageFile):
                 return walk.end
         if end > len(data) or not self.is_sound(opcode, start, end):
             return self.take_lost(position)
-        self.take_record(opcode, start, end)
-        return int(end)
-
-    def take_record(self, opcode: int, start: int, end: int) -> None:
-        data = self.data
         if opcode == Opcode.CHUNK:
             if self.data_end:  # a chunk after the end of the data shows that this was not the end
                 self.refuse_second_log()
@@ -167,14 +163,14 @@ class McapFile(MessageFile):
         elif opcode == Opcode.MESSAGE_INDEX and not self.data_end:
             chunk = next((one for one in reversed(self.sections) if "chunk" in one.kind), None)
             if chunk is not None and (index := message_index(data, start, end)):
-                chunk.indexes.append(index)
+                chunk.index.append(index)
         elif opcode == Opcode.DATA_END and not self.data_end:
-            self.data_end, self.summary_begin = start - RECORD.size, end
+            self.data_end, self.summary_begin = position, end
             (expected,) = struct.unpack_from("<I", data, start)
             if expected:
                 self.data_crc = "right" if zlib.crc32(data[: self.data_end]) == expected else "wrong"
-        elif opcode == Opcode.HEADER and start > len(MAGIC) + RECORD.size and is_header(data, start, end):
-            raise RefusedFileError(f"holds two logs, the second from byte {start - RECORD.size} on: {TWO_LOGS}")
+        elif opcode == Opcode.HEADER and position > len(MAGIC) and is_header(data, start, end):
+            raise two_logs(position)
         elif opcode == Opcode.FOOTER:
             self.take_footer(start, end)
         elif opcode == Opcode.CHUNK_INDEX:
@@ -185,6 +181,7 @@ class McapFile(MessageFile):
             by_channel = Counter(dict(struct.iter_unpack("<HQ", entries))) if len(entries) % 10 == 0 else Counter()
             self.damage.declared_messages = messages
             self.damage.declared = by_channel if by_channel.total() == messages else None  # the map may be left empty
+        return int(end)
 
     def take_footer(self, start: int, end: int) -> None:
         """Check the summary, and that nothing follows.
@@ -195,15 +192,19 @@ class McapFile(MessageFile):
         data, after = self.data, end + len(MAGIC)
         if data[end:after] == MAGIC and len(data) > after:
             if data[after : after + len(MAGIC)] == MAGIC:
-                raise RefusedFileError(f"holds two logs, the second from byte {after} on: {TWO_LOGS}")
+                raise two_logs(after)
             raise RefusedFileError(
                 f"ends at byte {after} and has {len(data) - after} bytes after it; if they are nothing, keep what is "
                 f"before them (`head -c {after}`), else record again"
             )
         self.damage.finished = data[end:after] == MAGIC
         declared, _, expected = struct.unpack_from("<QQI", data, start)
-        if not self.summary_begin and declared and leads_to(data, declared, start - RECORD.size):
-            self.summary_begin = declared  # the end of the data is damaged
+        if not self.summary_begin and declared:  # the end of the data is damaged
+            place = declared
+            while place + RECORD.size < start:
+                place += RECORD.size + RECORD.unpack_from(data, place)[1]
+            if place + RECORD.size == start:
+                self.summary_begin = declared
         self.summary_damaged |= not self.summary_begin
         self.missing = declared - self.summary_begin if declared else 0
         if expected and not self.summary_damaged:
@@ -255,10 +256,10 @@ class McapFile(MessageFile):
         if opcode in (Opcode.DATA_END, Opcode.FOOTER):
             more = end - start - (4 if opcode == Opcode.DATA_END else 20)
             return more == 0 or (not exact and more > 0)
-        if opcode == Opcode.STATISTICS and end - start < STATISTICS.size:
+        if opcode == 0 or (opcode == Opcode.STATISTICS and end - start < STATISTICS.size):
             return False
-        if opcode == 0 or end == len(self.data) or self.data[end] in NUMBERED:
-            return opcode != 0
+        if end == len(self.data) or self.data[end] in NUMBERED:
+            return True
         if self.data[end] == 0 or end + RECORD.size > len(self.data):
             return False
         return bool(end + RECORD.size + RECORD.unpack_from(self.data, end)[1] <= len(self.data))
@@ -275,7 +276,7 @@ class McapFile(MessageFile):
             if start <= len(self.data):
                 opcode, length = RECORD.unpack_from(self.data, start - RECORD.size)
                 if opcode == Opcode.HEADER and is_header(self.data, start, start + length):
-                    raise RefusedFileError(f"holds two logs, the second from byte {place} on: {TWO_LOGS}")
+                    raise two_logs(place)
 
     # --- the messages
 
@@ -288,13 +289,22 @@ class McapFile(MessageFile):
             self.declare(one)
         untrusted = self.data_crc == "wrong" and not any("lost" in section.kind for section in self.sections)
         for section in self.sections:
-            walk = self.walk_of(section)
-            if walk is None:
+            buffer, found, covered = self.data, section.walk, False
+            if section.head is not None:
+                try:
+                    buffer, found = self.walk_of(section, section.head)
+                    covered = section.head.crc != 0
+                except DamagedChunkError as error:
+                    self.refuse_second_log()  # a cut chunk may reach into the next log
+                    self.lose(section, f"the chunk at byte {section.start} is damaged: it {error}")
+                    continue
+            if found is None:
+                what = "a damaged chunk" if "chunk" in section.kind else "not a readable record"
+                self.lose(section, f"{section.end - section.start} bytes from byte {section.start} on are {what}")
                 continue
-            buffer, found, covered = walk
             if untrusted and not covered:
                 text = f"the checksum of the data section does not match, and no other covers byte {section.start} on"
-                self.lose(section, text, counts_of(found))
+                self.lose(section, text, found.counts())
                 continue
             heads, starts = found.heads, found.starts + MESSAGE.itemsize
             lengths, logged = (heads[name].astype(np.int64) for name in ("length", "log_time"))
@@ -312,47 +322,34 @@ class McapFile(MessageFile):
                 damage.misfits.update(strangers.tolist())
                 text = "messages belong to channels that are not declared"
                 damage.remarks.append(f"{strangers.size} {text}, such as {strangers[0]}")
-                block = block.of(np.flatnonzero(known))
+                block = block.only(known)
             yield block
         self.declare_absent(spare)
         is_missed = (damage.declared_chunks or 0) > damage.chunks + damage.chunks_lost
         damage.uncounted |= damage.declared_messages is None and is_missed
 
-    def walk_of(self, section: Section) -> tuple[bytes, Walk, bool] | None:
-        """The buffer of a section, its records, and whether a checksum of their own covers them; None if lost."""
-        if section.walk is not None:
-            return self.data, section.walk, False
-        if section.head is None:
-            what = "a damaged chunk" if "chunk" in section.kind else "not a readable record"
-            self.lose(section, f"{section.end - section.start} bytes from byte {section.start} on are {what}")
-            return None
-        listed = [entries["offset"].astype(np.int64) for _, entries in section.indexes]
-        offsets = np.sort(np.concatenate([NOWHERE, *listed]), kind="stable")
-        try:
-            content = unpacked(self.data[section.head.begin : section.head.end], section.head.name, section.head.size)
-            if section.head.crc and zlib.crc32(content) != section.head.crc:
-                raise DamagedChunkError("does not match its checksum")
-            walk = walk_records(content, 0, len(content), in_chunk=True, listed=offsets)
-            if walk.end != len(content):
-                raise DamagedChunkError(f"holds no record at byte {walk.end} of its {len(content)} bytes")
-        except DamagedChunkError as error:
-            self.refuse_second_log()  # a cut chunk may reach into the next log
-            self.lose(section, f"the chunk at byte {section.start} is damaged: it {error}")
-            return None
-        checked, right = section.head.crc != 0, not section.indexes or np.array_equal(offsets, walk.starts)
+    def walk_of(self, section: Section, head: ChunkHead) -> tuple[bytes, Walk]:
+        """The content of a chunk and its records; raises DamagedChunkError."""
+        listed = [places for _, places in section.index]
+        offsets = np.sort(np.concatenate([np.empty(0, np.int64), *listed]), kind="stable")
+        content = unpacked(self.data[head.begin : head.end], head)
+        if head.crc and zlib.crc32(content) != head.crc:
+            raise DamagedChunkError("does not match its checksum")
+        walk = walk_records(content, 0, offsets)
+        if walk.end != len(content):
+            raise DamagedChunkError(f"holds no record at byte {walk.end} of its {len(content)} bytes")
         cut_off = section is self.sections[-1] and not self.damage.finished  # so is its index
-        if not right and not cut_off:
+        if section.index and not np.array_equal(offsets, walk.starts) and not cut_off:
             self.damage.remarks.append(f"the index of the chunk at byte {section.start} is wrong; the chunk was walked")
-        if not checked and walk.unknown:  # without a checksum a flipped opcode passes for a private one
-            lost = section.indexed() - counts_of(walk)
+        lost = section.indexed() - walk.counts() if not head.crc and walk.unknown else Counter()
+        if lost:  # without a checksum a flipped opcode passes for a private one
             text = f"{lost.total()} messages of the chunk at byte {section.start} are records of unknown opcodes"
-            if lost:
-                self.damage.lose(text, 0, lost, 0)
-        return content, walk, checked
+            self.damage.lose(text, 0, lost, 0)
+        return content, walk
 
     def lose(self, section: Section, remark: str, messages: Counter[int] | None = None) -> None:
         """Count a section as lost, with as many messages as its index lists; a lost index held none."""
-        if messages is None and (section.indexes or section.kind == "lost index"):
+        if messages is None and (section.index or section.kind == "lost index"):
             messages = section.indexed()
         self.damage.lose(remark, section.end - section.start, messages, int("chunk" in section.kind))
 
@@ -392,17 +389,31 @@ def read_mcap(path: Path) -> McapFile:
     return opened
 
 
-def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool, listed: Indices = NOWHERE) -> Walk:
-    """Walk from record to record, in a chunk past opcodes that the format does not define, to what is no record.
+def two_logs(place: int) -> RefusedFileError:
+    return RefusedFileError(
+        f"holds two logs, the second from byte {place} on: split them into two files there (`head -c`, `tail -c`) and "
+        "give each a trial of its own"
+    )
 
-    `listed` is where messages may be, in order. Where they follow each other, the walk leaps over them.
+
+def walk_records(buffer: bytes, begin: int, listed: Indices | None = None) -> Walk:
+    """Walk from record to record to what is no record; in a chunk past opcodes that the format does not define.
+
+    In a chunk, `listed` is where messages may be, in order. Where they follow each other without a gap, the walk leaps
+    over them.
     """
-    stop = leap_over(buffer, listed, end)
-    found, others = list[Indices](), list[tuple[int, bytes]]()
-    messages, unknown, position = list[int](), 0, begin
+    leap, others, unknown, position, end = 0, list[tuple[int, bytes]](), 0, begin, len(buffer)
+    if listed is not None and listed.size and listed[0] >= 0 and listed[-1] <= end - MESSAGE.itemsize:
+        heads = message_heads(buffer, listed)
+        lengths = heads["length"].astype(np.int64)  # what is too large becomes negative
+        stops = listed + RECORD.size + lengths
+        are_messages = (heads["opcode"] == Opcode.MESSAGE).all() and lengths.min() >= MESSAGE_HEAD
+        if are_messages and (stops[:-1] == listed[1:]).all() and max(lengths.max(), stops.max()) <= end:
+            leap = int(stops[-1])
+    found, messages = list[Indices](), list[int]()
     while position + RECORD.size <= end:
-        if stop and position == listed[0]:
-            found, messages, position = [np.array(messages, np.int64), listed], [], stop
+        if leap and listed is not None and position == listed[0]:
+            found, messages, position = [np.array(messages, np.int64), listed], [], leap
             continue
         opcode, length = RECORD.unpack_from(buffer, position)
         start = position + RECORD.size
@@ -412,7 +423,7 @@ def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool, listed:
             messages.append(position)
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and not is_disguised_chunk(buffer, start, start + length):
             others.append((opcode, buffer[start : start + length]))
-        elif in_chunk and opcode not in NUMBERED and opcode:
+        elif listed is not None and opcode not in NUMBERED and opcode:
             unknown += 1
         else:
             break
@@ -421,26 +432,10 @@ def walk_records(buffer: bytes, begin: int, end: int, *, in_chunk: bool, listed:
     return Walk(message_heads(buffer, starts), starts, others, position, unknown)
 
 
-def leap_over(buffer: bytes, listed: Indices, end: int) -> int:
-    """Where listed messages that follow each other without a gap end; 0 where the list is wrong or has gaps."""
-    if not listed.size or listed[0] < 0 or listed[-1] > end - MESSAGE.itemsize:
-        return 0
-    heads = message_heads(buffer, listed)
-    lengths = heads["length"].astype(np.int64)  # what is too large becomes negative
-    stops = listed + RECORD.size + lengths
-    are_messages = (heads["opcode"] == Opcode.MESSAGE).all() and lengths.min() >= MESSAGE_HEAD
-    follow = (stops[:-1] == listed[1:]).all() and max(lengths.max(), stops.max()) <= end
-    return int(stops[-1]) if are_messages and follow else 0
-
-
 def message_heads(buffer: bytes, starts: Indices) -> NDArray[Any]:
     if not starts.size:
         return np.empty(0, MESSAGE)
     return numbers_at(buffer, starts, np.dtype(f"V{MESSAGE.itemsize}")).view(MESSAGE)  # bytes are taken fastest
-
-
-def counts_of(walk: Walk) -> Counter[int]:
-    return Counter(walk.heads["channel"].tolist())
 
 
 def chunk_head(data: bytes, start: int, end: int) -> ChunkHead | None:
@@ -458,15 +453,6 @@ def chunk_head(data: bytes, start: int, end: int) -> ChunkHead | None:
     return ChunkHead(size, crc, data[begin - 8 - length : begin - 8], begin, stop) if stop <= end else None
 
 
-Unpackers = Mapping[bytes, Callable[[bytes, int], bytes]]
-"""How to unpack bytes into the declared number of bytes, by the name of a compression; the first is none."""
-UNPACKERS: Unpackers = {
-    b"": lambda packed, _: packed,
-    b"zstd": lambda packed, size: zstandard.ZstdDecompressor().decompress(packed, size) if size else b"",
-    b"lz4": lambda packed, _: lz4.frame.LZ4FrameDecompressor().decompress(packed),
-}
-
-
 def is_disguised_chunk(data: bytes, start: int, end: int) -> bool:
     """Whether a record whose opcode a flipped bit may have changed holds a chunk: names and lengths leave no doubt."""
     head = chunk_head(data, start, end)
@@ -475,36 +461,34 @@ def is_disguised_chunk(data: bytes, start: int, end: int) -> bool:
     return head.name in (b"zstd", b"lz4") or (head.name == b"" and head.size == end - head.begin > 0)
 
 
-def unpacked(packed: bytes, name: bytes, size: int, unpackers: Unpackers = UNPACKERS) -> bytes:
-    """The content of a chunk, which must be of the declared size. `name` is its compression."""
-    if name not in unpackers:
-        read = " and ".join([one.decode() for one in unpackers][1:])
-        raise DamagedChunkError(f"says it is compressed with {name[:20].decode('latin1')!a}; {read} are read")
+def unpacked(packed: bytes, head: ChunkHead) -> bytes:
+    """The content of a chunk, which must be of the declared size; raises DamagedChunkError."""
     try:
-        content = unpackers[name](packed, size)
+        if head.name == b"zstd":
+            content = zstandard.ZstdDecompressor().decompress(packed, head.size) if head.size else b""
+        elif head.name == b"lz4":
+            content = lz4.frame.LZ4FrameDecompressor().decompress(packed)
+        elif head.name == b"":
+            content = packed
+        else:
+            name = head.name[:20].decode("latin1")
+            raise DamagedChunkError(f"says it is compressed with {name!a}; zstd and lz4 are read")
     except (zstandard.ZstdError, OSError, RuntimeError, EOFError, ValueError, MemoryError, OverflowError) as error:
         raise DamagedChunkError(f"cannot be decompressed ({' '.join(str(error).split())})") from error
-    if len(content) != size:
-        raise DamagedChunkError(f"holds {len(content)} of {size} bytes")
+    if len(content) != head.size:
+        raise DamagedChunkError(f"holds {len(content)} of {head.size} bytes")
     return content
 
 
-def message_index(data: bytes, start: int, end: int, *, exact: bool = False) -> tuple[int, NDArray[Any]] | None:
-    """Channel and entries of a message index, the content of a record; None if they do not fit in, or fill it if
-    `exact`."""
+def message_index(data: bytes, start: int, end: int, *, exact: bool = False) -> tuple[int, Indices] | None:
+    """Channel and places of the messages of an index, the content of a record; None if they do not fit in, or fill it
+    if `exact`."""
     if end - start < 6:
         return None
     channel, size = struct.unpack_from("<HI", data, start)
-    if size % INDEX_ENTRY.itemsize or size > end - start - 6 or (exact and size < end - start - 6):
+    if size % 16 or size > end - start - 6 or (exact and size < end - start - 6):
         return None
-    return channel, np.frombuffer(data, INDEX_ENTRY, size // INDEX_ENTRY.itemsize, start + 6)
-
-
-def leads_to(data: bytes, position: int, footer: int) -> bool:
-    """Whether the records from a position on lead to the footer."""
-    while position + RECORD.size <= footer:
-        position += RECORD.size + RECORD.unpack_from(data, position)[1]
-    return position == footer
+    return channel, np.frombuffer(data, "<i8", size // 8, start + 6)[1::2]  # log time and place of each message
 
 
 def is_header(data: bytes, start: int, end: int) -> bool:

@@ -1,7 +1,8 @@
-"""Fields of messages as columns of numbers: ROS's own encodings by shape, JSON and protobuf one by one.
+"""Fields of messages as columns of numbers, by the messages' shapes, in every encoding: CDR, ROS 1, JSON, protobuf.
 
 A walk through one ROS message finds where its numbers stand. They stand in the same places in all messages of its
 *shape*: of the same length and with the same bytes where it says how long its strings and sequences are (its *guards*).
+JSON and protobuf become objects one by one; those with numbers in the same fields are of one shape.
 
 A path is dotted: `variables.ankle_angle`, `position[0]`, `position[name=ankle]` (the element at the place of `ankle` in
 the array `name` beside it). A name that has a dot or a bracket in it stands in brackets and double quotes, written as
@@ -12,10 +13,10 @@ import json
 import re
 import struct
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.records import Channel, Schema
@@ -23,63 +24,39 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 
-PATH_PART = re.compile(
-    r"(?P<name>[^.\[\]]+)|\[(?P<quoted>\"(?:[^\"\\]|\\.)*\")\]|\[(?P<index>\d+)\]|\[(?P<names>\w+)=(?P<one>[^\]]+)\]|\."
-)
-ENCODINGS = (("cdr", "ros2msg"), ("ros1", "ros1msg"), ("protobuf", "protobuf"))  # of messages and schema; JSON: none
-NOT_DEFINED = "not defined"
-"""Key in a channel's metadata under which a reader says why the channel has no schema, and what to do."""
-
 Indices = NDArray[np.int64]
 Values = dict[str, NDArray[Any]]
-Key = str | int | tuple[str, str]
-"""Name of a field, index in an array, or the array of names beside it with the wanted name."""
 
 
 class NoNumberError(ValueError):
     """Something else than a number stands in a wanted field."""
 
 
-class Columns(NamedTuple):
-    """The wanted fields of those messages of a channel that can be used."""
+@dataclass(frozen=True)
+class Columns:
+    """The wanted fields of those messages, or lines, that can be used."""
 
-    rows: Indices  # their places among all of its messages, (n,), in any order
+    rows: Indices  # their places among all, (n,)
     values: Values  # numbers (n,) by path, in the type of the message
     present: dict[str, NDArray[np.bool_]]  # whether the message has the field, (n,) by path
+    misfits: int = 0  # how many cannot be used
+    misfit: str = ""  # what is wrong with the first of these
 
 
-@dataclass(frozen=True)
-class FieldDescription:
-    """A number in a message, or an array of numbers, for a user who writes a source file."""
+# --- paths
 
-    path: str  # dotted path; of an array of messages it passes element 0
-    type: str  # type of the number, such as float64 or bool
-    length: int | None = None  # number of elements in the inspected message; None for a single number
-    labels: tuple[str, ...] = ()
-    """The array's elements by label, such as `name=ankle`; empty where no array of text beside it names them."""
-
-    def addresses(self) -> list[str]:
-        """The paths of single numbers: every labelled element, or else element 0."""
-        if self.length is None:
-            return [self.path]
-        return [f"{self.path}[{label}]" for label in self.labels] or [f"{self.path}[0]"]
-
-
-def array_labels(path: str, length: int | None, texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-    """Labels of an array's elements, from an array of as many different texts beside it in the message."""
-    parent = path.rpartition(".")[0]
-    for array, names in texts.items():
-        beside, _, name = array.rpartition(".")
-        is_beside = beside == parent and re.fullmatch(r"\w+", name)
-        if is_beside and len(names) == length == len(set(names)) and all(one and "]" not in one for one in names):
-            return tuple(f"{name}={one}" for one in names)
-    return ()
+PATH_PART = re.compile(
+    r"(?P<name>[^.\[\]]+)|\[(?P<quoted>\"(?:[^\"\\]|\\.)*\")\]|\[(?P<index>\d+)\]|\[(?P<names>\w+)=(?P<one>[^\]]+)\]|\."
+)
 
 
 @cache
-def steps_of(path: str) -> tuple[tuple[Key, str], ...]:
-    """The steps to a field, each with the way that leads to it."""
-    steps: list[tuple[Key, str]] = []
+def steps_of(path: str) -> tuple[tuple[str | int | tuple[str, str], str], ...]:
+    """The steps to a field, each with the way that leads to it.
+
+    A step is a name, an index, or the array of names beside an array with the wanted one of them.
+    """
+    steps: list[tuple[str | int | tuple[str, str], str]] = []
     for part in PATH_PART.finditer(path):
         way = path[: part.start()].rstrip(".")
         if part["names"] is not None:
@@ -108,6 +85,140 @@ def last_name(path: str) -> str:
     return next((key for key, _ in reversed(steps_of(path)) if isinstance(key, str)), path)
 
 
+def array_labels(path: str, length: int | None, texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """Labels of an array's elements, from an array of as many different texts beside it in the message."""
+    parent = path.rpartition(".")[0]
+    for array, names in texts.items():
+        beside, _, name = array.rpartition(".")
+        is_beside = beside == parent and re.fullmatch(r"\w+", name)
+        if is_beside and len(names) == length == len(set(names)) and all(one and "]" not in one for one in names):
+            return tuple(f"{name}={one}" for one in names)
+    return ()
+
+
+@dataclass(frozen=True)
+class FieldDescription:
+    """A number in a message, or an array of numbers, for a user who writes a source file."""
+
+    path: str  # dotted path; of an array of messages it passes element 0
+    type: str  # type of the number, such as float64 or bool
+    length: int | None = None  # number of elements in the inspected message; None for a single number
+    labels: tuple[str, ...] = ()  # the array's elements, such as `name=ankle`, where an array of text beside it tells
+
+    def addresses(self) -> list[str]:
+        """The paths of single numbers: every labelled element, or else element 0."""
+        if self.length is None:
+            return [self.path]
+        return [f"{self.path}[{label}]" for label in self.labels] or [f"{self.path}[0]"]
+
+
+# --- readers of one channel
+
+
+@dataclass
+class Reader:
+    """Reads the wanted fields of a channel's messages, block by block."""
+
+    paths: Sequence[str]  # each once
+    count: int = 0  # messages so far
+    misfit: str = ""  # what is wrong with the first message that is not what its type says
+    no_numbers: int = 0  # messages that are lost since they have something else than a number
+    one_by_one: int = 0  # messages that were read one by one
+    parts: list[tuple[Indices, Values]] = field(default_factory=list)
+    """Places of messages of one shape, ascending, and the numbers that they have, by path."""
+
+    def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
+        """Take in messages that begin at `starts` [bytes]; NoNumberError if a wanted field is a number in none."""
+        raise NotImplementedError
+
+    def columns(self, rank: Indices | None = None) -> Columns:
+        """What was read, in the order of `rank`, which all messages have, (count,); without it as it was read.
+
+        A message with a truth value where others have a number is a misfit: joined, `True` would become 1.
+        """
+        kinds = {
+            path: {values[path].dtype == bool for _, values in self.parts if path in values} for path in self.paths
+        }
+        sound, lost = list[tuple[Indices, Values]](), list[tuple[int, str, bool]]()
+        for rows, values in self.parts:
+            wrong = [path for path in values if len(kinds[path]) > 1 and values[path].dtype == bool]
+            if wrong:
+                lost.append((int(rows[0]), min(wrong), bool(values[min(wrong)][0])))
+            else:
+                sound.append((rows, values))
+        if lost and not self.misfit:
+            row, path, value = min(lost)
+            self.misfit = f"field '{path}' is {str(value).lower()}, not a number as elsewhere, in message {row + 1}"
+        rows = np.concatenate([np.empty(0, np.int64), *(rows for rows, _ in sound)])
+        order = np.argsort(rows if rank is None else rank[rows], kind="stable")
+        in_order = slice(None) if (np.diff(order) == 1).all() else order
+        columns = Columns(rows[in_order], {}, {}, self.count - rows.size, self.misfit)
+        none = np.empty(0, bool)
+        for path in self.paths:
+            found = [values.get(path, np.zeros(rows.size, bool)) for rows, values in sound]
+            there = [np.full(rows.size, path in values) for rows, values in sound]
+            columns.values[path] = joined_numbers([none, *found])[in_order]
+            columns.present[path] = np.concatenate([none, *there])[in_order]
+        return columns
+
+
+def joined_numbers(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Numbers one after the other, in one type that holds them all; numpy would make floats of signed and unsigned."""
+    if {one.dtype.kind for one in pieces} - {"b"} == {"i", "u"} and all((one >= 0).all() for one in pieces):
+        return np.concatenate([one.astype(np.uint64) for one in pieces])
+    return np.concatenate(pieces)
+
+
+def reader_of(channel: Channel, schema: Schema | None, paths: Sequence[str]) -> Reader:
+    """A reader of the fields at `paths`; InputError if the channel's encoding or schema cannot be read."""
+    check_encoding(channel, schema)
+    if channel.message_encoding == "json" or schema is None:
+        return json_reader(paths)
+    try:
+        if channel.message_encoding == "protobuf":
+            return ObjectReader(paths, decode=protobuf_decoder(schema))
+        return ShapeReader(paths, kind=message_type(schema, ros1=channel.message_encoding == "ros1"))
+    except InputError as error:
+        raise InputError(
+            f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions that its "
+            "publisher was built with, or map another topic"
+        ) from error
+
+
+NOT_DEFINED = "not defined"
+"""Key in a channel's metadata under which a reader says why the channel has no schema, and what to do."""
+
+
+def check_encoding(channel: Channel, schema: Schema | None) -> None:
+    encoding = (channel.message_encoding, schema.encoding if schema else "no schema")
+    if NOT_DEFINED in channel.metadata:
+        raise InputError(f"topic '{channel.topic}': {channel.metadata[NOT_DEFINED]}")
+    known = (("cdr", "ros2msg"), ("ros1", "ros1msg"), ("protobuf", "protobuf"))
+    if encoding not in known and channel.message_encoding != "json":
+        raise InputError(
+            f"topic '{channel.topic}' is encoded as {encoding[0]} ({encoding[1]}); read are cdr (ros2msg), ros1 "
+            "(ros1msg), protobuf (protobuf) and json: convert the log"
+        )
+
+
+def describe_message(channel: Channel, schema: Schema | None, payload: bytes | None) -> list[FieldDescription]:
+    """The fields of a channel's message; without a message, the fields of its schema. ValueError as `reader_of`."""
+    check_encoding(channel, schema)
+    if channel.message_encoding == "json" or schema is None:
+        return [] if payload is None else list(described(json.loads(payload)))
+    if channel.message_encoding == "protobuf":
+        return list(described(protobuf_decoder(schema)(payload or b"")))
+    shape = shape_of(message_type(schema, ros1=channel.message_encoding == "ros1"), payload)
+    texts: dict[str, list[str]] = defaultdict(list)
+    for path in shape.texts:
+        texts[path.rpartition("[")[0]].append(shape.text_at(path).decode(errors="replace"))
+    return [
+        FieldDescription(path, np.dtype(leaf.dtype).name, leaf.length, array_labels(path, leaf.length, texts))
+        for path, leaf in shape.leaves.items()
+        if not re.search(r"\[(?!0\])\d+\]", path)  # of an array of messages the first one tells
+    ]
+
+
 # --- types of ROS
 
 PRIMITIVES = {
@@ -116,10 +227,8 @@ PRIMITIVES = {
 }  # fmt: skip
 """Types in numpy's spelling. rosidl maps `char` to uint8: design.ros2.org/articles/legacy_interface_definition.html."""
 FIELD = re.compile(r"(?P<type>[A-Za-z][\w/]*)(<=\d+)?(?P<array>\[(?P<bound><=)?(?P<size>\d*)\])?\s+(?P<name>\w+)")
-ROS1_TYPE = re.compile(r"^([ \t]*)(time|duration|Header|byte)(?=(?:\[\d*\])?[ \t]+\w)", re.MULTILINE)
 ROS1_AS_ROS2 = {"time": "ros1/Time", "duration": "ros1/Duration", "Header": "std_msgs/Header", "byte": "int8"}
 """What the types that ROS 2 does not have, or means otherwise, are (wiki.ros.org/msg)."""
-ROS1_STAMPS = "\n===\nMSG: ros1/Time\nuint32 secs\nuint32 nsecs\n===\nMSG: ros1/Duration\nint32 secs\nint32 nsecs\n"
 
 
 class MessageField(NamedTuple):
@@ -127,8 +236,7 @@ class MessageField(NamedTuple):
 
     name: str
     type: str  # a primitive, a string or `package/Name`
-    array: int | Literal["sequence"] | None = None
-    """Length of an array of fixed size, "sequence" where the length is in the message, None for no array."""
+    array: int | None = None  # length of an array, -1 where it is in the message; None for no array
 
 
 class MessageType(NamedTuple):
@@ -139,49 +247,46 @@ class MessageType(NamedTuple):
     ros1: bool  # little-endian, not aligned, no zero at the end of strings (wiki.ros.org/msg)
 
 
-def message_type(schema: Schema, *, ros1: bool) -> MessageType:
-    """The type that a schema in ros2msg or ros1msg defines; InputError if it cannot be read."""
-    text = schema.data.decode(errors="replace")
-    if ros1:
-        text = ROS1_TYPE.sub(lambda match: match[1] + ROS1_AS_ROS2[match[2]], text) + ROS1_STAMPS
-    stamp = [MessageField("sec", "int32"), MessageField("nanosec", "uint32")]
-    definitions = {"builtin_interfaces/Time": stamp, "builtin_interfaces/Duration": stamp}
-    for number, part in enumerate(re.split(r"^={3,}\s*$", text, flags=re.MULTILINE)):
-        head = re.match(r"\s*MSG:\s*(\S+)[ \t]*$", part, re.MULTILINE) if number else None
-        if number and not head:
-            raise InputError(f"schema {schema.name}: a line 'MSG: package/Name' is missing after a separator")
-        name = short_name(head[1] if head else schema.name)
-        definitions[name] = list(parse_fields(name, part[head.end() :] if head else part))
-    for name, fields in definitions.items():
-        for number, one in enumerate(fields):
-            if one.name in [other.name for other in fields[:number]]:
-                raise InputError(f"schema {name}: field '{one.name}' is defined twice")
-            if one.type not in definitions and one.type not in (*PRIMITIVES, "string", "wstring"):
-                raise InputError(f"schema {name}: type '{one.type}' of field '{one.name}' is not defined")
-    return MessageType(short_name(schema.name), definitions, ros1)
-
-
-def parse_fields(owner: str, body: str) -> Iterator[MessageField]:
-    """The fields of one definition, without comments, constants and default values."""
-    for raw in body.splitlines():
-        line = raw.split("#")[0].strip()
-        match = FIELD.match(line)
-        if line and not match:
-            raise InputError(f"schema {owner}: cannot read the line '{line[:60]}'; expected a type and a name")
-        if not match or line[match.end() :].lstrip().startswith("="):
-            continue
-        kind, array = match["type"], None
-        if kind not in (*PRIMITIVES, "string", "wstring"):  # a bare name belongs to the package that uses it
-            kind = short_name(kind) if "/" in kind else f"{owner.split('/')[0]}/{kind}"
-        if match["array"] is not None:
-            array = int(match["size"]) if match["size"] and not match["bound"] else "sequence"
-        yield MessageField(match["name"], kind, array)  # type: ignore[arg-type]
-
-
 def short_name(name: str) -> str:
     """`package/msg/Name` as `package/Name`."""
     parts = name.split("/")
     return f"{parts[0]}/{parts[-1]}"
+
+
+def message_type(schema: Schema, *, ros1: bool) -> MessageType:
+    """The type that a schema in ros2msg or ros1msg defines; InputError if it cannot be read."""
+    text = schema.data.decode(errors="replace")
+    stamp = [MessageField("sec", "int32"), MessageField("nanosec", "uint32")]
+    definitions = {"builtin_interfaces/Time": stamp, "builtin_interfaces/Duration": stamp}
+    if ros1:
+        for name, seconds in (("ros1/Time", "uint32"), ("ros1/Duration", "int32")):
+            definitions[name] = [MessageField("secs", seconds), MessageField("nsecs", seconds)]
+    for number, part in enumerate(re.split(r"^={3,}\s*$", text, flags=re.MULTILINE)):
+        head = re.match(r"\s*MSG:\s*(\S+)[ \t]*$", part, re.MULTILINE) if number else None
+        if number and not head:
+            raise InputError(f"schema {schema.name}: a line 'MSG: package/Name' is missing after a separator")
+        owner = short_name(head[1] if head else schema.name)
+        fields = definitions[owner] = list[MessageField]()
+        for raw in part[head.end() if head else 0 :].splitlines():
+            line = raw.split("#")[0].strip()
+            match = FIELD.match(line)
+            if line and not match:
+                raise InputError(f"schema {owner}: cannot read the line '{line[:60]}'; expected a type and a name")
+            if not match or line[match.end() :].lstrip().startswith("="):  # a constant
+                continue
+            kind, array = ROS1_AS_ROS2.get(match["type"], match["type"]) if ros1 else match["type"], None
+            if kind not in (*PRIMITIVES, "string", "wstring"):  # a bare name belongs to the package that uses it
+                kind = short_name(kind) if "/" in kind else f"{owner.split('/')[0]}/{kind}"
+            if match["array"] is not None:
+                array = int(match["size"]) if match["size"] and not match["bound"] else -1
+            if match["name"] in [one.name for one in fields]:
+                raise InputError(f"schema {owner}: field '{match['name']}' is defined twice")
+            fields.append(MessageField(match["name"], kind, array))
+    for owner, fields in definitions.items():
+        for one in fields:
+            if one.type not in definitions and one.type not in (*PRIMITIVES, "string", "wstring"):
+                raise InputError(f"schema {owner}: type '{one.type}' of field '{one.name}' is not defined")
+    return MessageType(short_name(schema.name), definitions, ros1)
 
 
 # --- messages of ROS, by their shapes
@@ -189,92 +294,32 @@ def short_name(name: str) -> str:
 Messages = np.ndarray[tuple[int], np.dtype[np.void]]  # messages of one length, one after the other
 
 
-@dataclass(frozen=True)
-class Leaf:
+class Leaf(NamedTuple):
     """A number, or an array of numbers, in the messages of one shape."""
 
     offset: int  # first byte in the message
     dtype: str  # type of the number in numpy's spelling, with its byte order; `?` for a bool
-    count: int | None = None  # length of the array; None for a single number
+    length: int | None = None  # length of the array; None for a single number
 
 
 @dataclass
 class Shape:
-    """Where the numbers of a message are, which a walk through one finds, and how to read those of its likes."""
+    """Where the numbers of a message are, and how to read those of its likes."""
 
-    payload: bytes
-    kind: MessageType
-    order: str = "<"  # byte order, as `struct` spells it
-    position: int = 0
-    leaves: dict[str, Leaf] = field(default_factory=dict)  # the numbers by path
-    texts: dict[str, range] = field(default_factory=dict)  # extents of the strings in arrays of strings, by path
-    guards: list[range] = field(default_factory=list)
-    """Extents of the bytes that another message must share to have the same shape."""
+    payload: bytes  # the message
+    leaves: dict[str, Leaf] = field(default_factory=dict)  # its numbers by path
+    texts: dict[str, slice] = field(default_factory=dict)  # extents of the strings in arrays of strings, by path
+    guards: list[slice] = field(default_factory=list)  # extents of the bytes that another message must share
     wanted: dict[str, Leaf] = field(default_factory=dict)  # the numbers to read, by path
 
-    def align(self, size: int) -> None:
-        """Go on to the next multiple of `size` bytes, counted from the encapsulation header's end."""
-        if not self.kind.ros1:
-            self.position += (4 - self.position) % size
-
-    def length(self) -> int:
-        """Read the length of a string or a sequence; its bytes become guards."""
-        self.align(4)
-        if self.position + 4 > len(self.payload):
-            raise self.too_short()
-        (value,) = struct.unpack_from(f"{self.order}I", self.payload, self.position)
-        self.guards.append(range(self.position, self.position + 4))
-        self.position += 4
-        return int(value)
-
-    def walk(self, name: str, prefix: str = "") -> None:
-        """Walk the fields of the message type `name`; one without fields has a byte in CDR."""
-        fields = self.kind.definitions[name]
-        self.position += not fields and not self.kind.ros1
-        for item in fields:
-            path = f"{prefix}{item.name}"
-            if item.type == "wstring":
-                raise InputError(f"field '{path}' is a wstring, which has no portable encoding; record it as string")
-            number = PRIMITIVES.get(item.type)
-            size = np.dtype(number).itemsize if number else 4 if item.type == "string" else 1  # at least
-            count = self.length() if item.array == "sequence" else 1 if item.array is None else item.array
-            if item.array is not None and count * size > len(self.payload) - self.position:
-                raise self.too_short()  # a damaged length would make a loop without end
-            if number:
-                if count:
-                    self.align(size)
-                self.leaves[path] = Leaf(self.position, self.order + number, None if item.array is None else count)
-                self.position += count * size
-                continue
-            for index in range(count):
-                own = path if item.array is None else f"{path}[{index}]"
-                if item.type != "string":
-                    self.walk(item.type, f"{own}.")
-                    continue
-                length = self.length()
-                if item.array is not None:
-                    self.texts[own] = range(self.position, self.position + length)
-                self.position += length
-
-    def too_short(self) -> InputError:
-        return InputError(
-            f"a message of {len(self.payload)} bytes is too short for its schema; the schema is not its own"
-        )
-
     def text_at(self, path: str) -> bytes:
-        extent = self.texts[path]
-        return self.payload[extent.start : extent.stop].rstrip(b"\0")
-
-    def want(self, paths: Sequence[str]) -> "Shape":
-        """Read the fields at `paths`, as far as the message has them."""
-        self.wanted = {path: leaf for path in paths if (leaf := self.leaf_at(path))}
-        return self
+        return self.payload[self.texts[path]].rstrip(b"\0")
 
     def leaf_at(self, path: str) -> Leaf | None:
         """The single number at `path`; None where the message lacks the field or its array is too short."""
         leaf = self.leaves.get(path)
-        if leaf is not None and leaf.count is not None:
-            raise NoNumberError(f"field '{path}' is an array of {leaf.count}, not one number")
+        if leaf is not None and leaf.length is not None:
+            raise NoNumberError(f"field '{path}' is an array of {leaf.length}, not one number")
         if leaf is not None or not steps_of(path):
             return leaf
         key, way = steps_of(path)[-1]
@@ -285,7 +330,7 @@ class Shape:
                 if self.text_at(text) == key[1].encode():
                     return self.leaf_at(f"{way}[{text.removeprefix(names)}")
         array = self.leaves.get(way)
-        if not isinstance(key, int) or array is None or array.count is None or key >= array.count:
+        if not isinstance(key, int) or array is None or array.length is None or key >= array.length:
             return None
         return Leaf(array.offset + key * np.dtype(array.dtype).itemsize, array.dtype)
 
@@ -293,8 +338,9 @@ class Shape:
         """Which messages of this length have this shape, (messages,)."""
         same = np.ones(messages.size, bool)
         for guard in self.guards:
-            kind = np.dtype({2: "u2", 4: "u4"}.get(len(guard), f"S{len(guard)}"))
-            if len(guard):
+            length = guard.stop - guard.start
+            kind = np.dtype({2: "u2", 4: "u4"}.get(length, f"S{length}"))
+            if length:
                 same &= members_at(messages, guard.start, kind) == np.frombuffer(self.payload, kind, 1, guard.start)
         return same
 
@@ -308,35 +354,82 @@ class Shape:
         return values
 
 
-def shape_of(kind: MessageType, payload: bytes | None) -> Shape:
-    """The shape of one message; without one, that of zeros, whose strings and sequences are empty."""
+def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()) -> Shape:
+    """The shape of one message, to read the fields at `paths`, as far as it has them.
+
+    Without a message, the shape of zeros, whose strings and sequences are empty. InputError if the message is not what
+    its type says, NoNumberError if a field is no single number.
+    """
+    begin = 0 if kind.ros1 else 4
+    data = bytes((0, not kind.ros1)) + bytes(1 << 16) if payload is None else payload
+    if not kind.ros1 and (len(data) < 4 or data[0] != 0 or data[1] > 1):
+        raise InputError(f"encapsulation {data[:4].hex()} is not plain CDR; record with the default encoding")
+    order, position, shape = "<" if kind.ros1 or data[1] else ">", begin, Shape(data, guards=[slice(0, begin // 2)])
+    too_short = InputError(f"a message of {len(data)} bytes is too short for its schema; the schema is not its own")
+
+    def align(size: int) -> None:
+        nonlocal position
+        if not kind.ros1:
+            position += (begin - position) % size
+
+    def length() -> int:
+        """Read the length of a string or a sequence; its bytes become guards."""
+        nonlocal position
+        align(4)
+        if position + 4 > len(data):
+            raise too_short
+        position += 4
+        shape.guards.append(slice(position - 4, position))
+        return int(struct.unpack_from(f"{order}I", data, position - 4)[0])
+
+    def walk(name: str, prefix: str) -> None:
+        nonlocal position
+        fields = kind.definitions[name]
+        position += not fields and not kind.ros1  # one without fields has a byte in CDR
+        for item in fields:
+            path = f"{prefix}{item.name}"
+            if item.type == "wstring":
+                raise InputError(f"field '{path}' is a wstring, which has no portable encoding; record it as string")
+            number = PRIMITIVES.get(item.type)
+            size = np.dtype(number).itemsize if number else 4 if item.type == "string" else 1  # at least
+            count = 1 if item.array is None else length() if item.array < 0 else item.array
+            if item.array is not None and count * size > len(data) - position:
+                raise too_short  # a damaged length would make a loop without end
+            if number:
+                if count:
+                    align(size)
+                shape.leaves[path] = Leaf(position, order + number, None if item.array is None else count)
+                position += count * size
+                continue
+            for index in range(count):
+                own = path if item.array is None else f"{path}[{index}]"
+                if item.type != "string":
+                    walk(item.type, f"{own}.")
+                    continue
+                size = length()
+                if item.array is not None:
+                    shape.texts[own] = slice(position, position + size)
+                position += size
+
+    walk(kind.name, "")
     if payload is None:
-        empty = Shape(bytes((0, not kind.ros1, 0, 0)) + bytes(1 << 16), kind, position=0 if kind.ros1 else 4)
-        empty.walk(kind.name)
-        return empty
-    if kind.ros1:
-        shape = Shape(payload, kind)
-        shape.walk(kind.name)
-        if shape.position != len(payload):
-            raise InputError(
-                f"a message of {len(payload)} bytes has {shape.position} by its definition, which is not its own; "
-                "record the bag again with the definitions that its publisher was built with"
-            )
         return shape
-    if len(payload) < 4 or payload[0] != 0 or payload[1] > 1:
-        raise InputError(f"encapsulation {payload[:4].hex()} is not plain CDR; record with the default encoding")
-    shape = Shape(payload, kind, "<" if payload[1] else ">", 4, guards=[range(2)])
-    shape.walk(kind.name)
-    if shape.position > len(payload):
-        raise shape.too_short()
-    left = payload[shape.position :]
+    if kind.ros1 and position != len(data):
+        raise InputError(
+            f"a message of {len(data)} bytes has {position} by its definition, which is not its own; "
+            "record the bag again with the definitions that its publisher was built with"
+        )
+    if position > len(data):
+        raise too_short
+    left = data[position:]
     if len(left) > (7 if not left.strip(b"\0") else 3):  # DDS pads to four bytes of any content (RTPS 2.5, 9.4.1)
         raise InputError(
-            f"a message of {len(payload)} bytes has {len(left)} more than its schema describes; the schema is not its "
+            f"a message of {len(data)} bytes has {len(left)} more than its schema describes; the schema is not its "
             "own: record the log again with the definitions that its publisher was built with"
         )
     if len(left) > 3:  # to eight bytes, of zeros
-        shape.guards.append(range(shape.position, len(payload)))
+        shape.guards.append(slice(position, len(data)))
+    shape.wanted = {path: leaf for path in paths if (leaf := shape.leaf_at(path))}
     return shape
 
 
@@ -356,28 +449,8 @@ def messages_at(buffer: bytes, starts: Indices, length: int) -> Messages:
 
 def members_at(messages: Messages, offset: int, kind: np.dtype[Any]) -> NDArray[Any]:
     """A view of the numbers of one type at a place [bytes] in each message, (messages,)."""
-    itemsize = messages.itemsize
-    return messages.view(np.dtype({"names": ["it"], "formats": [kind], "offsets": [offset], "itemsize": itemsize}))[
-        "it"
-    ]
-
-
-@dataclass
-class Reader:
-    """Reads the wanted fields of a channel's messages, block by block."""
-
-    paths: Sequence[str]  # each once
-    count: int = 0  # messages so far
-    misfit: str = ""  # what is wrong with the first message that is not what its type says
-    no_numbers: int = 0  # messages that are lost since they have something else than a number
-    one_by_one: int = 0  # messages that were read one by one
-
-    def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
-        """Take in messages that begin at `starts` [bytes]; NoNumberError if a wanted field is a number in none."""
-        raise NotImplementedError
-
-    def columns(self) -> Columns:
-        raise NotImplementedError
+    record = np.dtype({"names": ["it"], "formats": [kind], "offsets": [offset], "itemsize": messages.itemsize})
+    return messages.view(record)["it"]
 
 
 @dataclass
@@ -385,10 +458,7 @@ class ShapeReader(Reader):
     """Reads messages of ROS by their shapes; it learns one from the first message of each."""
 
     kind: MessageType = field(kw_only=True)
-    shapes: dict[int, list[Shape]] = field(default_factory=lambda: defaultdict(list))
-    """The shapes so far, by length of the message."""
-    parts: list[tuple[Indices, Values]] = field(default_factory=list)
-    """Places of messages of one shape, and their numbers by path."""
+    shapes: dict[int, list[Shape]] = field(default_factory=lambda: defaultdict(list))  # by length of the message
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
         alike = not lengths.size or bool((lengths == lengths[0]).all())
@@ -398,7 +468,7 @@ class ShapeReader(Reader):
             while mine.size:
                 if tried == len(known):
                     try:
-                        known.append(shape_of(self.kind, rest[0].tobytes()).want(self.paths))
+                        known.append(shape_of(self.kind, rest[0].tobytes(), self.paths))
                     except (InputError, RecursionError) as error:
                         self.misfit = self.misfit or str(error)
                         mine, rest = mine[1:], rest[1:]
@@ -413,15 +483,6 @@ class ShapeReader(Reader):
                 tried += 1
         self.count += starts.size
 
-    def columns(self) -> Columns:
-        columns = Columns(np.concatenate([np.empty(0, np.int64), *(rows for rows, _ in self.parts)]), {}, {})
-        for path in self.paths:
-            parts = [values.get(path, np.zeros(rows.size, bool)) for rows, values in self.parts]
-            there = [np.full(rows.size, path in values) for rows, values in self.parts]
-            columns.values[path] = np.concatenate([np.empty(0, bool), *parts])
-            columns.present[path] = np.concatenate([np.empty(0, bool), *there])
-        return columns
-
 
 # --- JSON and protobuf, message by message
 
@@ -431,85 +492,38 @@ class ObjectReader(Reader):
     """Reads messages of which a library makes objects."""
 
     decode: Callable[[bytes], Any] = field(kw_only=True)  # raises ValueError if a message does not fit its type
-    rows: list[int] = field(default_factory=list)  # places of the messages that could be read
-    found: list[list[float | bool | None]] = field(default_factory=list)  # what the last of these have at each path
-    parts: list[list[tuple[NDArray[Any], ...]]] = field(default_factory=list)
-    """What those before have: by path the numbers, whether there is one, and 1 or 2 for false or true, else 0."""
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
-        for start, length in zip(starts.tolist(), lengths.tolist(), strict=True):
-            self.take(buffer[start : start + length])
-        self.pack()
+        ends = (starts + lengths).tolist()
+        self.take(buffer[start:end] for start, end in zip(starts.tolist(), ends, strict=True))
 
-    def take(self, payload: bytes) -> None:
-        """Take in one message."""
-        self.count += 1
-        try:
-            message = self.decode(payload)
-            self.found.append([number_at(message, path) for path in self.paths])
-            self.rows.append(self.count - 1)
-            self.one_by_one += 1
-        except NoNumberError as error:
-            self.no_numbers += 1
-            self.misfit = self.misfit or f"{error}, in message {self.count}"
-        except (ValueError, RecursionError) as error:
-            self.misfit = self.misfit or str(error)
-
-    def pack(self) -> None:
-        """Hold what was found as arrays, which take a tenth of the memory."""
-        part: list[tuple[NDArray[Any], ...]] = []
-        for place in range(len(self.paths)):
-            column = [found[place] for found in self.found]
-            there = np.array([one is not None for one in column], bool)
-            truth = np.array([one.__class__ is bool and 1 + one for one in column], np.int8)
-            numeric = there & (truth == 0)
-            kept = numeric if numeric.any() else there
-            some = as_array([one for one, is_kept in zip(column, kept.tolist(), strict=True) if is_kept])  # type: ignore[misc]
-            values = np.zeros(there.size, some.dtype)
-            values[kept] = some
-            part.append((values, there, truth))
-        self.parts.append(part)
-        self.found = []
-
-    def columns(self) -> Columns:
-        """A message with a truth value where others have a number is a misfit: joined, `True` would become 1."""
-        self.pack()
-        rows = np.array(self.rows, np.int64)
-        by_path = {}
-        for place, path in enumerate(self.paths):
-            by_path[path] = [joined_numbers(one) for one in zip(*(part[place] for part in self.parts), strict=True)]
-        lost = np.zeros(rows.size, bool)
-        for _, there, truth in by_path.values():
-            lost |= (truth > 0) & (there & (truth == 0)).any()
-        if lost.any() and not self.misfit:
-            row = int(np.argmax(lost))
-            path = min(
-                path for path, (_, there, truth) in by_path.items() if truth[row] and (there & (truth == 0)).any()
-            )
-            shown, where = ("", "false", "true")[by_path[path][2][row]], f"in message {rows[row] + 1}"
-            self.misfit = f"field '{path}' is {shown}, not a number as elsewhere, {where}"
-        columns = Columns(rows[~lost], {}, {})
-        for path, (values, there, _) in by_path.items():
-            columns.values[path], columns.present[path] = values[~lost], there[~lost]
-        return columns
-
-
-def joined_numbers(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Numbers one after the other, in one type that holds them all; numpy would make floats of signed and unsigned."""
-    if {one.dtype.kind for one in pieces} - {"b"} == {"i", "u"} and all((one >= 0).all() for one in pieces):
-        return np.concatenate([one.astype(np.uint64) for one in pieces])
-    return np.concatenate(pieces)
-
-
-def as_array(numbers: Sequence[float | bool]) -> NDArray[Any]:
-    """Numbers in one type that holds them all; integers beyond 64 bits become floats. Truth values if there are none,
-    which join with any numbers."""
-    if not numbers:
-        return np.empty(0, bool)
-    if all(one.__class__ is int for one in numbers) and min(numbers) >= 0 and 2**63 <= max(numbers) < 2**64:
-        return np.array(numbers, np.uint64)  # numpy would make floats of them
-    values = np.array(numbers)
-    return values.astype(np.float64) if values.dtype == object else values
+    def take(self, payloads: Iterable[bytes]) -> None:
+        """Take in messages; those with numbers, or truth values, in the same fields are of one shape."""
+        by_shape: dict[tuple[bool | None, ...], tuple[list[int], list[list[Any]]]] = defaultdict(lambda: ([], []))
+        for payload in payloads:
+            self.count += 1
+            try:
+                message = self.decode(payload)
+                found = [number_at(message, path) for path in self.paths]
+            except NoNumberError as error:
+                self.no_numbers += 1
+                self.misfit = self.misfit or f"{error}, in message {self.count}"
+            except (ValueError, RecursionError) as error:
+                self.misfit = self.misfit or str(error)
+            else:
+                rows, numbers = by_shape[tuple(None if one is None else one.__class__ is bool for one in found)]
+                self.one_by_one += 1
+                rows.append(self.count - 1)
+                numbers.append(found)
+        for shape, (rows, numbers) in by_shape.items():
+            values = {}
+            for path, is_bool, column in zip(self.paths, shape, zip(*numbers, strict=True), strict=False):
+                if is_bool is not None:
+                    unsigned = all(one.__class__ is int for one in column) and min(column) >= 0 and max(column) < 2**64
+                    large = unsigned and max(column) >= 2**63  # numpy would make floats of these beside small ones
+                    array = np.array(column, np.uint64 if large else None)
+                    values[path] = array.astype(np.float64) if array.dtype == object else array
+            self.parts.append((np.array(rows, np.int64), values))
 
 
 def number_at(message: Any, path: str) -> float | bool | None:
@@ -548,12 +562,11 @@ def no_number(value: Any, way: str, expected: str) -> NoNumberError:
     return NoNumberError(f"{what} is {shown}, not {expected}")
 
 
-def is_array(value: Any) -> bool:
-    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
-
-
-def is_array_of(value: Any, kind: Any) -> bool:
-    return is_array(value) and len(value) > 0 and all(isinstance(one, kind) for one in value)
+def is_array(value: Any, of: Any = None) -> bool:
+    """Whether a value is an array; if `of` types are named, one that has elements, all of these types."""
+    if not isinstance(value, Sequence) or isinstance(value, str | bytes):
+        return False
+    return of is None or (len(value) > 0 and all(isinstance(one, of) for one in value))
 
 
 def member(record: Any, name: str, way: str = "") -> Any:
@@ -572,25 +585,22 @@ def member(record: Any, name: str, way: str = "") -> Any:
     return getattr(record, name)
 
 
-PROTOBUF_TYPES = ("", "int32", "int64", "uint32", "uint64", "float64", "float32", "bool", "int32")
-"""Types of numbers by `FieldDescriptor.cpp_type`; the last one is an enumeration."""
-
-
 def described(
     value: Any, path: str = "", kind: str = "", texts: Mapping[str, Any] | None = None
 ) -> Iterator[FieldDescription]:
     """The numbers of one value, of the type `kind` if its schema names one; `texts` are arrays of text beside it."""
     types = dict.fromkeys(value, "") if isinstance(value, dict) else {}
-    if hasattr(value, "DESCRIPTOR"):  # maps of protobuf are no fields
-        fields = [
-            one for one in value.DESCRIPTOR.fields if not (one.message_type and one.message_type.GetOptions().map_entry)
-        ]
-        types = {one.name: PROTOBUF_TYPES[one.cpp_type] if one.cpp_type < len(PROTOBUF_TYPES) else "" for one in fields}
+    if hasattr(value, "DESCRIPTOR"):
+        # types of numbers by `FieldDescriptor.cpp_type`; the last one is an enumeration, and others are no numbers
+        by_number = ("", "int32", "int64", "uint32", "uint64", "float64", "float32", "bool", "int32", "", "")
+        for one in value.DESCRIPTOR.fields:
+            if not (one.message_type and one.message_type.GetOptions().map_entry):  # maps are no fields
+                types[one.name] = by_number[one.cpp_type]
     inner = {path_to(path, name): (member(value, name), of) for name, of in types.items()}
-    beside = {name: list(one) for name, (one, _) in inner.items() if is_array_of(one, str)}
+    beside = {name: list(one) for name, (one, _) in inner.items() if is_array(one, str)}
     for name, (one, of) in inner.items():
         yield from described(one, name, of, beside)
-    if is_array_of(value, int | float):
+    if is_array(value, int | float):
         labels = array_labels(path, len(value), texts or {})
         yield FieldDescription(path, kind or np.dtype(type(value[0])).name, len(value), labels)
     elif is_array(value) and value:
@@ -627,7 +637,7 @@ def json_reader(paths: Sequence[str]) -> ObjectReader:
 
 
 def protobuf_decoder(schema: Schema) -> Callable[[bytes], Any]:
-    """Makes a message of google.protobuf; refuses what does not fit the schema."""
+    """Makes a message of google.protobuf; InputError where the schema cannot be used, or a message does not fit it."""
     from google.protobuf.message import DecodeError  # these cost time to import, and few logs need them
     from mcap.exceptions import McapError
     from mcap_protobuf.decoder import DecoderFactory
@@ -648,51 +658,3 @@ def protobuf_decoder(schema: Schema) -> Callable[[bytes], Any]:
             raise InputError(text) from None
 
     return checked
-
-
-# --- whatever the encoding
-
-
-def reader_of(channel: Channel, schema: Schema | None, paths: Sequence[str]) -> Reader:
-    """A reader of the fields at `paths`; InputError if the channel's encoding or schema cannot be read."""
-    check_encoding(channel, schema)
-    if channel.message_encoding == "json" or schema is None:
-        return json_reader(paths)
-    try:
-        if channel.message_encoding == "protobuf":
-            return ObjectReader(paths, decode=protobuf_decoder(schema))
-        return ShapeReader(paths, kind=message_type(schema, ros1=channel.message_encoding == "ros1"))
-    except InputError as error:
-        raise InputError(
-            f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions that its "
-            "publisher was built with, or map another topic"
-        ) from error
-
-
-def describe_message(channel: Channel, schema: Schema | None, payload: bytes | None) -> list[FieldDescription]:
-    """The fields of a channel's message; without a message, the fields of its schema. ValueError as `reader_of`."""
-    check_encoding(channel, schema)
-    if channel.message_encoding == "json" or schema is None:
-        return [] if payload is None else list(described(json.loads(payload)))
-    if channel.message_encoding == "protobuf":
-        return list(described(protobuf_decoder(schema)(payload or b"")))
-    shape = shape_of(message_type(schema, ros1=channel.message_encoding == "ros1"), payload)
-    texts: dict[str, list[str]] = defaultdict(list)
-    for path in shape.texts:
-        texts[path.rpartition("[")[0]].append(shape.text_at(path).decode(errors="replace"))
-    return [
-        FieldDescription(path, np.dtype(leaf.dtype).name, leaf.count, array_labels(path, leaf.count, texts))
-        for path, leaf in shape.leaves.items()
-        if not re.search(r"\[(?!0\])\d+\]", path)  # of an array of messages the first one tells
-    ]
-
-
-def check_encoding(channel: Channel, schema: Schema | None) -> None:
-    encoding = (channel.message_encoding, schema.encoding if schema else "no schema")
-    if NOT_DEFINED in channel.metadata:
-        raise InputError(f"topic '{channel.topic}': {channel.metadata[NOT_DEFINED]}")
-    if encoding not in ENCODINGS and channel.message_encoding != "json":
-        raise InputError(
-            f"topic '{channel.topic}' is encoded as {encoding[0]} ({encoding[1]}); read are cdr (ros2msg), ros1 "
-            "(ros1msg), protobuf (protobuf) and json: convert the log"
-        )

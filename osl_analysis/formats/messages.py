@@ -53,15 +53,14 @@ class MessageBlock:
         counts = np.bincount(self.channel)
         return Counter({number: int(counts[number]) for number in np.flatnonzero(counts).tolist()})
 
-    def of_channel(self, number: int) -> "MessageBlock":
-        return self if len(self.counts) == 1 else self.of(np.flatnonzero(self.channel == number))
-
-    def of(self, rows: NDArray[np.intp]) -> "MessageBlock":
-        channel, sequence, log_time = self.channel[rows], self.sequence[rows], self.log_time[rows]
-        return MessageBlock(self.buffer, channel, sequence, log_time, self.starts[rows], self.lengths[rows])
+    def only(self, mine: NDArray[np.bool_]) -> "MessageBlock":
+        """The messages that are `mine`, (n,)."""
+        if mine.all():
+            return self
+        channel, sequence, log_time = self.channel[mine], self.sequence[mine], self.log_time[mine]
+        return MessageBlock(self.buffer, channel, sequence, log_time, self.starts[mine], self.lengths[mine])
 
     def first(self) -> bytes:
-        """The first message."""
         return self.buffer[int(self.starts[0]) : int(self.starts[0] + self.lengths[0])]
 
 
@@ -74,10 +73,9 @@ class Damage:
     declared_messages: int | None = None  # messages in it as it says; None if it does not, or is not trusted
     declared: Counter[int] | None = None  # the same for each channel
     declared_chunks: int | None = None  # chunks in the file as it says itself
-    read: Counter[int] = field(default_factory=Counter)
+    read: Counter[int] = field(default_factory=Counter)  # messages of each channel
     verified: int = 0  # messages that were read and are covered by a checksum that was right
-    misfits: Counter[int] = field(default_factory=Counter)
-    """Messages of each channel that were read and do not fit their own schema; they count as lost."""
+    misfits: Counter[int] = field(default_factory=Counter)  # of `read`, what does not fit its own schema and is lost
     chunks: int = 0
     chunks_lost: int = 0  # chunks that were found and could not be read
     indexed_lost: Counter[int] = field(default_factory=Counter)  # lost messages of each channel that an index lists
@@ -110,12 +108,7 @@ class Damage:
         if self.declared is not None and channels is not None:
             return sum(max(0, self.declared[one] - self.read[one]) + self.misfits[one] for one in channels)
         told = self.declared_messages == self.messages or (self.declared_messages is None and not self.uncounted)
-        return self.known_lost(channels) if told else None
-
-    def known_lost(self, channels: Collection[int] | None) -> int:
-        """Messages of some channels, of all if none are named, that are certainly lost."""
-        lost = self.indexed_lost + self.misfits
-        return lost.total() if channels is None else sum(lost[one] for one in channels)
+        return total_of(self.indexed_lost + self.misfits, channels) if told else None
 
     def share_lost(self, channels: Collection[int] | None = None) -> float:
         """Lost share of the messages of some channels, of all if none are named.
@@ -124,18 +117,16 @@ class Damage:
         may be missing at the end of a file that was not closed counts for nothing: no byte of it is there.
         """
         lost = self.messages_lost(channels)
-        certain = self.known_lost(channels) if lost is None else lost
+        certain = total_of(self.indexed_lost + self.misfits, channels) if lost is None else lost
         sound = self.read - self.misfits
-        own = sound.total() if channels is None else sum(sound[one] for one in channels)
-        share = certain / max(1, own + certain)
+        share = certain / max(1, total_of(sound, channels) + certain)
         if lost is not None or not (self.uncounted or self.finished):
             return share
         total = self.messages_lost() or 0
-        others = total / max(1, sound.total() + total)
-        return min(1.0, max(share, others, self.bytes_lost / max(1, self.bytes)))
+        return min(1.0, max(share, total / max(1, sound.total() + total), self.bytes_lost / max(1, self.bytes)))
 
     def crc(self) -> str:
-        """Whether checksums cover what was read: checked, mixed or absent."""
+        """Whether checksums cover what was read."""
         if self.verified == self.messages and self.messages:
             return "checked"
         return "mixed" if self.verified else "absent"
@@ -149,16 +140,16 @@ class Damage:
         chunks = max(self.chunks_lost, (self.declared_chunks or 0) - self.chunks) if self.finished else None
         contradicted = self.declared is not None and +self.declared != +self.read
         contradicted |= self.declared_messages not in (None, self.messages)
+        by_topic = {}
+        for topic, own in topics.items():
+            by_topic[topic] = {"messages": total_of(self.read, own), "messages_lost": self.messages_lost(own)}
         return {
             "complete": lost == 0 and chunks == 0 and not self.gaps and not contradicted,
             "crc": self.crc(),
             "chunks_lost": chunks,
             "messages_lost": lost,
             "share_lost": max((self.share_lost(channels) for channels in topics.values()), default=self.share_lost()),
-            "topics": {
-                topic: {"messages": sum(self.read[c] for c in own), "messages_lost": self.messages_lost(own)}
-                for topic, own in topics.items()
-            },
+            "topics": by_topic,
             "remarks": self.all_remarks(),
         }
 
@@ -166,12 +157,17 @@ class Damage:
         """The remarks, with those that follow from the counts of the whole file."""
         remarks, more = self.remarks[:20], len(self.remarks) - 20
         remarks += [f"and {more} more remarks"] * (more > 0)
-        if self.declared_messages is not None and self.declared_messages != self.messages:
+        if self.declared_messages not in (None, self.messages):
             remarks.append(f"it declares {self.declared_messages} messages and holds {self.messages}")
         if self.crc() != "checked" and self.messages:
             uncovered = self.messages - self.verified
             remarks.append(f"not verifiable: no checksum covers {uncovered} of {self.messages} messages")
         return remarks
+
+
+def total_of(counts: Counter[int], channels: Collection[int] | None) -> int:
+    """The sum of the counts of some channels, of all if none are named."""
+    return counts.total() if channels is None else sum(counts[one] for one in channels)
 
 
 @dataclass
@@ -223,51 +219,45 @@ class SplitLog(MessageFile):
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages of all parts. Call it once; raises InputError if a part cannot be read."""
-        damage = self.damage
-        damage.finished = True
-        for part in self.parts:
+        total, own = self.damage, [part.damage for part in self.parts]
+        total.finished = True
+        declared = Counter[int]()
+        for part, one in zip(self.parts, own, strict=True):
             for block in part.blocks():
                 number_of = np.zeros(1 << 16, np.uint16)
-                for one in block.counts:
-                    number_of[one] = self.number(part, one)
+                for channel in block.counts:
+                    number_of[channel] = self.number(part, channel)
                 yield replace(block, channel=number_of[block.channel])
-            self.count(part)
-        own = [part.damage for part in self.parts]
+            number = {channel: self.number(part, channel) for channel in sorted(part.channels)}
+            pairs: list[tuple[Counter[int], Counter[int] | None]]
+            pairs = [(total.read, one.read), (total.indexed_lost, one.indexed_lost), (declared, one.declared)]
+            for whole, counts in pairs:
+                whole.update({number[channel]: n for channel, n in (counts or {}).items() if channel in number})
+            total.finished &= one.finished
+            total.gaps |= one.gaps
+            total.uncounted |= one.uncounted
+            for name in ("verified", "chunks", "chunks_lost", "bytes", "bytes_lost"):
+                setattr(total, name, getattr(total, name) + getattr(one, name))
+            total.remarks += [f"{part.path.name}: {remark}" for remark in one.remarks]
         if self.counts is not None:
-            damage.declared_messages = self.counts.total()
+            total.declared_messages = self.counts.total()
             if len({channel.topic for channel in self.channels.values()}) == len(self.channels):
-                damage.declared = Counter({c.id: self.counts[c.topic] for c in self.channels.values()})
+                total.declared = Counter({c.id: self.counts[c.topic] for c in self.channels.values()})
         elif all(one.declared is not None and one.declared_chunks is not None for one in own):
-            damage.declared = sum((self.renumbered(one, one.damage.declared) for one in self.parts), Counter())
-            damage.declared_messages = sum(one.declared_messages or 0 for one in own)
-            damage.declared_chunks = sum(one.declared_chunks or 0 for one in own)
+            total.declared = declared
+            total.declared_messages = sum(one.declared_messages or 0 for one in own)
+            total.declared_chunks = sum(one.declared_chunks or 0 for one in own)
 
     def number(self, part: MessageFile, own: int) -> int:
         """The channel, in all parts, of a part's own channel."""
         channel = part.channels[own]
         schema = part.schemas.get(channel.schema_id)
-        meaning = meaning_of(replace(channel, schema_id=0)), meaning_of(schema) if schema else ()
+        meaning = channel.topic, channel.message_encoding, meaning_of(schema) if schema else ()
         number = self.numbers.setdefault(meaning, len(self.numbers))
         if schema:
             self.schemas[number + 1] = replace(schema, id=number + 1)
         self.channels[number] = replace(channel, id=number, schema_id=number + 1 if schema else 0)
         return number
-
-    def renumbered(self, part: MessageFile, counts: Counter[int] | None) -> Counter[int]:
-        return Counter({self.number(part, one): n for one, n in (counts or {}).items() if one in part.channels})
-
-    def count(self, part: MessageFile) -> None:
-        own, total = part.damage, self.damage
-        for one in sorted(part.channels):
-            self.number(part, one)
-        total.read.update(self.renumbered(part, own.read))
-        total.indexed_lost.update(self.renumbered(part, own.indexed_lost))
-        total.finished &= own.finished
-        total.gaps |= own.gaps
-        total.uncounted |= own.uncounted
-        for name in ("verified", "chunks", "chunks_lost", "bytes", "bytes_lost"):
-            setattr(total, name, getattr(total, name) + getattr(own, name))
-        total.remarks += [f"{part.path.name}: {remark}" for remark in own.remarks]
 
 
 @dataclass
@@ -279,11 +269,11 @@ class ChannelReader:
     reader: Reader
     log_times: list[Indices] = field(default_factory=list)  # when the messages of each block were logged [ns]
     sequences: list[NDArray[np.uint32]] = field(default_factory=list)
-    first: bytes | None = None  # the first message, to list its fields
+    first: bytes = b""  # the first message, to list its fields
     columns: Columns = field(init=False)  # the wanted fields, once all messages were read, in the order of recording
 
     def add(self, mine: MessageBlock) -> None:
-        self.first = mine.first() if self.first is None else self.first
+        self.first = self.first if self.log_times else mine.first()
         try:
             self.reader.read(mine.buffer, mine.starts, mine.lengths)
         except NoNumberError as error:
@@ -293,27 +283,19 @@ class ChannelReader:
 
     def settle(self, damage: Damage) -> None:
         """Make the columns, count what does not fit, and remark on what is missing, once all messages were read."""
-        sequence, found = np.concatenate(self.sequences), self.reader.columns()
-        order = np.argsort(rank_of(np.concatenate(self.log_times), sequence)[found.rows], kind="stable")
-        if (np.diff(order) == 1).all():
-            self.columns = found
-        else:
-            values, present = ({path: one[order] for path, one in some.items()} for some in found[1:])
-            self.columns = Columns(found.rows[order], values, present)
-        count, topic = self.reader.count, f"topic '{self.channel.topic}'"
-        if self.misfits:
-            damage.misfits[self.channel.id] += self.misfits
-            damage.remarks.append(f"{self.misfits} of {count} messages of {topic} are lost: {self.reader.misfit}")
+        sequence = np.concatenate(self.sequences)
+        found = self.columns = self.reader.columns(rank_of(np.concatenate(self.log_times), sequence))
+        topic = f"topic '{self.channel.topic}'"
+        if found.misfits:
+            damage.misfits[self.channel.id] += found.misfits
+            damage.remarks.append(f"{found.misfits} of {sequence.size} messages of {topic} are lost: {found.misfit}")
         steps = np.diff(np.sort(sequence.astype(np.int64), kind="stable"))
         if (steps > 0).all() and (steps > 1).any() and np.median(steps) == 1:  # they count messages
             missing = int((steps - 1).sum())  # the recorder dropped them, or a chunk was removed
             damage.remarks.append(
-                f"the sequence numbers of {topic} say that {missing} messages beside its {count} are not in the file"
+                f"the sequence numbers of {topic} say that {missing} messages beside its {sequence.size} are not in "
+                "the file"
             )
-
-    @property
-    def misfits(self) -> int:
-        return self.reader.count - self.columns.rows.size
 
     def wrong_field(self, what: str) -> WrongFieldError:
         """The error for a field that is no number in any message; it names those that are."""
@@ -336,15 +318,6 @@ class ChannelReader:
             words += [] if one.length == 0 else one.addresses() if chosen or one.labels else [as_whole]
         return listing(words)
 
-    def how(self) -> dict[str, Any]:
-        return {
-            "channel": self.channel.id,
-            "encoding": self.channel.message_encoding,
-            "messages": self.reader.count,
-            "one_by_one": self.reader.one_by_one,
-            "misfits": self.misfits,
-        }
-
 
 @dataclass(frozen=True)
 class Decoded:
@@ -359,9 +332,7 @@ class Decoded:
 
 
 def decode_topics(
-    file: MessageFile,
-    wanted: Mapping[str, Sequence[str]],
-    optional: Collection[str] = (),
+    file: MessageFile, wanted: Mapping[str, Sequence[str]], optional: Collection[str] = ()
 ) -> dict[str, Decoded]:
     """The wanted fields of each topic, from all its channels; InputError if a topic or a field cannot be read.
 
@@ -377,7 +348,7 @@ def decode_topics(
                     schema = file.schemas.get(channel.schema_id)
                     asked = [*dict.fromkeys(wanted[channel.topic])]
                     readers[number] = ChannelReader(channel, schema, reader_of(channel, schema, asked))
-                readers[number].add(block.of_channel(number))
+                readers[number].add(block.only(block.channel == number))
     for readers in by_topic.values():
         for one in readers.values():
             one.settle(file.damage)
@@ -405,16 +376,26 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
     used = [one for one in readers if one.columns.rows.size]
     if not used:
         for one in readers:
-            if one.misfits == one.reader.no_numbers > 0:
+            if one.columns.misfits == one.reader.no_numbers > 0:
                 raise one.wrong_field(one.reader.misfit)
         raise InputError(f"topic '{topic}': {readers[0].reader.misfit}; record the log again, or exclude the trial")
+    first, *others = (one.columns for one in used)
+    for path in first.values if others else ():
+        first.values[path] = joined_numbers([one.columns.values[path] for one in used])
+        first.present[path] = np.concatenate([one.columns.present[path] for one in used])
     log_time = [np.concatenate(one.log_times)[one.columns.rows] for one in used]
-    channel = np.repeat(np.array([one.channel.id for one in used], np.uint16), [one.columns.rows.size for one in used])
-    (_, values, present), *others = (one.columns for one in used)
-    for path in values if others else ():
-        values[path] = joined_numbers([one.columns.values[path] for one in used])
-        present[path] = np.concatenate([one.columns.present[path] for one in used])
-    return Decoded(np.concatenate(log_time), channel, values, present, [one.how() for one in readers])
+    channel = np.repeat(np.array([one.channel.id for one in used], np.uint16), [one.size for one in log_time])
+    how = [
+        {
+            "channel": one.channel.id,
+            "encoding": one.channel.message_encoding,
+            "messages": one.reader.count,
+            "one_by_one": one.reader.one_by_one,
+            "misfits": one.columns.misfits,
+        }
+        for one in readers
+    ]
+    return Decoded(np.concatenate(log_time), channel, first.values, first.present, how)
 
 
 def rank_of(log_time: Indices, sequence: NDArray[np.uint32]) -> Indices:
@@ -450,7 +431,7 @@ def survey_channels(file: MessageFile) -> list[ChannelSurvey]:
     stamps: dict[int, list[Indices]] = defaultdict(lambda: [np.empty(0, np.int64)])
     for block in file.blocks():
         for number in block.counts:
-            mine = block.of_channel(number)
+            mine = block.only(block.channel == number)
             stamps[number].append(mine.log_time)
             first.setdefault(number, mine.first())
     return [

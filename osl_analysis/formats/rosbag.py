@@ -1,22 +1,19 @@
-"""Bags of ROS 1 (wiki.ros.org/Bags/Format/2.0) and of ROS 2 (a database of sqlite3), and the folders of recordings.
+"""Bags of ROS 1 (read by the library `rosbags`) and of ROS 2 (a database of sqlite3), and the folders of recordings.
 
-The library `rosbags` gives messages in the order of their times, so that a clock that was set back would not be seen,
-and reads no bag whose recorder was killed. It is the judge in the tests, and has the definitions of standard types.
+The library gives messages in the order of their times, so that a clock that was set back would not be seen. Its index
+tells where they are: they are taken from there in the order of the file.
 """
 
-import bz2
 import re
 import sqlite3
-import struct
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
-import lz4.frame
 import numpy as np
 import yaml
 import zstandard
@@ -25,21 +22,13 @@ from mcap.records import Channel, Schema
 from osl_analysis.errors import InputError, listing
 from osl_analysis.formats import optional_module
 from osl_analysis.formats.mcap import MAGIC as MCAP
-from osl_analysis.formats.mcap import DamagedChunkError, Unpackers, read_mcap, unpacked
-from osl_analysis.formats.message_fields import NOT_DEFINED, message_type
+from osl_analysis.formats.mcap import read_mcap
+from osl_analysis.formats.message_fields import NOT_DEFINED, message_type, numbers_at, short_name
 from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFileError, SplitLog
 
 BAG1 = b"#ROSBAG V2.0\n"
 ANY_BAG1 = b"#ROSBAG V"
 SQLITE = b"SQLite format 3\0"
-MESSAGE_DATA, BAG, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 5, 6, 7
-"""Kinds of records of a ROS 1 bag, by their field `op`."""
-LENGTH = struct.Struct("<I")
-BAG_UNPACKERS: Unpackers = {
-    b"none": lambda packed, _: packed,
-    b"bz2": lambda packed, _: bz2.BZ2Decompressor().decompress(packed),
-    b"lz4": lambda packed, _: lz4.frame.LZ4FrameDecompressor().decompress(packed),
-}
 DESCRIPTION = "metadata.yaml"
 """The file beside the parts of a ROS 2 bag, which lists them, with how many messages each topic should have."""
 
@@ -47,226 +36,108 @@ DESCRIPTION = "metadata.yaml"
 # --- ROS 1
 
 
-class BagRecord(NamedTuple):
-    """One record: a header of named fields, and data."""
-
-    fields: dict[bytes, bytes]
-    start: int  # where its data begins [bytes]
-    end: int
-
-    @property
-    def op(self) -> int:
-        return self.number(b"op", 1, -1)
-
-    def number(self, name: bytes, size: int = 4, default: int = 0) -> int:
-        """An unsigned number in the header; `default` without one of this size."""
-        value = self.fields.get(name, b"")
-        return int.from_bytes(value, "little") if len(value) == size else default
-
-
-def named_fields(data: bytes, start: int, end: int) -> dict[bytes, bytes]:
-    fields = {}
-    while start + LENGTH.size <= end:
-        begin = start + LENGTH.size
-        start = begin + LENGTH.unpack_from(data, start)[0]
-        name, sign, value = data[begin:start].partition(b"=")
-        if start > end or not sign:
-            break
-        fields[name] = value
-    return fields
-
-
-def record_at(data: bytes, position: int) -> BagRecord | None:
-    """The record at a position; None if no whole record begins there."""
-    head = position + LENGTH.size
-    if head > len(data):
-        return None
-    body = head + LENGTH.unpack_from(data, position)[0]
-    start = body + LENGTH.size
-    if start > len(data) or (end := start + LENGTH.unpack_from(data, body)[0]) > len(data):
-        return None
-    return BagRecord(named_fields(data, head, body), start, end)
-
-
 @dataclass
 class Bag1(MessageFile):
-    """A ROS 1 bag whose top level was scanned; `blocks` reads its messages. Every intact chunk is read."""
+    """A ROS 1 bag whose index was read; `blocks` reads its messages. Every intact chunk is read."""
 
-    data: bytes = b""
-    sections: list[tuple[int, int, BagRecord | None]] = field(default_factory=list)
-    """Start and end of its chunks and of unreadable stretches, in order, with the chunk's record."""
-    counts: dict[int, Counter[int]] = field(default_factory=dict)
-    """Messages of each connection in the chunk at a byte, as the bag's index says."""
-    numbers: dict[int, int] = field(default_factory=dict)  # channel by number of a connection
-
-    def scan(self) -> None:
-        data, damage = self.data, self.damage
-        head = record_at(data, len(BAG1))
-        if head is None or head.op != BAG:
-            raise InputError("the header of the bag is damaged; run `rosbag reindex` on a copy, or record again")
-        if head.fields.get(b"encryptor"):
-            raise InputError(f"the bag is encrypted ({head.fields[b'encryptor'][:40]!r}); run `rosbag decrypt` first")
-        index = head.number(b"index_pos", 8)
-        damage.finished = 0 < index <= len(data) and self.take_index(index, head)
-        damage.bytes = (index if damage.finished else len(data)) - len(BAG1)
-        if damage.finished:
-            damage.declared = self.by_channel(sum(self.counts.values(), Counter()))
-            damage.declared_messages = damage.declared.total()
-            damage.declared_chunks = head.number(b"chunk_count")
-        else:
-            what = "whole index" if index else "index at its end"
-            damage.remarks.append(f"no {what}: the recorder did not finish, or the end is lost; how much is not known")
-        self.find_chunks(head.end, index if damage.finished else len(data))
-        damage.gaps = any(record is None for *_, record in self.sections)
-
-    def take_index(self, position: int, head: BagRecord) -> bool:
-        """Take in the connections and chunks that the index lists; whether it is whole."""
-        expected = head.number(b"conn_count"), head.number(b"chunk_count")
-        connections, chunks = 0, 0
-        while position < len(self.data):
-            record = record_at(self.data, position)
-            if record is None or record.op not in (CONNECTION, CHUNK_INFO):
-                return False
-            if record.op == CONNECTION:
-                self.connect(self.data, record)
-                connections += 1
-            else:
-                pairs = np.frombuffer(self.data, "<u4", (record.end - record.start) // 8 * 2, record.start)
-                self.counts[record.number(b"chunk_pos", 8)] = Counter(dict(pairs.reshape(-1, 2).tolist()))
-                chunks += 1
-            position = record.end
-        return (connections, chunks) == expected
-
-    def find_chunks(self, position: int, end: int) -> None:
-        """Find the chunks between two bytes. After bytes that are no record, the next chunk is where the index says."""
-        while position < end:
-            record = record_at(self.data, position)
-            if record is not None and record.op >= 0 and record.end <= end:
-                if record.op in (CHUNK, MESSAGE_DATA):
-                    self.sections.append((position, record.end, record if record.op == CHUNK else None))
-                elif record.op == CONNECTION:
-                    self.connect(self.data, record)
-                position = record.end
-                continue
-            if self.data.startswith(BAG1, position):
-                text = f"two bags were joined: a second one begins at byte {position}; give each a file"
-                raise RefusedFileError(text)
-            after = min((at for at in self.counts if at > position), default=end)
-            head = position + LENGTH.size  # a killed recorder leaves the beginning of a record
-            length = LENGTH.unpack_from(self.data, position)[0] if head <= len(self.data) else 0
-            begun = named_fields(self.data, head, min(head + length, len(self.data))).keys() & {
-                b"op",
-                b"compression",
-                b"conn",
-            }
-            expected = not self.damage.finished and after == end and (begun or head > len(self.data))
-            if not expected and self.data[position:after].strip(b"\0"):  # some writers leave room before the index
-                self.sections.append((position, after, None))
-            position = after
-
-    def connect(self, data: bytes, record: BagRecord) -> None:
-        """Take in a connection: a topic and the definition of its messages; raises RefusedFileError as `declare`."""
-        number = self.numbers.setdefault(record.number(b"conn"), len(self.numbers))
-        about = named_fields(data, record.start, record.end)
-        name, text = (about.get(key, b"").decode(errors="replace") for key in (b"type", b"message_definition"))
-        topic = record.fields.get(b"topic", b"").decode(errors="replace")
-        self.declare(Schema(number + 1, text.encode(), "ros1msg", name))
-        self.declare(Channel(number, topic, "ros1", {}, number + 1))
+    counts: dict[int, Counter[int]] = field(default_factory=dict)  # messages by channel of the chunk at a byte
+    chunks: dict[int, Any] = field(default_factory=dict)  # size, place and decompressor of the chunk at a byte
+    index: dict[int, list[tuple[int, int, int]]] = field(default_factory=lambda: defaultdict(list))
+    """Place in the chunk, channel and time [ns] of each message of the chunk at a byte."""
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages of every intact chunk, in the order of the file. Call it once."""
-        for start, end, record in self.sections:
-            if record is None:
-                self.damage.lose(f"bytes {start} to {end} are no chunk of messages", end - start, None, 0)
-                continue
+        for at, (size, start, unpack) in sorted(self.chunks.items()):
+            with self.path.open("rb") as file:
+                file.seek(start)
+                packed = file.read(size)
             try:
-                packed, name = self.data[record.start : record.end], record.fields.get(b"compression", b"")
-                size = len(packed) if name == b"none" else record.number(b"size")
-                block = self.block_of(unpacked(packed, name, size, BAG_UNPACKERS), start)
-            except DamagedChunkError as error:
-                lost = self.counts.get(start)
-                text = f"the chunk at byte {start} is damaged: it {error}"
-                self.damage.lose(text, end - start, lost and self.by_channel(lost), 1)
+                content = unpack(packed)
+                places, channel, time = np.array(sorted(self.index[at]), np.int64).reshape(-1, 3).T
+                bodies = places + 4 + numbers_at(content, places, np.dtype("<u4"))  # each behind a head of its own
+                lengths = numbers_at(content, bodies, np.dtype("<u4")).astype(np.int64)
+                if (bodies + 4 + lengths > len(content)).any():
+                    raise ValueError(f"a message reaches beyond its {len(content)} bytes")
+            except (OSError, RuntimeError, ValueError, IndexError, EOFError, MemoryError) as error:
+                said = " ".join(str(error).split())[:160]
+                self.damage.lose(f"the chunk at byte {at} is damaged: {said}", size, self.counts[at], 1)
                 continue
+            none = np.zeros(channel.size, np.uint32)
+            block = MessageBlock(content, channel.astype(np.uint16), none, time, bodies + 4, lengths)
             self.damage.chunks += 1
             self.damage.read.update(block.counts)
             yield block
 
-    def by_channel(self, counts: Counter[int]) -> Counter[int]:
-        return Counter({self.numbers[one]: count for one, count in counts.items() if one in self.numbers})
-
-    def block_of(self, content: bytes, start: int) -> MessageBlock:
-        """The messages of an unpacked chunk that begins at `start`."""
-        position, unknown, connections = 0, 0, []
-        found: list[tuple[int, int, int, int]] = []  # connection, time, start and length of each message
-        while position < len(content):
-            record = record_at(content, position)
-            if record is None:
-                raise DamagedChunkError(f"holds no record at byte {position} of its {len(content)} bytes")
-            if record.op == MESSAGE_DATA and len(record.fields.get(b"time", b"")) == 8 and b"conn" in record.fields:
-                seconds, rest = struct.unpack("<II", record.fields[b"time"])
-                time = seconds * 1_000_000_000 + rest
-                found.append((record.number(b"conn"), time, record.start, record.end - record.start))
-            elif record.op == CONNECTION:
-                connections.append(record)
-            else:
-                unknown += 1
-            position = record.end
-        for record in connections:
-            self.connect(content, record)
-        if unknown:
-            self.damage.remarks.append(f"{unknown} records of the chunk at byte {start} are of no known kind")
-        connection, time, starts, lengths = np.array(found, np.int64).reshape(-1, 4).T
-        strangers = set(connection.tolist()) - self.numbers.keys()
-        if strangers:
-            raise DamagedChunkError(f"has messages of connection {min(strangers)}, which is not declared")
-        channel = np.array([self.numbers[one] for one in connection.tolist()], np.uint16)
-        return MessageBlock(content, channel, np.zeros(channel.size, np.uint32), time, starts, lengths)
-
 
 def read_bag1(path: Path) -> Bag1:
-    """Scan a ROS 1 bag; its messages are read by `blocks`."""
+    """Read the index of a ROS 1 bag; its messages are read by `blocks`. InputError if it has none or cannot be read."""
     data = path.read_bytes()
-    if not data.startswith(ANY_BAG1):
+    if not data.startswith(BAG1):
+        begin = data[: len(BAG1)].decode("latin1").strip()
+        if data.startswith(ANY_BAG1):
+            raise InputError(
+                f"{path}: a bag that begins with {begin!a}, not with version 2.0; convert it with `rosbag fix`"
+            )
         raise InputError(
             f"{path}: not a ROS 1 bag (it begins with {data[:8]!r}); check the path and the source's format"
         )
-    if not data.startswith(BAG1):
-        version = data[: len(BAG1)].decode("latin1").strip()
-        raise InputError(
-            f"{path}: a bag that begins with {version!a}, not with version 2.0; convert it with `rosbag fix`"
-        )
-    bag = Bag1(path, len(data), data=data)
+    if (second := data.find(BAG1, 1)) > 0:
+        raise InputError(f"{path}: two bags were joined: a second one begins at byte {second}; give each a file")
+    library = optional_module("rosbags.rosbag1", "ros", "a bag of ROS 1")
+    bag = Bag1(path, len(data))
     try:
-        bag.scan()
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        with library.Reader(path) as reader:
+            number_of = {}
+            for number, one in enumerate(reader.connections):
+                number_of[one.id] = number
+                kind = short_name(one.msgtype)
+                bag.declare(Schema(id=number + 1, data=one.msgdef.data.encode(), encoding="ros1msg", name=kind))
+                bag.declare(Channel(number, one.topic, "ros1", {}, number + 1))
+                for entry in reader.indexes[one.id]:
+                    bag.index[entry.chunk_pos].append((entry.offset, number, entry.time))
+            for one in reader.chunk_infos:
+                bag.counts[one.pos] = Counter({number_of[k]: n for k, n in one.connection_counts.items()})
+            bag.chunks = {at: tuple(one) for at, one in reader.chunks.items()}
+    except Exception as error:  # on a damaged file the library raises whatever its parser comes across
+        said = " ".join(str(error).split())[:160]
+        remedy = "run `rosbag decrypt` first" if "encryption" in said else "run `rosbag reindex` on a copy"
+        raise InputError(
+            f"{path}: no bag with a whole index ({said}): the recorder did not finish, or the bag is damaged; "
+            f"{remedy}, or record again"
+        ) from error
+    damage = bag.damage
+    damage.finished, damage.bytes, damage.declared_chunks = True, len(data) - len(BAG1), len(bag.chunks)
+    damage.declared = sum(bag.counts.values(), Counter())
+    damage.declared_messages = damage.declared.total()
     return bag
 
 
 SPLIT_NAME = re.compile(r"(?P<name>.*)_(?P<number>\d+)\.bag(\.active)?")
 """How `rosbag record --split` names its files; the one that it was writing when it was killed is still `active`."""
-DATE = re.compile(r"\d{4}(-\d\d){5}")  # when a file was begun, in its name; each has its own
-ONE_BAG = "keep the files of one recording in the folder, or name one bag as the trial's log"
+
+
+def bags_in(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.iterdir() if path.name.endswith((".bag", ".bag.active")))
 
 
 def split_parts(folder: Path) -> list[Path]:
     """The bags of one recording of ROS 1 in order; `rosbag record --max-splits` may have deleted earlier ones."""
+    one_bag = "keep the files of one recording in the folder, or name one bag as the trial's log"
     numbered, strangers, names = dict[int, Path](), [], set()
     bags = bags_in(folder)
     for path in bags:
         if part := SPLIT_NAME.fullmatch(path.name):
             numbered[int(part["number"])] = path
-            names.add(DATE.sub("DATE", part["name"]))
+            names.add(re.sub(r"\d{4}(-\d\d){5}", "DATE", part["name"]))  # each has its own, when it was begun
         else:
             strangers.append(path.name)
     if strangers:
         raise InputError(
             f"{folder}: {listing(strangers)} cannot be a file of a split recording of ROS 1, which are called "
-            f"NAME_0.bag, NAME_1.bag; {ONE_BAG}"
+            f"NAME_0.bag, NAME_1.bag; {one_bag}"
         )
     if len(names) > 1 or len(numbered) < len(bags):
-        raise InputError(f"{folder}: files of several recordings ({listing([path.name for path in bags])}); {ONE_BAG}")
+        raise InputError(f"{folder}: files of several recordings ({listing([path.name for path in bags])}); {one_bag}")
     missing = [f"{min(names)}_{one}.bag" for one in range(min(numbered), max(numbered)) if one not in numbered]
     if missing:
         raise InputError(
@@ -274,10 +145,6 @@ def split_parts(folder: Path) -> list[Path]:
             "what is missing there, or name one bag as the trial's log"
         )
     return [numbered[one] for one in sorted(numbered)]
-
-
-def bags_in(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if path.name.endswith((".bag", ".bag.active")))
 
 
 def read_rosbag1(path: Path) -> MessageFile:
@@ -296,10 +163,6 @@ def read_rosbag1(path: Path) -> MessageFile:
 # --- ROS 2
 
 REINDEX = "write it again with `ros2 bag reindex`, or name one file of the recording as the trial's log"
-RECOVER = "save what it holds with `sqlite3 BAG .recover | sqlite3 NEW`, or record it again"
-CONVERT = (
-    "convert it with `ros2 bag convert` to MCAP where the type is installed, or record it with ROS 2 Iron or later"
-)
 
 
 class Description(NamedTuple):
@@ -388,6 +251,9 @@ def beginning(path: Path) -> bytes:
         return file.read(len(SQLITE))
 
 
+RECOVER = "save what it holds with `sqlite3 BAG .recover | sqlite3 NEW`, or record it again"
+
+
 @dataclass
 class Database(MessageFile):
     """A bag in a database of sqlite3 (.db3), whose topics were read; `blocks` reads its messages."""
@@ -400,57 +266,29 @@ class Database(MessageFile):
         with opened(self.path) as connection:
             cursor = connection.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
             while rows := cursor.fetchmany(1 << 14):
+                numbers, times, payloads = list[int](), list[int](), list[bytes]()
                 for topic, time, data in rows:
                     if not (isinstance(topic, int) and isinstance(time, int) and isinstance(data, bytes)):
                         raise RefusedFileError(
                             f"{self.path}: a row of the table 'messages' holds {type(data).__name__} at {time!r:.40} "
                             f"and no message; {RECOVER}"
                         )
-                known = [row for row in rows if row[0] in self.numbers]
-                strangers += len(rows) - len(known)
-                if known:
-                    yield self.block(known)
+                    if topic not in self.numbers:
+                        strangers += 1
+                        continue
+                    if data[:4] == b"\x28\xb5\x2f\xfd":  # compressed on its own; one in CDR begins with a zero byte
+                        with suppress(zstandard.ZstdError):  # a damaged one stays as it is, and is no message
+                            data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
+                    numbers.append(self.numbers[topic])
+                    times.append(time)
+                    payloads.append(data)
+                lengths, channel = np.array([len(one) for one in payloads], np.int64), np.array(numbers, np.uint16)
+                starts, none = np.cumsum(lengths) - lengths, np.zeros(channel.size, np.uint32)
+                block = MessageBlock(b"".join(payloads), channel, none, np.array(times, np.int64), starts, lengths)
+                self.damage.read.update(block.counts)
+                yield block
         if strangers:
             self.damage.lose(f"{strangers} messages belong to topics that are not in the bag", 0, None, 0)
-
-    def block(self, rows: list[tuple[int, int, bytes]]) -> MessageBlock:
-        channel = np.array([self.numbers[topic] for topic, _, _ in rows], np.uint16)
-        payloads = [data for _, _, data in rows]
-        for place, data in enumerate(payloads):
-            if data[:4] == b"\x28\xb5\x2f\xfd":  # compressed on its own; one in CDR begins with a zero byte
-                with suppress(zstandard.ZstdError):  # a damaged one stays as it is, and is counted as no message
-                    payloads[place] = zstandard.ZstdDecompressor().decompressobj().decompress(data)
-        lengths, time = np.array([len(one) for one in payloads]), np.array([time for _, time, _ in rows], np.int64)
-        none = np.zeros(len(rows), np.uint32)
-        block = MessageBlock(b"".join(payloads), channel, none, time, np.cumsum(lengths) - lengths, lengths)
-        self.damage.read.update(block.counts)
-        return block
-
-
-def read_database(path: Path, described: Description | None = None) -> Database:
-    """Open a bag. `described` is the description of its recording; without it, the one beside it is used."""
-    if (begin := beginning(path)) != SQLITE:
-        raise InputError(f"{path}: not a bag in sqlite3 (it begins with {begin[:8]!r}); check the source's format")
-    for ending, what in (("-wal", "a write-ahead log"), ("-journal", "a journal")):
-        beside = path.with_name(path.name + ending)
-        if beside.is_file() and beside.stat().st_size:
-            raise InputError(
-                f"{path}: {what} is beside it ({beside.name}): the recorder did not finish, and messages are in there; "
-                "copy both elsewhere, and run `sqlite3 COPY 'PRAGMA wal_checkpoint(TRUNCATE)'` there"
-            )
-    description, remark = siblings(path) if described is None else (described, "")
-    bag = Database(path, path.stat().st_size)
-    with opened(path) as connection:
-        declare_topics(bag, connection, description.distribution if description else "")
-    if remark:
-        bag.damage.remarks.append(remark)
-    elif description is None:
-        bag.damage.remarks.append("no metadata.yaml beside it: how many messages were recorded is not known")
-    elif described is None:
-        bag.damage.finished = True
-        bag.damage.declared = Counter({one.id: description.counts[one.topic] for one in bag.channels.values()})
-        bag.damage.declared_messages = description.counts.total()
-    return bag
 
 
 @contextmanager
@@ -465,34 +303,51 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
         raise InputError(f"{path}: the database is damaged or cut off ({said}); {RECOVER}") from error
 
 
-def declare_topics(bag: Database, connection: sqlite3.Connection, distribution: str) -> None:
-    tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")}
+def read_database(path: Path, described: Description | None = None) -> Database:
+    """Open a bag. `described` is the description of its recording; without it, the one beside it is used."""
+    if (begin := beginning(path)) != SQLITE:
+        raise InputError(f"{path}: not a bag in sqlite3 (it begins with {begin[:8]!r}); check the source's format")
+    for ending, what in (("-wal", "a write-ahead log"), ("-journal", "a journal")):
+        beside = path.with_name(path.name + ending)
+        if beside.is_file() and beside.stat().st_size:
+            raise InputError(
+                f"{path}: {what} is beside it ({beside.name}): the recorder did not finish, and messages are in there; "
+                "copy both elsewhere, and run `sqlite3 COPY 'PRAGMA wal_checkpoint(TRUNCATE)'` there"
+            )
+    description, remark = siblings(path) if described is None else (described, "")
+    bag, own = Database(path, path.stat().st_size), dict[str, tuple[str, str]]()
     needed = {
         "topics": {"id", "name", "type", "serialization_format"},
         "messages": {"id", "topic_id", "timestamp", "data"},
     }
-    for table, columns in needed.items():
-        if table not in tables:
-            raise InputError(
-                f"{bag.path}: a database without the table '{table}': no bag of ROS 2; name the bag itself"
-            )
-        lacking = sorted(columns - {str(row[1]) for row in connection.execute(f"PRAGMA table_info({table})")})
-        if lacking:
-            raise InputError(
-                f"{bag.path}: its table '{table}' lacks {', '.join(lacking)}: no bag of ROS 2; name the bag itself"
-            )
-    own: dict[str, tuple[str, str]] = {}
-    if "message_definitions" in tables:
-        query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-        own = {str(kind): (str(encoding), str(text)) for kind, encoding, text in connection.execute(query)}
-    for topic in connection.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id"):
-        number, name, kind, encoding = int(topic[0]), *map(str, topic[1:])
-        channel = bag.numbers.setdefault(number, len(bag.numbers))
-        definition, reason = definition_of(kind, own, distribution)
-        if not reason:
-            bag.declare(Schema(channel + 1, definition, "ros2msg", kind))
-        metadata, schema = ({NOT_DEFINED: reason}, 0) if reason else ({}, channel + 1)
-        bag.declare(Channel(id=channel, topic=name, message_encoding=encoding, metadata=metadata, schema_id=schema))
+    with opened(path) as connection:
+        tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")}
+        for table, columns in needed.items():
+            lacking = columns - {str(row[1]) for row in connection.execute(f"PRAGMA table_info({table})")}
+            what = f"its table '{table}' lacks {', '.join(sorted(lacking))}"
+            if lacking:
+                what = what if table in tables else f"a database without the table '{table}'"
+                raise InputError(f"{path}: {what}: no bag of ROS 2; name the bag itself")
+        if "message_definitions" in tables:
+            query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+            own = {str(kind): (str(encoding), str(text)) for kind, encoding, text in connection.execute(query)}
+        for topic in connection.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id"):
+            number, name, kind, encoding = int(topic[0]), *map(str, topic[1:])
+            channel = bag.numbers.setdefault(number, len(bag.numbers))
+            definition, reason = definition_of(kind, own, description.distribution if description else "")
+            if not reason:
+                bag.declare(Schema(channel + 1, definition, "ros2msg", kind))
+            metadata, schema = ({NOT_DEFINED: reason}, 0) if reason else ({}, channel + 1)
+            bag.declare(Channel(id=channel, topic=name, message_encoding=encoding, metadata=metadata, schema_id=schema))
+    if remark:
+        bag.damage.remarks.append(remark)
+    elif description is None:
+        bag.damage.remarks.append("no metadata.yaml beside it: how many messages were recorded is not known")
+    elif described is None:
+        bag.damage.finished = True
+        bag.damage.declared = Counter({one.id: description.counts[one.topic] for one in bag.channels.values()})
+        bag.damage.declared_messages = description.counts.total()
+    return bag
 
 
 def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: str) -> tuple[bytes, str]:
@@ -501,25 +356,30 @@ def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: s
     own: encoding and text of the definitions in the bag, which has them since ROS 2 Iron, by type. Without one,
     `rosbags` has those of the standard types.
     """
+    convert = (
+        "convert it with `ros2 bag convert` to MCAP where the type is installed, or record it with ROS 2 Iron or later"
+    )
     encoding, text = own.get(kind, ("", ""))
     if encoding == "ros2msg" and text.strip():
         return text.encode(), ""
     if encoding == "ros2idl" and text.strip():
-        return b"", f"type '{kind}' is defined in IDL, which is not read; {CONVERT}"
+        return b"", f"type '{kind}' is defined in IDL, which is not read; {convert}"
     lacking = f"the bag has no definition of type '{kind}'"
     try:
         library = optional_module("rosbags.typesys", "ros", "a bag without definitions of its messages")
     except InputError as error:
         return b"", f"{lacking}: {error}"
-    stores = {store.name: library.get_typestore(store) for store in library.Stores if store.name.startswith("ROS2_")}
-    stores = {name: store for name, store in stores.items() if kind in store.types}
-    found = {name: str(store.generate_msgdef(kind, ros_version=2)[0]) for name, store in stores.items()}
+    found = {}
+    for name in (one.name for one in library.Stores if one.name.startswith("ROS2_")):
+        store = library.get_typestore(library.Stores[name])
+        if kind in store.types:
+            found[name] = str(store.generate_msgdef(kind, ros_version=2)[0])
     own_distribution = f"ROS2_{distribution.upper()}"
     if not found:
-        return b"", f"{lacking}, which is no standard one; {CONVERT}"
+        return b"", f"{lacking}, which is no standard one; {convert}"
     types = {repr(message_type(Schema(0, one.encode(), "", kind), ros1=False)) for one in found.values()}
     if own_distribution not in found and len(types) > 1:
-        return b"", f"{lacking}, which differs between the distributions of ROS 2; {CONVERT}"
+        return b"", f"{lacking}, which differs between the distributions of ROS 2; {convert}"
     return found.get(own_distribution, next(iter(found.values()))).encode(), ""
 
 

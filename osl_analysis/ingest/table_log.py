@@ -24,8 +24,9 @@ from osl_analysis.formats.csv_table import (
     without_brackets,
 )
 from osl_analysis.formats.gait_text import read_opensim
-from osl_analysis.formats.json_lines import DecodedLines, JsonLines, addresses_of, decode_lines, read_json_lines
+from osl_analysis.formats.json_lines import JsonLines, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import find, no_variable, open_mat, parsed, vector
+from osl_analysis.formats.message_fields import Columns
 from osl_analysis.formats.table import Loss, Table
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest.captures import exported_columns, exported_plates
@@ -297,7 +298,7 @@ def stamps_among(names: Collection[str]) -> Mapping[str, Parts]:
     return dict(sorted(found.items(), key=lambda one: one[0].count(".")))
 
 
-def stamp_column(lines: JsonLines, decoded: DecodedLines, parts: Parts) -> NDArray[Any]:
+def stamp_column(lines: JsonLines, decoded: Columns, parts: Parts) -> NDArray[Any]:
     """The stamps [ns] as one column; a line that lacks one of the parts has none."""
     for name, most in zip(parts, (LAST_SECOND, SECOND), strict=True):
         values, there = decoded.values[name], decoded.present[name]
@@ -314,7 +315,7 @@ def stamp_column(lines: JsonLines, decoded: DecodedLines, parts: Parts) -> NDArr
     return np.ma.array(seconds * SECOND + nanoseconds, mask=~there)
 
 
-def notes_on(lines: JsonLines, decoded: DecodedLines) -> list[str]:
+def notes_on(lines: JsonLines, decoded: Columns) -> list[str]:
     count, total = decoded.misfits, len(lines.texts)
     skipped = [f"{count} of {total} lines cannot be used and were skipped: {decoded.misfit}"]
     return [*lines.notes, *skipped * bool(count)]

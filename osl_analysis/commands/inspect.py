@@ -44,9 +44,8 @@ from osl_analysis.ingest.draft import (
     guessed_lines,
     trial_name,
 )
-from osl_analysis.ingest.overview import Overview, RecordedChannel
+from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.raw_files import FORMATS, NOT_READ, SUFFIXES, check_file, read_source, recognise
-from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source import open_places
 from osl_analysis.judge.recording import CHECKS, examine, quality_table, validate_rules
 from osl_analysis.judge.table import Commanded, QualityRules
@@ -117,19 +116,16 @@ def inspect_file(path: Path) -> Overview:
 
 
 def overview_text(overview: Overview) -> str:
+    """The facts on a file, a line per channel (kind, name, unit, samples, rate, note, type), and the remarks."""
     lines = [f"format: {overview.format}", *(f"{name}: {shortened(fact)}" for name, fact in overview.facts.items()), ""]
-    lines += [channel_text(channel) for channel in overview.channels]
+    for channel in overview.channels:
+        name = " ".join(shortened(part) for part in channel.address.values())
+        rate = f" at {channel.rate:.6g} Hz" if channel.rate else ""
+        unit = f" [{shortened(channel.unit)}]" if channel.unit else ""
+        notes = "".join(f"; {printable(note)}" for note in (channel.note, channel.type) if note)
+        lines.append(f"{shortened(channel.kind):<14} {name}{unit}  {channel.count} samples{rate}{notes}")
     lines += ["", *(f"! {printable(remark)}" for remark in (*overview.remarks, *overview.open))]
     return "\n".join(lines).rstrip()
-
-
-def channel_text(channel: RecordedChannel) -> str:
-    """One channel on one line: kind, name, unit, samples, rate, note, type."""
-    name = " ".join(shortened(part) for part in channel.address.values())
-    rate = f" at {channel.rate:.6g} Hz" if channel.rate else ""
-    unit = f" [{shortened(channel.unit)}]" if channel.unit else ""
-    notes = "".join(f"; {printable(note)}" for note in (channel.note, channel.type) if note)
-    return f"{shortened(channel.kind):<14} {name}{unit}  {channel.count} samples{rate}{notes}"
 
 
 def shortened(text: str) -> str:
@@ -153,69 +149,56 @@ def samples_table(folder: Path, rules: QualityRules) -> str:
 
 
 def row_of(path: Path, rules: QualityRules) -> tuple[str, str, str]:
+    """Format of a recording, what it holds, and what is said of it."""
     try:
         overview = inspect_file(path)
     except InputError as error:
         return "", "", f"refused: {error}"
-    has_topics = any("topic" in channel.address for channel in overview.channels)
-    holds = topic_lines(overview) if has_topics else kind_lines(overview)
     judged = capture_says(path, overview.format, rules) if FORMATS[overview.format].is_capture else ()
-    return overview.format, "\n".join(holds), "\n".join([*overview.remarks, *overview.open, *judged])
-
-
-def topic_lines(overview: Overview) -> Iterator[str]:
-    """The topics of a log; those of the same timing and size on one line."""
+    said = "\n".join([*overview.remarks, *overview.open, *judged])
+    holds: dict[str, dict[str, None]] = {}  # the topics of a log, those of the same timing and size on one line
     numbers = Counter(channel.address["topic"] for channel in overview.channels if "field" in channel.address)
-    alike: dict[str, dict[str, None]] = {}
     for channel in overview.channels:
-        topic, rate = channel.address["topic"], f" at {channel.rate:.4g} Hz" if channel.rate else ""
-        size = f"{channel.count} messages{rate}, numbers in each: {numbers[topic]}"
-        alike.setdefault("; ".join(filter(None, [size, channel.note])), {})[topic] = None
-    yield from (f"{', '.join(topics)}: {size}" for size, topics in alike.items())
-
-
-def kind_lines(overview: Overview) -> Iterator[str]:
-    """How many channels a file has of each kind and rate, and how much of them is missing."""
-    yield from (f"{name}: {overview.facts[name]}" for name in ("frames", "rows") if name in overview.facts)
-    for kind, rate in dict.fromkeys((channel.kind, channel.rate) for channel in overview.channels):
-        alike = [channel for channel in overview.channels if (channel.kind, channel.rate) == (kind, rate)]
+        if "topic" in channel.address:
+            topic, rate = channel.address["topic"], f" at {channel.rate:.4g} Hz" if channel.rate else ""
+            size = f"{channel.count} messages{rate}, numbers in each: {numbers[topic]}"
+            holds.setdefault("; ".join(filter(None, [size, channel.note])), {})[topic] = None
+    if holds:
+        return overview.format, "\n".join(f"{', '.join(topics)}: {size}" for size, topics in holds.items()), said
+    # else how many channels it has of each kind and rate, and how much of them is missing
+    lines = [f"{name}: {overview.facts[name]}" for name in ("frames", "rows") if name in overview.facts]
+    for kind, hz in dict.fromkeys((channel.kind, channel.rate) for channel in overview.channels):
+        alike = [channel for channel in overview.channels if (channel.kind, channel.rate) == (kind, hz)]
         missing = sum(channel.missing for channel in alike) / len(alike)
-        count = f"{len(alike)} x {kind}{f' at {rate:g} Hz' if rate else ''}"
+        count = f"{len(alike)} x {kind}{f' at {hz:g} Hz' if hz else ''}"
         notes = [f"{missing:.1%} missing"] * bool(missing) + [c.note for c in alike if kind == "plate"]
-        yield "; ".join([count, *notes])
+        lines.append("; ".join([count, *notes]))
+    return overview.format, "\n".join(lines), said
 
 
 def capture_says(path: Path, name: str, rules: QualityRules) -> Iterator[str]:
     """What ingest and the quality checks say to all of a capture; where it is refused, to all but its plates."""
     plates = FORMATS[name].source.model_fields.get("plates")
     for options in [{}, {"plates": "none"}] if plates and plates.default == "all" else [{}]:
-        source = FORMATS[name].source.model_validate({"format": name, **options})
         try:
-            recording = FORMATS[name].read(path, source)
+            recording = FORMATS[name].read(path, FORMATS[name].source.model_validate({"format": name, **options}))
         except InputError as error:
             yield from [] if options else [f"refused: {error}"]
             continue
-        yield "ok without plates" if options else "ok"
-        yield from [*recording.warnings, *failures(recording, rules)]
+        yield from ["ok without plates" if options else "ok", *recording.warnings]
+        trial = Trial("sample", recording.samples, dict(recording.facts))
+        for check_name, finding in examine(trial, "ingest_only", Commanded((), (), 1)).items():
+            limit, check = rules.rule(check_name).limit, CHECKS[check_name]
+            if finding.value is not None and check.failed(finding.value, limit):
+                yield f"{check_name}: {finding.value:.4g} {check.unit}, threshold {limit:g} ({finding.remark})"
         return
-
-
-def failures(recording: Recording, rules: QualityRules) -> Iterator[str]:
-    trial = Trial("sample", recording.samples, dict(recording.facts))
-    for name, finding in examine(trial, "ingest_only", Commanded((), (), 1)).items():
-        limit, check = rules.rule(name).limit, CHECKS[name]
-        if finding.value is not None and check.failed(finding.value, limit):
-            yield f"{name}: {finding.value:.4g} {check.unit}, threshold {limit:g} ({finding.remark})"
 
 
 def escaped(text: str) -> str:
     """Text of a stranger's file for a Markdown table: nothing in it can be markup, HTML or a line of its own."""
-    printable = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
-    plain = printable.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+    plain = shown.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return re.sub(r"([\\`*_\[\]|#~$])", r"\\\1", plain)
-
-
-SCHEMA = "# yaml-language-server: $schema=../schemas/source.schema.json\n"
 
 
 @dataclass
@@ -248,14 +231,12 @@ def new_campaign(
             like = nearest(name, known)
             raise InputError(f"no source file for a recorder '{name}'; there are {', '.join(known)}{like}")
     names = ("dynamometer", "dynamometer_nodes") if example else recorders
+    texts = {name: shipped(f"config/sources/{name}.yaml").read_text(encoding="utf-8") for name in names}
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as place:
             made = Path(place) / "campaign"
-            write_campaign(made, folder.name, raw_data, draft, example)
-            for name in names:
-                text = shipped(f"config/sources/{name}.yaml").read_text(encoding="utf-8")
-                (made / f"sources/{name}.yaml").write_text(SCHEMA + text, encoding="utf-8")
+            write_campaign(made, folder.name, raw_data, draft, texts, example)
             if folder.is_dir():
                 folder.rmdir()
             made.rename(folder)
@@ -264,32 +245,32 @@ def new_campaign(
     return draft
 
 
-def write_campaign(folder: Path, name: str, raw_data: Path, draft: Draft, example: bool) -> None:
+def write_campaign(
+    folder: Path, name: str, raw_data: Path, draft: Draft, sources: Mapping[str, str], example: bool
+) -> None:
+    """The files of a campaign; `sources` are texts of source files besides the drafted ones, by name."""
     (folder / "sources").mkdir(parents=True)
     allowed = "".join(c if c.isascii() and (c.isalnum() or c in "_-") else "_" for c in name).strip("_") or "campaign"
     template = shipped(f"config/new_campaign/{'example' if example else 'config'}.yaml").read_text(encoding="utf-8")
-    text = template.format(name=allowed, raw_data=quoted(raw_data.as_posix()))
-    (folder / "config.yaml").write_text(text, encoding="utf-8")
+    path = raw_data.as_posix()
+    if not all(character.isalnum() or character in "/._-" for character in path):  # a text in YAML's quotes
+        path = "'" + path.replace("'", "''") + "'"
+    (folder / "config.yaml").write_text(template.format(name=allowed, raw_data=path), encoding="utf-8")
     write_schemas(folder / "schemas")
     if not raw_data.is_absolute() and ".." not in raw_data.parts:
         (folder / raw_data).mkdir(parents=True)
+    for source, content in {**draft.sources, **sources}.items():
+        text = f"# yaml-language-server: $schema=../schemas/source.schema.json\n{content}"
+        (folder / f"sources/{source}.yaml").write_text(text, encoding="utf-8")
     if example:
         shutil.copy(shipped("config/new_campaign/simulation.yaml"), folder / "simulation.yaml")
         return
-    for source, content in draft.sources.items():
-        (folder / f"sources/{source}.yaml").write_text(SCHEMA + content, encoding="utf-8")
     given = ["trial", "experiment", "controller", "K_d", "B_d", "perturbed"]
     columns = [*given, "log", "log_source", "mocap", "mocap_source", "exclude"]
     with (folder / "trials.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
         writer.writeheader()
         writer.writerows(trial.cells for trial in draft.trials)
-
-
-def quoted(text: str) -> str:
-    """A path as a YAML text, in quotes where it has more than letters, digits and the signs of a path."""
-    plain = all(character.isalnum() or character in "/._-" for character in text)
-    return text if plain else "'" + text.replace("'", "''") + "'"
 
 
 def draft_campaign(folder: Path) -> Draft:
@@ -304,10 +285,15 @@ def draft_campaign(folder: Path) -> Draft:
         except InputError as error:
             draft.refused.append(str(error))
             continue
-        source = layouts.setdefault(layout(overview), new_name(overview.format, layouts.values()))
+        name, is_capture = overview.format, FORMATS[overview.format].is_capture
+        # What files share that one source file can describe: format, clock, and the channels of a log. Captures of one
+        # laboratory have other markers in each trial.
+        channels = tuple((*channel.address.values(), channel.unit) for channel in overview.channels)
+        layout = (name,) if is_capture else (name, repr(overview.settings), channels)
+        number = 1 + sum(one[0] == name for one in layouts)
+        source = layouts.setdefault(layout, name if number == 1 else f"{name}_{number}")
         if source not in overviews or len(overview.channels) > len(overviews[source][0].channels):
             overviews[source] = (overview, path.name)
-        is_capture = FORMATS[overview.format].is_capture
         draft.open += [(path.relative_to(folder), text) for text in overview.open]
         draft.recordings.append(Recorded(path.relative_to(folder), source, is_capture))
     if not draft.recordings:
@@ -327,23 +313,6 @@ def recordings_in(folder: Path) -> Iterable[Path]:
         if path.is_file() and path.suffix.lower() in SUFFIXES and not any(bag in path.parents for bag in bags)
     ]
     return sorted([*bags, *files])
-
-
-def layout(overview: Overview) -> tuple[object, ...]:
-    """What two files share that one source file can describe: format, clock, and the channels of a log. (Captures of
-    one laboratory have other markers in each trial.)"""
-    if FORMATS[overview.format].is_capture:
-        return (overview.format,)
-    channels = tuple((*channel.address.values(), channel.unit) for channel in overview.channels)
-    return (overview.format, repr(overview.settings), channels)
-
-
-def new_name(name: str, taken: Iterable[str]) -> str:
-    """A name for a source file: the format's, with a number where there are several."""
-    used, number = set(taken), 1
-    while (free := name if number == 1 else f"{name}_{number}") in used:
-        number += 1
-    return free
 
 
 def left_to_decide(folder: Path, draft: Draft) -> list[str]:
@@ -399,8 +368,13 @@ class Arrivals:
         `seen` once they are examined."""
         found = []
         for path in recordings_in(self.folder):
-            name, state = path.relative_to(self.folder).as_posix(), recording_state(path)
-            if state is None or self.seen.get(name) == state:
+            name = path.relative_to(self.folder).as_posix()
+            try:
+                stats = [file.stat() for file in recorded_files(path)]
+            except OSError:  # it is gone
+                continue
+            state = (sum(stat.st_size for stat in stats), max((stat.st_mtime_ns for stat in stats), default=0))
+            if not state[0] or self.seen.get(name) == state:
                 continue
             before, since = self.growing.get(name, (None, now))
             if before != state:
@@ -412,16 +386,6 @@ class Arrivals:
             if before == state and now - since >= quiet and not is_written(path):
                 found.append((path, state))
         return found
-
-
-def recording_state(path: Path) -> State | None:
-    """Size and date of a recording, of all files of one that is a folder; None if it is gone or empty."""
-    try:
-        states = [file.stat() for file in recorded_files(path)]
-    except OSError:
-        return None
-    size = sum(state.st_size for state in states)
-    return (size, max(state.st_mtime_ns for state in states)) if size else None
 
 
 def is_written(path: Path) -> bool:
@@ -484,11 +448,12 @@ def recording_line(path: Path, folder: Path, bench: WatchedBench) -> str:
     """What is said of one recording: estimates with intervals, quality, doubts, and where its picture is."""
     stamp, name = time.strftime("%H:%M:%S"), path.relative_to(folder).as_posix()
     try:
-        return f"{stamp} {name}: {examined(path, folder, bench)}"
+        said = examined(path, folder, bench)
     except OslAnalysisError as error:
-        return f"{stamp} {name}: REFUSED: {str(error).replace(f'{path}: ', '')}"
+        said = f"REFUSED: {str(error).replace(f'{path}: ', '')}"
     except Exception as fault:  # a fault of the program in one recording must not end the watch over the others
-        return f"{stamp} {name}: FAILED: {unexpected(fault)}"
+        said = f"FAILED: {unexpected(fault)}"
+    return f"{stamp} {name}: {said}"
 
 
 def examined(path: Path, folder: Path, bench: WatchedBench) -> str:
@@ -526,56 +491,41 @@ def row_of_recording(
 
     The sheet decides; else the stated source file; else one of the campaign's that fits; else a draft in `place`.
     """
-    named = row_in_sheet(path, bench)
-    if named is not None:
-        return {**named, "log": path.name}, bench.config.sources, []
-    relative = path.relative_to(folder)
-    if bench.source is not None:
-        source, sources, said = bench.source, bench.config.sources, list[str]()
-    else:
-        source, sources, said = fitting_source(path, bench, place)
+    for named in bench.campaign.rows.values() if bench.campaign else ():
+        if named["log"] and (bench.config.raw_data / named["log"]).resolve() == path.resolve():
+            return {**named, "log": path.name}, bench.config.sources, []
+    sources, source, said = bench.config.sources, bench.source, list[str]()
+    if source is None:
+        found = recognise(path)
+        for file in sorted(sources.glob("*.yaml")) if bench.campaign else ():
+            try:
+                if read_source(file).format == found:
+                    trying = {"trial": path.stem, "log": path.name, "log_source": file.stem}
+                    checked_trial(trying, path.parent, sources)
+                    source = file.stem
+                    break
+            except OslAnalysisError:
+                continue
+    if source is None:
+        overview = inspect_file(path)
+        text, sources, source = draft_source(overview, path.name, named=True), place, "draft"
+        (place / "draft.yaml").write_text(text, encoding="utf-8")
+        still_open = [f"`{dotted(one)}`" for one in open_places(read_mapping(place / "draft.yaml"))]
+        if still_open:
+            questions = "; ".join(printable(one) for one in overview.open) or f"open are {listing(still_open, 4)}"
+            raise InputError(
+                f"{path}: its channels cannot be guessed: {questions}; edit the draft of `osl-analysis inspect`, and "
+                "name it by --source"
+            )
+        guesses = [line.split("#")[0].strip() for line in guessed_lines(text)]
+        said = [f"channels are guessed: {listing(guesses, 4)}"] * bool(guesses)
+        said += [printable(one) for one in overview.open]
     (trial,) = draft_trials([Recorded(Path(path.name), source, is_capture=False)])
     row = dict.fromkeys(("log_part", "mocap", "mocap_source", "K_d", "B_d", "controller")) | trial.cells
-    row["trial"] = trial_name(Path(relative.as_posix().replace("/", "_")))
+    row["trial"] = trial_name(Path(path.relative_to(folder).as_posix().replace("/", "_")))
     if row["experiment"] == UNNAMED:  # a recording with angle and torque whose name and sheet tell none
         row["experiment"], said = "impedance", [*said, "taken for an impedance trial"]
     return row, sources, said
-
-
-def row_in_sheet(path: Path, bench: WatchedBench) -> Mapping[str, Any] | None:
-    """The row of the sample sheet that names a recording as its log; None if none does."""
-    if bench.campaign is None:
-        return None
-    for row in bench.campaign.rows.values():
-        if row["log"] and (bench.config.raw_data / row["log"]).resolve() == path.resolve():
-            return row
-    return None
-
-
-def fitting_source(path: Path, bench: WatchedBench, place: Path) -> tuple[str, Path, list[str]]:
-    """Name and folder of a source file for a recording, and what of it is a guess."""
-    found = recognise(path)
-    for file in sorted(bench.config.sources.glob("*.yaml")) if bench.source is None and bench.campaign else ():
-        try:
-            if read_source(file).format != found:
-                continue
-            checked_trial({"trial": path.stem, "log": path.name, "log_source": file.stem}, path.parent, file.parent)
-        except OslAnalysisError:
-            continue
-        return file.stem, file.parent, []
-    overview = inspect_file(path)
-    text = draft_source(overview, path.name, named=True)
-    (place / "draft.yaml").write_text(text, encoding="utf-8")
-    guesses = [line.split("#")[0].strip() for line in guessed_lines(text)]
-    places = [f"`{dotted(one)}`" for one in open_places(read_mapping(place / "draft.yaml"))]
-    if places:
-        questions = "; ".join(printable(text) for text in overview.open) or f"open are {listing(places, 4)}"
-        raise InputError(
-            f"{path}: its channels cannot be guessed: {questions}; edit the draft of `osl-analysis inspect`, and name "
-            "it by --source"
-        )
-    said = [f"channels are guessed: {listing(guesses, 4)}"] * bool(guesses)
-    return "draft", place, [*said, *(printable(text) for text in overview.open)]
 
 
 def quality_text(trial: Trial, experiment: str, config: Config, accepted: Collection[str]) -> str:

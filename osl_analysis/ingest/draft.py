@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -90,11 +91,6 @@ def words_of(name: str) -> str:
     return " ".join(re.findall(r"[a-z]+|\d+", parted.casefold()))
 
 
-NAMES_OF_TIME = ("column", "variable", "field", "channel")
-"""Fields of `time` that name a column, in some format."""
-MOST_ACTIVE = 8  # largest number of channels of which all are entries
-
-
 def draft_source(overview: Overview, name: str, named: bool = False) -> str:
     """A source file for the file `name`, in which the user still has to name the channels.
 
@@ -106,8 +102,16 @@ def draft_source(overview: Overview, name: str, named: bool = False) -> str:
         f"description: {json.dumps(f'Drafted from {name}; complete it.')}",
         *(f"{key}: {json.dumps(value)}" for key, value in overview.settings.items()),
     ]
-    is_capture = FORMATS[overview.format].is_capture
-    return "\n".join([*lines, *(capture_lines(overview) if is_capture else log_lines(overview, named))]) + "\n"
+    if not FORMATS[overview.format].is_capture:
+        return "\n".join([*lines, *log_lines(overview, named)]) + "\n"
+    # all markers; analog channels and model outputs as comments, for the user to name; so is a walking section
+    labels = [json.dumps(c.address["label"]) for c in overview.channels if c.kind == "marker"]
+    lines += ["markers: all", f"# or some: markers: [{', '.join(dict.fromkeys(labels))}]"]
+    for key, kinds in (("analogs", ("analog", "device")), ("outputs", ("model output",))):
+        channels = [c for c in overview.channels if c.kind in kinds]
+        lines += [f"# {key}:"] if channels else []
+        lines += [f"# {channel_line(number, channel)}" for number, channel in enumerate(channels, start=1)]
+    return "\n".join([*lines, *(f"# {line}" for line in draft_walking(overview))]) + "\n"
 
 
 def guessed_lines(draft: str) -> list[str]:
@@ -115,47 +119,47 @@ def guessed_lines(draft: str) -> list[str]:
     return [line.strip() for line in draft.splitlines() if "# guessed" in line and not line.startswith("#")]
 
 
-def log_lines(overview: Overview, named: bool) -> list[str]:
+def log_lines(overview: Overview, named: bool) -> Iterator[str]:
     """Every channel but the clock, for the user to name; topics without messages and empty arrays are left out."""
-    clock = overview.settings.get("time")
-    clock_column = next((clock[key] for key in NAMES_OF_TIME if key in clock), "") if isinstance(clock, dict) else ""
+    time: Any = overview.settings.get("time", {})
+    clock = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
     listed = overview.channels if overview.drafted is None else overview.drafted
-    channels = [c for c in listed if not clock_column or clock_column not in c.address.values()]
-    channels = [c for c in channels if "topic" not in c.address or ("field" in c.address and c.count)]
-    lines = [f"# {text}" for text in (*overview.open, overview.draft_note) if text]
-    if clock_column == NAME_OF_TIME:
-        lines.append("# time: name its column and unit, or state the rate of the rows instead, as {rate: 1000}")
-    if any(c.likely_unit and not c.unit for c in listed if clock_column in c.address.values()):
-        lines.append("# time: its unit is guessed from its name or from the rate of its readings: check it")
-    return [
-        *lines,
+    yield from (f"# {text}" for text in (*overview.open, overview.draft_note) if text)
+    if clock == NAME_OF_TIME:
+        yield "# time: name its column and unit, or state the rate of the rows instead, as {rate: 1000}"
+    if any(c.likely_unit and not c.unit for c in listed if clock in c.address.values()):
+        yield "# time: its unit is guessed from its name or from the rate of its readings: check it"
+    yield (
         "# give each signal that you need its canonical name instead of NAME_n, "
-        f"state what is {UNKNOWN}, delete the rest",
-        f"# canonical names: {', '.join(column for column in COLUMNS if column != 'time')}",
-        "channels:",
-        *channel_lines(channels, named),
-    ]
+        f"state what is {UNKNOWN}, delete the rest"
+    )
+    yield f"# canonical names: {', '.join(column for column in COLUMNS if column != 'time')}"
+    yield "channels:"
+    channels = [c for c in listed if not clock or clock not in c.address.values()]
+    yield from channel_lines(
+        [c for c in channels if "topic" not in c.address or ("field" in c.address and c.count)], named
+    )
 
 
 def channel_lines(channels: Sequence[RecordedChannel], named: bool = False) -> Iterator[str]:
-    """An entry per channel. Of many, those that are like no canonical column by name and unit are comments.
+    """An entry per channel. Of more than eight, those that are like no canonical column by name and unit are comments.
 
     named: an entry has its column's name where only this channel is like it and its name leaves no doubt. One that may
     be another quantity, as a command or another joint's angle, is left to the user.
     """
     guesses = [likely_column(channel) for channel in channels]
     times = Counter(guesses)
-    comment_others = any(guesses) and (named or len(channels) > MOST_ACTIVE)
+    comment_others = any(guesses) and (named or len(channels) > 8)
     for number, (channel, guess) in enumerate(zip(channels, guesses, strict=True), start=1):
-        sure = bool(guess) and times[guess] == 1 and known_unit(channel) != UNKNOWN and is_certain(channel, guess)
-        line = channel_line(number, channel, guess, named and sure)
+        line = channel_line(number, channel, guess, named and times[guess] == 1 and is_certain(channel, guess))
         yield f"# {line}" if comment_others and not guess else line
 
 
 def channel_line(number: int, channel: RecordedChannel, guess: str = "", sure: bool = False) -> str:
     """One entry under `channels`; `guess` is the canonical column that it may be, or if that is `sure` is."""
-    unit = known_unit(channel)
-    is_guessed = bool(channel.likely_unit and not channel.unit)
+    stated, is_guessed = channel.unit or channel.likely_unit, bool(channel.likely_unit and not channel.unit)
+    unit = stated if stated and is_unit(stated) else UNKNOWN
+    sure = sure and bool(guess) and unit != UNKNOWN
     said = [("guessed from its name" + ";" * is_guessed) if sure else f"{guess}?"] * bool(guess)
     said += [f"no known unit: {json.dumps(channel.unit)}"] * (bool(channel.unit) and unit == UNKNOWN)
     said += ["the unit is guessed: check it"] * is_guessed
@@ -164,64 +168,41 @@ def channel_line(number: int, channel: RecordedChannel, guess: str = "", sure: b
     return f"  {guess if sure else f'NAME_{number}'}: {{{entry}}}{comment}"
 
 
-def known_unit(channel: RecordedChannel) -> str:
-    """The unit of a channel as the file or its name tells it, where it is a known one."""
-    unit = channel.unit or channel.likely_unit
-    return unit if unit and is_unit(unit) else UNKNOWN
-
-
-def capture_lines(overview: Overview) -> list[str]:
-    """All markers; analog channels and model outputs as comments, for the user to name; so is a walking section."""
-    labels = [json.dumps(c.address["label"]) for c in overview.channels if c.kind == "marker"]
-    lines = ["markers: all", f"# or some: markers: [{', '.join(dict.fromkeys(labels))}]"]
-    for key, kinds in (("analogs", ("analog", "device")), ("outputs", ("model output",))):
-        channels = [c for c in overview.channels if c.kind in kinds]
-        lines += [f"# {key}:"] if channels else []
-        lines += [f"# {channel_line(number, channel)}" for number, channel in enumerate(channels, start=1)]
-    return [*lines, *(f"# {line}" for line in draft_walking(overview))]
-
-
-CLUSTERS = {
-    "foot": r"FOOT|SHOE|HEEL|CALC|TOE|META?\d",
-    "shank": r"SHANK|SHIN|TIB|PYLON|LEG",
-    "platform": r"PLAT|HEXAPOD|STEWART",
-}
-"""What names of markers contain, by cluster."""
-MALLEOLI = {"ankle_medial": r"MED|(^|_)M(_|MAL|$)", "ankle_lateral": r"LAT|(^|_)L(_|MAL|$)"}
-"""What the names of the malleoli contain, besides ANK, MAL or MALL."""
-
-
 def draft_walking(overview: Overview) -> list[str]:
     """Lines of YAML, which stand as comments below the draft of a source file. What names do not tell is UNKNOWN.
 
     None unless markers are named as a platform's and as a foot's or shank's.
     """
 
-    def contains(label: str, word: str) -> bool:
-        """Whether a label contains the pattern; the name of the subject before a colon does not count."""
-        return re.search(word, label.rpartition(":")[2].upper()) is not None
+    def containing(word: str, among: Sequence[str]) -> list[str]:
+        """The labels that contain a pattern; the name of the subject before a colon does not count."""
+        return [label for label in among if re.search(word, label.rpartition(":")[2].upper())]
 
     labels = list(dict.fromkeys(c.address["label"] for c in overview.channels if c.kind == "marker"))
-    ankle = [label for label in labels if contains(label, "ANK|MALL?")]
-    malleoli = {key: [name for name in ankle if contains(name, word)] for key, word in MALLEOLI.items()}
+    ankle = containing("ANK|MALL?", labels)
+    malleoli = {"ankle_medial": containing(r"MED|(^|_)M(_|MAL|$)", ankle)}
+    malleoli["ankle_lateral"] = containing(r"LAT|(^|_)L(_|MAL|$)", ankle)
     free = [name for name in labels if not any(name in names for names in malleoli.values())]
-    clusters = {key: [name for name in free if contains(name, word)] for key, word in CLUSTERS.items()}
+    clusters = {
+        "foot": containing(r"FOOT|SHOE|HEEL|CALC|TOE|META?\d", free),
+        "shank": containing(r"SHANK|SHIN|TIB|PYLON|LEG", free),
+        "platform": containing(r"PLAT|HEXAPOD|STEWART", free),
+    }
     if not clusters["platform"] or not (clusters["foot"] or clusters["shank"]):
         return []
-    markers = []
-    for key, names in clusters.items():
-        markers.append(f"    {key}: {json.dumps(names)}{'  # UNKNOWN: a cluster has 3 or more' * (len(names) < 3)}")
-    for key, names in malleoli.items():
-        several = f"one of {', '.join(json.dumps(name) for name in names)}" if names else "named in the static trial"
-        markers.append(f"    {key}: {json.dumps(names[0]) if len(names) == 1 else f'UNKNOWN  # {several}'}")
-    return [
+    lines = [
         "Draft of the section `walking` of the configuration, guessed from the names of markers. Check every line.",
         "walking:",
         "  side: UNKNOWN  # left or right: the leg that steps on the platform",
         f"  plate: {plate_text(overview, clusters['platform'])}",
         "  markers:",
-        *markers,
     ]
+    for key, names in clusters.items():
+        lines.append(f"    {key}: {json.dumps(names)}{'  # UNKNOWN: a cluster has 3 or more' * (len(names) < 3)}")
+    for key, names in malleoli.items():
+        several = f"one of {', '.join(json.dumps(name) for name in names)}" if names else "named in the static trial"
+        lines.append(f"    {key}: {json.dumps(names[0]) if len(names) == 1 else f'UNKNOWN  # {several}'}")
+    return lines
 
 
 def plate_text(overview: Overview, platform: Sequence[str]) -> str:
@@ -258,12 +239,7 @@ CROSSINGS = {
     "true": r"\b(perturb|perturbed|perturbation|pert)\b",
 }
 """By the cell `perturbed`: what the words of a crossing's name contain. The first that fits counts."""
-BETWEEN, BEHIND = "(?<![A-Za-z])", r"(?=$|[_\s-]|[.,](?!\d)|[BbKk]_?d?[_=-]?\d)"
-STIFFNESS, DAMPING = (
-    re.compile(rf"{BETWEEN}{letter}_?d?[_=-]?(\d+(?:\.\d+)?){BEHIND}", re.IGNORECASE) for letter in "KB"
-)
-CONTROLLER = re.compile(rf"{BETWEEN}(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", re.IGNORECASE)
-SOFTEST = 10.0  # smallest stiffness [N*m/rad] that a name is taken to state: `k1` is a number of a file
+BETWEEN = "(?<![A-Za-z])"  # what stands before a letter or a word of a name
 UNNAMED = "ingest_only"  # the experiment of a trial whose name tells none
 
 
@@ -284,6 +260,11 @@ class DraftedTrial:
     open: list[str] = field(default_factory=list)
 
 
+def trial_name(path: Path) -> str:
+    """A name for the trial of a file: that of the file without its ending, with `_` for what a name may not have."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", path.stem if path.suffix else path.name).lstrip("_.-")[:90] or "trial"
+
+
 def draft_trials(recordings: Sequence[Recorded]) -> list[DraftedTrial]:
     """The trials that recordings are: a log and a capture of the same name are one. Sorted by name."""
     several: dict[str, list[Recorded]] = {}
@@ -297,53 +278,42 @@ def draft_trials(recordings: Sequence[Recorded]) -> list[DraftedTrial]:
     return [drafted(name, files) for name, files in several.items()]
 
 
-def trial_name(path: Path) -> str:
-    """A name for the trial of a file: that of the file without its ending, with `_` for what a name may not have."""
-    return re.sub(r"[^A-Za-z0-9_.-]+", "_", own_name(path)).lstrip("_.-")[:90] or "trial"
-
-
-def own_name(path: Path) -> str:
-    """The name of a file without its ending, or of a folder."""
-    return path.stem if path.suffix else path.name
-
-
 def drafted(name: str, files: Sequence[Recorded]) -> DraftedTrial:
     """The trial of the files, by what the words of the first one's name tell.
 
-    A stated stiffness tells an impedance trial, but for one who walks.
+    A stated stiffness tells an impedance trial, but for one who walks. `k1` states none: it is a number of a file.
     """
-    cells, said = {"trial": name}, own_name(files[0].path)
+    path = files[0].path
+    cells, said, still_open = {"trial": name}, path.stem if path.suffix else path.name, list[str]()
     for one in files:
         role = "mocap" if one.is_capture else "log"
         cells |= {role: one.path.as_posix(), f"{role}_source": one.source}
-    trial, words, stiffness = DraftedTrial(cells), words_of(said.replace("_", " ")), stated(STIFFNESS, said, SOFTEST)
+    words, numbers = words_of(said.replace("_", " ")), {}
+    for column, letter, smallest in (("K_d", "K", 10.0), ("B_d", "B", 0.0)):
+        behind = r"(?=$|[_\s-]|[.,](?!\d)|[BbKk]_?d?[_=-]?\d)"
+        found = set(re.findall(rf"{BETWEEN}{letter}_?d?[_=-]?(\d+(?:\.\d+)?){behind}", said, re.IGNORECASE))
+        if len(found) == 1 and float(*found) >= smallest:
+            (numbers[column],) = found
     told = [known for known, wanted in WORDS_OF_EXPERIMENTS.items() if re.search(wanted, words)]
-    told += ["impedance"] * (stiffness is not None and not {"walking", "impedance"} & {*told})
-    cells["experiment"] = told[0] if len(told) == 1 else UNNAMED
-    if cells["experiment"] == UNNAMED:
+    told += ["impedance"] * ("K_d" in numbers and not {"walking", "impedance"} & {*told})
+    experiment = cells["experiment"] = told[0] if len(told) == 1 else UNNAMED
+    if experiment == UNNAMED:
         what = f"the name may tell {' or '.join(told)}" if told else "the name tells none"
-        trial.open.append(f"experiment: {what}; it stands as {UNNAMED}, which is not analysed")
-    if cells["experiment"] == "impedance":
-        for column, number in (("K_d", stiffness), ("B_d", stated(DAMPING, said))):
-            if number is not None:
-                cells[column] = number
-            else:
-                trial.open.append(f"{column}: the name does not tell; empty, nothing is compared with it")
-        controller = CONTROLLER.search(said)
+        still_open.append(f"experiment: {what}; it stands as {UNNAMED}, which is not analysed")
+    elif experiment == "impedance":
+        for column in ("K_d", "B_d"):
+            if column not in numbers:
+                still_open.append(f"{column}: the name does not tell; empty, nothing is compared with it")
+        cells |= numbers
+        controller = re.search(rf"{BETWEEN}(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", said, re.IGNORECASE)
         if controller:
             cells["controller"] = "uncompensated" if controller[1] else "compensated"
-    if cells["experiment"] == "walking":
+    elif experiment == "walking":
         crossing = next((cell for cell, wanted in CROSSINGS.items() if re.search(wanted, words)), None)
-        if crossing is not None:
-            cells["perturbed"] = crossing
-        else:
+        if crossing is None:
             cells["experiment"] = UNNAMED
             remedy = "write walking, and true or false"
-            trial.open.append(f"perturbed: the name does not tell; it stands as {UNNAMED}: {remedy}")
-    return trial
-
-
-def stated(pattern: re.Pattern[str], name: str, smallest: float = 0.0) -> str | None:
-    """The one number that a name has behind a letter, as text; None without one, with several, or with a small one."""
-    found = set(pattern.findall(name))
-    return next((text for text in found if float(text) >= smallest), None) if len(found) == 1 else None
+            still_open.append(f"perturbed: the name does not tell; it stands as {UNNAMED}: {remedy}")
+        else:
+            cells["perturbed"] = crossing
+    return DraftedTrial(cells, still_open)

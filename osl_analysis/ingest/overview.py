@@ -5,7 +5,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -81,78 +81,67 @@ class Overview:
     draft_note: str = ""  # A remark that the draft has as a comment
 
 
-UNIT_ENDINGS = {
-    "deg": "deg", "rad": "rad", "rev": "rev", "rpm": "rpm", "deg_s": "deg/s", "deg_per_s": "deg/s", "rad_s": "rad/s",
-    "rad_per_s": "rad/s", "Nm": "Nm", "N": "N", "A": "A", "mA": "mA", "V": "V", "mV": "mV", "s": "s", "sec": "s",
-    "ms": "ms", "us": "us", "ns": "ns", "Hz": "Hz", "mm": "mm",
-}  # fmt: skip
-"""Unit that a name may end with, as in `torque_Nm`. `_m` is none: `theta_m` is the motor's angle."""
-
-
 def likely_unit(name: str) -> str:
-    """The unit that the end of a column's name tells, as `deg` in `ankle_deg`; empty if it tells none."""
-    endings = [end for end in UNIT_ENDINGS if name.endswith(f"_{end}")]
-    return UNIT_ENDINGS[max(endings, key=len)] if endings else ""
+    """The unit that the end of a column's name tells, as `deg` in `ankle_deg`; empty if it tells none.
+
+    `_m` is none: `theta_m` is the motor's angle.
+    """
+    plain = ("deg", "rad", "rev", "rpm", "Nm", "N", "A", "mA", "V", "mV", "s", "ms", "us", "ns", "Hz", "mm")
+    spelled = {"deg_s": "deg/s", "deg_per_s": "deg/s", "rad_s": "rad/s", "rad_per_s": "rad/s", "sec": "s"}
+    endings = [end for end in (*plain, *spelled) if name.endswith(f"_{end}")]
+    longest = max(endings, key=len, default="")
+    return spelled.get(longest, longest)
 
 
-def guessed_units(channels: Sequence[RecordedChannel], key: str, own: Callable[[str], str] = str) -> list[str]:
-    """A remark on the units that names tell; `key` is that of the address, `own` gives its part that is the name."""
-    units = {one.address[key]: one.likely_unit for one in channels if one.likely_unit}
-    return guesses([f"{name} [{unit}]" for name, unit in units.items() if likely_unit(own(name))])
+def guesses(units: Mapping[str, str]) -> list[str]:
+    """A remark on the units that names tell, by channel."""
+    named = ", ".join(f"{name} [{unit}]" for name, unit in units.items() if unit)
+    return [f"units guessed from the names, to be checked: {named}"] * bool(named)
 
 
-def guesses(names: Sequence[str]) -> list[str]:
-    return [f"units guessed from the names, to be checked: {', '.join(names)}"] * bool(names)
-
-
-HOW_CLOCKS_ARE_CALLED = (
+CLOCKS = (
     "time", "t", "timestamp", "stamp", "state_time", "loop_time", "pi_time", "sys_time", "ros_time", "elapsed",
     "elapsed_time", "clock", "seconds", "time_since_start",
 )  # fmt: skip
-"""Without a unit behind it."""
-USUAL_RATES = (50.0, 5000.0)
-"""Rates of recorders of joints [Hz], less than a factor of 1000 apart: a reading fits them in one unit only."""
-FEWEST_READINGS = 20  # readings of a clock from which its unit is guessed
-LARGEST_DIFFERENCE = 0.005
-"""Largest difference, as a share, of what two clocks of one recording span: it puts I wrong by twice as much."""
-RUNS_ON = 0.9  # smallest share of the steps of a clock that do not go back
-MOST_CLOCKS = 6  # largest number of clocks that are named
+"""How columns of time are called, without a unit behind it."""
 
 
 def is_clock(title: str) -> bool:
     """Whether a column is called like a clock: `time`, `t_s`, `loop_time [ms]`."""
     name = name_and_unit(title)[0].strip()
-    plain = re.sub(r"_(s|sec|ms|us|ns)$", "", name)
-    return name.casefold() in HOW_CLOCKS_ARE_CALLED or plain.casefold() in HOW_CLOCKS_ARE_CALLED
+    return name.casefold() in CLOCKS or re.sub(r"_(s|sec|ms|us|ns)$", "", name).casefold() in CLOCKS
 
 
-def likely_clock(readings: Mapping[str, Array], what: str = "columns") -> tuple[str | None, list[str]]:
+def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") -> tuple[str | None, list[str]]:
     """The clock that a draft names, and what the user has to decide, from the readings (n,) of all that are called so.
 
     The first of several, if they span the same time in s, ms, us or ns. None if they contradict each other, as then B
     and I depend on the choice. What does not run, as the duration of each loop, is no clock beside one that does.
     """
-    spans = {name: span_of(values) for name, values in readings.items()}
+    clocks = {name: values.astype(np.float64) for name, values in readings.items()}
+    spans = {name: span_of(values) for name, values in clocks.items()}
     running = [name for name, span in spans.items() if span > 0] or list(readings)
     if len(running) < 2:
         return next(iter(running), None), []
-    count, first = f"{len(running)} {what} may be the clock", running[0]
-    if all(one_time(readings[name], readings[first]) for name in running):
-        named, taken = (listing([printable(name) for name in some], MOST_CLOCKS) for some in (running, running[:1]))
-        return first, [f"{count}, to be checked: {named}; {taken} is taken"]
-    named = listing([f"{printable(name)} spans {spans[name]:.6g}" for name in running], MOST_CLOCKS)
+    count, first, most = f"{len(running)} {what} may be the clock", running[0], 6
+    if all(one_time(clocks[name], clocks[first]) for name in running):
+        named = listing([printable(name) for name in running], most)
+        return first, [f"{count}, to be checked: {named}; {printable(first)} is taken"]
+    named = listing([f"{printable(name)} spans {spans[name]:.6g}" for name in running], most)
     return None, [f"{count}, and they contradict each other: {named}; name the one by which the signals were sampled"]
 
 
 def span_of(values: Array) -> float:
-    """Last minus first of the readings (n,) of a clock, in its unit; 0 if they do not run."""
+    """Last minus first of the readings (n,) of a clock, in its unit; 0 if they do not run: a tenth of the steps go
+    back."""
     known = values[np.isfinite(values)]
-    runs = known.size > 1 and float(np.mean(np.diff(known) >= 0)) > RUNS_ON
+    runs = known.size > 1 and float(np.mean(np.diff(known) >= 0)) > 0.9
     return max(float(known[-1] - known[0]), 0.0) if runs else 0.0
 
 
 def one_time(one: Array, other: Array) -> bool:
-    """Whether two clocks span the same time, in units that are a power of 1000 apart, where both have readings."""
+    """Whether two clocks span the same time within 0.5 %, which puts I wrong by 1 %, in units that are a power of 1000
+    apart, where both have readings."""
     if one.shape == other.shape:
         known = np.isfinite(one) & np.isfinite(other)
         one, other = one[known], other[known]
@@ -160,7 +149,7 @@ def one_time(one: Array, other: Array) -> bool:
     if min(spans) <= 0:
         return max(spans) <= 0
     ratio = spans[0] / spans[1]
-    return abs(ratio / 1000.0 ** round(math.log10(ratio) / 3) - 1) <= LARGEST_DIFFERENCE
+    return abs(ratio / 1000.0 ** round(math.log10(ratio) / 3) - 1) <= 0.005
 
 
 def rate_of(time: Array) -> float | None:
@@ -180,33 +169,40 @@ def gaps_text(time: Array) -> str:
     return ", ".join([*oddities, *(f"{count} stamps {what}" for what, count in counts.items() if count)])
 
 
-def listed(
-    key: str,
-    name: str,
-    values: NDArray[Any],
-    is_time: bool = False,
-    unit: str = "",
-    own: str = "",
-    also: str = "",
-    kind: str = "",
-) -> RecordedChannel:
-    """A channel of a table with the range of its finite numbers, or as a clock with rate and gaps; `own` is the part of
-    its address that is its name, `also` a remark."""
-    numbers = values.astype(np.float64)
-    known = numbers[np.isfinite(numbers)]
-    note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
-    if is_time:
-        rate, gaps = rate_of(known), gaps_text(known)
-        note = f"a clock, {rate:g} per unit" if rate else "a clock that stands still"
-        note += f", {gaps}" * bool(gaps)
-    lost = f", {numbers.size - known.size} x NaN or infinity" * (known.size < numbers.size)
-    guess = "" if unit else likely_unit(own or name)
-    per_unit = rate_of(known) if is_time and not unit and not guess and known.size >= FEWEST_READINGS else None
-    if per_unit is not None and not (np.diff(known) == 1).all():  # such readings may count rows
-        units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-        usual = [unit for unit, in_s in units.items() if USUAL_RATES[0] <= per_unit * in_s <= USUAL_RATES[1]]
-        guess = usual[0] if usual else ""
-    return RecordedChannel(key, {key: name}, unit, int(known.size), None, f"{note}{lost}{also}", kind, guess)
+@dataclass(frozen=True)
+class Numbers:
+    """One column of numbers, as a file has it."""
+
+    name: str  # its address in a source file
+    own: str  # the part of the address that is its name
+    values: NDArray[Any]  # (n,) those that can be read
+    unit: str = ""  # that the file states
+    type: str = ""
+    also: str = ""  # a remark for the user
+
+    def listed(self, key: str, is_time: bool) -> RecordedChannel:
+        """Its range, or as a clock its rate and gaps, from the finite numbers; `key` is that of its address."""
+        numbers = self.values.astype(np.float64)
+        known = numbers[np.isfinite(numbers)]
+        note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
+        rate, guess = rate_of(known) if is_time else None, "" if self.unit else likely_unit(self.own)
+        if is_time:
+            note, gaps = f"a clock, {rate:g} per unit" if rate else "a clock that stands still", gaps_text(known)
+            note += f", {gaps}" * bool(gaps)
+        if rate and not self.unit and not guess and known.size >= 20 and not (np.diff(known) == 1).all():
+            # Recorders of joints have rates from 50 to 5000 Hz, less than a factor of 1000 apart: a reading fits them
+            # in one unit only. Readings that rise by one may count rows.
+            units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+            guess = next((unit for unit, in_s in units.items() if 50.0 <= rate * in_s <= 5000.0), "")
+        lost = f", {numbers.size - known.size} x NaN or infinity" * (known.size < numbers.size)
+        count, note = int(known.size), f"{note}{lost}{self.also}"
+        return RecordedChannel(key, {key: self.name}, self.unit, count, None, note, self.type, guess)
+
+
+def clock_among(what: str, columns: Sequence[Numbers]) -> tuple[str | None, list[str]]:
+    """The likely clock of a table's columns, the shortest address first, and what the user has to decide."""
+    called = [one for one in sorted(columns, key=lambda one: one.name.count(".")) if is_clock(one.own)]
+    return likely_clock({one.name: one.values for one in called}, what)
 
 
 def time_setting(key: str, clock: RecordedChannel | None) -> dict[str, str]:
@@ -214,11 +210,6 @@ def time_setting(key: str, clock: RecordedChannel | None) -> dict[str, str]:
     if clock is None:
         return {key: NAME_OF_TIME, "unit": UNKNOWN}
     return {key: clock.address[key], "unit": clock.unit or clock.likely_unit or UNKNOWN}
-
-
-MOST_WORDS, MOST_COMMENTS = 5, 20  # words of a column and comment lines that are listed
-OBJECT = re.compile(r"<[^<>]* object at 0x[0-9a-fA-F]+>")
-"""How Python prints an object without a name; the number changes from run to run."""
 
 
 def guessed_csv(rows: Rows) -> tuple[list[str], list[str], Rows, bool]:
@@ -257,41 +248,42 @@ def inspect_csv(path: Path) -> Overview:
     content = [(line, text) for line, text in lines if not text.lstrip().startswith("#")]
     delimiter = delimiter_of(content, "auto")
     titles, units, body, has_header = guessed_csv(split_rows(content, delimiter))
-    columns = [[row[k] if k < len(row) else "" for _, row in body] for k in range(len(titles))]
-    cells = [pl.Series(column, dtype=pl.String) for column in columns]
-    values = [one.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False) for one in cells]
-    clock, left_open = likely_clock({t: v.to_numpy() for t, v in zip(titles, values, strict=True) if is_clock(t)})
-    channels = []
+    columns = []
     for place, title in enumerate(titles):
-        (name, unit), numbers = name_and_unit(title), values[place].drop_nulls().to_numpy()
-        unit = unit or (without_brackets(units[place]) if place < len(units) else "")
-        words = Counter(cells[place].filter(values[place].is_null()).to_list()).most_common(MOST_WORDS)
+        cells = pl.Series([row[place] if place < len(row) else "" for _, row in body], dtype=pl.String)
+        values = cells.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
+        unit = name_and_unit(title)[1] or (without_brackets(units[place]) if place < len(units) else "")
+        words = Counter(cells.filter(values.is_null()).to_list()).most_common(5)
         also = "".join(f", {count} x '{word}'" for word, count in words)
-        pattern = OBJECT.sub("*", name)  # fits the next recording too, where only this column of the file fits it
+        columns.append(Numbers(title, title, values.drop_nulls().to_numpy(), unit, also=also))
+    clock, left_open = clock_among("columns", columns)
+    channels = []
+    for column in columns:
+        name = name_and_unit(column.name)[0]
+        # of an object without a name Python prints its number, which changes from run to run; the pattern fits the next
+        # recording too, where only this column of the file fits it
+        pattern = re.sub(r"<[^<>]* object at 0x[0-9a-fA-F]+>", "*", name)
         lasting = pattern if pattern != name and len(places_of(pattern, titles)) == 1 else name
-        channels.append(listed("column", lasting, numbers, title == clock, unit, name, also))
+        channels.append(replace(column, name=lasting).listed("column", column.name == clock))
     remarks = []
     for length, count in Counter(len(row) for _, row in body).items():
         if length != len(titles):
             line = next(line for line, row in body if len(row) == length)
             remarks.append(f"{count} rows have {length} cells under {len(titles)} names, the first in line {line}")
-    decimal_comma = delimiter != "," and any("," in cell for _, row in body[:5] for cell in row)
-    longer = all(len(row) == len(body[0][1]) > len(titles) for _, row in body)
     settings = {
         "clock": "master",
         "delimiter": {sign: word for word, sign in DELIMITERS.items()}.get(delimiter, delimiter),
         **({} if has_header else {"header": "none"}),
         **({"units_row": True} if units else {}),
-        **({"decimal": ","} if decimal_comma else {}),
-        **({"extra_cells": UNKNOWN} if longer else {}),
+        **({"decimal": ","} if delimiter != "," and any("," in c for _, row in body[:5] for c in row) else {}),
+        **({"extra_cells": UNKNOWN} if all(len(row) == len(body[0][1]) > len(titles) for _, row in body) else {}),
         "time": time_setting("column", None if clock is None else channels[titles.index(clock)]),
     }
     facts = {"rows": str(len(body)), "delimiter": repr(delimiter), "header": "yes" if has_header else "none"}
-    facts |= {f"comment {i + 1}": text.strip() for i, text in enumerate(comments[:MOST_COMMENTS])}
-    return Overview("csv", facts, channels, [*remarks, *guessed_units(channels, "column")], settings, open=left_open)
-
-
-MOST_ALONE = 100  # largest number of fields that are read one by one to be listed
+    facts |= {f"comment {i + 1}": text.strip() for i, text in enumerate(comments[:20])}
+    named = {one.address["column"]: one.likely_unit for one in channels}
+    remarks += guesses({name: unit for name, unit in named.items() if likely_unit(name)})
+    return Overview("csv", facts, channels, remarks, settings, open=left_open)
 
 
 def inspect_json(path: Path) -> Overview:
@@ -301,24 +293,22 @@ def inspect_json(path: Path) -> Overview:
     if not names:
         raise InputError("no line holds a number; name a recording")
     decoded = dict.fromkeys(names, decode_lines(lines, names))
-    if decoded[names[0]].misfits and len(names) <= MOST_ALONE:  # a line has something else than a number in one of them
+    if decoded[names[0]].misfits and len(names) <= 100:  # a line has something else than a number in one of them
         decoded = {name: decode_lines(lines, [name]) for name in names}
-    values = {name: one.values[name][one.present[name]] for name, one in decoded.items()}
     stamp, parts = next(iter(stamps_among(names).items()), ("", ("", "")))
-    shortest_first = sorted((name for name in names if name not in parts), key=lambda name: name.count("."))
-    called = [name for name in shortest_first if is_clock(last_name(name))]
-    clock, left_open = likely_clock({name: values[name].astype(np.float64) for name in called}, "fields")
-    channels = {}
-    for name, numbers in values.items():
-        all_lines = decoded[name].present[name].size
-        also = f", in {numbers.size} of {all_lines} lines" * (numbers.size < all_lines)
-        own, kind = last_name(name), numbers.dtype.name
-        channels[name] = listed("field", name, numbers, name == clock, own=own, also=also, kind=kind)
+    columns = []
+    for name, one in decoded.items():
+        numbers, total = one.values[name][one.present[name]], one.present[name].size
+        also = f", in {numbers.size} of {total} lines" * (numbers.size < total)
+        columns.append(Numbers(name, last_name(name), numbers, type=numbers.dtype.name, also=also))
+    timing = [one for one in columns if one.name not in parts]
+    clock, left_open = clock_among("fields", timing)
+    channels = {one.name: one.listed("field", one.name == clock) for one in columns}
     remarks = list(dict.fromkeys(note for one in decoded.values() for note in notes_on(lines, one)))
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
-    remarks += guessed_units(list(channels.values()), "field", last_name)
+    remarks += guesses({name: one.likely_unit for name, one in channels.items() if likely_unit(last_name(name))})
     time = time_setting("field", channels[clock] if clock else None)
-    if stamp and not called:
+    if stamp and not any(is_clock(one.own) for one in timing):
         time = {"field": stamp}
         try:
             column = stamp_column(lines, decode_lines(lines, parts), parts)
@@ -335,13 +325,6 @@ def inspect_json(path: Path) -> Overview:
     return Overview("json_lines", facts, list(channels.values()), remarks, settings, open=left_open)
 
 
-MOST_VARIABLES = 500  # largest number of variables that are listed
-MOST_PARTS = 40  # largest number of parts that are named
-SHORTEST_SIGNAL = 10  # numbers in the shortest vector that may be a signal
-LIKE_A_CLOCK = re.compile(r"(time|t|stamp|clock)(?![a-z])|time", re.IGNORECASE)
-"""How the name of a variable of time begins: `t`, `time_ms`, `timeJIM`."""
-
-
 @dataclass(frozen=True)
 class Variable:
     """One variable or field that is no struct and no cell."""
@@ -352,70 +335,31 @@ class Variable:
 
     @property
     def address(self) -> str:
-        joint = "." if self.part and not self.name.startswith("{") else ""
-        return f"{self.part}{joint}{self.name}"
-
-    @property
-    def readings(self) -> NDArray[Any]:
-        """Its numbers, (n,); none if it has none."""
-        return np.empty(0) if self.value.numbers is None else self.value.numbers.ravel()
+        return f"{self.part}{'.' * (bool(self.part) and not self.name.startswith('{'))}{self.name}"
 
     @property
     def is_signal(self) -> bool:
         """Whether it may be a signal: a vector of real numbers, or a matrix of columns."""
-        return (
-            self.value.numbers is not None and len(self.value.shape) == 2 and max(self.value.shape) >= SHORTEST_SIGNAL
-        )
+        return self.value.numbers is not None and len(self.value.shape) == 2 and max(self.value.shape) >= 10
 
     @property
     def seems_clock(self) -> bool:
-        return self.is_signal and (is_clock(self.name) or LIKE_A_CLOCK.match(self.name) is not None)
+        """By how its name is or begins: `t`, `time_ms`, `timeJIM`."""
+        likely = re.match(r"(time|t|stamp|clock)(?![a-z])|time", self.name, re.IGNORECASE)
+        return self.is_signal and (is_clock(self.name) or likely is not None)
 
     def listed(self, name: str) -> RecordedChannel:
         """It under a name, for the list or the draft."""
-        kind, text = self.value.described(), self.value.text
-        found = listed("variable", name, self.readings, self.seems_clock, own=self.name, kind=kind)
-        return replace(
-            found, count=self.value.size, note=found.note if self.readings.size else f"'{text}'" * bool(text)
-        )
-
-
-def inspect_mat(path: Path) -> Overview:
-    """Variables, fields and cells with size, range and likely unit; what cannot be read; parts that are alike."""
-    file = open_mat(path)
-    variables = [one for name, value in file.read(file.names).items() for one in variables_in("", name, value)]
-    facts = {"version": file.version, "header": file.header, "variables": str(len(file.names))}
-    remarks = [
-        f"{one.address} is a {one.value.described()}, which is not read; {one.value.remedy()}"
-        for one in variables
-        if one.value.numbers is None and one.value.kind not in ("char", "struct", "cell")
-    ]
-    if len(variables) > MOST_VARIABLES:
-        remarks.append(f"and {len(variables) - MOST_VARIABLES} more variables")
-    alike = parts_alike(variables)
-    drafted, part = next(iter(alike.values()), []), next(iter(alike), "") if len(alike) == 1 else ""
-    clocks = {one.name: one for one in drafted if one.seems_clock and 1 in one.value.shape}
-    clock, left_open = likely_clock({name: one.readings for name, one in clocks.items()}, "variables")
-    if len(alike) > 1:
-        parts = listing([printable(one) for one in alike], MOST_PARTS)
-        what = f"{len(alike)} parts hold the same variables: name one per trial in the column `log_part` of the sheet"
-        left_open = [f"{what}: {parts}", *left_open]
-    time = time_setting("variable", clocks[clock].listed(clock) if clock else None)
-    settings = {"clock": "master", **({"log_part": part} if part else {}), "time": time}
-    channels, signals = [one.listed(one.address) for one in variables[:MOST_VARIABLES]], []
-    for one in drafted:  # each column of a matrix, or row if it has more columns
-        rows, columns = one.value.shape
-        lines = [f"(:,{k + 1})" for k in range(columns)] if rows >= columns else [f"({k + 1},:)" for k in range(rows)]
-        signals += [one.listed(f"{one.name}{line}") for line in (lines if min(rows, columns) > 1 else [""])]
-    return Overview("mat", facts, channels, remarks, settings, signals, left_open)
+        readings, text = np.empty(0) if self.value.numbers is None else self.value.numbers.ravel(), self.value.text
+        found = Numbers(name, self.name, readings, type=self.value.described()).listed("variable", self.seems_clock)
+        return replace(found, count=self.value.size, note=found.note if readings.size else f"'{text}'" * bool(text))
 
 
 def variables_in(part: str, name: str, value: Value) -> Iterator[Variable]:
     here = Variable(part, name, value)
     if value.kind == "struct" and value.elements:
-        several = len(value.elements) > 1
         for number, fields in enumerate(value.elements, start=1):
-            inside = f"{here.address}({number})" if several else here.address
+            inside = f"{here.address}({number})" if len(value.elements) > 1 else here.address
             for own in value.fields:
                 yield from variables_in(inside, own, fields[own])
     elif value.kind == "cell" and value.cells:
@@ -425,44 +369,64 @@ def variables_in(part: str, name: str, value: Value) -> Iterator[Variable]:
         yield here
 
 
-def parts_alike(variables: Sequence[Variable]) -> Mapping[str, list[Variable]]:
-    """The signals of the parts of the file that hold the same signals, by part: of the largest such group."""
+def inspect_mat(path: Path) -> Overview:
+    """Variables, fields and cells with size, range and likely unit; what cannot be read; parts that are alike."""
+    file, most = open_mat(path), 500
+    variables = [one for name, value in file.read(file.names).items() for one in variables_in("", name, value)]
+    facts = {"version": file.version, "header": file.header, "variables": str(len(file.names))}
+    remarks = [
+        f"{one.address} is a {one.value.described()}, which is not read; {one.value.remedy()}"
+        for one in variables
+        if one.value.numbers is None and one.value.kind not in ("char", "struct", "cell")
+    ]
+    remarks += [f"and {len(variables) - most} more variables"] * (len(variables) > most)
     by_part: dict[str, list[Variable]] = {}
     for one in variables:
         if one.is_signal:
             by_part.setdefault(one.part, []).append(one)
-    groups: dict[tuple[str, ...], dict[str, list[Variable]]] = {}
+    groups: dict[tuple[str, ...], dict[str, list[Variable]]] = {}  # the parts that hold the same signals
     for part, own in by_part.items():
         groups.setdefault(tuple(one.name for one in own), {})[part] = own
-    return max(groups.values(), key=lambda group: sum(map(len, group.values())), default={})
+    alike = max(groups.values(), key=lambda group: sum(map(len, group.values())), default={})
+    drafted, part = next(iter(alike.values()), []), next(iter(alike), "") if len(alike) == 1 else ""
+    clocks = {one.name: one for one in drafted if one.seems_clock and 1 in one.value.shape}
+    readings = {name: one.value.numbers.ravel() for name, one in clocks.items() if one.value.numbers is not None}
+    clock, left_open = likely_clock(readings, "variables")
+    if len(alike) > 1:
+        parts = listing([printable(one) for one in alike], 40)
+        what = f"{len(alike)} parts hold the same variables: name one per trial in the column `log_part` of the sheet"
+        left_open = [f"{what}: {parts}", *left_open]
+    time = time_setting("variable", clocks[clock].listed(clock) if clock else None)
+    settings = {"clock": "master", **({"log_part": part} if part else {}), "time": time}
+    channels, signals = [one.listed(one.address) for one in variables[:most]], []
+    for one in drafted:  # each column of a matrix, or row if it has more columns
+        rows, columns = one.value.shape
+        lines = [f"(:,{k + 1})" for k in range(columns)] if rows >= columns else [f"({k + 1},:)" for k in range(rows)]
+        signals += [one.listed(f"{one.name}{line}") for line in (lines if min(rows, columns) > 1 else [""])]
+    return Overview("mat", facts, channels, remarks, settings, signals, left_open)
 
 
 def inspect_tdms(path: Path) -> Overview:
     """Channels with unit, range and rate by their own timing."""
     file = read_tdms(path)
     remarks, numbers = list(file.notes), dict[str, NDArray[Any]]()
-    readable = [one for one in file.channels if one.count and (one.holds_numbers or one.holds_times)]
-    try:
-        numbers = file.values(readable)
-    except InputError:
-        for one in readable:
-            try:
-                numbers |= file.values([one])
-            except InputError as error:
-                remarks.append(str(error))
+    for one in file.channels:
+        try:
+            numbers |= file.values([one]) if one.count and (one.holds_numbers or one.holds_times) else {}
+        except InputError as error:
+            remarks.append(str(error))
     stamps = [one.address for one in file.channels if one.holds_times and one.count]
     timed = any(one.step is not None for one in file.channels)
-    paths = {one.address.replace(".", "_").replace("/", "."): one.address for one in file.channels}
-    shortest_first = sorted(paths, key=lambda path: path.count("."))
-    called = [paths[p] for p in shortest_first if is_clock(p.rpartition(".")[2]) and paths[p] in numbers]
-    clock, left_open = likely_clock({name: numbers[name].astype(np.float64) for name in called}, "channels")
+    columns = []
+    for one in file.channels:
+        unit, values = "s" if one.address in stamps else one.unit, numbers.get(one.address, np.empty(0))
+        columns.append(Numbers(one.address, one.name, values, unit, np.dtype(one.kind).name))
+    clock, left_open = clock_among("channels", [one for one in columns if one.name in numbers])
     clock = None if timed else clock or (None if left_open else next(iter(stamps), None))
     channels = {}
-    for one in file.channels:
-        values, kind = numbers.get(one.address, np.empty(0)), np.dtype(one.kind).name
-        unit = "s" if one.address in stamps else one.unit
-        found = listed("channel", one.address, values, one.address == clock, unit, one.name, kind=kind)
-        channels[one.address] = replace(found, count=one.count, rate=1 / one.step if one.step else None)
+    for one, column in zip(file.channels, columns, strict=True):
+        rate = 1 / one.step if one.step else None
+        channels[one.address] = replace(column.listed("channel", one.address == clock), count=one.count, rate=rate)
     time = {} if timed else {"time": time_setting("channel", channels[clock] if clock else None)}
     facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no", **file.properties}
     drafted = [channels[one.address] for one in file.channels if one.count and one.holds_numbers]
@@ -482,21 +446,20 @@ OPENSIM_UNITS = {
 def inspect_opensim(path: Path) -> Overview:
     """Columns with range and likely unit."""
     table = read_opensim(path)
-    remarks: list[str] = []
-    shortest_first = sorted(dict.fromkeys(table.names), key=lambda name: name.count("."))
-    called = [name for name in shortest_first if is_clock(name.rpartition(".")[2])]
-    clock, left_open = likely_clock({name: table.column(name) for name in called})
-    channels = {}
+    columns, remarks = [], list[str]()
     for name in dict.fromkeys(table.names):
         try:
-            found = listed("column", name, table.column(name), name == clock)
+            columns.append(Numbers(name, name.rpartition(".")[2], table.column(name)))
         except InputError as error:
             remarks.append(str(error))
-            continue
+    clock, left_open = clock_among("columns", columns)
+    channels = {}
+    for column in columns:
+        name = column.name
         known = [unit for pattern, unit in OPENSIM_UNITS.items() if re.search(f"({pattern})$", name, re.IGNORECASE)]
         guess = likely_unit(name) or (known[0] if known else table.angles)  # of a coordinate by `inDegrees`
-        channels[name] = replace(found, likely_unit="" if name == clock else guess)
-    remarks += guesses([f"{name} [{one.likely_unit}]" for name, one in channels.items() if one.likely_unit])
+        channels[name] = replace(column.listed("column", name == clock), likely_unit="" if name == clock else guess)
+    remarks += guesses({name: one.likely_unit for name, one in channels.items()})
     facts = {"rows": str(len(table.rows))} | {key: value for key, value in table.header.items() if value}
     settings = {"clock": "master", "time": {"column": clock or NAME_OF_TIME, "unit": "s" if clock else UNKNOWN}}
     note = plates_text(table.names)
@@ -520,7 +483,6 @@ def plates_text(names: Sequence[str]) -> str:
     return printable(text) if plates else ""
 
 
-MOST_FIELDS_LISTED = 500  # of one topic
 ROS_UNITS = {
     "sensor_msgs/JointState": {"position": "rad", "velocity": "rad/s", "effort": "N*m"},
     "geometry_msgs/Wrench": {"force": "N", "torque": "N*m"},
@@ -578,14 +540,15 @@ def channels_of(survey: ChannelSurvey, fields: list[FieldDescription]) -> Iterat
     rate, timing = rate_of(stamps), gaps_text(stamps) or "empty" * (not count)
     # every message of ROS has a header, and no signal is in it
     numbers = [(path, one) for one in fields if not one.path.startswith("header.") for path in one.addresses()]
-    for path, one in numbers[:MOST_FIELDS_LISTED]:
+    most = 500
+    for path, one in numbers[:most]:
         unit = next((unit for begin, unit in units.items() if path.startswith(begin)), "")
         samples = 0 if one.length == 0 else count
         type_ = one.type if one.length is None else f"{one.type}[{one.length}]"
         address = {"topic": topic, "field": path}
         yield RecordedChannel(kind, address, "", samples, rate if samples else None, timing, type_, unit)
-    if len(numbers) > MOST_FIELDS_LISTED or not numbers:
-        more = f"and {len(numbers) - MOST_FIELDS_LISTED} more numbers" if numbers else ""
+    if len(numbers) > most or not numbers:
+        more = f"and {len(numbers) - most} more numbers" if numbers else ""
         yield RecordedChannel(kind, {"topic": topic}, "", count, rate, timing, more)
 
 
@@ -603,16 +566,16 @@ def inspect_c3d(path: Path) -> Overview:
         recording = read_c3d(path, error.fitting[0])
         settings, remarks = {"counts": UNKNOWN}, [f"read here with the counts of the {error.fitting[0]}: {error}"]
     header, outputs, unit = recording.header, recording.model_outputs, recording.point_unit()
-    channels = [
-        marker_channel(label, positions, "" if label in outputs else unit, header.rate, label in outputs)
-        for label, positions in zip(recording.point_labels, recording.points.transpose(1, 0, 2), strict=False)
-    ]
+    channels = []
+    for label, positions in zip(recording.point_labels, recording.points.transpose(1, 0, 2), strict=False):
+        of_kind = ("", header.rate, "model output") if label in outputs else (unit, header.rate)
+        channels.append(marker_channel(label, positions, *of_kind))
     for place, label in enumerate(recording.analog_labels):
         values, rate = recording.analogs[:, place], header.rate * header.samples_per_frame
         low, high = values.min(), values.max()
         note = f"from {low:.6g} to {high:.6g}" if low != high else f"always {low:.6g}"
-        own = recording.analog_unit(place)
-        channels.append(RecordedChannel("analog", {"channel": label}, own, values.size, rate, note))
+        unit_of_channel = recording.analog_unit(place)
+        channels.append(RecordedChannel("analog", {"channel": label}, unit_of_channel, values.size, rate, note))
     plates = plate_count(recording)
     channels += [plate_channel(recording, number) for number in range(1, plates + 1)]
     facts = {
@@ -638,9 +601,9 @@ def inspect_c3d(path: Path) -> Overview:
     return Overview("c3d", facts, channels, remarks, settings)
 
 
-def marker_channel(label: str, positions: Array, unit: str, rate: float, is_output: bool = False) -> RecordedChannel:
+def marker_channel(label: str, positions: Array, unit: str, rate: float, kind: str = "marker") -> RecordedChannel:
     """A marker or a model output by its positions, (frames, 3), NaN where it was not seen."""
-    seen, kind = ~np.isnan(positions).any(axis=1), "model output" if is_output else "marker"
+    seen = ~np.isnan(positions).any(axis=1)
     missing = 1.0 - float(seen.mean())
     note = f"missing in {missing:.1%} of the frames" if missing else ""
     centre = tuple(positions[seen].mean(axis=0).tolist()) if seen.any() else ()

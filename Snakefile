@@ -33,7 +33,7 @@ from osl_analysis.jobs.refusal import is_refused, refusal_report, refusals_in
 from osl_analysis.jobs.request import Requests
 from osl_analysis.jobs.run import at_end_of_run, run_job
 from osl_analysis.judge.findings import exclusion_report, findings_report, left_behind_report
-from osl_analysis.judge.usable import Judge
+from osl_analysis.judge.findings import Judge
 from osl_analysis.report import TEMPLATES
 from osl_analysis.study import BENCH_EXPERIMENTS, REPEATED as STUDY_OF_REPEATS, WALKING_EXPERIMENTS
 from osl_analysis.study import Batch, planned, study_batches

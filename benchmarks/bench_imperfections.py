@@ -26,7 +26,7 @@ from osl_analysis.errors import OslAnalysisError
 from osl_analysis.jobs.job import call
 from osl_analysis.jobs.request import Job
 from osl_analysis.judge.doubts import marked
-from osl_analysis.judge.usable import Judge
+from osl_analysis.judge.findings import Judge
 from osl_analysis.table import read_table
 
 Changes = Mapping[str, Any]

@@ -38,7 +38,7 @@ from osl_analysis.config.configuration import read_section
 from osl_analysis.config.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.files import default_config
-from osl_analysis.judge.impossible import check_recording, saturated
+from osl_analysis.judge.recording import check_recording, saturated
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.protocol.stepped_sine import find_segments
 from osl_analysis.simulator.settings import SimulationSettings

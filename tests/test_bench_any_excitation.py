@@ -38,10 +38,8 @@ from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.parameters import read_parameters
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.judge.channels import samples_at_rail
 from osl_analysis.judge.doubts import marked
-from osl_analysis.judge.impossible import check_recording, saturated
-from osl_analysis.judge.recording import measure_protocol
+from osl_analysis.judge.recording import check_recording, measure_protocol, samples_at_rail, saturated
 from osl_analysis.judge.table import Commanded, Doubt, DoubtfulFits, Examined
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.table import read_table, write_table

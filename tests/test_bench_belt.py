@@ -164,7 +164,7 @@ def test_transmission_tells_how_much_of_its_damping_is_coulomb_friction_and_pred
     assert rough[-1]["coulomb_share"] > 0.1
     assert smooth[0]["VAF_held_out"] > 99.9 > rough[0]["VAF_held_out"]
     assert smooth[-1]["VAF_held_out"] > 99.9
-    assert smooth[-1]["f_C"] is smooth[-1]["B_j_viscous"] is None
-    assert rough[-1]["f_C"] == rough[-1]["coulomb_torque"] == pytest.approx(0.15, rel=0.1)
+    assert smooth[-1]["B_j_viscous"] is None
+    assert rough[-1]["T_C"] == rough[-1]["coulomb_torque"] == pytest.approx(0.15, rel=0.1)
     assert rough[-1]["B_j_viscous_low"] < 0.3 < rough[-1]["B_j_viscous_high"] < rough[-1]["B_j"]
     assert rough[-1]["odd_harmonics"] > 10 * smooth[-1]["odd_harmonics"]

@@ -12,8 +12,7 @@ from osl_analysis.bench.effects import yielding_in
 from osl_analysis.bench.impedance import over_amplitudes
 from osl_analysis.config.configuration import read_section
 from osl_analysis.config.parameters import read_parameters
-from osl_analysis.judge.doubts import marked
-from osl_analysis.judge.impossible import Saturated, plausible_impedance
+from osl_analysis.judge.doubts import marked, plausible_impedance
 from osl_analysis.judge.table import Doubt, DoubtfulFits
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.signals import LowPass, filtered_motion
@@ -218,4 +217,5 @@ def test_a_change_of_a_small_damping_is_a_share_of_two_newton_metres_per_rad_per
 def test_k_over_what_the_gains_should_give_is_that_of_the_largest_amplitude_in_every_row():
     amplitudes = pl.DataFrame({"amplitude_deg": [6.0, 2.0, 4.0, None], "K": [200.0, 240.0, 220.0, 210.0]})
     table = amplitudes.with_columns(K_high=pl.col("K"))
-    assert plausible_impedance(table, Saturated("made", 0), P, 200.0)["K_ratio"].to_list() == [1.0] * 4
+    rows = table.with_columns(trial=pl.lit("made"))
+    assert plausible_impedance(rows, pl.lit(0).alias("saturated_samples"), P, 200.0)["K_ratio"].to_list() == [1.0] * 4

@@ -33,7 +33,6 @@ from osl_analysis.config.parameters import read_parameters
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER
 from osl_analysis.figures.impedance import draw_fig4
 from osl_analysis.judge.doubts import marked
-from osl_analysis.judge.impossible import Saturated
 from osl_analysis.judge.table import Doubt, DoubtfulFits
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
@@ -193,13 +192,14 @@ def test_an_error_of_the_bench_s_stiffness_is_in_the_admittance_and_is_not_avera
 P = read_parameters(ROOT / "config/parameters/default.yaml")
 GAINS = select_gains("compensated", 300.0, 5.0, P, PAPER_WEIGHT)
 LIMITS = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("impedance")
+UNSATURATED = pl.lit(0).alias("saturated_samples")
 UNKNOWN = AskedImpedance(DesiredImpedance("ours", None, None), WEIGHT_OF_PAPER.weight, (1.0, 3.0, 5.0))
 FIVE = SteppedSineProtocol((0.05, 0.1), (1.0, 2.0, 3.0, 4.0, 5.0), 9)
 
 
 def judged(torque_of, protocol=FIVE, noise=0.01, seed=1):
     record = stepped_sine(torque_of, noise, protocol, seed)
-    return marked(judged_impedance(record, Saturated("made", 0), None, UNKNOWN)[1], LIMITS, "impedance")
+    return marked(judged_impedance(record, UNSATURATED, None, UNKNOWN)[1], LIMITS, "impedance")
 
 
 def late(torque, by):

@@ -22,7 +22,7 @@ from osl_analysis.config.configuration import read_section
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import marked
-from osl_analysis.judge.impossible import check_unit_of_time
+from osl_analysis.judge.recording import check_recording
 from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.table import read_table, write_table
@@ -236,8 +236,8 @@ def test_the_command_line_that_knows_k_d_judges_as_a_campaign_does(torque, words
 def test_samples_closer_than_any_recorder_takes_them_are_refused(steps, refused):
     trial = Trial("hasty", pl.DataFrame({"time": np.cumsum([0.0, *np.random.default_rng(1).permutation(steps)])}))
     if not refused:
-        check_unit_of_time(trial)
+        check_recording(trial, BENCH)
         return
     said = r"trial hasty: its samples are [17](\.\d+)?e-06 s apart, 1(\.\d+)?e\+0[56] in a second.*unit of"
     with pytest.raises(InputError, match=said):
-        check_unit_of_time(trial)
+        check_recording(trial, BENCH)

@@ -26,7 +26,7 @@ from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.judge.doubts import marked
-from osl_analysis.judge.impossible import saturated
+from osl_analysis.judge.recording import saturated
 from osl_analysis.trial import Array, Trial
 
 CONFIG = read_config(ROOT / "config/config.yaml")
@@ -317,7 +317,7 @@ LIMITS = CONFIG.doubtful.of("torque_angle")
 def doubts(theta: Array, torque: Array, **changes: object) -> str:
     trial = trial_of(theta, torque)
     rails = saturated(trial, "torque", "theta")
-    table = rails.beside(torque_angle_table(torque_angle_trial(trial, settings(**changes))))
+    table = torque_angle_table(torque_angle_trial(trial, settings(**changes))).with_columns(rails)
     return str(marked(table, LIMITS, "torque_angle")["doubtful"][0])
 
 

@@ -13,9 +13,8 @@ from osl_analysis.commands.trials import measure_trial
 from osl_analysis.config.configuration import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.jobs.refusal import Refusal
-from osl_analysis.judge.findings import exclusion_report
+from osl_analysis.judge.findings import Judge, exclusion_report, exclusions, without_excluded
 from osl_analysis.judge.table import Commanded, QualityRules
-from osl_analysis.judge.usable import Judge, exclusions, without_excluded
 from osl_analysis.table import read_table
 from osl_analysis.trial import Trial
 

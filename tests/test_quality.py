@@ -72,7 +72,7 @@ def results(samples: pl.DataFrame, experiment: str = "impedance", **provenance: 
 
 def failed(found: Mapping[str, CheckResult]) -> set[str]:
     """Names of the checks that the shipped thresholds do not pass."""
-    return {name for name, result in found.items() if CHECKS[name].failed(result.value, RULES.rule(name).limit)}
+    return {name for name, result in found.items() if CHECKS[name].failed(result.value, RULES.by_check[name].limit)}
 
 
 def test_a_sound_recording_passes_every_check() -> None:
@@ -395,7 +395,7 @@ def test_a_trial_of_few_rows_or_empty_columns_is_judged_without_an_error(rows: i
     [("rate", 99.0, True), ("rate", 100.0, False), ("gap", 0.05, False), ("gap", 0.051, True), ("gap", np.nan, True)],
 )
 def test_a_value_at_its_threshold_passes_and_no_number_fails(name: str, value: float, failing: bool) -> None:
-    assert CHECKS[name].failed(value, RULES.rule(name).limit) is failing
+    assert CHECKS[name].failed(value, RULES.by_check[name].limit) is failing
 
 
 def rules_with(**changed: Any) -> QualityRules:

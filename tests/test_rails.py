@@ -9,7 +9,7 @@ from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.yaml_settings import validated
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.source import Conversion
-from osl_analysis.judge.channels import (
+from osl_analysis.judge.recording import (
     is_command,
     longest_at_stated,
     longest_clipped_angle,

@@ -29,9 +29,15 @@ from osl_analysis.jobs.refusal import (
 from osl_analysis.jobs.request import Job, write_request
 from osl_analysis.jobs.run import run_job, start, start_server
 from osl_analysis.jobs.server import JOBS, OWNER
-from osl_analysis.judge.findings import exclusion_report, findings_report, left_behind_report
+from osl_analysis.judge.findings import (
+    Judge,
+    exclusion_report,
+    findings_report,
+    left_behind_report,
+    without_excluded,
+    without_refused,
+)
 from osl_analysis.judge.table import QualityRules
-from osl_analysis.judge.usable import Judge, without_excluded, without_refused
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 

@@ -278,7 +278,7 @@ def test_missing_trials_are_counted_and_named_with_the_reason_in_every_form_of_t
     refused = "refused: raw/b_1.mcap: no such file; copy it there"
     assert summary["trials"] == {
         "belt": {"used": 1, "of": 2, "missing": {"b_1": refused}},
-        "impedance": {"used": 2, "of": 3, "missing": {"i_2": "gap 0.071 s, threshold 0.05"}},
+        "impedance": {"used": 2, "of": 3, "missing": {"i_2": "gap 0.071 s, threshold 0.05: theta"}},
         "static": {"used": 1, "of": 1, "missing": {}},
     }
     said = format_results_table(summary).splitlines()

@@ -36,8 +36,7 @@ from osl_analysis.bench.record import Groups, Label, Record, joined_groups, join
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.judge.doubts import summary_of_trials
-from osl_analysis.judge.impossible import check_changes
+from osl_analysis.judge.doubts import check_changes, summary_of_trials
 from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.signals import Motion, differentiate, filtered_motion, runs
 from osl_analysis.stats.fit_row import Row, covariance_row, estimates_row

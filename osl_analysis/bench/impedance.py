@@ -37,8 +37,16 @@ from osl_analysis.bench.phasors import (
 from osl_analysis.bench.record import SHORTEST_S, Label, Record
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest
-from osl_analysis.judge.doubts import counted, doubtful_row
-from osl_analysis.judge.impossible import REFUSALS, Saturated, check_told, not_checked, plausible_impedance, told_by
+from osl_analysis.judge.doubts import (
+    EFFECTS,
+    LATENESS,
+    check_told,
+    counted,
+    doubtful_row,
+    not_checked,
+    plausible_impedance,
+    told_by,
+)
 from osl_analysis.measured import usual_size
 from osl_analysis.model.compensator import CONTROLLERS, Gains, predicted_impedance, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
@@ -227,7 +235,12 @@ def check_alias(record: Record, fit: GroupFit) -> float:
     worst = max(beyond, key=lambda name: beyond[name])
     if beyond[worst] > LARGEST_ALIAS:
         size, percent = float(np.median(np.abs(sizes))), 100 * beyond[worst]
-        raise REFUSALS["alias"].of(trial=record.name, count=len(rows), size=size, symbol=worst, percent=percent)
+        raise InputError(
+            f"trial {record.name}: the acceleration jumps within a sample, {len(rows)} times by about {size:.2g} "
+            f"rad/s^2, as under a binary sequence: without an anti-aliasing filter the torque's samples change {worst} "
+            f"by up to {percent:.1f} %; smooth the command, or record angle and torque through the same low-pass and "
+            "state it in the source file"
+        )
     return beyond[worst]
 
 
@@ -343,27 +356,12 @@ def recorded_facts(rendered: Rendered) -> Row:
     }
 
 
-IN_WORDS = {
-    "T_C": "Coulomb friction of {} N*m",
-    "T_G": "friction of {} N*m for each rad of the angle",
-    "hysteresis": "friction of {} N*m that first winds up over a twentieth of the motion",
-    "hysteresis_2": "friction of {} N*m that first winds up over a seventh of the motion",
-    "hysteresis_3": "friction of {} N*m that first winds up over two fifths of the motion",
-    "cubic": "a spring that stiffens by {} N*m/rad^3",
-    "gap": "play that takes off {} N*m",
-    "linear": "{} of the dynamics of the drivetrain with its gains",
-    "lag_s": "a torque that is late by {} s",
-    "K_change": "a K that changes by {} N*m/rad",
-}
-"""What an effect of `bench.effects` is, with its size, for a reader."""
-
-
 def explained_by(found: Causes, lag: Fault | None, change: Fault | None) -> str | None:
     """What explains the misfit of Eq. 15, the best explanation first, as far as it is no fault that was not found."""
     faults = {"lag_s": lag, "K_change": change}
     sure = {e: found.fit[e] for e in found.chosen if e not in faults or ((fault := faults[e]) and fault.found)}
     sure |= {"lag_s": lag.size} if lag and lag.found else {}
-    return ", ".join(IN_WORDS[effect].format(f"{size:.3g}") for effect, size in sure.items()) or None
+    return ", ".join(EFFECTS[effect].format(f"{size:.3g}") for effect, size in sure.items()) or None
 
 
 def lag_row(lag: Fault | None, fit: GroupFit, frame: float | None) -> Row:
@@ -557,10 +555,7 @@ def rendered_phasors(rendered: Rendered) -> pl.DataFrame:
     return phasor_table(rendered.record.name, rendered.phasors)
 
 
-OF_GAINS, OF_LAG = (
-    "whether K is what the gains should give, whether the bench's frame yields",
-    "whether the torque is late",
-)
+OF_GAINS = ("whether K is what the gains should give", "whether the bench's frame yields")
 LOOKS_ALIKE = "a delay that matters would look like noise or friction in this recording"
 BAND_POINTS = 12  # frequencies of a band at which the rendered impedance is predicted
 OF_BELT = "K against the belt's K_s"
@@ -577,14 +572,11 @@ class AskedImpedance:
     frequencies_hz: Sequence[float]  # frequencies [Hz] of the protocol
 
     def not_checked(self, p: DrivetrainParameters | None, lag_known: bool) -> str:
-        """What a trial is not checked for, and why; empty if it is checked for all."""
-        of_gains = OF_GAINS if lag_known else f"{OF_GAINS}, {OF_LAG}"
-        if p is None:
-            return f"{OF_BELT}, {of_gains}: the configuration names no parameter file"
-        why = self.desired.unknown_gains()
-        if why:
-            return f"{of_gains}: {why}"
-        return "" if lag_known else f"{OF_LAG}: {LOOKS_ALIKE}"
+        """What a trial is not checked for, each with its reason; empty if it is checked for all."""
+        no_file = "" if p else "the configuration names no parameter file"
+        unknown = dict.fromkeys(OF_GAINS, no_file or self.desired.unknown_gains())
+        reasons = {OF_BELT: no_file, **unknown, LATENESS: "" if lag_known else LOOKS_ALIKE}
+        return "; ".join(f"{what}: {why}" for what, why in reasons.items() if why)
 
     def left_unchecked(self, p: DrivetrainParameters | None) -> pl.Expr:
         """The column `not_checked` of a table with lags: whether the torque is late, only in rows without a share."""
@@ -593,7 +585,7 @@ class AskedImpedance:
 
 
 def judged_impedance(
-    record: Record, rails: Saturated, p: DrivetrainParameters | None, asked: AskedImpedance | None
+    record: Record, rails: pl.Expr, p: DrivetrainParameters | None, asked: AskedImpedance | None
 ) -> tuple[Rendered, pl.DataFrame]:
     """Eq. 15 of a record, and its rows with all that judges them; what the gains should give only where these are
     known.

@@ -18,7 +18,7 @@ from osl_analysis.bench.analysis import Series, check_stiffer, timebase_table
 from osl_analysis.bench.record import joint_angle
 from osl_analysis.bench.settings import TorqueAngleAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.judge.impossible import check_changes
+from osl_analysis.judge.doubts import check_changes
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import CONDITION_LIMIT, variance_accounted_for
 from osl_analysis.stats.repeats import CommonError, over_repeats

@@ -43,12 +43,8 @@ from osl_analysis.config.parameters import FileOrNone, known_parameters, read_pa
 from osl_analysis.config.yaml_settings import read_mapping
 from osl_analysis.errors import InputError, nearest, printable, printable_lines
 from osl_analysis.files import default_config, shipped
-from osl_analysis.judge.doubts import marked, not_checked_of
-from osl_analysis.judge.impossible import (
-    check_recording,
-    plausible,
-    saturated,
-)
+from osl_analysis.judge.doubts import marked, not_checked_of, plausible
+from osl_analysis.judge.recording import check_recording, saturated
 from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.model.gain_selection import Weight
 from osl_analysis.table import finite_or_null, read_table, write_table
@@ -131,7 +127,7 @@ def fit_torque_angle_trial(
     return FitTables(
         found.series(),
         lambda: {"torque_angle_cycles": cycle_table(found), "timebase": torque_angle_time_base(found)},
-        torque_angle=rails.beside(torque_angle_table(found, desired)),
+        torque_angle=torque_angle_table(found, desired).with_columns(rails),
         torque_angle_curves=curve_table(found, desired),
     )
 

@@ -34,7 +34,7 @@ from osl_analysis.design.precision import (
     precision,
 )
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.judge.impossible import check_told, told_by
+from osl_analysis.judge.doubts import check_told, told_by
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.response import DETECTION, ENOUGH_REALISATIONS, REALISATIONS
 from osl_analysis.stats.covariance import CYCLES

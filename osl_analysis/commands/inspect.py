@@ -47,6 +47,7 @@ from osl_analysis.ingest.draft import (
 from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.raw_files import FORMATS, NOT_READ, SUFFIXES, check_file, read_source, recognise
 from osl_analysis.ingest.source import open_places
+from osl_analysis.judge.doubts import not_checked_line
 from osl_analysis.judge.recording import CHECKS, examine, quality_table, validate_rules
 from osl_analysis.judge.table import Commanded, QualityRules
 from osl_analysis.trial import Trial
@@ -467,7 +468,8 @@ def examined(path: Path, folder: Path, bench: WatchedBench) -> str:
         return "; ".join(said)
     fitted = fit_of_row(trial, row, device_of_row(row, bench.config), bench.config_path)
     far = off_desired(fitted.table, row)
-    said = [estimates_line(fitted.table), *[f"LOOK AT IT: {far}"] * bool(far), *said]
+    said = [*filter(None, (estimates_line(fitted.table), far and f"LOOK AT IT: {far}")), *said]
+    said += [unchecked] if (unchecked := not_checked_line(fitted.table)) else []
     if fitted.series.is_empty():
         return "; ".join(said)
     picture = bench.output / f"{row['trial']}.png"

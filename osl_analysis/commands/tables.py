@@ -19,9 +19,8 @@ from osl_analysis.files import atomic_path
 from osl_analysis.jobs.job_log import read_log
 from osl_analysis.jobs.refusal import Refusal, check_not_refused, refused_trials
 from osl_analysis.judge.doubts import marked, with_doubts_of
-from osl_analysis.judge.findings import findings
+from osl_analysis.judge.findings import Judge, findings
 from osl_analysis.judge.table import Doubt, QualityRules
-from osl_analysis.judge.usable import Judge
 from osl_analysis.spectral.periods import Realisation, pooled, realisations_from
 from osl_analysis.summary.headlines import DRAFT_EXAMPLE, Example, headline_numbers, needed_columns
 from osl_analysis.summary.text import (

@@ -21,7 +21,7 @@ from osl_analysis.jobs.job_log import JobLog, write_log
 from osl_analysis.jobs.memory import limited_memory
 from osl_analysis.jobs.refusal import Refusal, write_refusals
 from osl_analysis.jobs.request import Job, read_request, say_excluded
-from osl_analysis.judge.usable import Judge, exclusions, without_excluded, without_refused
+from osl_analysis.judge.findings import Judge, exclusions, without_excluded, without_refused
 from osl_analysis.table import archives, tables_of, write_table
 from osl_analysis.trial import read_trial
 

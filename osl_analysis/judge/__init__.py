@@ -1,6 +1,6 @@
-"""The table of judgements: what is measured on a recording or a fit, its limit, what happens beyond it, in which words.
+"""The table of judgements: what is measured on a recording or a fit, its limit, what is said beyond it.
 
-`table` has the types of its rows and the limits of the configuration. The rows stand in `channels` and `recording`,
-what is measured on recordings; in `doubts`, columns of result tables; and in `impossible`, what is refused. `usable`
-tells jobs which trials they use, and `findings` the reader which causes concern which trials.
+`table` has its row and the limits of the configuration; `recording` the rows that are measured on recordings, `doubts`
+those that are columns of result tables; `findings` tells jobs which trials they use, and the reader which causes
+concern which trials.
 """

@@ -1,4 +1,5 @@
-"""Doubtful fits: the columns of result tables that are evidence against a fit, by cause, and the words for a reader.
+"""Doubtful fits: the columns of result tables that are evidence against a fit, by cause, and the words for a reader;
+what estimates cannot be, and what a motion cannot show, is refused.
 
 A doubt begins with its cause, then says what it does to the numbers and what to do; what is beyond its limit stands in
 brackets. A fault of the recording, such as a late torque, is named only where the fit to all of a trial shows
@@ -8,42 +9,158 @@ doubt of its own.
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
 import polars as pl
 
-from osl_analysis.errors import InputError
-from osl_analysis.judge.impossible import known_factor
-from osl_analysis.judge.table import AnyRow, Cause, Doubt, Evidence
+from osl_analysis.config.parameters import DrivetrainParameters
+from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.judge.table import Cause, Doubt, Judgement
+from osl_analysis.measured import check_measured, rms
 from osl_analysis.stats.repeats import summary_table
+from osl_analysis.trial import Array
 
-SOFT_FRAME = 0.5  # smallest K, as a share of what the gains should give, that a frame is a likely cause of
-SAME_K = 0.03
-"""Largest relative distance of K from what the gains should give that counts as agreement, without much friction."""
-
-
+AnyRow = Mapping[str, object]  # a row of a result table
 LARGEST_TURN = 0.2
 """Phase [rad] by which a lag turns the highest frequency, 6 ms at 5 Hz, beyond which a drivetrain may make it."""
-
-
-def too_far(symbol: str, reference: str = "that of the parameter file") -> Callable[[float, AnyRow], str]:
-    """Words for an estimate of `symbol` that is far from its `reference`, by their ratio."""
-    return lambda ratio, _: ", ".join(filter(None, [f"{symbol} is {ratio:.3g} times {reference}", known_factor(ratio)]))
-
-
-def far_from_gains(ratio: float, row: AnyRow) -> str:
-    """The words for a K that is far from what the gains should give: units, or a frame that yields if K is low."""
-    words = too_far("K", "what K_d and the controller should give")(ratio, row)
-    frame = " (state `bench_stiffness` in the configuration if the bench's frame yields)"
-    return words + (frame if SOFT_FRAME < ratio < 1 else "")
-
-
-def changing(symbol: str) -> Callable[[float, AnyRow], str]:
-    """Words for an estimate that changes with the amplitude, by its relative change."""
-    return lambda change, _: (
-        f"{symbol} {'rises' if change > 0 else 'falls'} by {100 * abs(change):.0f} % with the amplitude"
-    )
+# fmt: off
+CAUSES = {cause.name: cause for cause in (
+    Cause("late torque", "angle and torque of one time do not stand together, which falsifies B and I",
+        "state `delay` or `low_pass` of the channel in the source file, as in `delay: 2 ms` or `low_pass: {cutoff: 100 "
+        "Hz, order: 1}`", explains=True, of_recording=True),
+    Cause("yielding bench", "a spring in series yields, as the bench's frame or a belt, which explains the delay and "
+        "the low K", "state `bench_stiffness`, once measured, in the configuration", explains=True),
+    Cause("late torque or yielding bench", "the torque comes late, or a spring in series yields, as the bench's frame "
+        "or a belt, which this recording cannot tell apart", "state `delay` or `low_pass` of the channel in the source "
+        "file, or `bench_stiffness` in the configuration", explains=True),
+    Cause("late torque or drivetrain", "the torque comes late, or the joint is not of second order, as where a "
+        "drivetrain turns its torque, which this recording cannot tell apart", "state `delay` or `low_pass` of the "
+        "channel in the source file if a known spring on the same bench shows it, else use K alone", explains=True),
+    Cause("friction", "it does not grow with the motion, so that the damping, and K of small motions, depend on the "
+        "amplitude", "use the rows of single amplitudes, or the damping that is not friction, in the column that ends "
+        "in _viscous", explains=True, otherwise="use the damping that is not friction, in the column that ends in "
+        "_viscous"),
+    Cause("clipped signal", "a torque, angle or current is clipped, it stands at an end of its sensor's range or of a "
+        "motor's limit", "use a sensor of larger range, or a smaller motion, see the quality check `saturation`",
+        explains=True),
+    Cause("spring that is not linear", "the stiffness depends on the deflection, the spring stiffens, or softens",
+        "use the rows of single amplitudes", explains=True, otherwise="state the deflection that it is meant for"),
+    Cause("backlash", "play between joint and bench takes off stiffness", "mend the mount", explains=True),
+    Cause("stiffness that changes", "K changes while the trial is recorded, as by warming up or creep, and I takes "
+        "what differs from one frequency to the next for its own", "record the joint warm and in a shorter time, or by "
+        "several sweeps", explains=True, of_recording=True),
+    Cause("clocks that drift apart", "the clocks of angle and torque drift apart, which shifts B and I",
+        "record both by one device, or by synchronised clocks", of_recording=True),
+    Cause("load cell that drifts", "the torque drifts while the trial is recorded", "zero the load cell once it is "
+        "warm"),
+    Cause("asymmetric torque", "the torque differs between the two directions of motion, as of an end stop or a spring "
+        "with a preload", "look at torque against angle", explains=True),
+    Cause("unlikely size", "an estimate is far from what this device can have", "check units and scales in the source "
+        "file"),
+    Cause("motion that tells too little", "the motion hardly tells the estimates apart, or is small beside the noise "
+        "of the sensors", "move the joint further, or by more frequencies"),
+    Cause("undecided time stamps", "the estimates depend on whether the stamps or an even sampling are true, which "
+        "nothing decides", "state `stamps: exact` or `stamps: even` in the source file"),
+    Cause("model that does not fit", "the model leaves more of the torque unexplained than it should, for no cause "
+        "that is known here", "look at measured and modelled torque of the trial in the report"),
+    Cause("loop that does not close", "the torque does not come back with the angle, the load cell drifts, the device "
+        "creeps, or it begins another way than it goes on", "zero the load cell, and record several cycles with the "
+        "way back once the device has settled"),
+    Cause("distorted motion", "the bench did not move the joint in a sine", "lower its speed or improve its control"),
+    Cause("hysteresis", "loading and unloading have different slopes", "state which is meant"),
+    Cause("energy from nothing", "the device gives back more than it takes up, the torque is late or its sign is "
+        "wrong", "state `delay`, or turn the `sign`, of the torque in the source file"),
+    Cause("torque at rest that changes", "at rest the torque at the end is not that at the start, and hysteresis "
+        "leaves a torque in the device that is taken for zero, or the load cell drifts",
+        "write zero: start if the device was without load there"),
+    Cause("gaps in the recording", "what the device did in the gaps is not known", "record again"),
+    Cause("speed that matters", "the energy lost depends on the speed, so that the trial is not quasi-static",
+        "record it slower"),
+    Cause("responses that cancel", "perturbations cancel each other", "look at their directions and onsets"),
+    Cause("estimate outside its interval", "one response is unlike the others", "look at the single responses"),
+    Cause("several stiffnesses", "perturbations show several stiffnesses", "state K_d or group in the sheet to part "
+        "them"),
+    Cause("several timings", "perturbations begin at several phases of stance", "name timing under walking.group_by"),
+    Cause("stance that changes", "its duration is not the one that its gait before the onset leads to expect: the "
+        "perturbation changes the stance, or its pace is misread", "look whether K is that of the other perturbations"),
+    Cause("phase by another stance", "perturbed crossings have not the stance that phase is computed with",
+        "set walking.perturbed_stance: matched"),
+    Cause("several paces", "unperturbed crossings walk at several paces", "state subject, session or speed in the "
+        "sheet to part them"),
+    Cause("torque that nothing explains", "neither a second-order joint nor ordinary gait explains the torque",
+        "look for clipped channels and a second foot"),
+    Cause("offset", "an offset in the fit, which ordinary gait does not have, would change K much", "look at the "
+        "single responses"),
+    Cause("estimators that disagree", "the fit to the mean response and the mean of the single fits disagree",
+        "look at the single responses"),
+    Cause("too few crossings", "K is uncertain", "record more crossings, or larger perturbations"),
+    Cause("hidden markers", "much of the motion is interpolated between sightings of markers",
+        "correct the markers' places, or fill their gaps in the capture software"),
+    Cause("impossible estimate", "stiffness, damping or inertia is not positive", "look at onsets, at the signs, and "
+        "at the time between angle and torque"),
+)}
+ROWS = tuple(Judgement(column, CAUSES[cause], *further) for columns, cause, *further in (
+    ("coulomb_share", "friction", "{percent} of {damping} is Coulomb friction and not damping"),
+    ("odd_harmonics", "friction", "odd harmonics make {percent} of the torque", True),
+    ("torque_distortion", "friction", "harmonics make {percent} of the torque", True),
+    ("K_change", "friction", "K {moves} with the amplitude"),
+    ("B_change", "friction", "B {moves} with the amplitude"),
+    ("saturated_samples", "clipped signal"),
+    ("torque_at_peaks", "clipped signal", "the torque stands still where Eq. 15 has its peaks, or the spring softens"),
+    ("stiffening", "spring that is not linear", "the stiffness changes by {percent} up to the largest amplitude"),
+    ("energy_lost", "hysteresis", "{percent} of the energy is lost in the belt"),
+    ("backlash_share", "backlash", "{percent} of K is lost to backlash"),
+    ("even_harmonics", "asymmetric torque", "even harmonics make {percent} of the torque"),
+    ("certain_lag_damping lag_share lag_inertia_share", "late torque", "{late}"),
+    ("B_j_high", "late torque", "the damping comes out negative"),
+    ("returned_share", "energy from nothing"),
+    ("K_drift", "stiffness that changes", "K changes by {percent} over the trial"),
+    ("drift_inertia_share", "stiffness that changes", "that makes this share of I: {percent}"),
+    ("certain_clock_drift_ppm", "clocks that drift apart", "they drift by {value} ppm"),
+    ("load_cell_drift", "load cell that drifts", "the torque drifts by {value} N*m/min"),
+    ("closure_angle", "loop that does not close", "a cycle does not end where it began"),
+    ("closure_torque", "loop that does not close"),
+    ("cycle_drift", "loop that does not close", "the torque drifts from cycle to cycle"),
+    ("rest_change", "torque at rest that changes"),
+    ("bridged_share", "gaps in the recording"),
+    ("rate_change", "speed that matters"),
+    ("K_ratio", "unlikely size", "K is {value} times what K_d and the controller should give{factor}{frame}"),
+    ("K_over_K_s", "unlikely size", "K is {value} times the belt's K_s{factor}"),
+    ("k_tau_n_m_ratio", "unlikely size", "k_tau n_m is {value} times that of the parameter file{factor}"),
+    ("K_s_ratio B_j_ratio J_j_ratio J_m_ratio f_C_ratio f_G_ratio B_m_ratio", "unlikely size",
+        "{symbol} is {value} times that of the parameter file{factor}"),
+    ("angle_noise_share", "motion that tells too little", "noise of the encoder changes I by {percent}"),
+    ("condition_number largest_correlation Y_phase_se_deg", "motion that tells too little"),
+    ("theta_distortion", "distorted motion", "harmonics make {percent} of the angle"),
+    ("time_base_shift", "undecided time stamps", "the other reading would shift an estimate by {value} half-widths"),
+    ("VAF R2 VAF_held_out residual_autocorrelation misfit", "model that does not fit", "", True),
+    ("coherence", "responses that cancel"),
+    ("outside_interval", "estimate outside its interval"),
+    ("heterogeneity", "several stiffnesses"),
+    ("onset_phase_sd", "several timings"),
+    ("stance_change", "stance that changes"),
+    ("uncorrected_stance_change", "phase by another stance"),
+    ("unperturbed_stance_sd", "several paces"),
+    ("residual_over_gait", "torque that nothing explains"),
+    ("offset_over_gait offset_share", "offset"),
+    ("estimator_difference", "estimators that disagree"),
+    ("K_se_share", "too few crossings"),
+    ("bridged", "hidden markers"),
+    ("K", "impossible estimate", "K is {value}"),
+    ("B_high", "impossible estimate", "B is negative"),
+    ("I_high J_j_high", "impossible estimate", "{symbol} is negative"),
+) for column in columns.split())
+# fmt: on
+EVIDENCE = {row.name: row for row in ROWS}
+"""The rows of result tables, by column. Any other column may have a limit: its name is then all that is known of it."""
+DOUBTFUL = "doubtful"  # column with the reasons: empty text if the fit is not doubtful, null in a row without a fit
+IS_DOUBTFUL = pl.col(DOUBTFUL).fill_null("") != ""
+EXCLUDED = "excluded"
+"""Column with the reason why a row has no fit, in tables that have such rows; null in rows with a fit."""
+Found = dict[str, tuple[float, str]]  # what is beyond its limit: value, and how, by column
 
 
 def cell_number(row: AnyRow, name: str) -> float | None:
@@ -51,178 +168,9 @@ def cell_number(row: AnyRow, name: str) -> float | None:
     return float(value) if isinstance(value, int | float) else None
 
 
-def late_signal(row: AnyRow) -> str:
-    return "the angle" if (cell_number(row, "lag_s") or 0.0) < 0 else "the torque"
-
-
-def late(_: float, row: AnyRow) -> str:
-    """How late a signal is, and what that makes of B and I."""
-    lag, of_damping, of_inertia = (cell_number(row, name) for name in ("lag_s", "lag_share", "lag_inertia_share"))
-    if lag is None or of_damping is None:
-        return ""
-    makes = f"{100 * of_damping:.1f} % of B" + ("" if of_inertia is None else f" and {100 * of_inertia:.0f} % of I")
-    size = f"{1e6 * abs(lag):.0f} us"
-    if turns_far(row):
-        return f"a delay of {late_signal(row)} by {size} would explain it, and make {makes}"
-    return f"{late_signal(row)} is late by {size}, which make {makes}"
-
-
-def turns_far(row: AnyRow) -> bool:
-    """Whether a lag turns the highest frequency by more than `LARGEST_TURN`."""
-    lag, highest = (cell_number(row, name) or 0.0 for name in ("lag_s", "band_high_hz"))
-    return 2 * math.pi * highest * abs(lag) > LARGEST_TURN
-
-
-# fmt: off
-DELAYED = Cause("late torque", "angle and torque of one time do not stand together, which falsifies B and I",
-    "state `delay` or `low_pass` of the channel in the source file, as in `delay: 2 ms` or `low_pass: {cutoff: 100 "
-    "Hz, order: 1}`", explains=True)
-YIELDING = Cause("yielding bench", "a spring in series yields, as the bench's frame or a belt, which explains the "
-    "delay and the low K", "state `bench_stiffness`, once measured, in the configuration", explains=True)
-LATE_OR_YIELDING = Cause("late torque or yielding bench", "the torque comes late, or a spring in series yields, as "
-    "the bench's frame or a belt, which this recording cannot tell apart", "state `delay` or `low_pass` of the "
-    "channel in the source file, or `bench_stiffness` in the configuration", explains=True)
-LATE_OR_DRIVETRAIN = Cause("late torque or drivetrain", "the torque comes late, or the joint is not of second order, "
-    "as where a drivetrain turns its torque, which this recording cannot tell apart", "state `delay` or `low_pass` of "
-    "the channel in the source file if a known spring on the same bench shows it, else use K alone", explains=True)
-FRICTION = Cause("friction", "it does not grow with the motion, so that B, and K of small motions, depend on the "
-    "amplitude", "use the rows of single amplitudes, or the damping that is not friction (B_viscous, "
-    "beside f_C)", explains=True, otherwise="use the damping that is not friction (B_viscous, beside f_C)")
-CLIPPED = Cause("clipped signal", "a torque, angle or current is clipped, it stands at an end of its sensor's range "
-    "or of a motor's limit", "use a sensor of larger range, or a smaller motion, see the quality check "
-    "`saturation`", explains=True)
-STIFFENING = Cause("spring that is not linear", "the stiffness depends on the deflection, the spring stiffens, or "
-    "softens", "use the rows of single amplitudes", explains=True, otherwise="state the deflection that it is "
-    "meant for")
-BACKLASH = Cause("backlash", "play between joint and bench takes off stiffness", "mend the mount", explains=True)
-WARMING = Cause("stiffness that changes", "K changes while the trial is recorded, as by warming up or creep, and I "
-    "takes what differs from one frequency to the next for its own", "record the joint warm and in a shorter time, "
-    "or by several sweeps", explains=True)
-CLOCKS = Cause("clocks that drift apart", "the clocks of angle and torque drift apart, which shifts B and I",
-    "record both by one device, or by synchronised clocks")
-DRIFTING = Cause("load cell that drifts", "the torque drifts while the trial is recorded", "zero the load cell once "
-    "it is warm")
-ASYMMETRY = Cause("asymmetric torque", "the torque differs between the two directions of motion, as of an end stop "
-    "or a spring with a preload", "look at torque against angle", explains=True)
-SCALE = Cause("unlikely size", "an estimate is far from what this device can have", "check units and scales in the "
-    "source file")
-TOO_LITTLE = Cause("motion that tells too little", "the motion hardly tells the estimates apart, or is small beside "
-    "the noise of the sensors", "move the joint further, or by more frequencies")
-STAMPS = Cause("undecided time stamps", "the estimates depend on whether the stamps or an even sampling are true, "
-    "which nothing decides", "state `stamps: exact` or `stamps: even` in the source file")
-UNEXPLAINED = Cause("model that does not fit", "the model leaves more of the torque unexplained than it should, for "
-    "no cause that is known here", "look at measured and modelled torque of the trial in the report")
-LOOP = Cause("loop that does not close", "the torque does not come back with the angle, the load cell drifts, the "
-    "device creeps, or it begins another way than it goes on", "zero the load cell, and record several cycles with "
-    "the way back once the device has settled")
-BENT = Cause("distorted motion", "the bench did not move the joint in a sine", "lower its speed or improve its "
-    "control")
-# fmt: on
-
-
-def late_or_yielding(row: AnyRow) -> Cause:
-    """The cause of a torque that comes late: a delay or low-pass, a spring in series, or both where K does not tell;
-    or a drivetrain where the lag is large.
-
-    A spring of stiffness k in series lowers K by K/k, a delay does not change it. K_ratio says which of the two agrees
-    with the gains; without it, or with friction, neither is named alone.
-    """
-    k, K, ratio = (cell_number(row, name) for name in ("frame_stiffness", "K", "K_ratio"))
-    if turns_far(row):
-        return LATE_OR_DRIVETRAIN
-    if k is None or K is None:
-        return DELAYED
-    if ratio is None:
-        return LATE_OR_YIELDING
-    of_lag, of_spring = (abs(r - 1) for r in (ratio, ratio / (1 - K / k)))
-    if min(of_lag, of_spring) > SAME_K or max(of_lag, of_spring) < SAME_K:
-        return LATE_OR_YIELDING
-    return DELAYED if of_lag < of_spring else YIELDING
-
-
-ROWS = (
-    Evidence("coulomb_share", FRICTION, "{percent} of B is Coulomb friction and not damping"),
-    Evidence("odd_harmonics", FRICTION, "odd harmonics make {percent} of the torque", misfit=True),
-    Evidence("torque_distortion", FRICTION, "harmonics make {percent} of the torque", misfit=True),
-    Evidence("K_change", FRICTION, changing("K")),
-    Evidence("B_change", FRICTION, changing("B")),
-    Evidence("saturated_samples", CLIPPED),
-    Evidence("torque_at_peaks", CLIPPED, "the torque stands still where Eq. 15 has its peaks, or the spring softens"),
-    Evidence("stiffening", STIFFENING, "the stiffness changes by {percent} up to the largest amplitude"),
-    Evidence("energy_lost", Cause("hysteresis", "loading and unloading have different slopes", "state which is meant"),
-        "{percent} of the energy is lost in the belt"),
-    Evidence("backlash_share", BACKLASH, "{percent} of K is lost to backlash"),
-    Evidence("even_harmonics", ASYMMETRY, "even harmonics make {percent} of the torque"),
-    *(Evidence(name, DELAYED, late, of_recording=True)
-        for name in ("certain_lag_damping", "lag_share", "lag_inertia_share")),
-    Evidence("B_j_high", DELAYED, "the damping comes out negative"),
-    Evidence("returned_share", Cause("energy from nothing", "the device gives back more than it takes up, the torque "
-        "is late or its sign is wrong", "state `delay`, or turn the `sign`, of the torque in the source file")),
-    Evidence("K_drift", WARMING, "K changes by {percent} over the trial", of_recording=True),
-    Evidence("drift_inertia_share", WARMING, "that makes this share of I: {percent}", of_recording=True),
-    Evidence("certain_clock_drift_ppm", CLOCKS, "they drift by {value} ppm", of_recording=True),
-    Evidence("load_cell_drift", DRIFTING, "the torque drifts by {value} N*m/min"),
-    Evidence("closure_angle", LOOP, "a cycle does not end where it began"), Evidence("closure_torque", LOOP),
-    Evidence("cycle_drift", LOOP, "the torque drifts from cycle to cycle"),
-    Evidence("rest_change", Cause("torque at rest that changes", "at rest the torque at the end is not that at the "
-        "start, and hysteresis leaves a torque in the device that is taken for zero, or the load cell drifts",
-        "write zero: start if the device was without load there")),
-    Evidence("bridged_share", Cause("gaps in the recording", "what the device did in the gaps is not known",
-        "record again")),
-    Evidence("rate_change", Cause("speed that matters", "the energy lost depends on the speed, so that the trial is "
-        "not quasi-static", "record it slower")),
-    Evidence("K_ratio", SCALE, far_from_gains), Evidence("K_over_K_s", SCALE, too_far("K", "the belt's K_s")),
-    Evidence("k_tau_n_m_ratio", SCALE, too_far("k_tau n_m")),
-    *(Evidence(f"{name}_ratio", SCALE, too_far(name)) for name in ("K_s", "B_j", "J_j", "J_m", "f_C", "f_G", "B_m")),
-    Evidence("angle_noise_share", TOO_LITTLE, "noise of the encoder changes I by {percent}"),
-    *(Evidence(name, TOO_LITTLE) for name in ("condition_number", "largest_correlation", "Y_phase_se_deg")),
-    Evidence("theta_distortion", BENT, "harmonics make {percent} of the angle"),
-    Evidence("time_base_shift", STAMPS, "the other reading would shift an estimate by {value} half-widths"),
-    *(Evidence(name, UNEXPLAINED, misfit=True)
-        for name in ("VAF", "R2", "VAF_held_out", "residual_autocorrelation", "misfit")),
-    Evidence("coherence", Cause("responses that cancel", "perturbations cancel each other",
-        "look at their directions and onsets")),
-    Evidence("outside_interval", Cause("estimate outside its interval", "one response is unlike the others",
-        "look at the single responses")),
-    Evidence("heterogeneity", Cause("several stiffnesses", "perturbations show several stiffnesses",
-        "state K_d or group in the sheet to part them")),
-    Evidence("onset_phase_sd", Cause("several timings", "perturbations begin at several phases of stance",
-        "name timing under walking.group_by")),
-    Evidence("stance_change", Cause("stance that changes", "its duration is not the one that its gait before the onset "
-        "leads to expect: the perturbation changes the stance, or its pace is misread",
-        "look whether K is that of the other perturbations")),
-    Evidence("uncorrected_stance_change", Cause("phase by another stance", "perturbed crossings have not the stance "
-        "that phase is computed with", "set walking.perturbed_stance: matched")),
-    Evidence("unperturbed_stance_sd", Cause("several paces", "unperturbed crossings walk at several paces",
-        "state subject, session or speed in the sheet to part them")),
-    Evidence("residual_over_gait", Cause("torque that nothing explains", "neither a second-order joint nor ordinary "
-        "gait explains the torque", "look for clipped channels and a second foot")),
-    Evidence("offset_over_gait", Cause("offset", "an offset that ordinary gait does not have changes K",
-        "look at the single response")),
-    Evidence("offset_share", Cause("offset", "an offset in the fit would change K much",
-        "look at the single responses")),
-    Evidence("estimator_difference", Cause("estimators that disagree", "the fit to the mean response and the mean of "
-        "the single fits disagree", "look at the single responses")),
-    Evidence("K_se_share", Cause("too few crossings", "K is uncertain", "record more crossings, or larger "
-        "perturbations")),
-    Evidence("bridged", Cause("hidden markers", "much of the motion is interpolated between sightings of markers",
-        "correct the markers' places, or fill their gaps in the capture software")),
-    Evidence("K", Cause("impossible estimate", "K is not positive",
-        "look at onsets and signs of the single responses")),
-    Evidence("B_high", Cause("impossible estimate", "B is negative", "look at the time between angle and torque")),
-    Evidence("I_high", Cause("impossible estimate", "I is negative", "look at the time between angle and torque")),
-)  # fmt: skip
-"""The rows of result tables, by column. Any other column may have a limit: its name is then all that is known of it."""
-EVIDENCE = {row.column: row for row in ROWS}
-CAUSES = {cause.name: cause for cause in (*(row.cause for row in ROWS), YIELDING, LATE_OR_YIELDING, LATE_OR_DRIVETRAIN)}
-DOUBTFUL = "doubtful"  # column with the reasons: empty text if the fit is not doubtful, null in a row without a fit
-IS_DOUBTFUL = pl.col(DOUBTFUL).fill_null("") != ""
-FEWEST_SOUND = 0.5
-"""Share of sound trials from which on a mean over trials leaves out the doubtful ones. With fewer, all trials count:
-the doubt is then about the campaign, and the rest would be a selection."""
-EXCLUDED = "excluded"
-"""Column with the reason why a row has no fit, in tables that have such rows; null in rows with a fit."""
-Found = dict[str, tuple[float, str]]  # what is beyond its limit: value, and how, by column
+def of_whole_trial(row: AnyRow) -> bool:
+    """Whether a row is of the fit to all of a trial, where others are of single amplitudes."""
+    return "amplitude_deg" in row and row["amplitude_deg"] is None
 
 
 def beyond(row: AnyRow, limits: Doubt) -> Found:
@@ -242,13 +190,82 @@ def beyond(row: AnyRow, limits: Doubt) -> Found:
     return found
 
 
+def shown(name: str, value: float, row: AnyRow) -> str:
+    """What the number of a column says of this fit."""
+    factor = known_factor(value)
+    frame = " (state `bench_stiffness` in the configuration if the bench's frame yields)"
+    return EVIDENCE[name].shows.format(
+        percent=f"{100 * abs(value):.3g} %",
+        value=f"{value:.3g}",
+        moves=f"{'rises' if value > 0 else 'falls'} by {100 * abs(value):.0f} %",
+        symbol=name.removesuffix("_ratio").removesuffix("_high"),
+        damping="B_j" if "B_j_viscous" in row else "B",
+        factor=factor and f", {factor}",
+        frame=frame if 0.5 < value < 1 else "",  # a frame that yields lowers K, and hardly to a half
+        late=late(row),
+    )
+
+
+def known_factor(ratio: float) -> str:
+    """The factor between two units that may make a number `ratio` times too large, in words; empty if none is near."""
+    factors = {
+        "between peak and RMS current": math.sqrt(2),
+        "between lbf*ft and N*m": 1.3558,
+        "between lbf and N": 4.4482,
+        "between lbf*in and N*m": 8.8507,
+        "between kgf*m and N*m": 9.8067,
+        "between degrees and radians": 180 / math.pi,
+        "between N*cm and N*m": 100.0,
+        "between N*mm and N*m, or mA and A": 1000.0,
+    }
+    size = max(abs(ratio), 1 / abs(ratio)) if ratio else math.inf
+    name = min(factors, key=lambda known: abs(math.log(size / factors[known])))
+    return f"{factors[name]:.3g} is the factor {name}" if abs(size / factors[name] - 1) < 0.08 else ""
+
+
+def late(row: AnyRow) -> str:
+    """How late a signal is, or would have to be, and what that makes of B and I."""
+    lag, of_damping, of_inertia = (cell_number(row, name) for name in ("lag_s", "lag_share", "lag_inertia_share"))
+    if lag is None or of_damping is None:
+        return ""
+    makes = f"{100 * of_damping:.1f} % of B" + ("" if of_inertia is None else f" and {100 * of_inertia:.0f} % of I")
+    signal, size = "the angle" if lag < 0 else "the torque", f"{1e6 * abs(lag):.0f} us"
+    at_end = lag and abs(lag / 5e-3 - round(lag / 5e-3)) < 1e-6  # the end of a range of delays that were tried
+    size += " or more" * bool(at_end)
+    if turns_far(row):
+        return f"a delay of {signal} by {size} would explain it, and make {makes}"
+    return f"{signal} is late by {size}, which make {makes}"
+
+
+def turns_far(row: AnyRow) -> bool:
+    """Whether a lag turns the highest frequency by more than `LARGEST_TURN`."""
+    lag, highest = (cell_number(row, name) or 0.0 for name in ("lag_s", "band_high_hz"))
+    return 2 * math.pi * highest * abs(lag) > LARGEST_TURN
+
+
 def cause_in(name: str, value: float, row: AnyRow) -> Cause | None:
-    """The cause of a number beyond its limit; None for a column of which nothing but its name is known."""
+    """The cause of a number beyond its limit; None for a column of which nothing but its name is known.
+
+    A torque that comes late may be a delay or low-pass, a spring in series, or both where K does not tell; or a
+    drivetrain where the lag is large. A spring of stiffness k in series lowers K by K/k, a delay does not change it.
+    K_ratio says which of the two agrees with the gains; without it, or with friction, neither is named alone.
+    """
     if name not in EVIDENCE:
         return None
     if name == "K_change" and (value > 0 or (cell_number(row, "stiffening") or 0.0) < 0):
-        return STIFFENING
-    return late_or_yielding(row) if EVIDENCE[name].detail is late else EVIDENCE[name].cause
+        return CAUSES["spring that is not linear"]
+    if EVIDENCE[name].shows != "{late}":
+        return EVIDENCE[name].cause
+    k, K, ratio = (cell_number(row, name) for name in ("frame_stiffness", "K", "K_ratio"))
+    if turns_far(row):
+        return CAUSES["late torque or drivetrain"]
+    if k is None or K is None:
+        return CAUSES["late torque"]
+    of_lag, of_spring = (0.0, 0.0) if ratio is None else (abs(r - 1) for r in (ratio, ratio / (1 - K / k)))
+    same = 0.03  # largest relative distance of K from what the gains should give, without much friction
+    if min(of_lag, of_spring) > same or max(of_lag, of_spring) < same:
+        return CAUSES["late torque or yielding bench"]
+    return CAUSES["late torque" if of_lag < of_spring else "yielding bench"]
 
 
 def explaining(row: AnyRow, found: Found) -> Cause | None:
@@ -258,34 +275,29 @@ def explaining(row: AnyRow, found: Found) -> Cause | None:
     return next((cause for cause in causes if cause is not None and cause.explains), None)
 
 
-def reasons(row: AnyRow, found: Found, of_trial: Cause | None, single: bool) -> list[str]:
-    """The doubts about a row for what was `found` in it, one per cause. `of_trial` explains a misfit for which the row
-    itself has no cause, `single`: there are rows of single amplitudes. A column without a row speaks for itself."""
+def doubts(row: AnyRow, found: Found, of_trial: Cause | None, single: bool) -> Iterator[str]:
+    """The doubts about a row for what was `found` in it, one per cause: the cause, what it does here, what to do, and
+    the numbers that show it. `of_trial` explains a misfit for which the row itself has no cause, `single`: there are
+    rows of single amplitudes. A column without a row in the table speaks for itself."""
     misfit_by = explaining(row, found) or of_trial
     by_cause: dict[Cause, list[str]] = {}
-    unknown = []
-    for name, (value, how) in found.items():
-        cause = cause_in(name, value, row)
-        if cause is None:
-            unknown.append(how)
-        else:
+    for name, (value, _) in found.items():
+        if cause := cause_in(name, value, row):
             by_cause.setdefault(misfit_by if misfit_by and EVIDENCE[name].misfit else cause, []).append(name)
-    said = [doubt(cause, row, {name: found[name] for name in names}, single) for cause, names in by_cause.items()]
-    return said + unknown
-
-
-def doubt(cause: Cause, row: AnyRow, found: Found, single: bool) -> str:
-    """A doubt in words: its cause, what it does here, what to do, and the numbers that show it."""
-    details = dict.fromkeys(EVIDENCE[name].words(value, row) for name, (value, _) in found.items())
-    if cause in (YIELDING, LATE_OR_YIELDING):
-        details[f"a spring of {cell_number(row, 'frame_stiffness'):.3g} N*m/rad in series would explain it"] = None
-    damping = "B_j" if "B_j_viscous" in row else "B"
-    viscous, f_C = cell_number(row, f"{damping}_viscous"), cell_number(row, "f_C")
-    if cause is FRICTION and viscous is not None and f_C is not None:
-        details[f"without it {damping} is {viscous:.3g} N*m*s/rad, and the friction is {f_C:.2g} N*m"] = None
-    said = ": ".join(filter(None, [cause.says, ", ".join(filter(None, details))]))
-    remedy = cause.remedy if single else cause.otherwise or cause.remedy
-    return f"{cause.name}: {said}. {remedy[0].upper()}{remedy[1:]} [{', '.join(how for _, how in found.values())}]"
+    for cause, names in by_cause.items():
+        details = dict.fromkeys(shown(name, found[name][0], row) for name in names)
+        if "yielding" in cause.name:
+            details[f"a spring of {cell_number(row, 'frame_stiffness'):.3g} N*m/rad in series would explain it"] = None
+        B, f_C = ("B_j", "T_C") if "B_j_viscous" in row else ("B", "f_C")
+        viscous, friction = cell_number(row, f"{B}_viscous"), cell_number(row, f_C)
+        if cause.name == "friction" and viscous is not None and friction is not None:
+            words = f"without it {B} is {viscous:.3g} N*m*s/rad ({B}_viscous), and the friction is {friction:.2g} N*m"
+            details[f"{words} ({f_C})"] = None
+        said = ": ".join(filter(None, [cause.says, ", ".join(filter(None, details))]))
+        remedy = cause.remedy if single else cause.otherwise or cause.remedy
+        how = ", ".join(found[name][1] for name in names)
+        yield f"{cause.name}: {said}. {remedy[0].upper()}{remedy[1:]} [{how}]"
+    yield from (how for name, (_, how) in found.items() if name not in EVIDENCE)
 
 
 def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
@@ -296,57 +308,27 @@ def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
     """
     fitted = pl.col(EXCLUDED).is_null() if EXCLUDED in table.columns else pl.lit(True)
     numeric = {column for column, dtype in table.schema.items() if dtype.is_numeric() or dtype == pl.Null}
-    for side in (limits.above, limits.below) if len(table.filter(fitted)) else ():
-        for column, limit in side.items():
-            if limit is not None and column not in numeric:
-                known = ", ".join(other for other in table.columns if table[other].dtype.is_numeric())
-                raise InputError(
-                    f"configuration, doubtful.{name}: the table has no column '{column}' of numbers; put the limit on "
-                    f"one of {known}, or write null for no limit"
-                )
-    rows = table.to_dicts()
-    found = [beyond(row, limits) for row in rows]
-    whole = {row.get("trial"): one for row, one in zip(rows, found, strict=True) if of_whole_trial(row)}
+    for column, limit in (*limits.above.items(), *limits.below.items()) if len(table.filter(fitted)) else ():
+        if limit is not None and column not in numeric:
+            known = ", ".join(other for other in table.columns if table[other].dtype.is_numeric())
+            raise InputError(
+                f"configuration, doubtful.{name}: the table has no column '{column}' of numbers; put the limit on "
+                f"one of {known}, or write null for no limit"
+            )
+    rows = [(row.get("trial"), row, beyond(row, limits)) for row in table.to_dicts()]
+    whole = {trial: found for trial, row, found in rows if of_whole_trial(row)}
+    single = {trial for trial, row, _ in rows if row.get("amplitude_deg") is not None}
     of_trial: dict[object, Cause | None] = {}
-    for row, one in sorted(zip(rows, found, strict=True), key=lambda both: not of_whole_trial(both[0])):
-        for column in [name for name in one if name in EVIDENCE and EVIDENCE[name].of_recording]:
-            if column not in whole.get(row.get("trial"), one):
-                del one[column]  # at one amplitude friction passes for it
-        of_trial[row.get("trial")] = of_trial.get(row.get("trial")) or explaining(row, one)
-    single = {row.get("trial") for row in rows if row.get("amplitude_deg") is not None}
-    said = [
-        "; ".join(reasons(row, one, of_trial[row.get("trial")], row.get("trial") in single))
-        for row, one in zip(rows, found, strict=True)
-    ]
+    for trial, row, found in sorted(rows, key=lambda each: not of_whole_trial(each[1])):
+        for column in [one for one in found if one in EVIDENCE and EVIDENCE[one].cause.of_recording]:
+            if column not in whole.get(trial, found):
+                del found[column]  # at one amplitude friction passes for it
+        of_trial[trial] = of_trial.get(trial) or explaining(row, found)
+    said = ["; ".join(doubts(row, found, of_trial[trial], trial in single)) for trial, row, found in rows]
     judged = table.with_columns(pl.Series(DOUBTFUL, said, dtype=pl.String))
     if "not_checked" in table.columns:
-        judged = judged.with_columns(pl.Series("not_checked", [sized(row) for row in rows], dtype=pl.String))
+        judged = judged.with_columns(pl.Series("not_checked", [sized(row) for _, row, _ in rows], dtype=pl.String))
     return judged.with_columns(pl.when(fitted).then(DOUBTFUL).alias(DOUBTFUL))
-
-
-def of_whole_trial(row: AnyRow) -> bool:
-    """Whether a row is of the fit to all of a trial, where others are of single amplitudes."""
-    return "amplitude_deg" in row and row["amplitude_deg"] is None
-
-
-LATENESS = "whether the torque is late"
-
-
-def sized(row: AnyRow) -> str | None:
-    """What could not be checked on a row, a torque that comes late with what it would do to the estimates."""
-    text, K, B, I = row.get("not_checked"), *(cell_number(row, name) for name in "KBI")
-    if not text or LATENESS not in str(text) or K is None or B is None or I is None:
-        return None if text is None else str(text)
-    taken = f"{1e-3 * K:.2g} N*m*s/rad off B = {B:.3g} and {1e-3 * B:.2g} kg*m^2 off I = {I:.2g}"
-    size = f"each ms of delay would take {taken}, check it with a known spring on the same bench"
-    return "; ".join(f"{item}, {size}" if LATENESS in item else item for item in str(text).split("; "))
-
-
-def not_checked_of(table: pl.DataFrame) -> dict[str, str]:
-    """What could not be checked on the rows of a trial, and why, each once: as the last row that has it says."""
-    texts = table["not_checked"].drop_nulls().to_list() if "not_checked" in table.columns else []
-    items = (item.partition(": ") for text in texts for item in text.split("; "))
-    return {what: why for what, _, why in items}
 
 
 def with_doubts_of(table: pl.DataFrame, fits: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
@@ -365,6 +347,56 @@ def with_doubts_of(table: pl.DataFrame, fits: pl.DataFrame, limits: Doubt, name:
     return table.with_columns(pl.Series(DOUBTFUL, shared, dtype=pl.String))
 
 
+# What could not be checked: "what: why" for each, with its size in units of the result.
+
+LATENESS, SIZED = "whether the torque is late", ", each ms of delay would take"
+OF_INERTIA = (
+    "whether {} is an inertia: it is certainly negative, as no mass is, because a drivetrain behind its gains, or a "
+    "torque that is late, takes more off it than the joint has, use the other estimates"
+)
+EFFECTS = {
+    "T_C": "Coulomb friction of {} N*m",
+    "T_G": "friction that grows with the angle, by {} N*m per rad",
+    "hysteresis": "friction of {} N*m that gives way like a spring before it slides, over 5 % of the motion",
+    "hysteresis_2": "friction of {} N*m that gives way like a spring before it slides, over 15 % of the motion",
+    "hysteresis_3": "friction of {} N*m that gives way like a spring before it slides, over 40 % of the motion",
+    "cubic": "a spring whose torque grows faster than the angle, by {} N*m/rad^3 times its cube",
+    "gap": "play, which takes {} N*m off the torque",
+    "linear": "{} times the torque of the drivetrain with its gains, beside K, B and I",
+    "lag_s": "a torque that is late by {} s",
+    "K_change": "a stiffness that changes by {} N*m/rad while the trial is recorded",
+}
+"""What an effect of `bench.effects` is, with its size, for the column `explained_by`."""
+
+
+def sized(row: AnyRow) -> str | None:
+    """What could not be checked on a row, a torque that comes late with what it would do to the estimates."""
+    items = str(row.get("not_checked") or "").split("; ")
+    K, B, I = (cell_number(row, name) for name in "KBI")
+    if K is not None and B is not None and I is not None:
+        taken = f"{1e-3 * K:.2g} N*m*s/rad off B = {B:.3g} and {1e-3 * B:.2g} kg*m^2 off I = {I:.2g}"
+        size = f"{SIZED} {taken}, check it with a known spring on the same bench"
+        items = [f"{item}{size}" if LATENESS in item else item for item in items]
+    items += [OF_INERTIA.format(name) for name in ("I", "J_j") if (cell_number(row, f"{name}_high") or 0.0) < 0]
+    return "; ".join(filter(None, items)) or None
+
+
+def not_checked_of(table: pl.DataFrame) -> dict[str, str]:
+    """What could not be checked on the rows of a trial, and why, each once: as the last row that has it says."""
+    texts = table["not_checked"].drop_nulls().to_list() if "not_checked" in table.columns else []
+    items = (item.partition(": ") for text in texts for item in text.split("; "))
+    return {what: why for what, _, why in items}
+
+
+def not_checked_line(table: pl.DataFrame) -> str:
+    """The same on one line, of the fit to all data; empty if all was checked."""
+    by_reason: dict[str, list[str]] = {}
+    for what, why in not_checked_of(table.tail(1)).items():
+        by_reason.setdefault(why, []).append(what)
+    said = "; ".join(f"{', '.join(whats)} ({why})" for why, whats in by_reason.items())
+    return said and f"NOT CHECKED: {said}"
+
+
 class Reason(NamedTuple):
     """One doubt of a cell, as it is written there."""
 
@@ -373,17 +405,14 @@ class Reason(NamedTuple):
     inherited: bool  # from another table of the same trial
 
 
-PLACED = re.compile(r"at \S+ deg: ")  # which phasor a doubt of their mean is about
-INHERITED = re.compile(r"\w+\.csv: ")
-
-
 def reasons_in(cell: str | None) -> list[Reason]:
-    """The doubts of a cell of the column `DOUBTFUL`."""
+    """The doubts of a cell of the column `DOUBTFUL`; one of a mean of phasors begins with that which it is about."""
     found = []
     for text in (cell or "").split("; ") if cell else ():
-        own = INHERITED.sub("", PLACED.sub("", text, count=1), count=1)
+        of_table = re.compile(r"\w+\.csv: ")
+        own = of_table.sub("", re.sub(r"at \S+ deg: ", "", text, count=1), count=1)
         name = own.partition(": ")[0]
-        found.append(Reason(name if name in CAUSES else own.partition(" ")[0], text, bool(INHERITED.search(text))))
+        found.append(Reason(name if name in CAUSES else own.partition(" ")[0], text, bool(of_table.search(text))))
     return found
 
 
@@ -402,11 +431,12 @@ def causes_by_trial(table: pl.DataFrame, of: pl.DataFrame | None = None) -> dict
 
 
 def counted(table: pl.DataFrame) -> pl.DataFrame:
-    """The rows, one per trial, that count in a mean: the sound ones if they are a share of `FEWEST_SOUND`, else all."""
+    """The rows, one per trial, that count in a mean: the sound ones if they are half or more. With fewer all count: the
+    doubt is then about the campaign, and the rest would be a selection."""
     if DOUBTFUL not in table.columns:
         return table
     doubtful, n = doubtful_count(table)
-    return table.filter(~IS_DOUBTFUL) if doubtful and n - doubtful >= FEWEST_SOUND * n else table
+    return table.filter(~IS_DOUBTFUL) if doubtful and n - doubtful >= 0.5 * n else table
 
 
 def doubtful_row(table: pl.DataFrame) -> dict[str, int]:
@@ -425,3 +455,124 @@ def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.Data
     used = counted(table)
     numbers = {**doubtful_row(table), "n_left_out": len(table) - len(used)}
     return summary_table(used, quantities).with_columns(**{name: pl.lit(value) for name, value in numbers.items()})
+
+
+# What estimates cannot be, and what a motion cannot show. What is only unlikely is a column with a limit, as above.
+
+
+def check_changes(column: str, values: Array) -> None:
+    """Refuse a signal (n,) that never changes, as that of a dead sensor."""
+    check_measured(column, values)
+    if not np.ptp(values):
+        raise InputError(
+            f"{column} stays at {values[0]:g} throughout; check its sensor and its channel in the source file, or "
+            "exclude the trial"
+        )
+
+
+def check_resists(trial: str, symbol: str, value: float, high: float | None = None) -> None:
+    """Refuse a negative estimate of what can only resist motion: belt stiffness, joint damping, a rendered stiffness. A
+    torque that is read with the wrong sign changes the sign of every estimate, and the fit is as good as before. Where
+    `high`, the upper end of the interval, is positive, it may be the estimate of a joint without stiffness."""
+    if value < 0 and (high is None or high < 0):
+        raise InputError(
+            f"trial {trial}: {symbol} = {value:.4g} is negative, so the torque drives the motion instead of resisting "
+            "it; turn the `sign` of the torque, or of the angle, in the source file"
+        )
+
+
+def not_checked(reason: str) -> pl.Expr:
+    """The column `not_checked`: what could not be checked and why; null where all was."""
+    return pl.lit(reason or None, pl.String).alias("not_checked")
+
+
+def plausible(table: pl.DataFrame, rails: pl.Expr, p: DrivetrainParameters | None, *names: str) -> pl.DataFrame:
+    """Rows of belt, transmission or actuator with `saturated_samples`, each named estimate's ratio to the parameter
+    file's, null without one or where that is 0, and `not_checked`, which says so. Raises InputError: the first of the
+    estimates is negative: torque, angle or current has the wrong sign."""
+    last = table.row(-1, named=True)
+    if names[0] != "k_tau_n_m":
+        check_resists(last["trial"], names[0], last[names[0]])
+    elif last["k_tau_n_m_high"] < 0:
+        raise InputError(
+            f"trial {last['trial']}: k_tau_n_m = {last['k_tau_n_m']:.4g} N*m/A is negative, a positive current gives a "
+            "negative torque; turn the `sign` of the current, or of torque_m and theta_m, in the source file"
+        )
+    known = {name: p.k_tau * p.n_m if name == "k_tau_n_m" else getattr(p, name) for name in names} if p else {}
+    ratios = [(pl.col(name) / pl.lit(known.get(name) or None, pl.Float64)).alias(f"{name}_ratio") for name in names]
+    why = "" if p else "estimates against those of a parameter file: the configuration names none"
+    return table.with_columns(rails, *ratios, not_checked(why))
+
+
+def plausible_impedance(
+    table: pl.DataFrame, rails: pl.Expr, p: DrivetrainParameters | None, predicted: float | None = None
+) -> pl.DataFrame:
+    """The rows of Eq. 15 with `saturated_samples`, `K_over_K_s` and `K_ratio`, K over what the gains should give.
+    `K_ratio` is that of the largest amplitude in every row: friction changes K least there. `predicted` is the K
+    [N*m/rad] of linear theory; None where the gains are not known. Without a parameter file K_s is not known. Raises
+    InputError: K is negative, its interval too, or larger than that of the belt through which the motor acts."""
+    last = table.row(-1, named=True)
+    check_resists(last["trial"], "K", K := last["K"], last["K_high"])
+    if p is not None and K > 1.1 * p.K_s:  # a motor in series with the belt; a tenth allows for the belt at hand
+        ratio, reference = K / (predicted or p.K_s), "what the gains should give" if predicted else "K_s"
+        factor = known_factor(ratio)
+        what = "correct the `unit` or the `scale`" if factor else "check unit and scale of the channels"
+        raise InputError(
+            f"trial {last['trial']}: K = {K:.4g} N*m/rad is larger than the belt's K_s = {p.K_s:g} of the parameter "
+            f"file, which no motor behind the belt can render; it is {ratio:.3g} times {reference}: "
+            f"{factor and f'{factor}: '}{what} in the source file"
+        )
+    largest = pl.lit(table.sort("amplitude_deg", nulls_last=False)["K"][-1])
+    of_gains = (largest / predicted if predicted else pl.lit(None, pl.Float64)).alias("K_ratio")
+    of_belt = (pl.col("K") / p.K_s if p and p.K_s else pl.lit(None, pl.Float64)).alias("K_over_K_s")
+    return table.with_columns(rails, of_belt, of_gains)
+
+
+@dataclass(frozen=True)
+class Tellable:
+    """What a small error of the torque in its most harmful shape does to the estimates."""
+
+    stiffness: float  # change of K [N*m/rad]
+    inertia: float  # change of I [kg*m^2]
+    amplified: float  # change of K over that of torque over angle: 1 where angle and acceleration are not alike
+
+
+def told_by(theta: Array, omega: Array, alpha: Array, torque_rms: float) -> Tellable:
+    """The change of K and I by an error of 0.1 % of the torque's RMS, which calibrations and models leave, that has the
+    shape of their own parts of the motion. Angle [rad], velocity and acceleration are filtered and without their means,
+    shape (n,) each; `torque_rms` [N*m] is that of the filtered torque. The own part of the acceleration is what angle
+    and velocity do not explain. A slow motion has little of it."""
+
+    def own_part(column: Array, *others: Array) -> float:
+        X = np.column_stack(others)
+        return max(rms(column - X @ np.linalg.lstsq(X, column, rcond=None)[0]), float(np.finfo(float).tiny))
+
+    error, of_theta, of_alpha = 1e-3 * torque_rms, own_part(theta, omega, alpha), own_part(alpha, omega, theta)
+    return Tellable(error / of_theta, error / of_alpha, rms(theta) / of_theta)
+
+
+def check_told(
+    what: str,
+    band_hz: tuple[float, float],
+    change: Tellable,
+    stiffness: tuple[float, float],
+    largest_inertia_error: float | None,
+) -> None:
+    """Refuse a motion whose band [Hz] cannot tell K from I, with K and its standard error; the message begins with
+    `what` and names the band that is missing (IdentifiabilityError)."""
+    (low, high), (K, K_se) = band_hz, stiffness
+    cannot = f"{what}: a motion of {low:.2g} to {high:.2g} Hz cannot tell K from I: an error of 0.1 % of the torque"
+    if largest_inertia_error is not None and change.inertia > largest_inertia_error:
+        needed = max(high * np.sqrt(change.inertia / (0.5 * largest_inertia_error)), 1.5 * high)
+        raise IdentifiabilityError(
+            f"{cannot} changes I by {change.inertia:.2g} kg*m^2, more than the {largest_inertia_error:g} of "
+            f"`largest_inertia_error` in the configuration; the band from {high:.2g} to about {needed:.2g} Hz is "
+            "missing, excite it as well, or take the stiffness alone by experiment 'torque_angle'"
+        )
+    # K by a tenth, and three times what the error is of torque over angle: without stiffness there is no share of K. It
+    # is 1.6 from 0.5 to 6 Hz.
+    if change.stiffness > max(0.1 * abs(K), K_se) and change.amplified > 3:
+        raise IdentifiabilityError(
+            f"{cannot} changes K by {change.stiffness:.2g} N*m/rad; the band below {low:.2g} Hz is missing, excite it "
+            "as well"
+        )

@@ -1,25 +1,122 @@
-"""What a reader must know of a campaign, in the same words at the end of a run, by `results` and on the page: causes
-and the trials that they concern, not the rows of tables that inherit them.
+"""Which trials a job uses: not those that quality control excludes, nor those without a result (`jobs.refusal`); and
+what a reader must know of a campaign, in the same words at the end of a run, by `results` and on the page: causes and
+the trials that they concern, not the rows of tables that inherit them.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+import json
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.errors import listing
-from osl_analysis.jobs.refusal import is_refused
-from osl_analysis.judge.doubts import CAUSES, DOUBTFUL, LATENESS, causes_by_trial, not_checked_of, of_whole_trial
-from osl_analysis.judge.recording import CHECKS
-from osl_analysis.judge.table import Cause
-from osl_analysis.judge.usable import HOW_TO_USE, exclusions
+from osl_analysis.errors import InputError, listing
+from osl_analysis.files import atomic_path
+from osl_analysis.jobs.refusal import Refusal, distinct_causes, is_refused, read_refusals
+from osl_analysis.judge.doubts import CAUSES, DOUBTFUL, LATENESS, SIZED, causes_by_trial, not_checked_of, of_whole_trial
+from osl_analysis.judge.recording import CHECKS, judged_table
+from osl_analysis.judge.table import Cause, QualityRules
 from osl_analysis.table import read_table
 
+HOW_TO_USE = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"
+JUDGES = ("quality", "fitted")
+"""Inputs that only tell which trials are used: what was measured of them, and other results of the same trials."""
 MOST_NAMED = 3  # trials that a line names
-BEGINS_SIZE = ", each ms of delay would take"  # as `doubts.sized` writes it
+
+
+@dataclass(frozen=True)
+class Usable:
+    """The inputs of a job without refusal records."""
+
+    inputs: Mapping[str, Any]  # what is left, by name
+    refused: tuple[Refusal, ...]  # the causes of everything that was removed
+    missing: tuple[Refusal, ...]  # the causes without which the job cannot run; empty if it can
+
+
+def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> Usable:
+    """The named inputs of a job without refusal records. A trial with a record in one list, or among those in `quality`
+    or the results in `fitted`, is removed from every list. The job cannot run if a record stands for a single input or
+    for one of the `unnamed` files, if the input `trial` is such a trial, or if nothing is left of a list; beside an
+    input `trial`, lists may become empty. Lists by name are handed over as they are."""
+    lists = {name: files for name, files in inputs.items() if isinstance(files, list)}
+    named = {name: files for name, files in inputs.items() if isinstance(files, Mapping)}
+    groups = {name: files for name, files in named.items() if not any(isinstance(f, list) for f in files.values())}
+    alone = [file for name, file in inputs.items() if name not in lists and name not in named]
+    gone = {Path(file).stem: read_refusals(file) for files in lists.values() for file in files if is_refused(file)}
+    kept: dict[str, Any] = {name: [f for f in files if Path(f).stem not in gone] for name, files in lists.items()}
+    kept |= {name: {key: f for key, f in files.items() if not is_refused(f)} for name, files in groups.items()}
+    missing = [cause for file in (*alone, *unnamed) for cause in read_refusals(file)]
+    if "trial" not in inputs:
+        emptied = [files for name, files in lists.items() if files and not kept[name] and name not in JUDGES]
+        missing += [cause for files in emptied for file in files for cause in gone[Path(file).stem]]
+    missing += gone.get(Path(str(inputs.get("trial"))).stem, ())
+    causes = [cause for found in gone.values() for cause in found]
+    causes += [cause for files in groups.values() for file in files.values() for cause in read_refusals(file)]
+    return Usable({**inputs, **kept}, distinct_causes([*causes, *missing]), distinct_causes(missing))
+
+
+@dataclass(frozen=True)
+class Judge:
+    """What decides which trials are used: the configured rules of quality control, and what the sheet accepts by trial.
+    A job that measures knows neither: a changed threshold judges again what was measured, and measures nothing again. A
+    job over several trials finds it in a file, whose change alone runs no job again: its request names the trials that
+    are excluded."""
+
+    rules: QualityRules
+    accept: Mapping[str, Collection[str]]
+
+    def write(self, path: Path) -> None:
+        """Write it to a file for jobs."""
+        accept = {trial: list(names) for trial, names in self.accept.items() if names}
+        with atomic_path(path) as temporary:
+            temporary.write_text(json.dumps({"rules": self.rules.model_dump(mode="json"), "accept": accept}))
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """That of a file."""
+        said = json.loads(path.read_text(encoding="utf-8"))
+        return cls(QualityRules.model_validate(said["rules"]), said["accept"])
+
+    def verdicts(self, measured: Iterable[Path]) -> pl.DataFrame:
+        """The rows of `quality.csv` for trials whose checks were measured; a missing file, or a record, has none."""
+        there = [path for path in measured if path.is_file() and not is_refused(path)]
+        kinds = dict.fromkeys(("trial", "check", "value", "unit", "remark"), pl.String) | {"value": pl.Float64}
+        read = (pl.read_csv(path, columns=list(kinds), schema_overrides=kinds) for path in there)
+        table = pl.concat([pl.DataFrame(schema=kinds), *read])
+        return judged_table(table.with_columns(pl.col("remark").fill_null("")), self.rules, self.accept)
+
+
+def exclusion_said(row: Mapping[str, Any]) -> str:
+    """Why a trial is not used, by a row of `quality.csv` or `excluded.csv`: check, value, threshold, what was seen."""
+    if row["value"] is None:
+        return f"{row['check']}: {row['remark']}"
+    said = f"{row['check']} {row['value']:.4g} {row['unit']}, threshold {row['threshold']}"
+    return said + (f": {row['remark'].replace('; ', ', ')}" if row["remark"] else "")
+
+
+def exclusions(verdicts: pl.DataFrame) -> dict[str, str]:
+    """The trials that quality control excludes, and why."""
+    reasons: dict[str, str] = {}
+    for row in verdicts.filter(pl.col("verdict") == "exclude").iter_rows(named=True):
+        reasons[row["trial"]] = "; ".join(filter(None, [reasons.get(row["trial"]), exclusion_said(row)]))
+    return reasons
+
+
+def without_excluded(inputs: Mapping[str, Any], reasons: Mapping[str, str]) -> dict[str, Any]:
+    """The named inputs of a job without the files of excluded trials (`exclusions`). Of the trials in the input
+    `quality`, files with the name of an excluded one are removed from every list. The inputs `JUDGES` are not passed
+    on. An excluded input `trial` is refused, and so are lists of excluded trials alone."""
+    judged = {Path(path).stem for path in inputs.get("quality", ())}
+    lists = {name: files for name, files in inputs.items() if isinstance(files, list) and name not in JUDGES}
+    needed = {Path(file).stem for files in lists.values() for file in files} & judged
+    single = {Path(str(inputs.get("trial"))).stem} & judged
+    if single & set(reasons) or (needed | single and needed | single <= set(reasons)):
+        why = "; ".join(f"{trial} ({reasons[trial]})" for trial in sorted(single or needed)[:3])
+        raise InputError(f"quality control excludes every trial that is needed here: {why}; {HOW_TO_USE}")
+    kept = {name: [file for file in files if Path(file).stem not in reasons] for name, files in lists.items()}
+    return {name: kept.get(name, value) for name, value in inputs.items() if name not in JUDGES}
 
 
 @dataclass(frozen=True)
@@ -51,10 +148,20 @@ class Finding:
 
 
 def findings(verdicts: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> list[Finding]:
-    """What `quality.csv` and the result tables, by name, say of a campaign: what most trials have first."""
-    judged = [*doubts_in(tables), *flags_in(verdicts), *unchecked_in(tables)]
-    order = ("doubtful", "flagged", "not checked")
-    return sorted(judged, key=lambda one: (order.index(one.verdict), -len(one.trials)))
+    """What `quality.csv` and the result tables, by name, say of a campaign: doubts, then checks of recordings that
+    trials do not pass though they are used, then what could not be checked; of each what most trials have first."""
+    flags = []
+    for name, check in CHECKS.items():
+        own = verdicts.filter(pl.col("check") == name)
+        failed = own.filter(pl.col("verdict") == "flag")
+        if len(failed):
+            row = failed.row(0, named=True)
+            example = f"{check.cause.says}, as {row['value']:.4g} {row['unit']} in {row['trial']}"
+            example += f" ({row['remark']})" if row["remark"] else ""
+            trials = tuple(failed["trial"]), tuple(own["trial"])
+            flags.append(Finding("flagged", "trials", check.cause.name, example, check.cause.remedy, *trials))
+    parts = (doubts_in(tables), flags, unchecked_in(tables))
+    return [one for part in parts for one in sorted(part, key=lambda one: -len(one.trials))]
 
 
 def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[Finding]:
@@ -78,21 +185,9 @@ def doubts_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[Finding]:
                 yield Finding("doubtful", judged, cause, known.says, remedy, tuple(trials), tuple(map(str, causes)))
 
 
-def flags_in(verdicts: pl.DataFrame) -> Iterator[Finding]:
-    """The checks of recordings that trials do not pass, though they are used."""
-    for name, check in CHECKS.items():
-        own = verdicts.filter(pl.col("check") == name)
-        failed = own.filter(pl.col("verdict") == "flag")
-        if len(failed):
-            row = failed.row(0, named=True)
-            example = f"{check.cause.says}, as {row['value']:.4g} {row['unit']} in {row['trial']}"
-            example += f" ({row['remark']})" if row["remark"] else ""
-            trials = tuple(failed["trial"]), tuple(own["trial"])
-            yield Finding("flagged", "trials", check.cause.name, example, check.cause.remedy, *trials)
-
-
 def unchecked_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[Finding]:
-    """What could not be checked, by experiment; a torque that comes late with what that would do, over all trials."""
+    """What could not be checked, by experiment; a torque that comes late with what that would do, over all trials, by
+    the fits to all of each."""
     for name, table in tables.items():
         if "not_checked" not in table.columns:
             continue
@@ -102,37 +197,24 @@ def unchecked_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[Finding]:
                 found.setdefault(what, {})[str(trial)] = why
         for what, reasons in found.items():
             why = next(iter(reasons.values()))
-            if LATENESS in what:
-                why = why.partition(BEGINS_SIZE)[0] + sizes(table.filter(pl.col("trial").is_in(list(reasons))))
-            of = f"{name.replace('_', ' ')} trials"
-            yield Finding(
-                "not checked", of, what, why, "", tuple(reasons), tuple(table["trial"].unique(maintain_order=True))
-            )
-
-
-def sizes(table: pl.DataFrame) -> str:
-    """What each ms by which the torque is late would do in these trials, from the fits to all of each."""
-    whole = pl.DataFrame([row for row in table.to_dicts() if of_whole_trial(row)], infer_schema_length=None)
-    if whole.is_empty() or not {"K", "B", "I"} <= set(whole.columns):
-        return ""
-    of_B, B, of_I, I = (
-        " to ".join(dict.fromkeys(f"{x:.2g}" for x in (values.min(), values.max())))  # type: ignore[str-bytes-safe]
-        for values in (1e-3 * whole["K"], whole["B"], 1e-3 * whole["B"], whole["I"])
-    )
-    return (
-        f"{BEGINS_SIZE} {of_B} N*m*s/rad off B = {B} and {of_I} kg*m^2 off I = {I}, check it with a known spring on "
-        "the same bench"
-    )
-
-
-def written_tables(tables: Iterable[Path]) -> dict[str, pl.DataFrame]:
-    """The tables among these files by name, without refusal records."""
-    return {path.stem: read_table(path) for path in tables if path.is_file() and not is_refused(path)}
+            whole = [row for row in table.to_dicts() if of_whole_trial(row) and row["trial"] in reasons]
+            if LATENESS in what and whole and {"K", "B", "I"} <= set(table.columns):
+                of_B, B, of_I, I = (
+                    " to ".join(dict.fromkeys(f"{scale * x:.2g}" for x in (min(values), max(values))))
+                    for scale, symbol in ((1e-3, "K"), (1, "B"), (1e-3, "B"), (1, "I"))
+                    for values in [[row[symbol] for row in whole]]
+                )
+                why = f"{why.partition(SIZED)[0]}{SIZED} {of_B} N*m*s/rad off B = {B} and {of_I} kg*m^2 off I = {I}"
+                why += ", check it with a known spring on the same bench"
+            judged = tuple(table["trial"].unique(maintain_order=True))
+            yield Finding("not checked", f"{name.replace('_', ' ')} trials", what, why, "", tuple(reasons), judged)
 
 
 def findings_report(verdicts: pl.DataFrame, tables: Iterable[Path]) -> str:
-    """The findings of a campaign for the end of a run, a line each; empty without any."""
-    return "\n".join(one.line() for one in findings(verdicts, written_tables(tables)))
+    """The findings of a campaign for the end of a run, a line each; empty without any. Tables may be refusal records or
+    not be there."""
+    written = {path.stem: read_table(path) for path in tables if path.is_file() and not is_refused(path)}
+    return "\n".join(one.line() for one in findings(verdicts, written))
 
 
 def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:

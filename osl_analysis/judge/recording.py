@@ -1,31 +1,79 @@
-"""What is measured on a whole recording: its sampling, its clocks, damage to its log, the motion that was commanded;
-and the verdicts of all checks by the rules of the configuration.
+"""What is measured on a recording: its sampling, its clocks, damage to its log, the motion that was commanded, sensors
+at the end of their range, that stand, wrap or do not read zero, force plates; and the verdicts by the configured rules.
 """
 
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+import math
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any, Protocol
 
 import numpy as np
 import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
-from osl_analysis.judge.channels import CHANNEL_CHECKS, not_applicable, worst
-from osl_analysis.judge.table import Cause, Check, CheckResult, Commanded, Examined, QualityRules
+from osl_analysis.judge.table import Cause, CheckResult, Commanded, Examined, Judgement, QualityRules
+from osl_analysis.measured import usual_size
+from osl_analysis.plate_surface import beside, plate_axes
 from osl_analysis.protocol.stepped_sine import FEWEST_OF_A_RUN, Likeness, Run, SteppedSineProtocol, find_runs
+from osl_analysis.signals import longest_at_extreme, longest_run, run_edges, runs
 from osl_analysis.timebase.grid import GapLimits, devices_of, streams, uniform_signals
 from osl_analysis.timebase.samples import take
-from osl_analysis.trial import Trial
+from osl_analysis.trial import Array, Trial, plate_columns, unit_of
 
-TOO_FEW = "no channel has three samples"
+TOO_FEW, NO_ANALOG = "no channel has three samples", "no torque, current or plate"
+
+
+def not_applicable(reason: str) -> CheckResult:
+    return CheckResult(None, f"not applicable: {reason}")
+
+
+def worst(values: Mapping[str, float], reason: str) -> CheckResult:
+    """The largest of the channels' values, with its channel; `reason`: why there are no channels, if there are none."""
+    if not values:
+        return not_applicable(reason)
+    name = max(values, key=lambda channel: values[channel])
+    return CheckResult(float(values[name]), name if values[name] else "")
+
+
+def recorded(trial: Trial, column: str | None) -> tuple[Array, Array]:
+    """Time [s] and values of a column, (n,) each, where it was sampled; empty without the column. NaN is left out."""
+    if column is None or column not in trial.columns:
+        return np.empty(0), np.empty(0)
+    time, values = trial.arrays(column)
+    missing = np.isnan(values)
+    return (time[~missing], values[~missing]) if missing.any() else (time, values)
+
+
+def median_step(time: Array) -> float:
+    """Median step [s]; 0 for a single sample."""
+    return float(np.median(np.diff(time))) if time.size > 1 else 0.0
+
+
+def stretches(time: Array, values: Array, seconds: float) -> Array:
+    """Consecutive stretches (k, m) of values (n,), of so many seconds each."""
+    length = max(round(seconds / median_step(time)), 1) if time.size > 1 else 1
+    return values[: values.size // length * length].reshape(-1, length)
+
+
+# Sampling, clocks and damage.
+
+
+def sampling_steps(trial: Trial) -> dict[str, Array]:
+    """Sampling steps [s], (n - 1,) each. Channels that were sampled at the same times stand under the first."""
+    time, steps, seen = trial.samples["time"].to_numpy(), {}, set()
+    for column in trial.samples.columns:
+        present = trial.samples[column].is_not_null().to_numpy()
+        if column != "time" and present.sum() > 2 and (pattern := present.tobytes()) not in seen:
+            seen.add(pattern)
+            steps[column] = np.diff(time[present])
+    return steps
 
 
 def measure_rate(examined: Examined) -> CheckResult:
     """Lowest median sampling rate [Hz]; the remark has the rate of every recorder."""
-    if not examined.steps:
-        return not_applicable(TOO_FEW)
-    rates = {column: 1 / float(np.median(step)) for column, step in examined.steps.items()}
-    return CheckResult(min(rates.values()), ", ".join(f"{column} {rate:.6g} Hz" for column, rate in rates.items()))
+    rates = {column: 1 / float(np.median(step)) for column, step in sampling_steps(examined.trial).items()}
+    said = ", ".join(f"{column} {rate:.6g} Hz" for column, rate in rates.items())
+    return CheckResult(min(rates.values()), said) if rates else not_applicable(TOO_FEW)
 
 
 def measure_jitter(examined: Examined) -> CheckResult:
@@ -33,15 +81,14 @@ def measure_jitter(examined: Examined) -> CheckResult:
     where the stamps lie on their line, or where signals or the source file decide (docs/time_base.md): scatter of any
     size then costs nothing. The remark has each recorder's scatter and the decision."""
     wander, remarks = {}, []
-    columns = [column for column in examined.experiment.needed_columns if column in examined.samples.columns]
+    columns = [column for column in examined.experiment.needed_columns if column in examined.trial.columns]
     try:
         parts = take(streams(examined.trial, devices_of(examined.trial, columns), frozenset()))
     except InputError as error:
         return not_applicable(f"no time base, {error}")
     for part in parts:
-        open_question = part.matters and not part.firm
         name, step = ", ".join(part.signals), part.clock.step
-        wander[name] = 100 * part.clock.wander / step if open_question else 0.0
+        wander[name] = 100 * part.clock.wander / step if part.matters and not part.firm else 0.0
         if part.matters:
             remarks.append(f"{name}: {100 * part.clock.sd / step:.3g} % of scatter, {part.why}")
     found = worst(wander, "no signals of a bench")
@@ -51,7 +98,7 @@ def measure_jitter(examined: Examined) -> CheckResult:
 def measure_gap(examined: Examined) -> CheckResult:
     """Longest time [s] without a sample, beyond the median step; 0 where no sample is missing."""
     gaps = {}
-    for column, step in examined.steps.items():
+    for column, step in sampling_steps(examined.trial).items():
         usual = float(np.median(step))
         gaps[column] = float(step.max()) - usual if step.max() > 1.5 * usual else 0.0
     return worst(gaps, TOO_FEW)
@@ -68,9 +115,14 @@ def measure_clock(examined: Examined) -> CheckResult:
     return CheckResult(clock["residual"], f"drift {ppm:.1f} +- {error:.1f} ppm; {matched}; {outside} motion capture")
 
 
+def damage_of(trial: Trial) -> dict[str, Any]:
+    """Ingest's report on the damage to the log; empty without one."""
+    return dict(trial.provenance.get("damage") or trial.provenance.get("log", {}).get("damage") or {})
+
+
 def measure_damage(examined: Examined) -> CheckResult:
     """Share of the log [%] that was lost to damage; the remark has ingest's report."""
-    damage = damage_report(examined.trial)
+    damage = damage_of(examined.trial)
     if not damage:
         return not_applicable("no damage report")
     said = [f"{damage[key]} {key.replace('_', ' ')}" for key in ("chunks_lost", "messages_lost") if damage.get(key)]
@@ -83,45 +135,37 @@ def measure_damage(examined: Examined) -> CheckResult:
 
 def measure_truncation(examined: Examined) -> CheckResult:
     """1 if the end of the log is missing, as after a crash, which the share that was lost does not count; else 0."""
-    damage = damage_report(examined.trial)
-    if not damage:
-        return not_applicable("no damage report")
-    if damage.get("complete", True):
-        return CheckResult(0.0)
+    damage = damage_of(examined.trial)
+    if not damage or damage.get("complete", True):
+        return CheckResult(0.0) if damage else not_applicable("no damage report")
     return CheckResult(1.0, "no end: see whether the trial lasts as long as it should")
 
 
-def damage_report(trial: Trial) -> dict[str, Any]:
-    return dict(trial.provenance.get("damage") or trial.provenance.get("log", {}).get("damage") or {})
-
-
-NO_STEPPED_SINE = "no stepped sine"
-MOST_DIFFERENCES, MOST_RUNS = 20, 3  # differences, and runs of one amplitude at one frequency, that are said one by one
+# The motion that was commanded.
 
 
 def measure_protocol(examined: Examined) -> CheckResult:
     """Number of segments, of one amplitude and frequency, that are missing, have other numbers of cycles than
     commanded, or were not commanded. Another motion in place of the stepped sine is said and does not count."""
-    if "theta" not in examined.samples.columns:
-        return not_applicable(NO_STEPPED_SINE)
+    if not examined.experiment.stepped_sine or "theta" not in examined.trial.columns:
+        return not_applicable("no stepped sine")
     commanded = examined.commanded.protocol
     fewest = min(FEWEST_OF_A_RUN, int(min(commanded.cycles_at, default=FEWEST_OF_A_RUN)))
     try:
         angle = uniform_signals(examined.trial, ["theta"], GapLimits())
     except InputError as error:
         return not_applicable(f"no time base, {error}")
-    time, theta = angle.time, angle["theta"]
     excitation = examined.commanded.excitation if examined.experiment.any_motion else "stepped sine"
     if excitation == "any":
         return CheckResult(0.0, "not compared: the configuration says that any motion moves the joint")
-    alike = Likeness(time, theta, commanded) if excitation == "auto" else None
+    alike = Likeness(angle.time, angle["theta"], commanded) if excitation == "auto" else None
     if alike is not None and alike.kind == "other":
         return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")
-    found = find_runs(time, theta, fewest) if alike is None else alike.runs
-    remarks = differences(found, commanded)
-    more = [f"and {len(remarks) - MOST_DIFFERENCES} differences more"] * (len(remarks) > MOST_DIFFERENCES)
+    found = list(find_runs(angle.time, angle["theta"], fewest) if alike is None else alike.runs)
+    remarks, most = differences(found, commanded), 20
+    more = [f"and {len(remarks) - most} differences more"] * (len(remarks) > most)
     pairs = len(commanded.amplitudes) * len(commanded.frequencies_hz)
-    words = [*remarks[:MOST_DIFFERENCES], *more] or [f"{pairs} commanded pairs of amplitude and frequency found"]
+    words = [*remarks[:most], *more] or [f"{pairs} commanded pairs of amplitude and frequency found"]
     off = [run.frequency_hz / f - 1 for run in found if (f := commanded.frequency_near(run.frequency_hz))]
     median = float(np.median(off)) if off else 0.0
     if abs(median) >= 1e-3:
@@ -130,7 +174,7 @@ def measure_protocol(examined: Examined) -> CheckResult:
     return CheckResult(float(len(remarks)), "; ".join(words))
 
 
-def differences(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[str]:
+def differences(found: list[Run], commanded: SteppedSineProtocol) -> list[str]:
     """A remark on every commanded pair of amplitude and frequency that is missing or has other numbers of cycles, and
     on every run that was not commanded. A protocol may have a pair more than once."""
     followed = [(commanded.amplitude_near(run.amplitude), commanded.frequency_near(run.frequency_hz)) for run in found]
@@ -145,44 +189,419 @@ def differences(found: Sequence[Run], commanded: SteppedSineProtocol) -> list[st
         if not own:
             remarks.append(f"missing {np.rad2deg(amplitude):g} deg at {frequency:g} Hz")
         elif abs(sum(run.cycles for run in own) - wanted) > max(0.05 * wanted, 0.5 * len(own)):
-            more = f" and {len(own) - MOST_RUNS} times more" if len(own) > MOST_RUNS else ""
-            remarks.append(f"{' and '.join(map(str, own[:MOST_RUNS]))}{more}, commanded are {wanted:g}")
+            more = f" and {len(own) - 3} times more" if len(own) > 3 else ""
+            remarks.append(f"{' and '.join(map(str, own[:3]))}{more}, commanded are {wanted:g}")
     return remarks + [f"besides {run}" for run, pair in zip(found, followed, strict=True) if None in pair]
 
 
-RECORDING_CHECKS = (
-    Check("rate", "Hz", "below", "lowest median sampling rate of the channels",
-        Cause("slow sampling", "a channel has few samples for the fastest motion, whose acceleration is then uncertain",
-            "record this channel faster"), measure_rate),
-    Check("jitter", "%", "above",
-        "slow wander of the stamps, in sampling steps, where neither signals nor source file decide what it is",
-        Cause("uncertain time stamps", "the stamps wander, and nothing tells whether the samples do too, which shifts "
-            "B and I", "state `stamps: exact` or `stamps: even` of the log in the source file"), measure_jitter),
-    Check("gap", "s", "above", "longest time without a sample, beyond one step",
-        Cause("gap in the recording", "samples are missing, and the motion around them is not used",
-            "look for a recorder that is too slow or a loose cable"), measure_gap),
-)  # fmt: skip
-LOG_CHECKS = (
-    Check("clock_residual", "s", "above", "RMS residual of the fit of the log's clock to motion capture's",
-        Cause("clocks that do not fit", "log and motion capture are matched with an uncertainty that shifts B",
-            "check the sync line"), measure_clock),
-    Check("damage", "%", "above", "largest share of a topic of the log that was lost",
-        Cause("damaged log", "a part of the log could not be read", "copy the log again from the recorder, or record "
-            "again"), measure_damage),
-    Check("truncated", "logs", "above", "logs without their end; how much is missing is not known",
-        Cause("log without its end", "the end of the log is missing, and what is there is analysed",
-            "copy or record it again, give a reason under `exclude` in the sample sheet, or write `truncated` under "
-            "`accept` there"), measure_truncation),
-    Check("protocol", "segments", "above",
-        "segments in which recording and command differ: missing, with fewer or more cycles, or not commanded",
-        Cause("another motion than stated", "amplitudes, frequencies or numbers of cycles are not those that the "
-            "configuration commands, and what was recorded is fitted", "state under `dynamometer` what was commanded"),
-        measure_protocol, lambda experiment: experiment.stepped_sine, NO_STEPPED_SINE),
-)  # fmt: skip
-CHECKS: dict[str, Check] = {check.name: check for check in (*RECORDING_CHECKS, *CHANNEL_CHECKS, *LOG_CHECKS)}
-"""Every check by name. A new one is its function with its row here or in `channels`, its rule under `quality` in
-config/config.yaml, and its test."""
-ACCEPTED = "accepted in the sheet"
+# Sensors at the end of their range: load cells, currents and encoders that stand at a rail.
+
+
+def stated_range(trial: Trial, column: str) -> tuple[float, float] | None:
+    """Lowest and highest value of a channel that its source file states, in the column's unit; None if not stated."""
+    ends = trial.provenance.get("columns", {}).get(column, {}).get("range")
+    return (float(ends[0]), float(ends[1])) if ends else None
+
+
+def check_ranges(trial: Trial) -> None:
+    """Refuse values that no sensor of the range that the source file states can measure (InputError)."""
+    for column in trial.columns:
+        if (ends := stated_range(trial, column)) is None or not (values := recorded(trial, column)[1]).size:
+            continue
+        (low, high), (least, most) = ends, (float(values.min()), float(values.max()))
+        slack = 0.01 * (high - low)  # electronics reach a little further than data sheets
+        if least < low - slack or most > high + slack:
+            raise InputError(
+                f"trial {trial.name}: {column} goes from {least:.4g} to {most:.4g} {unit_of(column)}, beyond the "
+                f"`range` of its sensor, {low:g} to {high:g}; correct `unit`, `scale` or `range` in the source file"
+            )
+
+
+def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int:
+    """Longest run [samples] of a channel at an end of its range, stated or seen; 0 for a command, which has levels. A
+    channel with noise is at an end where it repeats its lowest or highest value. An angle also rests at an extreme: it
+    is clipped only where `torque` goes on to change meanwhile. This holds for an angle that a bench drives; a motor
+    behind a belt may stand by its own friction while the torque changes."""
+    time, values = recorded(trial, column)
+    if not values.size or not np.isfinite(values).all():  # the fit refuses it
+        return 0
+    if column.startswith("theta"):
+        seen = 0 if torque is None else longest_clipped_angle(time, values, recorded(trial, torque))
+    else:
+        seen = 0 if column == "current" and is_command(values) else longest_at_extreme(values)
+    return max(longest_at_stated(values, stated_range(trial, column)), seen)
+
+
+def longest_at_stated(values: Array, ends: tuple[float, float] | None) -> int:
+    """Longest run [samples] of a channel (n,) within a thousandth of a stated end of its range, or beyond it."""
+    if ends is None or not values.size:
+        return 0
+    near = 1e-3 * (ends[1] - ends[0])
+    at_ends = (longest_run(there) for there in (values <= ends[0] + near, values >= ends[1] - near))
+    return max(int(run.stop - run.start) for run in at_ends)
+
+
+def is_command(values: Array) -> bool:
+    """Whether a channel (n,) goes from level to level without noise: beside the longest run, three in ten samples
+    repeat their predecessor."""
+    repeated = np.diff(values) == 0
+    elsewhere = repeated.copy()
+    elsewhere[longest_run(repeated)] = False
+    return bool(elsewhere.sum() > 0.3 * elsewhere.size)
+
+
+def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]) -> int:
+    """Longest run [samples] of an angle (n,) at its lowest or highest value while the torque changes. `torque` are
+    times [s] and values. The angle must come to the extreme, and leave it, with a corner."""
+    when, values = torque
+    if not theta.size or not np.ptp(theta) or not when.size or not np.isfinite(values).all() or not np.ptp(values):
+        return 0
+    noise = usual_size(np.diff(values, 3)) / 3.016 if values.size > 3 else np.inf  # of white noise
+    changes = max(10 * noise, 0.02 * float(np.ptp(values)))  # beyond noise, and the creep of a joint that rests
+    apart = np.diff(pl.Series(theta).unique().sort().to_numpy())
+    step = float(np.min(apart[apart > 1e-9 * np.ptp(theta)], initial=float(np.ptp(theta))))  # but for rounding
+    longest = 0
+    for end in (theta.min(), theta.max()):
+        for run in runs(theta == end):
+            count = run.stop - run.start
+            within = values[slice(*np.searchsorted(when, (time[run.start], time[run.stop - 1])))]
+            if count > max(5, longest) and within.size > 1 and np.ptp(within) > changes:
+                sides = (run.start - count // 2, run.stop - 1 + count // 2)
+                moved = [abs(theta[at] - end) for at in sides if 0 <= at < theta.size]
+                # within half of its standing time a sine that is rounded to steps moves by four of them at most
+                longest = count if moved and min(moved) > 8 * step else longest
+    return longest
+
+
+def raw_channels(trial: Trial) -> dict[str, Mapping[str, Any]]:
+    """Facts of every raw channel of the trial's plates by name, as ingest found them."""
+    return {
+        f"plate{plate['plate']} channel {facts['label']}": facts
+        for plate in trial.provenance.get("plates", [])
+        for facts in plate.get("channels", [])
+    }
+
+
+def noisy_channels(trial: Trial) -> dict[str, tuple[Array, Array]]:
+    """Time [s] and values of the channels with samples that a sensor's noise keeps changing: torques, current, and
+    force and moment of plates whose raw channels are not known."""
+    noisy = {"current"} | {facts.torque for facts in EXPERIMENTS.values()}
+    plates = {name.partition(" ")[0] for name in raw_channels(trial)}
+    columns = [c for c in trial.samples.columns if c in noisy or c.startswith("plate")]
+    found = {c: recorded(trial, c) for c in columns if c.partition("_")[0] not in plates}
+    return {name: x for name, x in found.items() if x[1].size}
+
+
+def measure_saturation(examined: Examined) -> CheckResult:
+    """Longest run [samples] of a channel at the lowest or highest value of its sensor, stated or seen; of a plate, of
+    its raw channels."""
+    trial, driven = examined.trial, examined.experiment.motion  # what nobody drives may stand by friction
+    names = [*noisy_channels(trial), *(c for c in trial.samples.columns if c == driven or stated_range(trial, c))]
+    lengths = {name: samples_at_rail(trial, name, examined.experiment.torque) for name in names}
+    return worst(lengths | {name: facts["clipped_samples"] for name, facts in raw_channels(trial).items()}, NO_ANALOG)
+
+
+# Noisy channels, of torque, current and plates, and angles that stand.
+
+AT_REST = 0.02  # share of the angle's range by which a joint at rest may creep
+SMOOTHED = 0.05  # s, over which a reference is averaged; a sine of 5 Hz keeps nine tenths of its amplitude
+
+
+def measure_stuck(examined: Examined) -> CheckResult:
+    """Longest time [s] that a noisy channel repeats one value, or that an angle stands while it should change. A load
+    cell whose steps are larger than its noise repeats a value while the joint rests, and Nexus writes 0 without load.
+    The angle should follow its command, or else the torque, averaged: while the joint rests, the noise of a small
+    torque is a part of its range. It may rest in static and plate trials."""
+    trial, columns = examined.trial, examined.trial.samples.columns
+    moving = examined.experiment.motion or ("theta" if examined.experiment.tables else "")
+    angle = recorded(trial, moving if moving in columns else "theta")
+    times, channels = {}, noisy_channels(trial)
+    silent = {name for name, (_, x) in channels.items() if not x.any()}
+    used = {name.partition("_")[0] for name in channels.keys() - silent}
+    for name, (time, x) in channels.items():
+        if name.startswith("plate"):  # one that is 0 throughout is dead if another of its plate is not
+            times[name] = held(time, np.where(x == 0, np.nan, x))
+            if name in silent and name.partition("_")[0] in used:
+                times[name] = float(np.ptp(time))
+        elif name == "current":
+            times[name] = 0.0 if is_command(x) else held(time, x)
+        elif angle[0].size < 2 or not np.ptp(x):
+            times[name] = held(time, x)
+        else:
+            times[name] = held(time, x, (time, np.interp(time, *angle)), AT_REST * float(np.ptp(angle[1])))
+    for name, facts in raw_channels(trial).items():
+        times[name] = (facts["stands_to_s"] or 0.0) - (facts["stands_from_s"] or 0.0)
+    reference = recorded(trial, next((c for c in ("theta_command", "torque") if c in columns), None))
+    time, theta = recorded(trial, "theta")
+    if time.size and reference[0].size:
+        when, level = (stretches(reference[0], x, SMOOTHED).mean(axis=1) for x in reference)
+        if when.size:  # while it changes by a fifth of its range, the joint should have moved
+            apart = SMOOTHED / 2 + median_step(time)  # at the start of a motion the torque jumps before the angle
+            times["theta"] = held(time, theta, (when, level), 0.2 * float(np.ptp(level)), apart)
+    if moving in columns and angle[1].size and not np.ptp(angle[1]):
+        times[moving] = float(np.ptp(angle[0]))
+    return worst(times, NO_ANALOG)
+
+
+def held(
+    time: Array, values: Array, reference: tuple[Array, Array] | None = None, least: float = 0.0, apart: float = 0.0
+) -> float:
+    """Longest time [s] that a channel (n,) repeats one value while its reference, times and values, changes by more
+    than `least`. At both ends of the repetition `apart` [s] do not count."""
+    edges = run_edges(np.diff(values) == 0)
+    for first, last in edges[np.argsort(edges[:, 0] - edges[:, 1], kind="stable")].tolist():
+        if reference is not None:
+            start = np.searchsorted(reference[0], time[first] + apart)
+            within = reference[1][start : np.searchsorted(reference[0], time[last] - apart, "right")]
+            if not within.size or np.ptp(within) <= least:
+                continue
+        return float((last - first) * median_step(time))
+    return 0.0
+
+
+# Zeros, turns, and markers.
+
+
+def measure_unzeroed_load_cell(examined: Examined) -> CheckResult:
+    """Size of the mean torque [N*m] before the dynamometer first moves the joint."""
+    (moving, angle), (time, torque) = (recorded(examined.trial, name) for name in ("theta", "torque"))
+    if examined.experiment.motion != "theta" or not {"theta", "torque"} <= set(examined.trial.columns):
+        return not_applicable("no torque on a dynamometer")
+    moved = abs(angle - angle[:1]) > AT_REST * np.ptp(angle) if angle.size else np.zeros(0, bool)
+    rest = time < moving[np.argmax(moved)] if moved.any() else np.ones(time.size, bool)
+    if rest.sum() < 2 or np.ptp(time[rest]) < 0.2:  # s, the shortest rest that tells
+        return not_applicable("the recording begins while the joint moves")
+    mean = float(torque[rest].mean())
+    return CheckResult(abs(mean), f"{mean:.3g} N*m over the first {np.ptp(time[rest]):.2f} s")
+
+
+def measure_unzeroed_plate(examined: Examined) -> CheckResult:
+    """Largest size of the level [N] of a bare plate, the mean of its quiet fifth of a second that is nearest to zero. A
+    negative level is always an error, a positive one where it is below what a resting plate may scatter, or every plate
+    is bare at some time."""
+    at_rest = 20.0  # N, largest standard deviation of a plate at rest
+    counted, loaded, remarks = [], [], []
+    for column in examined.trial.samples.columns:
+        if not (column.startswith("plate") and column.endswith("_force_z")):
+            continue
+        plate, parts = column.removesuffix("_force_z"), stretches(*recorded(examined.trial, column), 0.2)
+        quiet = parts[parts.std(axis=1) < at_rest].mean(axis=1)
+        level = float(quiet[np.argmin(abs(quiet))]) if quiet.size else np.inf
+        if not quiet.size or not (level < at_rest or examined.experiment.bare_plate):
+            loaded.append(f"{plate} is never at rest, or loaded throughout")
+            continue
+        counted.append(abs(level))
+        wrong_sign = examined.experiment.walker and level <= -200  # N: somebody's weight, where a plate was zeroed
+        remarks.append(f"{plate} {level:.1f} N" + PERSON * wrong_sign)
+    if not counted:
+        return not_applicable("the plates are never at rest, or loaded throughout" if loaded else "no plate")
+    return CheckResult(max(counted), ", ".join(remarks + loaded))
+
+
+PERSON = (
+    ", a person's weight with the wrong sign: correct the plate's `sign` or corners, or `axes` in the source file, "
+    "unless it was zeroed while somebody stood on it"
+)
+
+
+def measure_encoder_wrap(examined: Examined) -> CheckResult:
+    """Number of steps of an angle by a turn, within a tenth, also by a turn in degrees that is called radians."""
+    jumps: dict[str, float] = {}
+    for column in ("theta", "theta_m", "theta_command"):
+        if column in examined.trial.columns:
+            jump = abs(np.diff(recorded(examined.trial, column)[1]))
+            jumps[column] = float(sum((abs(jump / turn - 1) < 0.1).sum() for turn in (2 * np.pi, 360.0)))
+    return worst(jumps, "no angle")
+
+
+def measure_marker_gap(examined: Examined) -> CheckResult:
+    """Longest time [s] that a marker was hidden between two sightings, beyond one step; all the time if it was never
+    seen. The remark counts the markers with gaps."""
+    gaps = {}
+    for column in examined.trial.samples.columns:
+        if column.startswith("marker_") and column.endswith("_x"):
+            time, x = examined.trial.arrays(column)
+            seen, usual = time[~np.isnan(x)], median_step(time)
+            longest = float(np.diff(seen).max(initial=0.0)) - usual
+            if not seen.size and time.size:
+                longest = float(np.ptp(time))
+            gaps[column.removeprefix("marker_").removesuffix("_x")] = longest if longest > 0.5 * usual else 0.0
+    result = worst(gaps, "no markers")
+    with_gaps = sum(gap > 0 for gap in gaps.values())
+    return CheckResult(result.value, f"{result.remark}; {with_gaps} of {len(gaps)} markers") if with_gaps else result
+
+
+# Force plates: the centre of pressure lies on the plate, and moves, while somebody walks over it.
+
+
+def pressed_plates(trial: Trial) -> Iterator[tuple[int, Array, Array]]:
+    """Of every plate that somebody stands on, as far as corners and columns are known: its number, corners (4, 3) [m],
+    and centre of pressure (k, 2) [m] from its centre along its edges, in the samples under load."""
+    for plate in trial.provenance.get("plates", []):
+        number, corners = int(plate["plate"]), np.array(plate["corners"], dtype=float)
+        columns = [*plate_columns(number, "force"), *plate_columns(number, "moment")]
+        if set(columns) <= set(trial.columns):
+            values, axes = trial.sampled(*columns).select(columns).to_numpy(), plate_axes(corners)
+            vertical = values[:, :3] @ axes[:, 2]
+            loaded = vertical > 100.0  # N; below, noise and a moving platform shift the centre of pressure
+            if loaded.sum() >= 10:  # samples
+                point = np.cross(axes[:, 2], values[loaded, 3:]) / vertical[loaded, None]
+                yield number, corners, np.asarray(point @ axes[:, :2])
+
+
+def measure_pressure_centre(examined: Examined) -> CheckResult:
+    """Largest distance [m] by which a centre of pressure lies outside its plate under load, in 95 % of the samples: the
+    first and last ones of a stance are inexact. The remark says why."""
+    if not examined.experiment.walker:
+        return not_applicable("nobody stands on a plate")
+    distances, remarks = [], []
+    for number, corners, points in pressed_plates(examined.trial):
+        distance, thousandth = (float(np.percentile(beside(p, corners), 95)) for p in (points, points / 1000))
+        distances.append(distance)
+        if distance > 0:
+            too_large = thousandth == 0 and travel(points / 1000) > 0.02  # m, which a rolling foot covers at least
+            why = (
+                "its moments look a thousand times too large; state `plate_units` in the source file, as {force: N, "
+                "moment: N*mm}"
+                if too_large
+                else "a moment channel is dead, clipped or of the other sign, or the corners are wrong"
+            )
+            remarks.append(f"plate{number}: the centre of pressure is {distance:.3g} m outside: {why}")
+    return CheckResult(max(distances), "; ".join(remarks)) if distances else not_applicable("no plate is stood on")
+
+
+def measure_pressure_travel(examined: Examined) -> CheckResult:
+    """Shortest way [m] that the centre of pressure covers under a loaded plate, from its 5th to its 95th percentile."""
+    if not (examined.experiment.walker and examined.experiment.tables):
+        return not_applicable("nobody walks over a plate")
+    ways = [(travel(points), number) for number, _, points in pressed_plates(examined.trial)]
+    if not ways:
+        return not_applicable("no plate is stood on")
+    way, number = min(ways)
+    return CheckResult(way, f"plate{number}: if it stands still, the moments are dead or a thousand times too small")
+
+
+def travel(points: Array) -> float:
+    """Way [m] of points (k, 2) from their 5th to their 95th percentile."""
+    low, high = np.percentile(points, [5, 95], axis=0)
+    return float(np.hypot(*(high - low)))
+
+
+# What a recording of a bench cannot be is refused, before a fit.
+
+
+class BenchLimits(Protocol):
+    """What the configuration says of the bench."""
+
+    @property
+    def largest_angle(self) -> float: ...
+    @property
+    def load_cell_range(self) -> float | None: ...
+
+
+def check_recording(trial: Trial, limits: BenchLimits, torque: str = "torque", angle: str | None = "theta") -> None:
+    """Refuse an angle that no leg's joint turns by, a torque beyond the load cell's range of the configuration or one
+    that never changes while the joint turns, and samples so close that the unit of time must be wrong (InputError)."""
+    who = f"trial {trial.name}:"
+    time = trial.arrays()[0]
+    # stamps of a late host come in clusters, most of them microseconds apart, of which the mean step knows nothing
+    step = float(np.ptp(time)) / (len(time) - 1) if len(time) > 1 else 0.0
+    if 0 < step < 1e-5:  # no recorder of a joint is faster than 100 kHz
+        raise InputError(
+            f"{who} its samples are {step:.2g} s apart, {1 / step:.3g} in a second: is its time recorded in another "
+            "unit than it is declared in? Correct the unit of `time` in the source file"
+        )
+    turned, measured = (x[np.isfinite(x)] for x in (recorded(trial, angle)[1], recorded(trial, torque)[1]))
+    turn, change = (float(np.ptp(x)) if x.size else 0.0 for x in (turned, measured))
+    if turn and measured.size > 1 and not change:
+        raise InputError(
+            f"{who} {torque} is {measured[0]:.4g} N*m in all samples while {angle} turns by {turn:.2g} rad; is this "
+            "the channel of the load cell? Correct it in the source file"
+        )
+    if turn / 2 > limits.largest_angle:
+        cause = "is it recorded in deg and declared as rad? Correct its `unit`"
+        if measured.size and change / 2 < limits.largest_angle:
+            cause = f"{torque} has +-{change / 2:.2g} N*m only, are the two swapped? Correct their names"
+        raise InputError(
+            f"{who} {angle} turns by +-{turn / 2:.3g} rad ({math.degrees(turn / 2):.0f} deg), more than the "
+            f"{limits.largest_angle:g} rad of `largest_angle` in the configuration: {cause} in the source file"
+        )
+    largest = float(np.abs(measured).max(initial=0.0))
+    if limits.load_cell_range is not None and largest > limits.load_cell_range:
+        raise InputError(
+            f"{who} {torque} reaches {largest:.4g} N*m, more than the {limits.load_cell_range:g} N*m of "
+            "`load_cell_range` in the configuration; correct its `unit` or `scale` in the source file, or the range"
+        )
+
+
+def saturated(trial: Trial, torque: str = "torque", *others: str) -> pl.Expr:
+    """The column `saturated_samples`: how long torque, or one of the other columns, stood at an end of its sensor."""
+    longest = max(samples_at_rail(trial, column, torque) for column in (torque, *others))
+    return pl.lit(longest, pl.Int64).alias("saturated_samples")
+
+
+# fmt: off
+ROWS = (
+    Judgement("rate", Cause("slow sampling", "a channel has few samples for the fastest motion, whose acceleration is "
+        "then uncertain", "record this channel faster"),
+        unit="Hz", fails="below", meaning="lowest median sampling rate of the channels", measure=measure_rate),
+    Judgement("jitter", Cause("uncertain time stamps", "the stamps wander, and nothing tells whether the samples do "
+        "too, which shifts B and I", "state `stamps: exact` or `stamps: even` of the log in the source file"),
+        unit="%", meaning="slow wander of the stamps, in sampling steps, where neither signals nor source file decide "
+        "what it is", measure=measure_jitter),
+    Judgement("gap", Cause("gap in the recording", "samples are missing, and the motion around them is not used",
+        "look for a recorder that is too slow or a loose cable"),
+        unit="s", meaning="longest time without a sample, beyond one step", measure=measure_gap),
+    Judgement("saturation", Cause("clipped signal", "a sensor stands at the end of its range, so that the largest "
+        "torques or angles are missing", "use a sensor of larger range, or a smaller motion"),
+        unit="samples", meaning="longest run of a torque, current, angle or raw channel of a plate at an end of its "
+        "sensor's range", measure=measure_saturation),
+    Judgement("stuck", Cause("frozen signal", "a channel repeats one value although the joint moves, as of a loose "
+        "cable", "check the sensor, its cable and its channel in the source file"),
+        unit="s", meaning="longest time that a noisy channel repeats one value, or that an angle stands while it "
+        "should change", measure=measure_stuck),
+    Judgement("unzeroed_load_cell", Cause("load cell not zeroed", "the torque is not zero before the joint moves, fits "
+        "have an offset and bear it, unless the sensor is near the end of its range",
+        "zero the load cell, or accept a joint that rests under load"),
+        unit="N*m", meaning="size of the torque before the joint first moves", measure=measure_unzeroed_load_cell),
+    Judgement("unzeroed_plate", Cause("force plate not zeroed", "the empty plate reads a force, which falsifies load "
+        "and centre of pressure", "zero the plate before the trial"),
+        unit="N", meaning="size of the vertical force of a bare plate", measure=measure_unzeroed_plate),
+    Judgement("encoder_wrap", Cause("angle jumps by a turn", "the encoder's counter starts anew within the recording",
+        "set its zero away from the motion, or count turns in the recorder"),
+        unit="jumps", meaning="steps of an angle by about 2 pi, or by 360", measure=measure_encoder_wrap),
+    Judgement("marker_gap", Cause("hidden marker", "a marker was hidden for longer than is bridged, and its frames are "
+        "not used", "fill the gap in the capture software, or correct the marker's place"),
+        unit="s", meaning="longest time that a marker was hidden between two sightings", measure=measure_marker_gap),
+    Judgement("pressure_centre", Cause("load beside the plate", "the foot seems to press beside the plate, so that "
+        "moments, signs or corners are wrong", "check units, signs and corners of the plate in the source file"),
+        unit="m", meaning="distance by which the centre of pressure of a loaded plate lies outside the plate",
+        measure=measure_pressure_centre),
+    Judgement("pressure_travel", Cause("load that does not roll", "the centre of pressure stands still under a walking "
+        "foot, so that moments are dead or in another unit",
+        "check the plate's moment channels and `plate_units` in the source file"),
+        unit="m", fails="below", meaning="way of the centre of pressure over a loaded plate; a foot rolls over 0.1 m "
+        "and more", measure=measure_pressure_travel),
+    Judgement("clock_residual", Cause("clocks that do not fit", "log and motion capture are matched with an "
+        "uncertainty that shifts B", "check the sync line"),
+        unit="s", meaning="RMS residual of the fit of the log's clock to motion capture's", measure=measure_clock),
+    Judgement("damage", Cause("damaged log", "a part of the log could not be read",
+        "copy the log again from the recorder, or record again"),
+        unit="%", meaning="largest share of a topic of the log that was lost", measure=measure_damage),
+    Judgement("truncated", Cause("log without its end", "the end of the log is missing, and what is there is analysed",
+        "copy or record it again, give a reason under `exclude` in the sample sheet, or write `truncated` under "
+        "`accept` there"),
+        unit="logs", meaning="logs without their end; how much is missing is not known", measure=measure_truncation),
+    Judgement("protocol", Cause("another motion than stated", "amplitudes, frequencies or numbers of cycles are not "
+        "those that the configuration commands, and what was recorded is fitted",
+        "state under `dynamometer` what was commanded"),
+        unit="segments", meaning="segments in which recording and command differ: missing, with fewer or more cycles, "
+        "or not commanded", measure=measure_protocol),
+)
+# fmt: on
+CHECKS = {check.name: check for check in ROWS}
+"""Every check by name. A new one is its function with its row here, its rule under `quality` in config/config.yaml, and
+its test."""
 
 
 def validate_rules(rules: QualityRules) -> None:
@@ -193,10 +612,10 @@ def validate_rules(rules: QualityRules) -> None:
     for name, check in CHECKS.items():
         if name not in rules.by_check:
             raise InputError(f"configuration, quality: no rule for the check '{name}'; add it as in config/config.yaml")
-        threshold = rules.rule(name).threshold
+        threshold = rules.by_check[name].threshold
         size, _, unit = threshold.partition(" ")
         try:
-            fits = unit.strip() == check.unit and 0 <= float(size) < float("inf")
+            fits = unit.strip() == check.unit and 0 <= float(size) < math.inf
         except ValueError:
             fits = False
         if not fits:
@@ -216,7 +635,7 @@ def unknown_check(name: str) -> str:
 def examine(trial: Trial, experiment: str, commanded: Commanded) -> dict[str, CheckResult]:
     """The result of every check on a trial, by name; `commanded` is the protocol of stepped-sine experiments."""
     examined = Examined(trial, EXPERIMENTS[experiment], commanded)
-    return {name: check.result(examined) for name, check in CHECKS.items()}
+    return {name: check.measure(examined) for name, check in CHECKS.items()}
 
 
 def measured_table(trial: str, results: Mapping[str, CheckResult]) -> pl.DataFrame:
@@ -232,10 +651,10 @@ def judged_table(measured: pl.DataFrame, rules: QualityRules, accept: Mapping[st
     """`measured_table` of trials with thresholds and verdicts; `accept`: checks that the sheet accepts, by trial."""
     judged = []
     for row in measured.iter_rows(named=True):
-        name, rule = row["check"], rules.rule(row["check"])
+        name, rule = row["check"], rules.by_check[row["check"]]
         failed, accepted = CHECKS[name].failed(row["value"], rule.limit), name in accept.get(row["trial"], ())
         verdict = rule.on_failure if failed and not accepted else "pass"
-        remark = "; ".join(filter(None, [ACCEPTED if failed and accepted else "", row["remark"]]))
+        remark = "; ".join(filter(None, ["accepted in the sheet" if failed and accepted else "", row["remark"]]))
         judged.append({**row, "threshold": rule.limit, "verdict": verdict, "remark": remark})
     types = dict.fromkeys(("value", "threshold"), pl.Float64)
     order = ("trial", "check", "value", "unit", "threshold", "verdict", "remark")

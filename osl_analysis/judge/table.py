@@ -5,38 +5,15 @@ Measuring needs the samples and no limit, judging needs a few numbers and no sam
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar, Literal, Self
 
 import numpy as np
-import polars as pl
 from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.config.experiments import Experiment, judged_tables
 from osl_analysis.config.yaml_settings import Settings
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
-from osl_analysis.trial import Array, Trial
-
-AnyRow = Mapping[str, object]  # a row of a result table
-
-
-@dataclass(frozen=True)
-class Cause:
-    """Why a number is beyond its limit, for a reader who knows no column of ours. No text contains a semicolon."""
-
-    name: str  # two or three words, with which every judgement on a trial or a fit begins
-    says: str  # what is wrong, and what it does to the results
-    remedy: str  # what to do, beginning with a verb
-    explains: bool = False  # whether it makes a fit worse: the misfit of the same trial is then no cause of its own
-    otherwise: str = ""  # what to do in place of `remedy` where there are no rows of single amplitudes
-
-
-@dataclass(frozen=True)
-class CheckResult:
-    """What a check measured on one trial."""
-
-    value: float | None  # in the check's unit; None where the check does not apply
-    remark: str = ""  # which channel it was, or why the check does not apply
+from osl_analysis.trial import Trial
 
 
 @dataclass(frozen=True)
@@ -66,40 +43,41 @@ class Examined:
     experiment: Experiment
     commanded: Commanded
 
-    @property
-    def samples(self) -> pl.DataFrame:
-        return self.trial.samples
 
-    @cached_property
-    def steps(self) -> dict[str, Array]:
-        """Sampling steps [s], (n - 1,) each. Channels that were sampled at the same times stand under the first."""
-        time, steps, seen = self.samples["time"].to_numpy(), {}, set()
-        for column in self.samples.columns:
-            present = self.samples[column].is_not_null().to_numpy()
-            if column == "time" or present.sum() < 3 or (pattern := present.tobytes()) in seen:
-                continue
-            seen.add(pattern)
-            steps[column] = np.diff(time[present])
-        return steps
+@dataclass(frozen=True)
+class CheckResult:
+    """What a check measured on one trial."""
+
+    value: float | None  # in the check's unit; None where the check does not apply
+    remark: str = ""  # which channel it was, or why the check does not apply
 
 
 @dataclass(frozen=True)
-class Check:
-    """A row that is measured on a recording. Its rule in the configuration says whether it flags or excludes."""
+class Cause:
+    """Why a number is beyond its limit, for a reader who knows no column of ours. No text contains a semicolon."""
 
-    name: str  # its key under `quality` in the configuration, and under `accept` in the sample sheet
-    unit: str  # of its value and of its threshold
-    fails: Literal["above", "below"]  # the side of the threshold on which a value fails
-    meaning: str  # what its value is
+    name: str  # two or three words, with which every judgement on a trial or a fit begins
+    says: str  # what is wrong, and what it does to the results
+    remedy: str  # what to do, beginning with a verb
+    explains: bool = False  # whether it makes a fit worse: the misfit of the same trial is then no cause of its own
+    of_recording: bool = False
+    """A fault of the recording does not come and go with the amplitude: the fit to all of a trial must show it, too."""
+    otherwise: str = ""  # what to do in place of `remedy` where there are no rows of single amplitudes
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A row of the table: a number, and why it may be beyond its limit, which stands in the configuration."""
+
+    name: str  # of a check under `quality`, of a column of result tables under `doubtful`
     cause: Cause
-    measure: Callable[[Examined], CheckResult]
-    applies_to: Callable[[Experiment], bool] = lambda _: True
-    otherwise: str = ""  # remark on the trials of experiments to which it does not apply
-
-    def result(self, examined: Examined) -> CheckResult:
-        if not self.applies_to(examined.experiment):
-            return CheckResult(None, f"not applicable: {self.otherwise}")
-        return self.measure(examined)
+    shows: str = ""
+    """What the number of a fit says, before the words of its cause; `doubts.shown` fills in {percent} and the like."""
+    misfit: bool = False  # whatever else explains the misfit of the trial is its cause
+    unit: str = ""  # of a check's value and threshold
+    meaning: str = ""  # what the value of a check is
+    measure: Callable[[Examined], CheckResult] = lambda _: CheckResult(None)  # of a check; a column is there already
+    fails: Literal["above", "below"] = "above"  # the side of its threshold on which a check fails
 
     def failed(self, value: float | None, limit: float) -> bool:
         """Whether a value is beyond its threshold by more than rounding; NaN fails, None (not applicable) does not."""
@@ -107,24 +85,6 @@ class Check:
             return False
         slack = 1e-9 * limit  # 100 Hz from stamps is 99.999 999 999 97 Hz
         return not (value >= limit - slack if self.fails == "below" else value <= limit + slack)
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """A row that is a column of result tables: beyond its limit under `doubtful`, the fit is doubtful."""
-
-    column: str
-    cause: Cause
-    detail: str | Callable[[float, AnyRow], str] = ""
-    """What the number says of this fit, in words before those of its cause; {percent} and {value} stand for it."""
-    of_recording: bool = False
-    """A fault of the recording does not come and go with the amplitude: the fit to all of a trial must show it, too."""
-    misfit: bool = False  # whatever else explains the misfit of the trial is its cause
-
-    def words(self, value: float, row: AnyRow) -> str:
-        if callable(self.detail):
-            return self.detail(value, row)
-        return self.detail.format(percent=f"{100 * abs(value):.3g} %", value=f"{value:.3g}")
 
 
 class Rule(Settings):
@@ -141,14 +101,11 @@ class Rule(Settings):
 
 
 class QualityRules(Settings):
-    """A rule per check, under the check's name; `verdicts.validate_rules` compares them with the checks."""
+    """A rule per check, under the check's name; `recording.validate_rules` compares them with the checks."""
 
     model_config = ConfigDict(extra="allow")
     RENAMED: ClassVar[Mapping[str, str]] = {"unfinished": "truncated"}
     __pydantic_extra__: dict[str, Rule] = Field(init=False)
-
-    def rule(self, check: str) -> Rule:
-        return self.by_check[check]
 
     @property
     def by_check(self) -> dict[str, Rule]:

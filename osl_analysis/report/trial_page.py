@@ -12,6 +12,7 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import DescribedTable
 from osl_analysis.judge.doubts import not_checked_of, reasons_in
+from osl_analysis.judge.findings import exclusion_said
 from osl_analysis.judge.recording import CHECKS
 from osl_analysis.report.panels import Pictures
 from osl_analysis.summary.text import AMPLITUDES, decimals, fixed, rounded_by, told_apart, trials_text
@@ -38,9 +39,7 @@ def left_out_trials(
     found: dict[str, LeftOut] = {}
     for row in excluded.iter_rows(named=True):
         by_job = row["check"] in ("refused", "failed", "died")  # outcomes of a job, which are no checks
-        numbers = "" if row["value"] is None else f" {row['value']:.4g} {row['unit']}, threshold {row['threshold']}"
-        reason = row["remark"] if by_job else f"{row['check']}{numbers}: {row['remark']}"
-        found.setdefault(row["trial"], LeftOut(by_job)).say(reason)
+        found.setdefault(row["trial"], LeftOut(by_job)).say(row["remark"] if by_job else exclusion_said(row))
     for trial, reason in refused.items():
         if trial not in found:
             found[trial] = LeftOut(True, [reason])

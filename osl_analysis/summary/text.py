@@ -10,6 +10,7 @@ import polars as pl
 
 from osl_analysis.config.campaign import ABOUT_MACROS, ABOUT_MEANING, About
 from osl_analysis.jobs.refusal import Refusal
+from osl_analysis.judge.findings import exclusion_said
 from osl_analysis.summary.headlines import COUNT, RANGE, Headline
 
 BY_SHEET = "sample sheet"
@@ -20,8 +21,7 @@ def trials_content(trials: Mapping[str, Sequence[str]], excluded: pl.DataFrame) 
     """By experiment how many `of` its trials are `used`, why others are `missing`, but for what the sheet excludes."""
     reasons: dict[str, str] = {}
     for row in excluded.filter(pl.col("check") != BY_SHEET).iter_rows(named=True):
-        limit = f"{row['value']:.4g} {row['unit']}, threshold {row['threshold']}" if row["value"] is not None else ""
-        reasons.setdefault(row["trial"], f"{row['check']} {limit}" if limit else f"{row['check']}: {row['remark']}")
+        reasons.setdefault(row["trial"], exclusion_said(row))
     missing = {of: {name: reasons[name] for name in names if name in reasons} for of, names in trials.items()}
     return {
         experiment: {"used": len(names) - len(missing[experiment]), "of": len(names), "missing": missing[experiment]}

@@ -147,7 +147,7 @@ def friction_row(s: Sums, model: Model, fit: LinearFit, label: Label) -> Row:
     """Coulomb friction [N*m] of a fit that has it beside the others, and the share of the damping that it makes, 0
     where all of the trial has none for certain; where the label has, viscous damping and friction with intervals."""
     damping = next(name for name, column in model.items() if column == "omega")
-    own = (f"{damping}_viscous", "f_C") if damping == "B" else (f"{damping}_viscous",)  # transmission.csv has T_C
+    own = (f"{damping}_viscous", "f_C" if damping == "B" else "T_C")
     names = [f"{name}{end}" for name in own for end in ("", "_se", "_low", "_high")]
     try:
         beside = with_effects(s, model, ("T_C",), label)
@@ -165,7 +165,7 @@ def friction_row(s: Sums, model: Model, fit: LinearFit, label: Label) -> Row:
     sharp = with_effects(s, model, ("T_C_sharp",), label)
     beside = widened(beside, (sharp.estimates - beside.estimates) / np.sqrt(3))
     values = [v for name in (damping, "T_C") for v in (beside[name], beside.se(name), *beside.interval(name))]
-    return row | dict(zip(names, values, strict=False))
+    return row | dict(zip(names, values, strict=True))
 
 
 def time_base_row(fit: LinearFit, other: LinearFit | None, names: Sequence[str]) -> Row:

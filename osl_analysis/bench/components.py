@@ -305,6 +305,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     for label, fit in analysis.fits.items():
         friction = with_effects(s, TRANSMISSION, ("T_C",), label)
         even, odd = harmonic_shares(phasors, label, (0.0, fit["B_j"], fit["J_j"]))
+        certain = friction_row(s, TRANSMISSION, fit, label)  # its T_C counts how sharply friction turns its sign
         rows.append(
             {
                 "trial": record.name,
@@ -317,7 +318,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 "even_harmonics": even,
                 "odd_harmonics": odd,
                 **analysis.shared(label, *LOSSES),
-                **friction_row(s, TRANSMISSION, fit, label),
+                **{name: x for name, x in certain.items() if x is not None or not name.startswith("T_C")},
                 **clocks,
             }
         )

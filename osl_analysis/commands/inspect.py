@@ -189,7 +189,7 @@ def capture_says(path: Path, name: str, rules: QualityRules) -> Iterator[str]:
         yield from ["ok without plates" if options else "ok", *recording.warnings]
         trial = Trial("sample", recording.samples, dict(recording.facts))
         for check_name, finding in examine(trial, "ingest_only", Commanded((), (), 1)).items():
-            limit, check = rules.rule(check_name).limit, CHECKS[check_name]
+            limit, check = rules.by_check[check_name].limit, CHECKS[check_name]
             if finding.value is not None and check.failed(finding.value, limit):
                 yield f"{check_name}: {finding.value:.4g} {check.unit}, threshold {limit:g} ({finding.remark})"
         return

@@ -14,10 +14,11 @@ from dataclasses import asdict
 from operator import attrgetter
 from pathlib import Path
 
-from osl_analysis.jobs.run import start_server
+from osl_analysis.jobs.run import at_end_of_run, job_server, run_job
 
 gc.set_threshold(50_000)  # what planning makes stays: looking through it at every 700th object took a sixth of it
-start_server()  # its imports take the other core while this one does those below
+if not {"-n", "--dry-run", "--dryrun"} & {*sys.argv}:
+    job_server()  # its imports take the other core while this one does those below
 
 from osl_analysis.commands.run import with_shipped_profile
 from osl_analysis.config.campaign import about, check_campaign, matching, open_campaign
@@ -28,10 +29,8 @@ from osl_analysis.config.yaml_settings import read_mapping
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.figures import FIGURES, drawn_figures
 from osl_analysis.files import check_working_folder, default_config
-from osl_analysis.jobs.fingerprint import code
-from osl_analysis.jobs.refusal import is_refused, refusal_report, refusals_in
+from osl_analysis.jobs.refusal import is_refused, refusal_report
 from osl_analysis.jobs.request import Requests
-from osl_analysis.jobs.run import at_end_of_run, run_job
 from osl_analysis.judge.findings import exclusion_report, findings_report, left_behind_report
 from osl_analysis.judge.findings import Judge
 from osl_analysis.report import TEMPLATES
@@ -56,7 +55,7 @@ except OslAnalysisError as error:
 ABOUT = about(CAMPAIGN, SIMULATION_FILES)
 RESULTS, RAW, PLACES = CONFIG.results, CONFIG.raw_data, CAMPAIGN.places
 JUDGE = Judge(CONFIG.quality, {trial: CAMPAIGN.accepted(trial) for trial in CAMPAIGN.trials()})
-REQUESTS = Requests(RESULTS / "requests", RESULTS / "logs", CAMPAIGN.data, JUDGE, workflow)
+REQUESTS = Requests(RESULTS, CAMPAIGN.data, JUDGE, workflow)
 
 
 def tabled(name: str) -> Path:
@@ -97,9 +96,7 @@ def step(command: str, output, log: str, name: str = "", **constraints):
         rule_name = name or parts.__name__
 
         def job(wildcards) -> dict[str, object]:
-            given = {"command": command, **parts(wildcards)}
-            given["code"] = code(given["command"], *given.pop("modules", ()))
-            return REQUESTS.job(getattr(rules, rule_name), wildcards, **given)
+            return REQUESTS.job(getattr(rules, rule_name), wildcards, **{"command": command, **parts(wildcards)})
 
         make_rule(rule_name, job, output, log, constraints)
         return parts
@@ -148,7 +145,7 @@ def end_of_run(records) -> str:
         findings_report(verdicts, result_tables()),
         exclusion_report(verdicts, CAMPAIGN.excluded),
         left_behind_report((RESULTS / "trials").glob("*.parquet"), {*CAMPAIGN.trials(), *CAMPAIGN.excluded}),
-        refusal_report(refusals_in(records), recordings, ACCEPT, records),
+        refusal_report(records, recordings, ACCEPT),
     ]
     return "\n".join(filter(None, said))
 

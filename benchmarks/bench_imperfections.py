@@ -24,7 +24,6 @@ from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.config.parameters import read_parameters
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.jobs.job import call
-from osl_analysis.jobs.request import Job
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.findings import Judge
 from osl_analysis.table import read_table
@@ -339,8 +338,9 @@ def analysed(row: Mapping[str, Any], config: Config, sources: Path, folder: Path
     recording = {"row": row, "raw_folder": folder, "sources_folder": sources, "needed_columns": []}
     commanded = {"commanded": config.dynamometer.model_dump(mode="json", include=set(PROTOCOL))}
     outputs = {"trial": trial, "quality": folder / "quality.csv"}
-    ingested = {"input": {}, "output": outputs, "settings": recording | commanded}
-    call(Job("trials.ingest_and_check", ingested, (), ()))
+    plain = {"needs": (), "data": "", "judge": ""}
+    settings = recording | commanded
+    call({"command": "trials.ingest_and_check", "input": {}, "output": outputs, "settings": settings, **plain})
     verdicts = Judge(config.quality, {}).verdicts([folder / "quality.csv"]).filter(pl.col("verdict") != "pass")
     failed = [f"{check} ({verdict})" for check, verdict in verdicts.select("check", "verdict").rows()]
     assert facts.fit is not None
@@ -349,7 +349,7 @@ def analysed(row: Mapping[str, Any], config: Config, sources: Path, folder: Path
     inputs = {"trial": trial} | ({"parameters": config.parameters} if facts.fit.parameters else {})
     tables = {table.name: folder / f"{table.name}.csv" for table in facts.tables}
     fitted = {"input": inputs, "output": {"tables": tables}, "settings": parts | condition}
-    call(Job(facts.fit.job, fitted, (), ()))
+    call({"command": facts.fit.job, **fitted, **plain})
     name = facts.tables[0].name
     return marked(read_table(tables[name]), config.doubtful.of(name), name), failed
 

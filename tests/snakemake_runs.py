@@ -29,20 +29,17 @@ OVERRIDES = {
 """Its configuration. No perturbation changes the stance, and the pace of a few crossings is too little to match to."""
 
 FORKING = """
-import gc, json, os, sys, tempfile, time
+import gc, json, os, sys, time
 from pathlib import Path
 import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag
 import osl_analysis.judge.findings, osl_analysis.jobs.refusal
 import osl_analysis.commands.simulate, osl_analysis.config.campaign, osl_analysis.figures, osl_analysis.study
-from osl_analysis.jobs import fingerprint
-from osl_analysis.jobs import request, run, server
+from osl_analysis.jobs import request, run
 
 snakemake.cli.get_argument_parser()  # imports the plug-ins
-for path in fingerprint.PACKAGE.rglob("*.py"):
-    fingerprint.imported_names(path)
-folder = tempfile.mkdtemp()
-os.environ |= {server.JOBS: f"{folder}/jobs", server.OWNER: str(os.getpid())}
-run.start(f"{folder}/jobs")
+for path in request.PACKAGE.rglob("*.py"):
+    request.imported_names(path)
+run.job_server()
 gc.freeze()
 
 for line in sys.stdin:
@@ -51,8 +48,8 @@ for line in sys.stdin:
     if not pid:
         run.STARTED = time.time()
         if package:
-            fingerprint.PACKAGE = Path(package)
-            fingerprint.module_file.cache_clear()
+            request.PACKAGE = Path(package)
+            request.module_file.cache_clear()
         os.chdir(folder)
         os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 1)
         os.dup2(1, 2)

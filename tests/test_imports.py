@@ -5,7 +5,7 @@ import re
 import pytest
 from conftest import ROOT
 
-from osl_analysis.jobs.fingerprint import imported_names
+from osl_analysis.jobs.request import imported_names
 
 PACKAGE = ROOT / "osl_analysis"
 COMMON = {"errors", "trial", "measured", "compiled"}

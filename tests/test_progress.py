@@ -1,7 +1,7 @@
 """The lines of a run: a line per stage, failures at once, no spam, and the right count and time left."""
 
-import io
 import logging
+import sys
 import threading
 from types import SimpleNamespace
 
@@ -11,7 +11,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 from osl_analysis.jobs import progress
 from osl_analysis.jobs.job_log import JobLog, write_log
-from osl_analysis.jobs.progress import LogHandler, Progress, stage_of
+from osl_analysis.jobs.progress import LogHandler, stage_of
 
 
 @pytest.fixture
@@ -22,41 +22,41 @@ def clock(monkeypatch):
     return clock
 
 
-def test_a_stage_writes_one_line_now_and_then_and_one_at_its_end(clock):
-    out = io.StringIO()
-    lines = Progress(out, is_terminal=False)
-    lines.plan({"ingest": 40, "reproduce-all": 1, "total": 41})
+def handler(verbose=False, dryrun=False):
+    return LogHandler(SimpleNamespace(verbose=verbose, dryrun=dryrun), None)
+
+
+def tell(handler, event=None, text="", level=logging.INFO, **more):
+    record = logging.LogRecord("snakemake", level, "", 0, text, (), None)
+    record.__dict__ |= {"event": event, **more}
+    handler.emit(record)
+
+
+def begin(handler, job, rule, *logs):
+    tell(handler, LogEvent.JOB_INFO, jobid=job, rule_name=rule, log=[*logs])
+
+
+def test_a_stage_writes_one_line_now_and_then_and_one_at_its_end(clock, capsys):
+    lines = handler()
+    tell(lines, LogEvent.RUN_INFO, stats={"ingest": 40, "reproduce-all": 1, "total": 41})
     for job in range(40):
-        lines.begin(job, "ingest", [])
+        begin(lines, job, "ingest")
         clock.now += 0.5
-        lines.finish(job)
-    said = out.getvalue().splitlines()
+        tell(lines, LogEvent.JOB_FINISHED, job_id=job)
+    said = capsys.readouterr().err.splitlines()
     assert said[-1] == "read and check recordings 40/40 in 20 s"
     assert 2 <= len(said) <= 4
 
 
-def test_a_terminal_has_what_runs_on_its_last_line(clock):
-    out = io.StringIO()
-    lines = Progress(out, is_terminal=True)
-    lines.plan({"ingest": 4, "fit_belt_trial": 2})
-    lines.begin(0, "ingest", [])
-    lines.begin(1, "fit_belt_trial", [])
+def test_a_terminal_has_what_runs_on_its_last_line(clock, capsys, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    lines = handler()
+    tell(lines, LogEvent.RUN_INFO, stats={"ingest": 4, "fit_belt_trial": 2})
+    begin(lines, 0, "ingest")
+    begin(lines, 1, "fit_belt_trial")
     clock.now += 2
-    lines.finish(0)
-    assert out.getvalue().endswith("\r\x1b[Kread and check recordings 1/4, 0.5/s, 6 s left | fit 0/2")
-
-
-def test_a_refusal_is_said_when_its_job_ends(tmp_path):
-    log = tmp_path / "belt_01.log"
-    write_log(log, JobLog("ingest.ingest_trial", "refused", error="belt_01.mcap: no such file; copy it\x1b[31m"), {})
-    out = io.StringIO()
-    lines = Progress(out, is_terminal=False)
-    lines.plan({"ingest": 2})
-    lines.begin(0, "ingest", [str(log)])
-    lines.finish(0)
-    (said,) = out.getvalue().splitlines()
-    assert said.startswith("refused: belt_01: belt_01.mcap: no such file; copy it")
-    assert "\x1b" not in said
+    tell(lines, LogEvent.JOB_FINISHED, job_id=0)
+    assert capsys.readouterr().err.endswith("\r\x1b[Kread and check recordings 1/4, 0.5/s, 6 s left | fit 0/2")
 
 
 @pytest.mark.parametrize("prefix", ["", "osl_"])
@@ -70,47 +70,39 @@ def test_a_rule_has_its_stage_in_a_module_too(prefix, rule, stage):
     assert stage_of(prefix + rule) == stage
 
 
-def record(event=None, text="", level=logging.INFO, **more):
-    made = logging.LogRecord("snakemake", level, "", 0, text, (), None)
-    made.__dict__ |= {"event": event, **more}
-    return made
-
-
-def test_the_lines_of_snakemake_are_left_out_but_for_what_a_user_must_know(capsys):
-    settings = SimpleNamespace(verbose=False, dryrun=False)
-    handler = LogHandler(settings, None)
-    handler.emit(record(LogEvent.RUN_INFO, stats={"ingest": 1, "total": 1}))
-    handler.emit(record(text="Building DAG of jobs..."))
-    handler.emit(record(text="Execute 1 jobs..."))
-    handler.emit(record(LogEvent.JOB_INFO, jobid=3, rule_name="ingest", log=[]))
-    handler.emit(record(LogEvent.JOB_FINISHED, job_id=3))
-    handler.emit(record(text="Unlocked working directory."))
-    handler.emit(record(LogEvent.ERROR, "Error: Directory cannot be locked.", logging.ERROR))
-    said = capsys.readouterr().err.splitlines()
-    assert said == [
+def test_what_a_user_must_know_is_said_at_once_and_the_lines_of_snakemake_are_left_out(clock, tmp_path, capsys):
+    log, lines = tmp_path / "belt_01.log", handler()
+    write_log(log, JobLog("ingest.ingest_trial", "refused", error="belt_01.mcap: no such file; copy it\x1b[31m"), {})
+    tell(lines, LogEvent.RUN_INFO, stats={"ingest": 1, "total": 1})
+    tell(lines, text="Building DAG of jobs...")
+    tell(lines, text="Execute 1 jobs...")
+    begin(lines, 3, "ingest", str(log))
+    tell(lines, LogEvent.JOB_FINISHED, job_id=3)
+    tell(lines, text="Unlocked working directory.")
+    tell(lines, LogEvent.ERROR, "Error: Directory cannot be locked.", logging.ERROR)
+    assert capsys.readouterr().err.splitlines() == [
+        r"refused: belt_01: belt_01.mcap: no such file; copy it\x1b[31m",
         "read and check recordings 1/1 in 0 s",
         "Unlocked working directory.",
         "Error: Directory cannot be locked.",
     ]
 
 
-@pytest.mark.parametrize("settings", [{"verbose": True, "dryrun": False}, {"verbose": False, "dryrun": True}])
+@pytest.mark.parametrize("settings", [{"verbose": True}, {"dryrun": True}])
 def test_a_dry_run_and_a_verbose_one_have_the_lines_of_snakemake(settings, capsys):
-    handler = LogHandler(SimpleNamespace(**settings), None)
-    handler.emit(record(text="Unlocked working directory."))
-    assert not handler.writes_to_stream
+    lines = handler(**settings)
+    tell(lines, text="Unlocked working directory.")
+    assert not lines.writes_to_stream
     assert capsys.readouterr().err == ""
 
 
 def test_timers_of_the_scheduler_do_not_add_up_and_none_outlives_the_last_job():
-    handler = LogHandler(SimpleNamespace(verbose=False, dryrun=False), None)
     timers = [threading.Timer(60, JobScheduler._noop) for _ in range(3)]
-    other = threading.Timer(60, print)
+    other, left = threading.Timer(60, print), []
     for timer in (*timers, other):
         timer.start()
-    left = []
     for event, counted in [(LogEvent.JOB_STARTED, {}), (LogEvent.PROGRESS, {"done": 4, "total": 4})]:
-        handler.emit(record(event, **counted))
+        tell(handler(), event, **counted)
         left.append([timer.finished.is_set() for timer in (*timers, other)])
     other.cancel()
     assert left == [[True, True, False, False], [True, True, True, False]]

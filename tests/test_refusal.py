@@ -1,9 +1,6 @@
 """A refused recording or a failed job leaves a record, and every other result is made."""
 
 import json
-import os
-import signal
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,18 +14,9 @@ from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import temporary_path
 from osl_analysis.jobs.job import died, perform, reason_and_remedy, refusal
 from osl_analysis.jobs.job_log import JobLog, read_log, read_logs, run_report, write_log
-from osl_analysis.jobs.refusal import (
-    Refusal,
-    is_refused,
-    read_refusals,
-    refusal_report,
-    refusals_in,
-    refused_trials,
-    write_refusals,
-)
-from osl_analysis.jobs.request import Job, write_request
-from osl_analysis.jobs.run import run_job, start, start_server
-from osl_analysis.jobs.server import JOBS, OWNER
+from osl_analysis.jobs.refusal import Refusal, is_refused, read_refusals, refusal_report, refused_trials, write_refusals
+from osl_analysis.jobs.request import write_request
+from osl_analysis.jobs.run import job_server, run_job
 from osl_analysis.judge.findings import (
     Judge,
     exclusion_report,
@@ -42,6 +30,7 @@ from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 
 LOST = Refusal("b_1", "raw/b_1.mcap", "ingest.ingest_trial", "refused", "raw/b_1.mcap: no such file", "copy it there")
+KILLED = Refusal("b_2", "raw/b_2.mcap", "bench.fit", "died", "the process of this job was killed", "run again")
 KILLED_AT_ITS_TRIAL = """
 import os, sys
 
@@ -49,10 +38,9 @@ def kill(event, what):
     if event == "open" and os.path.basename(str(what[0])).startswith(".b_7.") and str(what[0]).endswith(".log"):
         os.kill(os.getpid(), 9)
 
-if sys.argv[1:2] in (["--serve"], ["--job"]):
+if "serve(" in sys.orig_argv[-1]:
     sys.addaudithook(kill)
 """
-KILLED = Refusal("b_2", "raw/b_2.mcap", "bench.fit", "died", "the process of this job was killed", "run again")
 
 
 def record(path: Path, *causes: Refusal) -> str:
@@ -97,25 +85,25 @@ def test_verdicts_and_other_results_of_a_trial_are_not_passed_on_and_records_are
     assert exclusion_report(judge.verdicts([Path(bad)]), {}) == ""
 
 
-def job(tmp_path: Path, command: str, inputs: dict, **settings) -> Job:
-    output = str(tmp_path / "tables/belt.csv")
-    request = {"input": inputs, "output": {"output": output}, "settings": settings}
-    return Job(command, request, [], [output], log=tmp_path / "logs/belt.log")
+def job(tmp_path: Path, command: str, inputs: dict, output: dict | None = None, **settings) -> dict:
+    output = output or {"output": str(tmp_path / "tables/belt.csv")}
+    said = {"command": command, "input": inputs, "output": output, "settings": settings, "files": [*output.values()]}
+    return said | {"needs": [], "data": "", "judge": "", "log": str(tmp_path / "logs/belt.log")}
 
 
-def ended(tmp_path: Path, job: Job) -> tuple[str, tuple[Refusal, ...]]:
+def ended(job: dict) -> tuple[str, tuple[Refusal, ...]]:
     perform(job)
-    return read_log(job.log).outcome, read_refusals(job.files[0])
+    return read_log(Path(job["log"])).outcome, read_refusals(job["files"][-1])
 
 
 def test_a_job_that_refuses_its_input_leaves_reason_and_remedy_in_place_of_an_old_result(tmp_path: Path) -> None:
     result(tmp_path / "tables/belt.csv")
     inputs = {"trial": str(tmp_path / "trials/b_1.parquet")}
-    outcome, (cause,) = ended(tmp_path, job(tmp_path, "walking.compare_ankle_moment", inputs, settings={}, tables={}))
+    outcome, (cause,) = ended(job(tmp_path, "walking.compare_ankle_moment", inputs, settings={}, tables={}))
     assert outcome == "failed"
     assert (cause.trial, cause.file, cause.outcome) == ("b_1", inputs["trial"], "failed")
     assert "logs/belt.log" in cause.remedy
-    outcome, (cause,) = ended(tmp_path, job(tmp_path, "tables.gather", {"rows": [str(tmp_path / "b_1.csv")]}))
+    outcome, (cause,) = ended(job(tmp_path, "tables.gather", {"rows": [str(tmp_path / "b_1.csv")]}))
     assert (outcome, cause.outcome) == ("refused", "refused")
     assert cause.reason == f"{tmp_path}/b_1.csv: no such table"
     assert cause.remedy == "run the step that writes it, or check the path"
@@ -123,7 +111,7 @@ def test_a_job_that_refuses_its_input_leaves_reason_and_remedy_in_place_of_an_ol
 
 def test_a_job_that_lacks_an_input_passes_its_causes_on_and_is_no_cause_itself(tmp_path: Path) -> None:
     inputs = {"table": record(tmp_path / "belt.csv", LOST, KILLED)}
-    assert ended(tmp_path, job(tmp_path, "bench.summarise", inputs)) == ("skipped", (LOST, KILLED))
+    assert ended(job(tmp_path, "bench.summarise", inputs)) == ("skipped", (LOST, KILLED))
 
 
 @pytest.mark.parametrize("refuses", ["ingest", "quality"])
@@ -145,38 +133,33 @@ def test_a_trial_stands_without_a_verdict_and_no_verdict_without_its_trial(
     settings |= {"raw_folder": "raw", "sources_folder": "."}
     settings |= {"commanded": {"amplitudes_deg": [], "frequencies_hz": [], "cycles": 1}}
     outputs = {"trial": str(trial), "quality": str(quality)}
-    request = {"input": {}, "output": outputs, "settings": settings}
-    perform(Job("trials.ingest_and_check", request, [], list(outputs.values()), log=tmp_path / "b.log"))
-    assert read_log(tmp_path / "b.log").outcome == "refused"
+    outcome, (cause,) = ended(job(tmp_path, "trials.ingest_and_check", {}, outputs, **settings))
+    assert outcome == "refused"
     assert [is_refused(trial), is_refused(quality)] == [refuses == "ingest", True]
-    (cause,) = read_refusals(quality)
     assert (cause.trial, cause.file, cause.remedy) == ("b_1", "raw/b_1.mcap", "record it again")
 
 
 def test_a_table_is_made_of_the_trials_that_are_left(tmp_path: Path) -> None:
     rows = [record(tmp_path / "b_1.csv", LOST), result(tmp_path / "b_2.csv")]
-    assert ended(tmp_path, job(tmp_path, "tables.gather", {"rows": rows})) == ("done", ())
+    assert ended(job(tmp_path, "tables.gather", {"rows": rows})) == ("done", ())
     assert read_table(tmp_path / "tables/belt.csv")["trial"].to_list() == ["b_2"]
 
 
-def test_the_report_at_the_end_of_a_run_takes_any_log_that_was_cut_short(tmp_path: Path) -> None:
-    log = tmp_path / "x.log"
-    write_log(log, JobLog("bench.fit", "done", 1.5, warnings=("Größe 5 %",)), {"input": {"trial": "b_1"}})
-    whole = log.read_bytes()
-    for end in range(len(whole)):
-        log.write_bytes(whole[:end])
-        assert isinstance(run_report(read_logs(tmp_path, 0.0)), str)
-    log.write_bytes(whole)
-    assert "warning: Größe 5 %\n" in run_report(read_logs(tmp_path, 0.0))
-    assert "bench                1 jobs      1.5 s" in run_report(read_logs(tmp_path, 0.0))
+def test_the_report_at_the_end_of_a_run_has_warnings_and_times_and_passes_over_what_is_no_log(tmp_path: Path) -> None:
+    write_log(tmp_path / "x.log", JobLog("bench.fit", "done", 1.5, warnings=("Größe 5 %",)), {"input": {"trial": "b"}})
+    for name, text in {"own": "no: log", "cut": "job: bench.f", "list": "[1", "no text": "\udcff"}.items():
+        (tmp_path / f"{name}.log").write_text(text, errors="surrogateescape")
+    said = run_report(read_logs(tmp_path, 0.0))
+    assert "warning: Größe 5 %\n" in said
+    assert said.endswith("bench                1 jobs      1.5 s")
 
 
 def written(tmp_path: Path, **more) -> Path:
     """The request of a fit of the trial b_7."""
     path, made = tmp_path / "requests/b_7.json", [str(tmp_path / "fits/b_7.csv")]
     content = {"command": "bench.fit", "data": "", "log": str(tmp_path / "b_7.log"), "files": made, "needs": []}
-    content |= {"input": {"trial": "results/trials/b_7.parquet"}, "output": {}, "settings": {}, "recorded": {}} | more
-    write_request(path, content)
+    content |= {"input": {"trial": "results/trials/b_7.parquet"}, "output": {}, "settings": {}, "recorded": {}}
+    write_request(path, content | {"judge": ""} | more)
     return path
 
 
@@ -189,28 +172,30 @@ def test_a_killed_job_is_named_with_its_trial_and_leaves_nothing_half(tmp_path: 
     left = temporary_path(output, 12345)
     left.parent.mkdir()
     left.write_text("half a table")
-    died(str(request), 12345, signal.SIGKILL)
+    died(request, 12345, 9)
     assert not left.exists()
     (cause,) = read_refusals(output)
     assert (cause.trial, cause.outcome) == ("b_7", "died")
     assert cause.reason == "the process of this job was killed (signal 9, SIGKILL)"
 
 
-@pytest.mark.parametrize("server", [True, False])
-def test_a_job_that_is_killed_is_named(tmp_path: Path, monkeypatch, server: bool) -> None:
-    """With the warm server and without one; Snakemake goes on."""
+def test_a_job_that_is_killed_is_named_and_so_is_one_whose_server_was_killed(tmp_path: Path, monkeypatch) -> None:
+    """Snakemake goes on."""
     (tmp_path / "site").mkdir()
     (tmp_path / "site/sitecustomize.py").write_text(KILLED_AT_ITS_TRIAL)
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path / 'site'}:{ROOT}")
     request = written(tmp_path)
-    place = f"{tempfile.mkdtemp(dir='/tmp')}/jobs" if server else ""
-    for name, value in {JOBS: place, OWNER: str(os.getpid())}.items():
-        monkeypatch.setenv(name, value)
-    if server:
-        start(place)
     monkeypatch.chdir(tmp_path)
-    run_job(str(request))
-    assert read_refusals(tmp_path / "fits/b_7.csv")[0].reason.endswith("was killed (signal 9, SIGKILL)")
+    job_server.cache_clear()
+    for _ in range(2):
+        run_job(str(request))
+        assert read_refusals(tmp_path / "fits/b_7.csv")[0].reason.endswith("was killed (signal 9, SIGKILL)")
+        (tmp_path / "fits/b_7.csv").unlink()
+        link, server = job_server()
+        server.kill()
+        server.wait()
+    link.close()
+    job_server.cache_clear()
 
 
 def test_failed_killed_and_deleted_results_are_tried_again_and_refused_ones_stay(tmp_path: Path) -> None:
@@ -242,7 +227,7 @@ def test_a_remedy_says_what_to_do_and_nothing_of_the_reason_is_lost(message: str
 
 def test_what_to_do_is_told_by_the_outcome_where_the_message_does_not():
     def told(outcome, trial="a.parquet", traceback=""):
-        asked = Job("m.f", {"input": {"trial": trial}, "settings": {}, "output": {}}, (), ["x.csv"])
+        asked = {"command": "m.f", "input": {"trial": trial}, "settings": {}, "files": ["x.csv"], "log": "job.log"}
         return refusal(asked, JobLog("m.f", outcome, error="no sense", traceback=traceback)).remedy
 
     assert told("refused").startswith("correct or replace the file")
@@ -256,7 +241,7 @@ def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_pat
     table = Refusal("", "tables/walking.csv", "j", "refused", "tables/walking.csv: 1 perturbation", "record more")
     files = [record(tmp_path / f"{i}.csv", *causes) for i, causes in enumerate([(table,), (KILLED, LOST), (LOST,)])]
     recordings = {name: [f"raw/{name}.mcap", f"raw/{name}.c3d"] for name in ("b_1", "b_2", "b_3")}
-    told = refusal_report(refusals_in([*files, tmp_path]), recordings, accept=False).splitlines()
+    told = refusal_report([*files, tmp_path], recordings, accept=False).splitlines()
     assert told[1:5] == [
         "NOT ANALYSED: 2 of 3 trials; results are of the others.",
         "  trial b_1, file raw/b_1.mcap: no such file; remedy: copy it there",
@@ -265,8 +250,8 @@ def test_the_list_has_a_line_per_cause_with_trial_file_reason_and_remedy(tmp_pat
     ]
     assert "`exclude` in the sample sheet" in told[5]
     assert "`failed_trials: accept`" in told[5]
-    assert "\nNOT ANALYSED: some results.\n" in refusal_report([table], recordings, accept=True)
-    assert refusal_report((), recordings, accept=False) == ""
+    assert "\nNOT ANALYSED: some results.\n" in refusal_report(files[:1], recordings, accept=True)
+    assert refusal_report([], recordings, accept=False) == ""
 
 
 def test_the_list_says_what_else_has_no_result(tmp_path: Path) -> None:
@@ -275,12 +260,13 @@ def test_the_list_says_what_else_has_no_result(tmp_path: Path) -> None:
     names += ["figures/fig9.csv", "figures/fig9.pdf", "fits/unperturbed.parquet"]
     records = [record(tmp_path / name, stand) for name in names]
     recordings = {name: [f"raw/{name}.c3d"] for name in ("stand", "w_1", "w_2", "belt_1")}
-    told = refusal_report([stand], recordings, accept=False, records=records).splitlines()
+    told = refusal_report(records, recordings, accept=False).splitlines()
     assert told[1] == "NOT ANALYSED: 1 of 4 trials, and for want of them 2 more; results are of the others."
     assert told[3] == "  therefore without a result: w_1, w_2"
     assert told[4] == "  therefore not made: walking.csv, figure fig9"
     plate = replace(stand, trial="", file="fits/plate.json")
-    told = refusal_report([plate], recordings, accept=False, records=records[1:3]).splitlines()
+    records = [record(Path(file), plate) for file in records[1:3]]
+    told = refusal_report(records, recordings, accept=False).splitlines()
     assert told[1] == "NOT ANALYSED: some results, and for want of them 2 of 4 trials; results are of the others."
 
 
@@ -310,32 +296,16 @@ def test_a_study_is_not_made_of_the_batches_that_succeeded(tmp_path: Path) -> No
         study.summarise([Path(result(tmp_path / "1.csv"))], tmp_path / "study.csv", [KILLED])
 
 
-def test_a_long_TMPDIR_does_not_keep_jobs_from_starting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A socket's path has at most 107 bytes."""
-    long = tmp_path / ("t" * 100)
-    long.mkdir()
-    monkeypatch.setattr("tempfile.tempdir", str(long))
-    monkeypatch.setattr("osl_analysis.jobs.run.start", lambda path: Path(path).parent.rmdir())
-    for name in (JOBS, OWNER):
-        monkeypatch.setenv(name, "")
-    start_server()
-    assert os.environ[JOBS].startswith("/tmp/osl-jobs-")
-    monkeypatch.setattr("sys.argv", ["snakemake", "-n"])
-    start_server()
-    assert os.environ[JOBS] == ""  # no job runs
-    monkeypatch.setattr("sys.argv", ["snakemake"])
-    monkeypatch.setattr("os.access", lambda *_: False)
-    start_server()
-    assert os.environ[JOBS] == ""  # each job starts Python anew
-
-
 def test_a_full_disk_is_no_fault_of_the_input_and_is_tried_again_with_the_advice_to_make_room(tmp_path, monkeypatch):
     def full(*_, **__):
         raise WriteError("a.csv: cannot be written (No space left on device); make room, or choose another place")
 
     one = job(tmp_path, "tables.gather", {})
     monkeypatch.setattr("osl_analysis.jobs.job.call", full)
-    perform(one)
-    (cause,) = read_refusals(Path(one.files[0]))
-    assert (cause.outcome, cause.reason) == ("failed", "a.csv: cannot be written (No space left on device)")
+    outcome, (cause,) = ended(one)
+    assert (outcome, cause.outcome, cause.reason) == (
+        "failed",
+        "failed",
+        "a.csv: cannot be written (No space left on device)",
+    )
     assert cause.remedy == "make room, or choose another place"

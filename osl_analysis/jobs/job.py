@@ -8,7 +8,7 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,15 @@ from pydantic import ConfigDict, validate_call
 
 from osl_analysis.errors import OslAnalysisError, PartialResultError, WriteError, printable, unexpected
 from osl_analysis.files import temporary_path
-from osl_analysis.jobs.job_log import JobLog, write_log
+from osl_analysis.jobs.job_log import JobLog, Outcome, write_log
 from osl_analysis.jobs.memory import limited_memory
 from osl_analysis.jobs.refusal import Refusal, write_refusals
-from osl_analysis.jobs.request import Job, read_request, say_excluded
+from osl_analysis.jobs.request import read_request, say_excluded
 from osl_analysis.judge.findings import Judge, exclusions, without_excluded, without_refused
 from osl_analysis.table import archives, tables_of, write_table
 from osl_analysis.trial import read_trial
+
+Job = Mapping[str, Any]  # what a request says, and its own `path`
 
 WHAT_TO_DO = {
     "refused": "correct or replace the file, or its source file, or give a reason under `exclude` in the sample sheet",
@@ -46,56 +48,57 @@ TO_DO = frozenset({
 
 
 class MissingInputError(Exception):
-    """A job cannot run, because a result that it needs was refused or failed."""
+    """A job cannot run, because a result that it needs was refused or failed, for these `causes`."""
 
     def __init__(self, causes: Sequence[Refusal]) -> None:
         super().__init__("; ".join(f"{cause.trial or cause.file}: {cause.reason}" for cause in causes))
         self.causes = causes
 
 
-def run(request: str) -> int:
+def run(request: Path) -> int:
     """Run the job of a request; its exit code. Where there is no result, there are records: Snakemake goes on.
 
     The code is 1 where neither a result nor a record can be written, as on a full disk.
     """
-    job = read_request(Path(request))
-    job.log.unlink(missing_ok=True)
+    job = read_request(request)
+    log = Path(job["log"])
+    log.unlink(missing_ok=True)
     try:
         perform(job)
     except (OslAnalysisError, OSError) as error:
-        print(f"error: {job.log.stem}: {error}", file=sys.stderr)
+        print(f"error: {log.stem}: {error}", file=sys.stderr)
         return 1
     return 0
 
 
 def perform(job: Job) -> None:
-    """Call the command, and write log and, where there is no result, records: also after an error."""
-    start, ended, causes = time.perf_counter(), JobLog(job.command, "done"), None
+    """Call the command, and write log and, where there is no result, records: also after an error.
+
+    An error of the input refuses; any other is a failure, so that the job is tried again.
+    """
+    start, causes, unmade = time.perf_counter(), None, job["files"]
+    ended = JobLog(job["command"], "done")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
         try:
             call(job)
         except MissingInputError as missing:
-            ended, causes = JobLog(job.command, "skipped", error=str(missing)), missing.causes
-        except PartialResultError as rest:
-            job = replace(job, files=[str(path) for path in rest.missing])
-            ended = ended_by(job.command, rest.__cause__ or rest)
+            ended, causes = replace(ended, outcome="skipped", error=str(missing)), missing.causes
         except Exception as fault:
-            ended = ended_by(job.command, fault)
+            cause: BaseException = fault
+            if isinstance(fault, PartialResultError):
+                cause, unmade = fault.__cause__ or fault, [str(path) for path in fault.missing]
+            if isinstance(cause, OslAnalysisError):
+                outcome: Outcome = "failed" if isinstance(cause, WriteError) else "refused"
+                ended = replace(ended, outcome=outcome, error=str(cause))
+            elif isinstance(cause, OSError):
+                said = printable(f"{cause.filename or 'a file'}: {cause.strerror or cause}")
+                ended = replace(ended, outcome="failed", error=said)
+            else:
+                trace = "".join(traceback.format_exception(cause))
+                ended = replace(ended, outcome="failed", error=unexpected(cause), traceback=trace)
     warned = tuple(dict.fromkeys(printable(str(warning.message)) for warning in caught))
-    end(job, replace(ended, seconds=time.perf_counter() - start, warnings=warned), causes)
-
-
-def ended_by(command: str, fault: BaseException) -> JobLog:
-    """How an error ends a job: refused for what is wrong with its input, else failed, so that it is tried again."""
-    if isinstance(fault, WriteError):
-        return JobLog(command, "failed", error=str(fault))
-    if isinstance(fault, OslAnalysisError):
-        return JobLog(command, "refused", error=str(fault))
-    if isinstance(fault, OSError):
-        return JobLog(command, "failed", error=printable(f"{fault.filename or 'a file'}: {fault.strerror or fault}"))
-    said = "".join(traceback.format_exception(fault))
-    return JobLog(command, "failed", error=unexpected(fault), traceback=said)
+    end(job, replace(ended, seconds=time.perf_counter() - start, warnings=warned), unmade, causes)
 
 
 def call(job: Job) -> None:
@@ -104,52 +107,54 @@ def call(job: Job) -> None:
     What was refused is told to a command that has an argument `refused`; another one that needs it cannot run. A fit
     (`Fit.job` in `experiments.py`) takes the trial itself and gives its tables, which are written here.
     """
-    module, _, name = job.command.partition(".")
+    module, _, name = job["command"].partition(".")
     function = getattr(importlib.import_module(f"osl_analysis.commands.{module}"), name)
     reasons: dict[str, str] = {}
-    if job.judge:
-        reasons = exclusions(Judge.read(job.judge).verdicts(map(Path, job.request["input"]["quality"])))
-    if job.judge and job.path:
-        say_excluded(job.path, list(reasons))
-    usable = without_refused(job.request["input"], job.unnamed)
+    if job["judge"]:
+        reasons = exclusions(Judge.read(Path(job["judge"])).verdicts(map(Path, job["input"]["quality"])))
+        say_excluded(job["path"], list(reasons))
+    usable = without_refused(job["input"], job["needs"])
     told: dict[str, Any] = {}
     if "refused" in inspect.signature(function).parameters:
         told = {"refused": usable.refused}
     elif usable.missing:
         raise MissingInputError(usable.missing)
     convert = validate_call(config=ConfigDict(arbitrary_types_allowed=True))
-    with tables_of(job.data), archives(), limited_memory(files_read(job)):
+    with tables_of(job["data"]), archives(), limited_memory(files_read(job)):
         inputs = without_excluded(usable.inputs, reasons)
-        if (tables := job.request["output"].get("tables")) is None:
-            convert(function)(**inputs, **job.request["output"], **job.request["settings"], **told)
+        if (tables := job["output"].get("tables")) is None:
+            convert(function)(**inputs, **job["output"], **job["settings"], **told)
             return
         inputs["trial"] = read_trial(Path(inputs["trial"]))
-        fitted = convert(function)(**inputs, **job.request["settings"])
+        fitted = convert(function)(**inputs, **job["settings"])
         for table, file in tables.items():
             write_table(fitted[table], Path(file))
 
 
-def end(job: Job, ended: JobLog, causes: Sequence[Refusal] | None = None) -> None:
-    """Write the log of a job, and unless it is done a record for each of its files.
+def end(job: Job, ended: JobLog, unmade: Sequence[str], causes: Sequence[Refusal] | None = None) -> None:
+    """Write the log of a job, and unless it is done a record for each of its files that is `unmade`.
 
     `causes` are those of a job that lacks an input; otherwise the job itself is the cause.
     """
     if ended.outcome != "done":
-        for path in job.files:
+        for path in unmade:
             write_refusals(causes or [refusal(job, ended)], Path(path))
-    write_log(job.log, ended, job.request)
+    write_log(Path(job["log"]), ended, job)
 
 
 def refusal(job: Job, ended: JobLog) -> Refusal:
     """The record of a job that refused its input, failed or died."""
-    trial, outcome, reason, remedy = trial_of(job), ended.outcome, ended.error, ""
+    inputs, settings = job["input"], job["settings"]
+    trial = settings.get("trial") or (settings.get("row") or {}).get("trial")
+    trial = str(trial or Path(str(inputs.get("trial") or inputs.get("crossing") or "")).stem)
+    outcome, reason, remedy = ended.outcome, ended.error, ""
     if outcome == "refused" or (outcome == "failed" and not ended.traceback):
         reason, remedy = reason_and_remedy(ended.error)
     kind = {"refused": "" if trial else ", of several", "failed": "" if ended.traceback else ", of the system"}
-    remedy = remedy or WHAT_TO_DO[outcome + kind.get(outcome, "")].format(log=job.log)
-    files = [*files_read(job), *job.files]  # the first is to blame, unless the reason names another one
+    remedy = remedy or WHAT_TO_DO[outcome + kind.get(outcome, "")].format(log=job["log"])
+    files = [*files_read(job), *job["files"]]  # the first is to blame, unless the reason names another one
     file = next((file for file in files if file in reason), files[0] if files else "")
-    return Refusal(trial, file, job.command, outcome, reason, remedy)
+    return Refusal(trial, file, job["command"], outcome, reason, remedy)
 
 
 def reason_and_remedy(message: str) -> tuple[str, str]:
@@ -166,30 +171,18 @@ def reason_and_remedy(message: str) -> tuple[str, str]:
     return message, ""
 
 
-def trial_of(job: Job) -> str:
-    """The trial of a job; empty for a job over several."""
-    settings, inputs = job.request["settings"], job.request["input"]
-    named = settings.get("trial") or (settings.get("row") or {}).get("trial")
-    return str(named or Path(str(inputs.get("trial") or inputs.get("crossing") or "")).stem)
-
-
 def files_read(job: Job) -> list[str]:
     """The recordings of a job, and the trials that it reads."""
-    row, inputs = job.request["settings"].get("row") or {}, job.request["input"]
-    raw = [Path(job.request["settings"]["raw_folder"], row[role]) for role in ("log", "mocap") if row.get(role)]
+    inputs, row = job["input"], job["settings"].get("row") or {}
+    raw = [Path(job["settings"]["raw_folder"], row[role]) for role in ("log", "mocap") if row.get(role)]
     return [str(file) for file in (*raw, inputs.get("trial"), inputs.get("crossing")) if file]
 
 
-def died(request: str, pid: int, number: int) -> None:
-    """End a job whose process was killed by a signal: leave records, so that other jobs go on."""
-    job = read_request(Path(request))
-    forget(request, pid)
+def died(request: Path, pid: int, number: int) -> None:
+    """End a job whose process was killed by a signal: leave records, so that other jobs go on, and nothing half."""
+    job = read_request(request)
+    for path in map(Path, job["files"]):
+        temporary_path(path, pid).unlink(missing_ok=True)
     known = {int(one): one.name for one in signal.Signals}
     by = f"signal {number}, {known[number]}" if number in known else "from outside"
-    end(job, JobLog(job.command, "died", error=f"the process of this job was killed ({by})"))
-
-
-def forget(request: str, pid: int) -> None:
-    """Delete the temporary files that a killed process has left."""
-    for path in map(Path, read_request(Path(request)).files if pid else ()):
-        temporary_path(path, pid).unlink(missing_ok=True)
+    end(job, JobLog(job["command"], "died", error=f"the process of this job was killed ({by})"), job["files"])

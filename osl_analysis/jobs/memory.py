@@ -9,17 +9,14 @@ from pathlib import Path
 from osl_analysis.errors import InputError, MemoryLimitError
 
 VARIABLE = "OSL_MEMORY_MB"  # memory that one job, or one call of the command line, may have [MB]
-SHARE = 0.8
-"""Of the memory of the machine, or of its batch job, that is the limit where none is stated: the rest is others'."""
 MB = 1_000_000
-LIMIT_FILES = {"": ("", "memory.max"), "memory": ("memory", "memory.limit_in_bytes")}
-"""Folder and file of the limit of a container, by what Linux lists as its controllers (version 2 and 1)."""
 
 
 @contextmanager
 def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
-    """Within the block this process gets no more memory than `OSL_MEMORY_MB` says, else `SHARE` of the machine, or
-    ends with MemoryLimitError; `files` are what it reads. A lower limit of before stays. Only Linux has such a limit.
+    """Within the block this process gets no more memory than `OSL_MEMORY_MB` says, else 0.8 of that of the machine or
+    of its batch job (the rest is others'), or ends with MemoryLimitError; `files` are what it reads. A lower limit of
+    before stays. Only Linux has such a limit.
     """
     if sys.platform != "linux":
         yield
@@ -28,7 +25,7 @@ def limited_memory(files: Sequence[Path | str]) -> Iterator[None]:
 
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
     limits = [one for one in (soft, hard) if one != resource.RLIM_INFINITY]
-    limit = min(int(MB * stated_megabytes()) or int(SHARE * machine_memory()), *limits, sys.maxsize)
+    limit = min(int(MB * stated_megabytes()) or int(0.8 * machine_memory()), *limits, sys.maxsize)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
     try:
         yield
@@ -59,8 +56,9 @@ def machine_memory() -> int:
     with suppress(OSError, ValueError):
         for line in Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines():
             _, controllers, place = line.split(":", 2)
-            root, name = LIMIT_FILES.get(controllers, ("", ""))
-            own = Path("/sys/fs/cgroup", root, place.lstrip("/"))
+            group = "memory" if controllers == "memory" else ""  # version 1 has a tree for each controller
+            name = "memory.limit_in_bytes" if group else "memory.max"
+            own = Path("/sys/fs/cgroup", group, place.lstrip("/"))
             texts = [(one / name).read_text(encoding="ascii") for one in (own, *own.parents) if (one / name).is_file()]
             found += [int(text) for text in texts if text.strip().isdigit()]
     return min(found)

@@ -16,6 +16,7 @@ from osl_analysis.files import atomic_path
 RECORD_MARK = "osl_analysis_refused"  # First column of a record. No other file begins with it.
 TRIED_AGAIN = ("died", "failed")
 """Outcomes after which a job is tried again in the next run. `refused` stays until inputs or settings change."""
+MOST_TOLD = 12  # trials, or results, that are named in one line
 
 
 @dataclass(frozen=True)
@@ -30,14 +31,11 @@ class Refusal:
     remedy: str  # what the user can do, on one line
 
 
-RECORD_COLUMNS = (RECORD_MARK, *(field.name for field in fields(Refusal)))
-
-
 def write_refusals(refusals: Iterable[Refusal], path: Path) -> None:
-    """Write a record with a row per cause, completely or not at all."""
+    """Write a record with a row per cause."""
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(RECORD_COLUMNS)
+        writer.writerow((RECORD_MARK, *(field.name for field in fields(Refusal))))
         writer.writerows(("1", *astuple(refusal)) for refusal in refusals)
 
 
@@ -55,8 +53,7 @@ def read_refusals(path: Path | str) -> tuple[Refusal, ...]:
     if not is_refused(path):
         return ()
     with open(path, newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    return tuple(Refusal(*(row.get(column) or "" for column in RECORD_COLUMNS[1:])) for row in rows)
+        return tuple(Refusal(*row[1:]) for row in list(csv.reader(file))[1:])
 
 
 def check_not_refused(path: Path) -> None:
@@ -76,65 +73,44 @@ def distinct_causes(refusals: Iterable[Refusal]) -> tuple[Refusal, ...]:
 
 def refused_trials(refusals: Sequence[Refusal]) -> dict[str, Refusal]:
     """The first cause of each trial, by trial."""
-    causes = {one.trial: one for one in reversed(refusals)}
-    return {one.trial: causes[one.trial] for one in refusals if one.trial}
+    found: dict[str, Refusal] = {}
+    for refusal in refusals:
+        if refusal.trial:
+            found.setdefault(refusal.trial, refusal)
+    return found
 
 
-MOST_TOLD = 12  # trials, or results, that are named in one line
-
-
-def unfinished(files: Iterable[str]) -> str:
-    """A line on results of a run that are not there, as of a job that was killed from outside; empty without."""
-    missing = [file for file in files if not Path(file).exists()]
-    return f"not made: {listing(missing, MOST_TOLD)}; run again, what is finished stays" if missing else ""
-
-
-def refusals_in(files: Iterable[Path | str], more: Iterable[Refusal] = ()) -> tuple[Refusal, ...]:
-    """The causes in the records among these files and `more`, each once: trials in order of name, then others."""
-    found = distinct_causes([*(refusal for file in files for refusal in read_refusals(file)), *more])
-    return tuple(sorted(found, key=lambda refusal: (not refusal.trial, refusal.trial)))
-
-
-def refusal_report(
-    refusals: Sequence[Refusal],
-    recordings: Mapping[str, Sequence[str]],
-    accept: bool,
-    records: Collection[Path | str] = (),
-) -> str:
-    """A line per cause with trial, file, reason and remedy, what else has no result, and what to do; empty without
-    refusals.
-
-    `recordings` has the raw files of every trial of the campaign, `records` are the files with these refusals.
+def refusal_report(records: Collection[Path | str], recordings: Mapping[str, Sequence[str]], accept: bool) -> str:
+    """A line per cause in refusal records with trial, file, reason and remedy, what else has no result, and what to do;
+    empty without records. `recordings` has the raw files of every trial of the campaign.
     """
-    if not refusals:
+    causes = distinct_causes(refusal for record in records for refusal in read_refusals(record))
+    if not causes:
         return ""
-    missing = {refusal.trial for refusal in refusals if refusal.trial}
-    stems = {Path(record).stem for record in records}
-    files = [Path(record) for record in records if Path(record).stem not in recordings]
-    named = {f.name for f in files if f.parent.name == "tables" or f.suffix in (".json", ".tex")}
-    drawn = {f"figure {f.stem}" for f in files if f.parent.name == "figures"}  # in several formats, named once
-    trials, results = sorted(stems & set(recordings) - missing), sorted(named) + sorted(drawn)
+    missing = {cause.trial for cause in causes if cause.trial}
+    files = [Path(record) for record in records]
+    others = [file for file in files if file.stem not in recordings]
+    named = {file.name for file in others if file.parent.name == "tables" or file.suffix in (".json", ".tex")}
+    drawn = {f"figure {file.stem}" for file in others if file.parent.name == "figures"}  # in several formats
+    trials = sorted({file.stem for file in files} & set(recordings) - missing)
     first = f"{len(missing)} of {len(recordings)} trials" if missing else "some results"
-    more = f", and for want of them {len(trials)} of {len(recordings)} trials" if trials and not missing else ""
-    more = f", and for want of them {len(trials)} more" if trials and missing else more
-    rest = "; results are of the others" if missing or trials else ""
-    lines = [line(refusal, recordings.get(refusal.trial, ())) for refusal in refusals]
+    if trials:
+        first += f", and for want of them {len(trials)} " + ("more" if missing else f"of {len(recordings)} trials")
+    lines = [f"NOT ANALYSED: {first}{'; results are of the others' if missing or trials else ''}."]
+    for cause in sorted(causes, key=lambda cause: (not cause.trial, cause.trial)):
+        raw = recordings.get(cause.trial, ())  # what the user can correct is the trial's recording, if there is one
+        known = cause.file if cause.file in raw or not raw else raw[0]
+        file = next((name for name in raw if name in cause.reason), known)
+        reason = cause.reason
+        for begin in (f"{file}: ", f"trial {cause.trial}: ", f"{cause.trial}: "):
+            reason = reason.removeprefix(begin)
+        who = f"trial {cause.trial}, file {file}" if cause.trial else f"result {file}"
+        lines.append(f"  {who}: {reason}; remedy: {cause.remedy}")
     lines += [f"  therefore without a result: {listing(trials, MOST_TOLD)}"] if trials else []
-    lines += [f"  therefore not made: {listing(results, MOST_TOLD)}"] if results else []
+    lines += [f"  therefore not made: {listing(sorted(named) + sorted(drawn), MOST_TOLD)}"] if named or drawn else []
     ways_out = (
         "Correct these and run again. To go on without a trial, give a reason under `exclude` in the sample sheet; "
         "without all of these, write `failed_trials: accept` in the configuration."
     )
-    end = "accepted: `failed_trials: accept` in the configuration" if accept else ways_out
-    return "\n".join(["", f"NOT ANALYSED: {first}{more}{rest}.", *lines, end])
-
-
-def line(refusal: Refusal, recordings: Sequence[str]) -> str:
-    """One cause. The file is the trial's recording if there is one: it is what the user can correct."""
-    file = next((name for name in recordings if name in refusal.reason), "") or (
-        refusal.file if refusal.file in recordings or not recordings else recordings[0]
-    )
-    reason = refusal.reason.removeprefix(f"{file}: ").removeprefix(f"trial {refusal.trial}: ")
-    reason = reason.removeprefix(f"{refusal.trial}: ")
-    who = f"trial {refusal.trial}, file {file}" if refusal.trial else f"result {file}"
-    return f"  {who}: {reason}; remedy: {refusal.remedy}"
+    lines.append("accepted: `failed_trials: accept` in the configuration" if accept else ways_out)
+    return "\n".join(["", *lines])

@@ -2,12 +2,15 @@
 
 A request is written while Snakemake plans, and only if its content differs. So a changed setting, sheet, program or
 recording is a changed input of the jobs that use it, and of no others. Snakemake compares inputs by content where it
-has notes of its own (`.snakemake`), else by date.
+has notes of its own (`.snakemake`), else by date. It does not see a change in an imported module: each request has the
+fingerprint of its job's code.
 """
 
+import ast
+import hashlib
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,31 +22,17 @@ from osl_analysis.judge.findings import Judge, exclusions
 
 PLACES = {"<package>": str(PACKAGE), "<shipped>": str(root())}
 """What stands in requests for folders of the program, so that results hold in another environment with the same."""
-TABLES = (".csv", ".zip")  # Suffixes of files that say by their column `data` what their data are.
+IMPORT = re.compile(
+    r"^[ \t]*(?:from (osl_analysis[\w.]*) import (\([^)]*\)|.*)|import (osl_analysis[\w.]*))", re.MULTILINE
+)
 
 
-@dataclass(frozen=True)
-class Job:
-    """What one job is to do."""
-
-    command: str  # `module.function` under `osl_analysis.commands`
-    request: Mapping[str, Mapping[str, Any]]  # `input`, `output` and `settings`, by names of the function's arguments
-    unnamed: Sequence[str]  # further files that it depends on
-    files: Sequence[str]  # all the files that it writes
-    data: str = ""  # what the column `data` of its tables says; empty: they have none
-    log: Path = Path("job.log")
-    judge: Path | None = None  # the file of what decides which trials are used; None where a job needs none
-    path: Path | None = None  # the file of the request itself
-
-
-def read_request(path: Path) -> Job:
-    """The job of a request."""
+def read_request(path: Path) -> dict[str, Any]:
+    """The job of a request: the content of `Requests.job`, and its own `path`."""
     text = path.read_text(encoding="utf-8")
     for name, place in PLACES.items():
         text = text.replace(name, place)
-    said = json.loads(text)
-    judge = Path(said["judge"]) if said.get("judge") else None
-    return Job(said["command"], said, said["needs"], said["files"], said["data"], Path(said["log"]), judge, path)
+    return {**json.loads(text), "path": path}
 
 
 def say_excluded(path: Path, excluded: Sequence[str]) -> None:
@@ -57,22 +46,27 @@ def say_excluded(path: Path, excluded: Sequence[str]) -> None:
             temporary.write_text(json.dumps(said | {"excluded": list(excluded)}, indent=1) + "\n", encoding="utf-8")
 
 
-def write_request(path: Path, content: Mapping[str, Any], frozen: bool = False) -> None:
-    """Write a request if it differs from the one in its place. `frozen`: an older one stays as it is.
+def write_request(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a request if it differs from the one in its place.
 
     A failed or killed job is tried again, and so is one whose results were deleted: its request counts how often.
     """
-    now = {name: plain(value) for name, value in content.items()}
+    now = plain(content)
     try:
         old = path.read_text(encoding="utf-8")
         before = json.loads(old)
     except (OSError, ValueError):
         old, before = "", {}
-    if before and frozen:
-        return
-    now["tried"] = before.get("tried", 0) + int(bool(before) and is_to_try_again(path, now))
-    if before and same_recordings(before["recorded"], now["recorded"], now["files"]):
-        now["recorded"] = before["recorded"]
+    now["tried"] = before.get("tried", 0)
+    if before:
+        files = [Path(file) for file in now["files"]]
+        if not all(file.exists() for file in files):
+            now["tried"] += Path(now["log"]).exists()
+        else:
+            failed = (f for f in files if is_refused(f) and any(r.outcome in TRIED_AGAIN for r in read_refusals(f)))
+            now["tried"] += any(file.stat().st_mtime_ns >= path.stat().st_mtime_ns for file in failed)
+        if before["recorded"] != now["recorded"] and same_recordings(now["recorded"], files[0]):
+            now["recorded"] = before["recorded"]
     text = json.dumps(now, indent=1) + "\n"
     for name, place in PLACES.items():
         text = text.replace(place, name)
@@ -81,30 +75,16 @@ def write_request(path: Path, content: Mapping[str, Any], frozen: bool = False) 
             temporary.write_text(text, encoding="utf-8")
 
 
-def is_to_try_again(request: Path, now: Mapping[str, Any]) -> bool:
-    """Whether results of a job that has run are gone, or stand for a failure since the request was written."""
-    files = [Path(file) for file in now["files"]]
-    if not all(file.exists() for file in files):
-        return Path(now["log"]).exists()
-    written = request.stat().st_mtime_ns
-    failed = (f for f in files if is_refused(f) and any(r.outcome in TRIED_AGAIN for r in read_refusals(f)))
-    return any(file.stat().st_mtime_ns >= written for file in failed)
-
-
-def same_recordings(before: Mapping[str, Any], now: Mapping[str, Any], results: Sequence[str]) -> bool:
-    """Whether recordings with other dates are the same ones, by size and the SHA-256 in their trial's provenance."""
-    if before == now or before.keys() != now.keys() or None in (*before.values(), *now.values()):
-        return False
-    if any(then[::2] != state[::2] for then, state in zip(before.values(), now.values(), strict=True)):
-        return False  # of another size, or not readable
+def same_recordings(recorded: Iterable[str], trial: Path) -> bool:
+    """Whether recordings of other dates are those that a trial was made of, by the SHA-256 in its provenance."""
     import polars as pl
 
     from osl_analysis.trial import PROVENANCE_KEY
 
     try:
-        provenance = json.loads(pl.read_parquet_metadata(results[0])[PROVENANCE_KEY])
+        provenance = json.loads(pl.read_parquet_metadata(trial)[PROVENANCE_KEY])
         parts = [part for one in provenance["files"].values() for part in one.get("parts", [one])]
-        return [digest(Path(file)) for file in now] == [part["sha256"] for part in parts]
+        return [digest(Path(file)) for file in recorded] == [part["sha256"] for part in parts]
     except (pl.exceptions.PolarsError, OSError, KeyError, ValueError, TypeError):
         return False  # as of a refusal record, which has none
 
@@ -113,30 +93,24 @@ digest_of = cache(digest)  # many jobs use the same file
 
 
 class Requests:
-    """The requests of a workflow.
+    """The requests of a workflow, in the folder `requests` of its results; `judge` decides which trials are used.
 
-    They are written to `folder`, under the places of the jobs' logs below `logs`; in the process of a single job, as on
-    a cluster, they stay as they are. `judge` decides which trials are used.
+    In the process of a single job, as on a cluster, they stay as they are.
     """
 
-    def __init__(self, folder: Path, logs: Path, data: str, judge: Judge, workflow: Any) -> None:
-        self.folder, self.logs, self.data, self.judge, self.workflow = folder, logs, data, judge, workflow
+    def __init__(self, results: Path, data: str, judge: Judge, workflow: Any) -> None:
+        self.folder, self.logs, self.data = results / "requests", results / "logs", data
         self.is_excluded = cache(lambda measured: bool(exclusions(judge.verdicts([Path(measured)]))))
-        self.judge_file = cache(self.write_judge)
-
-    def write_judge(self) -> str:
-        """The file with the judge, for jobs over trials that were measured."""
-        file = self.folder / "judge.json"
-        if self.workflow.is_main_process:
-            self.judge.write(file)
-        return str(file)
+        self.is_written = workflow.is_main_process
+        if self.is_written:
+            judge.write(self.folder / "judge.json")
 
     def job(
         self,
         rule: Any,
         wildcards: Any,
         command: str,
-        code: str | Sequence[str],
+        modules: Sequence[str] = (),
         *,
         input: Mapping[str, Any] | None = None,
         after: Sequence[Path] = (),
@@ -150,7 +124,8 @@ class Requests:
     ) -> dict[str, Any]:
         """The inputs of one job of a rule for Snakemake, by name; `request` is the file of its request.
 
-        `command` is "module.function" under `osl_analysis.commands`, `code` its fingerprint. It is called with
+        `command` is "module.function" under `osl_analysis.commands`; its code counts, and that of the `modules` under
+        `osl_analysis` that it imports by name. It is called with
 
         * the inputs by name: those of `input`, and those of `read`, which were made when `input` was. Snakemake's
           planning takes time with every file that it is told of;
@@ -164,34 +139,101 @@ class Requests:
         counts, of `recordings` state and content.
         """
         known = dict(wildcards.items())
-        given = {name: plain(file) for name, file in (files or {}).items()}
-        named_files = (one for file in given.values() for one in ([file] if isinstance(file, str) else file))
-        made_of = [*made_of, *map(Path, named_files)]
         made = [str(pattern).format(**known) for pattern in rule.output]
         named = {name: str(pattern).format(**known) for name, pattern in rule.output.items()}
         if output is None:
             only: dict[str, Any] = {"output": made[0]} if len(made) == 1 else {"outputs": made}
             output = named or only
+        given = {name: plain(file) for name, file in (files or {}).items()}
+        small = [*made_of, *(one for file in given.values() for one in ([file] if isinstance(file, str) else file))]
+        inputs = {**(input or {}), **(read or {}), **given}
+        measured = [str(file) for file in inputs.get("quality", ())]
         log = str(rule.log[0]).format(**known)
         # Each in a folder of its own: what is written beside a file that it has looked for, Snakemake does not see.
         path = self.folder / Path(log).relative_to(self.logs).with_suffix("") / "job.json"
-        measured = [str(file) for file in {**(input or {}), **(read or {})}.get("quality", ())]
-        content = {
-            "command": command,
-            "code": code,
-            "data": self.data if any(file.endswith(TABLES) for file in made) else "",
-            "log": log,
-            "files": made,
-            "input": {**(input or {}), **(read or {}), **given},
-            "judge": self.judge_file() if measured else "",
-            "excluded": [Path(file).stem for file in measured if self.is_excluded(file)],
-            "needs": needs,
-            "output": output,
-            "settings": settings or {},
-            "made_of": {str(file): digest_of(Path(file)) for file in made_of},
-            # as inputs, Snakemake would ignore an older date of a recording, and stop where it cannot read one
-            "recorded": {str(file): file_state(file) for file in recordings},
-        }
-        write_request(path, content, frozen=not self.workflow.is_main_process)
-        listed = {"after": [str(file) for file in after], "needs": [str(file) for file in needs]}
-        return {"request": str(path), **plain(input or {}), **listed}
+        if self.is_written or not path.is_file():
+            content = {
+                "command": command,
+                "code": code(command, *modules),
+                "data": self.data,
+                "log": log,
+                "files": made,
+                "input": inputs,
+                "judge": str(self.folder / "judge.json") if measured else "",
+                "excluded": [Path(file).stem for file in measured if self.is_excluded(file)],
+                "needs": needs,
+                "output": output,
+                "settings": settings or {},
+                "made_of": {str(file): digest_of(Path(file)) for file in small},
+                # as inputs, Snakemake would ignore an older date of a recording, and stop where it cannot read one
+                "recorded": {str(file): file_state(file) for file in recordings},
+            }
+            write_request(path, content)
+        return {"request": str(path), **plain({**(input or {}), "after": after, "needs": needs})}
+
+
+@cache
+def code(command: str, *modules: str) -> str:
+    """Fingerprint of a command, `module.function` under `osl_analysis.commands`, and of the modules that it uses.
+
+    It covers the module's file and the imports that this function uses, because a module has jobs of several
+    experiments; and `modules` under `osl_analysis` that it imports by name, with all that they import.
+    """
+    module, _, function = command.partition(".")
+    path = PACKAGE / f"commands/{module}.py"
+    top = statements(path)
+    defined = {getattr(node, "name", ""): node for node in top}
+    if function not in defined:
+        raise ValueError(f"no function {function} in commands.{module}; correct the name of the job in the rules")
+    used, waiting = set[str](), {function}
+    while waiting:
+        used |= waiting
+        inside = [ast.walk(defined[name]) for name in waiting if name in defined]
+        waiting = {node.id for nodes in inside for node in nodes if isinstance(node, ast.Name)} - used
+    imports = [(node.module, alias.name) for node in top if isinstance(node, ast.ImportFrom) for alias in node.names]
+    names = [f"{source}{end}" for source, name in imports if name in used for end in ("", f".{name}")]
+    names += [f"osl_analysis.{name}" for name in modules]
+    files = {path}.union(*(sources(name) for name in names if name.startswith("osl_analysis.")))
+    return hashlib.sha256(b"".join(map(content_of, sorted(files)))).hexdigest()[:16]
+
+
+@cache
+def content_of(path: Path) -> bytes:
+    """Content of a source file, as it was when it was asked for first."""
+    return path.read_bytes()
+
+
+@cache
+def statements(path: Path) -> list[ast.stmt]:
+    """The statements of a module."""
+    return ast.parse(content_of(path)).body
+
+
+def sources(module: str) -> set[Path]:
+    """Files of a module and of all modules of the package that it imports."""
+    files, waiting = set[Path](), [module_file(module)]
+    while waiting:
+        path = waiting.pop()
+        if path is not None and path not in files:
+            files.add(path)
+            waiting += [module_file(name) for name in imported_names(path)]
+    return files
+
+
+@cache
+def imported_names(path: Path) -> tuple[str, ...]:
+    """Dotted names of the package that a source file imports, at any place in it, and some words of comments there.
+
+    They are found by their text: parsing every module takes 0.8 s, and Snakemake does it anew in each run.
+    """
+    names = []
+    for module, imported, alone in IMPORT.findall(content_of(path).decode()):
+        names += [alone or module, *(f"{module}.{name}" for name in re.findall(r"\w+", imported))]
+    return tuple(name for name in names if name.startswith("osl_analysis."))
+
+
+@cache
+def module_file(name: str) -> Path | None:
+    """File of a dotted module name of the package; None if the name is not a module."""
+    path = PACKAGE.joinpath(*name.split(".")[1:])
+    return next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)

@@ -1,50 +1,73 @@
-"""A run of the workflow: the server of its jobs at its begin, each job, and what is said at the end.
+"""A run of the workflow: the warm server of its jobs, each job, and what is said at the end.
 
-A thread of Snakemake hands a job to the warm server of the run (`server.py`), and waits. Where there is no server, the
-job runs in a Python of its own, which takes 0.8 s of imports more. If Snakemake is killed, the server kills its jobs.
+The server imports once and forks once per job, which so begins 0.8 s earlier than in a Python of its own. A thread of
+Snakemake hands it a request and waits for the end of the job. The server ends with Snakemake, however that ends, and on
+Linux its jobs end with it; elsewhere they come to their end.
 """
 
 import atexit
+import ctypes
+import gc
+import importlib
 import os
+import select
 import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from osl_analysis.errors import OslAnalysisError
-from osl_analysis.jobs import server
+from osl_analysis.errors import OslAnalysisError, listing
+from osl_analysis.files import PACKAGE
 
-NO_JOBS = {"--lint", "--dag", "--rulegraph", "--filegraph", "--d3dag", "--summary", "--unlock", "--report", "--list"}
-NO_JOBS |= {"-n", "--dry-run", "--dryrun", "--touch", "--delete-all-output", "--archive", "--print-compilation"}
-"""Options of Snakemake with which it runs no job."""
 STARTED = time.time()  # Start of this run [s]. Its report covers the logs that were written after this time.
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS", "NUMBA_NUM_THREADS")
+"""Snakemake counts one core per job."""
+OF_MOST_JOBS = (
+    "osl_analysis.jobs.job",
+    *("scipy.signal", "scipy.interpolate", "scipy.ndimage", "scipy.linalg", "scipy.fft"),  # ours name them at their use
+    *(f"osl_analysis.commands.{name}" for name in ("trials", "bench", "tables")),
+)
+"""Imported while no job waits, as when Snakemake plans."""
+USED_WITH = {
+    "simulate": [f"osl_analysis.simulator.{name}" for name in ("bench", "crossing", "preloaded")],
+    "figure": [
+        "osl_analysis.figures.names",
+        "fontTools.subset",
+        *(f"matplotlib.backends.backend_{name}" for name in ("pdf", "svg", "agg")),
+    ],
+}
+"""By module of a command: what its functions import when they are called."""
 
 
 class JobError(OslAnalysisError):
     """A job could write neither a result nor a record of why there is none."""
 
 
-def start_server() -> None:
-    """Start the server of this run's jobs while the workflow is still read: its imports take another core.
+@cache
+def job_server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
+    """Start the server of this run, and the socket that jobs are sent to, whose end is that of the server.
 
-    Where Snakemake runs no job, there is none. A run that a test starts uses the server of this test.
+    It has a session of its own: Ctrl-C in a terminal is for Snakemake, which lets begun jobs end.
     """
-    if os.environ.get(server.OWNER) == str(os.getppid()):
-        return
-    os.environ |= {server.OWNER: str(os.getpid()), server.JOBS: ""}
-    places = [place for place in (tempfile.gettempdir(), "/tmp", "/var/tmp", "/dev/shm") if os.access(place, os.W_OK)]
-    short = [place for place in places if len(os.fsencode(place)) <= 70]  # bytes: a socket's path has 107
-    if short and NO_JOBS.isdisjoint(sys.argv):
-        with suppress(OSError):
-            os.environ[server.JOBS] = f"{tempfile.mkdtemp(prefix='osl-jobs-', dir=short[0])}/jobs"
-            start(os.environ[server.JOBS])
+    ours, theirs = socket.socketpair()
+    code = f"import sys; sys.path.insert(0, {str(PACKAGE.parent)!r}); from osl_analysis.jobs.run import serve"
+    server = subprocess.Popen(
+        [sys.executable, "-P", "-c", f"{code}; serve({theirs.fileno()})"],
+        pass_fds=[theirs.fileno()],
+        env=os.environ | dict.fromkeys(ONE_THREAD, "1"),
+        start_new_session=True,
+        stdin=subprocess.DEVNULL,
+    )
+    theirs.close()
+    return ours, server
 
 
 def run_job(request: str) -> None:
@@ -52,61 +75,103 @@ def run_job(request: str) -> None:
 
     Raises JobError where there is neither a result nor a record, as on a full disk; the job itself has said why.
     """
-    code, number, pid = served(request)
-    if code is None:
-        job = apart("--job", request, str(pid))  # the process `pid` died over it
-        code, pid = job.wait(), job.pid
-        number = max(-code, 0)
-    if number:
+    code, pid = -signal.SIGKILL, 0  # what stays of a server that was killed: its jobs die with it
+    ours, theirs = socket.socketpair()
+    with ours, suppress(OSError):
+        with theirs:
+            socket.send_fds(job_server()[0], [b"+"], [theirs.fileno(), 1, 2])
+        ours.sendall(f"{os.getcwd()}\0{request}".encode())
+        ours.shutdown(socket.SHUT_WR)
+        pid = int.from_bytes(ours.recv(4), "big")
+        said = ours.recv(4)
+        code = int.from_bytes(said, "big", signed=True) if said else code
+    if code < 0:
         from osl_analysis.jobs.job import died
 
-        died(request, pid, number)
+        died(Path(request), pid, -code)
     elif code:
         raise JobError(f"{request}: this job could write no result; see above, and run again")
 
 
-def served(request: str) -> tuple[int | None, int, int]:
-    """Exit code of the job in the server, the signal that killed it (0: none) and its process; no code without one."""
-    pid = 0
+def serve(number: int) -> NoReturn:
+    """Take jobs at the socket with this number until its other end is closed. Each job is forked from this process."""
+    control = socket.socket(fileno=number)
+    wake, woken = socket.socketpair()
+    for end in (wake, woken):
+        end.setblocking(False)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    signal.set_wakeup_fd(woken.fileno())
+    gc.disable()
+    ahead, links = list(OF_MOST_JOBS), dict[int, socket.socket]()
+    while True:
+        ready, _, _ = select.select([control, wake], [], [], 0 if ahead else None)
+        if ahead and not ready:
+            with suppress(ImportError):  # a job that needs it will say so
+                importlib.import_module(ahead.pop(0))
+        if wake in ready:
+            wake.recv(4096)
+            with suppress(ChildProcessError):
+                while (ended := os.waitpid(-1, os.WNOHANG))[0]:
+                    with links.pop(ended[0]) as link, suppress(OSError):
+                        link.sendall(os.waitstatus_to_exitcode(ended[1]).to_bytes(4, "big", signed=True))
+        if control in ready:
+            head, files, _, _ = socket.recv_fds(control, 1, 3)
+            if not head:
+                os._exit(0)
+            link = socket.socket(fileno=files[0])
+            with link.makefile("rb") as said:
+                folder, request = said.read().decode().split("\0")
+            prepare(folder, request)
+            gc.freeze()  # jobs share this process's memory: no garbage collection of theirs looks (and writes) there
+            server, pid = os.getpid(), os.fork()
+            if not pid:
+                forked(server, folder, request, files[1:])
+            links[pid] = link
+            with suppress(OSError):
+                link.sendall(pid.to_bytes(4, "big"))
+            for file in files[1:]:
+                os.close(file)
+
+
+def prepare(folder: str, request: str) -> None:
+    """Import and parse what a job uses, which takes up to a second: the jobs that are forked later share it."""
+    from osl_analysis.config.yaml_settings import read_mapping
+    from osl_analysis.jobs.request import read_request
+
+    with suppress(Exception):  # the job will say so
+        job = read_request(Path(folder, request))
+        command = job["command"].partition(".")[0]
+        for name in (f"osl_analysis.commands.{command}", *USED_WITH.get(command, ())):
+            importlib.import_module(name)
+        for file in job["made_of"]:
+            if file.endswith(".yaml"):
+                read_mapping(Path(folder, file))
+
+
+def forked(server: int, folder: str, request: str, files: Sequence[int]) -> NoReturn:
+    """The process of a job. The kernel kills it when the server ends (Linux)."""
+    code = 1
     try:
-        with socket.socket(socket.AF_UNIX) as link:
-            link.connect(os.environ[server.JOBS])
-            body = "\0".join([os.getcwd(), request]).encode()
-            socket.send_fds(link, [len(body).to_bytes(4, "big")], [0, 1, 2])
-            link.sendall(body)
-            pid = int.from_bytes(link.recv(4), "big")
-            said = link.recv(2)
-        return (said[0], said[1], pid) if len(said) == 2 else (None, 0, pid)
-    except (OSError, AttributeError, KeyError):  # there is no server, or a system without such sockets
-        return None, 0, pid
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+        if os.getppid() != server:
+            os._exit(1)
+        gc.enable()
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        for wanted, file in enumerate(files, start=1):
+            os.dup2(file, wanted)
+        os.chdir(folder)
+        from osl_analysis.jobs.job import run
 
-
-def start(path: str) -> None:
-    """Start the server, in a folder that belongs to this user alone. It listens when this returns, and does its imports
-    while jobs wait."""
-    with open(f"{path}.log", "ab") as log:  # who reads the run's lines to their end shall not wait for the server
-        apart("--serve", path, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=log).wait()
-
-
-def apart(*arguments: str, **files: Any) -> subprocess.Popen[bytes]:
-    """Start `server.py` in a session of its own: Ctrl-C in a terminal is for Snakemake, which lets begun jobs end."""
-    return subprocess.Popen([sys.executable, server.__file__, *arguments], start_new_session=True, **files)
-
-
-def noticed_interrupt() -> threading.Event:
-    """What is set when the user ends the run by Ctrl-C. Snakemake goes on to handle it as it does."""
-    pressed = threading.Event()
-    handle = signal.getsignal(signal.SIGINT)
-    if not callable(handle) or threading.current_thread() is not threading.main_thread():
-        return pressed
-    go_on: Callable[[int, Any], Any] = handle
-
-    def interrupt(number: int, frame: Any) -> Any:
-        pressed.set()
-        return go_on(number, frame)
-
-    signal.signal(signal.SIGINT, interrupt)
-    return pressed
+        code = run(Path(request))
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
 
 
 def at_end_of_run(
@@ -133,11 +198,13 @@ def at_end_of_run(
             print(text, file=sys.stderr, end="\n" * bool(text), flush=True)
             return
         from osl_analysis.jobs.job_log import read_logs, run_report
-        from osl_analysis.jobs.refusal import is_refused, unfinished
+        from osl_analysis.jobs.refusal import MOST_TOLD, is_refused
 
         files = [str(file) for job in workflow.dag.jobs for file in job.output]
         records = [file for file in files if is_refused(file)]
-        texts = [run_report(read_logs(logs, STARTED)), unfinished(files), said(records)]
+        lost = [file for file in files if not Path(file).exists()]  # as of a job that was killed with Snakemake
+        not_made = f"not made: {listing(lost, MOST_TOLD)}; run again, what is finished stays" if lost else ""
+        texts = [run_report(read_logs(logs, STARTED)), not_made, said(records)]
         if interrupted.is_set():
             texts = ["interrupted: what had begun was brought to its end; run again to go on from here"]
         print("\n".join(filter(None, texts)), file=sys.stderr, flush=True)
@@ -146,3 +213,17 @@ def at_end_of_run(
             os._exit(1)  # at the exit of Python there is no other way
 
     atexit.register(end)
+
+
+def noticed_interrupt() -> threading.Event:
+    """What is set when the user ends the run by Ctrl-C. Snakemake goes on to handle it as it does."""
+    pressed, before = threading.Event(), signal.getsignal(signal.SIGINT)
+    if callable(before) and threading.current_thread() is threading.main_thread():
+        go_on: Callable[[int, Any], Any] = before
+
+        def interrupt(number: int, frame: Any) -> Any:
+            pressed.set()
+            return go_on(number, frame)
+
+        signal.signal(signal.SIGINT, interrupt)
+    return pressed

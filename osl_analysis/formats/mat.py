@@ -19,15 +19,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats import optional_module
 from osl_analysis.trial import Array
 
-MARK5, MARK73 = b"MATLAB 5.0 MAT", b"MATLAB 7."
 DAMAGED = "copy the file again, or save it again in MATLAB"
-LISTED = 12  # largest number of names in a message
 REMEDIES = {
     "table": "save it as a struct: `s = table2struct(t, 'ToScalar', true)`",
     "timetable": "save it as a struct: `s = table2struct(timetable2table(t), 'ToScalar', true)`, its times as seconds",
@@ -52,9 +49,12 @@ class Value:
     numbers: Array | None = None  # of its shape; None for anything but real numbers
     is_complex: bool = False
     text: str = ""  # its text, for one row of characters
-    fields: tuple[str, ...] = ()
     elements: Sequence[Mapping[str, "Value"]] = ()  # fields of each element of a struct, in MATLAB's order
     cells: Sequence["Value"] = ()  # elements of a cell, in MATLAB's order
+
+    @property
+    def fields(self) -> list[str]:
+        return [*self.elements[0]] if self.elements else []
 
     @property
     def size(self) -> int:
@@ -83,19 +83,19 @@ def real_numbers(place: str, value: Value) -> Array:
 
 
 def is_mat(begin: bytes) -> bool:
-    return begin.startswith((MARK5, MARK73)) and b"\0" in begin[:128]
+    return begin.startswith((b"MATLAB 5.0 MAT", b"MATLAB 7.")) and b"\0" in begin[:128]
 
 
 @contextmanager
-def told_in_one_line() -> Iterator[None]:
-    """What h5py, and a walk through the parts of a file, raise on damaged files, as one refusal."""
+def in_one_sentence(what: str = "") -> Iterator[None]:
+    """Whatever the libraries come across in a damaged file, as one refusal."""
     try:
         yield
     except InputError:
         raise
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, struct.error) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"cannot be read ({reason}); {DAMAGED}") from error
+    except Exception as error:
+        reason = " ".join(str(error).split())[:160]
+        raise InputError(f"{what}cannot be read ({reason}); {DAMAGED}") from error
 
 
 @dataclass(frozen=True)
@@ -120,39 +120,32 @@ class MatFile:
         """The wanted variables that it has; InputError if one is damaged."""
         known = [name for name in self.names if name in wanted]
         if self.version == "7.3":
-            with told_in_one_line(), opened73(self.path) as file:
+            with in_one_sentence(), opened73(self.path) as file:
                 return {name: value73(file[name]) for name in known}
         from scipy.io import loadmat  # half a second, which other commands need not wait for
 
         objects = {name: Value(self.classes[name]) for name in known if self.classes[name]}
         others = [name for name in known if name not in objects]
-        try:
+        with in_one_sentence(f"{listing(others, 4)} "):
             stream: Any = io.BytesIO(self.data)
             raw = loadmat(stream, variable_names=others, spmatrix=False)
             return objects | {name: value5(raw[name]) for name in others if name in raw}
-        except Exception as error:  # on a damaged file scipy raises whatever its parser comes across
-            reason = " ".join(str(error).split())[:160]
-            raise InputError(f"{listing(others, 4)} cannot be read ({reason}); {DAMAGED}") from error
 
 
 def open_mat(path: Path) -> MatFile:
     """The MATLAB file at a path; InputError if it is of another version, none, or damaged."""
     with path.open("rb") as file:
         begin = file.read(128)
-        is_new = begin.startswith(MARK73)
+        is_new = begin.startswith(b"MATLAB 7.")
         data = begin if is_new else begin + file.read()
     if not is_mat(begin):
         raise InputError(f"{path}: no MATLAB file of version 5 or 7.3; save it again in MATLAB with `-v7`")
-    with told_in_one_line():
+    with in_one_sentence():
         if not is_new:
             return MatFile(path, data, "5", variable_classes(data))
         with opened73(path) as file:
             names = [name for name in file if name not in ("#refs#", "#subsystem#")]  # groups that are no variables
             return MatFile(path, data, "7.3", dict.fromkeys(names, ""))
-
-
-MI_MATRIX, MI_COMPRESSED, MX_OPAQUE = 14, 15, 17
-"""Types of parts of a file of version 5, and the class of objects that only MATLAB can read."""
 
 
 def variable_classes(data: bytes) -> dict[str, str]:
@@ -163,43 +156,36 @@ def variable_classes(data: bytes) -> dict[str, str]:
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:
         raise InputError(f"the header of a MATLAB file is damaged at byte 126; {DAMAGED}")
+    matrix, compressed, opaque = 14, 15, 17  # types of parts, and the class of objects that only MATLAB can read
     found, at = dict[str, str](), 128
     while at < len(data):
         if at + 8 > len(data):
             raise InputError(f"ends within a variable; {DAMAGED}")
         kind, size = struct.unpack_from(f"{order}II", data, at)
-        start, at = at + 8, at + 8 + size + (-size % 8 if kind == MI_MATRIX else 0)
+        start, at = at + 8, at + 8 + size + (-size % 8 if kind == matrix else 0)
         if start + size > len(data):
             raise InputError(f"declares {size} bytes where {len(data) - start} are left; {DAMAGED}")
         content = data[start : start + size]
-        if kind == MI_COMPRESSED:
+        if kind == compressed:
             try:
                 content = zlib.decompressobj().decompress(content, 4096)[8:]  # enough for its name
             except zlib.error as error:
                 raise InputError(f"the compressed variable at byte {start} is damaged ({error}); {DAMAGED}") from error
-        elif kind != MI_MATRIX:
+        elif kind != matrix:
             raise InputError(f"holds a part of type {kind} at byte {start} where a variable is expected; {DAMAGED}")
-        flags, dimensions_or_name, *more = leading_parts(content, order)
-        is_object = struct.unpack_from(f"{order}I", flags)[0] & 0xFF == MX_OPAQUE
-        name = (dimensions_or_name if is_object else more[0]).decode("latin-1")
+        is_object = struct.unpack_from(f"{order}I", content, 8)[0] & 0xFF == opaque
+        parts, place = list[str](), 0  # flags, and then size and name, or name, system and class
+        for _ in range(4 if is_object else 3):
+            kind, size = struct.unpack_from(f"{order}II", content, place)
+            is_short = kind >> 16  # up to four bytes stand in the tag itself
+            begin, length = (place + 4, kind >> 16) if is_short else (place + 8, size)
+            parts.append(content[begin : begin + length].decode("latin-1"))
+            place += 8 if is_short else 8 + size + -size % 8
+        name = parts[1] if is_object else parts[2]
         if name and name in found:
             raise InputError(f"variable '{name}' stands twice in the file; {DAMAGED}")
-        found[name] = (more[1].decode("latin-1") or "object") if is_object else ""
+        found[name] = (parts[3] or "object") if is_object else ""
     return {name: kind for name, kind in found.items() if name}
-
-
-def leading_parts(content: bytes, order: str) -> list[bytes]:
-    """The first four parts of a variable of version 5: flags, and then size and name, or name, system and class."""
-    parts, at = [], 0
-    for _ in range(4 if struct.unpack_from(f"{order}I", content, 8)[0] & 0xFF == MX_OPAQUE else 3):
-        kind, size = struct.unpack_from(f"{order}II", content, at)
-        if kind >> 16:  # up to four bytes stand in the tag itself
-            parts.append(content[at + 4 : at + 4 + (kind >> 16)])
-            at += 8
-        else:
-            parts.append(content[at + 8 : at + 8 + size])
-            at += 8 + size + -size % 8
-    return parts
 
 
 def value5(raw: Any) -> Value:
@@ -216,11 +202,11 @@ def value5(raw: Any) -> Value:
         return Value("sparse")
     if isinstance(raw, MatlabObject):
         return Value(str(raw.classname), raw.shape)
-    array: NDArray[Any] = np.asarray(raw)
+    array: np.ndarray[Any, np.dtype[Any]] = np.asarray(raw)
     in_order = array.ravel(order="F")
     if array.dtype.names is not None:
         elements = [{name: value5(one[name]) for name in array.dtype.names} for one in in_order]
-        return Value("struct", array.shape, fields=array.dtype.names, elements=elements)
+        return Value("struct", array.shape, elements=elements)
     if array.dtype == object:
         return Value("cell", array.shape, cells=[value5(one) for one in in_order])
     if array.dtype.kind == "U":
@@ -228,10 +214,8 @@ def value5(raw: Any) -> Value:
         width = max((len(row) for row in rows), default=0)
         return Value("char", (len(rows), width), text=rows[0] if len(rows) == 1 else "")
     names = {"float64": "double", "float32": "single", "bool": "logical", "complex128": "double", "complex64": "single"}
-    kind = names.get(array.dtype.name, array.dtype.name)
-    if array.dtype.kind == "c":
-        return Value(kind, array.shape, is_complex=True)
-    return Value(kind, array.shape, np.asarray(array, dtype=np.float64))
+    kind, is_complex = names.get(array.dtype.name, array.dtype.name), array.dtype.kind == "c"
+    return Value(kind, array.shape, None if is_complex else np.asarray(array, dtype=np.float64), is_complex)
 
 
 def opened73(path: Path) -> Any:
@@ -266,17 +250,16 @@ def value73(item: Any) -> Value:
 
 def struct73(group: Any) -> Value:
     """A group as a struct; members that are all datasets of references without a class make it an array."""
-    fields = tuple(group)
     shapes = {
         tuple(item.shape) if holds_references(item) and "MATLAB_class" not in item.attrs else None
-        for item in (group[name] for name in fields)
+        for item in group.values()
     }
     if len(shapes) != 1 or None in shapes:
-        return Value("struct", fields=fields, elements=[{name: value73(group[name]) for name in fields}])
+        return Value("struct", elements=[{name: value73(item) for name, item in group.items()}])
     (shape,) = shapes
-    columns = [[value73(group.file[one]) for one in np.ravel(group[name][()])] for name in fields]
-    rows = [dict(zip(fields, row, strict=True)) for row in zip(*columns, strict=True)]
-    return Value("struct", tuple(reversed(shape or ())), fields=fields, elements=rows)
+    columns = [[value73(group.file[one]) for one in np.ravel(item[()])] for item in group.values()]
+    elements = [dict(zip(group, row, strict=True)) for row in zip(*columns, strict=True)]
+    return Value("struct", tuple(reversed(shape or ())), elements=elements)
 
 
 def holds_references(item: Any) -> bool:
@@ -285,6 +268,8 @@ def holds_references(item: Any) -> bool:
 
     return isinstance(item, h5py.Dataset) and h5py.check_ref_dtype(item.dtype) is h5py.Reference
 
+
+# --- addresses
 
 ADDRESS_STEP = re.compile(
     r"\.?(?P<name>[A-Za-z]\w*)"
@@ -336,7 +321,7 @@ def checked_address(text: str, inside: bool = True) -> str:
 def no_variable(file: MatFile, address: Address) -> InputError:
     """The refusal of an address whose variable the file does not have."""
     return InputError(
-        f"no variable '{address.variable}'; it has {listing(file.names, LISTED)}"
+        f"no variable '{address.variable}'; it has {listing(file.names, 12)}"
         f"{nearest(address.variable, file.names)}; if one of these holds it, name this one as `log_part`, "
         "in the sample sheet where it differs from trial to trial"
     )
@@ -346,7 +331,7 @@ def find(variables: Mapping[str, Value], names: Sequence[str], address: Address)
     """What stands at an address. `names` are those of all variables of the file, for messages."""
     place = address.variable
     if place not in variables:
-        raise InputError(no_such(address, "the file", place, "variable", names))
+        raise no_such(address, "the file", place, "variable", names)
     value = variables[place]
     for step in address.steps[1:]:
         value = one_step(value, step, place, address)
@@ -354,8 +339,9 @@ def find(variables: Mapping[str, Value], names: Sequence[str], address: Address)
     return value
 
 
-def no_such(address: Address, place: str, name: str, what: str, known: Sequence[str]) -> str:
-    return f"{address.text}: {place} has no {what} '{name}'; it has {listing(known, LISTED)}{nearest(name, known)}"
+def no_such(address: Address, place: str, name: str, what: str, known: Sequence[str]) -> InputError:
+    has = f"{place} has no {what} '{name}'; it has {listing(known, 12)}{nearest(name, known)}"
+    return InputError(f"{address.text}: {has}")
 
 
 def one_step(value: Value, step: re.Match[str], place: str, address: Address) -> Value:
@@ -367,7 +353,7 @@ def one_step(value: Value, step: re.Match[str], place: str, address: Address) ->
             remedy = f"; {value.remedy()}" if value.numbers is None and value.kind != "cell" else ""
             raise InputError(f"{is_a}, no struct with fields{remedy}")
         if name not in value.fields:
-            raise InputError(no_such(address, place, name, "field", value.fields))
+            raise no_such(address, place, name, "field", value.fields)
         if len(value.elements) != 1:
             choice = f"choose one, as {place}(1), or {place}(field=value)"
             raise InputError(f"{here} is an array of {len(value.elements)} structs; {choice}")
@@ -379,8 +365,20 @@ def one_step(value: Value, step: re.Match[str], place: str, address: Address) ->
             raise InputError(f"{is_a}; it has no {step[0]}")
         line: Array = np.take(numbers, [number - 1], axis=axis).reshape(-1, 1)
         return Value(value.kind, line.shape, line)
-    if step["field"]:
-        return chosen(value, step, place, address)
+    if name := step["field"]:
+        if name not in value.fields:
+            raise no_such(address, place, name, "field", value.fields)
+        labels = []
+        for one in (fields[name] for fields in value.elements):
+            number_of = f"{one.numbers.item():g}" if one.numbers is not None and one.size == 1 else ""
+            labels.append(one.text.strip() if one.kind == "char" else number_of)
+        fitting = [one for one, label in zip(value.elements, labels, strict=True) if label == step["value"].strip()]
+        if len(fitting) != 1:
+            raise InputError(
+                f"{address.text}: {len(fitting)} elements of {place} have {name} = {step['value']}; they are "
+                f"{listing(labels, 12)}"
+            )
+        return Value("struct", elements=fitting)
     if step["cell"] and value.kind != "cell":
         raise InputError(f"{is_a}, no cell; leave out {step[0]}")
     if step["number"] and value.kind == "cell":
@@ -390,26 +388,7 @@ def one_step(value: Value, step: re.Match[str], place: str, address: Address) ->
     number, count = int(step["cell"] or step["number"]), len(value.cells or value.elements)
     if number > count:
         raise InputError(f"{here} has {count} elements; choose one of 1 to {count}")
-    if step["cell"]:
-        return value.cells[number - 1]
-    return Value("struct", fields=value.fields, elements=[value.elements[number - 1]])
-
-
-def chosen(value: Value, step: re.Match[str], place: str, address: Address) -> Value:
-    """The one element of an array of structs whose field has a value."""
-    if value.kind != "struct" or step["field"] not in value.fields:
-        raise InputError(no_such(address, place, step["field"], "field", value.fields))
-    labels = []
-    for one in (fields[step["field"]] for fields in value.elements):
-        number = f"{one.numbers.item():g}" if one.numbers is not None and one.size == 1 else ""
-        labels.append(one.text.strip() if one.kind == "char" else number)
-    fitting = [fields for fields, label in zip(value.elements, labels, strict=True) if label == step["value"].strip()]
-    if len(fitting) != 1:
-        raise InputError(
-            f"{address.text}: {len(fitting)} elements of {place} have {step['field']} = {step['value']}; they are "
-            f"{listing(labels, LISTED)}"
-        )
-    return Value("struct", fields=value.fields, elements=fitting)
+    return value.cells[number - 1] if step["cell"] else Value("struct", elements=[value.elements[number - 1]])
 
 
 def vector(address: Address, value: Value) -> Array:

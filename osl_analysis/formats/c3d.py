@@ -79,20 +79,17 @@ def parameter_value(data: bytes, position: int, processor: str, name: str) -> tu
     if len(content) != abs(kind) * math.prod(shape):
         raise InputError(f"the parameter '{name}' reaches beyond the end of the file")
     if kind == -1:
-        length = (shape[0] if shape else 1) or 1  # of each text
-        return [unpadded_text(content[i : i + length]) for i in range(0, len(content), length)], begin + len(content)
+        length, texts = (shape[0] if shape else 1) or 1, list[str]()  # of each text
+        for one in (content[i : i + length] for i in range(0, len(content), length)):
+            try:
+                texts.append(one.decode("utf-8").strip(" \0"))
+            except UnicodeDecodeError:
+                texts.append(one.decode("latin-1").strip(" \0"))
+        return texts, begin + len(content)
     whole = "u1" if kind == 1 else f"{ENDIAN[processor]}i2"
     values = reals(content, processor) if kind == 4 else np.frombuffer(content, whole)
     with np.errstate(invalid="ignore"):  # a damaged real may be no number
         return values.astype(np.float64).reshape(shape, order="F"), begin + len(content)
-
-
-def unpadded_text(text: bytes) -> str:
-    """A text without its padding, in UTF-8, or else in Latin-1."""
-    try:
-        return text.decode("utf-8").strip(" \0")
-    except UnicodeDecodeError:
-        return text.decode("latin-1").strip(" \0")
 
 
 def reals(content: bytes, processor: str) -> NDArray[np.float32]:
@@ -171,6 +168,7 @@ def is_c3d(begin: bytes) -> bool:
 
 
 def parse_file(data: bytes, counts: Counts = "refuse") -> C3DHeader:
+    """What a file declares, checked against its size; raises as `read_c3d`."""
     if len(data) < 2 * BLOCK or data[1:2] != b"P":
         raise InputError(f"not a C3D file (it begins with {data[:4]!r}); check the path and the source's format")
     start = (data[0] - 1) * BLOCK
@@ -181,11 +179,30 @@ def parse_file(data: bytes, counts: Counts = "refuse") -> C3DHeader:
         )
     try:
         header = parse_header(data, start, processor)
-        check_section(header)
+        if header.scale == 0 or not math.isfinite(header.scale):
+            raise InputError(f"the scale of the points is {header.scale}")
+        if header.data_start < BLOCK:
+            raise InputError(f"the data begin at byte {header.data_start}, within the header")
+        for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
+            lost = [name for name in ESSENTIAL[group] if count and f"{group}:{name}" not in header.parameters]
+            if header.remark and lost:
+                raise InputError(f"{header.remark}, before {group}:{lost[0]}")
     except (struct.error, ValueError, IndexError) as error:
         raise InputError(f"damaged C3D file: {error}; export the trial again") from error
     header = with_counts(header, len(data), counts)
-    check_size(header, len(data))
+    frame = header.frame_bytes
+    if header.frames < 1 or frame == 0 or not 0 < header.rate < math.inf:
+        raise InputError(
+            f"declares {header.frames} frames of {frame} bytes at {header.rate} Hz: nothing to read; export "
+            "the trial again"
+        )
+    there = max(len(data) - header.data_start, 0) // frame
+    if there < header.frames:
+        raise InputError(f"truncated: it declares {header.frames} frames and holds {there}; copy or export it again")
+    if header.first_frame + header.frames > MOST_FRAMES and there > header.frames + BLOCK // frame:
+        raise InputError(
+            f"holds {there} frames, more than the {MOST_FRAMES} that a C3D header can count; export it in parts"
+        )
     return header
 
 
@@ -197,19 +214,9 @@ def parse_header(data: bytes, start: int, processor: str) -> C3DHeader:
     parameters, remark = parse_parameters(data, start + 4, min(section_end, len(data)), processor)
     scale, rate = (float(reals(data[begin : begin + 4], processor)[0]) for begin in (12, 20))
     points, channels, first, last, per_frame = (int(words[place]) for place in (1, 2, 3, 4, 9))
-    header = C3DHeader(
-        processor=processor,
-        points=points,
-        first_frame=first,
-        frames=last - first + 1,
-        rate=rate,
-        samples_per_frame=max(per_frame, 1),
-        channels=channels // max(per_frame, 1),
-        data_start=data_start,
-        scale=scale,
-        parameters=parameters,
-        remark=remark,
-    )
+    per_frame = max(per_frame, 1)
+    counts = (points, first, last - first + 1, rate, per_frame, channels // per_frame)
+    header = C3DHeader(processor, *counts, data_start, scale, parameters, remark)
     stated = header.numbers("POINT:RATE")
     header = replace(header, rate=float(stated[0])) if stated.size and stated[0] > 0 else header
     if last < MOST_FRAMES:
@@ -221,18 +228,6 @@ def parse_header(data: bytes, start: int, processor: str) -> C3DHeader:
     if start_field.size == end_field.size == 2:
         count = int((end_field - start_field) @ [1, 65536]) + 1
     return replace(header, frames=count or header.frames)
-
-
-def check_section(header: C3DHeader) -> None:
-    """Refuse a header without a scale or a place for the data, and a parameter section that ends early."""
-    if header.scale == 0 or not math.isfinite(header.scale):
-        raise InputError(f"the scale of the points is {header.scale}")
-    if header.data_start < BLOCK:
-        raise InputError(f"the data begin at byte {header.data_start}, within the header")
-    for group, count in (("POINT", header.points), ("ANALOG", header.channels)):
-        lost = [name for name in ESSENTIAL[group] if count and f"{group}:{name}" not in header.parameters]
-        if header.remark and lost:
-            raise InputError(f"{header.remark}, before {group}:{lost[0]}")
 
 
 def with_counts(header: C3DHeader, size: int, counts: Counts) -> C3DHeader:
@@ -261,23 +256,6 @@ def with_counts(header: C3DHeader, size: int, counts: Counts) -> C3DHeader:
     if fitting and counts not in fitting:
         raise InputError(f"{contradiction}; {says}: write `counts: {fitting[0]}` in the source file")
     return choices[counts]
-
-
-def check_size(header: C3DHeader, size: int) -> None:
-    """Refuse a file that holds no frames, or more or fewer frames than it declares."""
-    frame = header.frame_bytes
-    if header.frames < 1 or frame == 0 or not 0 < header.rate < math.inf:
-        raise InputError(
-            f"declares {header.frames} frames of {frame} bytes at {header.rate} Hz: nothing to read; export "
-            "the trial again"
-        )
-    there = max(size - header.data_start, 0) // frame
-    if there < header.frames:
-        raise InputError(f"truncated: it declares {header.frames} frames and holds {there}; copy or export it again")
-    if header.first_frame + header.frames > MOST_FRAMES and there > header.frames + BLOCK // frame:
-        raise InputError(
-            f"holds {there} frames, more than the {MOST_FRAMES} that a C3D header can count; export it in parts"
-        )
 
 
 @dataclass(frozen=True)
@@ -322,25 +300,14 @@ def read_c3d(path: Path, counts: Counts = "refuse") -> C3DRecording:
     numbers = np.frombuffer(content, integer) if header.integers else reals(content, header.processor)
     # a row per frame: x, y, z, residual per point, then analog samples
     points, analogs = np.split(numbers.reshape(header.frames, -1), [4 * header.points], axis=1)
-    with np.errstate(
-        invalid="ignore", over="ignore"
-    ):  # a damaged sample that is not finite is refused where it is used
-        return C3DRecording(
-            header,
-            positions(points.reshape(header.frames, header.points, 4), header),
-            physical(analogs.reshape(header.frames * header.samples_per_frame, header.channels), header),
-        )
-
-
-def positions(points: NDArray[Any], header: C3DHeader) -> Array:
-    """Positions (frames, points, 3) in the file's unit, NaN where nothing was seen.
-
-    A point was not seen where its residual is negative, its position is exactly the origin, or a value is not finite.
-    """
-    values = points[:, :, :3].astype(np.float64) * (header.scale if header.integers else 1.0)
-    unseen = (points[:, :, 3] < 0) | (values == 0).all(axis=2) | ~np.isfinite(values).all(axis=2)
-    values[unseen] = np.nan
-    return values
+    points = points.reshape(header.frames, header.points, 4)
+    with np.errstate(invalid="ignore", over="ignore"):  # a sample that is not finite is refused where it is used
+        values = points[:, :, :3].astype(np.float64) * (header.scale if header.integers else 1.0)
+        # not seen: a negative residual, exactly the origin, or a value that is not finite
+        unseen = (points[:, :, 3] < 0) | (values == 0).all(axis=2) | ~np.isfinite(values).all(axis=2)
+        values[unseen] = np.nan
+        rows = header.frames * header.samples_per_frame
+        return C3DRecording(header, values, physical(analogs.reshape(rows, header.channels), header))
 
 
 def physical(analogs: NDArray[Any], header: C3DHeader) -> Array:

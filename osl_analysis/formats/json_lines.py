@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,7 @@ from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.csv_table import UTF_16_MARKS
 from osl_analysis.formats.message_fields import Columns, Indices, array_labels, is_array, json_reader, path_to
 
-MOST_ELEMENTS = 64
-"""Elements of an array that are listed. Longer ones are images or whole recordings, and no signals of one sample."""
+MOST_ELEMENTS = 64  # of an array that are listed: longer ones are images or whole recordings, and no signals
 
 
 def addresses_in(value: Any, path: str, beside: Mapping[str, Any], cut: dict[str, int]) -> Iterator[str]:
@@ -29,22 +28,18 @@ def addresses_in(value: Any, path: str, beside: Mapping[str, Any], cut: dict[str
         for name, one in inner.items():
             yield from addresses_in(one, name, texts, cut)
     elif isinstance(value, list):
-        labels = array_labels(path, len(value), beside) if all(is_number(one) for one in value) else ()
+        labels = (
+            array_labels(path, len(value), beside)
+            if all(one is None or isinstance(one, int | float) for one in value)
+            else ()
+        )
         yield from (f"{path}[{label}]" for label, one in zip(labels, value, strict=False) if one is not None)
         for index, one in enumerate([] if labels else value[:MOST_ELEMENTS]):
             yield from addresses_in(one, f"{path}[{index}]", {}, cut)
         if len(value) > MOST_ELEMENTS and not labels:
             cut[path] = len(value)
-    elif is_number(value) and value is not None:
+    elif isinstance(value, int | float):
         yield path
-
-
-def is_number(value: Any) -> bool:
-    """Whether a value is a number, a truth value, or `null` in place of one."""
-    return value is None or isinstance(value, int | float)
-
-
-NUMBER = "name a number as `field` in the source file; for time, or state the rate: `time: {rate: 1000}`"
 
 
 @dataclass(frozen=True)
@@ -90,11 +85,12 @@ def is_whole(text: bytes) -> bool:
 
 def decode_lines(lines: JsonLines, paths: Sequence[str]) -> Columns:
     """The fields at `paths` (`variables.ankle_angle`, `position[0]`) of all lines."""
-    reader = json_reader([*dict.fromkeys(paths)])
+    reader = json_reader([*dict.fromkeys(paths)], lines.numbers)
     reader.take(lines.texts)
     found = reader.columns()
+    remedy = "name a number as `field` in the source file; for time, or state the rate: `time: {rate: 1000}`"
     if not found.rows.size:
-        raise InputError(f"{in_lines(found.misfit, lines)}; {NUMBER}")
+        raise InputError(f"{found.misfit}; {remedy}")
     for path, there in found.present.items():
         if not there.any():
             alone = json_reader([path])
@@ -102,20 +98,12 @@ def decode_lines(lines: JsonLines, paths: Sequence[str]) -> Columns:
             if found.misfit and alone.columns().present[path].any():  # only lines that cannot be used have it
                 raise InputError(
                     f"every line with a field '{path}' has something else than a number in another field: "
-                    f"{in_lines(found.misfit, lines)}; {NUMBER}"
+                    f"{found.misfit}; {remedy}"
                 )
             names, _ = addresses_of(lines)
             advice = nearest(path, names) or "; correct `field` in the source file"
             raise InputError(f"no line has a field '{path}'; there are {listing(names)}{advice}")
-    return replace(found, misfit=in_lines(found.misfit, lines))
-
-
-def in_lines(misfit: str, lines: JsonLines) -> str:
-    """A message about a message of JSON, about the line in which it stands."""
-    text, found, number = misfit.rpartition("in message ")
-    if found and number.isdigit() and int(number) <= lines.numbers.size:
-        return f"{text}in line {lines.numbers[int(number) - 1]}"
-    return misfit
+    return found
 
 
 def addresses_of(lines: JsonLines) -> tuple[list[str], dict[str, int]]:

@@ -120,12 +120,16 @@ class Reader:
     """Reads the wanted fields of a channel's messages, block by block."""
 
     paths: Sequence[str]  # each once
+    lines: Indices | None = None  # number of the line in which each message stands, in a file of lines
     count: int = 0  # messages so far
     misfit: str = ""  # what is wrong with the first message that is not what its type says
     no_numbers: int = 0  # messages that are lost since they have something else than a number
     one_by_one: int = 0  # messages that were read one by one
     parts: list[tuple[Indices, Values]] = field(default_factory=list)
     """Places of messages of one shape, ascending, and the numbers that they have, by path."""
+
+    def place(self, row: int) -> str:
+        return f"message {row + 1}" if self.lines is None else f"line {self.lines[row]}"
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
         """Take in messages that begin at `starts` [bytes]; NoNumberError if a wanted field is a number in none."""
@@ -148,7 +152,7 @@ class Reader:
                 sound.append((rows, values))
         if lost and not self.misfit:
             row, path, value = min(lost)
-            self.misfit = f"field '{path}' is {str(value).lower()}, not a number as elsewhere, in message {row + 1}"
+            self.misfit = f"field '{path}' is {str(value).lower()}, not a number as elsewhere, in {self.place(row)}"
         rows = np.concatenate([np.empty(0, np.int64), *(rows for rows, _ in sound)])
         order = np.argsort(rows if rank is None else rank[rows], kind="stable")
         in_order = slice(None) if (np.diff(order) == 1).all() else order
@@ -507,7 +511,7 @@ class ObjectReader(Reader):
                 found = [number_at(message, path) for path in self.paths]
             except NoNumberError as error:
                 self.no_numbers += 1
-                self.misfit = self.misfit or f"{error}, in message {self.count}"
+                self.misfit = self.misfit or f"{error}, in {self.place(self.count - 1)}"
             except (ValueError, RecursionError) as error:
                 self.misfit = self.misfit or str(error)
             else:
@@ -609,7 +613,7 @@ def described(
         yield FieldDescription(path, kind or np.dtype(type(value)).name)
 
 
-def json_reader(paths: Sequence[str]) -> ObjectReader:
+def json_reader(paths: Sequence[str], lines: Indices | None = None) -> ObjectReader:
     """A reader of JSON messages. A wanted name that is written twice is refused: RFC 8259 leaves open which counts."""
     keys = {key for path in paths for key, _ in steps_of(path)}
     names = {name for key in keys if not isinstance(key, int) for name in (key if isinstance(key, tuple) else [key])}
@@ -633,7 +637,7 @@ def json_reader(paths: Sequence[str]) -> ObjectReader:
         except (ValueError, RecursionError) as error:
             raise InputError(f"a message of {len(text)} bytes is not JSON: {error}") from error
 
-    return ObjectReader(paths, decode=decode)
+    return ObjectReader(paths, lines, decode=decode)
 
 
 def protobuf_decoder(schema: Schema) -> Callable[[bytes], Any]:

@@ -7,7 +7,7 @@ import logging
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,6 @@ from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats import optional_module
 from osl_analysis.formats.csv_table import CONTROL
 
-TDMS_MARK = b"TDSm"
-INDEX_MARK = b"TDSh"
-NEEDED = ("tdms", "a TDMS file")  # the extra of the package that installs npTDMS, and for what
 SAVE_AGAIN = "copy it again, or open it in LabVIEW or DIAdem and save it under a new name"
 
 
@@ -32,11 +29,11 @@ class TdmsChannel:
     group: str
     name: str
     count: int
-    kind: str  # type of its values, as numpy spells it
-    unit: str = ""  # its unit, as the file spells it
-    step: float | None = None  # time between two values [s]; None where the properties do not tell
-    begin: int = 0  # `wf_start_time`, since 1970 [us]: seconds in one float would be rounded to parts of a microsecond
-    offset: float = 0.0  # time of the first value after `begin` [s]
+    kind: np.dtype[Any]  # type of its values
+    unit: str  # its unit, as the file spells it
+    step: float | None  # time between two values [s]; None where the properties do not tell
+    begin: int  # `wf_start_time`, since 1970 [us]: seconds in one float would be rounded to parts of a microsecond
+    offset: float  # time of the first value after `begin` [s]
 
     @property
     def address(self) -> str:
@@ -44,12 +41,12 @@ class TdmsChannel:
 
     @property
     def holds_numbers(self) -> bool:
-        return np.dtype(self.kind).kind in "biuf"
+        return self.kind.kind in "biuf"
 
     @property
     def holds_times(self) -> bool:
         """Whether its values are LabVIEW's time stamps."""
-        return np.dtype(self.kind).kind == "M"
+        return self.kind.kind == "M"
 
 
 @dataclass(frozen=True)
@@ -58,8 +55,8 @@ class TdmsFile:
 
     data: bytes
     channels: list[TdmsChannel]  # its channels, in the order of the file
-    properties: Mapping[str, str] = field(default_factory=dict)  # what the file says about itself
-    notes: tuple[str, ...] = ()  # losses, a sentence each
+    properties: Mapping[str, str]  # what the file says about itself
+    notes: tuple[str, ...]  # losses, a sentence each
 
     def channel(self, address: str) -> TdmsChannel:
         """A channel by group and name, or by its name alone where one group only has it."""
@@ -81,39 +78,39 @@ class TdmsFile:
             if not one.count:
                 raise InputError(f"channel '{one.address}' is empty; take another one, or record again")
             if not (one.holds_numbers or one.holds_times):
-                kind = np.dtype(one.kind)
-                what = {"O": "text", "V": "nothing", "c": "complex numbers"}.get(kind.kind, kind.name)
+                what = {"O": "text", "V": "nothing", "c": "complex numbers"}.get(one.kind.kind, one.kind.name)
                 raise InputError(f"channel '{one.address}' holds {what} and no numbers; take another one")
-        with (
-            overheard(),
-            optional_module("nptdms", *NEEDED).TdmsFile.open(BytesIO(self.data), raw_timestamps=True) as file,
-        ):
+        with library() as (tdms, _), tdms.open(BytesIO(self.data), raw_timestamps=True) as file:
             found: dict[str, Any] = {one.address: file[one.group][one.name].read_data() for one in wanted}
-            for address, one in found.items():
-                if hasattr(one, "as_datetime64"):  # LabVIEW's time stamps
-                    stamps = one.as_datetime64("ns")
+            for address, values in found.items():
+                if hasattr(values, "as_datetime64"):  # LabVIEW's time stamps
+                    stamps = values.as_datetime64("ns")
                     found[address] = (stamps - stamps[0]) / np.timedelta64(1, "ns") * 1e-9
         return {address: np.asarray(values) for address, values in found.items()}
 
 
 def is_tdms(begin: bytes) -> bool:
     """Whether a file that begins with these bytes is TDMS or its index. Text never is: `TDSm` may name a column."""
-    return begin.startswith((TDMS_MARK, INDEX_MARK)) and CONTROL.search(begin) is not None
+    return begin.startswith((b"TDSm", b"TDSh")) and CONTROL.search(begin) is not None
 
 
 @contextmanager
-def overheard() -> Iterator[list[str]]:
-    """What npTDMS says meanwhile, in place of lines on the terminal; its many errors on damaged bytes as one."""
+def library() -> Iterator[tuple[Any, list[str]]]:
+    """npTDMS's `TdmsFile`, and what npTDMS says meanwhile, in place of lines on the terminal.
+
+    Its many errors on damaged bytes become one.
+    """
     said: list[str] = []
 
     def keep(record: logging.LogRecord) -> bool:
         said.append(record.getMessage())
         return False
 
-    handler = optional_module("nptdms.log", *NEEDED).log_manager.console_handler
+    nptdms = optional_module("nptdms", "tdms", "a TDMS file")
+    handler = optional_module("nptdms.log", "tdms", "a TDMS file").log_manager.console_handler
     handler.addFilter(keep)
     try:
-        yield said
+        yield nptdms.TdmsFile, said
     except InputError:
         raise
     except Exception as error:
@@ -126,11 +123,11 @@ def overheard() -> Iterator[list[str]]:
 def read_tdms(path: Path) -> TdmsFile:
     """The channels of a file with their timing; InputError if npTDMS is not installed, or the file is damaged."""
     data = path.read_bytes()
-    if data[:4] == INDEX_MARK:
+    if data[:4] == b"TDSh":
         raise InputError("the index of a TDMS file; name the .tdms file beside it")
-    if data[:4] != TDMS_MARK:
+    if data[:4] != b"TDSm":
         raise InputError(f"no TDMS file (it begins with {data[:8]!r}); check the path and the source's format")
-    with overheard() as said, optional_module("nptdms", *NEEDED).TdmsFile.read_metadata(BytesIO(data)) as file:
+    with library() as (tdms, said), tdms.read_metadata(BytesIO(data)) as file:
         channels = [channel_of(one) for group in file.groups() for one in group.channels()]
         status = file.file_status
         about = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
@@ -139,21 +136,16 @@ def read_tdms(path: Path) -> TdmsFile:
         raise InputError(f"the length of a segment contradicts that of its channels ({odd[0][:80]}); {SAVE_AGAIN}")
     if not channels:
         raise InputError(f"the TDMS file holds no channels, or is cut off before them; {SAVE_AGAIN}")
+    end = 0  # of the segments, each of which begins with its length: npTDMS is silent about a cut lead-in
+    while end + 28 <= len(data) and data[end : end + 4] == b"TDSm":
+        is_big_endian = data[end + 4] & (1 << 6)
+        end += 28 + int(struct.unpack_from(">Q" if is_big_endian else "<Q", data, end + 12)[0])
     notes: tuple[str, ...] = ()
-    if status.incomplete_final_segment or not ends_with_segment(data):  # npTDMS is silent about a cut lead-in
+    if status.incomplete_final_segment or end != len(data):
         lost = [one.expected_length - one.read_length for one in (status.channel_statuses or {}).values()]
         count = f"{max(lost)} values of each channel are missing" if any(lost) else "how much is missing is not known"
         notes = (f"the last segment is not complete: the recorder did not finish, or the end is lost; {count}",)
     return TdmsFile(data, channels, about, notes)
-
-
-def ends_with_segment(data: bytes) -> bool:
-    """Whether the segments, each of which begins with its length, end where the file ends."""
-    at = 0
-    while at + 28 <= len(data) and data[at : at + 4] == TDMS_MARK:
-        is_big_endian = data[at + 4] & (1 << 6)
-        at += 28 + int(struct.unpack_from(">Q" if is_big_endian else "<Q", data, at + 12)[0])
-    return at == len(data)
 
 
 def channel_of(one: Any) -> TdmsChannel:
@@ -163,5 +155,5 @@ def channel_of(one: Any) -> TdmsChannel:
     begin = int(since.astype("datetime64[us]").astype(np.int64)) if isinstance(since, np.datetime64) else 0
     unit = str(properties.get("unit_string") or properties.get("NI_UnitDescription") or "")
     timed = isinstance(step, float | int) and np.isfinite(step) and step > 0
-    kind = np.dtype(one.dtype).str if one.dtype is not None else "V"
+    kind = np.dtype("V" if one.dtype is None else one.dtype)
     return TdmsChannel(one.group_name, one.name, len(one), kind, unit, float(step) if timed else None, begin, offset)

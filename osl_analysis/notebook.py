@@ -202,7 +202,7 @@ def frequency_response(
     """
     from osl_analysis.commands.figure import beside_theory
     from osl_analysis.commands.tables import pooled_schema
-    from osl_analysis.figures.names import of_place
+    from osl_analysis.figures.names import JOINT_SIDE, completed
 
     path, read = config_of(config), as_trial(trial)
     device = device_of(parameters, path)
@@ -217,7 +217,7 @@ def frequency_response(
     table = frequency_response_table(found["phasors"])
     joint = pl.lit(joint_of(device) if device else None, pl.String)
     weight = read_section(path, "gain_weight", WeightSettings).weight
-    plotted = beside_theory(of_place(table.with_columns(joint=joint)), device, weight)
+    plotted = beside_theory(completed(table.with_columns(joint=joint), JOINT_SIDE), device, weight)
     return Response(read.name, "fig7", table, found["response_models"], plotted)
 
 

@@ -98,7 +98,7 @@ def test_names_at_the_ends_of_equal_curves_do_not_overlap():
     ax = figure.subplots()
     ax.plot([0, 1], [0, 5])
     limits = ax.get_ylim()
-    name_ends(ax, [(1.0, 5.0)] * 8, [f"trial_{k}" for k in range(8)], ["black"] * 8)
+    name_ends(ax, [(f"trial_{k}", f"trial_{k}", "black", (1.0, 5.0)) for k in range(8)])
     figure.draw_without_rendering()
     assert ax.get_ylim() == limits
     boxes = [Text.get_window_extent(text) for text in ax.texts]
@@ -123,7 +123,7 @@ def every_look(others):
     table = pl.DataFrame(
         {"controller": controllers, "look": numbers}, schema={"controller": pl.String, "look": pl.Int64}
     )
-    return [style.LOOKS["desired"], *names.looks_in(table).values()]
+    return [style.Look(style.BLACK, "", 0, "Desired"), *names.looks_in(table).values()]
 
 
 def test_looks_differ_in_grey_by_lightness_or_by_marker_and_line_and_in_deuteranopia_by_colour_too():

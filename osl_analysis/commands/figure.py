@@ -20,8 +20,8 @@ from osl_analysis.config.configuration import FrequencyResponseFigure
 from osl_analysis.config.parameters import FileOrNone, joint_of, read_parameters
 from osl_analysis.errors import InputError
 from osl_analysis.figures import drawing_of, names
-from osl_analysis.figures.frequency import CURVE_TYPES, DESIRED, FIG7, LINEAR_MODEL, RESPONSE, response_curve
-from osl_analysis.figures.names import look_numbers, of_place
+from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, RESPONSE, response_curve
+from osl_analysis.figures.names import completed, look_numbers
 from osl_analysis.figures.quasi_static import TORQUE_ANGLE
 from osl_analysis.figures.walking import FIG9, FIT_COLUMNS, SUMMARY_NEEDED
 from osl_analysis.files import atomic_path, digest
@@ -88,7 +88,10 @@ def draw_table(
     from osl_analysis.figures import style  # matplotlib takes half a second
 
     figure = drawing_of(name).draw(table)
-    footer = ". ".join(filter(None, [footer, names.said_of_missing(missing)]))
+    if missing:  # the caption names more of them, the table `excluded.csv` all
+        more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
+        lacks = f"Without {len(missing)} refused: {', '.join(missing[:4])}{more}"
+        footer = f"{footer}. {lacks}" if footer else lacks
     page_box = names.write_footer(figure, footer) if footer else None
     style.lay_out(figure)
     for path in outputs:
@@ -179,7 +182,7 @@ def fig7(
     desired response; where the gains are not (`DesiredImpedance.gains`), or the parameter file is of another joint,
     there is no linear model. Trials that no stepped sine moved have no responses; without any other the table is empty.
     """
-    responses = of_place(read_table(table, required=FIG7.needs))
+    responses = completed(read_table(table, required=FIG7.needs), PLACE)
     responses = responses.with_columns(look_numbers(responses["controller"]))
     K_d, B_d = (choice.K_d, choice.B_d) if choice else most_frequent_impedance(responses)
     shown = responses.filter(pl.col("K_d").eq_missing(pl.lit(K_d)), pl.col("B_d").eq_missing(pl.lit(B_d)))
@@ -195,7 +198,7 @@ def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weig
     shown = responses.sort("frequency_hz", maintain_order=True)
     parts = shown.partition_by(PLACE, maintain_order=True)
     curves = [curve for part in parts for curve in responses_in_theory(part, parameters, weight)]
-    return FIG7.points(shown, pl.concat([pl.DataFrame(schema=CURVE_TYPES), *curves]))
+    return FIG7.points(shown, curves)
 
 
 def fig9(table: Path, fits: Path, over_stance: Path, output: Path, commanded_K: float | None = None) -> None:
@@ -219,14 +222,15 @@ def responses_in_theory(measured: pl.DataFrame, parameters: Path | None, weight:
     p = read_parameters(parameters) if parameters and joint_of(parameters) == joint else None
     f = np.linspace(float(measured["frequency_hz"][0]), float(measured["frequency_hz"][-1]), 101)
     s = np.asarray(2j * np.pi * f, dtype=np.complex128)
-    curves = [] if K_d is None or B_d is None else [response_curve(DESIRED, None, f, desired_admittance(K_d, B_d)(s))]
+    curves = []
+    if K_d is not None and B_d is not None:
+        curves.append(response_curve(DESIRED, None, f, desired_admittance(K_d, B_d)(s), (joint, side)))
     for name in measured["controller"].unique(maintain_order=True) if p else ():
         gains = DesiredImpedance(name, K_d, B_d).gains(p, weight)
         if p and gains:
             Y = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
-            curves.append(response_curve(LINEAR_MODEL, name, f, Y(s)))
-    named = [pl.lit(value, pl.String).alias(column) for column, value in (("joint", joint), ("side", side))]
-    return [curve.with_columns(named).select(list(CURVE_TYPES)) for curve in curves]
+            curves.append(response_curve(LINEAR_MODEL, name, f, Y(s), (joint, side)))
+    return curves
 
 
 def torque_angle(curves: Path, table: Path, output: Path) -> None:

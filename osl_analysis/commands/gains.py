@@ -174,12 +174,12 @@ def plot_gains(request: Request, table: pl.DataFrame, parameters: Path, output: 
 def pair_response(row: dict[str, float], p: DrivetrainParameters) -> pl.DataFrame:
     """Desired and predicted response of one pair over 0.1 to 10 Hz, as rows of Fig. 7."""
     from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve  # matplotlib: half a second
+    from osl_analysis.figures.names import completed
 
     f = np.geomspace(0.1, 10, 201)
     curves = (
         (DESIRED, None, desired_admittance(row["K_d"], row["B_d"])),
         (LINEAR_MODEL, "compensated", joint_admittance(row["K_1"], row["B_1"], p, p.J_j)),
     )
-    frames = [response_curve(curve, name, f, Y(2j * np.pi * f)) for curve, name, Y in curves]
-    others = [name for name in FIG7.columns if name not in frames[0].columns]
-    return pl.concat(frames).with_columns(pl.lit(None, pl.Float64).alias(name) for name in others)
+    frames = [response_curve(curve, name, f, Y(2j * np.pi * f), (None, None)) for curve, name, Y in curves]
+    return completed(pl.concat(frames), FIG7.columns)

@@ -22,19 +22,16 @@ class CampaignFigure:
     name: str  # name of its files
     table: str
     module: str
-    setting: str | None = None
-    option: str | None = None
-    own_rule: bool = False
+    setting: str | None
+    option: str | None
+    own_rule: bool
 
 
-FIGURES = {  # the figures of a campaign by name
+FIGURES = {
     (name := place.removeprefix("figures/")): CampaignFigure(
-        name=name,
-        table=entry["from"],
-        module=entry.get("module", name),
-        **{key: entry[key] for key in ("setting", "option", "own_rule") if key in entry},
+        name, one["from"], one.get("module", name), one.get("setting"), one.get("option"), one.get("own_rule", False)
     )
-    for place, entry in YAML(typ="safe", pure=True).load(Path(__file__).with_name("figures.yaml")).items()
+    for place, one in YAML(typ="safe", pure=True).load(Path(__file__).with_name("figures.yaml")).items()
 }
 OTHER_DRAWINGS = ("torque", "gain_grid", "study", "not_drawn")  # drawings in `others.py` that are none of a campaign
 

@@ -7,7 +7,6 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
@@ -17,39 +16,34 @@ from osl_analysis.figures.names import (
     NO_CONTROLLER,
     UNIT_SIGN,
     as_text,
+    completed,
     count_of,
     doubtful_said,
     drawn_name,
     look_numbers,
     looks_in,
     of_controller,
-    of_place,
     place_name,
     placed_rows,
-    wrapped_words,
 )
 
-FIG7_NEEDS = (
-    "trial", "controller", "K_d", "B_d", "frequency_hz", "magnitude", "magnitude_low", "magnitude_high",
-    "magnitude_min", "magnitude_max", "phase_deg", "phase_low_deg", "phase_high_deg", "phase_min_deg",
-    "phase_max_deg", "doubtful",
-)  # fmt: skip
 FIG7_COLUMNS = (
     "joint", "side", "curve", "controller", "look", "trial", "K_d", "B_d", "frequency_hz", "magnitude",
     "magnitude_low", "magnitude_high", "magnitude_amplitudes_low", "magnitude_amplitudes_high", "phase_deg",
     "phase_low", "phase_high", "phase_amplitudes_low", "phase_amplitudes_high", "doubtful",
 )  # fmt: skip
-CURVE_TYPES = {
-    "joint": pl.String, "side": pl.String, "curve": pl.String, "controller": pl.String, "frequency_hz": pl.Float64,
-    "magnitude": pl.Float64, "phase_deg": pl.Float64,
+OLD_NAMES = {
+    "magnitude_amplitudes_low": "magnitude_min", "magnitude_amplitudes_high": "magnitude_max",
+    "phase_low": "phase_low_deg", "phase_high": "phase_high_deg",
+    "phase_amplitudes_low": "phase_min_deg", "phase_amplitudes_high": "phase_max_deg",
 }  # fmt: skip
-"""Columns, with their types, of the curves that `points` takes."""
+"""What columns are called in `frequency_response.csv`."""
 OBSERVED, DESIRED, LINEAR_MODEL = "observed", "desired", "linear model"  # kinds of `curve`
 
 
-def fig7_points(response: pl.DataFrame, curves: pl.DataFrame) -> pl.DataFrame:
-    """Observed points of one desired impedance with 95 % intervals and the range over amplitudes, then the curves, with
-    `CURVE_TYPES`: the desired response and, where there is a prediction, that of a controller's linear model.
+def fig7_points(response: pl.DataFrame, curves: Sequence[pl.DataFrame]) -> pl.DataFrame:
+    """Observed points of one desired impedance with 95 % intervals and the range over amplitudes, then the curves of
+    `response_curve`: the desired response and, where there is a prediction, that of a controller's linear model.
     Magnitudes in rad/(N*m), phases in degrees. Raises InputError: the responses are of several desired impedances, K_d
     [N*m/rad] and B_d [N*m*s/rad]."""
     impedances = response.select("K_d", "B_d").n_unique()
@@ -57,41 +51,33 @@ def fig7_points(response: pl.DataFrame, curves: pl.DataFrame) -> pl.DataFrame:
         raise InputError(
             f"frequency responses of {impedances} desired impedances; Fig. 7 draws one: select K_d and B_d"
         )
-    response = of_place(response)
     if "look" not in response.columns:
         response = response.with_columns(look_numbers(response["controller"]))
-    observed = response.with_columns(
-        curve=pl.lit(OBSERVED),
-        magnitude_amplitudes_low=pl.col("magnitude_min"),
-        magnitude_amplitudes_high=pl.col("magnitude_max"),
-        phase_low=pl.col("phase_low_deg"),
-        phase_high=pl.col("phase_high_deg"),
-        phase_amplitudes_low=pl.col("phase_min_deg"),
-        phase_amplitudes_high=pl.col("phase_max_deg"),
-    ).select(FIG7_COLUMNS)
     numbers = response.select("controller", "look").unique()
-    return pl.concat(
-        [observed, curves.join(numbers, on="controller", how="left", maintain_order="left")], how="diagonal_relaxed"
-    ).select(FIG7_COLUMNS)
+    observed = completed(response, ("joint", "side")).with_columns(curve=pl.lit(OBSERVED))
+    observed = observed.rename({old: new for new, old in OLD_NAMES.items()})
+    looked = (curve.join(numbers, on="controller", how="left", maintain_order="left") for curve in curves)
+    return pl.concat([observed.select(FIG7_COLUMNS), *looked], how="diagonal_relaxed").select(FIG7_COLUMNS)
 
 
-def response_curve(curve: str, controller: str | None, frequency_hz: np.ndarray, Y: np.ndarray) -> pl.DataFrame:
-    """An integral admittance Y [rad/(N*m)], complex (n,), as rows."""
-    columns = {"frequency_hz": frequency_hz, "magnitude": np.abs(Y), "phase_deg": np.rad2deg(np.angle(Y))}
-    named = {"curve": curve, "controller": controller}
-    return pl.DataFrame(columns).with_columns(pl.lit(v, pl.String).alias(name) for name, v in named.items())
+def response_curve(
+    curve: str, controller: str | None, frequency_hz: np.ndarray, Y: np.ndarray, place: Sequence[str | None]
+) -> pl.DataFrame:
+    """An integral admittance Y [rad/(N*m)], complex (n,), of a joint and side, as rows."""
+    named = {"joint": place[0], "side": place[1], "curve": curve, "controller": controller}
+    numbers = {"frequency_hz": frequency_hz, "magnitude": np.abs(Y), "phase_deg": np.rad2deg(np.angle(Y))}
+    return pl.DataFrame(numbers).select(*(pl.lit(v, pl.String).alias(name) for name, v in named.items()), *numbers)
 
 
 def fig7_caption(table: pl.DataFrame) -> str:
     observed = table.filter(pl.col("curve") == OBSERVED)
-    K_d, B_d = observed.select("K_d", "B_d").row(0)
     stated = [
-        f"${name}$ = {value:g} {unit}"
-        for name, value, unit in (("K_d", K_d, UNIT_SIGN["K"]), ("B_d", B_d, UNIT_SIGN["B"]))
-        if value is not None
+        f"${name}$ = {observed[name][0]:g} {unit}"
+        for name, unit in (("K_d", UNIT_SIGN["K"]), ("B_d", UNIT_SIGN["B"]))
+        if observed[name][0] is not None
     ]
-    chosen = observed["chosen"].drop_nulls() if "chosen" in observed.columns else observed["trial"].clear()
-    why = f" ({as_text(chosen[0])})" if len(chosen) else ""
+    chosen = observed["chosen"][0] if "chosen" in observed.columns else None
+    why = f" ({as_text(chosen)})" if chosen is not None else ""
     said = [
         f"Frequency response of the joint, angle over torque: {', '.join(stated) or 'no impedance is stated'}{why}. "
         "Above its magnitude, below its phase. Markers are measured phasors, averaged over amplitudes."
@@ -99,9 +85,9 @@ def fig7_caption(table: pl.DataFrame) -> str:
     if observed["magnitude_amplitudes_low"].count():
         said.append("Thin bars are the range over amplitudes.")
     if observed["magnitude_low"].count():
-        relative = (observed["magnitude_high"] - observed["magnitude_low"]) / 2 / observed["magnitude"]
+        relative = 100 * ((observed["magnitude_high"] - observed["magnitude_low"]) / 2 / observed["magnitude"])
         of_phase = (observed["phase_high"] - observed["phase_low"]) / 2
-        widest = [float(half.to_numpy()[half.is_not_null().to_numpy()].max()) for half in (100 * relative, of_phase)]
+        widest = [float(half.drop_nulls().to_numpy().max()) for half in (relative, of_phase)]
         said.append(f"Thick bars are 95 % intervals of noise, at most ± {widest[0]:.2g} % and ± {widest[1]:.2g} deg.")
     if (table["curve"] == DESIRED).any():
         said.append("Black: desired impedance (Eq. 11).")
@@ -122,17 +108,21 @@ def draw_fig7(table: pl.DataFrame) -> Figure:
     names = [name for name, _ in parts]
     width = style.SINGLE_COLUMN if len(parts) == 1 else style.DOUBLE_COLUMN
     figure, axes = style.panels(width, 3.7, rows=2, columns=len(parts), names=names + [""] * len(parts))
-    shown: dict[Axes, str] = {}
     for number, (_, part) in enumerate(parts):
         magnitude, phase = axes[number], axes[number + len(parts)]
-        shown |= {magnitude: "magnitude", phase: "phase"}
+        kinds = {kind: part.filter(pl.col("curve") == kind) for kind in (OBSERVED, DESIRED, LINEAR_MODEL)}
         for ax, column, bounds in ((magnitude, "magnitude", "magnitude"), (phase, "phase_deg", "phase")):
             for controller, look in looks.items():
-                draw_controller(ax, of_controller(part, controller), look, column, bounds)
-            curve = part.filter(pl.col("curve") == DESIRED)
+                observed, model = (of_controller(kinds[kind], controller) for kind in (OBSERVED, LINEAR_MODEL))
+                if len(observed):
+                    style.draw_estimates(ax, observed, "frequency_hz", column, bounds, look, zorder=2.5)
+                if len(model):
+                    line: dict[str, Any] = {"color": look.colour, "linewidth": 0.9, "linestyle": look.dash}
+                    label = f"{look.label}, {LINEAR_MODEL}"
+                    ax.plot(model["frequency_hz"], model[column], label=label, **line)
+            curve = kinds[DESIRED]
             if len(curve):
-                wanted: dict[str, Any] = {"color": style.BLACK, "label": style.LOOKS["desired"].label}
-                ax.plot(curve["frequency_hz"], curve[column], zorder=1, **wanted)
+                ax.plot(curve["frequency_hz"], curve[column], zorder=1, color=style.BLACK, label="Desired")
         magnitude.set_yscale("log")
         style.label_log_axis(magnitude.yaxis, magnitude.get_ylim(), most=6, scale=1e3)
         style.label_phase_axis(phase)
@@ -145,25 +135,25 @@ def draw_fig7(table: pl.DataFrame) -> Figure:
         phase.set_xlabel("Frequency (Hz)")
     axes[0].set_ylabel("Magnitude\n" r"(10$^{-3}$ rad/(N·m))")
     axes[len(parts)].set_ylabel("Phase (deg)")
-    named = style.legend_entries(shown)
-    handles = [*named.values(), *style.spread_entries(shown, table)]
-    handles += [style.OPEN_MARKER] * len(table.filter(style.DRAWN_OPEN).head(1))
-    labels = [*named, *(str(handle.get_label()) for handle in handles[len(named) :])]
-    columns = style.legend_columns(labels, figure.get_figwidth(), most=2 if len(shown) == 2 else 4)
-    figure.legend(handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.5)
+    entries = style.legend_entries(axes)
+    bar = {"marker": "|", "color": style.BLACK, "markersize": 8}
+    if table["magnitude_amplitudes_low"].count() or table["phase_amplitudes_low"].count():
+        entries["Range over amplitudes"] = style.key("", **bar, mew=style.THIN)
+    # of the intervals, if the longest is longer than the markers
+    for ax, bounds in zip(axes, ["magnitude"] * len(parts) + ["phase"] * len(parts), strict=True):
+        ends = table.select(f"{bounds}_low", f"{bounds}_high").drop_nulls()
+        if ends.is_empty():
+            continue
+        figure.draw_without_rendering()
+        low, high = (ax.transData.transform(np.column_stack([np.zeros(len(y)), y.to_numpy()]))[:, 1] for y in ends)
+        longest = float(np.max(np.abs(high - low))) * 72 / figure.dpi
+        if longest > min(look.size for look in style.LOOKS.values()):
+            entries["95 % interval"] = style.key("", **bar, mew=style.THICK)
+    if style.has_doubtful(table):
+        entries[str(style.OPEN_MARKER.get_label())] = style.OPEN_MARKER
+    style.legend_above(figure, entries, 2 if len(parts) == 1 else 4, columnspacing=1.5)
     figure.align_ylabels()
     return figure
-
-
-def draw_controller(ax: Axes, rows: pl.DataFrame, look: style.Look, column: str, bounds: str) -> None:
-    observed, curve = (rows.filter(pl.col("curve") == kind) for kind in (OBSERVED, LINEAR_MODEL))
-    if len(observed):
-        style.draw_spread(ax, observed, "frequency_hz", bounds, look.colour)
-        shape: dict[str, Any] = {"marker": look.marker, "linewidths": 0.8, "label": look.label, "zorder": 2.5}
-        style.draw_fits(ax, observed, observed["frequency_hz"], observed[column], look.colour, look.size, **shape)
-    if len(curve):
-        x, y = curve["frequency_hz"], curve[column]
-        ax.plot(x, y, color=look.colour, linewidth=0.9, linestyle=look.dash, label=f"{look.label}, {LINEAR_MODEL}")
 
 
 RESPONSE_COLUMNS = (
@@ -171,13 +161,9 @@ RESPONSE_COLUMNS = (
     "phase_deg", "magnitude_eq15", "phase_deg_eq15", "magnitude_eq9", "phase_deg_eq9", "noise_level", "odd_level",
     "even_level", "total_level", "noise_sd", "total_sd", "doubtful",
 )  # fmt: skip
-WORD_COLUMNS = ("trials", "joint", "side", "controller", "method", "doubtful")
 MOST_CONDITIONS, MOST_ACROSS = 12, 3
 """Conditions that one page shows at most (the table has all), and those side by side; one more if they are so many."""
 SIZE = 2.2  # size [pt] of the markers
-LONGEST_TRIAL, SHORTER = 28, 18
-"""Letters of a trial's name above its panels, with up to `MOST_ACROSS` conditions side by side, and with more."""
-AXIS = 0.42  # width [in] beside a panel that its title cannot take
 LEVEL_LOOKS = {
     "odd_level": (style.ORANGE, "^", "Odd distortion"),
     "even_level": (style.PURPLE, "s", "Even distortion"),
@@ -185,29 +171,25 @@ LEVEL_LOOKS = {
 }
 """Colour, marker and name of each level."""
 STRUCTURE_LOOKS = {
-    "eq15": (style.MAGENTA, "-", r"Eq. 15: $K + sB + s^2I$"),
-    "eq9": (style.BLACK, (0, (4, 1.5)), "Eq. 9: drivetrain"),
+    "eq15": (style.MAGENTA, "-", r"Eq. 15: $K + sB + s^2I$", "the second-order system of Eq. 15"),
+    "eq9": (style.BLACK, (0, (4, 1.5)), "Eq. 9: drivetrain", "the drivetrain of Eq. 9"),
 }
+"""Colour, line style, and names in the legend and in the caption."""
 
 
 def condition_points(single: pl.DataFrame, pooled: pl.DataFrame) -> pl.DataFrame:
     """The rows of every condition: those of `response_pooled.csv`, then of each trial that is in none of them."""
     in_pool = {name for names in pooled["trials"].unique() for name in str(names).split(", ")}
     alone = single.filter(~pl.col("trial").is_in(in_pool)).with_columns(trials=pl.col("trial"))
-    rows = pl.concat([pooled, alone], how="diagonal_relaxed")
-    absent = {
-        name: pl.String if name in WORD_COLUMNS else pl.Float64 for name in RESPONSE_COLUMNS if name not in rows.columns
-    }
-    return rows.with_columns(pl.lit(None, kind).alias(name) for name, kind in absent.items()).select(RESPONSE_COLUMNS)
+    return completed(pl.concat([pooled, alone], how="diagonal_relaxed"), RESPONSE_COLUMNS).select(RESPONSE_COLUMNS)
 
 
-def condition_words(row: Mapping[str, Any], longest: int = LONGEST_TRIAL) -> list[str]:
+def condition_words(row: Mapping[str, Any], longest: int = 28) -> list[str]:
     """Joint, controller, desired impedance, trials by the first one's name, and realisations of a condition."""
     words = [place_name(row["joint"], row["side"]), drawn_name(row["controller"] or "")]
     words.append(", ".join(f"${name}$ = {row[name]:g}" for name in ("K_d", "B_d") if row[name] is not None))
     trials = str(row["trials"]).split(", ")
-    more = f" and {len(trials) - 1} more" if len(trials) > 1 else ""
-    words.append(drawn_name(trials[0], longest) + more)
+    words.append(drawn_name(trials[0], longest) + (f" and {len(trials) - 1} more" if len(trials) > 1 else ""))
     if row["method"] != "local polynomial":
         words.append(count_of(int(row["realisations"]), "realisation"))
     return [*filter(None, words)]
@@ -225,8 +207,9 @@ def response_caption(table: pl.DataFrame) -> str:
     ]
     if len(conditions) > MOST_CONDITIONS:
         said.append(f"The first {MOST_CONDITIONS} conditions are shown; response.csv has all of them.")
-    for short, name in (("eq15", "the second-order system of Eq. 15"), ("eq9", "the drivetrain of Eq. 9")):
-        medians = [float(np.median(missed)) for rows in conditions if len(missed := percent_missed(rows, short))]
+    for short, (_, _, _, name) in STRUCTURE_LOOKS.items():
+        shares = (100 * missed(rows, short) / rows["magnitude"].to_numpy() for rows in conditions)
+        medians = [float(np.median(known)) for share in shares if len(known := share[np.isfinite(share)])]
         if medians:
             to = f" to {max(medians):.2g}" if len(medians) > 1 else ""
             said.append(f"Half of the frequencies are within {min(medians):.2g}{to} % of {name}.")
@@ -234,11 +217,14 @@ def response_caption(table: pl.DataFrame) -> str:
     return " ".join([*said, doubtful_said(fits, "drawn with open markers", fit="condition")])
 
 
-def percent_missed(rows: pl.DataFrame, short: str) -> NDArray[np.float64]:
-    """Distance [percent of the measured impedance] of a structure where it is known, (m,)."""
-    measured = complex_number(rows, "")
-    missed = 100 * np.abs(measured - complex_number(rows, f"_{short}")) / np.abs(measured)
-    return np.asarray(missed[np.isfinite(missed)])
+def missed(rows: pl.DataFrame, short: str) -> NDArray[np.float64]:
+    """Distance [N*m/rad] (n,) of a structure from the measured impedance, NaN where it is not known."""
+    Z, of_structure = (
+        rows[f"magnitude{ending}"].cast(pl.Float64).to_numpy()
+        * np.exp(1j * np.deg2rad(rows[f"phase_deg{ending}"].cast(pl.Float64).to_numpy()))
+        for ending in ("", f"_{short}")
+    )
+    return np.asarray(np.abs(Z - of_structure))
 
 
 @style.paper_style()
@@ -246,125 +232,92 @@ def draw_response(table: pl.DataFrame) -> Figure:
     """Per condition magnitude, phase, and the structures' deviation beside distortion above the noise, and noise."""
     conditions = table.partition_by("trials", maintain_order=True)
     shown = conditions[:MOST_CONDITIONS]
-    down, across = grid_of(len(shown))
+    across = min(len(shown), MOST_ACROSS + (len(shown) > MOST_ACROSS**2))
+    down = -(-len(shown) // across)
     width = style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN
     # of each condition three panels with their axes, and the lines above them
     figure = Figure(figsize=(width, 0.5 + down * (3 * 0.84 + 0.3)), layout="constrained")
     axes = figure.subplots(3 * down, across, squeeze=False)
-    entries: dict[str, Line2D] = {}
+    entries: dict[str, Any] = {}
     for number, rows in enumerate(shown):
         row, column = divmod(number, across)
         parts = list(axes[3 * row : 3 * row + 3, column])
         entries |= draw_condition(parts, rows)
-        words = condition_words(rows.row(0, named=True), LONGEST_TRIAL if across <= MOST_ACROSS else SHORTER)
-        words[0] = f"({chr(ord('a') + number)}) " * (len(shown) > 1) + words[0]
-        parts[0].set_title(wrapped_words(words, width / across - AXIS), loc="left")
-        if column == 0:
-            for ax, label in zip(
-                parts, ("Magnitude\n(N·m/rad)", "Phase (deg)", "Deviation,\nlevel (N·m/rad)"), strict=True
-            ):
-                ax.set_ylabel(label)
+        words = condition_words(rows.row(0, named=True), 28 if across <= MOST_ACROSS else 18)
+        lines = [f"({chr(ord('a') + number)}) " * (len(shown) > 1) + words[0]]
+        for word in words[1:]:  # in lines that are no wider than the panel without its axis
+            longer = f"{lines[-1]}, {word}"
+            lines[-1:] = [longer] if style.width_of(longer) <= width / across - 0.42 else [lines[-1], word]
+        parts[0].set_title("\n".join(lines), loc="left")
+    for ax, label in zip(
+        axes[:, 0], ("Magnitude\n(N·m/rad)", "Phase (deg)", "Deviation,\nlevel (N·m/rad)") * down, strict=True
+    ):
+        ax.set_ylabel(label)
     for unused in axes[-3:, len(shown) - across * (down - 1) :].ravel():
         unused.remove()
-    columns = style.legend_columns(list(entries), width, most=6)
-    figure.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=columns, columnspacing=1.2)
+    style.legend_above(figure, entries, 6, columnspacing=1.2)
     figure.align_ylabels()
     if len(conditions) > MOST_CONDITIONS:
-        figure.supxlabel(
-            f"Further {count_of(len(conditions) - MOST_CONDITIONS, 'condition')} in response.csv", fontsize=8
-        )
+        further = count_of(len(conditions) - MOST_CONDITIONS, "condition")
+        figure.supxlabel(f"Further {further} in response.csv", fontsize=8)
     return figure
 
 
-def grid_of(conditions: int) -> tuple[int, int]:
-    """Conditions one below the other and side by side."""
-    across = min(conditions, MOST_ACROSS + (conditions > MOST_ACROSS**2))
-    return -(-conditions // across), across
-
-
-def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Line2D]:
-    """Three panels of one condition; the entries of the legend, here and below."""
-    magnitude, phase, beside = parts
-    entries = draw_curves(magnitude, rows, "magnitude") | draw_curves(phase, rows, "phase_deg")
-    entries |= draw_levels(beside, rows)
-    beside.set_title(why_no_distortion(rows), loc="left")
-    beside.set_xlabel("Frequency (Hz)")
-    for ax in parts:
-        ax.set_xlim(0, 1.04 * float(np.max(rows["frequency_hz"].to_numpy())))
-        ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
-    for ax in (magnitude, phase):
-        ax.tick_params(labelbottom=False)
-        ax.yaxis.set_major_locator(MaxNLocator(nbins=4))
-    return entries
-
-
-def why_no_distortion(rows: pl.DataFrame) -> str:
-    levels = [rows[name].cast(pl.Float64).to_numpy() for name in ("odd_level", "even_level")]
-    if any(drawn_level(rows, level).any() for level in levels):
-        return ""
-    if any(np.isfinite(level).any() for level in levels):
-        return "Distortion below noise"
-    return "Distortion is in the noise" if rows["method"][0] == "local polynomial" else "No line shows distortion"
-
-
-def drawn_level(rows: pl.DataFrame, level: NDArray[np.float64]) -> NDArray[np.bool_]:
-    noise = rows["noise_level"].cast(pl.Float64).to_numpy()
-    return np.asarray(np.isfinite(level) & (level > 0) & (level > noise))
-
-
-def draw_curves(ax: Axes, rows: pl.DataFrame, quantity: str) -> dict[str, Line2D]:
-    f = rows["frequency_hz"]
-    half = intervals(rows, quantity)
-    ax.vlines(f, rows[quantity] - half, rows[quantity] + half, color=style.BLACK, linewidth=0.6)
-    doubtful = len(rows.filter(style.DRAWN_OPEN)) > 0
-    fill = style.WHITE if doubtful else style.BLACK
-    ax.plot(f, rows[quantity], "o", color=style.BLACK, markersize=SIZE, mew=0.5, mfc=fill)
-    entries = {"Measured Z": Line2D([], [], linestyle="", marker="o", color=style.BLACK, markersize=SIZE)}
+def draw_condition(parts: Sequence[Axes], rows: pl.DataFrame) -> dict[str, Any]:
+    """Three panels of one condition; the entries of the legend."""
+    f, beside, doubtful = rows["frequency_hz"].to_numpy(), parts[2], style.has_doubtful(rows)
+    # 95 % intervals of one direction in the complex plane, of noise and distortion, or of noise where it is not known
+    sd = pl.coalesce(pl.col("total_sd").cast(pl.Float64), pl.col("noise_sd").cast(pl.Float64)).fill_null(0.0)
+    half = 1.96 * sd / np.sqrt(2)
+    entries: dict[str, Any] = {"Measured Z": style.key("", marker="o", color=style.BLACK, markersize=SIZE)}
     if doubtful:
         entries[str(style.OPEN_MARKER.get_label())] = style.OPEN_MARKER
-    for short, (colour, dash, label) in STRUCTURE_LOOKS.items():
-        curve = rows[f"{quantity}_{short}"].cast(pl.Float64)
-        if curve.count():
-            (line,) = ax.plot(f, curve, color=colour, linestyle=dash, linewidth=0.9)
-            entries[label] = line
-    return entries
-
-
-def intervals(rows: pl.DataFrame, quantity: str) -> pl.Series:
-    """Half-widths of the 95 % intervals, of noise and distortion, or of noise where these are not known."""
-    sd = pl.coalesce(pl.col("total_sd").cast(pl.Float64), pl.col("noise_sd").cast(pl.Float64)).fill_null(0.0)
-    half = 1.96 * sd / np.sqrt(2)  # of one direction in the complex plane
-    return rows.select(half if quantity == "magnitude" else half / pl.col("magnitude") * (180 / np.pi)).to_series()
-
-
-def draw_levels(ax: Axes, rows: pl.DataFrame) -> dict[str, Line2D]:
-    f, entries = rows["frequency_hz"].to_numpy(), {}
-    measured = complex_number(rows, "")
-    for short, (colour, dash, _) in STRUCTURE_LOOKS.items():
+    halves = {"magnitude": half, "phase_deg": half / pl.col("magnitude") * (180 / np.pi)}
+    for ax, (name, reach) in zip(parts, halves.items(), strict=False):
+        low, high = rows.select(low=pl.col(name) - reach, high=pl.col(name) + reach)
+        ax.vlines(f, low, high, color=style.BLACK, linewidth=0.6)
+        fill = style.WHITE if doubtful else style.BLACK
+        ax.plot(f, rows[name], "o", color=style.BLACK, markersize=SIZE, mew=0.5, mfc=fill)
+        for short, (colour, dash, label, _) in STRUCTURE_LOOKS.items():
+            curve = rows[f"{name}_{short}"].cast(pl.Float64)
+            if curve.count():
+                (entries[label],) = ax.plot(f, curve, color=colour, linestyle=dash, linewidth=0.9)
+    for short, (colour, dash, _, _) in STRUCTURE_LOOKS.items():
         if rows[f"magnitude_{short}"].count():
-            ax.plot(
-                f, np.abs(measured - complex_number(rows, f"_{short}")), color=colour, linestyle=dash, linewidth=0.9
-            )
+            beside.plot(f, missed(rows, short), color=colour, linestyle=dash, linewidth=0.9)
+    levels = {name: rows[name].cast(pl.Float64).to_numpy() for name in LEVEL_LOOKS}
+    noise = levels["noise_level"]
+    seen = {name: level > (0 if level is noise else np.maximum(noise, 0)) for name, level in levels.items()}
     for name, (colour, marker, label) in LEVEL_LOOKS.items():
-        level = rows[name].cast(pl.Float64).to_numpy()
-        seen = level > 0 if name == "noise_level" else drawn_level(rows, level)
-        if seen.any():
-            (line,) = ax.plot(
-                f[seen], level[seen], marker, color=colour, markersize=SIZE + 0.3, mew=0.5 * (marker == "x")
-            )
-            entries[label] = line
-    ax.set_yscale("log")
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    ax.yaxis.set_minor_formatter(NullFormatter())
+        if seen[name].any():
+            look: dict[str, Any] = {"color": colour, "markersize": SIZE + 0.3, "mew": 0.5 * (marker == "x")}
+            (entries[label],) = beside.plot(f[seen[name]], levels[name][seen[name]], marker, **look)
+    beside.set_yscale("log")
+    beside.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    beside.yaxis.set_minor_formatter(NullFormatter())
+    if not seen["odd_level"].any() and not seen["even_level"].any():
+        in_noise = (
+            "Distortion is in the noise" if rows["method"][0] == "local polynomial" else "No line shows distortion"
+        )
+        known = np.isfinite([levels["odd_level"], levels["even_level"]]).any()
+        beside.set_title("Distortion below noise" if known else in_noise, loc="left")
+    beside.set_xlabel("Frequency (Hz)")
+    for ax in parts:
+        ax.set_xlim(0, 1.04 * float(np.max(f)))
+        ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+        if ax is not beside:
+            ax.tick_params(labelbottom=False)
+            ax.yaxis.set_major_locator(MaxNLocator(nbins=4))
     return entries
 
 
-def complex_number(rows: pl.DataFrame, ending: str) -> NDArray[np.complex128]:
-    size, phase = (rows[f"{name}{ending}"].cast(pl.Float64).to_numpy() for name in ("magnitude", "phase_deg"))
-    return np.asarray(size * np.exp(1j * np.deg2rad(phase)))
-
-
-FIG7 = style.Drawing(FIG7_COLUMNS, draw_fig7, fig7_caption, fig7_points, FIG7_NEEDS)
+FIG7 = style.Drawing(
+    FIG7_COLUMNS,
+    draw_fig7,
+    fig7_caption,
+    fig7_points,
+    needs=[OLD_NAMES.get(name, name) for name in FIG7_COLUMNS if name not in ("joint", "side", "curve", "look")],
+)
 RESPONSE = style.Drawing(
     RESPONSE_COLUMNS,
     draw_response,

@@ -2,13 +2,11 @@
 
 import textwrap
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from osl_analysis.errors import InputError
 from osl_analysis.figures import style
@@ -17,6 +15,8 @@ from osl_analysis.figures.names import (
     NO_CONTROLLER,
     UNIT_SIGN,
     as_text,
+    capital_text,
+    completed,
     count_of,
     decimals_of,
     doubtful_said,
@@ -24,7 +24,6 @@ from osl_analysis.figures.names import (
     look_numbers,
     looks_in,
     of_controller,
-    of_place,
     place_name,
     placed_rows,
     rounded_number,
@@ -35,21 +34,20 @@ from osl_analysis.trial import Array
 
 def fig4_caption(table: pl.DataFrame) -> str:
     joint, side, trial, chosen = table.select("joint", "side", "trial", "chosen").row(0)
-    fitted = table.drop_nulls("torque_model")
-    place, time, angle = place_name(joint, side), table["time"].to_numpy(), table["theta_deg"].to_numpy()
-    why = f" ({as_text(chosen)})" if chosen else ""
+    fitted, why = table.drop_nulls("torque_model"), f" ({as_text(chosen)})" if chosen else ""
     said = [
-        f"{as_text(place)}, trial {as_text(trial)}{why}: the last {np.ptp(time):.3g} s of one amplitude, at most "
-        f"{np.max(np.abs(angle)):.2g} deg.",
+        f"{as_text(place_name(joint, side))}, trial {as_text(trial)}{why}: the last "
+        f"{np.ptp(table['time'].to_numpy()):.3g} s of one amplitude, at most "
+        f"{np.max(np.abs(table['theta_deg'].to_numpy())):.2g} deg.",
         "(a) Measured angle. (b) Torque: grey as measured, dashed by the second-order system that fits best (Eq. 15). "
         "(c) Measured minus modelled torque.",
     ]
     if len(fitted) < len(table):
         said.append("Grey ground: samples that the fit leaves out, such as the first cycles at a frequency.")
     if len(fitted):
-        left = fitted["torque"] - fitted["torque_model"]
-        vaf = 100 * (1 - float(np.var(left.to_numpy())) / float(np.var(fitted["torque"].to_numpy())))
-        rms = float(np.sqrt(np.mean(left.to_numpy() ** 2)))
+        left = (fitted["torque"] - fitted["torque_model"]).to_numpy()
+        vaf = 100 * (1 - float(np.var(left)) / float(np.var(fitted["torque"].to_numpy())))
+        rms = float(np.sqrt(np.mean(left**2)))
         said.append(f"Of the fitted samples shown, the RMS residual is {rms:.2g} N·m and the VAF {vaf:.2f} %.")
     said.append(doubtful_said(table.select("trial", "doubtful").head(1), "said in the legend"))
     return " ".join(said)
@@ -68,57 +66,45 @@ def draw_fig4(table: pl.DataFrame) -> Figure:
     time = lines["time"]
     angle.plot(time, lines["theta_deg"], color=style.BLACK, linewidth=0.9)
     torque.plot(time, lines["torque"], color="#B4B4B4", linewidth=2.2, label="Measured")
-    label = "Best-fit second-order system" + " (doubtful)" * (len(table.filter(style.DRAWN_OPEN)) > 0)
+    label = "Best-fit second-order system" + " (doubtful)" * style.has_doubtful(table)
     torque.plot(time, lines["torque_model"], color=style.MAGENTA, linestyle=(0, (2.5, 1.5)), linewidth=1.0, label=label)
     residual.axhline(0, color=style.BLACK, linewidth=0.4)
     residual.plot(time, lines["torque"] - lines["torque_model"], color=style.BLACK, linewidth=0.7)
-    angle.set_ylabel("Angle (deg)")
-    torque.set_ylabel("Torque (N·m)")
-    residual.set_ylabel("Residual (N·m)")
     residual.set_xlabel("Time (s)")
-    for ax in (angle, torque):
-        ax.sharex(residual)
-        ax.tick_params(labelbottom=False)
-    for ax in (angle, torque, residual):
-        shade_left_out(ax, table)
+    runs = table.with_columns(run=pl.col("torque_model").is_null().rle_id()).filter(pl.col("torque_model").is_null())
+    spans = runs.group_by("run", maintain_order=True).agg(first=pl.col("time").first(), last=pl.col("time").last())
+    for ax, name in ((angle, "Angle (deg)"), (torque, "Torque (N·m)"), (residual, "Residual (N·m)")):
+        ax.set_ylabel(name)
+        if ax is not residual:
+            ax.sharex(residual)
+            ax.tick_params(labelbottom=False)
+        for number, (_, first, last) in enumerate(spans.iter_rows()):
+            label = "" if number else "Not fitted"
+            ax.axvspan(first, last, color="#E8E8E8", linewidth=0, zorder=0, label=label)
         ax.margins(x=0.005)
     torque.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
     figure.align_ylabels()
     return figure
 
 
-def shade_left_out(ax: Axes, table: pl.DataFrame) -> None:
-    runs = table.with_columns(run=pl.col("torque_model").is_null().rle_id())
-    left_out = runs.filter(pl.col("torque_model").is_null()).group_by("run", maintain_order=True)
-    spans = left_out.agg(first=pl.col("time").first(), last=pl.col("time").last())
-    for number, (_, first, last) in enumerate(spans.iter_rows()):
-        label = "Not fitted" if number == 0 else None
-        ax.axvspan(first, last, color="#E8E8E8", linewidth=0, zorder=0, label=label)
-
-
-WHERE_THEY_ARE = (
-    "K_amplitudes_low", "K_amplitudes_high", "B_amplitudes_low", "B_amplitudes_high", "K_predicted", "B_predicted",
-)  # fmt: skip
-"""Columns that Fig. 5 takes if the impedance table has them; they are null if not."""
 FIG5_COLUMNS = (
     "trial", "joint", "side", "controller", "look", "K_d", "B_d", "K", "K_low", "K_high", "B", "B_low", "B_high",
-    *WHERE_THEY_ARE, "doubtful",
+    "K_amplitudes_low", "K_amplitudes_high", "B_amplitudes_low", "B_amplitudes_high", "K_predicted", "B_predicted",
+    "doubtful",
 )  # fmt: skip
 
 
 def fig5_points(impedance: pl.DataFrame) -> pl.DataFrame:
-    """One row per trial: its fit to all amplitudes, with 95 % intervals and the range over single amplitudes."""
+    """One row per trial: its fit to all amplitudes, with 95 % intervals, and the range over single amplitudes and what
+    linear theory predicts where the table has them."""
     table = impedance.filter(pl.col("amplitude_deg").is_null())
     if table.is_empty():
         raise InputError(
             "the impedance table has no fit over all amplitudes (a row with empty amplitude_deg), "
             "which Fig. 5 draws; fit the trials again"
         )
-    absent = [pl.lit(None, pl.Float64).alias(column) for column in WHERE_THEY_ARE if column not in table.columns]
-    table = table.with_columns(absent)
-    if "doubtful" not in table.columns:
-        table = table.with_columns(doubtful=pl.lit(None, pl.String))
-    return of_place(table).with_columns(look_numbers(table["controller"])).select(FIG5_COLUMNS)
+    table = table.with_columns(look_numbers(table["controller"]))
+    return completed(table, FIG5_COLUMNS).select(FIG5_COLUMNS)
 
 
 @style.paper_style()
@@ -130,51 +116,51 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
     parts, looks = placed_rows(table), looks_in(table)
     names = [name for name, _ in parts for _ in range(2)]
     figure, axes = style.panels(style.DOUBLE_COLUMN, 0.5 + 3.2 * len(parts), rows=2 * len(parts), names=names)
+    order = {controller: number for number, controller in enumerate(looks)}
     for (_, part), stiffness, damping in zip(parts, axes[::2], axes[1::2], strict=True):
-        rows = side_by_side(part, looks)
+        ranks = pl.Series("rank", [order[controller] for controller in part["controller"]])
+        rows = part.with_columns(ranks).sort("K_d", "B_d", "rank", nulls_last=True, maintain_order=True)
+        # trials of one condition are 1 apart, those of another B_d 0.7 more, and of another K_d 1.6 more
+        steps = [0.0]
+        for before, after in pairwise(rows.select("K_d", "B_d").rows()):
+            steps.append(1 + (1.6 if before[0] != after[0] else 0.7 if before[1] != after[1] else 0.0))
+        rows = rows.with_columns(x=pl.Series(np.cumsum(steps)))
         for ax, symbol in ((stiffness, "K"), (damping, "B")):
             draw_quantity(ax, rows, symbol, looks)
-            for left, right in pairwise(rows.partition_by("K_d", maintain_order=True)):
-                ax.axvline((left["x"][-1] + right["x"][0]) / 2, color="#B8B8B8", linewidth=0.5, zorder=0)
         stiffness.set_xticks([])
         letter_conditions(damping, rows)
         stiffness.set_ylabel(r"Stiffness $\hat{K}$ (N·m/rad)")
         damping.set_ylabel(r"Damping $\hat{B}$ (N·m·s/rad)")
-    handles = entries(table, looks)
-    columns = style.legend_columns([str(handle.get_label()) for handle in handles], 0.9 * style.DOUBLE_COLUMN, most=6)
-    figure.legend(handles=handles, loc="outside upper center", ncols=columns, columnspacing=1.4)
+    handles = [style.key(o.label, marker=o.marker, color=o.colour, markersize=o.size) for o in looks.values()]
+    handles += [style.OPEN_MARKER] * style.has_doubtful(table)
+    if table["K_d"].count() or table["B_d"].count():
+        handles.append(style.key("Desired", color=style.BLACK, linewidth=0.8))
+    if table["K_predicted"].count() or table["B_predicted"].count():
+        handles.append(style.key("Linear model", marker="_", color=style.GREY, markersize=7, mew=0.7))
+    entries = {str(handle.get_label()): handle for handle in handles}
+    style.legend_above(figure, entries, 6, 0.9 * style.DOUBLE_COLUMN, columnspacing=1.4)
     figure.align_ylabels()
     return figure
 
 
-def side_by_side(table: pl.DataFrame, looks: dict[str | None, style.Look]) -> pl.DataFrame:
-    """Rows in the order of K_d, B_d and controller, with their place `x`; values that are not stated come last. Trials
-    of one condition are 1 apart, those of another B_d 0.7 more, and of another K_d 1.6 more."""
-    order = {controller: number for number, controller in enumerate(looks)}
-    ranks = pl.Series("rank", [order[controller] for controller in table["controller"]])
-    rows = table.with_columns(ranks).sort("K_d", "B_d", "rank", nulls_last=True, maintain_order=True)
-    steps, before = [0.0], rows.select("K_d", "B_d").rows()
-    for (K_before, B_before), (K_d, B_d) in pairwise(before):
-        steps.append(1 + (1.6 if K_d != K_before else 0.7 if B_d != B_before else 0.0))
-    return rows.with_columns(x=pl.Series(np.cumsum(steps)))
-
-
 def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | None, style.Look]) -> None:
+    """Estimates of one quantity at their places `x`, lines at the desired values, and between values of K_d."""
     for wanted in rows.drop_nulls(f"{symbol}_d").partition_by("K_d", "B_d", maintain_order=True):
-        reach = float(wanted["x"].min()) - 0.6, float(wanted["x"].max()) + 0.6  # type: ignore[arg-type]
-        ax.hlines(wanted[f"{symbol}_d"][0], *reach, color=style.BLACK, linewidth=0.8)
-    last = float(rows["x"].max())  # type: ignore[arg-type]
+        ax.hlines(
+            wanted[f"{symbol}_d"][0], wanted["x"][0] - 0.6, wanted["x"][-1] + 0.6, color=style.BLACK, linewidth=0.8
+        )
+    last = float(rows["x"][-1])
     # at this share of their usual size, and not below 0.3, the markers of neighbours do not touch
     share = float(np.clip(72 * ax.figure.figure.get_figwidth() / (last + 8) / 4.5, 0.3, 1.0))
     for controller, look in looks.items():
         fits = of_controller(rows, controller)
-        style.draw_spread(ax, fits, "x", symbol, look.colour)
+        style.draw_estimates(ax, fits, "x", symbol, symbol, look, share, zorder=3)
         ax.plot(fits["x"], fits[f"{symbol}_predicted"], "_", color=look.colour, markersize=7 * share, mew=0.7)
-        shape: dict[str, Any] = {"marker": look.marker, "linewidths": 0.8, "label": look.label, "zorder": 3}
-        style.draw_fits(ax, fits, fits["x"], fits[symbol], look.colour, share * look.size, **shape)
     ax.ticklabel_format(axis="y", useOffset=False)
     edge = max(1.0, (8 - last) / 2)  # an axis has room for eight trials at least
     ax.set_xlim(-edge, last + edge)
+    for left, right in pairwise(rows.partition_by("K_d", maintain_order=True)):
+        ax.axvline((left["x"][-1] + right["x"][0]) / 2, color="#B8B8B8", linewidth=0.5, zorder=0)
 
 
 def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
@@ -183,9 +169,9 @@ def letter_conditions(ax: Axes, rows: pl.DataFrame) -> None:
     for minor, keys in ((False, ["K_d", "B_d"]), (True, ["K_d"])):
         places = rows.group_by(keys, maintain_order=True).agg(pl.col("x").mean())
         name, equals = ("$K_d$ ", "= ") if minor else ("", "")
-        words = [name + ("not stated" if value is None else f"{equals}{value:g}") for value in places[keys[-1]]]
         shown, end = [], -np.inf
-        for place, word in zip(places["x"], words, strict=True):
+        for place, value in places.select("x", keys[-1]).iter_rows():
+            word = name + ("not stated" if value is None else f"{equals}{value:g}")
             half = style.width_of(word) / inches / 2
             if place - half > end:
                 shown.append((place, word))
@@ -219,8 +205,8 @@ def fig5_caption(table: pl.DataFrame) -> str:
         place = part.select("joint", "side").row(0) if len(parts) > 1 else ()
         for controller, look in looks_in(part).items():
             fits = of_controller(part, controller)
-            name = ", ".join(filter(None, [*place, controller or look.label.lower()]))
-            said.append(f"{as_text(name[:1].upper() + name[1:])} ($n$ = {len(fits)}): {errors_said(fits)}.")
+            name = capital_text(*place, controller or look.label.lower())
+            said.append(f"{name} ($n$ = {len(fits)}): {errors_said(fits)}.")
     return " ".join([*said, doubtful_said(table, "drawn open")])
 
 
@@ -243,26 +229,10 @@ def errors_said(fits: pl.DataFrame) -> str:
     return ", ".join(said) + (" (mean ± SD, range)" if len(fits) > 1 else "")
 
 
-def entries(table: pl.DataFrame, looks: dict[str | None, style.Look]) -> list[Line2D]:
-
-    def entry(marker: str, label: str, **look: Any) -> Line2D:
-        return Line2D([], [], linestyle="", marker=marker, label=label, **look)
-
-    found = [entry(look.marker, look.label, color=look.colour, markersize=look.size) for look in looks.values()]
-    if len(table.filter(style.DRAWN_OPEN)):
-        found.append(style.OPEN_MARKER)
-    if table["K_d"].count() or table["B_d"].count():
-        found.append(Line2D([], [], color=style.BLACK, linewidth=0.8, label="Desired"))
-    if table["K_predicted"].count() or table["B_predicted"].count():
-        found.append(entry("_", "Linear model", color=style.GREY, markersize=7, mew=0.7))
-    return found
-
-
 FIG6_NEEDS = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "VAF")
 FIG6_COLUMNS = (*FIG6_NEEDS, *JOINT_SIDE, "look", "x", "x_centre", "median_VAF", "doubtful")
-
-MARGIN_LEFT, RIGHT, BOTTOM, PANEL = 0.66, 0.06, 0.26, 2.08
-"""Margins and height [in] of the panel: fixed, because the swarm's positions depend on its size."""
+MARGIN_LEFT, MARGIN_RIGHT, MARGIN_BOTTOM, PANEL_HEIGHT = 0.66, 0.06, 0.26, 2.08
+"""Margins and height [in] of the panel of Fig. 6: fixed, because the swarm's positions depend on its size."""
 MOST_BESIDE = 2  # swarms up to which the median stands beside each, in a single column; of more it stands below each
 LARGEST_VAF = 99.9999  # larger ones [percent] are drawn here
 
@@ -272,125 +242,102 @@ def vaf_scale(vaf: Array) -> Array:
     return np.asarray(-np.log10(np.maximum(100 - np.asarray(vaf), 1e-9)))
 
 
-def vaf_from_scale(height: Array) -> Array:
-    return np.asarray(100 - 10.0 ** -np.asarray(height))
-
-
-def drawn_vaf(rows: pl.DataFrame) -> Array:
-    return np.asarray(np.minimum(rows["VAF"].to_numpy(), LARGEST_VAF))
-
-
-def axis_ticks(low: float, high: float) -> list[float]:
-    """Round VAFs between two heights; of more than twelve, those at which the unexplained share is a power of ten."""
-    every = (
-        -900, -400, -100, 0, 50, 80, 90, 95, 98, 99, 99.5, 99.8, 99.9, 99.95, 99.98, 99.99, 99.995, 99.998, 99.999,
-        99.9995, 99.9998, 99.9999,
-    )  # fmt: skip
-    ticks = [tick for tick in every if low <= vaf_scale(np.array(tick)) <= high]
-    decades = [tick for tick in ticks if abs(np.log10(100 - tick) % 1 - 0.5) > 0.499]
-    return decades if len(ticks) > 12 else ticks
-
-
-def said_vaf(vaf: float) -> str:
-    """A VAF [percent] with two or more digits behind the point, and two of the unexplained share."""
-    return f"{rounded_number(vaf, min(max(decimals_of(100 - vaf), 2), 6))} %"
-
-
-def axis_limits(vaf: Array) -> tuple[float, float]:
+def vaf_limits(vaf: pl.Series) -> tuple[float, float]:
     """Ends of the axis, in heights of `vaf_scale`, with room of 5 % at both sides, and for two ticks."""
-    heights = vaf_scale(np.minimum(vaf, LARGEST_VAF))
+    heights = vaf_scale(vaf.clip(upper_bound=LARGEST_VAF).to_numpy())
     room = max(0.05 * float(np.ptp(heights)), 0.4 - float(np.ptp(heights)) / 2)
     return float(np.min(heights)) - room, float(np.max(heights)) + room
+
+
+def vaf_said(vaf: float) -> str:
+    """A VAF [percent] with two or more digits behind the point, and two of the unexplained share."""
+    return f"{rounded_number(vaf, min(max(decimals_of(100 - vaf), 2), 6))} %"
 
 
 def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
     """One row per trial and amplitude, with its place `x` in the swarm of its controller, joint and side, 0 to 1 across
     the panel. A trial that no stepped sine moved has one row, a fit without a VAF (a constant torque) none. Raises
     InputError: no fit of a single amplitude has a VAF."""
-    single = impedance.filter(
-        (pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)) & pl.col("VAF").is_finite()
-    )
-    reasons = pl.col("doubtful") if "doubtful" in impedance.columns else pl.lit(None, pl.String).alias("doubtful")
-    table = of_place(single).select(*FIG6_NEEDS, *JOINT_SIDE, reasons)
+    single = (pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)) & pl.col("VAF").is_finite()
+    known = (*FIG6_NEEDS, *JOINT_SIDE, "doubtful")
+    table = completed(impedance.filter(single), known).select(known)
     if table.is_empty():
         raise InputError(
             "the impedance table has no VAF of a single amplitude, which Fig. 6 draws; fit the trials again"
         )
     table = table.with_columns(look_numbers(table["controller"]))
-    low, high = axis_limits(table["VAF"].to_numpy())
+    low, high = vaf_limits(table["VAF"])
     groups = swarms_of(table)
     width, pitch = panel_width(len(groups)), 1 / len(groups)
     swarms = []
     for place, rows in enumerate(groups):
-        inches = (vaf_scale(drawn_vaf(rows)) - low) / (high - low) * PANEL
-        offsets = style.swarm_positions(inches, 4.9 / 72) / width  # the marker and a small gap
+        drawn = rows["VAF"].clip(upper_bound=LARGEST_VAF).to_numpy()
+        heights = (vaf_scale(drawn) - low) / (high - low) * PANEL_HEIGHT
+        offsets = style.swarm_offsets(heights, 4.9 / 72, width, 0.4 * pitch)  # the marker and a small gap
         centre = pitch * (0.92 * place + 0.46 if len(groups) <= MOST_BESIDE else place + 0.5)
-        swarms.append(
-            rows.with_columns(
-                x=centre + style.squeezed(offsets, 0.4 * pitch),
-                x_centre=pl.lit(centre),
-                median_VAF=pl.col("VAF").median(),
-            )
-        )
+        swarms.append(rows.with_columns(x=centre + offsets, x_centre=pl.lit(centre), median_VAF=pl.col("VAF").median()))
     return pl.concat(swarms)
 
 
 def swarms_of(table: pl.DataFrame) -> list[pl.DataFrame]:
-    return [
-        rows
-        for part in table.partition_by(JOINT_SIDE, maintain_order=True)
-        for controller in looks_in(part)
-        if len(rows := of_controller(part, controller))
-    ]
+    parts = table.partition_by(JOINT_SIDE, maintain_order=True)
+    found = (of_controller(part, controller) for part in parts for controller in looks_in(part))
+    return [rows for rows in found if len(rows)]
 
 
 def panel_width(swarms: int) -> float:
-    return (style.SINGLE_COLUMN if swarms <= MOST_BESIDE else style.DOUBLE_COLUMN) - MARGIN_LEFT - RIGHT
+    return (style.SINGLE_COLUMN if swarms <= MOST_BESIDE else style.DOUBLE_COLUMN) - MARGIN_LEFT - MARGIN_RIGHT
 
 
 @style.paper_style()
 def draw_fig6(table: pl.DataFrame) -> Figure:
     """A swarm per controller of each joint and side, over an axis that is logarithmic in the unexplained variance."""
     swarms, looks = swarms_of(table), looks_in(table)
-    several = len(table.select(JOINT_SIDE).unique()) > 1
-    lines = [swarm_name(rows, looks[rows["controller"][0]].label, several, len(swarms)) for rows in swarms]
-    below = 0.17 * max(line.count("\n") for line in lines)
-    width, height = panel_width(len(swarms)) + MARGIN_LEFT + RIGHT, 2.4 + below
-    figure = Figure(figsize=(width, height))
-    place = (MARGIN_LEFT, BOTTOM + below, width - MARGIN_LEFT - RIGHT, PANEL)
-    ax = figure.add_axes((place[0] / width, place[1] / height, place[2] / width, place[3] / height))
-    ax.set_yscale("function", functions=(vaf_scale, vaf_from_scale))
+    several, beside = len(table.select(JOINT_SIDE).unique()) > 1, len(swarms) <= MOST_BESIDE
+    # what stands below a swarm, in lines of the width that each has
+    panel = panel_width(len(swarms))
+    letters, written = max(int(17 * panel / len(swarms)), 6), []
     for rows in swarms:
-        draw_swarm(ax, rows, looks[rows["controller"][0]], len(swarms))
-    if len(table.filter(style.DRAWN_OPEN)):
+        place = place_name(rows["joint"][0], rows["side"][0]) if several or not beside else ""
+        median = "" if beside else f"median {vaf_said(rows['median_VAF'][0])}"
+        named = (looks[rows["controller"][0]].label.strip(), place, fits_and_trials(rows), median)
+        written.append("\n".join(part for line in named if line for part in textwrap.wrap(line, letters)))
+    below = 0.17 * max(lines.count("\n") for lines in written)
+    width, height = panel + MARGIN_LEFT + MARGIN_RIGHT, 2.4 + below
+    figure = Figure(figsize=(width, height))
+    ax = figure.add_axes((MARGIN_LEFT / width, (MARGIN_BOTTOM + below) / height, panel / width, PANEL_HEIGHT / height))
+    ax.set_yscale("function", functions=(vaf_scale, vaf_of_height))
+    for rows in swarms:
+        look, drawn = looks[rows["controller"][0]], rows["VAF"].clip(upper_bound=LARGEST_VAF)
+        style.draw_fits(ax, rows, rows["x"], drawn, look, linewidths=0.8)
+        centre, median, half = rows["x_centre"][0], min(rows["median_VAF"][0], LARGEST_VAF), 0.3 / len(swarms)
+        ax.hlines(median, centre - half, centre + half, color=style.BLACK, linewidth=1.2, zorder=0.5)
+        if beside:
+            words = f"median\n{vaf_said(rows['median_VAF'][0])}"
+            ax.annotate(words, (centre + half + 0.02 / len(swarms), median), va="center")
+    if style.has_doubtful(table):
         ax.legend(handles=[style.OPEN_MARKER], loc="lower left")
-    low, high = axis_limits(table["VAF"].to_numpy())
-    ax.set_ylim(float(vaf_from_scale(np.array(low))), float(vaf_from_scale(np.array(high))))
-    ax.set_yticks(axis_ticks(low, high), minor=False)
+    low, high = vaf_limits(table["VAF"])
+    ax.set_ylim(*vaf_of_height(np.array([low, high])))
+    # round VAFs; of more than twelve, those at which the unexplained share is a power of ten
+    every = (
+        -900, -400, -100, 0, 50, 80, 90, 95, 98, 99, 99.5, 99.8, 99.9, 99.95, 99.98, 99.99, 99.995, 99.998, 99.999,
+        99.9995, 99.9998, 99.9999,
+    )  # fmt: skip
+    ticks = [tick for tick in every if low <= vaf_scale(np.array(tick)) <= high]
+    if len(ticks) > 12:
+        ticks = [tick for tick in ticks if abs(np.log10(100 - tick) % 1 - 0.5) > 0.499]
+    ax.set_yticks(ticks, minor=False)
     ax.yaxis.set_major_formatter("{x:g}")
     ax.set_xlim(0, 1)
-    ax.set_xticks([rows["x_centre"][0] for rows in swarms], lines)
+    ax.set_xticks([rows["x_centre"][0] for rows in swarms], written)
     ax.tick_params(axis="x", length=0)
     ax.set_ylabel("VAF (%), log scale of 100 − VAF")
     return figure
 
 
-def draw_swarm(ax: Axes, rows: pl.DataFrame, look: style.Look, swarms: int) -> None:
-    shape: dict[str, Any] = {"marker": look.marker, "linewidths": 0.8, "label": look.label}
-    style.draw_fits(ax, rows, rows["x"], drawn_vaf(rows), look.colour, look.size, **shape)
-    centre, median, half = rows["x_centre"][0], min(rows["median_VAF"][0], LARGEST_VAF), 0.3 / swarms
-    ax.hlines(median, centre - half, centre + half, color=style.BLACK, linewidth=1.2, zorder=0.5)
-    if swarms <= MOST_BESIDE:
-        ax.annotate(f"median\n{said_vaf(rows['median_VAF'][0])}", (centre + half + 0.02 / swarms, median), va="center")
-
-
-def swarm_name(rows: pl.DataFrame, controller: str, several: bool, swarms: int) -> str:
-    """What stands below a swarm, in lines of the width that each of so many `swarms` has."""
-    place = place_name(rows["joint"][0], rows["side"][0]) if several or swarms > MOST_BESIDE else ""
-    median = f"median {said_vaf(rows['median_VAF'][0])}" if swarms > MOST_BESIDE else ""
-    letters = max(int(17 * panel_width(swarms) / swarms), 6)
-    named = (controller.strip(), place, fits_and_trials(rows), median)
-    return "\n".join(part for line in named if line for part in textwrap.wrap(line, letters))
+def vaf_of_height(height: Array) -> Array:
+    return np.asarray(100 - 10.0 ** -np.asarray(height))
 
 
 def fits_and_trials(rows: pl.DataFrame) -> str:
@@ -404,15 +351,12 @@ def fig6_caption(table: pl.DataFrame) -> str:
         "axis is logarithmic in 100 − VAF, the share of the variance that the system leaves unexplained. Black bars "
         "are medians; the place across a swarm has no meaning."
     ]
-    swarms = swarms_of(table)
     several = len(table.select(JOINT_SIDE).unique()) > 1
-    for rows in swarms:
+    for rows in swarms_of(table):
         place = rows.select(JOINT_SIDE).row(0) if several else ()
-        name = ", ".join(filter(None, [*place, rows["controller"][0] or NO_CONTROLLER.label.lower()]))
-        low, median, high = (said_vaf(np.quantile(rows["VAF"], share)) for share in (0, 0.5, 1))
-        said.append(
-            f"{as_text(name[:1].upper() + name[1:])} ({fits_and_trials(rows)}): median {median}, {low} to {high}."
-        )
+        name = capital_text(*place, rows["controller"][0] or NO_CONTROLLER.label.lower())
+        low, median, high = (vaf_said(np.quantile(rows["VAF"], share)) for share in (0, 0.5, 1))
+        said.append(f"{name} ({fits_and_trials(rows)}): median {median}, {low} to {high}.")
     if len(table.filter(pl.col("VAF") > LARGEST_VAF)):
         said.append(f"Larger VAFs than {LARGEST_VAF} % are drawn there.")
     return " ".join([*said, doubtful_said(table, "drawn open")])

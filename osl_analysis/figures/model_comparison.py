@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
 from osl_analysis.figures import style
-from osl_analysis.figures.names import JOINT_SIDE, MARKERS, as_text, count_of, of_place, place_name
+from osl_analysis.figures.names import JOINT_SIDE, MARKERS, capital_text, completed, count_of, place_name
 from osl_analysis.trial import Array
 
 HELD_OUT_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out")
@@ -23,11 +23,12 @@ RIVALS = {
     ),
 }
 """Names of each experiment and of its models, the draft's model first."""
-OF_REPEATS = style.Look(style.GREY, "o", 2.6, "Repeat")
+CONDITION = (*JOINT_SIDE, "controller")
 
 
 def scores_points(scores: pl.DataFrame) -> pl.DataFrame:
-    table = of_place(scores).select(*JOINT_SIDE, *HELD_OUT_COLUMNS).filter(pl.col("VAF_held_out").is_finite())
+    table = completed(scores, JOINT_SIDE).select(*JOINT_SIDE, *HELD_OUT_COLUMNS)
+    table = table.filter(pl.col("VAF_held_out").is_finite())
     if table.is_empty():
         raise InputError(
             "no model was held against data that it was not fitted to; add a second belt or transmission trial, or a "
@@ -42,17 +43,13 @@ def models_caption(table: pl.DataFrame) -> str:
         "others. The axis is the share of the variance of torque that a model leaves, on a logarithmic scale: lower is "
         "better. Each line with its open markers is a trial, each black bar the geometric mean of the trials."
     ]
-    drawn = drawn_experiments(table)
-    for experiment in (name for name in RIVALS if name in table["experiment"]):
-        title, models = RIVALS[experiment]
+    for experiment, (title, models) in RIVALS.items():
+        where = "" if experiment in drawn_experiments(table) else " (no panel: two models alone)"
         rows = table.filter(pl.col("experiment") == experiment)
-        for trials in rows.partition_by(*JOINT_SIDE, "controller", maintain_order=True):
-            of = (title, *trials.select(*JOINT_SIDE, "controller").row(0))
-            left = geometric_means(trials, list(models))
-            names = (name.replace("\n", " ") for name in models.values())
-            told = "; ".join(f"{name} {share:.2g} %" for name, share in zip(names, left, strict=True) if share > 0)
-            where = "" if experiment in drawn else " (no panel: two models alone)"
-            named = as_text(", ".join(filter(None, of)))
+        for trials in rows.partition_by(CONDITION, maintain_order=True):
+            names, means = (name.replace("\n", " ") for name in models.values()), shares_left(trials, models)[2]
+            told = "; ".join(f"{name} {share:.2g} %" for name, share in zip(names, means, strict=True) if share > 0)
+            named = capital_text(title, *trials.select(CONDITION).row(0))
             said.append(f"{named}{where}, mean of {count_of(trials['trial'].n_unique(), 'trial')}: {told}.")
     return " ".join(said)
 
@@ -76,16 +73,16 @@ def draw_models(table: pl.DataFrame) -> Figure:
     for ax, experiment in zip(axes, present, strict=True):
         name, models = RIVALS[experiment]
         rows = table.filter(pl.col("experiment") == experiment)
-        conditions = rows.partition_by(*JOINT_SIDE, "controller", maintain_order=True)
+        conditions = rows.partition_by(CONDITION, maintain_order=True)
+        places = rows.select(JOINT_SIDE).unique(maintain_order=True).rows()
         for k, trials in enumerate(conditions):
             shift = min(0.36, 0.72 / len(conditions)) * (k - (len(conditions) - 1) / 2)
-            look = style.LOOKS.get(trials["controller"][0], OF_REPEATS)
+            look = style.LOOKS.get(trials["controller"][0], style.Look(style.GREY, "o", 2.6, "Repeat"))
             if several:
-                place = place_name(trials["joint"][0], trials["side"][0])
-                looks = [*dict.fromkeys(rows.select(JOINT_SIDE).rows())]
-                marker = MARKERS[looks.index(trials.select(JOINT_SIDE).row(0)) % len(MARKERS)]
-                look = replace(look, label=f"{look.label}, {place}", marker=marker)
-            draw_trials(ax, trials, list(models), shift, look)
+                place = trials.select(JOINT_SIDE).row(0)
+                marker = MARKERS[places.index(place) % len(MARKERS)]
+                look = replace(look, label=f"{look.label}, {place_name(*place)}", marker=marker)
+            draw_trials(ax, trials, models, shift, look)
         ax.set_title(f"{ax.get_title(loc='left')} {name}".strip(), loc="left")
         ax.set_yscale("log")
         ax.set_xticks(range(len(models)), list(models.values()))
@@ -93,41 +90,30 @@ def draw_models(table: pl.DataFrame) -> Figure:
         ax.set_xlim(-0.5, len(models) - 0.5)
     style.label_log_axis(axes[0].yaxis, axes[0].get_ylim(), most=8)
     axes[0].set_ylabel("Held-out variance\nnot accounted for (%)")
-    handles = style.legend_entries(axes)
-    columns = style.legend_columns(list(handles), width, most=4)
-    figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=columns)
+    style.legend_above(figure, style.legend_entries(axes), 4)
     return figure
 
 
-def draw_trials(ax: Axes, rows: pl.DataFrame, models: list[str], shift: float, look: style.Look) -> None:
+def draw_trials(ax: Axes, rows: pl.DataFrame, models: dict[str, str], shift: float, look: style.Look) -> None:
     x = np.arange(len(models)) + shift
-    trials, left = shares_left(rows, models)
+    trials, left, mean = shares_left(rows, models)
     ax.plot(x, left.T, "-", color=look.colour, alpha=0.35, linewidth=0.5)
     drawn = ax.scatter(
         np.tile(x, len(trials)), left.ravel(), look.size**2, marker=look.marker, facecolors="none",
         edgecolors=look.colour, linewidths=0.6, label=look.label,
     )  # fmt: skip
-    style.link_to_trials(drawn, np.repeat(trials, len(models)))
-    mean = geometric_means(rows, models)
+    drawn.set_urls([style.place_in_report(trial) for trial in trials for _ in models])
     ax.hlines(mean, x - 0.11, x + 0.11, color=style.BLACK, linewidth=1.4, zorder=3, label="Geometric mean")
 
 
-def shares_left(rows: pl.DataFrame, models: list[str]) -> tuple[list[str], Array]:
-    """The trials (n,), and the share [percent] of held-out variance that each model (m,) leaves of them, (n, m). The
-    smallest share on the axis is 1e-6."""
-    wide = rows.pivot("model", index="trial", values="VAF_held_out")
-    absent = [pl.lit(None, pl.Float64).alias(name) for name in models if name not in wide.columns]
-    left = 100 - wide.with_columns(absent).select(models).to_numpy()
-    return wide["trial"].to_list(), np.asarray(np.maximum(left, 1e-6))
-
-
-def geometric_means(rows: pl.DataFrame, models: list[str]) -> Array:
-    """Over trials, of the share that each model (m,) leaves; NaN for a model that no trial has."""
-    left = np.log(shares_left(rows, models)[1])
-    seen = np.isfinite(left).any(axis=0)
-    means = np.full(len(models), np.nan)
-    means[seen] = np.exp(np.nanmean(left[:, seen], axis=0))
-    return means
+def shares_left(rows: pl.DataFrame, models: dict[str, str]) -> tuple[list[str], Array, Array]:
+    """The trials (n,), the share [percent] of held-out variance that each model (m,) leaves of them, (n, m), and its
+    geometric mean over trials (m,), NaN for a model that no trial has. The smallest share on the axis is 1e-6."""
+    wide = completed(rows.pivot("model", index="trial", values="VAF_held_out"), models)
+    left = np.maximum(100 - wide.select(models.keys()).to_numpy(), 1e-6)
+    seen, means = np.isfinite(left).any(axis=0), np.full(len(models), np.nan)
+    means[seen] = np.exp(np.nanmean(np.log(left[:, seen]), axis=0))
+    return wide["trial"].to_list(), left, means
 
 
 MODEL_COMPARISON = style.Drawing(

@@ -4,7 +4,7 @@ import math
 import re
 import textwrap
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -14,14 +14,16 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.transforms import Bbox
 
-from osl_analysis.figures.style import DRAWN_OPEN, GREY, LOOKS, PAPER, Dash, Look, paper_style, width_of
+from osl_analysis.figures.style import DRAWN_OPEN, GREY, LOOKS, PAPER, Dash, Look, paper_style
 from osl_analysis.judge.doubts import reasons_in
 
-DRAFT_CONTROLLERS = ("compensated", "uncompensated")  # the controllers of the draft, whose looks are fixed
 COLOURS = ("#3F8FBF", "#6B3A0A", "#2F5555", "#B98860", "#2B46F0")
 """Colours of controllers other than those of the draft: with these two and black 20 or more apart (CIE 1976) for
 readers without long- or medium-wavelength cones."""
 MARKERS = ("s", "^", "v", "P", "X", "p", "h")
+DASHES: tuple[Dash, ...] = (
+    (0, (2, 1.2)), (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (6, 1, 2, 1)), (0, (12, 1.5, 1.5, 1.5)),
+)  # fmt: skip
 NO_CONTROLLER = Look("#757575", ">", 3.6, "No controller", (0, (1, 0.8)))
 JOINT_SIDE = ("joint", "side")
 
@@ -54,18 +56,6 @@ def place_name(joint: str | None, side: str | None) -> str:
     return ", ".join(filter(None, [capital, side]))
 
 
-def wrapped_words(words: Sequence[str], width: float) -> str:
-    """The words with commas between them, in lines that are no wider than `width` [in]."""
-    lines: list[str] = []
-    for word in words:
-        longer = f"{lines[-1]}, {word}" if lines else word
-        if lines and width_of(longer) <= width:
-            lines[-1] = longer
-        else:
-            lines.append(word)
-    return "\n".join(lines)
-
-
 def figure_title(figure: str) -> str:
     number = figure.removeprefix("fig")
     return f"Fig. {number}" if number.isdecimal() else figure.replace("_", " ").capitalize()
@@ -77,40 +67,33 @@ def placed_rows(table: pl.DataFrame) -> list[tuple[str, pl.DataFrame]]:
     return [(place_name(part["joint"][0], part["side"][0]), part) for part in parts]
 
 
-def of_place(table: pl.DataFrame) -> pl.DataFrame:
-    """The table with the columns `joint` and `side`; null where it lacks them."""
-    return table.with_columns(pl.lit(None, pl.String).alias(name) for name in JOINT_SIDE if name not in table.columns)
+def completed(table: pl.DataFrame, columns: Iterable[str]) -> pl.DataFrame:
+    """The table with these columns; null where it lacks them."""
+    words = ("trial", "trials", *JOINT_SIDE, "controller", "method", "doubtful")
+    absent = (name for name in columns if name not in table.columns)
+    return table.with_columns(pl.lit(None, pl.String if name in words else pl.Float64).alias(name) for name in absent)
 
 
 def look_numbers(controllers: pl.Series) -> pl.Series:
     """The number of each controller (n,) among those that are not the draft's; a campaign's colours mean one thing."""
-    others = sorted({name for name in controllers.drop_nulls() if name not in DRAFT_CONTROLLERS})
+    others = sorted(set(controllers.drop_nulls()) - set(LOOKS))
     return pl.Series("look", [others.index(name) if name in others else None for name in controllers], dtype=pl.Int64)
 
 
 def looks_in(table: pl.DataFrame) -> dict[str | None, Look]:
     """Each controller with its look: the draft's, the others by name, none. A number tells equal labels apart."""
     numbers = dict(table.select("controller", "look").unique().iter_rows())
-    others = sorted(name for name in numbers if name is not None and name not in DRAFT_CONTROLLERS)
-    names = [*(name for name in DRAFT_CONTROLLERS if name in numbers), *others]
-    dashes: tuple[Dash, ...] = (
-        (0, (2, 1.2)), (0, (9, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (6, 1, 2, 1)), (0, (12, 1.5, 1.5, 1.5)),
-    )  # fmt: skip
-
-    def other_look(controller: str) -> Look:
-        number = numbers[controller] or 0
+    looks: dict[str | None, Look] = {name: look for name, look in LOOKS.items() if name in numbers}
+    for name in sorted(name for name in numbers if name is not None and name not in LOOKS):
+        number = numbers[name] or 0
         colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
-        return Look(colour, marker, NO_CONTROLLER.size, drawn_name(controller), dashes[number % len(dashes)])
-
-    looks: dict[str | None, Look] = {
-        name: LOOKS[name] if name in DRAFT_CONTROLLERS else other_look(name) for name in names
-    }
+        looks[name] = Look(colour, marker, NO_CONTROLLER.size, drawn_name(name), DASHES[number % len(DASHES)])
     if None in numbers:
         looks[None] = NO_CONTROLLER
     labels = [look.label for look in looks.values()]
-    for number, (name, look) in enumerate(looks.items()):
-        if labels.index(look.label) < number:
-            looks[name] = replace(look, label=f"{look.label} ({number + 1})")
+    for number, (controller, look) in enumerate(looks.items()):
+        if look.label in labels[:number]:
+            looks[controller] = replace(look, label=f"{look.label} ({number + 1})")
     return looks
 
 
@@ -128,6 +111,12 @@ def as_text(name: str) -> str:
     special = r"[\\`*_{}\[\]<>#|~$&!^@\"']|:(?=//)|(?<=-)-|(?<=\.)\.|(?<=www)\."
     plain = " ".join(re.sub(r"[\x00-\x1f\x7f\u2028\u2029]", " ", name).split())
     return re.sub(special, lambda sign: f"\\{sign[0]}", plain)
+
+
+def capital_text(*parts: str | None) -> str:
+    """Names from files as the beginning of a sentence, with commas between those that are known."""
+    said = ", ".join(filter(None, parts))
+    return as_text(said[:1].upper() + said[1:])
 
 
 def listed_text(names: Iterable[str], most: int = 6) -> str:
@@ -178,12 +167,6 @@ def doubtful_said(table: pl.DataFrame, look: str, fit: str = "fit") -> str:
     causes = dict.fromkeys(one.cause for cell in found["doubtful"] for one in reasons_in(cell))
     drawn = f"{len(found)} of {count_of(len(table), fit)} ({listed_text(found['trial'])})"
     return f"Doubtful, {look}: {drawn}, for {as_text(', '.join(causes))}."
-
-
-def said_of_missing(trials: Sequence[str]) -> str:
-    """Four missing trials; the caption names more, the table `excluded.csv` all of them."""
-    more = f" and {len(trials) - 4} more" if len(trials) > 4 else ""
-    return f"Without {len(trials)} refused: {', '.join(trials[:4])}{more}" if trials else ""
 
 
 @paper_style()

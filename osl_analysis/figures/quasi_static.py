@@ -1,6 +1,6 @@
 """Fig. 3 and `torque_angle`: torque against angle of the belt, and of a joint that is moved slowly."""
 
-from collections.abc import Mapping
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -8,27 +8,26 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from osl_analysis.figures import style
 from osl_analysis.figures.names import (
     JOINT_SIDE,
     UNIT_SIGN,
     as_text,
+    completed,
     count_of,
     doubtful_said,
     drawn_name,
-    of_place,
     placed_rows,
     with_interval,
 )
 
-MOST_LOOPS = 12  # trials of a panel that have their names at the ends of their loops
+MOST_LOOPS = 12  # trials of a panel of Fig. 3 that have their names at the ends of their loops
 MEAN_SLOPE = "mean slope"  # name that takes the place of the trial in the two rows that carry the mean slope
-BRANCH_DASHES: dict[str, style.Dash] = {"loading": "-", "unloading": (0, (6, 3))}
-"""Line styles of the branches of sound trials."""
-PALE = "#B4B4B4"
-"""Grey of the trials behind the mean slope."""
+BRANCHES: dict[str, style.Dash] = {"loading": "-", "unloading": (0, (6, 3))}  # with the line styles of sound trials
+GREY_TRIAL: dict[str, Any] = {"color": "#B4B4B4", "linewidth": 0.9}
+DOUBTFUL_TRIAL: dict[str, Any] = {"color": style.BLACK, "linestyle": style.DOTTED, "linewidth": 0.9}
+MEAN_LINE: dict[str, Any] = {"color": style.MAGENTA, "linestyle": style.DASHED, "linewidth": 1.3}
 
 
 def fig3_caption(table: pl.DataFrame) -> str:
@@ -41,9 +40,7 @@ def fig3_caption(table: pl.DataFrame) -> str:
     if max(part["trial"].n_unique() for _, part in placed_rows(table)) <= MOST_LOOPS + 1:
         said.append("The names of the trials stand at the ends of their loops.")
     for name, part in placed_rows(table):
-        mean = part.filter(pl.col("trial") == MEAN_SLOPE)
-        if len(mean):
-            row = mean.row(0, named=True)
+        for row in part.filter(pl.col("trial") == MEAN_SLOPE).head(1).iter_rows(named=True):
             K_s, loop = (
                 with_interval(row[name], row[f"{name}_low"], row[f"{name}_high"], unit)
                 for name, unit in (("K_s", "N·m/rad"), ("hysteresis_area", "J"))
@@ -58,45 +55,33 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
     """Above, torque over deflection, the mean slope dashed; below, torque minus that of the mean slope."""
     parts = placed_rows(table)
     across = min(len(parts), 2)
-    rows = -(-len(parts) // across)
+    rows = 2 * -(-len(parts) // across)
     width = style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN
-    above = [2 * across * (number // across) + number % across for number in range(len(parts))]
-    figure, axes = style.panels(
-        width, 0.4 + 3.6 * rows, rows=2 * rows, columns=across, names=[""] * (2 * rows * across)
-    )
-    for number, (name, part) in zip(above, parts, strict=True):
-        belts, loops = axes[number], axes[number + across]
+    figure, axes = style.panels(width, 0.4 + 1.8 * rows, rows=rows, columns=across, names=[""] * (rows * across))
+    named = []
+    for number, (name, part) in enumerate(parts):
+        above = 2 * across * (number // across) + number % across
+        belts, loops = axes[above], axes[above + across]
         draw_belts(belts, part)
-        draw_loops(loops, part)
+        named.append((loops, draw_loops(loops, part)))
         belts.set_title(f"{belts.get_title(loc='left')} {name}", loc="left")
         loops.sharex(belts)
     for ax in axes:
         if not ax.has_data():
             ax.remove()
-    entries = line_labels(table)
+    trials = table.filter(pl.col("trial") != MEAN_SLOPE)
+    entries = [style.key(f"Trials ($n$ = {trials['trial'].n_unique()})", color=GREY_TRIAL["color"])]
+    if style.has_doubtful(trials):
+        doubtful = trials.filter(style.DRAWN_OPEN)["trial"].n_unique()
+        entries.append(style.key(f"Doubtful fit ($n$ = {doubtful})", **DOUBTFUL_TRIAL))
+    entries.append(style.key("Mean slope while loading", **MEAN_LINE))
+    for branch, dash in BRANCHES.items():
+        entries.append(style.key(branch.capitalize(), color=style.BLACK, linestyle=dash, linewidth=0.5))
     figure.legend(handles=entries, loc="outside upper center", ncols=2 if len(figure.axes) == 2 else len(entries))
-    for number, (_, part) in zip(above, parts, strict=True):
-        trials = coloured(part)
-        if len(trials) <= MOST_LOOPS:
-            names, ends = [trial["trial"][0] for trial, _ in trials], [end_of(trial) for trial, _ in trials]
-            drawn = [drawn_name(name, 12) for name in names]
-            texts = style.name_ends(axes[number + across], ends, drawn, [colour for _, colour in trials])
-            style.link_to_trials(texts, names)
+    for loops, ends in named:
+        if len(ends) <= MOST_LOOPS:
+            style.name_ends(loops, [(name, drawn_name(name, 12), colour, end) for name, colour, end in ends])
     return figure
-
-
-def line_labels(table: pl.DataFrame) -> list[Line2D]:
-    trials = trials_of(table)
-    doubtful = [trial for trial in trials if len(trial.filter(style.DRAWN_OPEN))]
-    entries = [Line2D([], [], color=PALE, label=f"Trials ($n$ = {len(trials)})")]
-    if doubtful:
-        label = f"Doubtful fit ($n$ = {len(doubtful)})"
-        entries.append(Line2D([], [], color=style.BLACK, linestyle=style.DOTTED, linewidth=0.9, label=label))
-    mean = {"color": style.MAGENTA, "linestyle": style.DASHED, "linewidth": 1.3}
-    entries.append(Line2D([], [], **mean, label="Mean slope while loading"))  # type: ignore[arg-type]
-    for branch, dash in BRANCH_DASHES.items():
-        entries.append(Line2D([], [], color=style.BLACK, linestyle=dash, linewidth=0.5, label=branch.capitalize()))
-    return entries
 
 
 def trials_of(table: pl.DataFrame) -> list[pl.DataFrame]:
@@ -104,46 +89,41 @@ def trials_of(table: pl.DataFrame) -> list[pl.DataFrame]:
 
 
 def draw_belts(ax: Axes, table: pl.DataFrame) -> None:
-    mean, trials = table.filter(pl.col("trial") == MEAN_SLOPE), trials_of(table)
-    for trial in trials:
-        ax.plot(trial["theta_s_deg"], trial["torque"], color=PALE, linewidth=0.9)
-    for trial in (trial for trial in trials if len(trial.filter(style.DRAWN_OPEN))):
-        ax.plot(trial["theta_s_deg"], trial["torque"], color=style.BLACK, linestyle=style.DOTTED, linewidth=0.9)
-    ax.plot(mean["theta_s_deg"], mean["torque"], color=style.MAGENTA, linestyle=style.DASHED, linewidth=1.3)
+    trials = trials_of(table)
+    for drawn, look in ((trials, GREY_TRIAL), (filter(style.has_doubtful, trials), DOUBTFUL_TRIAL)):
+        for trial in drawn:
+            ax.plot(trial["theta_s_deg"], trial["torque"], **look)
+    mean = table.filter(pl.col("trial") == MEAN_SLOPE)
+    ax.plot(mean["theta_s_deg"], mean["torque"], **MEAN_LINE)
     ax.tick_params(labelbottom=False)
     ax.set_ylabel("Joint torque (N·m)")
-    if len(mean):
-        K_s, low, high = (mean[column][0] for column in ("K_s", "K_s_low", "K_s_high"))
+    for K_s, low, high in mean.select("K_s", "K_s_low", "K_s_high").head(1).iter_rows():
         text = rf"$\hat{{K}}_s = {K_s:.1f}$ N·m/rad"
         text += "" if low is None or high is None else f"\n95 % interval {low:.1f} to {high:.1f} N·m/rad"
         ax.text(0.99, 0.04, text, transform=ax.transAxes, ha="right", va="bottom", linespacing=1.4)
 
 
-def draw_loops(ax: Axes, table: pl.DataFrame) -> None:
-    ax.axhline(0, color=style.MAGENTA, linestyle=style.DASHED, linewidth=1.3)
-    for trial, colour in coloured(table):
-        doubtful = len(trial.filter(style.DRAWN_OPEN)) > 0
-        for branch, dash in BRANCH_DASHES.items():
+def draw_loops(ax: Axes, table: pl.DataFrame) -> list[tuple[str, str, tuple[float, float]]]:
+    """Each trial's name, colour and the far end (deflection [deg], deviation [N*m]) of its loop. Trials with ends
+    beside each other differ in colour, whose lightness is 0, 57 and 30 of 100."""
+    ax.axhline(0, **MEAN_LINE)
+    ends = [
+        (trial.select("theta_s_deg", "deviation").row(int(trial["theta_s_deg"].abs().arg_max() or 0)), trial)
+        for trial in trials_of(table)
+    ]
+    named, colours = [], (style.BLACK, "#3F8FBF", "#6B3A0A")
+    for number, (end, trial) in enumerate(sorted(ends, key=lambda one: one[0][1])):
+        colour, doubtful = colours[number % len(colours)], style.has_doubtful(trial)
+        for branch, dash in BRANCHES.items():
             rows = trial.filter(pl.col("branch") == branch)
             line = style.DOTTED if doubtful else dash
             ax.plot(rows["theta_s_deg"], rows["deviation"], color=colour, linestyle=line, linewidth=0.5)
-    area = table["hysteresis_area"].drop_nulls()
-    if len(area):
-        ax.text(0.02, 0.04, f"Mean loop area {area[0]:.3g} J", transform=ax.transAxes, va="bottom")
+        named.append((trial["trial"][0], colour, end))
+    for area in table["hysteresis_area"].drop_nulls().head(1):
+        ax.text(0.02, 0.04, f"Mean loop area {area:.3g} J", transform=ax.transAxes, va="bottom")
     ax.set_xlabel(r"Transmission deflection $\theta_s$ (deg)")
     ax.set_ylabel("Torque minus\nmean slope (N·m)")
-
-
-def coloured(table: pl.DataFrame) -> list[tuple[pl.DataFrame, str]]:
-    """The rows of each trial with a colour that trials with ends beside its own do not have. The colours differ in
-    lightness: 0, 57 and 30 of 100."""
-    ordered, colours = sorted(trials_of(table), key=lambda trial: end_of(trial)[1]), (style.BLACK, "#3F8FBF", "#6B3A0A")
-    return [(trial, colours[number % len(colours)]) for number, trial in enumerate(ordered)]
-
-
-def end_of(trial: pl.DataFrame) -> tuple[float, float]:
-    """Deflection [deg] and deviation [N*m] at the far end of a loop."""
-    return trial.select("theta_s_deg", "deviation").row(int(trial["theta_s_deg"].abs().arg_max() or 0))
+    return named
 
 
 CURVE_COLUMNS = (
@@ -151,16 +131,12 @@ CURVE_COLUMNS = (
     "desired",
 )  # fmt: skip
 """Columns of `torque_angle_curves.csv` that are drawn."""
-WITH_DESIRED = (style.MAGENTA, style.ORANGE, style.PURPLE, "#6B3A0A")
-"""Colours of the desired curves and of the trials that should follow them."""
-LIGHTEST = 0.6  # part of the colour map that is used: what is lighter stands out from white by less than three to one
 LOADING_WIDTH, UNLOADING_WIDTH = 1.1, 0.6
 MOST_CURVES = 16  # largest number of trials of a panel that are named
-LONGEST_CURVE_NAME = 18  # letters of such a name
 
 
 def torque_angle_points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
-    facts = of_place(table).select("trial", *JOINT_SIDE, "doubtful")
+    facts = completed(table, JOINT_SIDE).select("trial", *JOINT_SIDE, "doubtful")
     joined = curves.select(CURVE_COLUMNS).join(facts, on="trial", how="left", maintain_order="left")
     return joined.select(*JOINT_SIDE, *CURVE_COLUMNS, "doubtful")
 
@@ -186,37 +162,55 @@ def torque_angle_caption(table: pl.DataFrame) -> str:
 @style.paper_style()
 def draw_torque_angle(table: pl.DataFrame) -> Figure:
     """(a) Torque against angle, desired curves dashed; (b) stiffness while loading with its 95 % interval."""
-    parts, colours = placed_rows(table), colours_of(table)
+    parts, colours = placed_rows(table), curve_colours(table)
     names = [name for name, _ in parts for _ in range(2)]
     figure, axes = style.panels(style.DOUBLE_COLUMN, 3.0 * len(parts) + 0.3, rows=len(parts), columns=2, names=names)
     for number, (_, part) in enumerate(parts):
-        draw_place(axes[2 * number], axes[2 * number + 1], part, colours)
-    figure.legend(handles=line_entries(table), loc="outside upper center", ncols=4)
-    for number, (_, part) in enumerate(parts):
-        for ax, column in zip(axes[2 * number : 2 * number + 2], ("torque", "stiffness"), strict=True):
-            name_curves(ax, part, column, colours)
+        draw_curves(axes[2 * number], axes[2 * number + 1], part, colours)
+    entries = [
+        ("Loading", LOADING_WIDTH, "-", True),
+        ("Unloading", UNLOADING_WIDTH, "-", True),
+        ("Desired", LOADING_WIDTH, style.DASHED, table["desired_torque"].count() > 0),
+        ("Doubtful trial", LOADING_WIDTH, style.DOTTED, style.has_doubtful(table)),
+    ]
+    handles = [
+        style.key(e, color=style.BLACK, linewidth=width, linestyle=dash) for e, width, dash, there in entries if there
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=4)
+    for number, ax in enumerate(axes):
+        column = ("torque", "stiffness")[number % 2]
+        loading = parts[number // 2][1].filter(pl.col("branch") == "loading").drop_nulls(column).sort("angle_deg")
+        last = loading.unique("trial", keep="last", maintain_order=True).select("trial", "angle_deg", column)
+        if len(last) <= MOST_CURVES:
+            style.name_ends(
+                ax,
+                [
+                    (name, drawn_name(name.replace("_", " "), 18), colours[name], (x, y))
+                    for name, x, y in last.iter_rows()
+                ],
+            )
     return figure
 
 
-def name_curves(ax: Axes, table: pl.DataFrame, column: str, colours: Mapping[str, str]) -> None:
-    loading = table.filter(pl.col("branch") == "loading").drop_nulls(column).sort("angle_deg")
-    last = loading.unique("trial", keep="last", maintain_order=True)
-    if len(last) <= MOST_CURVES:
-        names = [drawn_name(name.replace("_", " "), LONGEST_CURVE_NAME) for name in last["trial"]]
-        ends = last.select("angle_deg", column).rows()
-        style.link_to_trials(style.name_ends(ax, ends, names, [colours[name] for name in last["trial"]]), last["trial"])
-
-
-def draw_place(left: Axes, right: Axes, table: pl.DataFrame, colours: Mapping[str, str]) -> None:
+def draw_curves(left: Axes, right: Axes, table: pl.DataFrame, colours: dict[str, str]) -> None:
+    """Torque of both branches of every trial, and desired torque, on the left; stiffness while loading on the right."""
     for trial in table.partition_by("trial", maintain_order=True):
-        draw_trial(left, right, trial, colours[trial["trial"][0]])
-    wanted = table.filter(pl.col("desired").is_not_null())
-    for curve in wanted.partition_by("desired", maintain_order=True):
+        look: dict[str, Any] = {
+            "color": colours[trial["trial"][0]],
+            "linestyle": style.DOTTED if style.has_doubtful(trial) else "-",
+        }
+        for branch, width in (("loading", LOADING_WIDTH), ("unloading", UNLOADING_WIDTH)):
+            rows = trial.filter(pl.col("branch") == branch)
+            left.plot(rows["angle_deg"], rows["torque"], linewidth=width, **look)
+        rows = trial.filter(pl.col("branch") == "loading").drop_nulls("stiffness")
+        right.plot(rows["angle_deg"], rows["stiffness"], linewidth=LOADING_WIDTH, **look)
+        band = rows.drop_nulls(["stiffness_low", "stiffness_high"])
+        ends = band["stiffness_low"], band["stiffness_high"]
+        right.fill_between(band["angle_deg"], *ends, color=look["color"], alpha=0.25, linewidth=0)
+    for curve in table.drop_nulls("desired").partition_by("desired", maintain_order=True):
         line = curve.drop_nulls("desired_torque").unique("angle_deg").sort("angle_deg")
-        colour = colours[curve["trial"][0]]
-        left.plot(
-            line["angle_deg"], line["desired_torque"], color=colour, linestyle=style.DASHED, linewidth=LOADING_WIDTH
-        )
+        look = {"color": colours[curve["trial"][0]], "linestyle": style.DASHED, "linewidth": LOADING_WIDTH}
+        left.plot(line["angle_deg"], line["desired_torque"], **look)
     for ax in (left, right):
         ax.axhline(0, color=style.BLACK, linewidth=0.4)
         ax.axvline(0, color=style.BLACK, linewidth=0.4)
@@ -225,46 +219,19 @@ def draw_place(left: Axes, right: Axes, table: pl.DataFrame, colours: Mapping[st
     right.set_ylabel("Stiffness while loading (N·m/rad)")
 
 
-def colours_of(table: pl.DataFrame) -> Mapping[str, str]:
-    """A colour per trial: those with a desired curve share its colour, the others go through a colour map in order."""
-    trials = table.select("trial", "desired").unique(maintain_order=True).rows()
-    wanted = list(dict.fromkeys(desired for _, desired in trials if desired is not None))
-    others = [trial for trial, desired in trials if desired is None]
-    shades = mpl.colormaps["viridis"](np.linspace(0, LIGHTEST, max(len(others), 1)))
-    plain = {trial: to_hex(shade) for trial, shade in zip(others, shades, strict=False)}
-    return {
-        trial: plain[trial] if desired is None else WITH_DESIRED[wanted.index(desired) % len(WITH_DESIRED)]
-        for trial, desired in trials
-    }
-
-
-def draw_trial(left: Axes, right: Axes, trial: pl.DataFrame, colour: str) -> None:
-    dash = style.DOTTED if len(trial.filter(style.DRAWN_OPEN)) else "-"
-    for branch, width in (("loading", LOADING_WIDTH), ("unloading", UNLOADING_WIDTH)):
-        rows = trial.filter(pl.col("branch") == branch)
-        left.plot(rows["angle_deg"], rows["torque"], color=colour, linewidth=width, linestyle=dash)
-    rows = trial.filter(pl.col("branch") == "loading").drop_nulls("stiffness")
-    right.plot(rows["angle_deg"], rows["stiffness"], color=colour, linewidth=LOADING_WIDTH, linestyle=dash)
-    band = rows.drop_nulls(["stiffness_low", "stiffness_high"])
-    right.fill_between(
-        band["angle_deg"], band["stiffness_low"], band["stiffness_high"], color=colour, alpha=0.25, linewidth=0
-    )
-
-
-def line_entries(table: pl.DataFrame) -> list[Line2D]:
-    entries = [
-        Line2D([], [], color=style.BLACK, linewidth=LOADING_WIDTH, label="Loading"),
-        Line2D([], [], color=style.BLACK, linewidth=UNLOADING_WIDTH, label="Unloading"),
-    ]
-    if table["desired_torque"].count():
-        entries.append(
-            Line2D([], [], color=style.BLACK, linewidth=LOADING_WIDTH, linestyle=style.DASHED, label="Desired")
-        )
-    if len(table.filter(style.DRAWN_OPEN)):
-        entries.append(
-            Line2D([], [], color=style.BLACK, linewidth=LOADING_WIDTH, linestyle=style.DOTTED, label="Doubtful trial")
-        )
-    return entries
+def curve_colours(table: pl.DataFrame) -> dict[str, str]:
+    """A colour per trial: those with a desired curve share its colour, the others go through a colour map in order, but
+    for its end that stands out from white by less than three to one."""
+    desired_of = dict(table.select("trial", "desired").unique(maintain_order=True).iter_rows())
+    others = [trial for trial, desired in desired_of.items() if desired is None]
+    shades = mpl.colormaps["viridis"](np.linspace(0, 0.6, max(len(others), 1)))
+    found = {trial: to_hex(shade) for trial, shade in zip(others, shades, strict=False)}
+    of_desired = (style.MAGENTA, style.ORANGE, style.PURPLE, "#6B3A0A")
+    wanted = list(dict.fromkeys(filter(None, desired_of.values())))
+    for trial, desired in desired_of.items():
+        if desired is not None:
+            found[trial] = of_desired[wanted.index(desired) % len(of_desired)]
+    return found
 
 
 FIG3 = style.Drawing(

@@ -14,13 +14,12 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.collections import Collection
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
-from matplotlib.text import Text
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import MaxNLocator, MultipleLocator
+from scipy.optimize import isotonic_regression
 
 from osl_analysis.trial import Array
 
@@ -98,8 +97,7 @@ class Look:
     dash: Dash = "-"
 
 
-LOOKS = {
-    "desired": Look(BLACK, "", 0, "Desired"),
+LOOKS = {  # of the controllers of the draft
     "compensated": Look(ORANGE, "o", 3.8, "Compensated", (0, (4, 1.5))),
     "uncompensated": Look(PURPLE, "D", 3.4, "Uncompensated", (0, (5, 1.5, 1, 1.5))),
 }
@@ -128,12 +126,11 @@ def panels(
     figure = Figure(figsize=(width, height), layout="constrained")
     share = rows > 1 and not names
     grid = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=bool(shares), width_ratios=shares)
-    axes = [ax for row in grid for ax in row]
-    letters = [f"({letter})" for letter in ascii_lowercase[: len(axes)]] * (len(axes) > 1)
+    letters = [f"({letter})" for letter in ascii_lowercase[: grid.size]] * (grid.size > 1)
     titles = [f"{letter} {name}" for letter, name in zip_longest(letters, names, fillvalue="")]
-    for ax, title in zip(axes, titles, strict=False):
+    for ax, title in zip(grid.flat, titles, strict=False):
         ax.set_title(title.strip(), loc="left")
-    return figure, axes
+    return figure, list(grid.flat)
 
 
 @paper_style()
@@ -151,16 +148,9 @@ def width_of(label: str) -> float:
     return float(TextPath((0, 0), plain, size=8, prop=font).get_extents().width) / 72 if plain.strip() else 0.0
 
 
-def legend_columns(labels: Sequence[str], width: float, most: int) -> int:
-    """Columns, `most` or fewer, of a legend that is no wider than the page of `width` [in]. The handle of an entry with
-    its spaces takes 0.45 in."""
-    widths = np.array([width_of(label) + 0.45 for label in labels])
-    for columns in range(min(most, len(labels)), 1, -1):
-        rows, longer = divmod(len(labels), columns)
-        ends = np.cumsum([rows + (k < longer) for k in range(columns)])
-        if sum(max(part) for part in np.split(widths, ends[:-1])) < width:
-            return columns
-    return 1
+def key(label: str, **look: Any) -> Line2D:
+    """An entry of a legend that is drawn nowhere else; a `marker` stands there without a line."""
+    return Line2D([], [], label=label, **({"linestyle": ""} if "marker" in look else {}) | look)
 
 
 def legend_entries(axes: Iterable[Axes]) -> dict[str, Any]:
@@ -168,21 +158,43 @@ def legend_entries(axes: Iterable[Axes]) -> dict[str, Any]:
     return {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
 
 
-def draw_fits(ax: Axes, rows: pl.DataFrame, x: Any, y: Any, colour: str, size: float, **looks: Any) -> None:
-    """A marker of this size [pt] per row at (x, y), open where its fit is doubtful. It leads to its trial."""
-    fill = [WHITE if doubtful else colour for doubtful in rows.select(DRAWN_OPEN).to_series()]
-    drawn = ax.scatter(x, y, size**2, facecolors=fill, edgecolors=colour, **looks)
-    link_to_trials(drawn, rows["trial"])
+def legend_above(figure: Figure, entries: Mapping[str, Any], most: int, width: float = np.inf, **looks: Any) -> None:
+    """The legend above all panels, in `most` columns or fewer, no wider than the page or `width` [in]."""
+    # the handle of an entry with its spaces takes 0.45 in
+    widths = np.array([width_of(label) + 0.45 for label in entries])
+    for columns in range(min(most, len(entries)), 0, -1):
+        rows, longer = divmod(len(entries), columns)
+        ends = np.cumsum([rows + (k < longer) for k in range(columns)])
+        if sum(max(part) for part in np.split(widths, ends[:-1])) < min(width, figure.get_figwidth()):
+            break
+    figure.legend(entries.values(), entries.keys(), loc="outside upper center", ncols=columns, **looks)
 
 
-def link_to_trials(drawn: Collection | Sequence[Text], trials: Iterable[str]) -> None:
-    """In an SVG, each of the points, lines or names (n,) leads to its trial (n,) in the report."""
-    urls = [place_in_report(trial) for trial in trials]
-    if isinstance(drawn, Collection):
-        drawn.set_urls(urls)
-        return
-    for text, url in zip(drawn, urls, strict=True):
-        text.set_url(url)
+def has_doubtful(table: pl.DataFrame) -> bool:
+    return not table.filter(DRAWN_OPEN).is_empty()
+
+
+def draw_fits(
+    ax: Axes, rows: pl.DataFrame, x: Any, y: Any, look: Look, share: float = 1.0, linewidths: float = 0.8, **looks: Any
+) -> None:
+    """A marker in a share of the look's size per row at (x, y), open where its fit is doubtful. It leads to its
+    trial."""
+    fill = [WHITE if doubtful else look.colour for doubtful in rows.select(DRAWN_OPEN).to_series()]
+    looks |= {"facecolors": fill, "edgecolors": look.colour, "linewidths": linewidths}
+    drawn = ax.scatter(x, y, (share * look.size) ** 2, marker=look.marker, label=look.label, **looks)
+    drawn.set_urls([place_in_report(trial) for trial in rows["trial"]])
+
+
+def draw_estimates(
+    ax: Axes, rows: pl.DataFrame, x: str, y: str, ends: str, look: Look, share: float = 1.0, **looks: Any
+) -> None:
+    """The column `y` over `x` by `draw_fits`, on thin bars for the range over single amplitudes and thick ones for the
+    95 % interval, whose columns begin with `ends`."""
+    for kind, width in (("_amplitudes", THIN), ("", THICK)):
+        low, high = f"{ends}{kind}_low", f"{ends}{kind}_high"
+        bars = rows.drop_nulls([low, high])
+        ax.vlines(bars[x], bars[low], bars[high], color=look.colour, linewidth=width)
+    draw_fits(ax, rows, rows[x], rows[y], look, share, **looks)
 
 
 def place_in_report(trial: str) -> str:
@@ -190,54 +202,19 @@ def place_in_report(trial: str) -> str:
     return f"../report.html#trial={quote(trial, safe='')}"
 
 
-def draw_spread(ax: Axes, rows: pl.DataFrame, x: str, quantity: str, colour: str) -> None:
-    """Thin bars for the range over single amplitudes, thick ones for the 95 % interval, where there are any."""
-    for low, high, width in (
-        (f"{quantity}_amplitudes_low", f"{quantity}_amplitudes_high", THIN),
-        (f"{quantity}_low", f"{quantity}_high", THICK),
-    ):
-        complete = rows.drop_nulls([low, high])
-        ax.vlines(complete[x], complete[low], complete[high], color=colour, linewidth=width)
-
-
-def spread_entries(panels: Mapping[Axes, str], table: pl.DataFrame) -> list[Line2D]:
-    """Legend of the bars of `draw_spread`, of those that are long enough to be seen beside the markers. `panels` are
-    the axes with the quantity that each shows."""
-
-    def bar(width: float, label: str) -> Line2D:
-        return Line2D([], [], color=BLACK, marker="|", markersize=8, mew=width, linestyle="", label=label)
-
-    handles = []
-    if any(table[f"{quantity}_amplitudes_low"].count() for quantity in panels.values()):
-        handles.append(bar(THIN, "Range over amplitudes"))
-    if not any(table[f"{quantity}_low"].count() for quantity in panels.values()):
-        return handles
-
-    def longest_bar(ax: Axes, quantity: str) -> float:
-        figure = ax.figure.figure
-        figure.draw_without_rendering()
-        ends = (table[f"{quantity}_{end}"].drop_nulls() for end in ("low", "high"))
-        low, high = (ax.transData.transform(np.column_stack([np.zeros(len(y)), y]))[:, 1] for y in ends)
-        return float(np.max(np.abs(high - low), initial=0)) * 72 / figure.dpi
-
-    smallest = min(look.size for look in LOOKS.values() if look.marker)
-    if any(longest_bar(ax, quantity) > smallest for ax, quantity in panels.items()):
-        handles.append(bar(THICK, "95 % interval"))
-    return handles
-
-
 def log_ticks(low: float, high: float, most: int) -> list[float]:
     """Round values from `low` to `high` > 0 for a logarithmic axis, `most` or fewer: of the fewest steps in a decade
     that give five, else of those that give most. In a span in which none give three, they are evenly spaced."""
     within_decade = ((1,), (1, 2, 5), (1, 2, 3, 5), (1, 2, 3, 4, 5, 6, 8), (1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9))
     decades = 10.0 ** np.arange(np.floor(np.log10(low)) - 1, np.ceil(np.log10(high)) + 1)
-    slack = 1e-9
-    candidates = ([decade * step for decade in decades for step in steps] for steps in within_decade)
-    found = [[tick for tick in ticks if low * (1 - slack) <= tick <= high * (1 + slack)] for ticks in candidates]
-    wide = [float(decade) for decade in decades if low <= decade <= high]
+    found = []
+    for steps in within_decade:
+        ticks = np.outer(decades, steps).ravel()
+        found.append([float(tick) for tick in ticks if low * (1 - 1e-9) <= tick <= high * (1 + 1e-9)])
     fitting = [ticks for ticks in found if 3 <= len(ticks) <= most]
     if fitting:
-        return [float(tick) for tick in next((f for f in fitting if len(f) >= 5), max(fitting, key=len))]
+        return next((ticks for ticks in fitting if len(ticks) >= 5), max(fitting, key=len))
+    wide = [float(decade) for decade in decades if low <= decade <= high]
     if len(wide) > most:
         return wide[:: -(-len(wide) // most)]
     even = MaxNLocator(nbins=max(most - 1, 2), steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
@@ -252,10 +229,10 @@ def label_log_axis(axis: Axis, limits: tuple[float, float], most: int, scale: fl
     axis.set_view_interval(*limits, ignore=True)
 
 
-def with_margins(low: float, high: float, share: float = 0.04) -> tuple[float, float]:
-    """Limits of a logarithmic axis with a share of it free on either side."""
-    span = np.log(high / low) if high > low else 1.0
-    return low * float(np.exp(-share * span)), high * float(np.exp(share * span))
+def with_margins(low: float, high: float) -> tuple[float, float]:
+    """Limits of a logarithmic axis with 4 % of it free on either side."""
+    factor = float(np.exp(0.04 * (np.log(high / low) if high > low else 1.0)))
+    return low / factor, high * factor
 
 
 def label_phase_axis(ax: Axes) -> None:
@@ -274,58 +251,44 @@ def moved_apart(places: Sequence[float], gap: float, limits: tuple[float, float]
     order stays: it is a monotone regression of `place - rank * gap`, by pooling neighbours that violate it. They lie
     within the limits if there is room for them."""
     values = np.asarray(places, dtype=float)
-    order = np.argsort(values, kind="stable")
-    pools: list[tuple[float, int]] = []
-    for rank, value in enumerate(values[order]):
-        mean, count = float(value - rank * gap), 1
-        while pools and pools[-1][0] > mean:
-            before, n = pools.pop()
-            mean, count = (before * n + mean * count) / (n + count), n + count
-        pools.append((mean, count))
-    level = np.repeat([mean for mean, _ in pools], [count for _, count in pools])
-    steps, moved = gap * np.arange(len(values)), np.empty(len(values))
+    order, steps = np.argsort(values, kind="stable"), gap * np.arange(len(values))
+    level = isotonic_regression(values[order] - steps).x if len(values) else values
+    moved = np.empty(len(values))
     moved[order] = np.maximum(np.minimum(level + steps, limits[1] - steps[::-1]), limits[0] + steps)
     return moved
 
 
-def name_ends(
-    ax: Axes, ends: Sequence[tuple[float, float]], names: Sequence[str], colours: Sequence[str]
-) -> list[Text]:
-    """Names (n,) beside the right edge of a panel, each with a hair line to the end (x, y) of its curve. Names that
-    would overlap are moved apart. The limits of the panel are kept."""
+def name_ends(ax: Axes, ends: Sequence[tuple[str, str, str, tuple[float, float]]]) -> None:
+    """Names of trials beside the right edge of a panel, each with a hair line to the end of its curve: the trial, to
+    which the name leads, the name as it is drawn, its colour, and the end (x, y). Names that would overlap are moved
+    apart. The limits of the panel are kept."""
     figure = ax.figure.figure
     figure.draw_without_rendering()
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
     height = 1.1 * SIZE_OF_TEXT / 72 * figure.dpi / ax.get_window_extent().height * (high - low)
-    places = moved_apart([y for _, y in ends], height, (low, high))
-    written: list[Text] = []
-    for end, name, colour, place in zip(ends, names, colours, places, strict=True):
+    places = moved_apart([end[1] for *_, end in ends], height, (low, high))
+    for (trial, name, colour, end), place in zip(ends, places, strict=True):
         hair = {"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0, "shrinkB": 0, "relpos": (0, 0.5)}
         beside = (right + 0.03 * (right - left), float(place))
         text = ax.annotate(name, end, beside, color=colour, va="center", arrowprops=hair, annotation_clip=False)
-        written.append(text)
+        text.set_url(place_in_report(trial))
     ax.set(xlim=(left, right), ylim=(low, high))
-    return written
 
 
-def swarm_positions(values: Array, width: float) -> Array:
-    """Sideways offsets (n,) at which points of diameter `width` at heights `values` (n,) do not overlap; in one unit.
-    From the lowest value up, each point takes the free place that is nearest to the middle. Of two equally near places
-    it takes the right and the left one in turn."""
-    offsets = np.zeros(len(values))
-    order = np.argsort(values, kind="stable")
+def swarm_offsets(heights: Array, width: float, inches: float, reach: float) -> Array:
+    """Sideways offsets (n,), none beyond `reach`, at which points of diameter `width` [in] at these heights (n,) [in]
+    do not overlap; `inches` are the length of a unit of the axis. From the lowest point up, each takes the free place
+    that is nearest to the middle; of two equally near ones the right and the left one in turn."""
+    offsets = np.zeros(len(heights))
+    order = np.argsort(heights, kind="stable")
     for rank, point in enumerate(order):
-        below = order[:rank][np.abs(values[order[:rank]] - values[point]) < width]
-        reach = np.sqrt(width**2 - (values[below] - values[point]) ** 2) * (1 + 1e-9)
-        candidates = np.concatenate([[0.0], offsets[below] - reach, offsets[below] + reach])
-        free = [c for c in candidates if (np.abs(c - offsets[below]) >= reach * (1 - 1e-9)).all()]
+        below = order[:rank][np.abs(heights[order[:rank]] - heights[point]) < width]
+        apart = np.sqrt(width**2 - (heights[below] - heights[point]) ** 2) * (1 + 1e-9)
+        candidates = np.concatenate([[0.0], offsets[below] - apart, offsets[below] + apart])
+        free = [c for c in candidates if (np.abs(c - offsets[below]) >= apart * (1 - 1e-9)).all()]
         side = 1 if rank % 2 else -1
         offsets[point] = min(free, key=lambda c: (round(abs(c) / width, 6), side * c))
-    return offsets
-
-
-def squeezed(offsets: Array, reach: float) -> Array:
-    """The offsets, closer together so that none is farther than `reach` from the middle."""
+    offsets /= inches
     return np.asarray(offsets * min(1.0, reach / max(float(np.max(np.abs(offsets), initial=0)), 1e-9)))
 
 

@@ -135,8 +135,8 @@ def draw_single(ax: Axes, at: float, fits: pl.DataFrame, shown: pl.Series, inche
     """The single estimates of one group, side by side where they would overlap; `inches`: length of a unit in x. They
     spread over 1.2 in of a panel, and each takes 3.4 pt."""
     heights = (fits["estimate"] / max(float(np.ptp(shown.to_numpy())), 1e-9) * 1.2).to_numpy()
-    x = at + style.squeezed(style.swarm_positions(heights, 3.4 / 72) / inches, FROM_MIDDLE)
-    style.draw_fits(ax, fits, x, fits["estimate"], style.GREY, 2.6, linewidths=0.6, label=LEGEND[0])
+    x = at + style.swarm_offsets(heights, 3.4 / 72, inches, FROM_MIDDLE)
+    style.draw_fits(ax, fits, x, fits["estimate"], style.Look(style.GREY, "o", 2.6, LEGEND[0]), linewidths=0.6)
 
 
 def draw_group(ax: Axes, at: float, row: dict[str, Any]) -> None:
@@ -373,12 +373,7 @@ def draw_over_stance(table: pl.DataFrame) -> Figure:
     named = style.legend_entries(axes)
     for marker, width, label in zip("|_", WIDTHS.values(), ("95 % interval", "Fitted window"), strict=True):
         named[label] = Line2D([], [], color=style.BLACK, linestyle="", marker=marker, markersize=8, mew=width)
-    figure.legend(
-        named.values(),
-        named.keys(),
-        loc="outside upper center",
-        ncols=style.legend_columns([*named], style.DOUBLE_COLUMN, 6),
-    )
+    style.legend_above(figure, named, 6)
     return figure
 
 

@@ -26,7 +26,7 @@ from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.simulator.bench import simulate_actuator_trial, turning
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.study.bench import recorded_trial
-from osl_analysis.summary.headlines import headline_numbers
+from osl_analysis.summary import headline_numbers
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial, write_trial
 

@@ -27,7 +27,7 @@ from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.findings import findings_report
 from osl_analysis.judge.table import Doubt
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.summary.headlines import ENDINGS, Example, headline_numbers
+from osl_analysis.summary import ENDINGS, Example, headline_numbers
 from osl_analysis.table import read_table, tables_of, with_places, write_table
 
 fig5, fig6, fig8 = map(drawing_of, ("fig5", "fig6", "fig8"))

@@ -19,7 +19,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.jobs.job_log import JobLog, write_log
 from osl_analysis.jobs.refusal import Refusal
 from osl_analysis.judge.findings import findings
-from osl_analysis.summary.headlines import (
+from osl_analysis.summary import (
     BOOTSTRAP,
     FEW,
     FIT,
@@ -28,9 +28,13 @@ from osl_analysis.summary.headlines import (
     RANGE,
     STUDENT,
     Headline,
+    decimals,
     headline_numbers,
+    rounded_by,
+    to_json,
+    to_tex,
+    told_apart,
 )
-from osl_analysis.summary.text import decimals, rounded_by, to_json, to_tex, told_apart
 from osl_analysis.table import write_table
 from osl_analysis.walking import tables as walking
 

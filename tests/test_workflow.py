@@ -23,7 +23,7 @@ from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
 from osl_analysis.jobs.refusal import is_refused
 from osl_analysis.jobs.request import imported_names
-from osl_analysis.summary.headlines import all_labels
+from osl_analysis.summary import all_labels
 
 TRIAL = "impedance_K300_B5.0_compensated"
 WALKING, DYNAMOMETER = OVERRIDES["walking"], OVERRIDES["dynamometer"]

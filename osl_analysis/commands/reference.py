@@ -21,7 +21,7 @@ from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.judge.recording import CHECKS
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.summary.headlines import all_labels
+from osl_analysis.summary import all_labels
 
 INTRODUCTION = """\
 # Tables

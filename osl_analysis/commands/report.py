@@ -18,7 +18,7 @@ from osl_analysis.judge.recording import CHECKS
 from osl_analysis.report import panels, trial_page
 from osl_analysis.report.page import PageTrial, captions_by_title, inline_png, inline_svg, written_page
 from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content, without_result
-from osl_analysis.summary.headlines import COUNT
+from osl_analysis.summary import COUNT
 from osl_analysis.table import read_table
 from osl_analysis.trial import read_provenance, read_trial, unit_of
 

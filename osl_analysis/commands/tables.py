@@ -22,11 +22,12 @@ from osl_analysis.judge.doubts import marked, with_doubts_of
 from osl_analysis.judge.findings import Judge, findings
 from osl_analysis.judge.table import Doubt, QualityRules
 from osl_analysis.spectral.periods import Realisation, pooled, realisations_from
-from osl_analysis.summary.headlines import DRAFT_EXAMPLE, Example, headline_numbers, needed_columns
-from osl_analysis.summary.text import (
-    finding_lines,
+from osl_analysis.summary import (
+    DRAFT_EXAMPLE,
+    Example,
+    headline_numbers,
     missing_lines,
-    missing_results,
+    needed_columns,
     to_columns,
     to_json,
     to_markdown,
@@ -198,7 +199,8 @@ def write_summary(
     used = trials_content(trials or {}, read_table(excluded, of_excluded)) if excluded else {}
     judged = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
     said = {"findings": [one.content() for one in findings(judged, tables)]}
-    missing = {"trials": used, "missing_results": missing_results(refused)}
+    lost = {one.file: one.reason.removeprefix(f"{one.file}: ") for one in refused if not one.trial}
+    missing = {"trials": used, "missing_results": lost}
     with atomic_path(summary_json) as json_path, atomic_path(numbers_tex) as tex_path:
         json_path.write_text(to_json(about, headlines, missing | said), encoding="utf-8")
         tex_path.write_text(to_tex(about, headlines, missing_lines(missing, reasons=False)), encoding="utf-8")
@@ -286,7 +288,7 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
     """What a summary is made of, a table of its numbers (quantity, value, interval, n, the draft's value), what to know
     of them, and which trials and results are missing. The table is Markdown, or in aligned columns.
     """
-    lines = [*finding_lines(summary), *missing_lines(summary, reasons=True)]
+    lines = [*(one["line"] for one in summary.get("findings", ())), *missing_lines(summary, reasons=True)]
     missing = "".join(f"\n{line}\n" for line in lines)
     said = About(**{field.name: summary.get(field.name, "") for field in fields(About)}).sentence()
     table = (to_markdown if markdown else to_columns)(summary["numbers"])

@@ -15,7 +15,7 @@ from osl_analysis.judge.doubts import not_checked_of, reasons_in
 from osl_analysis.judge.findings import exclusion_said
 from osl_analysis.judge.recording import CHECKS
 from osl_analysis.report.panels import Pictures
-from osl_analysis.summary.text import AMPLITUDES, decimals, fixed, rounded_by, told_apart, trials_text
+from osl_analysis.summary import AMPLITUDES, decimals, fixed, rounded_by, told_apart, trials_text
 
 TABLE_NUMBERS = ["VAF", "K", "B", "I"]  # numbers of the table of trials
 NO_VALUE = "–"

@@ -1,0 +1,565 @@
+"""Headline numbers of a campaign, computed from its result tables, each with its label and its interval; and how they
+are written, as JSON, as LaTeX macros and as tables.
+"""
+
+import json
+import math
+import re
+import unicodedata
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import count
+from typing import Any, TypeVar
+
+import numpy as np
+import polars as pl
+
+from osl_analysis.config.campaign import ABOUT_MACROS, ABOUT_MEANING, About
+from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
+from osl_analysis.errors import InputError
+from osl_analysis.judge.doubts import DOUBTFUL, causes_by_trial, counted, doubtful_count
+from osl_analysis.judge.findings import exclusion_said
+from osl_analysis.trial import Array
+
+CONTROLLERS = ("compensated", "uncompensated")  # the controllers of the draft
+DRAFT_JOINT = "ankle"  # the joint whose numbers the draft prints
+
+
+@dataclass(frozen=True)
+class Label:
+    name: str  # its key in the summary
+    unit: str
+    draft: float | None  # the value that the paper's draft prints; None if it prints none
+    macro: str  # its LaTeX macro without the prefix, letters only
+    meaning: str
+
+
+Labelled = TypeVar("Labelled", bound=Label)
+
+
+@dataclass(frozen=True)
+class Headline(Label):
+    value: float  # in `unit`
+    low: float | None
+    high: float | None
+    interval: str | None  # kind of the interval; None if there is none
+    n: int  # number of trials or fits that the number is computed from
+    n_doubtful: int = 0  # number of doubtful trials or fits among those that could be in the number
+    n_left_out: int = 0  # number of these that are not in it
+    doubt: str | None = None  # why the number itself is doubtful; None if it is not, or not judged
+    amplitudes_low: float | None = None  # lowest result of the fits to single amplitudes; None if there are none
+    amplitudes_high: float | None = None  # highest result of the fits to single amplitudes; None if there are none
+
+
+@dataclass(frozen=True)
+class Example:
+    """The desired impedance of Fig. 4, whose estimates are headline numbers; by default that of the draft."""
+
+    K_d: float | None = 300.0  # desired stiffness [N*m/rad]; None: not stated
+    B_d: float | None = 5.0  # desired damping [N*m*s/rad]; None: not stated
+    chosen: str = ""  # why this one, where the configuration does not name it
+
+    def meaning(self) -> str:
+        stated = [f"{name} = {value:g}" for name, value in (("K_d", self.K_d), ("B_d", self.B_d)) if value is not None]
+        words = f"for {', '.join(stated)}" if stated else "of trials without K_d and B_d"
+        return f"{words} (that of {self.chosen})" if self.chosen else words
+
+
+DRAFT_EXAMPLE = Example()
+
+# fmt: off
+LABELS: dict[str, dict[str, Label]] = {
+    "belt_summary": {
+        "K_s": Label("K_s", "N*m/rad", 685.6, "BeltStiffness", "belt stiffness while loading, mean of trials")},
+    "transmission_summary": {
+        "B_j": Label("B_j", "N*m*s/rad", 0.452, "JointDamping", "damping of the transmission, mean of trials"),
+        "J_j": Label("J_j", "kg*m^2", 5.0e-3, "JointInertia", "inertia of the transmission, mean of trials")},
+    "transmission": {"VAF": Label("transmission_VAF", "%", 99.1, "TransmissionVAF",
+        "VAF of the transmission model, mean of trials")},
+    "actuator_summary": {
+        "k_tau_n_m": Label("k_tau_n_m", "N*m/A", 113.3e-3 * 9, "TorqueConstant", "torque per current, mean of trials"),
+        "f_C": Label("f_C", "N*m", 0.377, "CoulombFriction", "Coulomb friction of the actuator, mean of trials"),
+        "f_G": Label("f_G", "N*m/A", 89.6e-3, "GearFriction", "gear friction of the actuator, mean of trials"),
+        "B_m": Label("B_m", "N*m*s/rad", 5.6e-3, "MotorDamping", "damping of the actuator, mean of trials"),
+        "J_m": Label("J_m", "kg*m^2", 9.211e-3, "MotorInertia", "inertia of the actuator, mean of trials")},
+    "torque_angle": {
+        "K": Label("torque_angle_K", "N*m/rad", None, "TorqueAngleStiffness",
+            "stiffness while loading, mean of cycles"),
+        "energy_stored": Label("energy_stored", "J", None, "EnergyStored",
+            "energy taken up in a cycle, mean of cycles"),
+        "energy_returned": Label("energy_returned", "J", None, "EnergyReturned", "energy given back, mean of cycles"),
+        "energy_lost": Label("energy_lost", "J", None, "EnergyLost", "energy lost in a cycle, mean of cycles")},
+    "walking_summary": {
+        "K": Label("walking_K", "N*m/rad", 340.0, "WalkingStiffness",
+            "ankle stiffness while walking, fit to the mean response"),
+        "B": Label("walking_B", "N*m*s/rad", None, "WalkingDamping",
+            "ankle damping while walking, fit to the mean response"),
+        "I": Label("walking_I", "kg*m^2", None, "WalkingInertia",
+            "ankle inertia while walking, fit to the mean response")},
+    "walking": {"VAF": Label("walking_VAF", "%", None, "WalkingVAF", "VAF of the walking fits, mean of perturbations")},
+}
+"""Labels of the numbers whose names do not depend on the campaign, by table and quantity."""
+SYMMETRY = {
+    quantity: Label(f"walking_{quantity}_up_minus_down", label.unit, None, f"{label.macro}UpMinusDown",
+        f"{label.meaning.split()[1]} of the ankle while walking, turns up minus turns down")
+    for quantity, label in LABELS["walking_summary"].items()
+}
+GAINS = {
+    ("belt", "M4"): Label("belt_VAF_gain", "%", None, "BeltVAFGain",
+        "held-out VAF of the quadratic belt with hysteresis less the linear belt's, mean of trials"),
+    ("transmission", "M2"): Label("coulomb_VAF_gain", "%", None, "CoulombVAFGain",
+        "held-out VAF of the transmission with Coulomb friction less that without, mean of trials"),
+    ("impedance", "M3"): Label("drivetrain_VAF_gain", "%", None, "DrivetrainVAFGain",
+        "held-out VAF of Eq. 9 with friction less Eq. 15's, mean of trials"),
+}
+"""The rival models whose difference to the draft's is a headline, by experiment and model."""
+# fmt: on
+
+
+def of_controller(label: Label, controller: str | None) -> Label:
+    known = controller or "no controller"
+    name, macro = f"{label.name}_{known.replace(' ', '_')}", letters(known)[:32] + label.macro
+    return replace(label, name=name, macro=macro, meaning=f"{label.meaning}, {known}")
+
+
+def impedance_labels(controller: str | None, example: Example = DRAFT_EXAMPLE) -> dict[str, Label]:
+    rows = (
+        ("VAF_median", "%", "VAFMedian", "median VAF of trials and amplitudes"),
+        ("VAF_mean", "%", "VAFMean", "mean VAF of trials and amplitudes"),
+        ("K_error", "%", "StiffnessError", "mean |K/K_d - 1| of trials"),
+        ("B_error", "N*m*s/rad", "DampingError", "mean |B - B_d| of trials"),
+        ("K_example", "N*m/rad", "ExampleStiffness", f"K {example.meaning()}"),
+        ("B_example", "N*m*s/rad", "ExampleDamping", f"B {example.meaning()}"),
+    )
+    return {name: of_controller(Label(name, unit, None, *more), controller) for name, unit, *more in rows}
+
+
+def of_place(label: Labelled, joint: str | None, side: str | None, several: bool) -> Labelled:
+    """The label of one joint and side, told apart where there are `several`; the draft's is an ankle."""
+    where = ", ".join(filter(None, [joint or DRAFT_JOINT, side]))
+    draft = label.draft if (joint or DRAFT_JOINT) == DRAFT_JOINT else None
+    if several:
+        return replace(of_group(label, where), draft=draft)
+    return replace(label, draft=draft, meaning=label.meaning if where == DRAFT_JOINT else f"{label.meaning}, {where}")
+
+
+def of_group(label: Labelled, group: str) -> Labelled:
+    """The label of one group, as of crossings; that of a campaign of one group, as the draft's, is unchanged."""
+    if group == "all":
+        return label
+    name, macro = f"{label.name} ({group})", label.macro + letters(group)
+    return replace(label, name=name, draft=None, macro=macro, meaning=f"{label.meaning}, {group}")
+
+
+def letters(text: str) -> str:
+    """Text as letters only, for the name of a macro: `K_d 200, timing 41 %` gives `KdTwoZeroZeroTimingFourOne`. A sign
+    beyond the Latin letters gives the last word of its name: `PD α` gives `PDAlpha`; an accent gives nothing."""
+    spelled = ""
+    for sign in unicodedata.normalize("NFKD", text.replace("_", "")):
+        if sign.isascii():
+            spelled += sign
+        elif sign.isalnum():
+            spelled += f" {unicodedata.name(sign, '').rpartition(' ')[2].capitalize()} "
+        elif not unicodedata.combining(sign):
+            spelled += " "
+    digits = ("Zero", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
+    words = re.findall(r"[A-Za-z]+|[0-9]", spelled)
+    return "".join(digits[int(word)] if word.isdigit() else word[0].upper() + word[1:] for word in words) or "Unnamed"
+
+
+DOUBTS_OF = {table.name: table.doubts_of for facts in EXPERIMENTS.values() for table in facts.tables if table.doubts_of}
+"""Per table, the table of the same trials whose doubts its rows share."""
+
+
+def doubtful_label(table: str) -> Label:
+    of, counted_are = DOUBTS_OF.get(table), "groups" if table == "walking_groups" else "trials"
+    why = f"for another cause than in {of}.csv" if of else "whose column says why"
+    meaning = f"doubtful {counted_are} in {table}.csv, {why}"
+    return Label(f"doubtful_{table}", counted_are, None, f"Doubtful{letters(table)}", meaning)
+
+
+def all_labels() -> list[Label]:
+    """Every number that the summary of the draft's campaign can have, and those of a trial of torque against angle."""
+    fixed = {table: list(labels.values()) for table, labels in LABELS.items()}
+    return [
+        *(label for name in ("belt_summary", "transmission_summary", "transmission") for label in fixed[name]),
+        *fixed["actuator_summary"],
+        *(label for controller in CONTROLLERS for label in impedance_labels(controller).values()),
+        *(GAINS[key] for key in (("belt", "M4"), ("transmission", "M2"))),
+        *(of_controller(GAINS["impedance", "M3"], controller) for controller in CONTROLLERS),
+        *(label for name in ("torque_angle", "walking_summary") for label in fixed[name]),
+        *SYMMETRY.values(),
+        *fixed["walking"],
+        *map(doubtful_label, judged_tables()),
+    ]
+
+
+STUDENT = "95 % of the mean (Student)"
+FIT = "95 % for another motion of this kind"
+FEW = "95 % for a repetition of this motion"
+BOOTSTRAP = "95 % (bootstrap over crossings and trials of the unloaded plate)"
+OF_CYCLES = "95 % of the mean of cycles (Student)"
+PAIRED = "95 % of the mean difference of the same trials (Student)"
+RANGE = "lowest to highest"
+COUNT = "count"
+
+
+def headline(label: Label, value: float, n: int, low: float | None, high: float | None, kind: str) -> Headline:
+    """A number, without an interval where a bound is missing (a single trial has no scatter)."""
+    if low is None or high is None or not np.isfinite([low, high]).all():
+        return Headline(**asdict(label), value=value, low=None, high=None, interval=None, n=n)
+    return Headline(**asdict(label), value=value, low=low, high=high, interval=kind, n=n)
+
+
+def over_fits(
+    label: Label,
+    values: pl.Series,
+    middle: Callable[[Array], np.floating] = np.mean,
+    candidates: pl.DataFrame | None = None,
+    used: pl.DataFrame | None = None,
+) -> list[Headline]:
+    """Mean or median of the finite values, with their range if there are several, and with the count of doubtful rows
+    among their candidates, and of those that are not in `used`. A VAF uses all rows: to leave out fits that are
+    doubtful for a low VAF would raise it. Empty without finite values."""
+    finite = values.drop_nulls().filter(values.drop_nulls().is_finite()).to_numpy()
+    if not len(finite):
+        return []
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) > 1 else (None, None)
+    number = headline(label, float(middle(finite)), len(finite), low, high, RANGE)
+    if candidates is None:
+        return [number]
+    left_out = 0 if used is None else len(candidates) - len(used)
+    return [replace(number, n_doubtful=doubtful_count(candidates)[0], n_left_out=left_out)]
+
+
+def summary_means(table: pl.DataFrame, labels: Mapping[str, Label], interval: str = STUDENT) -> list[Headline]:
+    """The labelled quantities that a summary table lists, with their intervals."""
+    rows = {row["quantity"]: row for row in table.iter_rows(named=True)}
+    numbers = []
+    for quantity, label in labels.items():
+        if (row := rows.get(quantity)) is None:
+            continue
+        n, mean, low, high = (row[column] for column in ("n", "mean", "low", "high"))
+        if mean is None or not math.isfinite(mean):
+            raise InputError(
+                f"summary table: the mean of '{quantity}' is {mean}; look for a fit without a result in its trials"
+            )
+        found = headline(label, mean, int(n), low, high, interval)
+        doubtful, left_out = (int(row.get(column) or 0) for column in ("n_doubtful", "n_left_out"))
+        numbers.append(replace(found, n_doubtful=doubtful, n_left_out=left_out, doubt=row.get("doubt") or None))
+    return numbers
+
+
+def impedance_headlines(impedance: pl.DataFrame, example: Example) -> Iterator[Headline]:
+    """The numbers of the rendered impedance with each controller, those of the draft first; None: without one."""
+    found = set(impedance["controller"])
+    others = sorted(name for name in found if name is not None and name not in CONTROLLERS)
+    for controller in [*(name for name in CONTROLLERS if name in found), *others, *([None] if None in found else [])]:
+        fits = impedance.filter(pl.col("controller").eq_missing(pl.lit(controller, pl.String)))
+        labels, trials = impedance_labels(controller, example), fits.filter(pl.col("amplitude_deg").is_null())
+        alone = pl.len().over("trial") == 1 if "trial" in fits.columns else pl.lit(False)
+        single = fits.filter(pl.col("amplitude_deg").is_not_null() | alone)
+        used = counted(trials)
+        yield from over_fits(labels["VAF_median"], single["VAF"], np.median, single)
+        yield from over_fits(labels["VAF_mean"], single["VAF"], np.mean, single)
+        yield from over_fits(labels["K_error"], 100 * (used["K"] / used["K_d"] - 1).abs(), np.mean, trials, used)
+        yield from over_fits(labels["B_error"], (used["B"] - used["B_d"]).abs(), np.mean, trials, used)
+        for symbol in "KB":
+            yield from example_headlines(symbol, labels[f"{symbol}_example"], trials, example)
+
+
+def example_headlines(symbol: str, label: Label, trials: pl.DataFrame, example: Example) -> list[Headline]:
+    """K or B of the trial that Fig. 4 shows; the mean over its repeats, if there are several."""
+    asked = {"K_d": example.K_d, "B_d": example.B_d}
+    rows = trials.filter(pl.col(name).eq_missing(pl.lit(value, pl.Float64)) for name, value in asked.items())
+    if len(rows) != 1:
+        used = counted(rows)
+        return over_fits(label, used[symbol], np.mean, rows, used)
+    row = rows.row(0, named=True)
+    kind = FEW if row["interval_method"] == "repeats" else FIT
+    number = headline(label, row[symbol], 1, row[f"{symbol}_low"], row[f"{symbol}_high"], kind)
+    ends = {f"amplitudes_{end}": row[f"{symbol}_amplitudes_{end}"] for end in ("low", "high")}
+    return [replace(number, n_doubtful=doubtful_count(rows)[0], **ends)]
+
+
+def torque_angle_headlines(table: pl.DataFrame) -> Iterator[Headline]:
+    for row in table.iter_rows(named=True):
+        for quantity, label in LABELS["torque_angle"].items():
+            ends = row[f"{quantity}_low"], row[f"{quantity}_high"]
+            number = headline(of_group(label, row["trial"]), row[quantity], int(row["cycles"]), *ends, OF_CYCLES)
+            yield replace(number, doubt=row[DOUBTFUL] or None)
+
+
+def model_gain_headlines(table: pl.DataFrame) -> Iterator[Headline]:
+    for row in table.drop_nulls("VAF_gain").iter_rows(named=True):
+        if label := GAINS.get((row["experiment"], row["model"])):
+            named = of_controller(label, row["controller"]) if row["experiment"] == "impedance" else label
+            ends = row["VAF_gain_low"], row["VAF_gain_high"]
+            yield headline(named, row["VAF_gain"], int(row["trials"]), *ends, PAIRED)
+
+
+HEADLINE_ESTIMATOR = "ensemble"
+"""Estimator of the walking summary that is the headline. Its bias decreases with the number of crossings; the bias of
+the mean over perturbations does not."""
+
+
+def walking_headlines(table: pl.DataFrame) -> Iterator[Headline]:
+    for rows in table.filter(pl.col("mean").is_not_null()).partition_by("group", maintain_order=True):
+        for estimator, labels in ((HEADLINE_ESTIMATOR, LABELS["walking_summary"]), ("up minus down", SYMMETRY)):
+            own = {quantity: of_group(label, rows["group"][0]) for quantity, label in labels.items()}
+            yield from summary_means(rows.filter(pl.col("estimator") == estimator), own, BOOTSTRAP)
+
+
+def transmission_vaf(table: pl.DataFrame) -> list[Headline]:
+    whole = table.filter(pl.col("amplitude_deg").is_null())
+    return over_fits(LABELS["transmission"]["VAF"], whole["VAF"], np.mean, whole)
+
+
+OfTable = Callable[[pl.DataFrame, Example], Iterable[Headline]]
+BENCH: dict[str, OfTable] = {
+    "belt_summary": lambda table, _: summary_means(table, LABELS["belt_summary"]),
+    "transmission_summary": lambda table, _: summary_means(table, LABELS["transmission_summary"]),
+    "transmission": lambda table, _: transmission_vaf(table),
+    "actuator_summary": lambda table, _: summary_means(table, LABELS["actuator_summary"]),
+    "impedance": impedance_headlines,
+    "torque_angle": lambda table, _: torque_angle_headlines(table),
+    "model_comparison_summary": lambda table, _: model_gain_headlines(table),
+}
+"""The tables of the bench with headline numbers, and what computes these, in the order of the summary."""
+WALKWAY: dict[str, OfTable] = {
+    "walking_summary": lambda table, _: walking_headlines(table),
+    "walking": lambda table, _: over_fits(LABELS["walking"]["VAF"], table["VAF"]),
+}
+"""Those of the walkway, which follow."""
+IN_SUMMARY = "quantity n mean low high"
+NEEDED = {
+    **dict.fromkeys(("belt_summary", "transmission_summary", "actuator_summary"), IN_SUMMARY),
+    "transmission": "amplitude_deg VAF",
+    "impedance": "controller K_d B_d amplitude_deg K K_low K_high K_amplitudes_low K_amplitudes_high B B_low B_high "
+    "B_amplitudes_low B_amplitudes_high VAF",
+    "torque_angle": "trial cycles K K_low K_high energy_stored energy_stored_low energy_stored_high energy_returned "
+    "energy_returned_low energy_returned_high energy_lost energy_lost_low energy_lost_high",
+    "model_comparison_summary": "experiment controller model trials VAF_gain VAF_gain_low VAF_gain_high",
+    "walking_summary": f"group estimator {IN_SUMMARY}",
+    "walking": "VAF",
+}
+"""The columns that the headline numbers of a table need."""
+
+
+def needed_columns(table: str) -> tuple[str, ...] | None:
+    """Columns of a result table that the summary needs, the doubts among them; None for one that it does not read."""
+    judged = (DOUBTFUL,) if table in judged_tables() else ()
+    return (*NEEDED.get(table, "").split(), *judged) or None
+
+
+def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example = DRAFT_EXAMPLE) -> list[Headline]:
+    """Headline numbers of the experiments that the campaign has; `tables` by name, `example` of Fig. 4. The bench's are
+    of one joint and side each. Raises InputError: a summary table has no finite mean for a quantity that it lists."""
+    numbers: list[Headline] = []
+    for name, of_table in (BENCH | WALKWAY).items():
+        if (table := tables.get(name)) is None:
+            continue
+        places = ("joint", "side")
+        if name in WALKWAY or not set(places) <= set(table.columns):
+            numbers += of_table(table, example)
+            continue
+        parts = table.partition_by(places, maintain_order=True)
+        for part in parts:
+            joint, side = part.select(places).row(0)
+            numbers += (of_place(number, joint, side, len(parts) > 1) for number in of_table(part, example))
+    for name in (name for name in tables if name in judged_tables()):
+        # trials with a cause of their own, where the rows share the doubts of another table
+        causes = causes_by_trial(tables[name], tables.get(DOUBTS_OF.get(name, "")))
+        of, doubtful = asdict(doubtful_label(name)), sum(map(bool, causes.values()))
+        numbers.append(Headline(**of, value=doubtful, low=None, high=None, interval=COUNT, n=len(causes)))
+    return with_own_names(numbers)
+
+
+ENDINGS = ("", "Low", "High", "AmplitudesLow", "AmplitudesHigh")  # endings of the macros of a number and its bounds
+
+
+def with_own_names(numbers: Sequence[Headline]) -> list[Headline]:
+    """The numbers with names and macros that no other one has, with its endings; the first one keeps its own. Different
+    names of a campaign may have the same letters: the second `PD 1` and `PD-1` becomes `PDOneB`."""
+    names, macros, found = set[str](), set[str](ABOUT_MACROS.values()), []
+    for number in numbers:
+        name = next(free for k in count(1) if (free := number.name + (f" ({k})" if k > 1 else "")) not in names)
+        tried = ([number.macro + "B" * k + ending for ending in ENDINGS] for k in count())
+        own = next(free for free in tried if macros.isdisjoint(free))
+        names.add(name)
+        macros.update(own)
+        found.append(replace(number, name=name, macro=own[0]))
+    return found
+
+
+# The trials behind the numbers.
+
+BY_SHEET = "sample sheet"
+"""Entry of the column `check` of `excluded.csv` for a trial that the sheet excludes."""
+
+
+def trials_content(trials: Mapping[str, Sequence[str]], excluded: pl.DataFrame) -> dict[str, dict[str, Any]]:
+    """By experiment how many `of` its trials are `used`, why others are `missing`, but for what the sheet excludes."""
+    reasons: dict[str, str] = {}
+    for row in excluded.filter(pl.col("check") != BY_SHEET).iter_rows(named=True):
+        reasons.setdefault(row["trial"], exclusion_said(row))
+    found = {}
+    for experiment, names in trials.items():
+        missing = {name: reasons[name] for name in names if name in reasons}
+        found[experiment] = {"used": len(names) - len(missing), "of": len(names), "missing": missing}
+    return found
+
+
+def missing_lines(content: Mapping[str, Any], reasons: bool) -> list[str]:
+    """A line per experiment with missing trials, with their `reasons` or without, and per missing result."""
+    lines = []
+    for experiment, counts in content.get("trials", {}).items():
+        if counts["missing"]:
+            named = [f"{trial} ({why})" if reasons else trial for trial, why in counts["missing"].items()]
+            lines.append(f"{counts['used']} of {counts['of']} {experiment} trials; without {', '.join(named)}")
+    return lines + [f"no {file}: {why}" for file, why in content.get("missing_results", {}).items()]
+
+
+# How they are written.
+
+AMPLITUDES = ("amplitudes_low", "amplitudes_high")
+COLUMN_HEADS = ("quantity", "value", "interval", "n", "draft")
+SPECIAL = {sign: f"\\{sign}" for sign in "#$%&_{}"} | {
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"
+}  # fmt: skip
+"""Letters with a meaning of their own in LaTeX, and what sets them."""
+
+
+def to_json(about: About, headlines: Sequence[Headline], missing: Mapping[str, Any] | None = None) -> str:
+    """What the numbers are made of, which trials and results are `missing`, and an object per number in full precision.
+    Null where there is no interval or the draft has no value; only numbers with a range over single amplitudes have
+    it."""
+    kept = ("value", "unit", "low", "high", "interval", "n", "n_doubtful", "n_left_out", "doubt", "draft", "meaning")
+    numbers = {
+        h.name: {key: getattr(h, key) for key in (*kept, *(AMPLITUDES if h.amplitudes_low is not None else ()))}
+        for h in headlines
+    }
+    content = {**asdict(about), **(missing or {}), "numbers": numbers}
+    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def to_tex(about: About, headlines: Sequence[Headline], remarks: Sequence[str] = ()) -> str:
+    r"""Macros such as `\oslBeltStiffness`, with `Low` and `High` where there is an interval, rounded, without unit;
+    `\oslData`, `\oslCampaign` ... say what the numbers are made of. Each line ends in a comment, so that reading the
+    file puts no space into the text. `remarks` are comments too."""
+    lines = [f"% {about.sentence()}", "% Headline numbers by osl-analysis; \\input this file and use the macros."]
+    lines += [f"% {remark}" for remark in remarks]
+    for name, value in asdict(about).items():
+        text = "".join(SPECIAL.get(sign, sign) for sign in value)
+        lines.append(f"\\newcommand{{\\osl{ABOUT_MACROS[name]}}}{{{text}}}% {ABOUT_MEANING[name]}")
+    for h in headlines:
+        digits = decimals(h.value, *rounded_by(asdict(h)))
+        finer = told_apart(h.low, h.high, digits)
+        remark = f", n = {trials_text(asdict(h))}" if h.n_doubtful or h.doubt else ""
+        ends = (
+            (h.value, digits, f"{h.unit}, {h.meaning}{remark}"),
+            (h.low, finer, f"low end: {h.interval}"),
+            (h.high, finer, f"high end: {h.interval}"),
+            (h.amplitudes_low, digits, "lowest of the fits to single amplitudes"),
+            (h.amplitudes_high, digits, "highest of the fits to single amplitudes"),
+        )
+        for suffix, (number, places, comment) in zip(ENDINGS, ends, strict=True):
+            if number is not None:
+                lines.append(f"\\newcommand{{\\osl{h.macro}{suffix}}}{{{tex_number(number, places)}}}% {comment}")
+    return "\n".join(lines) + "\n"
+
+
+def tex_number(number: float, digits: int) -> str:
+    """A number that reads the same in text and in mathematics: with a true minus, small ones with a power of ten."""
+    text = fixed(number, digits)
+    if 0 < abs(float(text)) < 1e-4:
+        exponent = exponent_of(float(text))
+        mantissa = fixed(number / 10.0**exponent, max(digits + exponent, 0))
+        return rf"\ensuremath{{{mantissa}\times 10^{{{exponent}}}}}"
+    return rf"\ensuremath{{{text}}}" if text.startswith("-") else text
+
+
+def to_markdown(numbers: Mapping[str, Mapping[str, Any]]) -> str:
+    """Table of the numbers of a summary, in the form that `to_json` writes, as Markdown."""
+    lines = [f"| {' | '.join(COLUMN_HEADS)} |", f"| {' | '.join('---' for _ in COLUMN_HEADS)} |"]
+    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |" for cells in rows_of(numbers)]
+    return "\n".join(lines) + "\n"
+
+
+def to_columns(numbers: Mapping[str, Mapping[str, Any]]) -> str:
+    table = [COLUMN_HEADS, *rows_of(numbers)]
+    widths = [max(len(cells[place]) for cells in table) for place in range(len(COLUMN_HEADS))]
+    padded = ["  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)) for cells in table]
+    return "\n".join(line.rstrip() for line in padded) + "\n"
+
+
+def rows_of(numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
+    """The cells of each number: what it is, value, interval, trials, the draft's value. Counts of 0 are left out."""
+    for number in numbers.values():
+        if number["interval"] == COUNT and not number["value"]:
+            continue
+        digits = decimals(number["value"], *rounded_by(number))
+        value = f"{fixed(number['value'], digits)} {number['unit']}"
+        interval, draft = "", "" if number["draft"] is None else f"{number['draft']:g}"
+        if number["low"] is not None:
+            finer = told_apart(number["low"], number["high"], digits)
+            interval = f"{fixed(number['low'], finer)} to {fixed(number['high'], finer)}, {number['interval']}"
+        if number.get("amplitudes_low") is not None:
+            lowest, highest = (fixed(number[key], digits) for key in AMPLITUDES)
+            interval += f"; single amplitudes {lowest} to {highest}"
+        yield number["meaning"], value, interval, trials_text(number), draft
+
+
+def trials_text(number: Mapping[str, Any]) -> str:
+    """Number of trials or fits behind a number, and how many doubtful ones are among them or were left out; or why the
+    number itself is doubtful."""
+    if number.get("doubt"):
+        return f"{number['n']}, DOUBTFUL: {number['doubt']}"
+    n, doubtful, left_out = (int(number.get(key) or 0) for key in ("n", "n_doubtful", "n_left_out"))
+    if left_out:
+        return f"{n} of {n + left_out}, {left_out} doubtful left out"
+    return f"{n}, {doubtful} of them doubtful" if doubtful else str(n)
+
+
+def rounded_by(number: Mapping[str, Any]) -> tuple[float | None, float | None, str | None]:
+    """Bounds that decide to how many digits a number is rounded, and their kind. These are the range over single
+    amplitudes if there is one and it is the wider one, otherwise the interval."""
+    low, high = (number.get(key) for key in AMPLITUDES)
+    if low is None or high is None or (number["low"] is not None and number["high"] - number["low"] > high - low):
+        return number["low"], number["high"], number["interval"]
+    return low, high, None
+
+
+NO_WIDTH = 1e-9  # relative width of an interval that counts as rounding
+
+
+def decimals(value: float, low: float | None, high: float | None, interval: str | None) -> int:
+    """Decimal places with which a number is written: half its interval keeps two digits, without one it has three. With
+    a range, which does not show the precision, it has three, or more until the ends differ; a count has none."""
+    if interval == COUNT:
+        return 0
+    half = 0.0 if low is None or high is None or interval == RANGE else abs(high - low) / 2
+    if half > NO_WIDTH * abs(value):
+        return max(1 - exponent_of(half), 0)
+    digits = max(2 - exponent_of(value), 0) if value else 0
+    return told_apart(low, high, digits) if interval == RANGE else digits
+
+
+def told_apart(low: float | None, high: float | None, digits: int) -> int:
+    """Decimal places, `digits` or more, with which two different bounds read differently."""
+    if low is None or high is None or abs(high - low) <= NO_WIDTH * max(abs(low), abs(high)):
+        return digits
+    while fixed(low, digits) == fixed(high, digits):
+        digits += 1
+    return digits
+
+
+def exponent_of(number: float) -> int:
+    """Power of ten of the leading digit."""
+    return math.floor(math.log10(abs(number)))
+
+
+def fixed(number: float, digits: int) -> str:
+    """The number with that many decimal places; never a minus before zero."""
+    text = f"{number:.{digits}f}"
+    return text.removeprefix("-") if float(text) == 0 else text

@@ -1,1 +1,0 @@
-"""The headline numbers of a campaign, and how they are written."""

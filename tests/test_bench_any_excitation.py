@@ -9,7 +9,7 @@ from any_motion import LEAD, RATE, TRUE, chirp, made_trial, multisine, noise, si
 from bench_synthetic import second_order, stepped_sine, table_of
 from conftest import ROOT
 from scipy.linalg import expm
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lsim
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.effects import (
@@ -203,6 +203,21 @@ def test_friction_is_told_from_damping_whatever_the_velocity_over_which_it_turns
     assert row["f_C_low"] < 0.5 < row["f_C_high"]
     assert row["B_viscous_low"] < 5 < row["B_viscous_high"]
     assert row["f_C_high"] - row["f_C_low"] < 0.05
+
+
+@pytest.mark.parametrize("move", [multisine, noise, chirp])
+def test_a_spring_behind_a_damper_is_not_taken_for_friction_and_friction_beside_it_has_its_size(move):
+    """A Maxwell element of 300 N*m/rad and 3 N*m*s/rad makes the joint one of third order."""
+    motion = move(np.random.default_rng(5))
+    time, (theta, omega, _) = motion
+    element = lsim(([3.0, 0.0], [3.0 / 300, 1.0]), theta, time)[1]
+    sound, rubbing = (
+        row_of(made_trial(np.random.default_rng(6), motion, more=element + size * np.tanh(omega / 0.003)))
+        for size in (0.0, 0.3)
+    )
+    assert sound["f_C"] is None
+    assert rubbing["f_C_low"] < 0.3 < rubbing["f_C_high"]
+    assert rubbing["B_viscous"] == pytest.approx(sound["B"], abs=0.02)
 
 
 @pytest.mark.parametrize("angle_noise", [0.0, 2e-5])

@@ -3,6 +3,7 @@ the time base, and what an estimate cannot be.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -144,28 +145,55 @@ def centred(fit: GroupFit, sums: Sums) -> GroupFit:
 
 
 def friction_row(s: Sums, model: Model, fit: LinearFit, label: Label) -> Row:
-    """Coulomb friction [N*m] of a fit that has it beside the others, and the share of the damping that it makes, 0
-    where all of the trial has none for certain; where the label has, viscous damping and friction with intervals."""
+    """Coulomb friction [N*m], and the share of the damping that it makes, 0 where all of the trial has none for
+    certain; where the label has, viscous damping and friction with intervals."""
     damping = next(name for name, column in model.items() if column == "omega")
     own = (f"{damping}_viscous", "f_C" if damping == "B" else "T_C")
     names = [f"{name}{end}" for name in own for end in ("", "_se", "_low", "_high")]
     try:
-        beside = with_effects(s, model, ("T_C",), label)
+        told = viscous_and_friction(s, model, fit, label)
     except IdentifiabilityError:
         return dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
-    made = fit[damping] - beside[damping]
-    row: Row = {"coulomb_torque": beside["T_C"], "coulomb_damping": made, "coulomb_share": 0.0}
-    whole = beside if label is None else with_effects(s, model, ("T_C",))
+    made = fit[damping] - told[damping]
+    row: Row = {"coulomb_torque": told["T_C"], "coulomb_damping": made, "coulomb_share": 0.0}
+    whole = told if label is None else with_friction(s, model, None)
     if whole["T_C"] > 0 and whole.certain("T_C", FALSE_ALARM):
         row["coulomb_share"] = made / fit[damping]
-    if beside["T_C"] <= 0 or not beside.certain("T_C", FALSE_ALARM):
+    if told["T_C"] <= 0 or not told.certain("T_C", FALSE_ALARM):
         return row | dict.fromkeys(names)
     # No recording shows over which velocity friction turns its sign. What a tenth of that of T_C makes of both numbers
     # is the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
-    sharp = with_effects(s, model, ("T_C_sharp",), label)
-    beside = widened(beside, (sharp.estimates - beside.estimates) / np.sqrt(3))
-    values = [v for name in (damping, "T_C") for v in (beside[name], beside.se(name), *beside.interval(name))]
+    sharp = viscous_and_friction(s, model, fit, label, "T_C_sharp")
+    told = widened(told, (sharp.estimates - told.estimates) / np.sqrt(3))
+    values = [v for name in told.names for v in (told[name], told.se(name), *told.interval(name))]
     return row | dict(zip(names, values, strict=True))
+
+
+def with_friction(s: Sums, model: Model, label: Label, friction: str = "T_C") -> GroupFit:
+    """Fit with friction beside the higher derivatives of the angle, as far as the motion tells them: what a linear
+    drivetrain adds to Eq. 15 would pass for friction of 0.4 N*m. Raises IdentifiabilityError as `fit_groups`."""
+    for higher in (("jerk", "snap"), ("jerk",)):
+        with suppress(IdentifiabilityError):
+            return with_effects(s, model, (friction, *higher), label)
+    return with_effects(s, model, (friction,), label)
+
+
+def viscous_and_friction(s: Sums, model: Model, fit: LinearFit, label: Label, friction: str = "T_C") -> GroupFit:
+    """Friction [N*m], and the damping of the model for the torque less this friction. Raises as `with_friction`."""
+    damping = next(name for name, column in model.items() if column == "omega")
+    rich, alone = with_friction(s, model, label, friction), with_effects(s, model, (friction,), label)
+    each = (fit[damping] - alone[damping]) / alone[friction]  # damping that 1 N*m of friction makes
+    shared, variance = alone.cov(damping, friction), rich.se(friction) ** 2
+    known = alone.se(damping) ** 2 - (shared / alone.se(friction)) ** 2  # variance of the damping for known friction
+    covariance = np.array([[known + each**2 * variance, -each * variance], [-each * variance, variance]])
+    return replace(
+        rich,
+        names=(damping, friction),
+        estimates=np.array([fit[damping] - each * rich[friction], rich[friction]]),
+        covariance=covariance,
+        degrees_of_freedom=np.full(2, rich.freedom(friction)),
+        repeat=None,
+    )
 
 
 def time_base_row(fit: LinearFit, other: LinearFit | None, names: Sequence[str]) -> Row:

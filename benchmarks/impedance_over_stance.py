@@ -14,15 +14,15 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.commands.figure import draw_table
-from osl_analysis.commands.walking import over_stance
+from osl_analysis.commands.walking import commanded_over_stance
 from osl_analysis.config.configuration import read_section
 from osl_analysis.config.parameters import read_parameters
 from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study.walking import StudyLaboratory
-from osl_analysis.walking.ensemble import group_headline
 from osl_analysis.walking.gait import unperturbed_gait
+from osl_analysis.walking.response import group_headline
 from osl_analysis.walking.settings import WalkingAnalysis
 from osl_analysis.walking.tables import fitted_time, trajectory_points, with_trajectory
 
@@ -61,7 +61,7 @@ def campaign(number: int, shipped: StudyLaboratory) -> list[dict[str, object]]:
         walked = [at_timing(shipped, timing).perturbed(f"{name}_{timing:g}") for name in names]
         result = group_headline([one.crossing for one in walked], gait, shipped.analysis)
         onset = float(np.mean([(one.crossing.onset - one.crossing.stance.heel_strike) / stance for one in walked]))
-        phase = onset + fitted_time(result.ensemble, shipped.analysis.timing) / stance
+        phase = onset + fitted_time(result.ensemble, shipped.analysis) / stance
         places = {"phase": phase, "onset_phase": onset, "end_phase": onset + shipped.analysis.window_s / stance}
         for quantity in QUANTITIES:
             low, high = result.resampled.interval(quantity)
@@ -88,7 +88,7 @@ def main(campaigns: int, first: int = 0) -> None:
         print(by_timing.sort(order, "timing"))
         print(table.group_by("quantity").agg(covered.mean().alias("coverage"), pl.len()).sort(order))
     if first == 0:
-        curve = over_stance(TRAJECTORY, STANCE_SHARE)
+        (curve,) = commanded_over_stance([TRAJECTORY], "simulated", STANCE_SHARE)
         shown = with_trajectory(table.filter(pl.col("campaign") == 0).drop("truth", "timing", "campaign"), *curve)
         draw_table("impedance_over_stance", pl.concat([shown, trajectory_points(*curve)], how="diagonal"), [FIGURE])
 

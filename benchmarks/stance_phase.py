@@ -17,7 +17,6 @@ from osl_analysis.simulator.walking_settings import StepChange
 from osl_analysis.study.walking import StudyLaboratory
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.ensemble import bootstrap, ensemble_response
 from osl_analysis.walking.gait import (
     BEFORE_ONSET_S,
     PHASES,
@@ -28,8 +27,8 @@ from osl_analysis.walking.gait import (
     unperturbed_gait,
 )
 from osl_analysis.walking.plate import Stance
-from osl_analysis.walking.response import PerturbationResponse, isolate_response
-from osl_analysis.walking.settings import Timing
+from osl_analysis.walking.response import PerturbationResponse, bootstrap, ensemble_response, isolate_response
+from osl_analysis.walking.settings import TimingSettings
 
 CROSSINGS, RESAMPLES = 10, 300
 CHANGES = {
@@ -97,7 +96,7 @@ def with_half(
 
 
 def isolated(
-    rule: str, crossings: Sequence[Crossing], gait: UnperturbedGait, timing: Timing
+    rule: str, crossings: Sequence[Crossing], gait: UnperturbedGait, timing: TimingSettings
 ) -> list[PerturbationResponse]:
     """Responses by a rule. `group`: own stances, all corrected by their mean change against the matched ones."""
     if rule != "group":
@@ -111,7 +110,7 @@ def isolated(
     return [isolate_response(c, gait, timing, "own") for c in corrected]
 
 
-def rule_table(campaigns: Sequence[Campaign], timing: Timing) -> None:
+def rule_table(campaigns: Sequence[Campaign], timing: TimingSettings) -> None:
     """Print bias ± scatter over campaigns by case and rule, and the coverage of the bootstrap's intervals."""
     print("| perturbed crossings | rule | K, N·m/rad | B, N·m·s/rad | I, kg·m² | covered of K, B, I |")
     print("| --- | --- | --- | --- | --- | --- |")
@@ -170,7 +169,7 @@ def main(number: int, *gaits: str) -> None:
         make = GAITS[title]
         campaigns = [make(k, shipped) for k in range(number)]
         print(f"\n{number} campaigns, gait: {title}\n")
-        rule_table(campaigns, shipped.analysis.timing)
+        rule_table(campaigns, shipped.analysis)
         print()
         clock_table(campaigns)
 

@@ -30,14 +30,12 @@ from osl_analysis.stats import regression, repeats
 from osl_analysis.stats.fit_row import whiteness
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.ensemble import group_headline
+from osl_analysis.walking.crossing import Crossing, encoder_check
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.groups import selection_rows
 from osl_analysis.walking.plate import Stance, find_stances
 from osl_analysis.walking.platform import find_onset, trigger_edge
-from osl_analysis.walking.response import fit_response, isolate_response, response_lag
-from osl_analysis.walking.setup import compare_encoder
+from osl_analysis.walking.response import fit_response, group_headline, isolate_response, response_lag
 from osl_analysis.walking.tables import ensemble_rows, group_facts, single_facts
 
 STATED = {
@@ -126,6 +124,10 @@ def all_of(fit: regression.LinearFit) -> tuple[Any, ...]:
     return fit, fit.se("a"), fit.interval("a"), fit.correlation("a", "offset")
 
 
+def made(time: Array, column: str, values: Array) -> Trial:
+    return Trial("made", pl.DataFrame({"time": time, column: values}))
+
+
 FITS_OF_SIGNALS: dict[str, Callable[[Array, Array, Array], Any]] = {
     "linear_fit": lambda t, x, y: all_of(linear_fit(y, columns(x))),
     "linear_fit of one column": lambda t, x, y: linear_fit(y, {"a": x}),
@@ -148,8 +150,8 @@ FITS_OF_SIGNALS: dict[str, Callable[[Array, Array, Array], Any]] = {
     "sampling_rate": lambda t, x, y: sampling_rate(t),
     "find_stances": lambda t, x, y: find_stances(t, 1e3 * np.clip(y, -1e20, 1e20), 30, 15, 0.1),
     "find_onset": lambda t, x, y: find_onset(t, np.abs(y), 0.05),
-    "compare_encoder": lambda t, x, y: compare_encoder(t, x, t, y, LowPass(15)),
-    "trigger_edge": lambda t, x, y: trigger_edge(Trial("made", pl.DataFrame({"time": t, "trigger": y}))),
+    "encoder_check": lambda t, x, y: encoder_check(made(t, "theta", y), t, x, LowPass(15)),
+    "trigger_edge": lambda t, x, y: trigger_edge(made(t, "trigger", y)),
 }  # fmt: skip
 
 
@@ -268,7 +270,7 @@ def crossings() -> dict[str, Callable[[], Crossings]]:
 
 
 def response(gait: list[Crossing], perturbed: list[Crossing], stance: Any = "own") -> Any:
-    return isolate_response(perturbed[0], unperturbed_gait(gait, 2), CHOICES.timing, stance)
+    return isolate_response(perturbed[0], unperturbed_gait(gait, 2), CHOICES, stance)
 
 
 def single(gait: list[Crossing], perturbed: list[Crossing]) -> tuple[Any, ...]:

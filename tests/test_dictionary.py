@@ -2,19 +2,16 @@
 
 from dataclasses import fields
 
-import numpy as np
 import polars as pl
 import pytest
+from test_walking_overground import gait_trial
 
 from osl_analysis.dictionary import described_columns, described_tables
 from osl_analysis.figures import FIGURES, drawing_of
 from osl_analysis.study.bench import StudyEstimate
 from osl_analysis.study.performance import performance_table
 from osl_analysis.table import TEXT_COLUMNS
-from osl_analysis.trial import Trial
-from osl_analysis.walking import overground
-from osl_analysis.walking.overground import MomentComparison
-from osl_analysis.walking.plate import Stance
+from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.settings import OvergroundAnalysis
 
 
@@ -56,12 +53,9 @@ def test_the_study_s_table_is_described():
     assert set(described("study/study")) - {"data"} == set(performance_table(estimates).columns)
 
 
-def test_the_table_of_overground_trials_is_described(monkeypatch):
-    time = np.arange(3.0)
-    comparison = MomentComparison("left", 1, Stance(0.0, 1.0), time, time, time)
-    monkeypatch.setattr(overground, "compare_moments", lambda *_: [comparison])
+def test_the_table_of_overground_trials_is_described():
     settings = OvergroundAnalysis(load_on_n=50, body_mass_kg=70)
-    (row,) = overground.overground_rows(Trial("t", pl.DataFrame({"time": time})), settings)
+    (row,) = overground_rows(gait_trial(), settings)
     assert set(described("tables/ankle_moment")) - {"joint", "data"} == set(row)
 
 

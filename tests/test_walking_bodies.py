@@ -1,16 +1,16 @@
 """Marker clusters and the ankle: the pose that moved them is found, and signs and mechanics are a clinician's."""
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
-from walking_synthetic import CLUSTERS, FOOT, RATE, SHANK, about_y, hidden, pose, settings, static_trial
+from walking_synthetic import FOOT, RATE, SETTINGS, about_y, changed, hidden, pose, settings, static_trial
 
 from osl_analysis.errors import InputError
 from osl_analysis.walking.bodies import (
     ankle_angle,
     body_motion,
     bridge_gaps,
-    calibrate_static,
     cluster_poses,
     moment_of_foot,
     static_calibration,
@@ -150,27 +150,19 @@ def test_the_ankles_moment_holds_the_load_wherever_plate_and_origin_are(force, p
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_the_calibrated_axis_points_to_the_left_for_either_leg(side) -> None:
-    inner = 0.04 if side == "right" else -0.04
-    medial, lateral = (np.tile(ANKLE + np.array([0, y, 0]), (5, 1)) for y in (inner, -inner))
-    clusters = {
-        name: {f"{key}{k}": np.tile(p, (5, 1)) for k, p in enumerate(CLUSTERS[key])}
-        for name, key in (("foot", "FOOT"), ("shank", "SHANK"), ("platform", "PLAT"))
-    }
-    static = calibrate_static(clusters, medial, lateral, side)
+    labels = ["ANKLE_MED", "ANKLE_LAT"] if side == "right" else ["ANKLE_LAT", "ANKLE_MED"]
+    markers = SETTINGS["markers"] | dict(zip(("ankle_medial", "ankle_lateral"), labels, strict=True))
+    static = static_calibration(static_trial(ANKLE), settings(side=side, markers=markers))
     np.testing.assert_allclose(static.ankle_axis, LEFT, atol=1e-12)
     np.testing.assert_allclose(static.ankle_centre, ANKLE, atol=1e-12)
 
 
-def test_a_static_marker_that_is_never_seen_is_named() -> None:
+def test_a_static_marker_that_is_never_seen_and_a_cluster_on_a_line_are_refused_by_name() -> None:
     with pytest.raises(InputError, match=r"trial static: marker SHANK2 is never seen"):
         static_calibration(hidden(static_trial(ANKLE), ["SHANK2"], 0, 2), settings())
-
-
-def test_a_static_cluster_on_a_line_is_refused() -> None:
-    row = {f"M{k}": np.tile([0.1 * k, 0.0, 0.0], (5, 1)) for k in range(4)}
-    good = {f"S{k}": np.tile(p, (5, 1)) for k, p in enumerate(SHANK)}
-    with pytest.raises(InputError, match="foot markers M0, M1, M2, M3 lie on a line"):
-        calibrate_static({"foot": row, "shank": good, "platform": good}, FOOT[:1], FOOT[1:2], "right")
+    flat = [pl.col(f"marker_FOOT{k}_{axis}") * 0 for k in range(1, 5) for axis in "yz"]
+    with pytest.raises(InputError, match="foot markers FOOT1, FOOT2, FOOT3, FOOT4 lie on a line"):
+        static_calibration(changed(static_trial(ANKLE), *flat), settings())
 
 
 def test_a_hanging_foot_needs_its_weight_and_its_inertia() -> None:

@@ -236,7 +236,7 @@ def test_without_imperfections_angle_and_torque_are_the_true_ones_through_one_fi
         np.testing.assert_allclose(one.torque[inside], torque[inside], atol=0.2)
     for some in (crossings, exact):
         gait = unperturbed_gait([c for c in some if c.onset is None], 3)
-        of = [fit_response(isolate_response(c, gait, settings().timing)) for c in some if c.onset]
+        of = [fit_response(isolate_response(c, gait, settings())) for c in some if c.onset]
         fits.append(np.array([[f.K, f.B, f.I] for f in of]))
     np.testing.assert_allclose(fits[0][:, 0], fits[1][:, 0], rtol=2e-4)
     np.testing.assert_allclose(fits[0][:, 1], fits[1][:, 1], rtol=1e-3)

@@ -8,8 +8,7 @@ from test_walking_response import TIMING, B, K, crossing
 
 from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import Crossing, check_onset
-from osl_analysis.walking.ensemble import bootstrap, ensemble_response
+from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.gait import (
     BEFORE_ONSET_S,
     PHASES,
@@ -18,9 +17,9 @@ from osl_analysis.walking.gait import (
     matched_scales,
     unperturbed_gait,
 )
-from osl_analysis.walking.plate import Stance, find_stances, only_stance
+from osl_analysis.walking.plate import Stance, find_stances
 from osl_analysis.walking.platform import find_onset
-from osl_analysis.walking.response import fit_response, isolate_response
+from osl_analysis.walking.response import bootstrap, ensemble_response, fit_response, isolate_response
 
 TIME = np.arange(900) / 300
 DEG = np.pi / 180
@@ -50,10 +49,6 @@ def test_dips_bumps_short_contacts_and_stances_that_the_record_cuts_do_not_count
     for cut in (early, late, 0 * TIME):
         assert find_stances(TIME, cut, 40, 20, 0.3) == []
     assert len(find_stances(TIME, early + trapezoid(1.0, 1.7) + late, 40, 20, 0.3)) == 1
-    with pytest.raises(InputError, match="found none"):
-        only_stance([])
-    with pytest.raises(InputError, match=r"found 0\.100-0\.800 s, 1\.500-2\.000 s"):
-        only_stance([Stance(0.1, 0.8), Stance(1.5, 2.0)])
 
 
 def test_nan_leaves_the_foot_where_it_was() -> None:
@@ -99,21 +94,6 @@ def test_a_platform_that_rests_has_no_onset_and_one_that_turns_at_the_start_of_t
     assert find_onset(TIME, 0.02 * DEG * np.sin(9 * TIME), DEG) is None
     with pytest.raises(InputError, match="start to record earlier"):
         find_onset(TIME, ramp(0.02), DEG)
-
-
-@pytest.mark.parametrize(
-    ("onset", "perturbed", "message"),
-    [
-        pytest.param(1.7, True, "outside stance", id="after toe-off"),
-        pytest.param(0.85, True, "outside stance", id="before heel strike"),
-        pytest.param(0.98, True, r"leave stance 0\.900-1\.600 s", id="baseline leaves stance"),
-    ],
-)
-def test_an_onset_that_cannot_be_is_refused(onset: float | None, perturbed: bool, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        check_onset(onset, Stance(0.9, 1.6), perturbed, TIMING)
-    for agrees in (1.2, None):
-        check_onset(agrees, Stance(0.9, 1.6), agrees is not None, TIMING)
 
 
 EARLY = PHASES[PHASES <= 0.36]

@@ -12,13 +12,14 @@ from walking_synthetic import PLATE_RATE, RATE, changed, recording
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.commands.walking import compare_ankle_moment
 from osl_analysis.errors import InputError
-from osl_analysis.trial import Trial, read_trial, write_trial
-from osl_analysis.walking.overground import check_no_downward_force, compare_moments
+from osl_analysis.trial import Trial, read_trial
+from osl_analysis.walking.crossing import body_mass
+from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.settings import OvergroundAnalysis
-from osl_analysis.walking.setup import body_mass
 
 REAL = Path(__file__).parents[2] / "shared" / "real_data"
 MASS = 70.0
+KNOWN, LOADED = OvergroundAnalysis(load_on_n=50, body_mass_kg=MASS), {"load_on_n": 200.0}
 
 
 def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
@@ -40,34 +41,28 @@ def gait_trial(side: str = "left", over: float = 0.0) -> Trial:
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_moment_of_a_known_load_and_its_ratio_to_the_reference(side: str) -> None:
-    (comparison,) = compare_moments(gait_trial(side), MASS, 50.0)
-    assert (comparison.side, comparison.plate) == (side, 1)
-    assert comparison.slope == pytest.approx(1.05, abs=1e-3)
-    assert comparison.correlation == pytest.approx(1, abs=1e-5)
-    assert comparison.moment[np.argmax(comparison.reference)] == pytest.approx(0.12 * 800 / MASS, rel=2e-3)
-    # loaded above 50 N from 0.50625 to 1.49375 s
-    assert len(comparison.time) == pytest.approx(0.9875 * RATE, abs=1)
+    (row,) = overground_rows(gait_trial(side), KNOWN)
+    assert (row["side"], row["plate"]) == (side, 1)
+    assert row["slope"] == pytest.approx(1.05, abs=1e-3)
+    assert row["correlation"] == pytest.approx(1, abs=1e-5)
+    assert row["moment_at_peak"] == pytest.approx(0.12 * 800 / MASS, rel=2e-3)
+    assert row["frames"] == pytest.approx(0.9875 * RATE, abs=1)  # loaded above 50 N from 0.50625 to 1.49375 s
 
 
-def test_a_foot_beside_the_plate_is_not_compared() -> None:
+def test_what_cannot_be_compared_is_refused_with_the_remedy() -> None:
     with pytest.raises(InputError, match="gait_1: no foot stands on a plate"):
-        compare_moments(gait_trial(over=0.3), MASS, 50.0)
-
-
-def test_a_trial_without_reference_says_which_column_to_map() -> None:
+        overground_rows(gait_trial(over=0.3), KNOWN)
     trial = gait_trial()
-    bare = Trial("gait_1", trial.samples.drop("reference_ankle_moment_left"), trial.provenance)
+    bare = replace(trial, samples=trial.samples.drop("reference_ankle_moment_left"))
     with pytest.raises(InputError, match="no column 'reference_ankle_moment_left'"):
-        compare_moments(bare, MASS, 50.0)
-
-
-def test_the_table_takes_the_configured_mass_and_asks_for_one_that_nobody_states(tmp_path: Path) -> None:
-    write_trial(gait_trial(), tmp_path / "trial.parquet")
-    trial = read_trial(tmp_path / "trial.parquet")
+        overground_rows(bare, KNOWN)
     with pytest.raises(InputError, match=r"states no body mass; state body_mass_kg in the sheet, or overground\.body"):
-        compare_ankle_moment(trial, OvergroundAnalysis(load_on_n=50))
-    table = compare_ankle_moment(trial, OvergroundAnalysis(load_on_n=50, body_mass_kg=2 * MASS))["ankle_moment"]
-    assert table["slope"][0] == pytest.approx(2.1, abs=3e-3)
+        overground_rows(trial, OvergroundAnalysis(load_on_n=50))
+    # a plate is only refused if it pulls, and by more than noise
+    for shift in (-90.0, 110.0):
+        assert overground_rows(changed(trial, pl.col("plate1_force_z") + shift), KNOWN.model_copy(update=LOADED))
+    with pytest.raises(InputError, match=r"trial gait_1: force plate 1 reads -110 N"):
+        overground_rows(changed(trial, pl.col("plate1_force_z") - 110.0), KNOWN)
 
 
 @pytest.mark.parametrize(
@@ -121,10 +116,3 @@ def test_a_plate_that_was_never_zeroed_is_caught_by_its_number_and_reading(tmp_p
     ingest_trial(row, REAL / "c3d", tmp_path, tmp_path / "t.parquet")
     with pytest.raises(InputError, match=r"force plate 1 reads -713 N in most of the recording"):
         compare_ankle_moment(read_trial(tmp_path / "t.parquet"), OvergroundAnalysis(load_on_n=50, body_mass_kg=70))
-
-
-def test_a_plate_is_only_refused_if_it_pulls_and_by_more_than_noise() -> None:
-    for shift in (-90.0, 110.0):
-        check_no_downward_force(changed(gait_trial(), pl.col("plate1_force_z") + shift), 100)
-    with pytest.raises(InputError, match=r"trial gait_1: force plate 1 reads -110 N"):
-        check_no_downward_force(changed(gait_trial(), pl.col("plate1_force_z") - 110.0), 100)

@@ -29,6 +29,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.plate_surface import furthest_outside, plate_axes
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import BodyMotion, static_calibration
+from osl_analysis.walking.crossing import check_heading, check_push, check_vertical
 from osl_analysis.walking.plate import (
     INERTIAL,
     PLANAR,
@@ -44,12 +45,10 @@ from osl_analysis.walking.plate import (
     plate_table,
     recorded_corners,
     stacked_columns,
-    unloaded_zero,
     without_mean,
     wrench_reader,
     zeroed_wrench,
 )
-from osl_analysis.walking.setup import check_heading, check_push, check_vertical
 
 G = 9.80665
 PIVOT = np.array([-0.06, 0.0, 0.08])
@@ -295,24 +294,25 @@ def stepped(offset: float, limit: float = np.inf, noise: float = 0.4) -> Array:
     return np.hstack([force, 0.02 * offset + np.outer(load, [0.0, -0.1, 0.0])])
 
 
+def standing_on(wrench: Array, first: int = 0) -> Trial:
+    """A recording of this wrench from a row on."""
+    markers = labelled("PLAT", np.tile(PLATFORM, (len(wrench[first:]) // 5, 1, 1)))
+    return recording("c", markers, wrench[first:, :3], wrench[first:, 3:])
+
+
 @pytest.mark.parametrize("offset", [0.0, 12.0, -60.0])
 def test_the_zero_is_read_before_the_foot_comes_not_after_the_platform_tilted(offset: float) -> None:
     """0.2 s of noise of 0.4 N: the mean's standard deviation is 0.02 N."""
-    zero = unloaded_zero(TIME, stepped(offset), 0.2, 100)
-    np.testing.assert_allclose(zero[:3], offset, atol=0.1)
-    np.testing.assert_allclose(zero[3:], 0.02 * offset, atol=1e-9)
-    markers = labelled("PLAT", np.tile(PLATFORM, (len(TIME) // 5, 1, 1)))
-    trial = recording("c", markers, stepped(offset)[:, :3], stepped(offset)[:, 3:])
-    read, removed = zeroed_wrench(trial, TIME[::5], settings())
-    assert removed == zero[2]
+    read, removed = zeroed_wrench(standing_on(stepped(offset)), TIME[::5], settings())
+    assert removed == pytest.approx(offset, abs=0.1)
     np.testing.assert_allclose(read(0.0)[20:180].mean(axis=0), 0, atol=0.15)
 
 
 def test_a_plate_far_off_zero_and_a_record_that_starts_under_load_are_refused() -> None:
     with pytest.raises(InputError, match="unloaded plate reads -713 N, expected less than 100 N"):
-        unloaded_zero(TIME, stepped(-713.0), 0.2, 100)
+        zeroed_wrench(standing_on(stepped(-713.0)), TIME[::5], settings())
     with pytest.raises(InputError, match=r"loaded within 0\.2 s of the recording's start"):
-        unloaded_zero(TIME[2000:], stepped(0.0)[2000:], 0.2, 100)
+        zeroed_wrench(standing_on(stepped(0.0), 2000), TIME[:-2000:5], settings())
 
 
 def test_a_plate_at_its_limit_is_refused_and_one_that_peaks_is_not() -> None:

@@ -239,17 +239,16 @@ def rise(degree: int, start: float, height: float = 0.04, duration: float = 0.1)
 def test_the_start_of_a_mean_rise_has_no_bias_for_any_smooth_step(degree: int) -> None:
     """0.05 % of noise, as in the mean of 20 crossings of 5 deg."""
     noise = np.random.default_rng(degree).normal(0, 2e-5, (len(GRID), 1))
-    found = start_of_rise(GRID, rise(degree, 0.0131) + noise, 2e-5)
-    assert found.time == pytest.approx(0.0131, abs=1e-3)
-    assert found.shape == 0.0
+    start, _, shape, _ = start_of_rise(GRID, rise(degree, 0.0131) + noise, 2e-5)
+    assert (start, shape) == (pytest.approx(0.0131, abs=1e-3), 0.0)
 
 
 def test_the_start_of_a_rise_has_the_error_of_its_noise() -> None:
     """Two directions, 0.3 % of noise. A length in place of a displacement would start early, by noise alone."""
     random, straight = np.random.default_rng(3), rise(5, 0.0) @ np.array([[0.6, 0.8]])
     found = [start_of_rise(GRID, straight + random.normal(0, 1.2e-4, (len(GRID), 2)), 1.2e-4) for _ in range(60)]
-    z = np.array([one.time / one.se for one in found])
-    assert {one.kind for one in found} == {3}
+    z = np.array([start / se for start, se, _, _ in found])
+    assert {kind for *_, kind in found} == {3}
     assert abs(z.mean()) < 0.4  # 3 / sqrt(60)
     assert 0.75 < z.std() < 1.25  # 1 +- 2.7 / sqrt(120)
 
@@ -257,9 +256,9 @@ def test_the_start_of_a_rise_has_the_error_of_its_noise() -> None:
 def test_a_start_that_noise_hides_says_what_another_kind_of_start_would_change() -> None:
     """A step of seventh degree, 1 % of noise: minimum jerk starts 7 ms later, and the statement covers it."""
     noise = np.random.default_rng(5).normal(0, 4e-4, (len(GRID), 1))
-    found = start_of_rise(GRID, rise(7, 0.0) + noise, 4e-4)
-    assert (found.kind, round(1e3 * found.time)) == (3, 7)
-    assert abs(found.time) < found.shape + 3 * found.se
+    start, se, shape, kind = start_of_rise(GRID, rise(7, 0.0) + noise, 4e-4)
+    assert (kind, round(1e3 * start)) == (3, 7)
+    assert abs(start) < shape + 3 * se
 
 
 # Which static trial calibrates which trial, on which side; labels that were exchanged; platforms that shift.

@@ -3,24 +3,21 @@
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
-from test_walking_response import TIMING, crossing
+from test_walking_response import crossing
 from walking_synthetic import FOOT, SHANK, settings
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
-from osl_analysis.trial import Array
+from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import Poses, StaticCalibration, cluster_poses, functional_hinge
-from osl_analysis.walking.crossing import Crossing, CrossingQuality
-from osl_analysis.walking.groups import crossing_features, outlier_reasons, selection_rows
+from osl_analysis.walking.crossing import Crossing, CrossingQuality, EncoderCheck, encoder_check
+from osl_analysis.walking.groups import crossing_features, selection_rows
 from osl_analysis.walking.plate import Load
-from osl_analysis.walking.settings import OutlierRule
-from osl_analysis.walking.setup import compare_encoder
 
-RULE = OutlierRule(
-    limit=5, stance_s=0.01, placement_m=0.005, angle_deg=0.5, torque_nm=2, load_share=0.03, pressure_m=0.005
-)
+RULE = settings().outliers
 
 
 # The encoder
@@ -33,10 +30,16 @@ def gait(time: Array) -> Array:
 low_pass, time, own = LowPass(20.0), 0.5 + np.arange(240) / 300, np.arange(1000) / 500
 
 
+def compared(theta: Array, stamps: Array, encoder: Array) -> EncoderCheck | None:
+    """The angle from markers with an encoder's, which a trial has at these stamps."""
+    trial = Trial("w", pl.DataFrame({"time": np.r_[-1.0, stamps], "theta": [None, *encoder]}))
+    return encoder_check(trial, time, theta, low_pass)
+
+
 @pytest.mark.parametrize("delay", [-0.0042, 0.0, 0.0137])
 def test_offset_and_delay_of_the_encoder_come_out_whatever_its_rate(delay: float) -> None:
     theta = low_pass(gait(np.arange(600) / 300), 300.0)[150:390]
-    check = compare_encoder(time, theta, own, gait(own - delay) + 0.01, low_pass)
+    check = compared(theta, own, gait(own - delay) + 0.01)
     assert check is not None
     assert check.delay == pytest.approx(delay, abs=2e-5)
     assert check.offset == pytest.approx(0.01, abs=1e-5)
@@ -46,16 +49,16 @@ def test_offset_and_delay_of_the_encoder_come_out_whatever_its_rate(delay: float
 def test_what_offset_and_delay_leave_is_the_noise() -> None:
     """White noise of 1e-3 rad at 500 Hz, of which a 20 Hz low-pass leaves about 40/500 of the power."""
     noise = 1e-3 * np.random.default_rng(4).standard_normal(1000)
-    check = compare_encoder(time, gait(time), own, gait(own) + noise, low_pass)
+    check = compared(gait(time), own, gait(own) + noise)
     assert check is not None
     assert check.rms == pytest.approx(1e-3 * np.sqrt(40 / 500), rel=0.3)
 
 
 def test_an_encoder_of_another_joint_is_refused_and_one_that_was_off_is_none() -> None:
     with pytest.raises(InputError, match="does not follow the angle from markers within 50 ms"):
-        compare_encoder(time, gait(time), own, gait(own - 0.2), low_pass)
-    assert compare_encoder(time, gait(time), own[:200], gait(own[:200]), low_pass) is None
-    assert compare_encoder(time, gait(time), own[:0], own[:0], low_pass) is None
+        compared(gait(time), own, gait(own - 0.2))
+    for count in (200, 0):
+        assert compared(gait(time), own[:count], gait(own[:count])) is None
 
 
 # The hinge
@@ -131,7 +134,8 @@ def session(**changed: object) -> list[Crossing]:
 
 
 def reasons(crossings: list[Crossing]) -> dict[str, str]:
-    return outlier_reasons(crossing_features(crossings, TIMING, RULE), [c.name for c in crossings], RULE.limit)
+    rows = selection_rows(crossings, [], settings())
+    return {name: str(row["reason"]) for name, row in rows.items() if row["reason"] is not None}
 
 
 def test_a_foot_beside_its_place_a_long_stance_and_another_gait_are_named_with_the_reason() -> None:
@@ -161,7 +165,7 @@ def test_a_crossing_is_not_judged_by_its_perturbation() -> None:
     assert reasons(turned) == {}
     few = [replace(c, onset=0.6 if k % 4 == 1 else None) for k, c in enumerate(crossings)]
     longer = [replace(c, stance=replace(c.stance, toe_off=c.stance.toe_off + 0.2)) if c.onset else c for c in few]
-    (stance,) = (f for f in crossing_features(longer, TIMING, RULE) if f.name == "stance")
+    (stance,) = (f for f in crossing_features(longer, settings(), RULE) if f.name == "stance")
     assert stance.distance.max() < 5
 
 

@@ -14,7 +14,7 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import ImpedanceAnalysis
-from osl_analysis.commands.walking import commanded, over_stance, read_unperturbed_gaits, selected_crossings
+from osl_analysis.commands.walking import commanded_over_stance, read_unperturbed_gaits, selected_crossings
 from osl_analysis.config.campaign import ImpedanceExample
 from osl_analysis.config.configuration import FrequencyResponseFigure
 from osl_analysis.config.parameters import FileOrNone, joint_of, read_parameters
@@ -262,7 +262,7 @@ def plot_walking_page(
         perturbed = [c for c in chosen if c.name in names]
         gait = gaits[places[perturbed[0].name]["gait"]]
         both = {"unperturbed": gait, "perturbed": unperturbed_gait(perturbed, 2)}
-        points = walking_page_points(perturbed, both, of_group.drop("group"), settings.timing)
+        points = walking_page_points(perturbed, both, of_group.drop("group"), settings)
         frames.append(points.with_columns(group=pl.lit(group)))
     write_table(pl.concat(frames, how="diagonal"), output)
 
@@ -272,8 +272,8 @@ def plot_over_stance(
 ) -> None:
     """What the figure draws: the rows of the table, and the points of the commanded trajectory."""
     rows = read_table(table, ("series", "quantity", "phase", "estimate", "low", "high"))
-    for path in commanded(trajectory, data):
-        rows = pl.concat([rows, trajectory_points(*over_stance(path, stance_share))], how="diagonal_relaxed")
+    for curves in commanded_over_stance(trajectory, data, stance_share):
+        rows = pl.concat([rows, trajectory_points(*curves)], how="diagonal_relaxed")
     write_table(rows, output)
 
 

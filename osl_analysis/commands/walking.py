@@ -2,7 +2,8 @@
 
 import json
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import MISSING, asdict, fields, is_dataclass, replace
 from pathlib import Path
 from types import UnionType
@@ -20,39 +21,16 @@ from osl_analysis.judge.doubts import DOUBTFUL, EXCLUDED, doubtful_row, marked
 from osl_analysis.judge.table import Doubt
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Array, Trial, read_trial, write_trial
-from osl_analysis.walking import tables
-from osl_analysis.walking.bodies import StaticCalibration, hinge_of_trials, hinge_row, static_calibration
-from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing
-from osl_analysis.walking.ensemble import group_headline
+from osl_analysis.walking import bodies, tables
+from osl_analysis.walking import settings as choices
+from osl_analysis.walking.bodies import StaticCalibration
+from osl_analysis.walking.crossing import DOWN, UP, Crossing, RefusedCrossing, analyse_crossing, body_mass
 from osl_analysis.walking.gait import PHASES, UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.groups import ALL, SEPARATOR, selection_rows, split_statements
 from osl_analysis.walking.overground import overground_rows
-from osl_analysis.walking.plate import (
-    NO_CORRECTION,
-    NOT_REMOVED,
-    Load,
-    PlateModel,
-    identify_plate_model,
-    plate_table,
-)
-from osl_analysis.walking.platform import (
-    ALONE,
-    PlatformModel,
-    identify_platform,
-    platform_table,
-)
-from osl_analysis.walking.settings import (
-    CalibrationSettings,
-    CrossingSettings,
-    EnsembleSettings,
-    OvergroundAnalysis,
-    PlateModelSettings,
-    PlatformMotionSettings,
-    ResponseSettings,
-    SelectionSettings,
-    UnperturbedSettings,
-)
-from osl_analysis.walking.setup import body_mass, check_direction
+from osl_analysis.walking.plate import NO_CORRECTION, NOT_REMOVED, Load, PlateModel, identify_plate_model, plate_table
+from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform, platform_table
+from osl_analysis.walking.response import group_headline
 
 SIGNALS = ("time", "phase", "theta", "torque", "platform")
 LOADS = ("load", "pressure_left")
@@ -63,6 +41,7 @@ EVENTS = ("stance", "onset", "bridged", "quality", "turn", "body_mass")
 WRITTEN_BY = {StaticCalibration: "calibrate", PlateModel: "identify-plate", PlatformModel: "measure-platform"}
 """The step that writes each model."""
 Built = TypeVar("Built")
+Statics = Mapping[str, str]  # The static trial of each trial, which names the file of its calibration
 
 
 def write_model(model: Any, path: Path) -> None:
@@ -174,21 +153,8 @@ def on_the_walkway(table: pl.DataFrame, places: Places | None, by: str = "trial"
     return with_places(table, known, by)
 
 
-def write_unperturbed_gaits(gaits: Mapping[str, UnperturbedGait], path: Path) -> None:
-    """Write the unperturbed crossings of each gait, by its name: a row per crossing and phase."""
-    n, frames = len(PHASES), []
-    for name, gait in gaits.items():
-        crossings = np.repeat(gait.names, n).tolist()
-        known = {"gait": [name] * len(crossings), "trial": crossings, "stance_s": np.repeat(gait.stance, n)}
-        curves = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
-        curves |= {f"{PLATE_ERROR}{i}": error.ravel() for i, error in enumerate(gait.plate_errors)}
-        frames.append(pl.DataFrame({**known, "phase": np.tile(PHASES, len(gait.names)), **curves}))
-    with atomic_path(path) as temporary:
-        pl.concat(frames).write_parquet(temporary)
-
-
 def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
-    """Read what `write_unperturbed_gaits` wrote: gaits with fewer crossings than the least are not among them."""
+    """Read what `average_unperturbed` wrote: gaits with fewer crossings than the least are not among them."""
     check_not_refused(path)
     step, gaits = "'average-unperturbed'", {}
     if not path.is_file():
@@ -207,51 +173,59 @@ def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
 
 
 def calibrate(
-    trial: Path, motion: Sequence[Path], settings: CalibrationSettings, output: Path, comparison: Path
+    trial: Path, motion: Sequence[Path], settings: choices.CalibrationSettings, output: Path, comparison: Path
 ) -> None:
     """Marker clusters, ankle centre and axis of the static trial, to a JSON file. The functional hinge of the trials
     `motion` is compared with the anatomical axis in the table `comparison`, and replaces it if the settings say so."""
-    standing = read_trial(trial)
-    static = static_calibration(standing, settings)
-    row: dict[str, object]
+    standing, markers = read_trial(trial), settings.markers
+    static, recordings = bodies.static_calibration(standing, settings), []
+    for path in motion:
+        walked = read_trial(path)
+        with suppress(InputError):  # trials whose markers cannot be read are not used
+            foot = bodies.segment_poses(walked, markers.foot, static.foot, settings)[1]
+            recordings.append((foot, bodies.segment_poses(walked, markers.shank, static.shank, settings)[1]))
+    row: dict[str, object] = {"trial": standing.name, "axis": settings.hinge}
     try:
-        hinge = hinge_of_trials([read_trial(path) for path in motion], static, settings)
+        hinge = bodies.functional_hinge(recordings, static)
     except InputError as error:
         if settings.hinge == "functional":
             raise
-        row = {"axis": settings.hinge, "reason": str(error)}
+        row["reason"] = str(error)
     else:
-        row = hinge_row(hinge, settings.hinge)
+        row |= {f"functional_{name}": float(value) for name, value in zip("xyz", hinge.axis, strict=True)}
+        row |= {"angle_deg": float(np.rad2deg(hinge.angle)), "distance_mm": 1e3 * hinge.distance}
+        row |= {"excursion_deg": float(np.rad2deg(hinge.excursion)), "off_axis_deg": float(np.rad2deg(hinge.off_axis))}
+        row |= {"gap_mm": 1e3 * hinge.gap, "frames": hinge.frames}
         if settings.hinge == "functional":
             static = replace(static, ankle_axis=hinge.axis, ankle_centre=hinge.centre)
-    write_table(pl.DataFrame([{"trial": standing.name} | row]), comparison)
+    write_table(pl.DataFrame([row]), comparison)
     write_model(static, output)
 
 
-def calibrations_of(calibrations: Sequence[Path], statics: Mapping[str, str]) -> dict[str, StaticCalibration]:
-    """The calibration of each trial that has one. `statics` has the static trial of each, which names the file."""
+def calibrated_trials(
+    trials: Sequence[Path], calibrations: Sequence[Path], statics: Statics
+) -> tuple[list[Trial], dict[str, StaticCalibration]]:
+    """The trials that have a calibration, and the calibration of each."""
     read = {path.stem: read_model(path, StaticCalibration) for path in calibrations}
-    return {trial: read[static] for trial, static in statics.items() if static in read}
+    own = {trial: read[static] for trial, static in statics.items() if static in read}
+    return [read_trial(path) for path in trials if path.stem in own], own
 
 
 def identify_plate(
     trials: Sequence[Path],
     calibrations: Sequence[Path],
-    statics: Mapping[str, str],
-    settings: PlateModelSettings,
+    statics: Statics,
+    settings: choices.PlateModelSettings,
     output: Path,
     comparison: Path,
 ) -> None:
-    """The plate's inertia and lag from trials of the unloaded plate, to a JSON file. `statics` has the static trial of
-    each trial, whose files `calibrations` are. The table `comparison` shows the unloaded plate's wrench before and
-    after both are removed. A warning says so where the settings remove nothing."""
+    """The plate's inertia and lag from trials of the unloaded plate, to a JSON file. The table `comparison` shows the
+    unloaded plate's wrench before and after both are removed. A warning says so where the settings remove nothing."""
     if settings.plate_inertia == "none":
         warnings.warn(f"the plate's own inertia and lag stay in the torque: {NOT_REMOVED}", stacklevel=2)
         model = NO_CORRECTION
     else:
-        calibrated = calibrations_of(calibrations, statics)
-        read = [read_trial(path) for path in trials if path.stem in calibrated]
-        model = identify_plate_model(read, calibrated, settings)
+        model = identify_plate_model(*calibrated_trials(trials, calibrations, statics), settings)
     write_model(model, output)
     table = plate_table(model).fill_nan(None)
     write_table(table.with_columns(plate_inertia=pl.lit(settings.plate_inertia)), comparison)
@@ -260,8 +234,8 @@ def identify_plate(
 def measure_platform(
     trials: Sequence[Path],
     calibrations: Sequence[Path],
-    statics: Mapping[str, str],
-    settings: PlatformMotionSettings,
+    statics: Statics,
+    settings: choices.PlatformMotionSettings,
     output: Path,
     comparison: Path,
     places: Places | None = None,
@@ -269,9 +243,7 @@ def measure_platform(
     """The motion that the platform's perturbations share, from the perturbed crossings, to a JSON file. The table
     `comparison` shows when each crossing's perturbation starts, and whether it follows the shared motion; `places` has
     joint and side of each."""
-    calibrated = calibrations_of(calibrations, statics)
-    read = [read_trial(path) for path in trials if path.stem in calibrated]
-    model = identify_platform(read, calibrated, settings)
+    model = identify_platform(*calibrated_trials(trials, calibrations, statics), settings)
     write_model(model, output)
     write_table(on_the_walkway(platform_table(model), places), comparison)
 
@@ -281,7 +253,7 @@ def analyse(
     calibration: Path,
     plate: Path,
     perturbed: bool,
-    settings: CrossingSettings,
+    settings: choices.CrossingSettings,
     output: Path,
     direction: str | None = None,
     body_mass_kg: float | None = None,
@@ -294,7 +266,13 @@ def analyse(
     shared = ALONE if platform is None else read_model(platform, PlatformModel)
     try:
         crossing = analyse_crossing(walked, static, model, perturbed, settings, shared)
-        check_direction(walked.name, direction, crossing.turn)
+        measured = None if crossing.turn is None else UP if crossing.turn > 0 else DOWN
+        if direction is not None and measured not in (None, direction):
+            raise InputError(
+                f"trial {walked.name}: the platform turned by {np.rad2deg(crossing.turn or 0.0):.1f} deg (positive: "
+                f"toes up), but the sheet says direction '{direction}', expected '{measured}'; correct the sheet, or "
+                "exclude the trial"
+            )
         crossing = replace(crossing, body_mass=body_mass(walked, body_mass_kg))
     except OslAnalysisError as error:
         warnings.warn(f"excluded: {error}", stacklevel=2)
@@ -310,18 +288,15 @@ NO_GAIT = (
 )
 
 
-GroupResult = tuple[Sequence[Mapping[str, Any]], Mapping[str, Any], pl.DataFrame | None]
-"""Of a group: rows of `walking_summary.csv`, its row of `walking_groups.csv`, responses; None without a result."""
-
-
 def group_result(
     group: tables.Group,
     own: pl.DataFrame,
     files: Mapping[str, Path],
     gait: UnperturbedGait | None,
-    settings: EnsembleSettings,
-) -> GroupResult:
-    """The result of a group; without one, rows with the reason, and a warning. `own` are its rows of `walking.csv`."""
+    settings: choices.EnsembleSettings,
+) -> tuple[list[dict[str, Any]], dict[str, Any], pl.DataFrame | None]:
+    """Rows of `walking_summary.csv` of a group, its row of `walking_groups.csv`, and its responses; without a result,
+    rows with the reason, None, and a warning. `own` are its rows of `walking.csv`."""
     known = {"group": group.name}
     fact: dict[str, Any] = tables.group_row(group, gait, settings.window_s) | {"fitted_phase": None, "reason": None}
     try:
@@ -338,23 +313,17 @@ def group_result(
         none = {"estimator": tables.ENSEMBLE, "n": len(own), "mean": None, "reason": str(error)}
         rows = [known | {"quantity": quantity} | none for quantity in tables.SUMMARISED]
         return rows, fact | {"reason": str(error)}, None
-    time = tables.fitted_time(headline.ensemble, settings.timing)
-    fact["fitted_phase"] = float(fact["onset_phase"] + time / fact["stance_s"])
+    fact["fitted_phase"] = float(fact["onset_phase"] + tables.fitted_time(headline) / fact["stance_s"])
     rows = [
         known | row | {"commanded": group.cells.get(f"{row['quantity']}_d"), "reason": None}
         for row in tables.headline_rows(headline, own, doubtful_row(own))
     ]
-    curve = tables.response_table(group.name, headline.responses, headline.ensemble)
-    return rows, fact | tables.group_facts(headline), curve
-
-
-HEADLINES = ("group", "quantity", "estimator", "n", "mean", "se", "low", "high", "commanded")
-STANCE = np.linspace(0, 1, 101)  # Phases of stance at which the commanded trajectory is drawn
+    return rows, fact | tables.group_facts(headline), tables.response_table(group.name, headline)
 
 
 def select_crossings(
     crossings: Sequence[Path],
-    settings: SelectionSettings,
+    settings: choices.SelectionSettings,
     output: Path,
     sheet: Mapping[str, Mapping[str, Any]] | None = None,
     places: Places | None = None,
@@ -380,7 +349,7 @@ def select_crossings(
 
 
 def average_unperturbed(
-    crossings: Sequence[Path], selection: Path, settings: UnperturbedSettings, output: Path
+    crossings: Sequence[Path], selection: Path, settings: choices.UnperturbedSettings, output: Path
 ) -> None:
     """The unperturbed crossings that the table `selection` does not exclude, on a common grid of stance phase, by gait,
     to a Parquet file. A gait with too few of them is left out with a warning."""
@@ -402,11 +371,19 @@ def average_unperturbed(
         raise InputError("; ".join(problems))
     for problem in problems:
         warnings.warn(problem, stacklevel=2)
-    write_unperturbed_gaits(gaits, output)
+    frames = []
+    for name, gait in gaits.items():  # a row per crossing and phase
+        trials = np.repeat(gait.names, len(PHASES)).tolist()
+        known = {"gait": [name] * len(trials), "trial": trials, "stance_s": np.repeat(gait.stance, len(PHASES))}
+        curves = {"theta": gait.theta.ravel(), "torque": gait.torque.ravel()}
+        curves |= {f"{PLATE_ERROR}{i}": error.ravel() for i, error in enumerate(gait.plate_errors)}
+        frames.append(pl.DataFrame({**known, "phase": np.tile(PHASES, len(gait.names)), **curves}))
+    with atomic_path(output) as temporary:
+        pl.concat(frames).write_parquet(temporary)
 
 
 def fit_perturbation(
-    crossing: Path, selection: Path, unperturbed: Path, settings: ResponseSettings, output: Path
+    crossing: Path, selection: Path, unperturbed: Path, settings: choices.ResponseSettings, output: Path
 ) -> None:
     """Fit Eq. 15 to the isolated response of one perturbed crossing: one row of `walking.csv`. A crossing that is
     excluded, or whose response cannot be fitted, has a row with the reason and no numbers."""
@@ -434,7 +411,7 @@ def summarise_perturbations(
     crossings: Sequence[Path],
     selection: Path,
     unperturbed: Path,
-    settings: EnsembleSettings,
+    settings: choices.EnsembleSettings,
     output: Path,
     responses: Path,
     excluded: Path,
@@ -448,8 +425,10 @@ def summarise_perturbations(
     is `walking.csv`, `crossings` are the perturbed ones. A group without a result has rows with the reason. A group
     beyond one of the `limits` is doubtful, and so is its ensemble. `places` has joint and side of each crossing."""
     fits, chosen = read_table(table, ["trial"]), read_table(selection, ["trial", "reason", "gait", "group"])
-    reasons = fits.select("trial", pl.col(EXCLUDED).alias("reason"))
-    write_table(on_the_walkway(tables.excluded_crossings(chosen, reasons), places), excluded)
+    # the crossings without a fit, in the order of the selection, with the reason
+    left = chosen.join(fits.select("trial", EXCLUDED), on="trial", how="left", maintain_order="left")
+    left = left.select("trial", "perturbed", pl.coalesce("reason", EXCLUDED).alias("reason")).drop_nulls("reason")
+    write_table(on_the_walkway(left, places), excluded)
     fitted = fits.filter(pl.col(EXCLUDED).is_null())
     if len(fitted) < FEWEST_PERTURBED:
         raise InputError(
@@ -487,7 +466,7 @@ def selected_crossings(crossings: Sequence[Path], selection: Path) -> list[Cross
 
 
 def compare_ankle_moment(
-    trial: Trial, settings: OvergroundAnalysis, condition: Mapping[str, float | None] | None = None
+    trial: Trial, settings: choices.OvergroundAnalysis, condition: Mapping[str, float | None] | None = None
 ) -> Mapping[str, pl.DataFrame]:
     """One row per stance and plate of a trial: our ankle moment and the laboratory's. `condition` has the sheet's body
     mass [kg] under `body_mass_kg`, if it states one."""
@@ -501,20 +480,22 @@ def tabulate_over_stance(
     """K, B and I of every group at the phase of stance that its fit reads, with interval and commanded value.
     `trajectory` has the file of the commanded impedance over the gait cycle, if there is one; stance is the first
     `stance_share` of it."""
-    table = tables.impedance_over_stance(read_table(summary, HEADLINES), read_table(groups, tables.FACTS))
-    for path in commanded(trajectory, data):
-        table = tables.with_trajectory(table, *over_stance(path, stance_share))
+    needed = ("group", "quantity", "estimator", "n", "mean", "se", "low", "high", "commanded")
+    table = tables.impedance_over_stance(read_table(summary, needed), read_table(groups, tables.FACTS))
+    for curves in commanded_over_stance(trajectory, data, stance_share):
+        table = tables.with_trajectory(table, *curves)
     write_table(table, output)
 
 
-def commanded(trajectory: Sequence[Path], data: str) -> list[Path]:
-    """The files of trajectories that the leg was commanded; `data` are `simulated` or `measured`. A synthetic
-    trajectory is made for the simulated leg: no measured one was commanded it."""
-    return [p for p in trajectory if data != MEASURED or read_impedance_trajectory(p).kind != SYNTHETIC]
-
-
-def over_stance(trajectory: Path, stance_share: float) -> tuple[Array, Array, Array]:
-    """Phases of stance (n,) and the commanded K_d [N*m/rad] and B_d [N*m*s/rad] there."""
-    desired = read_impedance_trajectory(trajectory)
-    cycle = STANCE * stance_share
-    return STANCE, desired.at(desired.K_d, cycle), desired.at(desired.B_d, cycle)
+def commanded_over_stance(
+    trajectory: Sequence[Path], data: str, stance_share: float
+) -> Iterator[tuple[Array, Array, Array]]:
+    """Phases of stance (n,) and the commanded K_d [N*m/rad] and B_d [N*m*s/rad] there, of each trajectory that the leg
+    was commanded; `data` are `simulated` or `measured`. A synthetic trajectory is made for the simulated leg: no
+    measured one was commanded it."""
+    phases = np.linspace(0, 1, 101)
+    for path in trajectory:
+        desired = read_impedance_trajectory(path)
+        if data != MEASURED or desired.kind != SYNTHETIC:
+            cycle = phases * stance_share
+            yield phases, desired.at(desired.K_d, cycle), desired.at(desired.B_d, cycle)

@@ -31,11 +31,17 @@ from osl_analysis.study.bench import STUDIED_QUANTITIES, StudyInputs, StudyRow
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import StaticCalibration, static_calibration
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, analyse_crossing
-from osl_analysis.walking.ensemble import bootstrap, common_errors, ensemble_response
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.plate import PlateModel, Stance, identify_plate_model
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform
-from osl_analysis.walking.response import fit_response, fit_without_offset, isolate_response
+from osl_analysis.walking.response import (
+    bootstrap,
+    common_errors,
+    ensemble_response,
+    fit_response,
+    fit_without_offset,
+    isolate_response,
+)
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
 
 LEVER_M = 0.1
@@ -75,7 +81,7 @@ class StudyLaboratory:
         alone = unperturbed_gait([self.seen(name, unperturbed, noisy=False)], 1)
         walked_ideally, analysis = self.seen(name, walked, noisy=False), self.analysis
         # the same crossing's stance without the perturbation, whatever the perturbation does to it
-        ideal = isolate_response(walked_ideally, alone, analysis.timing, "unperturbed")
+        ideal = isolate_response(walked_ideally, alone, analysis, "unperturbed")
         exact = fit_without_offset(ideal.fitted_motion, ideal.fitted_torque)
         return PerturbedCrossing(self.seen(name, walked, noisy=True), exact, impedance_of_leg(walked, unperturbed))
 
@@ -200,7 +206,7 @@ def campaign_rows(number: int, crossings: int, laboratory: StudyLaboratory) -> l
     analysis, laboratory = laboratory.analysis, laboratory.sharing(names[1::2])
     gait = unperturbed_gait(usable(laboratory.unperturbed, names[::2]), analysis.fewest_unperturbed)
     perturbed = usable(laboratory.perturbed, names[1::2])
-    responses = [isolate_response(one.crossing, gait, analysis.timing, analysis.perturbed_stance) for one in perturbed]
+    responses = [isolate_response(one.crossing, gait, analysis, analysis.perturbed_stance) for one in perturbed]
     fits = [fit_response(response) for response in responses]
     resampled, ensemble = bootstrap(responses, 300), ensemble_response(responses).fit
     common = common_errors(responses)

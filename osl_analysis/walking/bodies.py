@@ -1,9 +1,8 @@
 """Rigid bodies from marker clusters, the ankle between foot and shank, its functional hinge, and exchanged labels."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
 import scipy
@@ -15,7 +14,8 @@ from osl_analysis.trial import Array, Trial, marker_columns
 from osl_analysis.walking.settings import CalibrationSettings, MarkerSettings
 
 Mask = NDArray[np.bool_]
-
+Vectors = dict[str, Array]
+SEGMENTS = ("foot", "shank", "platform")
 FREE_FALL = np.array([0.0, 0.0, -9.80665])  # Acceleration of free fall [m/s^2] in laboratory axes, z up
 
 
@@ -45,6 +45,11 @@ class Poses:
         """Frames (n,) that have a pose."""
         return np.asarray(np.isfinite(self.position).all(axis=1))
 
+    def low_passed(self, reference: Array, low_pass: LowPass, rate: float) -> "Poses":
+        """Poses, none NaN, from low-passed positions of the markers: their filter is linear, and the wrench's too."""
+        filtered = cluster_poses(reference, low_pass(self.points(reference), rate))
+        return replace(filtered, residual=self.residual, bridged=self.bridged)
+
 
 def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
     """Time (n,) [s] of the marker frames and positions (n, m, 3) [m], NaN where a marker was hidden."""
@@ -70,29 +75,34 @@ def segment_poses(
 ) -> tuple[Array, Poses]:
     """Time (n,) [s] and poses of one cluster, not filtered: short gaps are interpolated, long ones NaN."""
     time, observed = marker_tracks(trial, names)
-    reference = reference_positions(cluster, names, trial.name)
-    poses = cluster_poses(reference, observed, settings.largest_residual_mm * 1e-3)
+    poses = cluster_poses(
+        reference_positions(cluster, names, trial.name), observed, settings.largest_residual_mm * 1e-3
+    )
     return time, bridge_gaps(time, poses, settings.longest_gap_s)
 
 
-def unseen(n: int, reference: Array) -> Poses:
-    """Poses in n frames, all NaN, of markers at the reference positions (m, 3) [m]."""
-    rotation, position, residual = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), np.full(n, np.nan)
-    return Poses(rotation, position, reference.mean(axis=0), residual, np.zeros(n, dtype=bool))
-
-
 def cluster_poses(reference: Array, observed: Array, largest_residual: float = np.inf) -> Poses:
-    """Least-squares pose of markers (n, m, 3) [m] against their reference positions (m, 3) [m]; NaN where fewer than
-    three that span a plane were seen, or the residual exceeds `largest_residual` [m], as with swapped markers."""
-    poses = unseen(len(observed), reference)
+    """Least-squares pose (Kabsch, Acta Cryst. A32, 1976) of markers (n, m, 3) [m] against their reference positions (m,
+    3) [m]; NaN where fewer than three that span a plane were seen, or the residual exceeds `largest_residual` [m], as
+    with swapped markers."""
+    n, origin = len(observed), reference.mean(axis=0)
+    rotation, position, residual = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), np.full(n, np.nan)
     patterns, member = np.unique(np.isfinite(observed).all(axis=2), axis=0, return_inverse=True)
     for index, pattern in enumerate(patterns):
-        if spans_a_plane(reference[pattern]):
-            rows = np.flatnonzero(member == index)
-            fit_rows(poses, rows, reference[pattern], observed[rows][:, pattern])
-    wrong = poses.residual > largest_residual
-    poses.rotation[wrong], poses.position[wrong] = np.nan, np.nan
-    return poses
+        if not spans_a_plane(reference[pattern]):
+            continue
+        rows = np.flatnonzero(member == index)
+        local, centroid = reference[pattern] - reference[pattern].mean(axis=0), observed[rows][:, pattern].mean(axis=1)
+        centred = observed[rows][:, pattern] - centroid[:, None]
+        U, _, Vt = np.linalg.svd(np.einsum("mi,kmj->kij", local, centred))
+        U[:, :, 2] *= (np.linalg.det(U) * np.linalg.det(Vt))[:, None]  # no reflection
+        R = np.einsum("kij,kjl->kli", U, Vt)
+        misfit = np.einsum("kij,mj->kmi", R, local) - centred
+        rotation[rows], position[rows] = R, centroid + R @ (origin - reference[pattern].mean(axis=0))
+        residual[rows] = np.sqrt(np.mean(np.sum(misfit**2, axis=2), axis=1))
+    wrong = residual > largest_residual
+    rotation[wrong], position[wrong] = np.nan, np.nan
+    return Poses(rotation, position, origin, residual, np.zeros(n, dtype=bool))
 
 
 def spans_a_plane(points: Array) -> bool:
@@ -101,20 +111,6 @@ def spans_a_plane(points: Array) -> bool:
         return False
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(spread[1] > 0.1 * spread[0])
-
-
-def fit_rows(poses: Poses, rows: NDArray[np.intp] | slice, reference: Array, observed: Array) -> None:
-    """Write the poses of markers (k, m, 3) [m] into `rows` of new poses (Kabsch, Acta Cryst. A32, 1976)."""
-    local, centroid = reference - reference.mean(axis=0), observed.mean(axis=1)
-    centred = observed - centroid[:, None]
-    U, _, Vt = np.linalg.svd(np.einsum("mi,kmj->kij", local, centred))
-    mirror = np.linalg.det(U) * np.linalg.det(Vt)
-    U[:, :, 2] *= mirror[:, None]
-    R = np.einsum("kij,kjl->kli", U, Vt)
-    misfit = np.einsum("kij,mj->kmi", R, local) - centred
-    poses.rotation[rows] = R
-    poses.position[rows] = centroid + R @ (poses.origin - reference.mean(axis=0))
-    poses.residual[rows] = np.sqrt(np.mean(np.sum(misfit**2, axis=2), axis=1))
 
 
 def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
@@ -131,11 +127,9 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
     if len(seen) < 4:
         return poses
     step = float(steps[0])
-    hidden = (np.diff(seen) - 1) * step
-    ends = np.flatnonzero((hidden > 0) & (hidden < longest + step / 2))
+    hidden, count = (np.diff(seen) - 1) * step, max(round(0.015 / step), 4)
     rotation, position, bridged = poses.rotation.copy(), poses.position.copy(), poses.bridged.copy()
-    count = max(round(0.015 / step), 4)
-    for k in ends:
+    for k in np.flatnonzero((hidden > 0) & (hidden < longest + step / 2)):
         gap, beside = np.arange(seen[k] + 1, seen[k + 1]), seen[max(k + 1 - count, 0) : k + 1 + count]
         origin = scipy.spatial.transform.Rotation.from_matrix(poses.rotation[seen[k]])
         turned = (scipy.spatial.transform.Rotation.from_matrix(poses.rotation[beside]) * origin.inv()).as_rotvec()
@@ -143,27 +137,13 @@ def bridge_gaps(time: Array, poses: Poses, longest: float) -> Poses:
         design, wanted = (np.vander((t - time[beside].mean()) / span, 4) for t in (time[beside], time[gap]))
         found = wanted @ np.linalg.lstsq(design, np.hstack([turned, poses.position[beside]]))[0]
         rotation[gap] = (scipy.spatial.transform.Rotation.from_rotvec(found[:, :3]) * origin).as_matrix()
-        position[gap] = found[:, 3:]
-        bridged[gap] = True
+        position[gap], bridged[gap] = found[:, 3:], True
     return replace(poses, rotation=rotation, position=position, bridged=bridged)
 
 
 def gap_duration(time: Array, gap: slice) -> float:
     """Duration [s] of consecutive hidden frames, for comparison with the longest gap that is allowed."""
     return float((gap.stop - gap.start - 0.5) * (time[1] - time[0]))
-
-
-def filtered_poses(poses: Poses, reference: Array, low_pass: LowPass, rate: float) -> Poses:
-    """Poses (n,), none NaN, from low-passed marker positions: their filter is linear, and the wrench's too."""
-    filtered = rigid_poses(reference, low_pass(poses.points(reference), rate))
-    return replace(filtered, residual=poses.residual, bridged=poses.bridged)
-
-
-def rigid_poses(reference: Array, observed: Array) -> Poses:
-    """Poses of markers (n, m, 3) [m], none NaN, that span a plane."""
-    poses = unseen(len(observed), reference)
-    fit_rows(poses, slice(None), reference, observed)
-    return poses
 
 
 @dataclass(frozen=True)
@@ -190,8 +170,7 @@ def body_motion(time: Array, poses: Poses, point: Array) -> BodyMotion:
     """Motion at times (n,) [s] of a body, low-passed and without NaN, and of its point that rests at `point` (3,) [m].
     Angular velocity is the axial vector of (dR/dt) R^T."""
     turning = differentiate(time, poses.rotation.reshape(-1, 9)).omega.reshape(-1, 3, 3)
-    spin = np.einsum("nij,nkj->nik", turning, poses.rotation)
-    omega = 0.5 * axial_vector(spin)
+    omega = 0.5 * axial_vector(np.einsum("nij,nkj->nik", turning, poses.rotation))
     path = differentiate(time, poses.point(point))
     return BodyMotion(poses.rotation, omega, differentiate(time, omega).omega, path.theta, path.alpha)
 
@@ -203,14 +182,7 @@ def axial_vector(m: Array) -> Array:
 
 def cross_matrix(v: Array) -> Array:
     """Matrices (n, 3, 3) whose product with a vector is the cross product of v (n, 3) with it."""
-    x, y, z = v.T
-    zero = np.zeros(len(v))
-    return np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), 2, 0)
-
-
-Side = Literal["left", "right"]
-Vectors = dict[str, Array]
-SEGMENTS = ("foot", "shank", "platform")
+    return np.swapaxes(np.cross(v[:, None], np.eye(3)), 1, 2)
 
 
 @dataclass(frozen=True)
@@ -233,67 +205,46 @@ def calibration_of(calibrations: Calibrations, trial: str) -> StaticCalibration:
 
 
 def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCalibration:
-    """Calibration from the static trial, with the markers that the settings name."""
+    """Calibration from the static trial: mean positions of the markers that the settings name."""
 
-    def named_tracks(names: Sequence[str]) -> Vectors:
-        return dict(zip(names, np.moveaxis(marker_tracks(trial, names)[1], 1, 0), strict=True))
+    def standing(names: Sequence[str]) -> Vectors:
+        found = {}
+        for name, track in zip(names, np.moveaxis(marker_tracks(trial, names)[1], 1, 0), strict=True):
+            seen = np.isfinite(track).all(axis=1)
+            if not seen.any():
+                raise InputError(
+                    f"trial {trial.name}: marker {name} is never seen in the static trial; label it, or record the "
+                    "trial again"
+                )
+            found[name] = np.asarray(track[seen].mean(axis=0))
+        return found
 
     markers = settings.markers
-    clusters = {segment: named_tracks(getattr(markers, segment)) for segment in SEGMENTS}
-    medial, lateral = named_tracks((markers.ankle_medial, markers.ankle_lateral)).values()
-    try:
-        return calibrate_static(clusters, medial, lateral, settings.side)
-    except InputError as error:
-        raise InputError(f"trial {trial.name}: {error}") from error
-
-
-def calibrate_static(clusters: dict[str, Vectors], medial: Array, lateral: Array, side: Side) -> StaticCalibration:
-    """Calibration from marker tracks (n, 3) [m] by name, for `foot`, `shank` and `platform`, and of the malleoli.
-    `medial` and `lateral` are those of the `side` that wears the prosthesis."""
-    means = {of: {name: mean_position(name, track) for name, track in some.items()} for of, some in clusters.items()}
-    for segment, markers in means.items():
-        if not spans_a_plane(np.array(list(markers.values()))):
+    foot, shank, platform = means = [standing(getattr(markers, segment)) for segment in SEGMENTS]
+    for segment, cluster in zip(SEGMENTS, means, strict=True):
+        if not spans_a_plane(np.array(list(cluster.values()))):
             raise InputError(
-                f"the {segment} markers {', '.join(markers)} lie on a line or are fewer than three, expected three or "
-                "more that span a plane; name others under `markers` in the configuration"
+                f"trial {trial.name}: the {segment} markers {', '.join(cluster)} lie on a line or are fewer than "
+                "three, expected three or more that span a plane; name others under `markers` in the configuration"
             )
-    foot, shank = means["foot"], means["shank"]
     above = float(np.mean([p[2] for p in foot.values()]) - np.mean([p[2] for p in shank.values()]))
     if above > 0.05:  # standing, they are lower by 0.1 m and more
         raise InputError(
-            f"the foot markers {', '.join(foot)} stand {100 * above:.0f} cm above the shank markers "
-            f"{', '.join(shank)}: exchange them under `markers` or in Nexus; or z does not point up, then state `axes` "
-            "in the source file"
+            f"trial {trial.name}: the foot markers {', '.join(foot)} stand {100 * above:.0f} cm above the shank "
+            f"markers {', '.join(shank)}: exchange them under `markers` or in Nexus; or z does not point up, then "
+            "state `axes` in the source file"
         )
-    inner, outer = mean_position("medial ankle", medial), mean_position("lateral ankle", lateral)
-    across = inner - outer if side == "right" else outer - inner
-    centre, axis = (inner + outer) / 2, across / np.linalg.norm(across)
-    return StaticCalibration(foot, shank, means["platform"], centre, axis)
-
-
-def mean_position(name: str, track: Array) -> Array:
-    """Mean (3,) [m] of a marker's track (n, 3) over the frames in which it was seen."""
-    seen = np.isfinite(track).all(axis=1)
-    if not seen.any():
-        raise InputError(f"marker {name} is never seen in the static trial; label it, or record the trial again")
-    return np.asarray(track[seen].mean(axis=0))
+    inner, outer = standing((markers.ankle_medial, markers.ankle_lateral)).values()
+    across = inner - outer if settings.side == "right" else outer - inner
+    return StaticCalibration(foot, shank, platform, (inner + outer) / 2, across / np.linalg.norm(across))
 
 
 def ankle_angle(foot: Poses, shank: Poses, axis: Array) -> Array:
     """Joint angle theta (n,) [rad]: dorsiflexion positive, zero in the static pose. Minus the twist of the foot
     relative to the shank about the axis (3,), which points to the left."""
     relative = np.einsum("nji,njk->nik", shank.rotation, foot.rotation)
-    trace = np.trace(relative, axis1=1, axis2=2)
-    # Quaternion of `relative`, up to a common factor: w ~ 1 + trace, vector part v ~ the axial vector.
-    # Twist = 2 atan2(v.axis, w).
-    return np.asarray(-2 * np.arctan2(axial_vector(relative) @ axis, 1 + trace))
-
-
-def ankle_in_lab(foot: Poses, shank: Poses, calibration: StaticCalibration) -> tuple[Array, Array]:
-    """Ankle centre (n, 3) [m] and axis (n, 3). Each is the mean of the foot's and the shank's."""
-    centres = [body.point(calibration.ankle_centre) for body in (foot, shank)]
-    across = (foot.rotation + shank.rotation) @ calibration.ankle_axis
-    return (centres[0] + centres[1]) / 2, across / np.linalg.norm(across, axis=1, keepdims=True)
+    # Quaternion up to a common factor: w ~ 1 + trace, vector part v ~ the axial vector; the twist is 2 atan2(v.axis, w)
+    return np.asarray(-2 * np.arctan2(axial_vector(relative) @ axis, 1 + np.trace(relative, axis1=1, axis2=2)))
 
 
 def moment_of_foot(foot: BodyMotion, ankle: Array, axis: Array, mass: float, inertia: float) -> Array:
@@ -318,25 +269,12 @@ class Hinge:
     frames: int  # number of frames in which both segments were seen
 
 
-def hinge_of_trials(trials: Sequence[Trial], static: StaticCalibration, settings: CalibrationSettings) -> Hinge:
-    """The hinge from all trials together; trials whose markers cannot be read are not used."""
-    recordings: list[tuple[Poses, Poses]] = []
-    for trial in trials:
-        try:
-            foot = segment_poses(trial, settings.markers.foot, static.foot, settings)[1]
-            shank = segment_poses(trial, settings.markers.shank, static.shank, settings)[1]
-        except InputError:
-            continue
-        recordings.append((foot, shank))
-    if not recordings:
-        raise InputError("no trial in which foot and shank move; add walking trials, or set hinge to anatomical")
-    return functional_hinge(recordings, static)
-
-
-def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: StaticCalibration) -> Hinge:
+def functional_hinge(recordings: Sequence[Sequence[Poses]], calibration: StaticCalibration) -> Hinge:
     """The hinge from poses, which may be NaN, of foot and shank while the joint moved. The axis is the principal
     direction of the relative rotation vectors, the centre the point with the same path in both segments (Ehrig et al.,
     J. Biomech. 40, 2007); the anatomical one in directions in which the motion does not determine it."""
+    if not recordings:
+        raise InputError("no trial in which foot and shank move; add walking trials, or set hinge to anatomical")
     both = [(f[f.seen() & s.seen()], s[f.seen() & s.seen()]) for f, s in recordings]
     foot, shank = (np.concatenate([poses[k].rotation for poses in both]) for k in (0, 1))
     if len(foot) < 3:
@@ -359,25 +297,8 @@ def functional_hinge(recordings: Sequence[tuple[Poses, Poses]], calibration: Sta
     shift = np.linalg.lstsq(turned.reshape(-1, 3), -apart.reshape(-1), rcond=0.05)[0]
     centre, gap = start + shift, float(np.sqrt(np.mean(np.sum((apart + turned @ shift) ** 2, axis=1))))
     angle = float(np.arccos(np.clip(axis @ calibration.ankle_axis, -1, 1)))
-    distance = float(np.linalg.norm(np.cross(calibration.ankle_centre - centre, axis)))
+    distance = float(np.linalg.norm(np.cross(start - centre, axis)))
     return Hinge(axis, centre, float(size[0]), float(np.hypot(size[1], size[2])), gap, angle, distance, len(foot))
-
-
-def hinge_row(hinge: Hinge, axis: str) -> dict[str, object]:
-    """The row of `hinge.csv`. `axis` names the axis that the analysis uses: `anatomical` or `functional`."""
-    return {
-        "axis": axis,
-        **{f"functional_{name}": float(value) for name, value in zip("xyz", hinge.axis, strict=True)},
-        "angle_deg": float(np.rad2deg(hinge.angle)),
-        "distance_mm": 1e3 * hinge.distance,
-        "excursion_deg": float(np.rad2deg(hinge.excursion)),
-        "off_axis_deg": float(np.rad2deg(hinge.off_axis)),
-        "gap_mm": 1e3 * hinge.gap,
-        "frames": hinge.frames,
-    }
-
-
-Positions = dict[str, Array]  # Positions by label: (n, 3) [m] in n frames, or (3,) [m] in the static trial
 
 
 def exchanged_labels(
@@ -386,24 +307,30 @@ def exchanged_labels(
     """Which labels are exchanged, two of any clusters or those of foot and shank, for a message; empty if clusters are
     rigid as labelled, or no exchange brings the median residual of each below `largest_residual_mm`."""
     names = {segment: getattr(settings.markers, segment) for segment in segments}
+    labels = [label for some in names.values() for label in some]
     try:
-        tracks = {label: marker_tracks(trial, [label])[1][:, 0] for labels in names.values() for label in labels}
-        static = {s: dict(zip(n, reference_positions(getattr(calibration, s), n, trial.name), strict=True))
-                  for s, n in names.items()}  # fmt: skip
+        tracks = {label: marker_tracks(trial, [label])[1][:, 0] for label in labels}
+        static = {s: reference_positions(getattr(calibration, s), some, trial.name) for s, some in names.items()}
     except InputError:
         return ""
-    limit = settings.largest_residual_mm * 1e-3
-    labelled = np.max([residuals(static[s], tracks) for s in names], axis=0)
+
+    def residuals(moved: Mapping[str, Array], swapped: Mapping[str, str]) -> list[Array]:
+        """RMS distance (n,) [m] of each cluster's markers from their rigid body; 0 in frames with hidden markers."""
+        every = [np.stack([moved[swapped.get(label, label)] for label in some], axis=1) for some in names.values()]
+        pairs = zip(static.values(), every, strict=True)
+        return [np.nan_to_num(cluster_poses(reference, observed).residual) for reference, observed in pairs]
+
+    limit, labelled = settings.largest_residual_mm * 1e-3, np.max(residuals(tracks, {}), axis=0)
     wrong = np.flatnonzero(labelled > limit)
     if len(wrong) < 5:  # single frames are a matter of noise, not of labels
         return ""
     rows = wrong[np.linspace(0, len(wrong) - 1, min(40, len(wrong))).astype(int)]
+    exchanges = {f"the labels {a} and {b}": {a: b, b: a} for a, b in combinations(labels, 2)}
+    foot, shank = names.get("foot", ()), names.get("shank", ())
+    if foot and len(foot) == len(shank):
+        exchanges["the labels of foot and shank"] = dict(zip((*foot, *shank), (*shank, *foot), strict=True))
     some = {label: track[rows] for label, track in tracks.items()}
-    misfits = {}
-    for how, pairs in exchanges(names):
-        other = dict(pairs) | {b: a for a, b in pairs}
-        swapped = {label: some[other.get(label, label)] for label in some}
-        misfits[how] = max(float(np.median(residuals(cluster, swapped))) for cluster in static.values())
+    misfits = {how: max(float(np.median(r)) for r in residuals(some, swapped)) for how, swapped in exchanges.items()}
     best = min(misfits, key=lambda how: misfits[how])
     if not misfits[best] <= limit:
         return ""
@@ -412,18 +339,3 @@ def exchanged_labels(
         f"{best} look exchanged in {len(wrong)} frames: markers lie {before:.0f} mm from their rigid bodies as "
         f"labelled, {after:.1f} mm after the exchange; correct the labels of this trial, or of its static trial"
     )
-
-
-def exchanges(names: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, list[tuple[str, str]]]]:
-    """The exchanges that are tried: words for a message, and pairs of labels."""
-    for a, b in combinations([label for labels in names.values() for label in labels], 2):
-        yield f"the labels {a} and {b}", [(a, b)]
-    foot, shank = names.get("foot", ()), names.get("shank", ())
-    if foot and len(foot) == len(shank):
-        yield "the labels of foot and shank", list(zip(foot, shank, strict=True))
-
-
-def residuals(cluster: Positions, tracks: Positions) -> Array:
-    """RMS distance (n,) [m] of a cluster's markers from their rigid body; 0 in frames with hidden markers."""
-    observed = np.stack([tracks[label] for label in cluster], axis=1)
-    return np.nan_to_num(cluster_poses(np.array(list(cluster.values())), observed).residual)

@@ -1,63 +1,35 @@
-"""One crossing of the walkway: from markers and plate to ankle angle and torque, with events and quality."""
+"""One crossing of the walkway: from markers and plate to ankle angle and torque, with events and quality; and what a
+laboratory's set-up must have right for it: axes and side, encoder, direction, shift of the platform, body mass."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.plate_surface import furthest_outside
-from osl_analysis.signals import longest_run, runs, sampling_rate
-from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.bodies import (
-    SEGMENTS,
-    BodyMotion,
-    Poses,
-    StaticCalibration,
-    ankle_angle,
-    ankle_in_lab,
-    body_motion,
-    exchanged_labels,
-    filtered_poses,
-    gap_duration,
-    moment_of_foot,
-    reference_positions,
-    segment_poses,
-)
-from osl_analysis.walking.plate import (
-    Load,
-    PlateModel,
-    Stance,
-    ankle_torque,
-    check_plate,
-    check_type_on_platform,
-    find_stances,
-    load_on_foot,
-    only_stance,
-    recorded_corners,
-    zeroed_wrench,
-)
-from osl_analysis.walking.platform import (
-    ALONE,
-    PlatformModel,
-    PlatformTemplate,
-    find_onset,
-    inertial_motion,
-    jackknife_rows,
-    rotation_from_rest,
-    track_about,
-)
-from osl_analysis.walking.settings import CrossingSettings, Timing
-from osl_analysis.walking.setup import (
-    EncoderCheck,
-    check_heading,
-    check_push,
-    check_translation,
-    check_vertical,
-    encoder_check,
-    platform_turn,
-)
+from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
+from osl_analysis.timebase.grid import GapLimits, uniform_signals
+from osl_analysis.trial import AXES, Array, Trial
+from osl_analysis.walking import bodies, plate, platform
+from osl_analysis.walking.bodies import SEGMENTS, BodyMotion, Poses, StaticCalibration
+from osl_analysis.walking.plate import Load, PlateModel, Stance
+from osl_analysis.walking.platform import ALONE, PlatformModel, PlatformTemplate
+from osl_analysis.walking.settings import CrossingSettings
+
+UP, DOWN = "up", "down"  # Names of the directions in sheet and tables: toes up (dorsiflexion), and toes down
+
+
+@dataclass(frozen=True)
+class EncoderCheck:
+    """The encoder's angle minus the markers': offset [rad], delay [s] (positive if the encoder's clock is late), and
+    RMS [rad] of the difference that remains."""
+
+    offset: float
+    delay: float
+    rms: float
 
 
 @dataclass(frozen=True)
@@ -118,84 +90,88 @@ class RefusedCrossing:
 def analyse_crossing(
     trial: Trial,
     calibration: StaticCalibration,
-    plate: PlateModel,
+    unloaded: PlateModel,
     perturbed: bool,
     settings: CrossingSettings,
-    platform: PlatformModel = ALONE,
+    shared: PlatformModel = ALONE,
 ) -> Crossing:
     """Angle and torque of a crossing, from markers and wrench through the same low-pass at the same rate. `perturbed`
-    comes from the sheet and is checked against the platform's motion. `platform` is what the platform's motions share;
+    comes from the sheet and is checked against the platform's motion. `shared` is what the platform's motions share;
     without it each crossing has its own motion and onset. Refused with the trial's name."""
     try:
-        return crossing_from_trial(trial, calibration, plate, perturbed, settings, platform)
+        return crossing_from_trial(trial, calibration, unloaded, perturbed, settings, shared)
     except InputError as error:
-        text = "; ".join(filter(None, [str(error), exchanged_labels(trial, calibration, settings)]))
+        text = "; ".join(filter(None, [str(error), bodies.exchanged_labels(trial, calibration, settings)]))
         raise InputError(text if trial.name in text else f"trial {trial.name}: {text}") from error
 
 
 def crossing_from_trial(
     trial: Trial,
     calibration: StaticCalibration,
-    plate: PlateModel,
+    unloaded: PlateModel,
     perturbed: bool,
     settings: CrossingSettings,
-    platform: PlatformModel,
+    shared: PlatformModel,
 ) -> Crossing:
     """The crossing, refused without the trial's name."""
-    name, reference, recorded = trial.name, {}, {}
+    reference, recorded, low_pass = {}, {}, settings.low_pass
     for segment in SEGMENTS:
         labels, cluster = getattr(settings.markers, segment), getattr(calibration, segment)
-        frames, recorded[segment] = segment_poses(trial, labels, cluster, settings)
-        reference[segment] = reference_positions(cluster, labels, name)
-    (read, zero), rate, low_pass = zeroed_wrench(trial, frames, settings), sampling_rate(frames), settings.low_pass
-    force = read(plate.delay)[:, :3]
+        frames, recorded[segment] = bodies.segment_poses(trial, labels, cluster, settings)
+        reference[segment] = bodies.reference_positions(cluster, labels, trial.name)
+    (read, zero), rate = plate.zeroed_wrench(trial, frames, settings), sampling_rate(frames)
+    force = read(unloaded.delay)[:, :3]
     check_vertical(force)
     limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
-    stance = only_stance(find_stances(frames, force[:, 2], *limits))
-    check_plate(trial, settings.plate, stance, force[:, 2])
-    onset = onset_of(trial, frames, recorded, stance, perturbed, settings, platform)
+    stances = plate.find_stances(frames, force[:, 2], *limits)
+    if len(stances) != 1:
+        times = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"
+        raise InputError(
+            f"one stance on the plate is expected, found {times}; check the plate's number, zero and load thresholds, "
+            "cut the recording to one crossing, or exclude it in the sheet"
+        )
+    (stance,) = stances
+    plate.check_plate(trial, settings.plate, stance, force[:, 2])
+    onset = onset_of(trial, frames, recorded, stance, perturbed, settings, shared)
 
     rows = rows_of_stance(frames, recorded, stance)
-    time, follows = frames[rows], platform.followed(name)
-    poses = {s: filtered_poses(recorded[s][rows], reference[s], low_pass, rate) for s in SEGMENTS}
-    theta = ankle_angle(poses["foot"], poses["shank"], calibration.ankle_axis)
-    ankle, axis = ankle_in_lab(poses["foot"], poses["shank"], calibration)
-    corners = recorded_corners(trial, settings.plate)
-    track = track_about(name, frames, recorded["platform"], calibration, settings, float(time[0]))
+    time, follows = frames[rows], shared.followed(trial.name)
+    poses = {s: recorded[s][rows].low_passed(reference[s], low_pass, rate) for s in SEGMENTS}
+    foot, shank = poses["foot"], poses["shank"]
+    theta = bodies.ankle_angle(foot, shank, calibration.ankle_axis)
+    ankle = (foot.point(calibration.ankle_centre) + shank.point(calibration.ankle_centre)) / 2
+    axis = (foot.rotation + shank.rotation) @ calibration.ankle_axis  # the mean of foot and shank, as the centre
+    axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    corners = plate.recorded_corners(trial, settings.plate)
+    track = platform.track_about(trial.name, frames, recorded["platform"], calibration, settings, float(time[0]))
     first = int(np.searchsorted(track.time, time[0] - 1e-9))
     centre, turned = poses["platform"].point(corners.mean(axis=0)), poses["platform"].rotation
 
     def motion(template: PlatformTemplate | None) -> BodyMotion:
         """Motion of the plate's centre, by a shape that crossings share if this one follows it."""
-        return inertial_motion(track, corners.mean(axis=0), template, follows, slice(first, first + len(time)))
+        within = slice(first, first + len(time))
+        return platform.inertial_motion(track, corners.mean(axis=0), template, follows, within)
 
-    def wrench_at(delay: float) -> Array:
-        return low_pass(read(delay), rate)[rows]
-
-    def reaction(wrench: Array, own: Array) -> Array:
+    def reaction(model: PlateModel, moving: BodyMotion) -> Array:
         """Ground reaction (n, 6) on the foot in laboratory axes, about the plate's centre, without the plate's own."""
-        parts = (wrench - own).reshape(-1, 2, 3)
+        parts = (low_pass(read(model.delay), rate)[rows] - model.inertia.wrench(moving)).reshape(-1, 2, 3)
         return np.asarray(np.einsum("nij,nkj->nki", turned, parts).reshape(-1, 6))
 
-    def torque_of(wrench: Array, own: Array) -> Array:
-        return ankle_torque(reaction(wrench, own), centre, ankle, axis)
+    def torque_by(model: PlateModel, moving: BodyMotion) -> Array:
+        return plate.ankle_torque(reaction(model, moving), centre, ankle, axis)
 
-    moving, wrench = motion(platform.template), wrench_at(plate.delay)
-    on_foot = reaction(wrench, plate.inertia.wrench(moving))
-    torque = ankle_torque(on_foot, centre, ankle, axis)
-    without_plate = [
-        torque_of(wrench_at(other.delay), other.inertia.wrench(moving)) - torque for other in plate.leave_one_out
-    ]
+    moving = motion(shared.template)
+    torque = torque_by(unloaded, moving)
+    without_plate = [torque_by(other, moving) - torque for other in unloaded.leave_one_out]
     without_crossings = [  # the shape changes the motion of those alone that follow it
-        torque * 0 if follows is None else torque_of(wrench, plate.inertia.wrench(motion(other))) - torque
-        for other in platform.leave_out
+        torque * 0 if follows is None else torque_by(unloaded, motion(other)) - torque for other in shared.leave_out
     ]
-    if settings.foot is not None:
-        point = calibration.ankle_centre + settings.foot.centre_of_mass_m
-        of_foot = body_motion(time, poses["foot"], point)
-        torque = torque + moment_of_foot(of_foot, ankle, axis, settings.foot.mass_kg, settings.foot.inertia_kg_m2)
+    errors = np.reshape(platform.jackknife_rows(without_plate, without_crossings), (-1, len(torque)))
+    if (own := settings.foot) is not None:
+        of_foot = bodies.body_motion(time, foot, calibration.ankle_centre + own.centre_of_mass_m)
+        torque = torque + bodies.moment_of_foot(of_foot, ankle, axis, own.mass_kg, own.inertia_kg_m2)
     phase = stance.phase(time)
-    check_heading(phase, poses["shank"].position - ankle, axis)
+    check_heading(phase, shank.position - ankle, axis)
     turn = None
     if onset is None:
         check_push(phase, torque)
@@ -203,7 +179,7 @@ def crossing_from_trial(
         turn = platform_turn(time, poses["platform"], axis, (onset, onset + settings.window_s))
     inside = (time >= stance.heel_strike) & (time <= stance.toe_off)
     left = {segment: pose.residual[inside & np.isfinite(pose.residual)] for segment, pose in poses.items()}
-    flat = poses["foot"][(phase >= 0.15) & (phase <= 0.35)]  # before the perturbation
+    flat = foot[(phase >= 0.15) & (phase <= 0.35)]  # before the perturbation
     placed = flat.point(calibration.ankle_centre).mean(axis=0) - corners.mean(axis=0)
     quality = CrossingQuality(
         residuals={s: float(np.sqrt(np.mean(r**2))) if len(r) else float("nan") for s, r in left.items()},
@@ -213,17 +189,17 @@ def crossing_from_trial(
         outside=furthest_outside(flat.points(reference["foot"]).reshape(-1, 3), corners),
     )
     return Crossing(
-        name=name,
+        name=trial.name,
         time=time,
         theta=theta,
         torque=torque,
-        platform=rotation_from_rest(recorded["platform"])[rows],
+        platform=platform.rotation_from_rest(recorded["platform"])[rows],
         stance=stance,
         onset=onset,
         bridged=float(np.mean(np.any([pose.bridged for pose in poses.values()], axis=0)[inside])),
         quality=quality,
-        plate_errors=np.reshape(jackknife_rows(without_plate, without_crossings), (-1, len(torque))),
-        load=load_on_foot(on_foot, centre, ankle, axis),
+        plate_errors=errors,
+        load=plate.load_on_foot(reaction(unloaded, moving), centre, ankle, axis),
         turn=turn,
     )
 
@@ -235,34 +211,16 @@ def onset_of(
     stance: Stance,
     perturbed: bool,
     settings: CrossingSettings,
-    platform: PlatformModel,
+    shared: PlatformModel,
 ) -> float | None:
-    """Onset [s] of the perturbation, checked against the sheet, the stance, the plate's type and hidden markers."""
-    turned = rotation_from_rest(poses["platform"])
-    onset = find_onset(time, turned, float(np.deg2rad(settings.perturbation_deg)))
+    """Onset [s] of the perturbation; None without one. Refused where it contradicts the sheet, where its baseline or
+    window leaves the stance, or by the plate's type and hidden markers."""
+    turned = platform.rotation_from_rest(poses["platform"])
+    onset = platform.find_onset(time, turned, float(np.deg2rad(settings.perturbation_deg)))
     if onset is None:
         check_translation(time, poses["platform"], stance, 1e-3 * settings.largest_shift_mm)
     else:
-        onset = platform.onset(trial.name, onset)
-    check_onset(onset, stance, perturbed, settings.timing)
-    if onset is None:
-        return None
-    check_type_on_platform(trial, settings.plate)
-    inside = (time >= onset) & (time <= onset + settings.window_s)
-    for name in ("foot", "platform"):  # The shank carries the body and moves as in any stance
-        gap, longest = longest_run(poses[name].bridged & inside), settings.longest_fitted_gap_s
-        if gap_duration(time, gap) > longest:
-            hidden = (gap.stop - gap.start) * (time[1] - time[0])
-            raise InputError(
-                f"the {name} markers are hidden for {1e3 * hidden:.0f} ms from {time[gap.start]:.3f} s, while the "
-                f"perturbation is fitted, expected {1e3 * longest:g} ms or less; fill the gap in Nexus, raise "
-                "longest_fitted_gap_s, or exclude the trial"
-            )
-    return onset
-
-
-def check_onset(onset: float | None, stance: Stance, perturbed: bool, timing: Timing) -> None:
-    """Refuse an onset [s] that disagrees with what the sheet says, or whose baseline or window leave the stance."""
+        onset = shared.onset(trial.name, onset)
     if (onset is not None) != perturbed:
         motion = "does not turn" if onset is None else f"turns at {onset:.3f} s"
         raise InputError(
@@ -270,16 +228,28 @@ def check_onset(onset: float | None, stance: Stance, perturbed: bool, timing: Ti
             "perturbation_deg or the platform markers, or exclude the trial"
         )
     if onset is None:
-        return
+        return None
     span = f"stance {stance.heel_strike:.3f}-{stance.toe_off:.3f} s"
     if not stance.heel_strike < onset < stance.toe_off:
         raise InputError(f"the perturbation starts at {onset:.3f} s, outside {span}; exclude the trial")
-    first, last = onset - timing.lead, onset + timing.window
+    first, last = onset - settings.guard_s - settings.baseline_s, onset + settings.window_s
     if first < stance.heel_strike or last > stance.toe_off:
         raise InputError(
             f"baseline and window, {first:.3f}-{last:.3f} s, leave {span}; shorten window_s, baseline_s or guard_s, or "
             "exclude the trial"
         )
+    plate.check_type_on_platform(trial, settings.plate)
+    inside = (time >= onset) & (time <= last)
+    for name in ("foot", "platform"):  # The shank carries the body and moves as in any stance
+        gap, longest = longest_run(poses[name].bridged & inside), settings.longest_fitted_gap_s
+        if bodies.gap_duration(time, gap) > longest:
+            hidden = (gap.stop - gap.start) * (time[1] - time[0])
+            raise InputError(
+                f"the {name} markers are hidden for {1e3 * hidden:.0f} ms from {time[gap.start]:.3f} s, while the "
+                f"perturbation is fitted, expected {1e3 * longest:g} ms or less; fill the gap in Nexus, raise "
+                "longest_fitted_gap_s, or exclude the trial"
+            )
+    return onset
 
 
 def rows_of_stance(time: Array, poses: Mapping[str, Poses], stance: Stance) -> slice:
@@ -297,3 +267,123 @@ def rows_of_stance(time: Array, poses: Mapping[str, Poses], stance: Stance) -> s
     first = np.searchsorted(time, stance.heel_strike - 0.1)
     last = np.searchsorted(time, stance.toe_off + 0.1, side="right")
     return slice(max(around.start, int(first)), min(around.stop, int(last)))
+
+
+def check_vertical(force: Array) -> None:
+    """Refuse a load (n, 3) [N] that does not act along +z."""
+    size = np.linalg.norm(force, axis=1)
+    if not size.any():
+        return
+    mean = force[size > 0.5 * size.max()].mean(axis=0)
+    axis = int(np.argmax(np.abs(mean)))
+    if axis == 2 and mean[2] > 0:
+        return
+    along = f"{'-' if mean[axis] < 0 else '+'}{AXES[axis]}"
+    remedy = {
+        "+y": "its vertical axis is y; state `axes: [x, -z, y]` in the source file",
+        "-z": "the force is of the other sign; correct `sign` or the plate's corners in the source file",
+    }.get(along, "state `axes` in the source file, so that z points up")
+    raise InputError(f"the load on the plate acts along {along} ({mean[axis]:.0f} N), expected +z: {remedy}")
+
+
+SIDE_REMEDY = (
+    "correct `side`, exchange ankle_medial and ankle_lateral, or correct the labels of the static trial's markers"
+)
+
+
+def check_heading(phase: Array, shank_from_ankle: Array, axis: Array) -> None:
+    """Refuse a shank, `shank_from_ankle` (n, 3) [m], that leans backwards from a tenth to nine tenths of stance, seen
+    along the ankle's axis (n, 3), which should point to the left."""
+    first, last = (int(np.argmin(np.abs(phase - edge))) for edge in (0.1, 0.9))
+    ahead = np.sum(shank_from_ankle * np.cross(axis, [0.0, 0.0, 1.0]), axis=1)
+    if ahead[last] <= ahead[first]:
+        raise InputError(
+            f"the shank moves {100 * (ahead[first] - ahead[last]):.0f} cm backwards over the foot in stance: the "
+            f"ankle's axis points to the wrong side; {SIDE_REMEDY}"
+        )
+
+
+def check_push(phase: Array, torque: Array) -> None:
+    """Refuse an ankle torque (n,) [N*m] that pulls the toes up in late stance, where every foot pushes."""
+    mean = float(torque[(phase >= 0.5) & (phase <= 0.9)].mean())
+    if mean < 0:
+        raise InputError(
+            f"the ankle's moment in late stance is {mean:.0f} N*m, expected a plantarflexion moment above 0: "
+            f"{SIDE_REMEDY}; or correct the plate's corners and channels"
+        )
+
+
+def check_translation(time: Array, moved: Poses, stance: Stance, largest: float) -> None:
+    """Refuse a platform that does not turn, but shifts by more than `largest` [m] in stance, from its mean place just
+    before, or, hidden there, at its start: it is no unperturbed crossing, and the ankle turns late and little."""
+    seen, centre = moved.seen(), moved.position
+    inside = seen & (time >= stance.heel_strike) & (time <= stance.toe_off)
+    if not inside.any():
+        return
+    before = seen & (time >= stance.heel_strike - 0.1) & (time < stance.heel_strike)
+    rest = centre[before].mean(axis=0) if before.any() else centre[inside][0]
+    shift = float(np.linalg.norm(centre[inside] - rest, axis=1).max())
+    if shift > largest:
+        raise InputError(
+            f"the platform shifts by {1e3 * shift:.0f} mm in stance without a turn, expected {1e3 * largest:g} mm or "
+            "less: a translation is neither an unperturbed crossing nor a turn of the ankle, and is not analysed; give "
+            "the trial the experiment ingest_only, or correct largest_shift_mm"
+        )
+
+
+def platform_turn(time: Array, turned: Poses, axis: Array, window: tuple[float, float]) -> float:
+    """Largest turn [rad] of the platform about the ankle's axis (n, 3), toes up positive, within a `window` [s], from
+    the last of its n poses before it: where it stood in the static trial does not matter."""
+    start = max(int(np.searchsorted(time, window[0])) - 1, 0)
+    rows = slice(start, int(np.searchsorted(time, window[1], side="right")))
+    since = turned.rotation[rows] @ turned.rotation[start].T
+    turns = -scipy.spatial.transform.Rotation.from_matrix(since).as_rotvec() @ axis[start]
+    return float(turns[np.argmax(np.abs(turns))])
+
+
+def encoder_check(trial: Trial, time: Array, theta: Array, low_pass: LowPass) -> EncoderCheck | None:
+    """The angle (n,) [rad] at `time` [s] and that of the leg's joint encoder, a column of the trial, through one
+    low-pass: least squares of theta_encoder(t + delay) = theta(t) + offset; None if fewer than 30 samples overlap."""
+    fewest, longest = 30, 0.05  # [s] of delay between the clocks; beyond it they are not aligned
+    if "theta" not in trial.columns or trial.samples["theta"].count() < fewest:
+        return None
+    own = uniform_signals(trial, ["theta"], GapLimits(cutoff_hz=low_pass.cutoff_hz))
+    check_measured("the angle from markers", theta)
+    check_measured("the encoder's angle", own["theta"])
+    spare = longest + 1 / sampling_rate(time)
+    rows = (time > own.time[0] + spare) & (time < own.time[-1] - spare) & (np.interp(time, own.time, own.usable) == 1)
+    if rows.sum() < fewest:
+        return None
+    spline = scipy.interpolate.make_interp_spline(own.time, low_pass(own["theta"], sampling_rate(own.time)), k=5)
+    offset, delay = 0.0, 0.0
+    for _ in range(8):  # by Newton
+        difference = spline(time[rows] + delay) - theta[rows] - offset
+        columns = np.column_stack([np.ones(len(difference)), -spline(time[rows] + delay, 1)])
+        change = np.linalg.lstsq(columns, difference, rcond=None)[0]
+        offset, delay = offset + float(change[0]), delay + float(change[1])
+        if abs(delay) > longest:
+            raise InputError(
+                f"the leg's joint encoder does not follow the angle from markers within {longest * 1e3:g} ms; "
+                "check the sync line, and which encoder and which sign the source file maps to theta"
+            )
+    difference = spline(time[rows] + delay) - theta[rows] - offset
+    return EncoderCheck(offset, delay, float(np.sqrt(np.mean(difference**2))))
+
+
+def body_mass(trial: Trial, sheet: float | None, configured: float | None = None) -> float | None:
+    """Body mass [kg] of a trial: the sheet's, else the recording's, else the campaign's configured one; None without
+    any. A recording that states 0 states none."""
+    recorded = trial.provenance.get("mocap", {}).get("body_mass_kg") or None
+    if sheet and recorded and abs(sheet / recorded - 1) > 0.1:  # clothes, shoes and leg weigh something
+        raise InputError(
+            f"trial {trial.name}: body_mass_kg is {sheet:g} in the sheet and {recorded:g} in the recording; correct "
+            "the sheet, or leave its cell empty to use the recording's"
+        )
+    mass = sheet or recorded or configured
+    if mass and not 10 <= mass <= 300:
+        where = "sheet" if sheet else "recording" if recorded else "configuration"
+        raise InputError(
+            f"trial {trial.name}: a body mass of {mass:g} kg, from the {where}, is not one of a person; state "
+            "body_mass_kg in the sheet, in kg"
+        )
+    return float(mass) if mass else None

@@ -44,15 +44,23 @@ def unperturbed_gait(
 ) -> UnperturbedGait:
     """Crossings on the common grid of stance phase. `lost` has the reasons of those that are not used, by trial."""
     if len(crossings) < fewest:
-        if lost:
+        used = ", ".join(c.name for c in crossings)
+        if not lost:
             raise InputError(
-                f"{len(crossings)} of {len(crossings) + len(lost)} unperturbed crossings can be used"
-                f"{' (' + ', '.join(c.name for c in crossings) + ')' if crossings else ''}, expected {fewest} or more; "
-                + most_frequent(lost)
+                f"{len(crossings)} unperturbed crossings ({used or 'none'}), expected {fewest} or more; record more, "
+                "or exclude fewer in the sheet"
             )
+        # The most frequent, in one trial's words. Reasons that differ in numbers and the trial's name are one.
+        said = {trial: why.removeprefix(f"trial {trial}: ") for trial, why in lost.items()}
+        kinds = {trial: re.sub(r"[-+]?\d+(\.\d+)?", "#", why) for trial, why in said.items()}
+        kind, count = Counter(kinds.values()).most_common(1)[0]
+        alike = [trial for trial, of in kinds.items() if of == kind]
+        named = f" ({', '.join(alike)})" if 1 < count <= 8 else ""
+        others = f" beside {len(lost) - count} for other reasons, which walking_crossings.csv lists"
         raise InputError(
-            f"{len(crossings)} unperturbed crossings ({', '.join(c.name for c in crossings) or 'none'}), expected "
-            f"{fewest} or more; record more, or exclude fewer in the sheet"
+            f"{len(crossings)} of {len(crossings) + len(lost)} unperturbed crossings can be used"
+            f"{f' ({used})' if used else ''}, expected {fewest} or more; {count} times"
+            f"{named}{others if count < len(lost) else ''}, as in {alike[0]}: {said[alike[0]]}"
         )
     theta, torque, plate_errors = (
         np.stack([signal_at(c, getattr(c, signal), stance_times(c)) for c in crossings], axis=-2)
@@ -60,20 +68,6 @@ def unperturbed_gait(
     )
     stance = np.array([c.stance.duration for c in crossings])
     return UnperturbedGait(tuple(c.name for c in crossings), theta, torque, stance, plate_errors)
-
-
-def most_frequent(reasons: Mapping[str, str]) -> str:
-    """The most frequent reason by trial, with one trial's words, and how often. Reasons that differ in numbers and in
-    the trial's name alone are one."""
-    said = {trial: why.removeprefix(f"trial {trial}: ") for trial, why in reasons.items()}
-    kinds = {trial: re.sub(r"[-+]?\d+(\.\d+)?", "#", why) for trial, why in said.items()}
-    kind, count = Counter(kinds.values()).most_common(1)[0]
-    trial = next(name for name, of in kinds.items() if of == kind)
-    others = len(reasons) - count
-    more = f" beside {others} for other reasons, which walking_crossings.csv lists" if others else ""
-    alike = ", ".join(name for name, of in kinds.items() if of == kind)
-    times = f"{count} times ({alike})" if 1 < count <= 8 else f"{count} times"
-    return f"{times}{more}, as in {trial}: {said[trial]}"
 
 
 def stance_times(crossing: Crossing, phases: Array = PHASES) -> Array:
@@ -92,18 +86,18 @@ def at_phases(curves: Array, phase: Array) -> Array:
     return np.asarray(scipy.interpolate.make_interp_spline(PHASES, curves, k=3, axis=-1)(phase))
 
 
-ORDERS = tuple(range(1, 9))  # Orders of the polynomials among which that of the drift is chosen
 SMALLEST, LARGEST = 0.75, 1.33  # Bounds of a scale
 
 
-def matched_scales(phase: Array, curves: Array, mean: Array, orders: Sequence[int] = ORDERS) -> Array:
-    """The scales r (orders, m) at which curves (m, k) at phases p (k,), as functions of r p, are most like a multiple
-    of the mean curve (n,), which is at uniform phases 0 to 1, plus a polynomial of one of the `orders`. By Gauss and
-    Newton, from 1 on; NaN if the search ends at a bound or not at all, or if the mean is itself a polynomial."""
+def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
+    """The scales r (8, m) at which curves (m, k) at phases p (k,), as functions of r p, are most like a multiple of the
+    mean curve (n,), which is at uniform phases 0 to 1, plus a polynomial of order 1 to 8. By Gauss and Newton, from 1
+    on; NaN if the search ends at a bound or not at all, or if the mean is itself a polynomial."""
     spline = scipy.interpolate.make_interp_spline(np.linspace(0.0, 1.0, len(mean)), mean, k=3)
     slope = spline.derivative()
-    drift = np.linalg.qr(np.vander(phase / phase[-1], max(orders) + 1, increasing=True))[0]  # orthonormal polynomials
-    used = (np.arange(drift.shape[1]) <= np.array(orders)[:, None])[:, None].astype(float)
+    orders = np.arange(1, 9)
+    drift = np.linalg.qr(np.vander(phase / phase[-1], orders[-1] + 1, increasing=True))[0]  # orthonormal polynomials
+    used = (np.arange(drift.shape[1]) <= orders[:, None])[:, None].astype(float)
 
     def beside(curves: Array) -> Array:
         """What the drift of each order leaves of curves (orders, m, k)."""
@@ -117,22 +111,17 @@ def matched_scales(phase: Array, curves: Array, mean: Array, orders: Sequence[in
         there = np.clip(scales[..., None] * phase, 0.0, 1.0)
         expected = spline(there)
         size, change, left = (beside(v) for v in (expected, phase * slope(there), curves - expected))
-        step = np.clip(second_coefficient(size, change, left, nothing), -0.05, 0.05)
+        # the coefficient of `change` in the regression of `left` on `size` and `change`, where both have one
+        ff, fs, ss = (np.sum(a * b, axis=-1) for a, b in ((size, size), (size, change), (change, change)))
+        alone = ss * ff - fs**2
+        some = (ff > nothing) & (ss > nothing) & (alone > nothing * ff)
+        found = ff * np.sum(change * left, axis=-1) - fs * np.sum(size * left, axis=-1)
+        step = np.clip(np.where(some, found, np.nan) / np.where(some, alone, 1.0), -0.05, 0.05)
         scales = np.clip(scales + step, SMALLEST, LARGEST)
         if np.all(np.abs(step) < last):
             break
     settled = (np.abs(step) < last) & (scales > SMALLEST) & (scales < LARGEST)
     return np.where(settled, scales, np.nan)
-
-
-def second_coefficient(first: Array, second: Array, values: Array, smallest: float) -> Array:
-    """Coefficients (...) of `second` in the regressions of `values` on `first` and `second`, (..., k) each; NaN where
-    the sum of squares of one of them, beside the other, is `smallest` or less."""
-    ff, fs, ss = (np.sum(a * b, axis=-1) for a, b in ((first, first), (first, second), (second, second)))
-    alone = ss * ff - fs**2
-    some = (ff > smallest) & (ss > smallest) & (alone > smallest * ff)
-    numerator = ff * np.sum(second * values, axis=-1) - fs * np.sum(first * values, axis=-1)
-    return np.where(some, numerator, np.nan) / np.where(some, alone, 1.0)
 
 
 BEFORE_ONSET_S = 0.03  # Time [s] before the onset at which the matching ends: the filter spreads the response into it
@@ -164,7 +153,7 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource
     if len(phase) >= FEWEST_PHASES:  # from heel strike to before the onset
         theta = signal_at(crossing, crossing.theta, stance_times(crossing, phase))
         both = np.vstack([theta, gait.theta[:, : len(phase)]])[:, ::4]  # a low-pass of 20 Hz leaves no more
-        found = matched_scales(phase[::4], both, gait.theta.mean(axis=0), ORDERS)
+        found = matched_scales(phase[::4], both, gait.theta.mean(axis=0))
         # The drift has the order at which the unperturbed scales scatter least, where every curve has a scale
         scatters = np.where(np.isfinite(found).all(axis=1), np.std(found[:, 1:], axis=1), np.inf)
         best = int(np.argmin(scatters))

@@ -10,19 +10,13 @@ from osl_analysis.errors import InputError, listing
 from osl_analysis.measured import check_finite
 from osl_analysis.trial import Array
 from osl_analysis.walking.bodies import Mask
-from osl_analysis.walking.crossing import Crossing, RefusedCrossing
+from osl_analysis.walking.crossing import DOWN, UP, Crossing, RefusedCrossing
 from osl_analysis.walking.gait import PHASES, signal_at, stance_times
 from osl_analysis.walking.plate import SINGLE_SUPPORT
-from osl_analysis.walking.settings import GroupSettings, OutlierRule, SelectionSettings, Timing
-from osl_analysis.walking.setup import DOWN, UP
+from osl_analysis.walking.settings import GroupSettings, OutlierRule, SelectionSettings
 
 STATED = ("group", "subject", "session", "side", "speed", "K_d", "B_d")
 """Columns of the sheet that can split results. Each value has a mean unperturbed gait of its own."""
-OF_EVERY_CROSSING = ("subject", "session", "side", "speed")
-"""Conditions that an unperturbed crossing has too. In the others, its empty cell means: it serves every value."""
-SHARED = ("subject", "session", "side")
-"""Conditions that a trial shares with its static trial. An empty cell matches every value."""
-STATIC = "static"  # Column of the sheet that names the static trial of a trial
 IS_PERTURBED = "perturbed"
 ALL = "all"  # Name of the group and of the gait of a campaign that is not split
 
@@ -35,7 +29,9 @@ def split_keys(sheet: Sheet, settings: GroupSettings) -> list[str]:
     in which crossings differ and that `pool` does not name. Refused if empty in a crossing, or everywhere."""
     keys = []
     for key in STATED:
-        concerned = [name for name, cells in sheet.items() if key in OF_EVERY_CROSSING or cells[IS_PERTURBED]]
+        # An unperturbed crossing has a person and a pace too. In the others, its empty cell serves every value
+        every = key in ("subject", "session", "side", "speed")
+        concerned = [name for name, cells in sheet.items() if every or cells[IS_PERTURBED]]
         values = {sheet[name].get(key) for name in concerned}
         stated = values - {None}
         if key in settings.pool or (len(values) < 2 and key not in settings.group_by):
@@ -102,7 +98,7 @@ def pooled_over(names: Iterable[str], sheet: Sheet) -> str:
 def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
     """Name of the static trial, of `statics` (name to row), of a trial whose row is `cells`: the one in its column
     `static`; else, of those that contradict no stated subject, session or side, the one that agrees in the most."""
-    named = cells.get(STATIC)
+    named = cells.get("static")
     if named is not None:
         if named not in statics:
             raise InputError(
@@ -110,7 +106,7 @@ def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
                 f"{listing(list(statics))}"
             )
         return str(named)
-    stated = {key: cells[key] for key in SHARED if cells.get(key) is not None}
+    stated = {key: cells[key] for key in ("subject", "session", "side") if cells.get(key) is not None}
     agreement = {}
     for name, other in statics.items():
         both = [(value, other[key]) for key, value in stated.items() if other.get(key) is not None]
@@ -148,10 +144,8 @@ def side_of(static: str, cells: Cells, served: Mapping[str, Cells], otherwise: s
 
 
 ANGLE_BEFORE, TORQUE_BEFORE = "angle before the onset", "torque before the onset"
-LOAD_BEFORE, LOAD_LATER, PRESSURE = "load before the onset", "load in single support", "pressure beside the ankle"
-"""Names of the features that compare curves."""
-OF_LOAD = "of the usual load"
-MIDDLE = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]  # Phases of single support
+LOAD_BEFORE, PRESSURE = "load before the onset", "pressure beside the ankle"
+"""Names of the features that have a column."""
 
 
 @dataclass(frozen=True)
@@ -176,6 +170,7 @@ class Compared:
     """With which of n crossings each is compared: with those of the same kind (n,), of which the `sound` (n,) count in
     the medians, or all if none of a kind is sound."""
 
+    crossings: Sequence[Crossing]
     kind: NDArray[np.int_]
     sound: Mask
 
@@ -188,74 +183,65 @@ class Compared:
             found[own] = np.median(values[counted], axis=0)
         return found
 
-    def deviation(self, curves: Array) -> Array:
-        """RMS deviation (n,) of curves (n, k) from their medians."""
-        return np.asarray(np.sqrt(np.mean((curves - self.medians(curves)) ** 2, axis=1)))
-
     def feature(self, name: str, unit: str, values: Array, smallest_scatter: float) -> Feature:
         """Values (n,) as a feature."""
         median = self.medians(values)
         scatter = 1.4826 * float(np.median(np.abs(values - median)[self.sound]))
         return Feature(name, unit, values, median, max(scatter, smallest_scatter))
 
+    def deviation(self, signal: Callable[[Crossing], Array], phases: Array) -> Array:
+        """RMS deviation (n,) of a signal, at phases (k,) of stance, from its medians."""
+        curves = curves_of(self.crossings, signal, phases)
+        return np.asarray(np.sqrt(np.mean((curves - self.medians(curves)) ** 2, axis=1)))
 
-def crossing_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule) -> list[Feature]:
+
+def crossing_features(crossings: Sequence[Crossing], timing: SelectionSettings, rule: OutlierRule) -> list[Feature]:
     """Features by which crossings are compared; what differs before the onset does not count later. Nor does a crossing
-    beyond the limit, until no further one is: four bad ones of twelve widen the scatter so that none stands out."""
-    every = np.ones(len(crossings), dtype=bool)
-    early, sound = without_beyond(lambda mask: early_features(crossings, timing, rule, mask), every, rule.limit)
-    return early + without_beyond(lambda mask: later_features(crossings, rule, mask), sound, rule.limit)[0]
+    beyond the limit, until no further one is: four bad ones of twelve widen the scatter so that none stands out. Load
+    and pressure are compared where every crossing has a load, as shares of the median one in single support."""
+    middle, usual = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])], 0.0
+    if known := all(c.load is not None for c in crossings):
+        usual = float(np.median(curves_of(crossings, force_of, middle).mean(axis=1)))
 
+    def early(sound: Mask) -> list[Feature]:
+        """What no perturbation can change: the foot's place, and curves before the first onset."""
+        place, guard = np.array([c.quality.placement for c in crossings]), timing.guard_s
+        ends = [c.stance.phase(np.array(c.onset - guard)) for c in crossings if c.onset is not None]
+        phases = PHASES[min(ends, default=1.0) >= PHASES]
+        alike = Compared(crossings, np.zeros(len(crossings), dtype=int), sound)
+        angle = np.rad2deg(alike.deviation(lambda c: c.theta, phases))
+        found = [
+            alike.feature("foot forward", "m", place[:, 0], rule.placement_m),
+            alike.feature("foot to the left", "m", place[:, 1], rule.placement_m),
+            alike.feature(ANGLE_BEFORE, "deg", angle, rule.angle_deg),
+            alike.feature(TORQUE_BEFORE, "N*m", alike.deviation(lambda c: c.torque, phases), rule.torque_nm),
+        ]
+        if known:
+            share = alike.deviation(force_of, phases) / usual
+            found.append(alike.feature(LOAD_BEFORE, "of the usual load", share, rule.load_share))
+        return found
 
-def without_beyond(features: Callable[[Mask], list[Feature]], sound: Mask, limit: float) -> tuple[list[Feature], Mask]:
-    """Features among the `sound` crossings (n,), and which of these are within the limit in all, settled by repetition.
-    At least half of the crossings stay: fewer would be a selection."""
-    while True:
-        found = features(sound)
-        within = sound & (np.max([feature.distance for feature in found], axis=0) <= limit)
-        if within.sum() == sound.sum() or 2 * within.sum() < len(within):
-            return found, within
-        sound = within
+    def later(sound: Mask) -> list[Feature]:
+        """What a perturbation changes, compared among unperturbed crossings, and among those of each direction."""
+        kinds = Compared(crossings, np.array([0 if c.onset is None else c.sign for c in crossings]), sound)
+        stance = np.array([c.stance.duration for c in crossings])
+        found = [kinds.feature("stance", "s", stance, rule.stance_s)]
+        if known:
+            share, pressure = kinds.deviation(force_of, middle) / usual, kinds.deviation(pressure_left, middle)
+            found.append(kinds.feature("load in single support", "of the usual load", share, rule.load_share))
+            found.append(kinds.feature(PRESSURE, "m", pressure, rule.pressure_m))
+        return found
 
-
-def early_features(crossings: Sequence[Crossing], timing: Timing, rule: OutlierRule, sound: Mask) -> list[Feature]:
-    """What no perturbation can change, among the `sound` (n,): the foot's place, and curves before the first onset."""
-    place = np.array([c.quality.placement for c in crossings])
-    begun = [(c, c.onset) for c in crossings if c.onset is not None]
-    ends = [(onset - timing.guard - c.stance.heel_strike) / c.stance.duration for c, onset in begun]
-    phases = PHASES[min(ends, default=1.0) >= PHASES]
-    alike = Compared(np.zeros(len(crossings), dtype=int), sound)
-    angle = np.rad2deg(alike.deviation(curves_of(crossings, lambda c: c.theta, phases)))
-    torque = alike.deviation(curves_of(crossings, lambda c: c.torque, phases))
-    features = [
-        alike.feature("foot forward", "m", place[:, 0], rule.placement_m),
-        alike.feature("foot to the left", "m", place[:, 1], rule.placement_m),
-        alike.feature(ANGLE_BEFORE, "deg", angle, rule.angle_deg),
-        alike.feature(TORQUE_BEFORE, "N*m", torque, rule.torque_nm),
-    ]
-    if all(c.load is not None for c in crossings):
-        load = alike.deviation(curves_of(crossings, force_of, phases)) / usual_load(crossings)
-        features.append(alike.feature(LOAD_BEFORE, OF_LOAD, load, rule.load_share))
+    features, sound = list[Feature](), np.ones(len(crossings), dtype=bool)
+    for compared in (early, later):
+        while True:  # until no further one is beyond; at least half stay: fewer would be a selection
+            found = compared(sound)
+            within = sound & (np.max([feature.distance for feature in found], axis=0) <= rule.limit)
+            if within.sum() == sound.sum() or 2 * within.sum() < len(within):
+                break
+            sound = within
+        features, sound = features + found, within
     return features
-
-
-def later_features(crossings: Sequence[Crossing], rule: OutlierRule, sound: Mask) -> list[Feature]:
-    """What a perturbation changes, compared among the `sound` (n,) unperturbed crossings, and those of each
-    direction."""
-    kinds = Compared(np.array([0 if c.onset is None else c.sign for c in crossings]), sound)
-    stance = np.array([c.stance.duration for c in crossings])
-    features = [kinds.feature("stance", "s", stance, rule.stance_s)]
-    if all(c.load is not None for c in crossings):
-        load = kinds.deviation(curves_of(crossings, force_of, MIDDLE)) / usual_load(crossings)
-        beside = kinds.deviation(curves_of(crossings, pressure_left, MIDDLE))
-        features.append(kinds.feature(LOAD_LATER, OF_LOAD, load, rule.load_share))
-        features.append(kinds.feature(PRESSURE, "m", beside, rule.pressure_m))
-    return features
-
-
-def usual_load(crossings: Sequence[Crossing]) -> float:
-    """Median over crossings of the mean vertical force [N] in single support."""
-    return float(np.median(curves_of(crossings, force_of, MIDDLE).mean(axis=1)))
 
 
 def curves_of(crossings: Sequence[Crossing], signal: Callable[[Crossing], Array], phases: Array) -> Array:
@@ -265,43 +251,38 @@ def curves_of(crossings: Sequence[Crossing], signal: Callable[[Crossing], Array]
 
 def force_of(crossing: Crossing) -> Array:
     """Vertical force (n,) [N] on the foot."""
-    assert crossing.load is not None  # checked by the callers
+    assert crossing.load is not None  # checked by the caller
     return crossing.load.force
 
 
 def pressure_left(crossing: Crossing) -> Array:
     """Centre of pressure (n,) [m] to the left of the ankle."""
-    assert crossing.load is not None  # checked by the callers
+    assert crossing.load is not None  # checked by the caller
     return crossing.load.left
 
 
-@dataclass(frozen=True)
-class Membership:
-    """Where a crossing belongs."""
-
-    gaits: tuple[str, ...]  # names of the mean gaits that it belongs to; one for a perturbed crossing
-    group: str | None = None  # name of the group whose result it enters; None if unperturbed, or not used
-    direction: str | None = None  # `up` or `down`, as the platform turned; None if unperturbed or not measured
-    onset_phase: float | None = None  # onset as a share of the gait's mean stance; None if unperturbed
-
-
-def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings) -> dict[str, Membership]:
-    """Gait and group of every row of the sheet, by name; groups are those of the `crossings`, which are used."""
+def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings) -> dict[str, dict[str, object]]:
+    """Columns of `walking_crossings.csv` of every row of the sheet, by name: the mean gaits that it belongs to, one for
+    a perturbed crossing; and, of the `crossings` that are used and perturbed, the group whose result it enters, the
+    direction in which the platform turned, and the onset as a share of the gait's mean stance."""
     keys = split_keys(sheet, settings)
     every = [{key: cells[key] for key in keys} for cells in sheet.values() if cells[IS_PERTURBED]]
     gaits: dict[str, Cells] = {label(cells): cells for cells in every}
-    found = {name: Membership(tuple(gaits_served(cells, gaits, keys))) for name, cells in sheet.items()}
-    perturbed = {gait: [c for c in crossings if c.onset is not None and gait in found[c.name].gaits] for gait in gaits}
+    served = {name: gaits_served(cells, gaits, keys) for name, cells in sheet.items()}
+    none = {"group": None, "direction": None, "onset_phase": None}
+    found: dict[str, dict[str, object]] = {
+        name: {"gait": SEPARATOR.join(own) or None, **none} for name, own in served.items()
+    }
+    perturbed = {gait: [c for c in crossings if c.onset is not None and gait in served[c.name]] for gait in gaits}
     phases: dict[str, Array] = {}
     for gait, walked in perturbed.items():  # onsets as shares of the gait's mean stance, or without one of their own
-        flat = [c.stance.duration for c in crossings if c.onset is None and gait in found[c.name].gaits]
+        flat = [c.stance.duration for c in crossings if c.onset is None and gait in served[c.name]]
         mean = float(np.mean(flat)) if flat else None
         onsets = [((c.onset or 0.0) - c.stance.heel_strike) / (mean or c.stance.duration) for c in walked]
         phases[gait] = np.array(onsets)
     parts = {gait: timings(phases[gait], settings.timing_scatter) for gait in gaits}
-    timed = "timing" in settings.group_by or (
-        "timing" not in settings.pool and any(part.max(initial=0) > 0 for part in parts.values())
-    )
+    several = any(part.max(initial=0) > 0 for part in parts.values())
+    timed = "timing" in settings.group_by or ("timing" not in settings.pool and several)
     for gait, walked in perturbed.items():
         for crossing, phase, part in zip(walked, phases[gait], parts[gait], strict=True):
             direction = None if crossing.turn is None else UP if crossing.turn > 0 else DOWN
@@ -311,7 +292,7 @@ def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings)
             if "direction" in settings.group_by:
                 measured["direction"] = direction or "unknown"
             group = label({**gaits[gait], **measured})
-            found[crossing.name] = Membership((gait,), group, direction, float(phase))
+            found[crossing.name] = {"gait": gait, "group": group, "direction": direction, "onset_phase": float(phase)}
     return found
 
 
@@ -349,7 +330,6 @@ def wide(phases: Array, scatter: float) -> bool:
     return len(phases) > 1 and float(np.std(phases, ddof=1)) > scatter
 
 
-USED, OUTLIER, REFUSED = "used", "outlier", "refused"  # Status of a crossing in `walking_crossings.csv`
 SEPARATOR = "; "  # Between the names of gaits in one cell; no name has a semicolon
 
 
@@ -365,30 +345,29 @@ def selection_rows(
         kinds = [(c.name, c.onset is not None) for c in crossings] + [(r.name, r.perturbed) for r in refused]
         sheet = {name: {IS_PERTURBED: perturbed} for name, perturbed in kinds}
     keys = split_keys(sheet, settings)
-    alike, reasons = dict[tuple[object, ...], list[Crossing]](), dict[str, str]()
+    alike = dict[tuple[object, ...], list[Crossing]]()
     for c in crossings:
         alike.setdefault(tuple(sheet[c.name].get(key) for key in keys), []).append(c)
     rows: dict[str, dict[str, object]] = {}
     for some in alike.values():
-        features: list[Feature] = []
-        if rule := settings.outliers:
-            features = crossing_features(some, settings.timing, rule)
-            reasons |= outlier_reasons(features, [c.name for c in some], rule.limit)
+        rule = settings.outliers
+        features = crossing_features(some, settings, rule) if rule else []
         for k, c in enumerate(some):
-            if c.name in reasons and c.bridged >= 0.05:
-                remedy = "fill the gaps in Nexus, or lower longest_gap_s"
-                reasons[c.name] += f" (markers were hidden for {c.bridged:.0%} of it: {remedy})"
-            rows[c.name] = crossing_row(c, k, features, load_reason(c, settings) or reasons.get(c.name))
+            reason, f = load_reason(c, settings), max(features, key=lambda f: float(f.distance[k]), default=None)
+            if not reason and rule and f is not None and f.distance[k] > rule.limit:
+                reason = (
+                    f"{f.name} {f.values[k]:.3g} {f.unit} lies {f.distance[k]:.1f} scatters of {f.scatter:.2g} "
+                    f"{f.unit} from the median {f.median[k]:.3g} {f.unit}, more than {rule.limit:g}"
+                )
+                if c.bridged >= 0.05:
+                    remedy = "fill the gaps in Nexus, or lower longest_gap_s"
+                    reason += f" (markers were hidden for {c.bridged:.0%} of it: {remedy})"
+            rows[c.name] = crossing_row(c, k, features, reason or None)
     used = [c for c in crossings if rows[c.name]["reason"] is None]
-    rows |= {
-        r.name: {"trial": r.name, "perturbed": r.perturbed, "status": REFUSED, "reason": r.reason} for r in refused
-    }
+    for r in refused:
+        rows[r.name] = {"trial": r.name, "perturbed": r.perturbed, "status": "refused", "reason": r.reason}
     found = places(used, sheet, settings)
-    for name, row in rows.items():
-        p = found[name]
-        row |= {"gait": SEPARATOR.join(p.gaits) or None, "group": p.group, "direction": p.direction}
-        row["onset_phase"] = p.onset_phase
-    return rows
+    return {name: row | found[name] for name, row in rows.items()}
 
 
 def load_reason(crossing: Crossing, settings: SelectionSettings) -> str:
@@ -423,7 +402,7 @@ def crossing_row(crossing: Crossing, index: int, features: Sequence[Feature], re
     return {
         "trial": crossing.name,
         "perturbed": crossing.onset is not None,
-        "status": USED if reason is None else OUTLIER,
+        "status": "used" if reason is None else "outlier",
         "reason": reason,
         "stance_s": crossing.stance.duration,
         "onset_s": crossing.onset,
@@ -443,18 +422,3 @@ def crossing_row(crossing: Crossing, index: int, features: Sequence[Feature], re
         "encoder_delay_ms": encoder and 1e3 * encoder.delay,
         "encoder_rms_deg": encoder and float(np.rad2deg(encoder.rms)),
     }
-
-
-def outlier_reasons(features: Sequence[Feature], names: Sequence[str], limit: float) -> dict[str, str]:
-    """Why crossings are outliers, by name: the feature in which each lies furthest from the median."""
-    reasons: dict[str, str] = {}
-    distances = np.array([f.distance for f in features])
-    for column, name in enumerate(names):
-        worst = int(np.argmax(distances[:, column]))
-        if distances[worst, column] > limit:
-            f = features[worst]
-            reasons[name] = (
-                f"{f.name} {f.values[column]:.3g} {f.unit} lies {distances[worst, column]:.1f} scatters of "
-                f"{f.scatter:.2g} {f.unit} from the median {f.median[column]:.3g} {f.unit}, more than {limit:g}"
-            )
-    return reasons

@@ -26,28 +26,8 @@ from osl_analysis.plate_surface import plate_axes
 from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import AXES, Array, Trial, plate_columns
-from osl_analysis.walking.bodies import (
-    FREE_FALL,
-    BodyMotion,
-    Calibrations,
-    Poses,
-    StaticCalibration,
-    calibration_of,
-    cross_matrix,
-    exchanged_labels,
-    gap_duration,
-    reference_positions,
-    segment_poses,
-)
-from osl_analysis.walking.platform import (
-    FEWEST_FRAMES,
-    STILL,
-    PlatformTrack,
-    gate,
-    gated_noise,
-    rotation_from_rest,
-    shared_directions,
-)
+from osl_analysis.walking import bodies, platform
+from osl_analysis.walking.bodies import BodyMotion, Calibrations, Poses, StaticCalibration, cross_matrix
 from osl_analysis.walking.settings import CrossingSettings, PlateModelSettings
 
 
@@ -88,17 +68,6 @@ def find_stances(time: Array, force: Array, on: float, off: float, shortest: flo
     return [s for s in stances if s.duration >= shortest]
 
 
-def only_stance(stances: list[Stance]) -> Stance:
-    """The one stance of a crossing."""
-    if len(stances) != 1:
-        times = ", ".join(f"{s.heel_strike:.3f}-{s.toe_off:.3f} s" for s in stances) or "none"
-        raise InputError(
-            f"one stance on the plate is expected, found {times}; check the plate's number, zero and load thresholds, "
-            "cut the recording to one crossing, or exclude it in the sheet"
-        )
-    return stances[0]
-
-
 def recorded_wrench(trial: Trial, plate: int) -> tuple[Array, Array]:
     """Stamps (k,) [s] and wrench (k, 6) of a plate, counted from 1, as it was recorded."""
     signals = trial.signals(*plate_columns(plate, "force"), *plate_columns(plate, "moment"))
@@ -116,34 +85,30 @@ def wrench_reader(time: Array, wrench: Array, frames: Array) -> Callable[[float]
 def zeroed_wrench(
     trial: Trial, frames: Array, settings: CrossingSettings
 ) -> tuple[Callable[[float], Array], float | None]:
-    """The `wrench_reader` of the plate minus its zero, and the zero's vertical force [N]; None if none is removed."""
-    (time, wrench), zero_force = recorded_wrench(trial, settings.plate), None
+    """The `wrench_reader` of the plate minus its zero, and the zero's vertical force [N]; None if none is removed. The
+    zero is the mean over the `unloaded_s` before the largest vertical force in which that force varies least: gait is
+    never as constant, and after the step the platform may be tilted."""
+    (time, wrench), removed = recorded_wrench(trial, settings.plate), None
     if settings.unloaded_s is not None:
-        zero = unloaded_zero(time, wrench, settings.unloaded_s, settings.largest_zero_n)
-        wrench, zero_force = wrench - zero, float(zero[2])
+        length, vertical = round(settings.unloaded_s * sampling_rate(time)), wrench[:, 2]
+        before = vertical[: int(np.argmax(vertical)) + 1]
+        if len(before) < length:
+            raise InputError(
+                f"the plate is loaded within {settings.unloaded_s:g} s of the recording's start, so that its zero "
+                "cannot be read; start to record earlier, or set unloaded_s to null"
+            )
+        windows = np.lib.stride_tricks.sliding_window_view(before - before[0], length)
+        start = int(np.argmin(np.var(windows, axis=1)))
+        zero: Array = wrench[start : start + length].mean(axis=0)
+        if abs(zero[2]) > settings.largest_zero_n:
+            raise InputError(
+                f"the unloaded plate reads {zero[2]:.0f} N, expected less than {settings.largest_zero_n:g} N: it was "
+                "not zeroed or has reached its limit; zero it and record again, exclude the trial, or raise "
+                "largest_zero_n"
+            )
+        wrench, removed = wrench - zero, float(zero[2])
     check_range(time, wrench[:, :3], plate_axes(recorded_corners(trial, settings.plate)), settings.load_on_n)
-    return wrench_reader(time, wrench, frames), zero_force
-
-
-def unloaded_zero(time: Array, wrench: Array, duration: float, largest: float) -> Array:
-    """Mean wrench (6,) of a plate over the `duration` [s], before the largest vertical force, in which that force
-    varies least: gait is never as constant, and after the step the platform may be tilted."""
-    length, vertical = round(duration * sampling_rate(time)), wrench[:, 2]
-    before = vertical[: int(np.argmax(vertical)) + 1]
-    if len(before) < length:
-        raise InputError(
-            f"the plate is loaded within {duration:g} s of the recording's start, so that its zero cannot be read; "
-            "start to record earlier, or set unloaded_s to null"
-        )
-    windows = np.lib.stride_tricks.sliding_window_view(before - before[0], length)
-    start = int(np.argmin(np.var(windows, axis=1)))
-    zero: Array = wrench[start : start + length].mean(axis=0)
-    if abs(zero[2]) > largest:
-        raise InputError(
-            f"the unloaded plate reads {zero[2]:.0f} N, expected less than {largest:g} N: it was not zeroed "
-            "or has reached its limit; zero it and record again, exclude the trial, or raise largest_zero_n"
-        )
-    return zero
+    return wrench_reader(time, wrench, frames), removed
 
 
 CLIPPED_S = 0.02  # A force that keeps its largest value for this time [s], as gait never does, is at the plate's limit
@@ -252,7 +217,7 @@ class Load:
     def of_weight(self, phase: Array, body_mass: float) -> float:
         """Mean vertical force in single support, as a share of the weight; at phases (n,) of stance."""
         inside = (phase >= SINGLE_SUPPORT[0]) & (phase <= SINGLE_SUPPORT[1])
-        return float(self.force[inside].mean() / (body_mass * np.linalg.norm(FREE_FALL)))
+        return float(self.force[inside].mean() / (body_mass * np.linalg.norm(bodies.FREE_FALL)))
 
 
 def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> Load:
@@ -290,24 +255,19 @@ class PlateInertia:
 
 def inertial_columns(motion: BodyMotion) -> Array:
     """Columns (n, 6, 10) whose product with the parameters is force and moment [N, N*m] in the plate's axes."""
-    vectors = (motion.acceleration - FREE_FALL, motion.omega, motion.alpha)
+    vectors = (motion.acceleration - bodies.FREE_FALL, motion.omega, motion.alpha)
     a, w, z = (np.einsum("nij,nj->ni", motion.rotation.transpose(0, 2, 1), v) for v in vectors)
-    a = a + FREE_FALL
-    W = cross_matrix(w)
-    columns = np.zeros((len(a), 6, 10))
+    a, W = a + bodies.FREE_FALL, cross_matrix(w)
+    columns, of_inertia = np.zeros((len(a), 6, 10)), []
+    for v in (z, w):  # matrices (n, 3, 6) that map (I_xx, I_yy, I_zz, I_xy, I_xz, I_yz) to I v
+        (x, y, u), zero = v.T, np.zeros(len(v))
+        rows = [[x, zero, zero, y, u, zero], [zero, y, zero, x, zero, u], [zero, zero, u, zero, x, y]]
+        of_inertia.append(np.moveaxis(np.array(rows), 2, 0))
     columns[:, :3, 0] = a
     columns[:, :3, 1:4] = cross_matrix(z) + W @ W
     columns[:, 3:, 1:4] = -cross_matrix(a)
-    columns[:, 3:, 4:] = inertia_matrix(z) + W @ inertia_matrix(w)
+    columns[:, 3:, 4:] = of_inertia[0] + W @ of_inertia[1]
     return columns
-
-
-def inertia_matrix(v: Array) -> Array:
-    """Matrices (n, 3, 6) that map (I_xx, I_yy, I_zz, I_xy, I_xz, I_yz) to I v, for v (n, 3)."""
-    x, y, z = v.T
-    zero = np.zeros(len(v))
-    rows = [[x, zero, zero, y, z, zero], [zero, y, zero, x, zero, z], [zero, zero, z, zero, x, y]]
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def identify_plate_inertia(
@@ -323,43 +283,34 @@ def identify_plate_inertia(
     products of motions: with filtered motions, a filter of 8 Hz would make the plate's lag 0.05 ms too small. `names`
     may be identified, all if None or empty (as an exact fit, without errors, names); the others are as in `known`
     (10,), 0 if None. Inertias about axes that are not excited are 0. If the rest cannot be told apart, or some are seen
-    with more noise than motion, only the planar ones are identified. `noise` (10, 10) are the columns' squares by
-    marker noise alone, which makes every estimate too small."""
+    with more noise than motion, only the planar ones are identified. `noise` (10, 10) are the columns' squares N by
+    marker noise alone, which makes every estimate too small: with their squares G, by (G - N)^-1 G (Fuller, Measurement
+    Error Models, 1987, 1.4)."""
     columns = np.concatenate([without_mean(smooth(inertial_columns(motion))) for motion, _ in recordings])
     wrench = np.concatenate([without_mean(w) for _, w in recordings])
-    excited = excited_parameters([motion for motion, _ in recordings])
-    wanted = tuple(name for name in excited if not names or name in names)
+    wanted = tuple(n for n in excited_parameters([motion for motion, _ in recordings]) if not names or n in names)
     while True:
         chosen = [INERTIAL.index(name) for name in wanted]
         parameters, errors = (np.zeros(len(INERTIAL)) if known is None else known.copy(), np.zeros(len(INERTIAL)))
         parameters[chosen] = 0.0
         left, stacked = wrench - columns @ parameters, stacked_columns(columns, wanted)
+        squares, of_noise = stacked.T @ stacked, 0.0 if noise is None else noise[np.ix_(chosen, chosen)]
         try:
             fit = linear_fit((left * WEIGHT).T.ravel(), dict(zip(wanted, stacked.T, strict=True)))
-            correction = (
-                np.eye(len(chosen)) if noise is None else noise_correction(stacked, noise[np.ix_(chosen, chosen)])
-            )
+            if noise is not None and (share := np.linalg.eigvals(np.linalg.solve(squares, of_noise)).real.max()) > 0.5:
+                raise IdentifiabilityError(
+                    f"marker noise is {share:.0%} of what moves the unloaded plate in one of its directions, expected "
+                    "50% or less; record larger or faster motions of the unloaded plate"
+                )
             break
         except IdentifiabilityError:
             if wanted == PLANAR:
                 raise
             wanted = PLANAR
+    correction = np.eye(len(chosen)) if noise is None else np.linalg.solve(squares - of_noise, squares)
     parameters[chosen] = correction @ fit.estimates
     errors[chosen] = np.sqrt(np.diag(correction @ fit.covariance @ correction.T))
     return PlateInertia(parameters, errors, column_rms(wrench), column_rms(wrench - columns @ parameters))
-
-
-def noise_correction(stacked: Array, noise: Array) -> Array:
-    """The matrix (p, p) that turns least-squares estimates into those without the bias from noise in the columns (n,
-    p). With their squares G, of which N are noise, (G - N)^-1 G (Fuller, Measurement Error Models, 1987, 1.4)."""
-    squares = stacked.T @ stacked
-    share = np.linalg.eigvals(np.linalg.solve(squares, noise)).real.max()
-    if share > 0.5:
-        raise IdentifiabilityError(
-            f"marker noise is {share:.0%} of what moves the unloaded plate in one of its directions, expected 50% or "
-            "less; record larger or faster motions of the unloaded plate"
-        )
-    return np.asarray(np.linalg.solve(squares - noise, squares))
 
 
 def stacked_columns(columns: Array, names: Sequence[str]) -> Array:
@@ -410,50 +361,49 @@ def plate_lag(motion: BodyMotion, wrench_at: Callable[[float], Array], smooth: C
     return float(lags[best] + 0.5 * step * (before - after) / (before - 2 * least + after))
 
 
-HIDDEN_TURN = "the platform turned while its markers were hidden; fill the gap in Nexus, or record it again"
-CUT = "the recording begins or ends while the platform moves; record from rest to rest"
-
-
 @dataclass(frozen=True)
 class UnloadedRecording:
     """A trial of an unloaded, moving plate."""
 
-    name: str
-    time: Array  # the marker frames (n,) [s]
-    rows: slice  # the longest run of frames in which the platform was seen, without a motion that the recording cuts
-    track: PlatformTrack  # the platform's coordinates in these rows
+    track: platform.PlatformTrack  # the longest run of frames in which it was seen, without a motion that the run cuts
     centre: Array  # the plate's centre (3,) [m] at rest
-    read: Callable[[float], Array]  # the wrench at the frames, as of `wrench_reader`
+    wrench_at: Callable[
+        [float], Array
+    ]  # the wrench in the track's frames, read a lag [s] later, through both low-passes
     plate_low_pass: LowPass  # the further low-pass of the identification, after that of the crossings
     unusable: str  # why the trial shows nothing of the plate, for a message; empty if it does
 
     def smooth(self, values: Array) -> Array:
-        """Values in `rows`, shape (n, ...), through the low-pass of the identification."""
-        return self.plate_low_pass(values, sampling_rate(self.time))
+        """Values in the track's frames, shape (n, ...), through the low-pass of the identification."""
+        return self.plate_low_pass(values, self.track.rate)
 
     def along(self, axes: Array) -> tuple[BodyMotion, Array]:
         """Motion of the plate's centre along the directions (r, 6), low-passed, and weighted squares (10, 10) of marker
         noise in the columns of its regression: of frames at rest before `smooth`, which spreads the motions into
         them."""
         motion, weights = self.track.own_motion(axes, self.centre)
-        resting = [run for run in runs(weights == 0) if run.stop - run.start >= FEWEST_FRAMES]
+        resting = [run for run in runs(weights == 0) if run.stop - run.start >= platform.FEWEST_FRAMES]
         columns = inertial_columns(motion)
         still = [stacked_columns(without_mean(columns[run]), INERTIAL) for run in resting]
         squares = sum((one.T @ one for one in still), np.zeros((10, 10)))
         count = sum(run.stop - run.start for run in resting)
-        passed = gated_noise(weights, self.track.rate, self.track.low_pass, self.plate_low_pass)
-        return motion.weighted(weights), squares / max(count, 1) * passed
-
-    def wrench_at(self, lag: float) -> Array:
-        """The wrench in `rows`, read a lag [s] later, through both low-passes."""
-        once = self.track.low_pass(self.read(lag), sampling_rate(self.time))
-        return self.smooth(once[self.rows])
+        # The noise's sum of squares after weights and `smooth`, over its mean square before them: the sum over all lags
+        # of A r q, with the autocorrelations r of low-passed noise that is differentiated twice (1 at lag 0), q of the
+        # further filter's response and A of the weights.
+        n = 2 * len(weights)
+        f: Array = np.fft.rfftfreq(n, 1 / self.track.rate).astype(np.float64)
+        passed, further = (one.gain(f) ** 2 for one in (self.track.low_pass, self.plate_low_pass))
+        acceleration = np.fft.irfft(passed * f**4, n)
+        lags = np.fft.irfft(np.abs(np.fft.rfft(weights, n)) ** 2, n)
+        noise = float(np.sum(lags * acceleration / acceleration[0] * np.fft.irfft(further, n)))
+        return motion.weighted(weights), squares / max(count, 1) * noise
 
 
 def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: PlateModelSettings) -> UnloadedRecording:
     """The platform over the longest run of frames in which it was seen, and the plate's wrench."""
+    check_type_on_platform(trial, settings.plate)
     names = settings.markers.platform
-    frames, poses = segment_poses(trial, names, calibration.platform, settings)
+    frames, poses = bodies.segment_poses(trial, names, calibration.platform, settings)
     time, wrench = recorded_wrench(trial, settings.plate)
     load, largest = float(np.median(np.abs(wrench[:, 2]))), settings.largest_zero_n
     if load > largest:
@@ -461,29 +411,36 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
             f"trial {trial.name}: the plate carries {load:.0f} N, expected an unloaded plate and at most {largest:g} "
             "N; zero the plate and record again, or correct the experiment of this trial in the sheet, which is 'plate'"
         )
-    rows = longest_run(poses.seen())
-    if rows.stop - rows.start < FEWEST_FRAMES:
+    rows, few = longest_run(poses.seen()), platform.FEWEST_FRAMES
+    if rows.stop - rows.start < few:
         raise InputError(
             f"trial {trial.name}: markers {', '.join(names)} are seen together in {rows.stop - rows.start} frames in a "
-            f"row, expected {FEWEST_FRAMES} or more; fill the gaps in Nexus, or record the trial again"
-            + (f"; {hint}" if (hint := exchanged_labels(trial, calibration, settings, ("platform",))) else "")
+            f"row, expected {few} or more; fill the gaps in Nexus, or record the trial again"
+            + (f"; {hint}" if (hint := bodies.exchanged_labels(trial, calibration, settings, ("platform",))) else "")
         )
-    reference = reference_positions(calibration.platform, names, trial.name)
-    track = PlatformTrack.of(trial.name, frames[rows], poses[rows], reference, settings.low_pass)
+    reference = bodies.reference_positions(calibration.platform, names, trial.name)
+    track = platform.platform_track(trial.name, frames[rows], poses[rows], reference, settings.low_pass)
     whole = whole_motions(track)
-    cut, rests = whole.stop - whole.start < rows.stop - rows.start, whole.stop - whole.start >= FEWEST_FRAMES
+    cut, rests = whole.stop - whole.start < rows.stop - rows.start, whole.stop - whole.start >= few
     if cut and rests:
         rows = slice(rows.start + whole.start, rows.start + whole.stop)
-        track = PlatformTrack.of(trial.name, frames[rows], poses[rows], reference, settings.low_pass)
-    if cut and (not rests or np.ptp(rotation_from_rest(poses[rows])) < np.deg2rad(settings.perturbation_deg)):
-        unusable = CUT
-    else:
-        unusable = HIDDEN_TURN if turned_while_hidden(trial.name, frames, poses, settings) else ""
-    centre, read = recorded_corners(trial, settings.plate).mean(axis=0), wrench_reader(time, wrench, frames)
-    return UnloadedRecording(trial.name, frames, rows, track, centre, read, settings.plate_low_pass, unusable)
+        track = platform.platform_track(trial.name, frames[rows], poses[rows], reference, settings.low_pass)
+    unusable = ""
+    turned = np.ptp(platform.rotation_from_rest(poses[rows]))
+    if cut and (not rests or turned < np.deg2rad(settings.perturbation_deg)):
+        unusable = "the recording begins or ends while the platform moves; record from rest to rest"
+    elif turned_while_hidden(trial.name, frames, poses, settings):
+        unusable = "the platform turned while its markers were hidden; fill the gap in Nexus, or record it again"
+    read = wrench_reader(time, wrench, frames)
+
+    def wrench_at(lag: float) -> Array:
+        return settings.plate_low_pass(settings.low_pass(read(lag), sampling_rate(frames))[rows], track.rate)
+
+    centre = recorded_corners(trial, settings.plate).mean(axis=0)
+    return UnloadedRecording(track, centre, wrench_at, settings.plate_low_pass, unusable)
 
 
-def whole_motions(track: PlatformTrack) -> slice:
+def whole_motions(track: platform.PlatformTrack) -> slice:
     """The frames (n,) without a motion that begins before or ends after the track; empty if it never rests. Half a
     motion is wrong after a low-pass: the lag is then off by milliseconds, the plate's mass by a tenth."""
     count, n = max(round(0.05 * track.rate), 5), len(track.time)
@@ -491,19 +448,19 @@ def whole_motions(track: PlatformTrack) -> slice:
     for end in (slice(0, count), slice(n - count, n)):
         since = track.time[end] - track.time[end].mean()
         slopes = since @ track.measured[end] / (since @ since)
-        moves[end] |= float(np.abs(slopes).max() * np.sqrt(since @ since)) > STILL * track.noise
-    still = runs(gate(track.time, moves, track.spread) == 0)
-    rests = [run for run in still if run.stop - run.start >= FEWEST_FRAMES] or [slice(0, 0)]
+        moves[end] |= float(np.abs(slopes).max() * np.sqrt(since @ since)) > platform.STILL * track.noise
+    still = runs(platform.gate(track.time, moves, track.spread) == 0)
+    rests = [run for run in still if run.stop - run.start >= platform.FEWEST_FRAMES] or [slice(0, 0)]
     return slice(rests[0].start if moves[0] else 0, rests[-1].stop if moves[-1] else n)
 
 
 def turned_while_hidden(name: str, time: Array, poses: Poses, settings: PlateModelSettings) -> bool:
     """Whether the platform turned while its markers were hidden, by 0.2 deg or more (at rest noise gives 0.03): 11
     interpolated frames at 300 Hz change the lag by 2 ms. Refused if they were always seen and it did not turn."""
-    turned = float(np.rad2deg(np.max(rotation_from_rest(poses[longest_run(poses.seen())]))))
+    turned = float(np.rad2deg(np.max(platform.rotation_from_rest(poses[longest_run(poses.seen())]))))
     if turned >= settings.perturbation_deg:
-        rotation = rotation_from_rest(poses)
-        gaps = [gap for gap in runs(poses.bridged) if gap_duration(time, gap) > settings.longest_fitted_gap_s]
+        rotation, longest = platform.rotation_from_rest(poses), settings.longest_fitted_gap_s
+        gaps = [gap for gap in runs(poses.bridged) if bodies.gap_duration(time, gap) > longest]
         return any(abs(float(rotation[gap.stop] - rotation[gap.start - 1])) > np.deg2rad(0.2) for gap in gaps)
     if poses.seen().all():
         raise InputError(
@@ -513,8 +470,6 @@ def turned_while_hidden(name: str, time: Array, poses: Poses, settings: PlateMod
     return True
 
 
-NOT_ASKED = "not estimated: correct_plate_lag is false"
-TOO_LIGHT = "the unloaded plate is too light to show it"
 NOT_REMOVED = "walking.plate_inertia is none"
 
 
@@ -545,29 +500,31 @@ NO_CORRECTION = PlateModel(
 """The model of a plate that is light or compensates its own inertia: nothing is removed from its wrench."""
 
 
+Motions = Sequence[tuple[BodyMotion, Array]]  # of each recording, with its noise, as of `UnloadedRecording.along`
+
+
 def identify_plate_model(
     trials: Sequence[Trial], calibrations: Calibrations, settings: PlateModelSettings
 ) -> PlateModel:
     """Lag and inertia from unloaded trials: first the lag of each trial, then one inertia from all at the mean lag."""
     if not trials:
         raise InputError("no trials of the unloaded plate; add trials of experiment 'plate' to the sheet")
-    for trial in trials:
-        check_type_on_platform(trial, settings.plate)
-    every = [unloaded_recording(t, calibration_of(calibrations, t.name), settings) for t in trials]
+    every = [unloaded_recording(t, bodies.calibration_of(calibrations, t.name), settings) for t in trials]
     seen = [r for r in every if not r.unusable]
     if not seen:
         why = every[0].unusable
         raise InputError(f"no unloaded trial shows the plate's inertia; trial {trials[0].name}, as others: {why}")
     for r in every:
         if r.unusable:
-            warnings.warn(f"trial {r.name}: excluded from the plate's model: {r.unusable}", stacklevel=2)
+            warnings.warn(f"trial {r.track.name}: excluded from the plate's model: {r.unusable}", stacklevel=2)
     motions, lags = shared_motions(seen), [float("nan")] * len(seen)
     for i, r in enumerate(seen if settings.correct_plate_lag else ()):
         try:
             lags[i] = plate_lag(motions[i][0], r.wrench_at, r.smooth)
         except InputError as error:
-            raise InputError(f"trial {r.name}: {error}") from error
-    reason = NOT_ASKED if not settings.correct_plate_lag else None if np.isfinite(lags).any() else TOO_LIGHT
+            raise InputError(f"trial {r.track.name}: {error}") from error
+    reason = None if np.isfinite(lags).any() else "the unloaded plate is too light to show it"
+    reason = reason if settings.correct_plate_lag else "not estimated: correct_plate_lag is false"
     model = replace(plate_model(seen, motions, lags), lag_reason=reason)
     if len(seen) == 1:
         return model
@@ -582,12 +539,9 @@ def identify_plate_model(
     return replace(model, inertia=inertia, leave_one_out=tuple(others))
 
 
-Motions = Sequence[tuple[BodyMotion, Array]]  # of each recording, with its noise, as of `UnloadedRecording.along`
-
-
 def shared_motions(recordings: Sequence[UnloadedRecording]) -> Motions:
     """The motion of each recording along the directions that they share, and its noise."""
-    axes = shared_directions([r.track for r in recordings])
+    axes = platform.shared_directions([r.track for r in recordings])
     return [r.along(own) for r, own in zip(recordings, axes, strict=True)]
 
 

@@ -8,7 +8,7 @@ A platform repeats its command. The markers' noise in one crossing shakes a heav
 mean over crossings has little of it, and shows when each started to a fraction of a millisecond."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,19 +19,8 @@ import scipy
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, runs, sampling_rate
 from osl_analysis.trial import Array, Trial
-from osl_analysis.walking.bodies import (
-    BodyMotion,
-    Calibrations,
-    Mask,
-    Poses,
-    StaticCalibration,
-    body_motion,
-    calibration_of,
-    cross_matrix,
-    reference_positions,
-    rigid_poses,
-    segment_poses,
-)
+from osl_analysis.walking import bodies
+from osl_analysis.walking.bodies import BodyMotion, Calibrations, Mask, Poses, StaticCalibration, calibration_of
 from osl_analysis.walking.settings import PlatformMotionSettings, PlatformSettings
 
 COORDINATES = 6
@@ -47,9 +36,8 @@ def rotation_from_rest(platform: Poses) -> Array:
     angle = np.full(len(platform.position), np.nan)
     if len(seen):
         vectors = scipy.spatial.transform.Rotation.from_matrix(platform.rotation[seen]).as_rotvec()
-        size = np.linalg.norm(vectors, axis=1)
-        largest = int(np.argmax(size))
-        angle[seen] = vectors @ vectors[largest] / max(float(size[largest]), np.finfo(float).tiny)
+        largest = vectors[np.argmax(np.linalg.norm(vectors, axis=1))]
+        angle[seen] = vectors @ largest / max(float(np.linalg.norm(largest)), np.finfo(float).tiny)
     return angle
 
 
@@ -64,18 +52,8 @@ def screw_scale(reference: Array) -> Array:
     return scale
 
 
-def screw_coordinates(reference: Array, poses: Poses) -> Array:
-    """Scaled coordinates (n, 6) [m] of poses; NaN where the cluster was not seen."""
-    seen = poses.seen()
-    found = np.full((len(seen), COORDINATES), np.nan)
-    turn = scipy.spatial.transform.Rotation.from_matrix(poses.rotation[seen]).as_rotvec()
-    shift = np.linalg.solve(left_jacobian(turn), (poses.position[seen] - reference.mean(axis=0))[:, :, None])[:, :, 0]
-    found[seen] = np.hstack([turn, shift]) @ screw_scale(reference).T
-    return found
-
-
 def screw_poses(reference: Array, coordinates: Array) -> Poses:
-    """Poses of scaled coordinates (n, 6) [m], the inverse of `screw_coordinates`."""
+    """Poses of scaled coordinates (n, 6) [m], the inverse of what `platform_track` does."""
     screw: Array = np.linalg.solve(screw_scale(reference), coordinates.T).T.astype(float)
     turn, n, origin = screw[:, :3], len(screw), reference.mean(axis=0)
     position = np.einsum("nij,nj->ni", left_jacobian(turn), screw[:, 3:]) + origin
@@ -91,9 +69,8 @@ def left_jacobian(turn: Array) -> Array:
     a = np.where(near, 1.0, angle)
     first = np.where(near, 0.5 - angle**2 / 24, (1 - np.cos(a)) / a**2)
     second = np.where(near, 1 / 6 - angle**2 / 120, (a - np.sin(a)) / a**3)
-    W = cross_matrix(turn)
-    matrices: Array = np.eye(3) + first[:, None, None] * W + second[:, None, None] * (W @ W)
-    return matrices
+    W = bodies.cross_matrix(turn)
+    return np.asarray(np.eye(3) + first[:, None, None] * W + second[:, None, None] * (W @ W))
 
 
 def noise_gain(low_pass: LowPass, rate: float, derivative: int = 0) -> float:
@@ -101,18 +78,6 @@ def noise_gain(low_pass: LowPass, rate: float, derivative: int = 0) -> float:
     integral over frequency of (2 pi f)^(2 derivative) |H|^2, with H the gain of both runs."""
     f = np.linspace(0.0, rate / 2, 2001)
     return float(np.trapezoid((2 * np.pi * f) ** (2 * derivative) * low_pass.gain(f) ** 2, f) * 2 / rate)
-
-
-def gated_noise(weights: Array, rate: float, low_pass: LowPass, further: LowPass) -> float:
-    """Sum of squares of noise in an acceleration, over its mean square before it is weighted by (n,) and filtered
-    again: the sum over all lags of A r q, with the autocorrelations r of low-passed noise that is differentiated twice
-    (1 at lag 0), q of the further filter's response and A of the weights."""
-    n = 2 * len(weights)
-    f: Array = np.fft.rfftfreq(n, 1 / rate).astype(np.float64)
-    passed = [one.gain(f) ** 2 for one in (low_pass, further)]
-    acceleration = np.fft.irfft(passed[0] * f**4, n)
-    lags = np.fft.irfft(np.abs(np.fft.rfft(weights, n)) ** 2, n)
-    return float(np.sum(lags * acceleration / acceleration[0] * np.fft.irfft(passed[1], n)))
 
 
 def gate(time: Array, moves: Mask, spread: float) -> Array:
@@ -132,13 +97,10 @@ def directions(coordinates: Sequence[Array], noise: float, low_pass: LowPass, ra
     """Orthonormal directions (r, 6) of motions (n, 6) [m] from rest, filtered: one, and all whose mean square is above
     the largest that filtered noise, of `noise` [m] in one frame before the low-pass, would show (Marchenko and Pastur).
     """
-    stacked = np.concatenate(list(coordinates))
+    stacked, gain = np.concatenate(list(coordinates)), noise_gain(low_pass, rate)
     _, size, axes = np.linalg.svd(stacked, full_matrices=False)
-    gain = noise_gain(low_pass, rate)
-    independent = max(len(stacked) * gain, 1.0)
-    largest = noise**2 * gain * (1 + np.sqrt(COORDINATES / independent)) ** 2
-    count = int(np.sum(size**2 / len(stacked) > 1.3 * largest))
-    return np.asarray(axes[: max(count, 1)])
+    largest = noise**2 * gain * (1 + np.sqrt(COORDINATES / max(len(stacked) * gain, 1.0))) ** 2
+    return np.asarray(axes[: max(int(np.sum(size**2 / len(stacked) > 1.3 * largest)), 1)])
 
 
 @dataclass(frozen=True)
@@ -152,17 +114,6 @@ class PlatformTrack:
     filtered: Array  # the same through the low-pass of the crossings
     low_pass: LowPass
     noise: float  # standard deviation [m] of the noise in one frame of `measured`
-
-    @classmethod
-    def of(cls, name: str, time: Array, poses: Poses, reference: Array, low_pass: LowPass) -> "PlatformTrack":
-        """The track of a platform's poses (n,), none NaN, whose markers were at the reference (m, 3) [m] at rest. The
-        median of second differences, the noise, is blind to the few frames in which the platform accelerates."""
-        measured = straight_over_gaps(screw_coordinates(reference, poses), poses.bridged, sampling_rate(time))
-        second = np.diff(measured[~poses.bridged], n=2, axis=0)
-        noise = 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0) if second.size else 0.0
-        filtered = low_pass(measured, sampling_rate(time))
-        # 2e-7 m is the resolution of single precision at a metre
-        return cls(name, time, reference, measured, filtered, low_pass, float(max(noise, 2e-7)))
 
     @property
     def rate(self) -> float:
@@ -211,37 +162,45 @@ class PlatformTrack:
         first, last, _ = rows.indices(len(self.time))
         start, stop = max(first - 60, 0), min(last + 60, len(self.time))
         markers = self.low_pass(screw_poses(self.reference, coordinates).points(self.reference), self.rate)
-        poses = rigid_poses(self.reference, markers[start:stop])
-        return body_motion(self.time[start:stop], poses, centre)[first - start : last - start]
+        poses = bodies.cluster_poses(self.reference, markers[start:stop])
+        return bodies.body_motion(self.time[start:stop], poses, centre)[first - start : last - start]
+
+
+def platform_track(name: str, time: Array, poses: Poses, reference: Array, low_pass: LowPass) -> PlatformTrack:
+    """The track of a platform's poses (n,), none NaN, whose markers were at the reference (m, 3) [m] at rest.
+
+    Over gaps of 15 ms and more, in which a turn is never hidden, it is a straight line between the means of the four
+    frames beside: a cubic over 50 ms carries their noise to several times its size, a motion that never was. The median
+    of second differences, the noise, is blind to the few frames in which the platform accelerates."""
+    turn, rate = scipy.spatial.transform.Rotation.from_matrix(poses.rotation).as_rotvec(), sampling_rate(time)
+    away = (poses.position - reference.mean(axis=0))[:, :, None]
+    shift = np.linalg.solve(left_jacobian(turn), away)[:, :, 0]
+    measured = np.hstack([turn, shift]) @ screw_scale(reference).T
+    found = measured.copy()
+    for gap in runs(poses.bridged):
+        if (gap.stop - gap.start) / rate < 0.015:
+            continue
+        frames = np.r_[max(gap.start - 4, 0) : gap.start], np.r_[gap.stop : min(gap.stop + 4, len(time))]
+        before, after = (beside[~poses.bridged[beside]] for beside in frames)
+        share = (np.arange(gap.start, gap.stop) - before.mean()) / (after.mean() - before.mean())
+        first, last = measured[before].mean(axis=0), measured[after].mean(axis=0)
+        found[gap] = first + share[:, None] * (last - first)
+    second = np.diff(found[~poses.bridged], n=2, axis=0)
+    noise = 1.4826 * float(np.median(np.abs(second))) / np.sqrt(6.0) if second.size else 0.0
+    # 2e-7 m is the resolution of single precision at a metre
+    return PlatformTrack(name, time, reference, found, low_pass(found, rate), low_pass, float(max(noise, 2e-7)))
 
 
 def track_about(
     trial: str, time: Array, poses: Poses, calibration: StaticCalibration, settings: PlatformSettings, instant: float
 ) -> PlatformTrack:
-    """The platform's coordinates in the run of seen frames about an instant [s], from its poses at times (n,) [s]."""
+    """The platform's track in the run of seen frames about an instant [s], from its poses at times (n,) [s]."""
     labels = settings.markers.platform
-    reference = reference_positions(calibration.platform, labels, trial)
-    around = [run for run in runs(poses.seen()) if time[run.start] <= instant <= time[run.stop - 1]]
-    if not around:
-        raise InputError(f"the platform markers {', '.join(labels)} are hidden at {instant:.3f} s")
-    return PlatformTrack.of(trial, time[around[0]], poses[around[0]], reference, settings.low_pass)
-
-
-def straight_over_gaps(coordinates: Array, bridged: Mask, rate: float) -> Array:
-    """Coordinates (n, 6) [m] with straight lines, between the means of four frames beside them, over gaps of 15 ms and
-    more, in which a turn is never hidden. A cubic over 50 ms carries the noise of the frames beside it to several times
-    its size: a motion that never was."""
-    found = coordinates.copy()
-    for gap in runs(bridged):
-        if (gap.stop - gap.start) / rate < 0.015:
-            continue
-        before = [row for row in range(max(gap.start - 4, 0), gap.start) if not bridged[row]]
-        after = [row for row in range(gap.stop, min(gap.stop + 4, len(bridged))) if not bridged[row]]
-        ends = np.mean(before), np.mean(after)
-        share = (np.arange(gap.start, gap.stop) - ends[0]) / (ends[1] - ends[0])
-        first, last = coordinates[before].mean(axis=0), coordinates[after].mean(axis=0)
-        found[gap] = first + share[:, None] * (last - first)
-    return found
+    reference = bodies.reference_positions(calibration.platform, labels, trial)
+    for run in runs(poses.seen()):
+        if time[run.start] <= instant <= time[run.stop - 1]:
+            return platform_track(trial, time[run], poses[run], reference, settings.low_pass)
+    raise InputError(f"the platform markers {', '.join(labels)} are hidden at {instant:.3f} s")
 
 
 def shared_directions(tracks: Sequence[PlatformTrack]) -> list[Array]:
@@ -310,7 +269,7 @@ class Alignment:
     amplitude: float  # size of the motion, 1 on average, negative in the other direction
     duration: float  # time scale of the motion, 1 on average, and for all where it does not scatter
     duration_se: float
-    shared: float  # covariance [s] of the errors of start and time scale
+    shared: float  # covariance [s] of the errors of time scale and start, which is the shape's zero of time
     offset: Array  # coordinates (r,) [m] at rest
     misfit: float  # mean square of the filtered difference between motion and shape, over that of noise
     follows: bool  # whether the misfit is noise's
@@ -330,29 +289,33 @@ class PlatformTemplate:
     crossings: int  # number of crossings whose mean the shape is
     scaled: bool  # whether the duration of the motion differs between crossings
     start_se: float = 0.0  # standard error [s] of the shape's start, which shifts that of every crossing alike
-    start_shape: float = 0.0  # [s], as `shape` of `RiseStart`
+    start_shape: float = 0.0  # [s], as `shape` of `start_of_rise`
 
     @cached_property
     def spline(self) -> "scipy.interpolate.BSpline":
         return scipy.interpolate.make_interp_spline(self.time, self.shape, k=5)
+
+    def covers(self, time: Array) -> Mask:
+        """Which times [s] from the start are on the grid."""
+        return np.asarray((time >= self.time[0]) & (time <= self.time[-1]))
 
     def at(self, time: Array, derivative: int = 0) -> Array:
         """Coordinates (n, r) [m], or their derivative, at times [s] from the start; constant beyond the grid."""
         values = self.spline(np.clip(time, self.time[0], self.time[-1]), derivative)
         return np.asarray(values if derivative == 0 else values * self.covers(time)[:, None])
 
-    def covers(self, time: Array) -> Mask:
-        """Which times [s] from the start are on the grid."""
-        return np.asarray((time >= self.time[0]) & (time <= self.time[-1]))
-
     def curve(self, time: Array, alignment: Alignment) -> Array:
         """Coordinates (n, r) [m] from rest, at times [s], of a crossing that follows the shape."""
         return alignment.amplitude * self.at((time - alignment.start) / alignment.duration)
 
 
-def mean_shape(pairs: Pairs, axes: Array, ends: tuple[float, float], noise: float, scaled: bool) -> PlatformTemplate:
-    """The least-squares spline through all aligned motions. The mean size and duration of its crossings are 1."""
-    size, duration = mean_scales(pairs)
+def mean_shape(
+    pairs: Pairs, axes: Array, ends: tuple[float, float], noise: float, scaled: bool, unit: bool = True
+) -> PlatformTemplate:
+    """The least-squares spline through all aligned motions, between two `ends` [s] from their start. The mean size and
+    duration of its crossings are 1, or, if not `unit`, those of the alignments."""
+    size = float(np.mean([abs(a.amplitude) for _, a in pairs])) if unit else 1.0
+    duration = float(np.exp(np.mean([np.log(a.duration) for _, a in pairs]))) if unit else 1.0
     time, values, weights = [], [], []
     for track, a in pairs:
         since, amplitude = (track.time - a.start) / (a.duration / duration), a.amplitude / size
@@ -364,19 +327,12 @@ def mean_shape(pairs: Pairs, axes: Array, ends: tuple[float, float], noise: floa
     stamps, drawn, trust = (np.concatenate(each)[order] for each in (time, values, weights))
     step = max(0.01, 1.5 / pairs[0][0].rate)  # knots each 10 ms: 50 Hz, beyond the low-pass of the analysis
     inner = np.linspace(*ends, round((ends[1] - ends[0]) / step) + 1)[1:-1]
-    spline = scipy.interpolate.make_lsq_spline(
-        stamps, drawn, np.r_[[stamps[0]] * 4, inner, [stamps[-1]] * 4], k=3, w=trust
-    )
+    knots = np.r_[[stamps[0]] * 4, inner, [stamps[-1]] * 4]
+    spline = scipy.interpolate.make_lsq_spline(stamps, drawn, knots, k=3, w=trust)
     grid = np.arange(np.ceil(stamps[0] / GRID_S), np.floor(stamps[-1] / GRID_S) + 1) * GRID_S
     shape = spline(grid)
     rest = shape[grid <= grid[0] + LEAD_S / 4].mean(axis=0)
     return PlatformTemplate(axes, grid, shape - rest, noise, len(pairs), scaled)
-
-
-def mean_scales(pairs: Pairs) -> tuple[float, float]:
-    """Mean size, and geometric mean of the durations, of aligned motions."""
-    durations = [np.log(a.duration) for _, a in pairs]
-    return float(np.mean([abs(a.amplitude) for _, a in pairs])), float(np.exp(np.mean(durations)))
 
 
 def shape_fit(track: PlatformTrack, guess: Alignment, template: PlatformTemplate, scaled: bool) -> Alignment:
@@ -392,8 +348,7 @@ def shape_fit(track: PlatformTrack, guess: Alignment, template: PlatformTemplate
         columns = [shape, -slope * amplitude / a.duration, -slope * since[near, None] * amplitude / a.duration]
         moving = np.stack([c.T.ravel() for c in columns[: 3 if scaled else 2]], axis=1)
         design = np.hstack([moving, np.repeat(np.eye(r), near.sum(), axis=0)])
-        missed = (measured[near] - amplitude * shape).T.ravel()
-        change: Array = np.asarray(np.linalg.lstsq(design, missed)[0], dtype=float)
+        change: Array = np.asarray(np.linalg.lstsq(design, (measured[near] - amplitude * shape).T.ravel())[0], float)
         a = replace(
             a,
             amplitude=amplitude + float(change[0]),
@@ -407,38 +362,25 @@ def shape_fit(track: PlatformTrack, guess: Alignment, template: PlatformTemplate
     near = template.covers(since)
     inside = near & (since <= template.time[-1] - 2 * track.spread)
     difference[~near] = 0.0
-    filtered = track.low_pass(difference, track.rate)[inside]
-    gain = noise_gain(track.low_pass, track.rate)
+    filtered, gain = track.low_pass(difference, track.rate)[inside], noise_gain(track.low_pass, track.rate)
     before = filtered[since[inside] < template.time[0] + LEAD_S / 2]
     level = max(template.noise**2 * gain, float(np.mean(before**2)) if before.size else 0.0)
     misfit = float(np.mean(filtered**2)) / level
     follows = bool(misfit < 1 + 4 * np.sqrt(2 / max(filtered.size * gain, 1.0)))
-    a = replace(a, start_se=float(np.sqrt(covariance[1, 1])), misfit=misfit, follows=follows)
-    if not scaled:
-        return replace(a, duration_se=0.0, shared=0.0)
-    return replace(a, duration_se=float(np.sqrt(covariance[2, 2])), shared=float(covariance[1, 2]))
+    start_se = float(np.sqrt(covariance[1, 1]))
+    duration_se, shared = (float(np.sqrt(covariance[2, 2])), float(covariance[1, 2])) if scaled else (0.0, 0.0)
+    return replace(a, start_se=start_se, duration_se=duration_se, shared=shared, misfit=misfit, follows=follows)
 
 
-STEP_ORDERS = (3, 1, 2, 4)
-"""Smooth steps that a mean rise is compared with: I(x; p, p) is a straight ramp for p = 1, a cubic for 2, minimum jerk
-for 3, of seventh degree for 4."""
+def start_of_rise(time: Array, coordinates: Array, noise: float) -> tuple[float, float, float, int]:
+    """The start [s] of a mean motion (n, r) [m] from rest, along its largest displacement: of the smooth step that fits
+    0.7 of the rise (the half tells the start a third less well, the end may overshoot). `noise` [m] is that of each
+    sample, as if independent. Then the start's standard error [s] from noise; the largest change `shape` [s] of it by
+    another smooth step that fits as well, else 0; and the step that was fitted.
 
-
-@dataclass(frozen=True)
-class RiseStart:
-    """The start of a mean rise."""
-
-    time: float  # [s]
-    se: float  # its standard error [s] from noise
-    shape: float  # largest change [s] of it by another smooth step that fits as well, else 0; not in `se`
-    kind: int  # the smooth step that was fitted, of `STEP_ORDERS`
-
-
-def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
-    """The start of a mean motion (n, r) [m] from rest, along its largest displacement: of the smooth step that fits 0.7
-    of the rise (the half tells the start a third less well, the end may overshoot). `noise` [m] is that of each sample,
-    as if independent. It is minimum jerk, unless another lowers chi-square by more than 30: the starts of two steps
-    that fit alike differ by 6 to 10 % of the rise, and a choice by less would scatter the onset by several ms."""
+    Steps are I(x; p, p): a straight ramp for p = 1, a cubic for 2, minimum jerk for 3, of seventh degree for 4. It is
+    minimum jerk, unless another lowers chi-square by more than 30: the starts of two steps that fit alike differ by 6
+    to 10 % of the rise, and a choice by less would scatter the onset by several ms."""
     size = np.linalg.norm(coordinates, axis=1)
     largest = int(np.argmax(size))
     turned = coordinates @ coordinates[largest] / size[largest]
@@ -450,7 +392,7 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
     end = int(np.argmax(turned >= 0.7 * height)) + 1
 
     def fitted(p: int) -> "scipy.optimize.OptimizeResult":
-        """The step I(x; p, p) of some start, duration and level; residuals over noise: `cost` is half of chi-square."""
+        """The step of some start, duration and level; residuals over noise: `cost` is half of chi-square."""
 
         def difference(step: Array) -> Array:
             x = np.clip((time[:end] - step[0]) / step[1], 0, 1)
@@ -458,13 +400,13 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> RiseStart:
 
         return scipy.optimize.least_squares(difference, guess, x_scale=[0.01, 0.05, 0.01], diff_step=[1e-4, 1e-4, 1e-4])
 
-    found = {p: fitted(p) for p in STEP_ORDERS}
+    found = {p: fitted(p) for p in (3, 1, 2, 4)}
     best = min(found, key=lambda p: found[p].cost)
-    kind = best if 2 * (found[STEP_ORDERS[0]].cost - found[best].cost) > 30 else STEP_ORDERS[0]
+    kind = best if 2 * (found[3].cost - found[best].cost) > 30 else 3
     fit = found[kind]
     alike = [one.x[0] for one in found.values() if 2 * (one.cost - found[best].cost) < 9]  # of noise 1 in 400 is beyond
     shape = max((abs(float(start - fit.x[0])) for start in alike), default=0.0)
-    return RiseStart(float(fit.x[0]), float(np.sqrt(np.linalg.inv(fit.jac.T @ fit.jac)[0, 0])), shape, kind)
+    return float(fit.x[0]), float(np.sqrt(np.linalg.inv(fit.jac.T @ fit.jac)[0, 0])), shape, kind
 
 
 def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[PlatformTemplate, list[Alignment]]:
@@ -472,13 +414,20 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
     It ends 50 ms after a `window` [s] that begins in the middle of its rise; its zero of time is its own start."""
     if len(tracks) < 2:
         raise InputError(f"{len(tracks)} motions of the platform, expected 2 or more to find what they share")
-    ends, middles = (-LEAD_S, window + 0.05), [middle_of_rise(track) for track in tracks]
-    noise, moved = float(np.sqrt(np.mean([track.noise**2 for track in tracks]))), []
-    for track, middle in zip(tracks, middles, strict=True):  # where each rests is not a direction
-        since = track.time - middle
+    ends, middles, moved = (-LEAD_S, window + 0.05), [], []
+    for track in tracks:  # the middle of the rise: where the largest displacement from rest is half reached
+        size = np.linalg.norm(track.filtered - track.rest, axis=1)
+        row, half = int(np.argmax(size > size.max() / 2)), float(size.max() / 2)
+        share = float((half - size[row - 1]) / (size[row] - size[row - 1])) if row else 1.0
+        middles.append(float(track.time[max(row - 1, 0)] + share * (track.time[1] - track.time[0])))
+        since = track.time - middles[-1]
         near = track.filtered[(since >= ends[0]) & (since <= ends[1])]
-        moved.append(near - near.mean(axis=0))
+        moved.append(near - near.mean(axis=0))  # where each rests is not a direction
+    noise = float(np.sqrt(np.mean([track.noise**2 for track in tracks])))
     axes = directions(moved, noise, tracks[0].low_pass, tracks[0].rate)
+
+    def paired(alignments: Sequence[Alignment]) -> list[tuple[PlatformTrack, Alignment]]:
+        return list(zip(tracks, alignments, strict=True))
 
     def alternated(pairs: Pairs, scaled: bool) -> tuple[PlatformTemplate, list[Alignment]]:
         """Shape and alignments in turn, until both stand."""
@@ -490,53 +439,31 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
     guesses = []
     for track, middle in zip(tracks, middles, strict=True):  # with the sign of the largest displacement
         along = (track.filtered - track.rest) @ axes.T
-        size = float(along[np.argmax(np.abs(along[:, 0])), 0])
-        guesses.append(Alignment(track.name, middle, 0.0, size, 1.0, 0.0, 0.0, track.rest @ axes.T, 0.0, True))
-    template, alignments = alternated(list(zip(tracks, guesses, strict=True)), False)
-    free = [shape_fit(track, a, template, True) for track, a in zip(tracks, alignments, strict=True)]
+        amplitude = float(along[np.argmax(np.abs(along[:, 0])), 0])
+        guesses.append(Alignment(track.name, middle, 0.0, amplitude, 1.0, 0.0, 0.0, track.rest @ axes.T, 0.0, True))
+    template, alignments = alternated(paired(guesses), False)
+    free = [shape_fit(track, a, template, True) for track, a in paired(alignments)]
     scatter = np.array([(a.duration - 1) / a.duration_se for a in free])
     if np.sum((scatter - scatter.mean()) ** 2) > scipy.special.chdtri(len(tracks) - 1, CHANCE):
-        template, alignments = alternated(list(zip(tracks, free, strict=True)), True)
+        template, alignments = alternated(paired(free), True)
     for _ in range(len(tracks)):
         following = [a.follows for a in alignments]
         if all(following) or sum(following) < 2:
             break
-        known = [pair for pair in zip(tracks, alignments, strict=True) if pair[1].follows]
-        template, _ = alternated(known, template.scaled)
-        alignments = [
-            shape_fit(track, a, template, template.scaled) for track, a in zip(tracks, alignments, strict=True)
-        ]
+        template, _ = alternated([(track, a) for track, a in paired(alignments) if a.follows], template.scaled)
+        alignments = [shape_fit(track, a, template, template.scaled) for track, a in paired(alignments)]
         if [a.follows for a in alignments] == following:
             break
     if sum(a.follows for a in alignments) < 2:
         raise InputError("the platform moves in another way in each crossing, so that each keeps its own motion")
     # The noise in each sample of the shape, as if it were independent of the others.
     of_shape = float(template.noise / np.sqrt(template.crossings * tracks[0].rate * GRID_S))
-    rise, begun = start_of_rise(template.time, template.shape, of_shape), []
+    zero, zero_se, start_shape, _ = start_of_rise(template.time, template.shape, of_shape)
+    begun = []
     for a in alignments:  # a start that is a later point of the shape is more uncertain where durations are
-        error = float(np.sqrt(a.start_se**2 + 2 * rise.time * a.shared + (rise.time * a.duration_se) ** 2))
-        shared = a.shared + rise.time * a.duration_se**2
-        begun.append(replace(a, start=a.start + rise.time * a.duration, start_se=error, shared=shared))
-    return replace(template, time=template.time - rise.time, start_se=rise.se, start_shape=rise.shape), begun
-
-
-def middle_of_rise(track: PlatformTrack) -> float:
-    """Time [s] at which the largest displacement from rest is half reached."""
-    moved = np.linalg.norm(track.filtered - track.rest, axis=1)
-    top = float(moved.max())
-    row = int(np.argmax(moved > top / 2))
-    share = (top / 2 - moved[row - 1]) / (moved[row] - moved[row - 1]) if row else 1.0
-    return float(track.time[max(row - 1, 0)] + share * (track.time[1] - track.time[0]))
-
-
-def without_groups(pairs: Pairs, template: PlatformTemplate) -> tuple[PlatformTemplate, ...]:
-    """The shape without each of up to ten groups of the crossings that follow it, for its jackknife."""
-    groups, ends, found = min(len(pairs), 10), (float(template.time[0]), float(template.time[-1])), []
-    for group in range(groups):
-        kept = [pair for index, pair in enumerate(pairs) if index % groups != group]
-        shape, (size, duration) = mean_shape(kept, template.axes, ends, template.noise, False), mean_scales(kept)
-        found.append(replace(template, time=shape.time / duration, shape=shape.shape / size))
-    return tuple(found)
+        error = float(np.sqrt(a.start_se**2 + 2 * zero * a.shared + (zero * a.duration_se) ** 2))
+        begun.append(replace(a, start=a.start + zero * a.duration, start_se=error))
+    return replace(template, time=template.time - zero, start_se=zero_se, start_shape=start_shape), begun
 
 
 def jackknife_rows(plate: Sequence[Array], platform: Sequence[Array]) -> Array:
@@ -546,10 +473,9 @@ def jackknife_rows(plate: Sequence[Array], platform: Sequence[Array]) -> Array:
     if not len(platform) or not sources:
         return np.array(plate)
     total = sum(len(rows) for rows in sources)
-    scaled = [
-        (rows - rows.mean(axis=0)) * np.sqrt((len(rows) - 1) / len(rows) * total / (total - 1)) for rows in sources
-    ]
-    return np.concatenate(scaled)
+    return np.concatenate(
+        [(rows - rows.mean(axis=0)) * np.sqrt((1 - 1 / len(rows)) * total / (total - 1)) for rows in sources]
+    )
 
 
 @dataclass(frozen=True)
@@ -558,9 +484,8 @@ class TriggerLatency:
 
     mean: float
     sd: float
-    template_se: float  # standard error [s] with which the shared shape shows the start of one crossing
-    resolution: float  # standard deviation [s] of an edge that is known to one sample
-    used: bool  # whether the latency is constant, so that the trigger tells the onset
+    used: bool  # whether it is constant, so that the trigger tells the onset: it scatters as errors and sampling do
+    finer: bool  # whether an edge, which is known to one sample, is more certain than the start by the shape
 
 
 def trigger_edge(trial: Trial) -> tuple[float, float] | None:
@@ -579,22 +504,6 @@ def trigger_edge(trial: Trial) -> tuple[float, float] | None:
     return float(before + after) / 2, float(after - before)
 
 
-def trigger_latency(
-    alignments: Sequence[Alignment], triggers: Mapping[str, float], step: float
-) -> TriggerLatency | None:
-    """Latency [s] of the starts behind the triggers, sampled every `step` [s]; None with fewer than three crossings. It
-    is constant if its scatter is that of the starts' standard errors and of the sampling."""
-    both = [(a.start - triggers[a.name], a.start_se) for a in alignments if a.name in triggers]
-    if len(both) < 3:
-        return None
-    late, errors = np.array(both).T
-    resolution = step / np.sqrt(12)
-    expected = float(np.mean(errors**2)) + resolution**2
-    constant = np.sum((late - late.mean()) ** 2) / expected < scipy.special.chdtri(len(late) - 1, CHANCE)
-    mean, sd, template_se = float(late.mean()), float(late.std(ddof=1)), float(np.sqrt(np.mean(errors**2)))
-    return TriggerLatency(mean, sd, template_se, float(resolution), bool(constant))
-
-
 @dataclass(frozen=True)
 class PlatformModel:
     """What the platform's motions have in common."""
@@ -603,7 +512,7 @@ class PlatformModel:
     reason: str | None  # why there is none
     alignments: dict[str, Alignment]  # how each perturbed crossing follows it, by trial
     triggers: dict[str, float]  # time [s] of the trigger's edge, by trial, where it is recorded
-    latency: TriggerLatency | None  # None where no trigger is recorded, or no shape shared
+    latency: TriggerLatency | None  # None where fewer than three crossings have a trigger, or no shape is shared
     leave_out: tuple[PlatformTemplate, ...] = ()  # the shape without each of up to ten groups of crossings
 
     def onset(self, trial: str, own: float) -> float:
@@ -611,7 +520,7 @@ class PlatformModel:
         constant and it is finer than the shape tells the start, or the trial does not follow the shape; else from the
         shape."""
         a, late = self.followed(trial), self.latency
-        if late is not None and late.used and trial in self.triggers and (not a or late.resolution < late.template_se):
+        if late is not None and late.used and trial in self.triggers and (not a or late.finer):
             return self.triggers[trial] + late.mean
         return a.start if a else own
 
@@ -636,7 +545,7 @@ def identify_platform(
     for trial in trials:
         try:
             own = calibration_of(calibrations, trial.name)
-            time, poses = segment_poses(trial, settings.markers.platform, own.platform, settings)
+            time, poses = bodies.segment_poses(trial, settings.markers.platform, own.platform, settings)
             turned = np.nan_to_num(rotation_from_rest(poses))
             if not len(turned) or turned.max() < np.deg2rad(settings.perturbation_deg):
                 raise InputError(f"the platform does not turn by {settings.perturbation_deg:g} deg")
@@ -655,18 +564,30 @@ def identify_platform(
                 stacklevel=2,
             )
     edges = {t.name: edge for t in trials if (edge := trigger_edge(t)) is not None}
-    triggers, step = {name: edge[0] for name, edge in edges.items()}, max((s for _, s in edges.values()), default=0)
     known = [(track, a) for track, a in zip(tracks, alignments, strict=True) if a.follows]
-    latency = trigger_latency([a for _, a in known], triggers, step)
-    by_name = {a.name: a for a in alignments}
-    return PlatformModel(template, None, by_name, triggers, latency, without_groups(known, template))
+    both = [(a.start - edges[a.name][0], a.start_se) for _, a in known if a.name in edges]
+    latency = None
+    if len(both) >= 3:
+        late, errors = np.array(both).T
+        resolution, of_shape = max(step for _, step in edges.values()) / np.sqrt(12), float(np.mean(errors**2))
+        scatter = np.sum((late - late.mean()) ** 2) / (of_shape + resolution**2)
+        constant, finer = scatter < scipy.special.chdtri(len(late) - 1, CHANCE), resolution < np.sqrt(of_shape)
+        latency = TriggerLatency(float(late.mean()), float(late.std(ddof=1)), bool(constant), bool(finer))
+    groups, ends = min(len(known), 10), (float(template.time[0]), float(template.time[-1]))
+    without = []
+    for group in range(groups):
+        kept = [pair for index, pair in enumerate(known) if index % groups != group]
+        shape = mean_shape(kept, template.axes, ends, template.noise, False, unit=False)
+        without.append(replace(template, time=shape.time, shape=shape.shape))
+    triggers = {name: edge for name, (edge, _) in edges.items()}
+    return PlatformModel(template, None, {a.name: a for a in alignments}, triggers, latency, tuple(without))
 
 
 def differing_clusters(calibrations: Sequence[StaticCalibration], settings: PlatformMotionSettings) -> str:
     """Why motions measured with these calibrations cannot be compared, for a message; empty if they can. The
     coordinates of a motion are those of its cluster: of the place of each platform marker among the others."""
     labels, limit = settings.markers.platform, settings.largest_residual_mm
-    clusters = [reference_positions(c.platform, labels, "static") for c in calibrations]
+    clusters = [bodies.reference_positions(c.platform, labels, "static") for c in calibrations]
     local = [cluster - cluster.mean(axis=0) for cluster in clusters]
     apart = [1e3 * float(np.sqrt(np.mean(np.sum((one - local[0]) ** 2, axis=1)))) for one in local]
     if max(apart, default=0.0) <= limit:
@@ -687,32 +608,30 @@ def inertial_motion(
         return motion.weighted(weights)
     since, fade = (track.time - follows.start) / follows.duration, 0.025  # [s]
     end = float(template.time[-1]) - fade
-    shared = (follows.offset + template.curve(track.time, follows)) @ template.axes
-    rest = track.rest - track.rest @ template.axes.T @ template.axes
+    curve, across = template.curve(track.time, follows), template.axes.T @ template.axes
     later = np.clip((since - end) / fade, 0, 1)[:, None]
-    measured = track.measured @ template.axes.T @ template.axes
-    motion = track.motion_of(rest + (1 - later) * shared + later * measured, centre, rows)
-    curve = track.low_pass(template.curve(track.time, follows), track.rate)  # its noise is that of a mean
-    mean = replace(track, filtered=curve, noise=track.noise / float(np.sqrt(template.crossings)))
+    along = (1 - later) * (follows.offset + curve) @ template.axes + later * (track.measured @ across)
+    motion = track.motion_of(track.rest - track.rest @ across + along, centre, rows)
+    # the shape's noise is that of a mean
+    noise = track.noise / float(np.sqrt(template.crossings))
+    mean = replace(track, filtered=track.low_pass(curve, track.rate), noise=noise)
     moves = np.where(since < end, mean.moves(np.eye(curve.shape[1])), track.moving)
     return motion.weighted(gate(track.time, moves, track.spread)[rows])
 
 
 def platform_table(model: PlatformModel) -> pl.DataFrame:
     """`platform.csv`: one row per perturbed crossing whose platform was seen; none without a shape."""
-    late, shape = model.latency, model.template
-    names = (
-        "onset_s", "template_onset_s", "template_onset_se_s", "shared_onset_se_s", "onset_shape_s", "amplitude",
-        "duration", "misfit", "follows", "directions", "trigger_s", "latency_s", "latency_sd_s", "trigger_used",
-    )  # fmt: skip
-    counts = ("follows", "directions", "trigger_used")
-    schema: dict[str, type[pl.DataType]] = {name: pl.Int64 if name in counts else pl.Float64 for name in names}
-    schema, rows = {"trial": pl.String, **schema}, []
-    if shape is None:
-        return pl.DataFrame(schema=schema)
-    for a in model.alignments.values():
+    late, rows = model.latency, []
+    for a, shape in ((a, model.template) for a in model.alignments.values()):
+        assert shape is not None  # without one nothing is aligned
         starts = (model.onset(a.name, a.start), a.start, float(np.hypot(a.start_se, shape.start_se)), shape.start_se)
         follows = (shape.start_shape, a.amplitude, a.duration, a.misfit, int(a.follows), len(shape.axes))
         trigger = (model.triggers.get(a.name), late and late.mean, late and late.sd, int(bool(late and late.used)))
         rows.append((a.name, *starts, *follows, *trigger))
+    numbers = (
+        "onset_s", "template_onset_s", "template_onset_se_s", "shared_onset_se_s", "onset_shape_s", "amplitude",
+        "duration", "misfit", "follows", "directions", "trigger_s", "latency_s", "latency_sd_s", "trigger_used",
+    )  # fmt: skip
+    counts = dict.fromkeys(("follows", "directions", "trigger_used"), pl.Int64)
+    schema = {"trial": pl.String, **dict.fromkeys(numbers, pl.Float64), **counts}
     return pl.DataFrame(rows, schema=schema, orient="row")

@@ -1,25 +1,37 @@
-"""The isolated response to a perturbation: the perturbed crossing minus the mean unperturbed gait at the same phase."""
+"""The isolated response to a perturbation, the perturbed crossing minus the mean unperturbed gait at the same phase;
+and the result of a group of crossings: their mean response, its fit and bootstrap, both directions.
 
+Responses to turns in both directions are joined by half their difference, mean up minus mean down over 2. What a person
+does after either turn, whichever its direction, and the error of the mean unperturbed gait cancel in it.
+
+The draft subtracts the mean unperturbed gait. A crossing that is unlike the mean before the onset stays so for a while.
+The unperturbed crossings tell how: their deviations in the window are regressed on their level and slope of angle and
+torque before the onset. Which of these count, or none, is decided by cross-validation over the unperturbed crossings.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
+from scipy.special import ndtr, stdtrit
 
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
+from osl_analysis.measured import EXACT_FIT_SHARE
 from osl_analysis.second_order import ImpedanceFit, fit_impedance, impedance_torque
 from osl_analysis.signals import Motion, differentiate, sampling_rate
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import linear_fit
+from osl_analysis.stats.repeats import CommonError
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import Crossing
+from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.gait import BEFORE_ONSET_S, UnperturbedGait, aligned_gait, at_phases, signal_at
-from osl_analysis.walking.settings import StanceSource, Timing
+from osl_analysis.walking.settings import EnsembleSettings, StanceSource, TimingSettings
 
 MARGIN = 8  # Additional samples at both ends of a response. A spline's derivatives are less accurate at its ends.
 BEHAVIOUR = ("angle", "torque", "angle_slope", "torque_slope")
 """What a crossing does before the onset, up to where the filter spreads the response: mean and slope of its curves."""
-FROM_GAIT, FROM_GAIT_AND_PLATE = "unperturbed crossings", "unperturbed crossings + plate trials"
-"""Sources of the interval of a single perturbation. With a single plate trial the plate's part is unknown."""
 
 
 @dataclass(frozen=True)
@@ -35,15 +47,11 @@ class PerturbationResponse:
     torques: Array  # (crossings, k) [N*m]
     plate_errors: Array  # changes (m, k) [N*m] of the torque without each of m plate trials in the plate's model
     behaviour: Array  # (4, crossings), `BEHAVIOUR` before the onset, minus that of the i-th unperturbed crossing
-    timing: Timing
+    window: slice  # samples from the onset to the end of the fitted window, without that end: 30 for 0.1 s at 300 Hz
     sign: int = 1  # -1 if the platform turned the toes down, else 1
     stance: float = float("nan")  # duration of stance [s] that converts time to phase
     stance_change: float = 0.0  # own stance over the one that the gait before the onset leads to expect, minus 1
     stance_error: float = 0.0  # the same of `stance`; 0 if it is the expected one
-
-    @property
-    def window(self) -> slice:
-        return window_samples(self.time, self.timing)
 
     @property
     def fitted_motion(self) -> Motion:
@@ -54,14 +62,8 @@ class PerturbationResponse:
         return self.torque[self.window]
 
 
-def window_samples(time: Array, timing: Timing) -> slice:
-    """Samples from the onset to the end of the window, without that end: 30 for 0.1 s at 300 Hz."""
-    first = int(np.argmin(np.abs(time)))
-    return slice(first, first + round(timing.window / (time[1] - time[0])))
-
-
 def isolate_response(
-    crossing: Crossing, gait: UnperturbedGait, timing: Timing, perturbed_stance: StanceSource = "own"
+    crossing: Crossing, gait: UnperturbedGait, timing: TimingSettings, perturbed_stance: StanceSource = "own"
 ) -> PerturbationResponse:
     """The crossing's response to its perturbation. Phase is the time since heel strike over a duration of stance, as of
     `aligned_gait`. The baseline ends before the onset, because the filter spreads the response to earlier times: a
@@ -72,8 +74,8 @@ def isolate_response(
         )
     aligned = aligned_gait(crossing, gait, perturbed_stance)
     rate = sampling_rate(crossing.time)
-    first = round((timing.baseline + timing.guard) * rate) + MARGIN
-    time = np.arange(-first, round(timing.window * rate) + MARGIN + 1) / rate
+    first = round((timing.baseline_s + timing.guard_s) * rate) + MARGIN
+    time = np.arange(-first, round(timing.window_s * rate) + MARGIN + 1) / rate
     phase = (crossing.onset + time - crossing.stance.heel_strike) / aligned.stance
     begins, ends = phase[MARGIN], phase[-MARGIN - 1]
     if begins < 0 or ends > 1:
@@ -88,7 +90,7 @@ def isolate_response(
     before = time <= -BEFORE_ONSET_S
     x, curves = time[before] - time[before].mean(), np.array([thetas, torques])[..., before]
     behaviour = np.concatenate([curves.mean(axis=-1), curves @ x / max(float(x @ x), np.finfo(float).tiny)])
-    baseline = slice(MARGIN, MARGIN + round(timing.baseline * sampling_rate(time)))
+    baseline = slice(MARGIN, MARGIN + round(timing.baseline_s * sampling_rate(time)))
     thetas, torques, errors = (c - c[..., baseline].mean(axis=-1, keepdims=True) for c in (thetas, torques, errors))
     return PerturbationResponse(
         name=crossing.name,
@@ -98,10 +100,10 @@ def isolate_response(
         thetas=thetas,
         torques=torques,
         plate_errors=errors,
-        timing=timing,
+        behaviour=behaviour,
+        window=slice(first, first + round(timing.window_s / (time[1] - time[0]))),
         sign=crossing.sign,
         stance=aligned.stance,
-        behaviour=behaviour,
         stance_change=crossing.stance.duration / aligned.expected - 1,
         stance_error=0.0 if perturbed_stance == "matched" else aligned.stance / aligned.expected - 1,
     )
@@ -111,7 +113,8 @@ def fit_response(response: PerturbationResponse) -> ImpedanceFit:
     """Fit Eq. 15 without an offset in the window. The zero is the mean over the baseline: an offset would absorb what
     is not of second order (on the exact response of the simulated drivetrain, K = 321 N*m/rad instead of 334). The
     covariance comes from gait (the perturbed crossing deviates as each unperturbed one does, the mean of n with 1/n of
-    their variance) and from the plate trials; the residual, a few correlated samples, shows neither."""
+    their variance) and from the plate trials, if there are several; the residual, a few correlated samples, shows
+    neither."""
     try:
         impedance = fit_without_offset(response.fitted_motion, response.fitted_torque)
     except OslAnalysisError as error:
@@ -119,10 +122,12 @@ def fit_response(response: PerturbationResponse) -> ImpedanceFit:
     gait = estimate_changes(gait_torque(response, impedance), response)
     plate, n = estimate_changes(response.plate_errors, response), len(gait)
     of_gait, of_plate = (1 + 1 / n) * np.cov(gait, rowvar=False), jackknife_covariance(plate)
-    freedom = welch_satterthwaite([np.diag(of_gait), np.diag(of_plate)], [n - 1, max(len(plate) - 1, 1)])
-    method = FROM_GAIT_AND_PLATE if len(plate) > 1 else FROM_GAIT
-    covariance = of_gait + of_plate
-    fit = replace(impedance.fit, covariance=covariance, degrees_of_freedom=freedom, interval_method=method)
+    fit = replace(
+        impedance.fit,
+        covariance=of_gait + of_plate,
+        degrees_of_freedom=welch_satterthwaite([np.diag(of_gait), np.diag(of_plate)], [n - 1, max(len(plate) - 1, 1)]),
+        interval_method="unperturbed crossings" + (" + plate trials" if len(plate) > 1 else ""),
+    )
     return replace(impedance, fit=fit)
 
 
@@ -143,9 +148,13 @@ def gait_torque(response: PerturbationResponse, impedance: ImpedanceFit) -> Arra
 def estimate_changes(torques: Array, response: PerturbationResponse) -> Array:
     """Changes (m, 3) of K, B, I, to first order, when each of m torques (m, k) [N*m] is added to the response's own: of
     `gait_torque`, or without one plate trial each."""
-    rows, motion = response.window, response.motion
-    columns = np.column_stack([motion.theta, motion.omega, motion.alpha])
-    return np.asarray(np.linalg.lstsq(columns[rows], torques.T[rows])[0].T)
+    columns = motion_columns(response.fitted_motion)
+    return np.asarray(np.linalg.lstsq(columns, torques.T[response.window])[0].T)
+
+
+def motion_columns(motion: Motion) -> Array:
+    """Columns (n, 3) of Eq. 15."""
+    return np.column_stack([motion.theta, motion.omega, motion.alpha])
 
 
 def jackknife_covariance(changes: Array) -> Array:
@@ -189,3 +198,270 @@ def response_lag(response: PerturbationResponse) -> tuple[float, float] | None:
     fit = fit_without_offset(motion, np.asarray(later(stamps + lag))).fit
     freedom = max(fit.samples / fit.correlation_samples - 4, 1.0)
     return lag, float(np.sqrt(2 * least / freedom / curvature))
+
+
+Predictors = tuple[str, ...]  # Of `BEHAVIOUR`; with none the prediction is the mean unperturbed gait
+
+
+@dataclass(frozen=True)
+class EnsembleResponse:
+    """Mean over n perturbations, k samples from the onset [s]: angle [rad], torque [N*m], and Eq. 15 in the window."""
+
+    n: int
+    time: Array
+    motion: Motion
+    torque: Array
+    fit: ImpedanceFit
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """Estimates of resampled ensembles, one entry per sample, VAF in percent, and the degrees of freedom: the smaller
+    of those of the perturbations (`freedom_of`) and of the unperturbed crossings."""
+
+    K: Array
+    B: Array
+    I: Array
+    VAF: Array
+    degrees_of_freedom: float
+
+    def se(self, name: str) -> float:
+        """Standard error of a quantity, in its unit."""
+        return float(np.std(getattr(self, name), ddof=1))
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """Bounds of the 95 % interval of a quantity: percentiles, widened as Student's quantiles (Hesterberg, 2015)."""
+        tail = float(ndtr(stdtrit(self.degrees_of_freedom, 0.025)))
+        low, high = np.quantile(getattr(self, name), [tail, 1 - tail])
+        return float(low), float(high)
+
+    def cov(self, first: str, second: str) -> float:
+        """Covariance of two quantities, in the product of their units."""
+        return float(np.cov(getattr(self, first), getattr(self, second))[0, 1])
+
+
+def signs_of(responses: Sequence[PerturbationResponse]) -> NDArray[np.int_]:
+    """Directions (n,) of responses: 1 or -1 if there are two, else all 1."""
+    signs = np.array([r.sign for r in responses])
+    return signs if len(np.unique(signs)) > 1 else np.ones_like(signs)
+
+
+def joining_weights(signs: NDArray[np.int_]) -> Array:
+    """Weights (n,) of responses with `signs` (n,) in their mean, or in half the difference of two directions."""
+    count = np.where(signs > 0, np.sum(signs > 0), np.sum(signs < 0))
+    return np.asarray(signs / count / len(np.unique(signs)))
+
+
+def freedom_of(signs: NDArray[np.int_]) -> float:
+    """Degrees of freedom of a mean of perturbations, or of a difference of two means (Welch, equal variances)."""
+    counts = np.unique(signs, return_counts=True)[1].tolist()
+    if len(counts) == 1:
+        return float(counts[0] - 1)
+    return float(welch_satterthwaite([1 / n for n in counts], [n - 1 for n in counts]))
+
+
+def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
+    """Weights (samples, n) of n items in the mean of n - 1 items drawn with replacement: the mean of n draws has a
+    variance that is too small by (n - 1)/n (Hesterberg, The American Statistician 69, 2015). A single item has 1."""
+    if n < 2:
+        return np.ones((samples, n))
+    return random.multinomial(n - 1, np.full(n, 1 / n), size=samples) / (n - 1)
+
+
+class Ensemble:
+    """The n responses of a group to c unperturbed crossings, k samples, stacked: theta and torque (n, c, k), behaviour
+    (n, 4, c), directions (n,), and the influence (n, m, k) of each of m plate trials on the torque."""
+
+    def __init__(self, responses: Sequence[PerturbationResponse]) -> None:
+        check_joinable(responses)
+        self.theta, self.torque, self.behaviour, plate = (
+            np.array([getattr(r, name) for r in responses])
+            for name in ("thetas", "torques", "behaviour", "plate_errors")
+        )
+        self.signs, self.time, self.window = signs_of(responses), responses[0].time, responses[0].window
+        trials = plate.shape[1]
+        self.influence = -(trials - 1) * (plate - plate.mean(axis=1, keepdims=True)) if trials > 1 else plate
+
+    def joined(self, weights: Array, unperturbed: Array, predictors: Predictors = ()) -> tuple[Array, Array]:
+        """Angle and torque (k,) each, of the responses joined with `weights` (n,), whose baseline is the mean of the
+        unperturbed crossings with weights (c,), or what the predictors tell for each direction."""
+        if not predictors:
+            theta, torque = (np.tensordot(weights, curves, 1) for curves in (self.theta, self.torque))
+            return unperturbed @ theta, unperturbed @ torque
+        chosen, parts = [BEHAVIOUR.index(name) for name in predictors], []
+        for sign in np.unique(self.signs[weights != 0]):
+            own = np.where(self.signs == sign, weights, 0.0)
+            baseline = predicting_weights(np.tensordot(own, self.behaviour, 1)[chosen], unperturbed)
+            parts.append((baseline @ np.tensordot(own, self.theta, 1), baseline @ np.tensordot(own, self.torque, 1)))
+        theta, torque = np.sum(parts, axis=0)
+        return theta, torque
+
+    def fitted(self, predictors: Predictors = (), sign: int = 0) -> EnsembleResponse:
+        """Mean response, or half the difference of two directions, and its fit in the common window. With a `sign` the
+        mean of that direction alone."""
+        crossings, own = self.theta.shape[1], self.signs == sign
+        weights = own / own.sum() if sign else joining_weights(self.signs)
+        theta, torque = self.joined(weights, np.full(crossings, 1 / crossings), predictors)
+        motion = differentiate(self.time, theta)
+        fit = fit_without_offset(motion[self.window], torque[self.window])
+        return EnsembleResponse(int(own.sum()) if sign else len(own), self.time, motion, torque, fit)
+
+    def resampled(self, samples: int, predictors: Predictors = (), sign: int = 0) -> Bootstrap:
+        """The ensemble refitted with perturbations, within their direction, unperturbed crossings and plate trials (to
+        first order) resampled with replacement: the errors of mean gait and plate are common to all responses and do
+        not show in the scatter between perturbations. With a `sign` the mean of that direction alone, from the same
+        draws."""
+        random, signs = np.random.default_rng(20), self.signs  # the same data give the same interval
+        perturbed = np.empty((samples, len(signs)))
+        for each in np.unique(signs)[::-1]:
+            perturbed[:, signs == each] = resampling_weights(random, samples, int(np.sum(signs == each)))
+        of_gait, of_plate = (
+            resampling_weights(random, samples, each.shape[1]) for each in (self.theta, self.influence)
+        )
+        weights = perturbed * (signs == sign) if sign else perturbed * signs / len(np.unique(signs))
+        angles, torques = np.empty((2, len(self.time), samples))
+        for i, (w, unperturbed, unloaded) in enumerate(zip(weights, of_gait, of_plate, strict=True)):
+            angles[:, i], torques[:, i] = self.joined(w, unperturbed, predictors)
+            torques[:, i] += unloaded @ np.tensordot(w, self.influence, 1)
+        own = freedom_of(signs[signs == sign] if sign else signs)
+        freedom = min(own, self.theta.shape[1] - 1 - len(predictors))
+        # `fit_without_offset` of all samples at once, and their VAF as `variance_accounted_for`
+        motion, y = differentiate(self.time, angles)[self.window], torques[self.window].T
+        columns = np.stack([motion.theta.T, motion.omega.T, motion.alpha.T], axis=-1)
+        sizes = np.linalg.norm(columns, axis=1, keepdims=True)
+        estimates = np.linalg.pinv(columns / sizes) @ y[..., None] / sizes.swapaxes(1, 2)
+        left, variance = (y - (columns @ estimates)[..., 0]).var(axis=1), y.var(axis=1)
+        rounding = EXACT_FIT_SHARE * np.mean(y**2, axis=1)
+        share = np.divide(left, variance, out=(left > rounding).astype(float), where=variance > rounding)
+        K, B, I = estimates[:, :, 0].T
+        return Bootstrap(K, B, I, 100 * (1 - share), freedom)
+
+
+def ensemble_response(responses: Sequence[PerturbationResponse], predictors: Predictors = ()) -> EnsembleResponse:
+    """Mean response, or half the difference of two directions, and its fit, with what predictors tell of the
+    baseline."""
+    return Ensemble(responses).fitted(predictors)
+
+
+def bootstrap(responses: Sequence[PerturbationResponse], samples: int, predictors: Predictors = ()) -> Bootstrap:
+    """`ensemble_response` of resampled perturbations, unperturbed crossings and plate trials."""
+    return Ensemble(responses).resampled(samples, predictors)
+
+
+def check_joinable(responses: Sequence[PerturbationResponse]) -> None:
+    """Refuse responses that cannot be averaged."""
+    if len(responses) < 2:
+        raise InputError(f"perturbations in the ensemble: {len(responses)}, expected 2 or more; record more")
+    signs = signs_of(responses)
+    for sign, word in ((1, UP), (-1, DOWN)):
+        if np.sum(signs == sign) == 1:
+            raise InputError(
+                f"1 perturbation turns the toes {word} and {len(signs) - 1} the other way, expected 2 or more of each "
+                "to join them; record more, or exclude it in the sheet"
+            )
+    first = responses[0]
+    for r in responses[1:]:
+        shapes = r.thetas.shape, r.plate_errors.shape
+        if shapes != (first.thetas.shape, first.plate_errors.shape) or not np.allclose(r.time, first.time):
+            raise InputError(
+                f"trial {r.name}: {len(r.time)} samples from {len(r.thetas)} unperturbed crossings and "
+                f"{len(r.plate_errors)} plate trials, but trial {first.name} has {len(first.time)} from "
+                f"{len(first.thetas)} and {len(first.plate_errors)}, or other sampling times; record all crossings at "
+                "one marker rate and run the analysis again"
+            )
+
+
+def predicting_weights(behaviour: Array, weights: Array) -> Array:
+    """Weights (c,) of c unperturbed crossings in what a perturbed one would have done: of the weighted regression of
+    their curves on `behaviour` (q, c), the perturbed one's minus theirs, at 0. `weights` where too few are not 0."""
+    used = weights > 0
+    if not len(behaviour) or used.sum() < len(behaviour) + 2:
+        return weights
+    root = np.sqrt(weights)
+    sizes = np.sqrt(np.mean(behaviour**2, axis=1, keepdims=True))
+    columns = np.column_stack([np.ones_like(weights), (behaviour / np.where(sizes > 0, sizes, 1.0)).T])
+    return np.asarray(root * np.linalg.pinv(root[:, None] * columns)[0])
+
+
+def cross_validated(responses: Sequence[PerturbationResponse], impedance: ImpedanceFit) -> tuple[Predictors, float]:
+    """The predictors that predict best what each unperturbed crossing adds to the residual, from the others; none: the
+    mean is at least as good. And the share, as a mean square of that torque, of the crossings' deviations that they
+    predict. `impedance` is the fit to the mean response."""
+    curves = np.mean([gait_torque(r, impedance)[:, responses[0].window] for r in responses], axis=0)
+    behaviour, missed = np.mean([r.behaviour for r in responses], axis=0), dict[Predictors, float]()
+    for predictors in ((), ("angle_slope",), ("angle", "torque"), BEHAVIOUR):
+        if predictors and len(curves) < 3 * len(predictors) + 4:  # the bootstrap's regressions were undetermined
+            continue
+        some = behaviour[[BEHAVIOUR.index(name) for name in predictors]]
+        columns = np.column_stack([np.ones(len(curves)), (some - some.mean(axis=1, keepdims=True)).T])
+        sizes = np.sqrt(np.mean(columns**2, axis=0))
+        columns = columns / np.where(sizes > 0, sizes, 1.0)
+        hat = columns @ np.linalg.pinv(columns)
+        alone = np.maximum(1 - np.diag(hat), 1e-9)  # a curve that alone determines a coefficient cannot be predicted
+        missed[predictors] = float(np.mean(((curves - hat @ curves) / alone[:, None]) ** 2))
+    best = min(missed, key=lambda predictors: missed[predictors])
+    return best, 1 - missed[best] / missed[()] if best else 0.0
+
+
+def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[CommonError]]:
+    """Errors of K, B and I that all perturbations share, as variances: of a mean of n unperturbed crossings, and of the
+    plate's model, the jackknife's over the plate trials."""
+    check_joinable(responses)
+    shares, changes = np.abs(joining_weights(signs_of(responses))), []
+    for r in responses:
+        impedance = fit_without_offset(r.fitted_motion, r.fitted_torque)
+        changes.append((estimate_changes(gait_torque(r, impedance), r), estimate_changes(r.plate_errors, r)))
+    gait, plate = (np.average(each, axis=0, weights=shares) for each in zip(*changes, strict=True))
+    gait_variances, plate_variances = np.var(gait, axis=0, ddof=1) / len(gait), np.diag(jackknife_covariance(plate))
+    return {
+        name: [CommonError(float(g), len(gait) - 1), CommonError(float(p), max(len(plate) - 1, 1))]
+        for name, g, p in zip("KBI", gait_variances, plate_variances, strict=True)
+    }
+
+
+Direction = tuple[Mapping[str, float], Bootstrap, int]
+"""One direction of the platform, or up minus down: K, B and I, the same of resampled ones, number of perturbations."""
+
+
+@dataclass(frozen=True)
+class GroupHeadline:
+    """Result of one group."""
+
+    responses: Sequence[PerturbationResponse]
+    common: Mapping[str, Sequence[CommonError]]  # errors that all single fits share, by quantity
+    directions: Mapping[str, Direction]  # `up`, `down` and `up minus down`; empty if there is one only
+    share: float  # of the unperturbed crossings' deviations that their behaviour before the onset predicts
+    ensemble: EnsembleResponse  # with the baseline that the settings name
+    resampled: Bootstrap
+    other: tuple[EnsembleResponse, Bootstrap]  # with the other baseline, `other_baseline`
+    other_baseline: str  # the name of its estimator
+
+
+def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, settings: EnsembleSettings) -> GroupHeadline:
+    """The result of the perturbed crossings of one group, whose mean unperturbed gait is `gait`."""
+    responses = [isolate_response(c, gait, settings, settings.perturbed_stance) for c in perturbed]
+    ensemble, samples = Ensemble(responses), settings.bootstrap_samples
+    of_mean = ensemble.fitted(), ensemble.resampled(samples)
+    names, share = cross_validated(responses, of_mean[0].fit)
+    predicted = (ensemble.fitted(names), ensemble.resampled(samples, names)) if names else of_mean
+    if settings.baseline == "predicted":
+        own, other, other_baseline = predicted, of_mean, "ensemble, mean gait"
+    else:
+        own, other, other_baseline = of_mean, predicted, "ensemble, predicted gait"
+    common, directions = common_errors(responses), compare_directions(ensemble, samples)
+    return GroupHeadline(responses, common, directions, share, *own, other, other_baseline)
+
+
+def compare_directions(ensemble: Ensemble, samples: int) -> dict[str, Direction]:
+    """Fits to the mean responses up and down, and their difference; empty if the platform always turned one way. Both
+    are resampled together: the error of the mean unperturbed gait does not cancel in the difference."""
+    found: dict[str, Direction] = {}
+    if len(np.unique(ensemble.signs)) < 2:
+        return found
+    for name, sign in ((UP, 1), (DOWN, -1)):
+        mean = ensemble.fitted(sign=sign)
+        found[name] = {q: getattr(mean.fit, q) for q in "KBI"}, ensemble.resampled(samples, sign=sign), mean.n
+    (up, ups, n_up), (down, downs, n_down) = found.values()
+    K, B, I, VAF = (getattr(ups, name) - getattr(downs, name) for name in ("K", "B", "I", "VAF"))
+    difference = Bootstrap(K, B, I, VAF, min(ups.degrees_of_freedom, downs.degrees_of_freedom))
+    return found | {"up minus down": ({name: up[name] - down[name] for name in up}, difference, n_up + n_down)}

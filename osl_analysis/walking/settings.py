@@ -1,6 +1,5 @@
 """Choices of the walking analysis in `config.yaml`, each with its unit."""
 
-from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -10,6 +9,7 @@ from osl_analysis.signals import LowPass
 
 NotNegative = Annotated[float, Field(ge=0)]
 Cluster = Annotated[tuple[str, ...], Field(min_length=3)]
+Side = Literal["left", "right"]
 StanceSource = Literal["own", "unperturbed", "matched"]
 
 PoolKey = Literal["group", "subject", "session", "side", "speed", "K_d", "B_d", "timing"]
@@ -31,20 +31,6 @@ class GroupSettings(Settings):
         if both:
             raise ValueError(f"'{both[0]}' stands in group_by and in pool; remove it from one of them")
         return self
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Which samples around the onset of a perturbation are used."""
-
-    window: float  # time [s] after the onset that is fitted
-    baseline: float  # length [s] of the interval before the onset whose mean is the response's zero
-    guard: float  # time [s] from the end of the baseline to the onset, which the zero-phase filter spreads
-
-    @property
-    def lead(self) -> float:
-        """Time [s] from the start of the baseline to the onset."""
-        return self.guard + self.baseline
 
 
 class Markers(Settings):
@@ -111,10 +97,6 @@ class TimingSettings(Settings):
     guard_s: NotNegative
     """Time [s] between the end of the baseline and the onset: the zero-phase filter spreads the onset into it."""
 
-    @property
-    def timing(self) -> Timing:
-        return Timing(self.window_s, self.baseline_s, self.guard_s)
-
 
 class PlatformSettings(MarkerSettings, WalkingFilter):
     """The moving platform and its force plate."""
@@ -130,7 +112,7 @@ class PlatformSettings(MarkerSettings, WalkingFilter):
 class CalibrationSettings(MarkerSettings):
     """How the ankle's centre and axis are calibrated."""
 
-    side: Literal["left", "right"]  # Side of the subject that wears the prosthesis
+    side: Side  # Side of the subject that wears the prosthesis
     hinge: Literal["anatomical", "functional"]
     """Source of the ankle's axis: `anatomical`, the malleoli in the static trial; or `functional`, the relative motion
     of foot and shank."""

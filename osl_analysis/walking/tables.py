@@ -17,28 +17,26 @@ from osl_analysis.signals import Motion
 from osl_analysis.stats.fit_row import covariance_row, diagnostics_row, estimates_row, lag_damping_row
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import Crossing
-from osl_analysis.walking.ensemble import Bootstrap, EnsembleResponse, GroupHeadline, signs_of
+from osl_analysis.walking.crossing import DOWN, Crossing
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
 from osl_analysis.walking.groups import ALL, STATED, Cells, Sheet, pooled_over
 from osl_analysis.walking.response import (
+    Bootstrap,
+    EnsembleResponse,
+    GroupHeadline,
     PerturbationResponse,
     fit_response,
     gait_torque,
     isolate_response,
+    motion_columns,
     offset_comparison,
     response_lag,
-    window_samples,
+    signs_of,
 )
-from osl_analysis.walking.settings import ResponseSettings, Timing
-from osl_analysis.walking.setup import DOWN
+from osl_analysis.walking.settings import ResponseSettings, TimingSettings
 
 SUMMARISED = ("K", "B", "I", "VAF")
-MEAN, ENSEMBLE = "mean of perturbations", "ensemble"
-OTHER_BASELINE = {"predicted": "ensemble, mean gait", "mean": "ensemble, predicted gait"}
-"""The ensemble with the baseline that the configuration does not name, by the one that it names."""
-WITH_COMMON_ERRORS = "Student + shared errors"  # From the scatter, and the errors that all perturbations share
-PHASE_STEP = 4  # Step between the plotted `PHASES`: a hundred points of stance are enough for a curve
+ENSEMBLE = "ensemble"
 COMMANDED = "commanded"  # Series of the curve that the controller commands
 FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
 
@@ -59,13 +57,16 @@ class Group:
 def groups_of(selection: pl.DataFrame, sheet: Sheet | None) -> list[Group]:
     """Groups of `walking_crossings.csv` in the order of their conditions, numbers as numbers, then by direction where
     groups have one each, then by phase. A gait none of whose perturbed crossings is used is a group without trials."""
-    perturbed, found = selection.filter(pl.col("perturbed")), []
+    perturbed, found = selection.filter(pl.col("perturbed")), list[Group]()
     rows = {trial: (sheet or {}).get(trial, {}) for trial in perturbed["trial"]}
 
-    def shared_cells(trials: Sequence[str]) -> dict[str, object]:
-        """The stated conditions that are the same in all trials; None where they differ."""
-        values = {key: {rows[trial].get(key) for trial in trials} for key in STATED}
-        return {key: value.pop() if len(value) == 1 else None for key, value in values.items()}
+    def add(name: str, gait: str, members: pl.DataFrame, used: bool) -> None:
+        """The group of these crossings, with the stated conditions that are the same in all; None where they differ."""
+        values = {key: {rows[trial].get(key) for trial in members["trial"]} for key in STATED}
+        cells = {key: value.pop() if len(value) == 1 else None for key, value in values.items()}
+        own = members if used else members.clear()
+        trials, directions, phases = (tuple(own[column]) for column in ("trial", "direction", "onset_phase"))
+        found.append(Group(name, gait, trials, directions, phases, cells, pooled_over(trials, rows)))
 
     def order(group: Group) -> tuple[object, ...]:
         cells = [group.cells[key] for key in STATED]
@@ -74,14 +75,11 @@ def groups_of(selection: pl.DataFrame, sheet: Sheet | None) -> list[Group]:
         return (*parts, turned, float(np.mean(group.phases)) if group.phases else np.inf, group.name)
 
     for members in perturbed.filter(pl.col("group").is_not_null()).partition_by("group", maintain_order=True):
-        trials, directions, phases = (tuple(members[column]) for column in ("trial", "direction", "onset_phase"))
-        group, gait = members["group"][0], members["gait"][0]
-        found.append(Group(group, gait, trials, directions, phases, shared_cells(trials), pooled_over(trials, rows)))
+        add(members["group"][0], members["gait"][0], members, used=True)
     known = {group.gait for group in found}
     for gait in perturbed["gait"].unique(maintain_order=True):
         if gait not in known:
-            cells = shared_cells(perturbed.filter(pl.col("gait") == gait)["trial"].to_list())
-            found.append(Group(gait or ALL, gait or ALL, (), (), (), cells, ""))
+            add(gait or ALL, gait or ALL, perturbed.filter(pl.col("gait") == gait), used=False)
     return sorted(found, key=order)
 
 
@@ -109,25 +107,24 @@ def group_row(group: Group, gait: UnperturbedGait | None, window: float) -> dict
     }
 
 
-def fitted_time(ensemble: EnsembleResponse, timing: Timing) -> float:
+def fitted_time(headline: GroupHeadline) -> float:
     """Time [s] after the onset at which the fit reads a stiffness that changes linearly within the window: K is a sum
     of torques with weights w, w . theta = 1, so that it is K(t) at t = sum of w theta t, later than the middle."""
-    rows, motion = window_samples(ensemble.time, timing), ensemble.motion
-    columns = np.column_stack([motion.theta, motion.omega, motion.alpha])[rows]
-    return float(np.linalg.pinv(columns)[0] @ (motion.theta[rows] * ensemble.time[rows]))
+    ensemble, rows = headline.ensemble, headline.responses[0].window
+    theta_by_time = ensemble.motion.theta[rows] * ensemble.time[rows]
+    return float(np.linalg.pinv(motion_columns(ensemble.motion[rows]))[0] @ theta_by_time)
 
 
 def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings) -> dict[str, object]:
     """One row of `walking.csv`: the fit of Eq. 15 to the isolated response of one crossing. `lag_out_of_reach` is 1 if
     the best lag is at or beyond the limit of the search, for example if the torque is two frames late, else 0."""
-    response = isolate_response(crossing, gait, settings.timing, settings.perturbed_stance)
+    response = isolate_response(crossing, gait, settings, settings.perturbed_stance)
     impedance, delay = fit_response(response), response_lag(response)
-    fit, onset = impedance.fit, crossing.onset or 0.0
-    lag, lag_se = delay or (None, None)
+    fit, onset, (lag, lag_se) = impedance.fit, crossing.onset or 0.0, delay or (None, None)
     return {
         "trial": crossing.name,
         "onset_s": onset,
-        "onset_phase": (onset - crossing.stance.heel_strike) / crossing.stance.duration,
+        "onset_phase": float(crossing.stance.phase(np.array(onset))),
         "stance_s": crossing.stance.duration,
         "phase_stance_s": response.stance,
         "bridged": crossing.bridged,
@@ -149,7 +146,7 @@ def single_facts(response: PerturbationResponse, impedance: ImpedanceFit) -> Fac
     motion, torque = response.fitted_motion, response.fitted_torque
     left = gait_torque(response, impedance)[:, response.window]
     free = offset_comparison(motion, torque, impedance.K)
-    columns = np.column_stack([motion.theta, motion.omega, motion.alpha, np.ones_like(motion.theta)])
+    columns = np.column_stack([motion_columns(motion), np.ones_like(motion.theta)])
     scatter = float(np.std(np.linalg.lstsq(columns, left.T, rcond=None)[0][-1], ddof=1))
     counts = abs(free["offset_share"] or 0.0) > 0.15 and scatter > 0  # by less an offset hardly changes K
     return free | {
@@ -167,49 +164,45 @@ def group_facts(headline: GroupHeadline) -> Facts:
     left = np.mean([gait_torque(r, fit)[:, rows] for r in responses], axis=0)
     values = {name: float(getattr(fit, name)) for name in "KBI"}
     intervals = {name: headline.resampled.interval(name) for name in "KBI"}
-    singles = [fit_response(r) for r in responses]
-    outside = sum(not low <= values[name] <= high for name, (low, high) in intervals.items())
+    singles, signs = [fit_response(r) for r in responses], signs_of(responses)
+    distances = [0.0]  # of ensemble and mean of perturbations, over the sum of the halves of both intervals
+    for name, (low, high) in intervals.items():
+        mean = over_repeats([getattr(one, name) for one in singles], headline.common.get(name, ()), signs)
+        width = high - low + mean.high - mean.low
+        if width > 1e-9 * abs(values[name]):  # intervals of crossings that are all equal have no width
+            distances.append(2 * abs(values[name] - mean.mean) / width)
     angles = np.array([r.sign * r.fitted_motion.theta for r in responses])
+    # How far the stance by which phase is computed differs from the one that was to be expected, if that is certain
+    known = np.array([(r.stance_change, r.stance_error) for r in responses if np.isfinite(r.stance_change)])
+    change, uncorrected = None, None
+    if len(known) > 1:
+        change, error = known.mean(axis=0).tolist()
+        certain = abs(error) > 3 * float(known[:, 1].std(ddof=1)) / np.sqrt(len(known))
+        uncorrected = error if certain else None
     return {
         "coherence": rms(angles.mean(axis=0)) / rms(angles),  # 1 for equal responses, 0 if they cancel
         "VAF": fit.fit.vaf,
         "residual_over_gait": residual_over_gait(motion, torque, left),
         "offset_share": offset_comparison(motion, torque, fit.K)["offset_share"],
-        "outside_interval": float(outside),
-        "estimator_difference": estimator_difference(headline, singles, values, intervals),
+        "outside_interval": float(sum(not low <= values[name] <= high for name, (low, high) in intervals.items())),
+        "estimator_difference": max(distances),
         "heterogeneity": heterogeneity(singles),
         "K": values["K"],
         "K_se_share": headline.resampled.se("K") / abs(values["K"]) if values["K"] else None,
         "B_high": intervals["B"][1],
         "I_high": intervals["I"][1],
-        **stance_facts(responses),
-        "predicted_share": headline.prediction.share,
+        "stance_change": change,
+        "uncorrected_stance_change": uncorrected,
+        "predicted_share": headline.share,
     }
 
 
 def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | None:
     """RMS residual of Eq. 15 over the RMS residual of what ordinary gait leaves (crossings, k). Null if the residual is
     below 3 % of the torque, or gait leaves none."""
-    columns = np.column_stack([motion.theta, motion.omega, motion.alpha])
+    columns = motion_columns(motion)
     own, gait = (rms(y - (columns @ np.linalg.lstsq(columns, y.T, rcond=None)[0]).T) for y in (torque[None], left))
     return own / gait if own > 0.03 * rms(torque) and gait > 0 else None
-
-
-def estimator_difference(
-    headline: GroupHeadline,
-    singles: Sequence[ImpedanceFit],
-    values: Mapping[str, float],
-    intervals: Mapping[str, tuple[float, float]],
-) -> float:
-    """Largest distance of ensemble and mean of perturbations, over the sum of the halves of both intervals. Intervals
-    without width, of crossings that are all equal, do not count."""
-    distances, signs = [], signs_of(headline.responses)
-    for name, (low, high) in intervals.items():
-        mean = over_repeats([getattr(fit, name) for fit in singles], headline.common.get(name, ()), signs)
-        width = high - low + mean.high - mean.low
-        if width > 1e-9 * abs(values[name]):
-            distances.append(2 * abs(values[name] - mean.mean) / width)
-    return max(distances, default=0.0)
 
 
 def heterogeneity(singles: Sequence[ImpedanceFit]) -> float | None:
@@ -223,31 +216,18 @@ def heterogeneity(singles: Sequence[ImpedanceFit]) -> float | None:
     return float(np.sum(weight * (K - np.average(K, weights=weight)) ** 2) / (len(K) - 1))
 
 
-def stance_facts(responses: Sequence[PerturbationResponse]) -> Facts:
-    """Mean change of stance by the perturbation, as a share; and how far the stance by which phase is computed differs
-    from the one that the gait before the onset leads to expect, if that is certain."""
-    changes = np.array([r.stance_change for r in responses])
-    errors = np.array([r.stance_error for r in responses])[np.isfinite(changes)]
-    changes = changes[np.isfinite(changes)]
-    if len(changes) < 2:
-        return {"stance_change": None, "uncorrected_stance_change": None}
-    left = float(errors.mean())
-    certain = abs(left) > 3 * float(errors.std(ddof=1)) / np.sqrt(len(errors))
-    return {"stance_change": float(changes.mean()), "uncorrected_stance_change": left if certain else None}
-
-
 def headline_rows(headline: GroupHeadline, fits: pl.DataFrame, doubtful: Mapping[str, int]) -> list[dict[str, object]]:
     """Rows of `walking_summary.csv` of one group, from its rows of `walking.csv`, `fits`, and their number of doubtful
     ones: mean per perturbation (of both directions' means), with the errors that are common; ensembles; directions."""
     common, signs = headline.common, signs_of(headline.responses)
     rows: list[dict[str, object]] = []
     for name in SUMMARISED:
-        method = WITH_COMMON_ERRORS if name in common else "Student"
+        method = "Student + shared errors" if name in common else "Student"
         mean = asdict(over_repeats(fits[name].to_numpy(), common.get(name, ()), signs))
-        rows.append({"quantity": name, "estimator": MEAN, "interval_method": method} | mean | dict(doubtful))
+        known = {"quantity": name, "estimator": "mean of perturbations", "interval_method": method}
+        rows.append(known | mean | dict(doubtful))
     rows += ensemble_rows(headline.ensemble, headline.resampled)
-    other = headline.mean_gait if headline.baseline == "predicted" else headline.predicted_gait
-    rows += ensemble_rows(*other, OTHER_BASELINE[headline.baseline])
+    rows += ensemble_rows(*headline.other, headline.other_baseline)
     for quantity in "KBI":
         for estimator, (values, drawn, n) in headline.directions.items():
             row = {"quantity": quantity, "estimator": estimator, "n": n, "mean": values[quantity]}
@@ -275,66 +255,51 @@ def ensemble_rows(
     ]
 
 
-def excluded_crossings(selection: pl.DataFrame, unfitted: pl.DataFrame) -> pl.DataFrame:
-    """Crossings that are not used (trial, perturbed, reason), in the order of the selection, `walking_crossings.csv`.
-    `unfitted` (trial, reason) gives the reason why a crossing has no fit, null if it has one."""
-    both = selection.join(unfitted, on="trial", how="left", maintain_order="left", suffix="_unfitted")
-    reason = pl.coalesce("reason", "reason_unfitted").alias("reason")
-    return both.select("trial", "perturbed", reason).filter(pl.col("reason").is_not_null())
-
-
-def response_table(group: str, responses: Sequence[PerturbationResponse], ensemble: EnsembleResponse) -> pl.DataFrame:
+def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
     """Isolated responses of a group around the onset: trial (or 'ensemble'), time [s], angle [deg], torque [N*m] and
     its fit, null outside the window."""
-    window, frames = responses[0].window, []
-    named: list[tuple[str, PerturbationResponse | EnsembleResponse]] = [(r.name, r) for r in responses]
-    for name, response in [*named, (ENSEMBLE, ensemble)]:
-        fit = response.fit if isinstance(response, EnsembleResponse) else fit_response(response)
-        model = np.full(len(response.time), np.nan)
-        model[window] = fit.torque(response.motion)[window]
-        columns = {"trial": pl.Series([name] * len(model)), "time": response.time}
-        columns |= {"theta_deg": np.rad2deg(response.motion.theta), "torque": response.torque, "torque_model": model}
+    window, frames = headline.responses[0].window, []
+    fitted = [(r.name, r.motion, r.torque, fit_response(r)) for r in headline.responses]
+    mean, time = headline.ensemble, headline.ensemble.time
+    for name, motion, torque, fit in [*fitted, (ENSEMBLE, mean.motion, mean.torque, mean.fit)]:
+        model = np.full(len(time), np.nan)
+        model[window] = fit.torque(motion)[window]
+        columns = {"trial": pl.Series([name] * len(time)), "time": time}
+        columns |= {"theta_deg": np.rad2deg(motion.theta), "torque": torque, "torque_model": model}
         frames.append(pl.DataFrame(columns)[: window.stop])
     table = pl.concat(frames).with_columns(pl.col("torque_model").fill_nan(None))
     return table.with_columns(group=pl.lit(group))
 
 
 def walking_page_points(
-    perturbed: Sequence[Crossing], gaits: Mapping[str, UnperturbedGait], responses: pl.DataFrame, timing: Timing
+    perturbed: Sequence[Crossing], gaits: Mapping[str, UnperturbedGait], responses: pl.DataFrame, timing: TimingSettings
 ) -> pl.DataFrame:
     """Points of the walking page: gaits by curve over stance [%], angle in deg, torque in N*m, mean and SD; responses
-    over time [ms], of `walking_responses.csv` with the column `doubtful`; window and baseline of the `perturbed`."""
-    frames, x = [], 100 * PHASES[::PHASE_STEP]
-    for curve, gait in gaits.items():
+    over time [ms], of `walking_responses.csv` with the column `doubtful`, and their mean with its fit; window and
+    baseline of the `perturbed`, as mean phases of stance [%] and as times from the onset [ms]."""
+    step = 4  # a hundred points of stance are enough for a curve
+    frames, x = [], 100 * PHASES[::step]
+    for name, gait in gaits.items():
         for panel, every in (("angle", np.rad2deg(gait.theta)), ("torque", gait.torque)):
-            some = every[:, ::PHASE_STEP]
+            some = every[:, ::step]
             points = pl.DataFrame({"x": x, "mean": some.mean(axis=0), "sd": some.std(axis=0, ddof=1)})
-            labels = {"panel": pl.lit(panel), "curve": pl.lit(curve), "n": pl.lit(len(gait.names))}
+            labels = {"panel": pl.lit(panel), "curve": pl.lit(name), "n": pl.lit(len(gait.names))}
             frames.append(points.with_columns(**labels))
-    return pl.concat([*frames, interval_points(perturbed, timing), response_points(responses)], how="diagonal")
-
-
-def interval_points(crossings: Sequence[Crossing], timing: Timing) -> pl.DataFrame:
-    """Ends of the fitted window and of the baseline: mean phases of stance [%], and times from the onset [ms]."""
-    frames, turned = [], [(c.onset, c.stance) for c in crossings if c.onset is not None]
-    for curve, ends in (("window", (0.0, timing.window)), ("baseline", (-timing.lead, -timing.guard))):
-        phases = [[100 * (onset + late - s.heel_strike) / s.duration for late in ends] for onset, s in turned]
+    turned = [(c.onset, c.stance) for c in perturbed if c.onset is not None]
+    before = (-timing.guard_s - timing.baseline_s, -timing.guard_s)
+    for name, ends in (("window", (0.0, timing.window_s)), ("baseline", before)):
+        phases = [100 * stance.phase(onset + np.array(ends)) for onset, stance in turned]
         for panel, x in (("angle", np.mean(phases, axis=0)), ("response angle", 1e3 * np.array(ends))):
-            frames.append(pl.DataFrame({"panel": panel, "curve": curve, "x": x}))
-    return pl.concat(frames)
-
-
-def response_points(responses: pl.DataFrame) -> pl.DataFrame:
-    """Isolated angle and torque of every perturbation and of their mean, and the mean's fit."""
+            frames.append(pl.DataFrame({"panel": panel, "curve": name, "x": x}))
     curve = pl.when(pl.col("trial") == ENSEMBLE).then(pl.lit("mean")).otherwise(pl.lit("each")).alias("curve")
-    x = (1e3 * pl.col("time")).alias("x")
-    frames = [
-        responses.select("trial", "doubtful", x, curve, pl.col(column).alias("mean"), pl.lit(panel).alias("panel"))
-        for panel, column in (("response angle", "theta_deg"), ("response torque", "torque"))
-    ]
     fit = responses.filter((pl.col("trial") == ENSEMBLE) & pl.col("torque_model").is_not_null())
-    labels = pl.lit("fit").alias("curve"), pl.lit("response torque").alias("panel")
-    frames.append(fit.select("trial", x, labels[0], pl.col("torque_model").alias("mean"), labels[1]))
+    for of, doubts, panel, of_curve, column in (
+        (responses, ["doubtful"], "response angle", curve, "theta_deg"),
+        (responses, ["doubtful"], "response torque", curve, "torque"),
+        (fit, [], "response torque", pl.lit("fit").alias("curve"), "torque_model"),
+    ):
+        time, values = (1e3 * pl.col("time")).alias("x"), pl.col(column).alias("mean")
+        frames.append(of.select("trial", *doubts, time, of_curve, values, pl.lit(panel).alias("panel")))
     return pl.concat(frames, how="diagonal")
 
 

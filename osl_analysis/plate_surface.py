@@ -8,13 +8,20 @@ import numpy as np
 from osl_analysis.trial import Array
 
 
+def own_axes(corners: Array) -> Array:
+    """Axes of a plate as columns (3, 3), from its corners (4, 3) [m]: x along corners 2 to 1, z normal to the surface;
+    not finite where the corners span no plane."""
+    x = corners[0] - corners[1]
+    z = np.cross(x, corners[0] - corners[3])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
 def plate_axes(corners: Array) -> Array:
-    """Unit vectors along the plate's edges and normal to it, as columns (3, 3), from its corners (4, 3) [m]. The normal
-    points up; the signs along the edges do not matter."""
-    x, y = corners[0] - corners[1], corners[0] - corners[3]
-    normal = np.cross(x, y)
-    normal = normal * np.sign(normal[2] or 1.0)
-    return np.column_stack([axis / np.linalg.norm(axis) for axis in (x, np.cross(normal, x), normal)])
+    """The same with a normal that points up; the signs along the edges do not matter."""
+    axes = own_axes(corners)
+    return axes if axes[2, 2] >= 0 else axes * [1.0, -1.0, -1.0]
 
 
 def beside(points: Array, corners: Array) -> Array:

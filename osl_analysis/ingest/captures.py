@@ -8,8 +8,8 @@ plates were empty or not.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,21 +23,11 @@ from osl_analysis.formats.table import Table
 from osl_analysis.ingest.recording import Recording, check_values
 from osl_analysis.ingest.source import Plate, Source
 from osl_analysis.ingest.units import si_factor
+from osl_analysis.plate_surface import own_axes
 from osl_analysis.signals import run_at_extreme, runs
 from osl_analysis.trial import AXES, Array, marker_columns, plate_columns, unit_of
 
-ByColumn = dict[str, Array]
 Origins = dict[str, dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class MarkerTrack:
-    """One marker's positions, in the axes of the file."""
-
-    label: str  # label in the file
-    name: str  # the label without its subject, which names the columns
-    positions: Array  # (frames, 3) in `unit`; NaN where the marker was not seen
-    unit: str  # unit of the positions, as the file or the source file spells it
 
 
 @dataclass(frozen=True)
@@ -50,41 +40,93 @@ class PlateLoad:
     force: Array  # (samples, 3) [N], on the foot
     moment: Array  # (samples, 3) [N*m], on the foot, about the centre of the corners
     origin: Mapping[str, Any]  # source channels, for the provenance
-    channels: Sequence[Mapping[str, Any]] = ()
-    """What each raw channel shows, as `channel_facts` gives it."""
+    labels: Sequence[str]  # names of the raw channels
+    raw: Array  # (samples, channels) in the file's units, which together give the force
+    rate: float  # [Hz] of the samples
+
+    def channel_facts(self) -> list[dict[str, Any]]:
+        """What each raw channel shows, for the provenance: after the rotation a clipped or dead sensor cannot be seen.
+
+        `clipped_samples` is the length of the longest run at an extreme, `clipped_at` its value in the unit of the
+        file. `stands_samples` is the length of the longest run of one value while the plate's force changes.
+        `..._from_s` and `..._to_s` are the times of a run's first and last sample.
+        """
+        load = np.linalg.norm(self.force, axis=1)
+        # where the force changes by a fifth of its range every channel should; below 50 N the plate was not used
+        least = max(0.2 * float(np.ptp(load)), 50.0) if load.size else 50.0
+        facts = []
+        for label, values in zip(self.labels, self.raw.T, strict=True):
+            clipped = run_at_extreme(values)
+            repeated = [slice(run.start, run.stop + 1) for run in runs(np.diff(values) == 0)]
+            standing = [run for run in repeated if np.ptp(load[run]) > least]
+            longest = max(standing, key=lambda run: run.stop - run.start, default=slice(0, 0))
+            spans: dict[str, Any] = {"label": label}
+            spans["clipped_at"] = float(values[clipped.start]) if clipped.stop > clipped.start else None
+            for what, run in (("clipped", clipped), ("stands", longest)):
+                found = run.stop > run.start
+                spans |= {
+                    f"{what}_samples": int(run.stop - run.start),
+                    f"{what}_from_s": run.start / self.rate if found else None,
+                    f"{what}_to_s": (run.stop - 1) / self.rate if found else None,
+                }
+            facts.append(spans)
+        return facts
 
 
-@dataclass(frozen=True)
-class Capture:
-    """The signals of a capture that a source file names, before conversion of units, signs and axes."""
+def plate_signals(
+    plates: Iterable[PlateLoad], rotation: Array
+) -> tuple[dict[str, Array], Origins, list[dict[str, Any]]]:
+    """Force [N] and moment [N*m] columns per plate in our axes, (samples,) each, where they come from, and what the
+    provenance says of each plate: number, type, corners [m] and raw channels."""
+    columns, origins, facts = dict[str, Array](), Origins(), []
+    for plate in plates:
+        for quantity, values in (("force", plate.force), ("moment", plate.moment)):
+            for axis, column in enumerate(plate_columns(plate.number, quantity)):
+                columns[column] = (values @ rotation.T)[:, axis]
+                origins[column] = {"plate": plate.number, **plate.origin, "si_unit": unit_of(column)}
+        corners = (plate.corners @ rotation.T).tolist()
+        of_plate = {"plate": plate.number, "type": plate.type, "corners": corners, "channels": plate.channel_facts()}
+        facts.append(of_plate)
+    return columns, origins, facts
 
-    frames: int  # number of frames; frame 0 and analog sample 0 are at 0 s
-    frame_rate: float  # [Hz]
-    samples_per_frame: int  # samples of the analog channels and plates per frame
-    first_frame: int  # number of the first frame, as the laboratory counts
-    markers: Sequence[MarkerTrack] = ()  # the markers that are asked for
-    outputs: Mapping[str, Array] = field(default_factory=dict)
-    """By canonical column the model output's component, (frames,)."""
-    analogs: Mapping[str, tuple[Array, str]] = field(default_factory=dict)
-    """By canonical column the channel, (samples,), and the unit that the file states."""
-    plates: Sequence[PlateLoad] = ()  # the force plates that are asked for
-    facts: Mapping[str, Any] = field(default_factory=dict)  # further facts, for the provenance
-    warnings: Sequence[str] = ()  # warnings, a sentence each
 
-
-def captured(capture: Capture, source: Source) -> Recording:
+def captured(
+    source: Source,
+    timing: tuple[int, float, int, int],
+    markers: Sequence[tuple[str, str, Array, str]] = (),
+    outputs: Mapping[str, Array] | None = None,
+    analogs: Mapping[str, tuple[Array, str]] | None = None,
+    plates: Sequence[PlateLoad] = (),
+    facts: Mapping[str, Any] | None = None,
+    warnings: Sequence[str] = (),
+) -> Recording:
     """The columns that the source file asks for, in SI units and our axes.
 
     Markers and model outputs have a sample per frame, plates and analogs several: a row per analog sample, and null
     where a frame has none. A marker that was not seen is NaN.
+
+    timing: number of frames (frame 0 and analog sample 0 are at 0 s), frame rate [Hz], samples per frame, and number of
+    the first frame, as the laboratory counts. markers: label, name that the columns have, positions (frames, 3) and
+    their unit. outputs: the model output's component, (frames,). analogs: the channel, (samples,), and the unit that
+    the file states. All are in the axes of the file, outputs and analogs by canonical column.
     """
-    slow, origins = marker_signals(capture, source)
-    for column, values in capture.outputs.items():  # in the unit of the source file, never in that of the file
+    frames, rate, samples_per_frame, first_frame = timing
+    slow, origins = dict[str, Array](), Origins()
+    for label, name, positions, unit in markers:
+        factor = si_factor(unit, "m")
+        turned = positions @ source.rotation.T * factor
+        for axis, column in enumerate(marker_columns(printable(name))):
+            if column in slow:
+                raise InputError(f"marker '{name}' occurs twice; list those to read under `markers`")
+            slow[column] = turned[:, axis]
+            origin = {"label": label, "component": source.axes[axis], "unit": unit}
+            origins[column] = {**origin, "factor": factor, "si_unit": unit_of(column)}
+    for column, values in (outputs or {}).items():  # in the unit of the source file, never in that of the file
         slow[column] = source.outputs[column].to_si(values, unit_of(column))
         origins[column] = source.outputs[column].origin(column)
-    fast, plate_origins = plate_signals(capture.plates, source.rotation)
+    fast, plate_origins, geometry = plate_signals(plates, source.rotation)
     origins |= plate_origins
-    for column, (values, unit) in capture.analogs.items():
+    for column, (values, unit) in (analogs or {}).items():
         try:
             fast[column] = source.analogs[column].to_si(values, unit_of(column), unit)
         except InputError as error:
@@ -95,66 +137,46 @@ def captured(capture: Capture, source: Source) -> Recording:
             "the source file names nothing that the file has: no marker, plate, analog channel or model output; name "
             "what to read in the source file, or export the trial again with it"
         )
-    ratio = capture.samples_per_frame if fast else 1
-    time = np.arange(capture.frames * ratio) / (capture.frame_rate * ratio)
+    ratio = samples_per_frame if fast else 1
+    time = np.arange(frames * ratio) / (rate * ratio)
     for column, values in fast.items():
         check_values(column, values, time)
-    facts = {
-        "frame_rate_hz": capture.frame_rate,
-        "samples_per_frame": capture.samples_per_frame,
-        "first_frame": capture.first_frame,
-        "axes": source.axes,
-        "plates": [geometry(plate, source.rotation) for plate in capture.plates],
-        **capture.facts,
-    }
-    hidden = f"none of the {len(capture.markers)} markers was seen in any of the {capture.frames} frames"
-    seen = not capture.markers or any(np.isfinite(marker.positions).any() for marker in capture.markers)
+    said = {"frame_rate_hz": rate, "samples_per_frame": samples_per_frame, "first_frame": first_frame}
+    all_facts = {**said, "axes": source.axes, "plates": geometry, **(facts or {})}
+    hidden = f"none of the {len(markers)} markers was seen in any of the {frames} frames"
+    seen = not markers or any(np.isfinite(positions).any() for _, _, positions, _ in markers)
     rows, index = pl.DataFrame({"time": time, **fast}), pl.Series("index", np.arange(time.size))
-    frames = pl.DataFrame([index.gather_every(ratio), *(pl.Series(name, values) for name, values in slow.items())])
-    samples = rows.with_columns(index).join(frames, on="index", how="left", maintain_order="left").drop("index")
-    return Recording(samples, origins, facts, [*capture.warnings, *[hidden] * (not seen)])
-
-
-def marker_signals(capture: Capture, source: Source) -> tuple[ByColumn, Origins]:
-    """Three columns [m] per marker, (frames,) each."""
-    columns, origins = ByColumn(), Origins()
-    for marker in capture.markers:
-        factor = si_factor(marker.unit, "m")
-        turned = marker.positions @ source.rotation.T * factor
-        for axis, column in enumerate(marker_columns(printable(marker.name))):
-            if column in columns:
-                raise InputError(f"marker '{marker.name}' occurs twice; list those to read under `markers`")
-            columns[column] = turned[:, axis]
-            origin = {"label": marker.label, "component": source.axes[axis], "unit": marker.unit}
-            origins[column] = {**origin, "factor": factor, "si_unit": unit_of(column)}
-    return columns, origins
-
-
-def plate_signals(plates: Sequence[PlateLoad], rotation: Array) -> tuple[ByColumn, Origins]:
-    """Force [N] and moment [N*m] columns per plate in our axes, (samples,) each."""
-    columns, origins = ByColumn(), Origins()
-    for plate in plates:
-        for quantity, values in (("force", plate.force), ("moment", plate.moment)):
-            turned = values @ rotation.T
-            for axis, column in enumerate(plate_columns(plate.number, quantity)):
-                columns[column] = turned[:, axis]
-                origins[column] = {"plate": plate.number, **plate.origin, "si_unit": unit_of(column)}
-    return columns, origins
-
-
-def geometry(plate: PlateLoad, rotation: Array) -> dict[str, Any]:
-    """A plate's number, type, corners [m] in our axes and raw channels, for the trial's provenance."""
-    return {
-        "plate": plate.number,
-        "type": plate.type,
-        "corners": (plate.corners @ rotation.T).tolist(),
-        "channels": list(plate.channels),
-    }
+    of_frames = pl.DataFrame([index.gather_every(ratio), *(pl.Series(name, values) for name, values in slow.items())])
+    samples = rows.with_columns(index).join(of_frames, on="index", how="left", maintain_order="left").drop("index")
+    return Recording(samples, origins, all_facts, [*warnings, *[hidden] * (not seen)])
 
 
 def is_labelled(name: str) -> bool:
     """Whether a marker has a name of its own: Nexus calls those that it did not label `*1`, `*2`, ..."""
     return bool(name) and not name.startswith("*")
+
+
+def checked_length(unit: str, what: str, source: Source) -> str:
+    """The source file's unit of length, or else the recording's."""
+    unit = source.point_unit or unit
+    try:
+        si_factor(unit, "m")
+    except InputError as error:
+        raise InputError(f"{what}: {error}, as {source.place('point_unit')}") from error
+    return unit
+
+
+def place_of(label: str, labels: Sequence[str], what: str) -> int:
+    """Index of a label that must occur exactly once."""
+    count = Counter(labels)[label]
+    if count == 0:
+        raise InputError(
+            f"no {what} '{label}'; the file has {listing(sorted(set(labels)))}"
+            f"{nearest(label, labels) or '; correct the name in the source file'}"
+        )
+    if count > 1:
+        raise InputError(f"{what} '{label}' occurs {count} times; rename them, or list others in the source file")
+    return labels.index(label)
 
 
 def read_c3d_capture(path: Path, source: Source) -> Recording:
@@ -171,10 +193,8 @@ def read_c3d_capture(path: Path, source: Source) -> Recording:
                 f"trial again, or leave them out with `markers: none`, as {source.place('markers')}"
             )
         names = tuple(label for label in labels if is_labelled(label) and label not in recording.model_outputs)
-    markers = [
-        MarkerTrack(one, one, points[:, place_of(one, labels, "marker")], unit_of_length(recording, source))
-        for one in names
-    ]
+    length = checked_length(recording.point_unit(), "unit of length", source) if names else ""
+    markers = [(one, one, points[:, place_of(one, labels, "marker")], length) for one in names]
     outputs = {
         column: points[:, place_of(one.label, labels, "model output"), AXES.index(one.component)]
         for column, one in source.outputs.items()
@@ -194,31 +214,8 @@ def read_c3d_capture(path: Path, source: Source) -> Recording:
     if source.axes == ("x", "y", "z") and upward not in ("", "+Z", "-Z", "Z"):
         said.append(f"its vertical axis seems to be {printable(upward)}; state `axes` in the source file")
     warnings = [f"{printable(path.name)}: {text}" for text in said]
-    counts = (header.frames, header.rate, header.samples_per_frame, header.first_frame)
-    return captured(Capture(*counts, markers, outputs, analogs, plates, facts, warnings), source)
-
-
-def unit_of_length(recording: C3DRecording, source: Source) -> str:
-    """The source file's unit of length, or else the recording's."""
-    unit = source.point_unit or recording.point_unit()
-    try:
-        si_factor(unit, "m")
-    except InputError as error:
-        raise InputError(f"unit of length: {error}, as {source.place('point_unit')}") from error
-    return unit
-
-
-def place_of(label: str, labels: list[str], what: str) -> int:
-    """Index of a label that must occur exactly once."""
-    count = Counter(labels)[label]
-    if count == 0:
-        raise InputError(
-            f"no {what} '{label}'; the file has {listing(sorted(set(labels)))}"
-            f"{nearest(label, labels) or '; correct the name in the source file'}"
-        )
-    if count > 1:
-        raise InputError(f"{what} '{label}' occurs {count} times; rename them, or list others in the source file")
-    return labels.index(label)
+    timing = (header.frames, header.rate, header.samples_per_frame, header.first_frame)
+    return captured(source, timing, markers, outputs, analogs, plates, facts, warnings)
 
 
 def analog_rates(header: C3DHeader) -> tuple[float | None, float]:
@@ -228,8 +225,13 @@ def analog_rates(header: C3DHeader) -> tuple[float | None, float]:
     return (rate[0] if contradicts else None), actual
 
 
-PLATE_CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}
-MEASURED_BY_TYPE = {1: ("N",) * 3 + ("m",) * 2 + ("N*m",), 2: ("N",) * 3 + ("N*m",) * 3, 3: ("N",) * 8}
+MEASURED_BY_TYPE = {
+    1: ("N",) * 3 + ("m",) * 2 + ("N*m",),
+    2: ("N",) * 3 + ("N*m",) * 3,
+    3: ("N",) * 8,
+    4: ("",) * 6,
+}
+"""By type of plate, what its channels measure in SI units; those of type 4 in the units of its calibration."""
 
 
 @dataclass(frozen=True)
@@ -244,9 +246,9 @@ class ForcePlate:
     calibration: Array | None = None  # (6, 6), which turns the channels of type 4 into [N] and [N*m]
 
     def __post_init__(self) -> None:
-        if self.type not in PLATE_CHANNELS:
+        if self.type not in MEASURED_BY_TYPE:
             raise InputError(f"plate {self.number} is of type {self.type}; types 1 to 4 are read")
-        if not np.isfinite(self.axes()).all():
+        if not np.isfinite(own_axes(self.corners)).all():
             raise InputError(f"plate {self.number}: its corners span no plane; correct FORCE_PLATFORM:CORNERS")
         if self.type == 3 and not self.origin[:2].all():
             raise InputError(
@@ -255,14 +257,6 @@ class ForcePlate:
             )
         if self.type == 4 and self.calibration is None:
             raise InputError(f"plate {self.number} of type 4 has no FORCE_PLATFORM:CAL_MATRIX; export it with one")
-
-    def axes(self) -> Array:
-        """The plate's axes in the laboratory, as columns, (3, 3): x along corners 2 to 1, z normal to the surface."""
-        x = self.corners[0] - self.corners[1]
-        z = np.cross(x, self.corners[0] - self.corners[3])
-        with np.errstate(invalid="ignore", divide="ignore"):
-            x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
-        return np.column_stack([x, np.cross(z, x), z])
 
     def wrench(self, channels: Array) -> tuple[Array, Array]:
         """Force [N] and moment [N*m] about the surface's centre, (n, 3) each, in laboratory axes, on the foot.
@@ -292,43 +286,8 @@ class ForcePlate:
             moment = np.cross(pressure, force) + np.column_stack([level, level, channels[:, 5]])
         else:  # moments about the plate's origin
             moment = channels[:, 3:6]
-        axes = self.axes()
+        axes = own_axes(self.corners)
         return force @ axes.T, (moment - np.cross(centre, force)) @ axes.T
-
-
-USED_SHARE = 0.2
-"""Share of the range of the plate's force: where the force changes by more, every channel should change."""
-LEAST_FORCE = 50.0  # range [N] of the plate's force above which the plate was used
-
-
-def channel_facts(labels: Sequence[str], channels: Array, force: Array, rate: float) -> list[dict[str, Any]]:
-    """Facts about each raw channel of a plate, for the trial's provenance.
-
-    After the rotation a clipped or dead sensor cannot be seen, so what each raw channel shows is kept. `labels` are the
-    names of the raw `channels` (n, channels), which are in the file's units and together give the `force` (n, 3) [N].
-
-    `clipped_samples` is the length of the longest run at an extreme, `clipped_at` its value in the unit of the file.
-    `stands_samples` is the length of the longest run of one value while the plate's force changes. `..._from_s` and
-    `..._to_s` are the times of a run's first and last sample.
-    """
-    load = np.linalg.norm(force, axis=1)
-    least = max(USED_SHARE * float(np.ptp(load)), LEAST_FORCE) if load.size else LEAST_FORCE
-    facts = []
-    for label, values in zip(labels, channels.T, strict=True):
-        clipped = run_at_extreme(values)
-        repeated = [slice(run.start, run.stop + 1) for run in runs(np.diff(values) == 0)]
-        standing = [run for run in repeated if np.ptp(load[run]) > least]
-        longest = max(standing, key=lambda run: run.stop - run.start, default=slice(0, 0))
-        spans = {"clipped_at": float(values[clipped.start]) if clipped.stop > clipped.start else None}
-        for what, run in (("clipped", clipped), ("stands", longest)):
-            found = run.stop > run.start
-            spans |= {
-                f"{what}_samples": int(run.stop - run.start),
-                f"{what}_from_s": run.start / rate if found else None,
-                f"{what}_to_s": (run.stop - 1) / rate if found else None,
-            }
-        facts.append({"label": label, **spans})
-    return facts
 
 
 def plate_count(recording: C3DRecording) -> int:
@@ -355,39 +314,35 @@ def plate_loads(recording: C3DRecording, source: Source) -> list[PlateLoad]:
 
 
 def plate_load(recording: C3DRecording, source: Source, number: int) -> PlateLoad:
-    """What one plate recorded, and from which channels."""
-    plate, header, labels = c3d_plate(recording, source, number), recording.header, recording.analog_labels
-    needed = PLATE_CHANNELS[plate.type]
-    stated = plate_parameter(recording, "CHANNEL", number, (0,)).astype(int)[:needed]
-    if stated.size < needed or (stated < 1).any() or (stated > header.channels).any():
-        raise InputError(
-            f"plate {number} of type {plate.type} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives "
-            f"{stated.tolist()} of the file's {header.channels}; correct it"
-        )
-    numbers = [int(one) - 1 for one in stated]
-    force, moment = plate.wrench(channels_in_si(recording, source, plate, numbers))
-    units = [recording.analog_unit(n) for n in numbers]
-    origin = {"type": plate.type, "analogs": [n + 1 for n in numbers], "units": units}
-    shown = [(printable(labels[n]) if n < len(labels) else "") or f"analog {n + 1}" for n in numbers]
-    raw = channel_facts(shown, recording.analogs[:, numbers], force, header.rate * header.samples_per_frame)
-    return PlateLoad(number, plate.type, plate.corners, force, moment, origin, raw)
-
-
-def c3d_plate(recording: C3DRecording, source: Source, number: int) -> ForcePlate:
-    """Geometry of one plate in SI units, in the axes of the file. The matrix of a type 4 plate gives moments in N times
-    the file's unit of length unless overridden."""
-    length = unit_of_length(recording, source)
+    """What one plate recorded, and from which channels. The matrix of a type 4 plate gives moments in N times the
+    file's unit of length unless overridden."""
+    header, labels = recording.header, recording.analog_labels
+    length = checked_length(recording.point_unit(), "unit of length", source)
     metre, kind, matrix = si_factor(length, "m"), int(plate_parameter(recording, "TYPE", number)), None
     corners = plate_parameter(recording, "CORNERS", number, (3, 4)).T * metre
     origin = plate_parameter(recording, "ORIGIN", number, (3,)) * metre
     if kind == 4:
         matrix = plate_parameter(recording, "CAL_MATRIX", number, (6, 6))
-        if recording.header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
+        if header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
             matrix = matrix.T
         units = source.plate_units
-        moment, force = (units.moment, si_factor(units.force, "N")) if units else (f"N*{length}", 1.0)
-        matrix = np.asarray(matrix * np.repeat([force, si_factor(moment, "N*m")], 3)[:, None])
-    return ForcePlate(number, kind, corners, origin, matrix)
+        moment_unit, force_factor = (units.moment, si_factor(units.force, "N")) if units else (f"N*{length}", 1.0)
+        matrix = np.asarray(matrix * np.repeat([force_factor, si_factor(moment_unit, "N*m")], 3)[:, None])
+    plate = ForcePlate(number, kind, corners, origin, matrix)
+    needed = len(MEASURED_BY_TYPE[kind])
+    stated = plate_parameter(recording, "CHANNEL", number, (0,)).astype(int)[:needed]
+    if stated.size < needed or (stated < 1).any() or (stated > header.channels).any():
+        raise InputError(
+            f"plate {number} of type {kind} needs {needed} channels, FORCE_PLATFORM:CHANNEL gives "
+            f"{stated.tolist()} of the file's {header.channels}; correct it"
+        )
+    numbers = [int(one) - 1 for one in stated]
+    force, moment = plate.wrench(channels_in_si(recording, source, plate, numbers))
+    analogs = [n + 1 for n in numbers]
+    provenance = {"type": kind, "analogs": analogs, "units": [recording.analog_unit(n) for n in numbers]}
+    shown = [(printable(labels[n]) if n < len(labels) else "") or f"analog {n + 1}" for n in numbers]
+    raw, rate = recording.analogs[:, numbers], header.rate * header.samples_per_frame
+    return PlateLoad(number, kind, corners, force, moment, provenance, shown, raw, rate)
 
 
 def channels_in_si(recording: C3DRecording, source: Source, plate: ForcePlate, numbers: list[int]) -> Array:
@@ -456,7 +411,7 @@ def plate_parameter(recording: C3DRecording, name: str, number: int, shape: tupl
     return np.asarray(whole[..., number - 1])
 
 
-Sections = dict[str, NexusSection]
+Sections = Mapping[str, NexusSection]
 
 
 def read_nexus_capture(path: Path, source: Source) -> Recording:
@@ -471,7 +426,7 @@ def read_nexus_capture(path: Path, source: Source) -> Recording:
         columns = [section_of(sections, "Trajectories").column(label, axis) for axis in AXES]
         positions = np.column_stack([values for values, _ in columns])
         positions[(positions == 0).all(axis=1)] = np.nan
-        markers.append(MarkerTrack(label, without_subject(label), positions, columns[0][1]))
+        markers.append((label, without_subject(label), positions, columns[0][1]))
     outputs = {
         column: section_of(sections, "Model Outputs").column(output.label, output.component)[0]
         for column, output in source.outputs.items()
@@ -480,19 +435,13 @@ def read_nexus_capture(path: Path, source: Source) -> Recording:
         column: section_of(sections, "Devices").column(analog.device, analog.component)
         for column, analog in source.analogs.items()
     }
-    plates = [nexus_plate(sections, number, plate) for number, plate in source.plates.items()]
-    counts = timing(sections, bool(markers or outputs), bool(analogs or plates))
-    return captured(Capture(*counts, markers, outputs, analogs, plates), source)
-
-
-def timing(sections: Sections, slow: bool, fast: bool) -> tuple[int, float, int, int]:
-    """Number of frames, frame rate [Hz], samples per frame and first frame, of the sections that are used."""
-    used = [sections[title] for title in ("Trajectories", "Model Outputs") if slow and title in sections]
-    devices = [sections["Devices"]] if fast else []
-    if not used and not devices:
+    plates = [nexus_plate(section_of(sections, "Devices"), number, plate) for number, plate in source.plates.items()]
+    slow = [title for title in ("Trajectories", "Model Outputs") if (markers or outputs) and title in sections]
+    used = [sections[title] for title in [*slow, *["Devices"] * bool(analogs or plates)]]
+    if not used:
         raise InputError("nothing to read; name markers, outputs, analogs or plates in the source file")
     spans = set()
-    for section in [*used, *devices]:
+    for section in used:
         first, ratio = section.counts()
         spans.add((first, len(section.rows) / ratio, round(section.rate / ratio, 6)))
     if len(spans) != 1:
@@ -503,7 +452,8 @@ def timing(sections: Sections, slow: bool, fast: bool) -> tuple[int, float, int,
     first, frames, rate = spans.pop()
     if frames != int(frames):
         raise InputError("the last frame lacks sub frames; export the trial again")
-    return int(frames), rate, devices[0].counts()[1] if devices else 1, first
+    samples_per_frame = sections["Devices"].counts()[1] if analogs or plates else 1
+    return captured(source, (int(frames), rate, samples_per_frame, first), markers, outputs, analogs, plates)
 
 
 def section_of(sections: Sections, title: str) -> NexusSection:
@@ -512,9 +462,9 @@ def section_of(sections: Sections, title: str) -> NexusSection:
     return sections[title]
 
 
-def nexus_plate(sections: Sections, number: int, plate: Plate) -> PlateLoad:
+def nexus_plate(devices: NexusSection, number: int, plate: Plate) -> PlateLoad:
     """Force and moment about the centre of the plate, on the foot."""
-    devices, exported, labels = section_of(sections, "Devices"), [], []
+    exported, labels = [], []
     for kind, si_unit in (("Force", "N"), ("Moment", "N*m")):
         columns = [devices.column(f"{plate.device} - {kind}", f"{kind[0]}{axis}") for axis in AXES]
         exported.append(np.column_stack([plate.sign * si_factor(unit, si_unit) * values for values, unit in columns]))
@@ -522,33 +472,21 @@ def nexus_plate(sections: Sections, number: int, plate: Plate) -> PlateLoad:
     force, centre, millimetre = exported[0], np.mean(plate.corners, axis=0), 1e-3
     about = centre if plate.moment_about is None else np.array(plate.moment_about)
     moment = exported[1] + np.cross((about - centre) * millimetre, force)
-    origin = {"device": plate.device, "sign": plate.sign}
-    raw = channel_facts(labels, np.hstack(exported), force, devices.rate)
-    return PlateLoad(number, 2, np.array(plate.corners) * millimetre, force, moment, origin, raw)
-
-
-STAYS = 0.5
-"""Largest ratio of the motion of markers along an axis to their distance along it, where the axis may be vertical."""
+    origin, corners = {"device": plate.device, "sign": plate.sign}, np.array(plate.corners) * millimetre
+    return PlateLoad(number, 2, corners, force, moment, origin, labels, np.hstack(exported), devices.rate)
 
 
 def read_trc_capture(path: Path, source: Source) -> Recording:
     """The markers that the source file asks for [m]; the first frame is at 0 s."""
     file = read_trc(path)
-    unit = source.point_unit or file.unit
-    try:
-        si_factor(unit, "m")
-    except InputError as error:
-        raise InputError(f"Units: {error}, as {source.place('point_unit')}") from error
+    unit = checked_length(file.unit, "Units", source)
     labels = [one for one in file.labels if is_labelled(one)] if source.markers == "all" else source.markers
-    frames = file.positions.shape[0]
-    facts = {"time": {"start": file.start}}
     upward = "its vertical axis seems to be y; state `axes: [x, -z, y]` in the source file"
     warnings = [upward] * (source.axes == ("x", "y", "z") and vertical_axis(file.positions) == "y")
     warnings = [f"{path.name}: {text}" for text in [*warnings, *file.notes]]
-    tracks = [file.positions[:, place_of(label, file.labels, "marker")] for label in labels]
-    markers = [MarkerTrack(label, label, track, unit) for label, track in zip(labels, tracks, strict=True)]
-    capture = Capture(frames, file.rate, 1, file.first_frame, markers, facts=facts, warnings=warnings)
-    return captured(capture, source)
+    markers = [(one, one, file.positions[:, place_of(one, file.labels, "marker")], unit) for one in labels]
+    timing, facts = (file.positions.shape[0], file.rate, 1, file.first_frame), {"time": {"start": file.start}}
+    return captured(source, timing, markers, facts=facts, warnings=warnings)
 
 
 def vertical_axis(positions: Array) -> str:
@@ -561,7 +499,8 @@ def vertical_axis(positions: Array) -> str:
         return ""
     apart = np.median(seen, axis=0).std(axis=0)
     moved = np.median(seen.std(axis=0), axis=0)
-    candidates = np.flatnonzero((apart == apart.max()) & (moved < STAYS * apart))
+    # along a vertical axis the markers move by less than half of what lies between them
+    candidates = np.flatnonzero((apart == apart.max()) & (moved < 0.5 * apart))
     return "xyz"[candidates[0]] if candidates.size and moved.max() > moved[candidates[0]] else ""
 
 
@@ -578,6 +517,7 @@ def exported_plates(table: Table, recording: Recording, source: Source) -> Recor
             f"{source.place('time', 'repeated')}"
         )
     loads = []
+    rate = float(1 / np.median(np.diff(time))) if time.size > 1 else 1.0
     for number, plate in source.plates.items():
         names = exported_columns(plate)
         columns = np.column_stack([table.columns[name] for name in names])
@@ -585,14 +525,14 @@ def exported_plates(table: Table, recording: Recording, source: Source) -> Recor
             check_values(f"column '{name}'", values, time)
         force, point, moment = plate.sign * columns[:, :3], columns[:, 3:6], plate.sign * columns[:, 6:]
         about = moment + np.cross(point - np.mean(plate.corners, axis=0), force)
-        origin = plate.model_dump(include={"force", "point", "moment", "sign"})
-        rate = float(1 / np.median(np.diff(time))) if time.size > 1 else 1.0
-        raw = channel_facts([*names[:3], *names[6:]], columns[:, [0, 1, 2, 6, 7, 8]], force, rate)
-        loads.append(PlateLoad(number, 2, np.array(plate.corners), force, about, origin, raw))
-    signals, origins = plate_signals(loads, source.rotation)
+        origin, own = plate.model_dump(include={"force", "point", "moment", "sign"}), [0, 1, 2, 6, 7, 8]
+        labels = [names[k] for k in own]
+        load = PlateLoad(number, 2, np.array(plate.corners), force, about, origin, labels, columns[:, own], rate)
+        loads.append(load)
+    signals, origins, geometry = plate_signals(loads, source.rotation)
     samples = recording.samples.with_columns(**{name: pl.Series(values) for name, values in signals.items()})
-    facts = {**recording.facts, "plates": [geometry(load, source.rotation) for load in loads]}
-    return replace(recording, samples=samples, columns={**recording.columns, **origins}, facts=facts)
+    columns_of_all, facts = {**recording.columns, **origins}, {**recording.facts, "plates": geometry}
+    return replace(recording, samples=samples, columns=columns_of_all, facts=facts)
 
 
 def exported_columns(plate: Plate) -> list[str]:

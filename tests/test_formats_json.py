@@ -107,7 +107,7 @@ def test_a_message_without_a_number_in_a_field_is_lost_and_said(
     [
         ('{"x": "1"}', "field 'x' is \"1\", not a number, in message 1"),
         ('{"x": [1, 2]}', "field 'x' is an array of 2, not one number, in message 1 (it has x[0..1])"),
-        ('{"x": true}', "field 'x' is true in message 1, a truth value and no number in rad"),
+        ('{"x": true}', "field 'x' is true in message 1 of 9, a truth value and no number in rad"),
     ],
 )
 def test_a_field_that_is_no_number_anywhere_is_blamed_on_the_source_file(tmp_path: Path, text: str, said: str) -> None:
@@ -121,12 +121,12 @@ def test_a_field_that_is_no_number_anywhere_is_blamed_on_the_source_file(tmp_pat
 def test_values_that_are_absent_are_counted_and_said(tmp_path: Path) -> None:
     recording = ingested(write(tmp_path / "log.mcap", ['{"x": 1.5}', '{"x": null}', "{}"]))
     assert recording.samples["theta"].to_list() == [1.5, None, None]
-    said = "topic '/lab': 2 of 3 messages have no value in field 'x', first message 2"
+    said = "topic '/lab': field 'x' has no value in 2 of 3 messages, first message 2"
     assert any(said in warning for warning in recording.warnings)
 
 
 @pytest.mark.parametrize("wrong", ["null", "1.5", "true", "1e300", "9223372036854775808"])
 def test_a_counter_that_does_not_count_is_refused_and_not_taken_for_zero(tmp_path: Path, wrong: str) -> None:
     texts = ['{"x": 1.5, "seq": 7}', f'{{"x": 1.5, "seq": {wrong}}}'] * 2
-    with pytest.raises(InputError, match=r"'seq' is .* in message 2"):
+    with pytest.raises(InputError, match=r"'seq': .* in message 2"):
         ingested(write(tmp_path / "log.mcap", texts), counter="seq")

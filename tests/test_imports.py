@@ -15,7 +15,7 @@ MAY_IMPORT = {
     | {"simulator", "shared_choices", "model", "parameters", "sheet", "yaml_settings", "files"}
     | {"experiments", "multisine"},
     "formats": COMMON | {"formats"},
-    "ingest": COMMON | {"ingest", "formats", "memory", "signals", "yaml_settings"},
+    "ingest": COMMON | {"ingest", "formats", "memory", "plate_surface", "signals", "yaml_settings"},
     "stats": COMMON | {"stats", "signals"},
     "protocol": COMMON | {"protocol", "signals", "stats", "timebase"},
     "spectral": COMMON | {"spectral", "stats", "signals", "model", "parameters"},

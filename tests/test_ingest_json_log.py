@@ -243,7 +243,7 @@ def test_a_missing_field_and_a_time_that_is_none_are_refused(tmp_path: Path) -> 
     del lines[4]["variables"]["time"]
     assert "field 'variables.time': no time in line 5" in refused(write(tmp_path / "a", lines))
     channels = {"theta": {"field": "variables.on", "unit": "deg"}}
-    assert "holds truth values and no numbers" in refused(write(tmp_path / "b", rust_lines()), channels=channels)
+    assert "a truth value and no number in rad" in refused(write(tmp_path / "b", rust_lines()), channels=channels)
     channels = {"theta": {"field": "functions.torque", "unit": "deg"}, "torque": CHANNELS["torque"]}
     assert "is theta and torque in the source file" in refused(tmp_path / "b", channels=channels)
     lines = [{"t": k, "angle": 0.5, **({} if k == 3 else {"n": k})} for k in range(9)]

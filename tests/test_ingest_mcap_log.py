@@ -225,7 +225,7 @@ def test_a_truth_value_is_a_level_and_no_angle(tmp_path: Path, kind: str) -> Non
     assert level.samples["sync"].to_list() == [0.0, 1.0, 0.0]
     angle = source(theta={"topic": "/lab", "field": "on", "unit": "rad"})
     if kind == "bool":
-        assert "field 'on' is false in message 1, a truth value and no number in rad; name a number" in refused(
+        assert "field 'on' is false in message 1 of 3, a truth value and no number in rad; name a number" in refused(
             path, angle
         )
     else:
@@ -246,7 +246,7 @@ def infinite(log: list[tuple[int, dict[str, Any]]]) -> list[tuple[int, dict[str,
             "float64 angle",
             "has no field 'header.stamp' with seconds and nanoseconds",
         ),
-        (infinite(samples()), SAMPLE, "topic /lab, field angle: inf in sample 18 of 50, at 0.017 s"),
+        (infinite(samples()), SAMPLE, "topic '/lab': field 'angle': inf in sample 18 of 50, at 0.017 s"),
     ],
 )
 def test_a_topic_that_gives_no_samples_is_refused(tmp_path: Path, log: list[Any], schema: str, told: str) -> None:

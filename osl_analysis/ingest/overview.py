@@ -35,11 +35,20 @@ from osl_analysis.formats.json_lines import MOST_ELEMENTS, addresses_of, decode_
 from osl_analysis.formats.mat import Value, open_mat
 from osl_analysis.formats.message_fields import FieldDescription, describe_message, last_name
 from osl_analysis.formats.messages import ChannelSurvey, survey_channels
+from osl_analysis.formats.table import Loss
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest.captures import analog_rates, plate_count, plate_loads, plate_parameter, vertical_axis
-from osl_analysis.ingest.message_log import FILES, SECOND, check_not_set
+from osl_analysis.ingest.logs import (
+    FILES,
+    RATE,
+    SECOND,
+    check_not_set,
+    lines_table,
+    nanoseconds,
+    notes_on,
+    stamps_among,
+)
 from osl_analysis.ingest.source import KEYS, NAME_OF_TIME, UNKNOWN, model_of
-from osl_analysis.ingest.table_log import notes_on, stamp_column, stamps_among
 from osl_analysis.ingest.units import is_unit
 from osl_analysis.trial import Array
 
@@ -311,7 +320,9 @@ def inspect_json(path: Path) -> Overview:
     if stamp and not any(is_clock(one.own) for one in timing):
         time = {"field": stamp}
         try:
-            column = stamp_column(lines, decode_lines(lines, parts), parts)
+            of_parts = decode_lines(lines, parts)
+            table = lines_table(lines, of_parts, Loss(), np.ones(of_parts.rows.size, dtype=bool))
+            column = nanoseconds(table, parts, "field", f"name another time, or {RATE}")
             there = np.ma.getdata(column)[~np.ma.getmaskarray(column)]
             seconds = (there - there[:1].sum()) / SECOND
             notes = ["a stamp of seconds and nanoseconds", gaps_text(seconds)]

@@ -30,7 +30,7 @@ from osl_analysis.formats.rosbag import ANY_BAG1, SQLITE, files_in, folder_forma
 from osl_analysis.formats.tdms import is_tdms
 from osl_analysis.ingest.captures import read_c3d_capture, read_nexus_capture, read_trc_capture
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
-from osl_analysis.ingest.message_log import read_message_log
+from osl_analysis.ingest.logs import read_message_log, read_table_log
 from osl_analysis.ingest.overview import (
     Overview,
     inspect_c3d,
@@ -45,7 +45,6 @@ from osl_analysis.ingest.overview import (
 )
 from osl_analysis.ingest.recording import Recording, check_sizes
 from osl_analysis.ingest.source import KEYS, Keys, SharedAngle, Source, model_of, refuse_draft
-from osl_analysis.ingest.table_log import read_table_log
 from osl_analysis.trial import Trial
 
 

@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.csv_table import share_above
 from osl_analysis.formats.table import Table
-from osl_analysis.ingest.source import Conversion
+from osl_analysis.ingest.source import Channel
 from osl_analysis.trial import Array, unit_of
 
 
@@ -41,35 +40,40 @@ LEVEL_UNIT = "V"
 """Of the columns that may be read from truth values: levels of `sync` and `trigger`."""
 
 
-def canonical_series(
-    column: str, channel: Conversion, values: Array, lacking: NDArray[np.bool_], unit_of_file: str = ""
+def canonical_column(
+    what: str, column: str, channel: Channel, table: Table, time: Array, most_missing: float, place: str
 ) -> pl.Series:
-    """One column in SI units, from its numbers, (n,); null where one is `lacking`."""
-    series = pl.Series(column, channel.to_si(values, unit_of(column), unit_of_file))
-    return series.set(pl.Series(lacking), None) if lacking.any() else series
+    """A channel of a table with times (rows,) [s] in SI units: NaN where a reading failed, null where it has no value.
 
-
-def checked_numbers(
-    what: str, raw: NDArray[Any], time: Array, most_missing: float, table: Table | None = None
-) -> Array:
-    """The numbers of a channel, (n,): NaN where a reading failed, and 0 where it is masked.
-
-    Refused is infinity, and a share of failed readings above `most_missing`.
+    Refused are truth values that are no level, infinity, and a share of failed readings above `most_missing`. `what` is
+    the channel and `place` that of its unit in the source file, for messages.
     """
+    raw, lacking = table.columns[channel.name], np.ma.getmaskarray(table.columns[channel.name])
+    if raw.dtype == bool and unit_of(column) != LEVEL_UNIT:
+        row = int(np.argmin(lacking))
+        raise InputError(
+            f"{what} is {str(bool(np.ma.getdata(raw)[row])).lower()} in {table.place(row)}, a truth value and no "
+            f"number in {unit_of(column)}; name a number as `{channel.ADDRESS}` in the source file"
+        )
     with np.errstate(invalid="ignore"):  # a signalling NaN is one, too
         values: Array = np.ma.getdata(raw).astype(np.float64)
-    values[np.ma.getmaskarray(raw)] = 0.0
+    values[lacking] = 0.0
     missing = np.isnan(values)
     check_values(what, np.where(missing, 0.0, values) if missing.any() else values, time)
     count = int(missing.sum())
     if count > most_missing * values.size:
-        row, noun, failed = int(np.argmax(missing)), table.noun if table else "sample", table.failed if table else "NaN"
-        place = f"in {table.place(row)}" if table and table.lines is not None else f"at {time[row]:.3f} s"
+        row = int(np.argmax(missing))
+        first = f"at {time[row]:.3f} s" if table.lines is None else f"in {table.place(row)}"
         raise InputError(
-            f"{what}: {failed} in {count} of {values.size} {noun}s, first {place}; at most {most_missing:.1%} may be: "
-            f"repair the recording, or write `most_missing: {share_above(count, values.size):g}` in the source file"
+            f"{what}: {table.failed} in {count} of {values.size} {table.noun}s, first {first}; at most "
+            f"{most_missing:.1%} may be: repair the recording, or write `most_missing: "
+            f"{share_above(count, values.size):g}` in the source file"
         )
-    return values
+    try:
+        series = pl.Series(column, channel.to_si(values, unit_of(column), table.units.get(channel.name, "")))
+    except InputError as error:
+        raise InputError(f"{what}: {error}, as {place}") from error
+    return series.set(pl.Series(lacking), None) if lacking.any() else series
 
 
 def check_values(what: str, values: Array, time: Array) -> None:

@@ -1,0 +1,661 @@
+"""Logs as canonical columns: tables of rows, in CSV, JSON lines, MATLAB, TDMS and tables of OpenSim, and messages by
+topic, in MCAP or a bag of ROS, in the order of their stamps. Nothing is interpolated or held.
+
+Messages of equal stamp keep the order in which they were logged. A message may come late by up to a second; a larger
+step back means that the clock was set, and the log is refused. Messages of equal stamp become one sample; a field that
+one message lacks is taken from another. If they contradict each other, the first one is used, and the others count as
+lost. A log with more contradictions than the allowed share is refused. So is a log with more repeated stamps within one
+channel, because its clock stands still. Stamps that repeat because they are rounded to a sampling step or more are kept
+as they are. The counts are reported.
+"""
+
+import json
+import re
+from collections import defaultdict
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from osl_analysis.errors import InputError
+from osl_analysis.formats.csv_table import (
+    CsvLayout,
+    CsvTable,
+    UnreadableCellError,
+    name_and_unit,
+    numbers,
+    read_csv_table,
+    share_above,
+    without_brackets,
+)
+from osl_analysis.formats.gait_text import read_opensim
+from osl_analysis.formats.json_lines import JsonLines, addresses_of, decode_lines, read_json_lines
+from osl_analysis.formats.mat import find, no_variable, open_mat, parsed, vector
+from osl_analysis.formats.mcap import read_mcap
+from osl_analysis.formats.message_fields import Columns, Indices
+from osl_analysis.formats.messages import Decoded, MessageFile, RefusedFileError, WrongFieldError, decode_topics
+from osl_analysis.formats.rosbag import read_rosbag1, read_rosbag2, siblings
+from osl_analysis.formats.table import Loss, Table
+from osl_analysis.formats.tdms import read_tdms
+from osl_analysis.ingest.captures import exported_columns, exported_plates
+from osl_analysis.ingest.recording import LEVEL_UNIT, Recording, canonical_column
+from osl_analysis.ingest.source import Channel, Source
+from osl_analysis.ingest.units import is_unit, si_factor
+from osl_analysis.signals import runs
+from osl_analysis.trial import Array, check_time, counter_column, unit_of
+
+RATE = "state the rate: `time: {rate: 1000}`"
+SECOND = 1_000_000_000
+Tables = Sequence[tuple[float, Table]]
+"""The tables of a recording, each with the time [s] by which it begins after the first."""
+
+
+def read_table_log(path: Path, source: Source) -> Recording:
+    """The columns that the source file maps, in SI units; time [s] counts from the first row.
+
+    Rows of another timing, as TDMS may have, are null in the columns of the others.
+    Raises InputError: the recording is not what the source file says, or holds no numbers where it should.
+    """
+    tables = TABLE_FORMATS[source.format](path, source)
+    parts = [(start, table_recording(table, source, path.name)) for start, table in tables]
+    if len(parts) == 1:
+        table, recording = tables[0][1], parts[0][1]
+        return exported_plates(table, recording, source) if source.format == "opensim" and source.plates else recording
+    last = max(start for start, _ in parts)
+    if last > min(start + float(one.samples["time"][-1]) for start, one in parts):
+        raise InputError(
+            f"its channels begin up to {last:.3f} s apart and do not overlap; name channels of one task, or {RATE}"
+        )
+    stamps = []
+    for start, one in parts:
+        stamp = ((pl.col("time") + start) * SECOND).round().cast(pl.Int64).alias("stamp")
+        stamps.append(one.samples.select(stamp, pl.exclude("time")))
+    samples = joined_on_stamp(stamps)
+    time = ((samples["stamp"] - int(samples["stamp"][0])) / SECOND).alias("time")
+    recordings = [one for _, one in parts]
+    facts = {
+        **recordings[0].facts,
+        "rates_hz": {", ".join(one.columns): one.facts["rates_hz"][path.name] for one in recordings},
+        "missing": {name: count for one in recordings for name, count in one.facts["missing"].items()},
+    }
+    warnings = list(dict.fromkeys(text for one in recordings for text in one.warnings))
+    origins = {name: origin for one in recordings for name, origin in one.columns.items()}
+    return Recording(samples.select(time, pl.exclude("stamp")), origins, facts, warnings)
+
+
+def wanted(source: Source) -> list[str]:
+    """The addresses of all columns that a source file names, each once: time, signals, counters."""
+    named = [name for one in source.channels.values() for name in (one.name, one.counter)]
+    return [*dict.fromkeys(name for name in [source.time.name, *named] if name)]
+
+
+def table_recording(table: Table, source: Source, file: str) -> Recording:
+    """The channels of the source file that a table has."""
+    channels = {column: one for column, one in source.channels.items() if one.name in table.columns}
+    time, start = time_of(table, source)
+    first_by: dict[int, str] = {}
+    for column, channel in channels.items():  # two signals of different units, such as angle and torque, of one column
+        other = first_by.setdefault(id(table.columns[channel.name]), column)
+        if unit_of(other) != unit_of(column):
+            raise InputError(
+                f"{channel.title} is {other} and {column} in the source file; correct "
+                f"{source.place('channels', column, channel.ADDRESS)}"
+            )
+    columns, absent = canonical_columns(table, channels, time, source)
+    samples = pl.DataFrame([pl.Series("time", time), *columns])
+    missing, origins, said = {column: int(samples[column].is_nan().sum()) for column in channels}, {}, list[str]()
+    said += [f"{name} is {table.failed} in {n} of {time.size} {table.noun}s" for name, n in missing.items() if n]
+    for column, channel in channels.items():
+        unit = table.units.get(channel.name, "")
+        origins[column] = {**channel.origin(column, unit), **table.found.get(channel.name, {})}
+        if channel.unit and unit and channel.unit != unit:
+            said.append(f"{column} is read in {channel.unit}; the file says {unit}")
+    fresh = np.concatenate([[True], np.diff(time) != 0])  # rows whose stamp is not that of the row before
+    kept = fresh if source.time.repeated == "drop" else np.ones_like(fresh)
+    facts = {
+        "time": {**source.time.model_dump(exclude_none=True), "start": start},
+        "rates_hz": {file: median_rate(time[kept])},
+        "repeated_stamps": int((~fresh).sum()),
+        "missing": missing,
+        **table.facts,
+        **({"damage": dict(table.loss.report)} if table.loss.report else {}),
+    }
+    if not fresh.all():
+        did = (
+            "and were left out"
+            if source.time.repeated == "drop"
+            else "and are taken for samples whose stamps were rounded; if the device was read faster than it sampled, "
+            f"write `repeated: drop` under {source.place('time')}"
+        )
+        repeated = f"{int((~fresh).sum())} of {fresh.size} {table.noun}s repeat the stamp of the {table.noun} before"
+        said.append(f"{repeated} {did}")
+    warnings = [f"{file}: {text}" for text in (*table.loss.notes, *absent, *said)]
+    return Recording(samples.filter(pl.Series(kept)), origins, facts, warnings)
+
+
+def canonical_columns(
+    table: Table, channels: Mapping[str, Channel], time: Array, source: Source, topic: str = ""
+) -> tuple[list[pl.Series], list[str]]:
+    """The channels of a table with times (rows,) [s] as canonical columns, each with its counter if it has one, and a
+    sentence for each that lacks values. Refused is a counter that is missing or not whole."""
+    columns, absent = list[pl.Series](), dict[str, None]()
+    for column, channel in channels.items():
+        what, lacking = f"{topic}{channel.title}", np.ma.getmaskarray(table.columns[channel.name])
+        place = source.place("channels", column, "unit")
+        columns.append(canonical_column(what, column, channel, table, time, source.most_missing, place))
+        if lacking.any():
+            count = f"{int(lacking.sum())} of {lacking.size} {table.noun}s, first {table.noun}"
+            absent[f"{what} has no value in {count} {int(np.argmax(lacking)) + 1}"] = None
+        if channel.counter is None:
+            continue
+        found = table.columns[channel.counter]
+        raw, wrong = np.ma.getdata(found), np.ma.getmaskarray(found) | (found.dtype == bool)
+        largest = 2.0**53 if raw.dtype.kind == "f" else 2**63  # below which a float counts exactly
+        if raw.dtype != bool:
+            wrong = wrong | ~(np.abs(raw.astype(np.float64)) < largest) | (raw != np.rint(raw))
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            shown = "nothing" if np.ma.getmaskarray(found)[row] else raw[row]
+            raise InputError(
+                f"{topic}{channel.ADDRESS} '{channel.counter}': {shown} in {table.place(row)}, at "
+                f"{time[row]:.3f} s, is no count of samples, a whole number below {largest:.3g}; correct `counter` in "
+                f"the source file or leave it out, or remove the {table.noun} from the log"
+            )
+        columns.append(pl.Series(counter_column(column), raw.astype(np.int64)))
+    return columns, list(absent)
+
+
+def time_of(table: Table, source: Source) -> tuple[Array, float]:
+    """Time [s] of every row since the first one, and the reading of the clock in the first row."""
+    stated = source.time
+    if not stated.name:
+        own = np.arange(table.rows) / stated.rate if stated.rate is not None else table.time
+        assert own is not None  # the model of the source file asks for a rate or a name where the file has no time
+        return own - own[0], float(own[0])
+    what, raw = stated.title, np.ma.getdata(table.columns[stated.name])
+    lacking = np.isnan(raw.astype(np.float64)) | np.ma.getmaskarray(table.columns[stated.name])
+    if raw.dtype == bool or lacking.any():
+        where = "but truth values" if raw.dtype == bool else f"in {table.place(int(np.argmax(lacking)))}"
+        raise InputError(f"{what}: no time {where}; remove it there, take another {stated.ADDRESS}, or {RATE}")
+    try:
+        factor = si_factor(table.units.get(stated.name, "") if stated.unit is None else stated.unit, "s")
+    except InputError as error:
+        raise InputError(f"{what}: {error}, as {source.place('time', 'unit')}") from error
+    time = np.asarray((raw - raw[0]) * factor, dtype=np.float64)
+    check_time(what, time)
+    if time.size > 1 and time[0] == time[-1]:
+        still = f"time stands still at {raw[0]:g} in all {time.size} {table.noun}s"
+        raise InputError(f"{what}: {still}; take another {stated.ADDRESS}, or {RATE}")
+    return time, float(raw[0])
+
+
+TRUTHS = {"true": "1", "false": "0"}
+
+
+def csv_tables(path: Path, source: Source) -> Tables:
+    layout = CsvLayout(**{one.name: getattr(source, one.name) for one in fields(CsvLayout)})
+    text = read_csv_table(path, layout)
+    places = {name: text.column(name) for name in wanted(source)}
+    levels = {places[one.name] for column, one in source.channels.items() if unit_of(column) == LEVEL_UNIT}
+    clock = places.get(source.time.name)
+    values = {place: cells_of(text, place, source, place in levels, place == clock) for place in {*places.values()}}
+    full = {name: text.names[place] for name, place in places.items()}
+    found = {name: {"found": one} for name, one in full.items() if name_and_unit(one)[0] != name_and_unit(name)[0]}
+    table = Table(
+        len(text.lines),
+        {name: values[place] for name, place in places.items()},
+        {name: text.units[place] for name, place in places.items()},
+        loss=Loss(text.notes, {} if text.complete else {"complete": False}),
+        facts={"comments": text.comments[:100]},
+        found=found,
+        lines=text.lines,
+        failed="missing",
+    )
+    return [(0.0, table)]
+
+
+def cells_of(text: CsvTable, place: int, source: Source, level: bool, is_time: bool) -> NDArray[Any]:
+    """Numbers of one column, (rows,), NaN where they are missing.
+
+    In a `level` the words `True` and `False`, in any capitals, are 1 and 0, as Python's loggers write them.
+    """
+    cells: Any = text.body.to_series(place)
+    if is_time:
+        whole = cells.cast(pl.Int64, strict=False)
+        if not whole.null_count():  # nanoseconds since 1970, which floats would round
+            return np.asarray(whole.to_numpy())
+    if level:
+        cells = [TRUTHS.get(cell.casefold(), cell) if cell is not None else None for cell in cells]
+    try:
+        return numbers(cells, source.missing, source.decimal)
+    except UnreadableCellError as error:
+        cell = str(cells[error.place])
+        raise InputError(
+            f"line {text.lines[error.place]}, column '{text.names[place]}': '{cell[:40]}' is not "
+            f"a number; {remedy_for(cell, text.names[place], source, is_time, first=error.place == 0)}"
+        ) from error
+
+
+def remedy_for(text: str, name: str, source: Source, is_time: bool, first: bool) -> str:
+    """What to do about a cell that is not a number; `first`: it stands in the first row of data."""
+    if text.casefold() in TRUTHS:
+        return "name a column of numbers; a truth value can only be `sync` or `trigger`"
+    if re.search(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{1,2}:\d{2}", text):  # 2024-05-01T12:00:00, 12:00:00.5
+        return "write time as seconds, or state the rate of the rows in place of the column: `time: {rate: 1000}`"
+    if text == name:
+        return "the header stands here again: cut the file in two, a log each"
+    if source.decimal == "," and "." in text:
+        return 'write `decimal: "."` in the source file if the full stop is the decimal sign'
+    if re.fullmatch(r"[+-]?\d+,\d+", text):
+        return 'write `decimal: ","` in the source file if the comma is the decimal sign'
+    if first and source.header == "none":
+        return "write `header: row` in the source file if this line holds the columns' names"
+    if first and is_unit(without_brackets(text)):
+        return "write `units_row: true` in the source file if this line holds units"
+    if is_time:
+        return "correct the cell, or delete the line"
+    return f"correct the cell, or add {json.dumps(text[:40], ensure_ascii=False)} to `missing` in the source file"
+
+
+def json_tables(path: Path, source: Source) -> Tables:
+    """A line that lacks a field has no sample of it. `null` is no value, `NaN` a reading that failed."""
+    lines, field = read_json_lines(path), source.time.field
+    parts = stamps_among(addresses_of(lines)[0]).get(field, ()) if field else ()
+    if parts and source.time.unit is not None:
+        raise InputError(
+            f"field '{field}' is a stamp of '{parts[0]}' and '{parts[1]}', whose units are known; remove "
+            f"{source.place('time', 'unit')}"
+        )
+    names = [*(name for name in wanted(source) if not (parts and name == field)), *parts]
+    decoded = decode_lines(lines, names)
+    count, total = decoded.misfits, len(lines.texts)
+    if count and (count > source.most_missing * total or source.time.rate is not None):
+        # with a rate, a line that is left out moves the rest
+        advice = f", or write `most_missing: {share_above(count, total):g}` in the source file"
+        raise InputError(
+            f"{count} of {total} lines cannot be used: {decoded.misfit}; repair the log"
+            f"{advice if source.time.rate is None else ''}"
+        )
+    notes, kept = notes_on(lines, decoded), np.any([decoded.present[name] for name in names], axis=0)
+    if field and not kept.all():  # lines without any of the fields, such as a header; with a rate, every line counts
+        left_out, first = int((~kept).sum()), lines.numbers[decoded.rows[int(np.argmin(kept))]]
+        notes.append(f"{left_out} of {kept.size} lines have none of the fields and were left out, first line {first}")
+    report = {"messages_lost": count, "share_lost": count / total} if count else {}
+    table = lines_table(lines, decoded, Loss(notes, report), kept if field else np.ones_like(kept))
+    if not parts:
+        return [(0.0, table)]
+    stamps = nanoseconds(table, parts, "field", f"name another time, or {RATE}")
+    return [(0.0, replace(table, columns={**table.columns, str(field): stamps}, units={str(field): "ns"}))]
+
+
+def lines_table(lines: JsonLines, decoded: Columns, loss: Loss, kept: NDArray[np.bool_]) -> Table:
+    """The fields that were decoded of those lines that are kept, masked where a line lacks one."""
+    columns = {name: np.ma.array(one, mask=~decoded.present[name])[kept] for name, one in decoded.values.items()}
+    return Table(int(kept.sum()), columns, loss=loss, lines=lines.numbers[decoded.rows[kept]])
+
+
+def notes_on(lines: JsonLines, decoded: Columns) -> list[str]:
+    count, total = decoded.misfits, len(lines.texts)
+    skipped = [f"{count} of {total} lines cannot be used and were skipped: {decoded.misfit}"]
+    return [*lines.notes, *skipped * bool(count)]
+
+
+def stamp_fields(field: str) -> list[tuple[str, str]]:
+    """Paths at which a stamp's seconds and nanoseconds may stand, as ROS 2, protobuf, Foxglove's JSON and ROS 1 do."""
+    names = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
+    return [(f"{field}.{seconds}", f"{field}.{nanoseconds}") for seconds, nanoseconds in names]
+
+
+def stamps_among(names: Collection[str]) -> Mapping[str, tuple[str, str]]:
+    """The stamps among several paths, by the path of the object, the shortest way first."""
+    above = dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name)
+    found = {path: parts for path in above for parts in stamp_fields(path) if path and set(parts) <= set(names)}
+    return dict(sorted(found.items(), key=lambda one: one[0].count(".")))
+
+
+def nanoseconds(table: Table, parts: Sequence[str], what: str, remedy: str) -> NDArray[Any]:
+    """Stamps [ns], (rows,), from columns of seconds and nanoseconds; a row that lacks one of them has none."""
+    whole = []
+    for name, most in zip(parts, (2**63 // SECOND - 1, SECOND), strict=True):
+        values, lacking = np.ma.getdata(table.columns[name]), np.ma.getmaskarray(table.columns[name])
+        number = np.where(lacking, 0, values).astype(np.float64)
+        wrong = (np.abs(number) > most) | (number != np.rint(number)) | (~lacking & (values.dtype == bool))
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise InputError(
+                f"{what} '{name}' is {values[row]} in {table.place(row)}, which is no whole number from 0 to {most}; "
+                f"{remedy}"
+            )
+        whole.append(np.ma.array(np.where(lacking, 0, values).astype(np.int64), mask=lacking))
+    stamps: NDArray[Any] = whole[0] * SECOND + whole[1]
+    return stamps
+
+
+def mat_tables(path: Path, source: Source) -> Tables:
+    file = open_mat(path)
+    part = parsed(source.log_part) if source.log_part else None
+    addresses = {
+        text: parsed(text, inside=part is not None and not text.startswith("/")).below(part) for text in wanted(source)
+    }
+    variables = file.read({address.variable for address in addresses.values()})
+    vectors: dict[str, NDArray[Any]] = {}
+    for text, address in addresses.items():
+        if address.variable not in file.names and not source.log_part:
+            raise no_variable(file, address)
+        vectors[text] = vector(address, find(variables, file.names, address))
+    reference = source.time.name or next(iter(vectors))
+    rows = vectors[reference].size
+    for text, values in vectors.items():
+        if values.size != rows:
+            raise InputError(
+                f"{text} has {values.size} numbers and {reference} has {rows}; name variables of one "
+                "recording, or cut them to one length in MATLAB"
+            )
+    facts = {"version": file.version, "header": file.header, "log_part": source.log_part}
+    found = {text: {"variable": address.text} for text, address in addresses.items()}
+    return [(0.0, Table(rows, vectors, facts=facts, found=found, noun="sample"))]
+
+
+def tdms_tables(path: Path, source: Source) -> Tables:
+    """A table for each timing that channels have by their own properties; one where the source file tells the time."""
+    file = read_tdms(path)
+    timings: dict[tuple[int, float, float | None, int], list[Channel]] = defaultdict(list)
+    for mapped in source.channels.values():
+        channel = file.channel(mapped.name)
+        told = (channel.begin, channel.offset, channel.step, channel.count)
+        if source.time.name or source.time.rate is not None:
+            told = (0, 0.0, None, 0)
+        elif channel.step is None:
+            raise InputError(
+                f"channel '{channel.address}' has no timing (`wf_increment` among its properties); name the "
+                f"channel of time, as `time: {{channel: GROUP/NAME, unit: s}}`, or {RATE}"
+            )
+        timings[told].append(mapped)
+    first, tables = min(begin for begin, *_ in timings), list[tuple[float, Table]]()
+    report = {"complete": False, "messages_lost": None, "remarks": list(file.notes)} if file.notes else {}
+    for (begin, offset, step, length), of_timing in timings.items():
+        named = [name for mapped in of_timing for name in (mapped.name, mapped.counter)]
+        channels = {name: file.channel(name) for name in [*named, source.time.name] if name}
+        some = list(channels.values())
+        for one in some:
+            if one.count != some[0].count:
+                raise InputError(
+                    f"channel '{one.address}' has {one.count} values and '{some[0].address}' has "
+                    f"{some[0].count}; name channels of one recording, or export those of each length on their own"
+                )
+        values = file.values(some)
+        columns = {name: values[one.address] for name, one in channels.items()}
+        units = {name: "s" if one.holds_times else one.unit for name, one in channels.items()}
+        own = None if step is None else np.asarray(np.arange(length) * step, dtype=np.float64)
+        table = Table(some[0].count, columns, units, own, Loss(file.notes, report))
+        tables.append((offset + (begin - first) * 1e-6, table))
+    return tables
+
+
+ANGLES = {"rad": {"deg": "deg", "rad": "rad"}, "rad/s": {"deg": "deg/s", "rad": "rad/s"}}
+"""By canonical unit, the unit that the header's `inDegrees` means."""
+
+
+def opensim_tables(path: Path, source: Source) -> Tables:
+    table = read_opensim(path)
+    for column, channel in source.channels.items():  # a unit of an angle that is not the one of the header
+        canonical = unit_of(column)
+        own = ANGLES.get(canonical, {}).get(table.angles)
+        if own is not None and not np.isclose(si_factor(str(channel.unit), canonical), si_factor(own, canonical)):
+            raise InputError(
+                f"its header says inDegrees={table.header['indegrees']}, and column '{channel.column}' is read in "
+                f"{channel.unit}; write {own}, as {source.place('channels', column, 'unit')}"
+            )
+    facts = {"header": table.header, "clock": source.clock}
+    plates = [name for plate in source.plates.values() for name in exported_columns(plate)]
+    columns = {name: table.column(name) for name in dict.fromkeys([*wanted(source), *plates])}
+    return [(0.0, Table(len(table.rows), columns, facts=facts))]
+
+
+TABLE_FORMATS: Mapping[str, Callable[[Path, Source], Tables]] = {
+    "csv": csv_tables,
+    "json_lines": json_tables,
+    "mat": mat_tables,
+    "tdms": tdms_tables,
+    "opensim": opensim_tables,
+}
+
+
+FILES: Mapping[str, Callable[[Path], MessageFile]] = {
+    "mcap": read_mcap,
+    "rosbag1": read_rosbag1,
+    "rosbag2": read_rosbag2,
+}
+
+
+def read_message_log(path: Path, source: Source) -> Recording:
+    """The columns that the source file maps, in SI units; time [s] counts from the first stamp.
+
+    Topics with different stamps have rows of their own, null in the columns of the other topics. The losses of the file
+    are in the facts under `damage` (`formats/messages.py`). Refused is what cannot be decoded, a loss above
+    `source.largest_loss`, a value that is infinite, and stamps that contradict each other or go back.
+    """
+    file = FILES[source.format](path)
+    if source.format == "mcap" and (remark := siblings(path)[1]):
+        file.damage.remarks.append(remark)
+    by_topic: dict[str, dict[str, Channel]] = defaultdict(dict)
+    for column, channel in source.channels.items():
+        by_topic[channel.topic][column] = channel
+    decoded = decode_wanted(file, by_topic, source)
+    tables, orders, absent = dict[str, pl.DataFrame](), dict[str, dict[str, int]](), list[str]()
+    for topic, one in decoded.items():
+        tables[topic], orders[topic], lacking = read_topic(topic, by_topic[topic], one, source)
+        absent += lacking
+    joined = joined_on_stamp([*tables.values()])
+    missing = {column: int(joined[column].is_nan().sum()) for column in source.channels}
+    start, stamp = int(joined["stamp"][0]), str(source.time.field if source.time.source == "header" else "log")
+    time = ((joined.drop_in_place("stamp") - start) / SECOND).alias("time")
+    facts = {
+        "time": {"source": stamp, "stamps": source.time.stamps, "start_ns": start},
+        "rates_hz": {topic: median_rate(table["stamp"].to_numpy(), SECOND) for topic, table in tables.items()},
+        "decoding": {topic: one.how for topic, one in decoded.items()},
+        "stamps": orders,
+        "missing": missing,
+        "damage": file.damage.report({topic: file.channels_of(topic) for topic in by_topic}),
+    }
+    columns = {column: channel.origin(column) for column, channel in source.channels.items()}
+    remarks = file.damage.all_remarks()
+    for topic, order in orders.items():
+        counts = {
+            "came late and were put in the order of their stamps": order["late"],
+            "repeat a stamp and were joined to its first": order["repeated"] - order["contradicted"],
+            "contradict an earlier one of the same stamp and are lost": order["contradicted"],
+        }
+        remarks += [f"topic '{topic}': {count} messages {what}" for what, count in counts.items() if count]
+    remarks += [*absent, *(f"{column} is NaN in {n} of {len(joined)} rows" for column, n in missing.items() if n)]
+    return Recording(pl.DataFrame([time, *joined]), columns, facts, [f"{path.name}: {remark}" for remark in remarks])
+
+
+def median_rate(stamps: Array | Indices, second: float = 1.0) -> float | None:
+    """Median sampling rate [Hz] of stamps (n,), of which `second` are a second; None for a single row, or if most rows
+    repeat a stamp."""
+    step = float(np.median(np.diff(stamps))) if stamps.size > 1 else 0.0
+    return second / step if step > 0 else None
+
+
+def decode_wanted(
+    file: MessageFile, by_topic: Mapping[str, Mapping[str, Channel]], source: Source
+) -> dict[str, Decoded]:
+    """The fields of each topic and of its stamp; a file that has lost too much is refused."""
+    stamps = [name for pair in stamp_fields(str(source.time.field)) for name in pair]
+    first, wanted = stamps if source.time.source == "header" else [], {}
+    for topic, channels in by_topic.items():
+        named = (name for channel in channels.values() for name in (channel.field, channel.counter) if name)
+        wanted[topic] = [*dict.fromkeys([*first, *named])]
+    try:
+        decoded = decode_topics(file, wanted, optional=stamps)
+    except (RefusedFileError, WrongFieldError):
+        raise
+    except InputError as error:
+        check_loss(file, by_topic, source.largest_loss)  # if too much is lost, that is the reason
+        if file.damage.remarks:
+            reason, semicolon, remedy = str(error).rpartition("; ")
+            remarks = f" ({', '.join(file.damage.all_remarks())})"
+            raise InputError(f"{reason}{remarks}; {remedy}" if semicolon else f"{error}{remarks}") from error
+        raise
+    check_loss(file, by_topic, source.largest_loss)
+    return decoded
+
+
+def check_loss(file: MessageFile, topics: Collection[str], most: float) -> None:
+    """Refuse a file that has lost a larger share of a topic than allowed."""
+    for topic in topics:
+        channels = file.channels_of(topic)
+        share = file.damage.share_lost(channels or None)
+        if share > most:
+            misfits = sum(file.damage.misfits[channel] for channel in channels)
+            are_all = misfits == file.damage.messages_lost(channels)
+            what = "messages that cannot be used" if are_all else f"damaged or incomplete {file.kind}"
+            raise InputError(
+                f"{what}: {100 * share:.3g} % of topic '{topic}' is lost, at most "
+                f"{100 * most:.3g} % may be (largest_loss in the source file): "
+                f"{'; '.join(file.damage.all_remarks())}; record again"
+                f"{', or map another field' * are_all}"
+            )
+
+
+def read_topic(
+    topic: str, channels: Mapping[str, Channel], decoded: Decoded, source: Source
+) -> tuple[pl.DataFrame, dict[str, int], list[str]]:
+    """Stamps [ns] and columns of one topic in the order of the stamps, counts of the sorting (`in_order`), and a
+    sentence for each field that messages lack."""
+    logged, number, from_header = decoded.log_time, decoded.channel, source.time.source == "header"
+    fields = {path: np.ma.array(values, mask=~decoded.present[path]) for path, values in decoded.values.items()}
+    table = Table(logged.size, fields, noun="message")
+    stamp: NDArray[Any] = logged
+    if from_header:
+        field = str(source.time.field)
+        named = [pair for pair in stamp_fields(field) if all(decoded.present[path].any() for path in pair)]
+        if not named:
+            raise InputError(
+                f"topic '{topic}' has no field '{field}' with seconds and nanoseconds; correct time.field in the "
+                "source file, or write source: log"
+            )
+        stamp = nanoseconds(table, named[0], f"topic '{topic}': field", "write source: log")
+        lacking = int(np.ma.getmaskarray(stamp).sum())
+        if lacking:
+            raise InputError(
+                f"topic '{topic}': {lacking} of {logged.size} messages have no '{field}'; write source: log"
+            )
+        stamp = np.ma.getdata(stamp)
+    elif (logged < 0).any():
+        row = int(np.argmax(logged < 0))
+        raise InputError(
+            f"topic '{topic}': message {row + 1} was logged at {int(logged[row]) + 2**64} ns, which is not a time; "
+            "write source: header, or record again"
+        )
+    columns, absent = canonical_columns(table, channels, (stamp - stamp[0]) / SECOND, source, f"topic '{topic}': ")
+    logged_in_order = ((logged[1:] >= logged[:-1]) | (number[1:] != number[:-1])).all()
+    advice = "its times cannot be used: record again, or exclude the trial"
+    if from_header and logged_in_order:
+        advice = "write source: log in the source file, or exclude the trial"
+    samples = pl.DataFrame([pl.Series("stamp", stamp), *columns])
+    return *in_order(topic, samples, number, source.largest_loss, advice), absent
+
+
+def in_order(
+    topic: str, table: pl.DataFrame, channel: NDArray[np.uint16], largest_loss: float, advice: str
+) -> tuple[pl.DataFrame, dict[str, int]]:
+    """The topic's rows, given channel by channel in the order of recording, sorted by increasing `stamp` [ns]; and how
+    many messages came after one of a later stamp, have the stamp of an earlier one, and other values than that.
+
+    `channel` is the number of each row's channel, (n,); `advice` says what to do where the clock was set.
+    """
+    ordering = {"late": 0, "repeated": 0, "contradicted": 0}
+    channels = np.unique(channel)
+    for number in channels:
+        ordering["late"] += check_not_set(topic, table.filter(channel == number), advice)
+    stamp = table["stamp"].to_numpy()
+    if (stamp[1:] > stamp[:-1]).all():
+        return table, ordering
+    if len(channels) == 1 and not table.is_duplicated().any() and rounded(stamp):
+        return table.sort("stamp", maintain_order=True), ordering
+    once = table.group_by("stamp", maintain_order=True).agg(pl.all().drop_nulls().first()).sort("stamp")
+    beside = table.join(once, on="stamp", how="left", suffix=" kept", maintain_order="left")
+    differs = [(pl.col(c) != pl.col(f"{c} kept")).fill_null(value=False) for c in table.columns if c != "stamp"]
+    contradicted, most = int(beside.select(pl.any_horizontal(differs).sum()).item()), largest_loss * stamp.size
+    standing = int(np.maximum(np.unique(stamp, return_counts=True)[1] - len(channels), 0).sum())
+    for count, also, remedy in (
+        (standing, "", ", or write source: log in the source file"),
+        (contradicted, " and other values", " or the time source in the source file"),
+    ):
+        if count > most:
+            raise InputError(
+                f"topic {topic}: {count} of {stamp.size} messages have the stamp of an earlier one{also}; stamps must "
+                f"be their own: check the recorder's clock{remedy}"
+            )
+    return once, ordering | {"repeated": stamp.size - once.height, "contradicted": contradicted}
+
+
+def rounded(stamp: Indices) -> bool:
+    """Whether stamps [ns] repeat because they are rounded to a step that is not shorter than the sampling step.
+
+    Every tick of the rounding then has a message, and none has two more than another. The messages are kept: the time
+    base finds when they were sampled, as in a CSV log.
+    """
+    ticks, messages = np.unique(stamp, return_counts=True)
+    if ticks.size < 2:
+        return False
+    step = int(np.diff(ticks).min())
+    empty = (int(ticks[-1] - ticks[0]) // step + 1) - ticks.size
+    inner = messages[1:-1]
+    even = inner.size > 0 and int(inner.max()) - int(np.median(inner)) <= 1
+    return bool(even and empty <= 0.5 * (stamp.size - ticks.size))  # more ticks without a message are no rounding
+
+
+def check_not_set(topic: str, table: pl.DataFrame, advice: str) -> int:
+    """Refuse a clock that was set back, in one channel's rows; returns how many of them are merely late.
+
+    It was set back by more than a second, or many messages in a row fall among those before. Messages that are merely
+    late fill the gap that they left; those that repeat others do not count.
+    """
+    stamp, many = table["stamp"].to_numpy(), 10
+    by = np.maximum.accumulate(stamp) - stamp
+    if (by > SECOND).any():
+        row = int(np.argmax(by > SECOND))
+        raise InputError(
+            f"topic {topic}: time goes back by {by[row] / SECOND:.6f} s at message {row + 1} of {stamp.size}; the "
+            f"clock was set while recording: {advice}"
+        )
+    late = by > 0
+    if not late.any():
+        return 0
+    for run in (one for one in runs(late & ~table.is_duplicated().to_numpy()) if one.stop - one.start >= many):
+        before, inside = stamp[: run.start], stamp[run]
+        if ((before >= inside[0]) & (before <= inside[-1])).sum() >= many:
+            raise InputError(
+                f"topic {topic}: time goes back from {before.max() / SECOND:.6f} s to {inside[0] / SECOND:.6f} s at "
+                f"message {run.start + 1} of {stamp.size}, and {len(inside)} messages fall among those before; the "
+                f"clock was set while recording: {advice}"
+            )
+    return int(late.sum())
+
+
+def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
+    """One table with a row per stamp of any of the tables, which are sorted by it.
+
+    Where stamps are rounded and equal, the tables have rows of their own.
+    """
+    if len(tables) == 1:
+        return tables[0].clone()
+    if any((np.diff(table["stamp"].to_numpy()) == 0).any() for table in tables):
+        return pl.concat(tables, how="diagonal").sort("stamp", maintain_order=True)
+    stamps = [table["stamp"].to_numpy() for table in tables]
+    every = np.sort(np.concatenate(stamps), kind="stable")  # a third of the time of `unique`, as each table's rise
+    every = every[np.append(True, np.diff(every) != 0)]
+    columns = [pl.Series("stamp", every)]
+    for table, stamp in zip(tables, stamps, strict=True):
+        rows = np.full(every.size, -1)
+        rows[np.searchsorted(every, stamp)] = np.arange(stamp.size)
+        taken = pl.Series(rows).set(pl.Series(rows < 0), None)
+        columns += [column.gather(taken) for column in table.drop("stamp")]
+    return pl.DataFrame(columns)

@@ -23,9 +23,7 @@ from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.commands.report import lacks_result
 from osl_analysis.config.campaign import About
 from osl_analysis.dictionary import described_tables
-from osl_analysis.report import trial_page
 from osl_analysis.report.page import (
-    PageTrial,
     caption_html,
     captions_by_title,
     every_kth,
@@ -40,6 +38,7 @@ from osl_analysis.report.trial_page import (
     left_out_trials,
     provenance_content,
     trial_content,
+    trials_content,
     without_result,
 )
 
@@ -103,20 +102,14 @@ def trial(name="t", doubtful="", **facts):
 def page_of(trials, largest_mb=40.0, tables=None):
     content = {
         "about": ABOUT,
-        "counts": trial_page.counts(trials),
-        "choices": trial_page.choices(trials),
+        **trials_content(trials),
         "headlines": [],
         "findings": [{"verdict": "doubtful", "line": f"doubtful, 1 of 2 trials: {HOSTILE}"}],
         "figures": [],
         "not_made": [],
-        "quantities": trial_page.TABLE_NUMBERS,
-        "trials": trial_page.trial_rows(trials),
-        "left_out": trial_page.left_out(trials),
-        "experiments": {"impedance": "one line"},
     }
-    described = {"impedance": IMPEDANCE}
-    pages = [PageTrial(one.name, trial_content(one, described, {}), tables or one.pictures.tables) for one in trials]
-    return written_page(content, pages, largest_mb)
+    packed = {one.name: (trial_content(one, {"impedance": IMPEDANCE}, {}), tables or {}) for one in trials}
+    return written_page(content, packed, largest_mb)
 
 
 class Page(HTMLParser):
@@ -200,15 +193,16 @@ def test_verdicts_and_counts():
     ]
     checks = {"trial": ["e"], "check": ["gap"], "verdict": ["flag"], "remark": ["torque"]}
     trials.insert(1, trial("e", quality=pl.DataFrame(checks)))
-    verdicts = ["used", "flagged", "doubtful", "excluded", "refused"]
-    assert [one.verdict for one in trials] == verdicts
-    assert trial_page.counts(trials) == dict.fromkeys(verdicts, 1)
-    assert trial_page.trial_row(trials.pop(1), set())["doubt"].startswith("gap in the recording: torque. look for a")
-    row = trial_page.trial_row(trials[1], {"K_d"})
-    assert row["doubt"] == "all amplitudes: VAF 3 is below 90"
-    assert row["numbers"][1] == {"sort": "299.51", "text": "299.51", "interval": "[299.20, 299.80]", "column": "K"}
-    assert row["condition"] == "K_d 300"
-    assert trials[1].condition() == f"controller {HOSTILE}, K_d 300"
+    assert [one.verdict for one in trials] == ["used", "flagged", "doubtful", "excluded", "refused"]
+    content = trials_content(trials)
+    assert content["counts"] == {one.verdict: 1 for one in trials}
+    _, flagged, doubtful, *_ = content["trials"]
+    assert flagged["doubt"].startswith("gap in the recording: torque. look for a")
+    assert doubtful["doubt"] == "all amplitudes: VAF 3 is below 90"
+    number = {"sort": "299.51", "text": "299.51", "interval": "[299.20, 299.80]", "column": "K"}
+    assert doubtful["numbers"][1] == number
+    assert [one["name"] for one in content["left_out"]] == ["c", "d"]
+    assert trials[2].condition() == f"controller {HOSTILE}, K_d 300"
 
 
 def test_doubts_are_split_and_explained():
@@ -263,10 +257,10 @@ def test_a_caption_is_text_with_indices():
 
 def test_cells_are_sorted_by_the_unrounded_value_and_conditions_are_those_that_differ():
     row, table = {"experiment": "impedance", "joint": "knee"}, fitted_rows().with_columns(K=pl.lit(299.512345))
-    precise = ReportedTrial("t", row, {"impedance": table})
-    assert trial_page.trial_row(precise, ())["numbers"][1]["sort"] == "299.512345"
-    two = [ReportedTrial("a", row | {"K_d": K_d}) for K_d in (1.0, 2.0)]
-    assert [row["condition"] for row in trial_page.trial_rows(two)] == ["K_d 1", "K_d 2"]
+    two = [ReportedTrial("a", row | {"K_d": K_d}, {"impedance": table}) for K_d in (1.0, 2.0)]
+    shown = trials_content(two)["trials"]
+    assert [row["condition"] for row in shown] == ["K_d 1", "K_d 2"]
+    assert shown[0]["numbers"][1]["sort"] == "299.512345"
 
 
 def test_doubts_say_whether_they_are_about_the_whole_trial():
@@ -315,8 +309,8 @@ def test_crossings_are_drawn_in_degrees_and_the_residual_is_measured_minus_model
     assert_allclose(table.to_numpy(), [[0, 0, 90], [0.1, 180, 0]], atol=1e-9)
     response = pl.DataFrame({"time": [0.01], "theta_deg": [1.0], "torque": [5.0], "torque_model": [3.0]})
     isolated = isolated_pictures(response).tables["isolated"]
-    (row,) = isolated.to_dicts()
-    assert row == {"time_ms": 10.0, "theta_deg": 1.0, "torque": 5.0, "torque_model": 3.0, "residual": 2.0}
+    row = isolated.drop("time").row(0, named=True)
+    assert row == {"theta_deg": 1.0, "torque": 5.0, "torque_model": 3.0, "time_ms": 10.0, "residual": 2.0}
 
 
 def test_the_fitted_line_of_phasors_is_the_admittance_of_a_second_order_system():
@@ -332,14 +326,14 @@ def test_a_trial_is_left_out_by_what_became_of_it():
     rows = [cut, late, late]
     crossings = pl.DataFrame({"trial": ["walk"], "reason": ["no step"]})
     found = left_out_trials(pl.DataFrame(rows, infer_schema_length=None), crossings, {"late": "again", "new": "why"})
-    left_out = {name: (one.refused, one.reasons) for name, one in found.items()}
-    assert left_out.pop("late") == (False, ["gap 1 s, threshold 0.5: theta"])
-    assert left_out == {"cut": (True, ["no footer"]), "new": (True, ["why"]), "walk": (False, ["no step"])}
+    assert found.pop("late") == (False, ["gap 1 s, threshold 0.5: theta"])
+    assert found == {"cut": (True, ["no footer"]), "new": (True, ["why"]), "walk": (False, ["no step"])}
+    assert list(found) == ["cut", "new", "walk"]
 
 
 def test_a_trial_without_a_result_names_those_for_want_of_which():
-    assert without_result(["static_1"]).reasons == ["it has no result, because static_1 was refused or excluded"]
-    assert without_result(list("abcde")).reasons[0].endswith("because a, b, c and 2 more were refused or excluded")
+    assert without_result(["static_1"])[1] == ["it has no result, because static_1 was refused or excluded"]
+    assert without_result(list("abcde"))[1][0].endswith("because a, b, c and 2 more were refused or excluded")
     assert lacks_result("walking", {}, {"trial": Path("a")})
     assert not lacks_result("plate", {}, {})
     assert lacks_result("belt", {}, {"trial": Path("a")})

@@ -16,7 +16,7 @@ from osl_analysis.files import atomic_path
 from osl_analysis.jobs.refusal import Refusal, is_refused
 from osl_analysis.judge.recording import CHECKS
 from osl_analysis.report import panels, trial_page
-from osl_analysis.report.page import PageTrial, captions_by_title, inline_png, inline_svg, written_page
+from osl_analysis.report.page import captions_by_title, inline_png, inline_svg, written_page
 from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content, without_result
 from osl_analysis.summary import COUNT
 from osl_analysis.table import read_table
@@ -63,17 +63,16 @@ def write_report(
         if why is None and lacks_result(row["experiment"], own, files):
             why = without_result(list(left_out))
         origin = read_provenance(files["trial"]) if "trial" in files else {}
-        reasons, missing = (why.reasons, why.refused) if why else ((), False)
+        missing, reasons = why or (False, [])
         drawn = pictures(row["experiment"], own, files)
         reported.append(ReportedTrial(name, row, own, judged.get((name,)), origin, reasons, missing, drawn))
     checks = {name: check.meaning for name, check in CHECKS.items()}
-    pages = [PageTrial(one.name, trial_content(one, described, checks), one.pictures.tables) for one in reported]
+    pages = {one.name: (trial_content(one, described, checks), one.pictures.tables) for one in reported}
     found = {} if is_refused(summary) else read_summary(summary)
     said = captions_by_title(captions.read_text(encoding="utf-8")) if captions and not is_refused(captions) else {}
     content = {
         "about": about,
-        "counts": trial_page.counts(reported),
-        "choices": trial_page.choices(reported),
+        **trial_page.trials_content(reported),
         "headlines": [
             trial_page.headline_row(number)
             for number in found.get("numbers", {}).values()
@@ -85,11 +84,7 @@ def write_report(
             for name, path in figures.items()
             for title in [figure_title(name)]
         ],
-        "quantities": trial_page.TABLE_NUMBERS,
-        "trials": trial_page.trial_rows(reported),
-        "left_out": trial_page.left_out(reported),
         "not_made": [one for one in refused if not one.trial],
-        "experiments": {name: facts.description for name, facts in EXPERIMENTS.items()},
     }
     page = written_page(content, pages, largest_mb)
     with atomic_path(output) as temporary:

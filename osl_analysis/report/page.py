@@ -7,8 +7,7 @@ import re
 import warnings
 import zlib
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from html import escape
 from typing import Any
 from urllib.parse import unquote
@@ -22,74 +21,65 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from osl_analysis.report import TEMPLATES
-from osl_analysis.trial import Array
 
 MEGABYTE = 1_000_000
 FEWEST_PACKED = 200  # rows from which on a table is packed; a shorter one is written as numbers
+Trials = Mapping[str, tuple[Mapping[str, Any], Mapping[str, pl.DataFrame]]]
+"""What the page says of each trial, and the tables that it draws, by name."""
 
 
-@dataclass(frozen=True)
-class PageTrial:
-    name: str
-    content: Mapping[str, Any]
-    tables: Mapping[str, pl.DataFrame]
-
-
-def written_page(content: Mapping[str, Any], trials: Sequence[PageTrial], largest_mb: float) -> str:
+def written_page(content: Mapping[str, Any], trials: Trials, largest_mb: float) -> str:
     """The HTML of the report, of the names that the template `report.html.j2` uses. Its signals are thinned out until
-    it is no larger than `largest_mb` [MB]."""
+    it is no larger than `largest_mb` [MB]; no table below `FEWEST_PACKED` rows: where that is still too much, a warning
+    says so."""
     around = Environment(
         loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     ).get_template("report.html.j2")
     bokeh_js = "\n".join(Resources(mode="inline", log_level="warn", components=["bokeh", "bokeh-api"]).js_raw)
     report_js, style = ((TEMPLATES / f"report.{kind}").read_text(encoding="utf-8") for kind in ("js", "css"))
+    hashes = (hashlib.sha256(script.encode()).digest() for script in (bokeh_js, report_js))
+    scripts = " ".join(f"'sha256-{b64encode(digest).decode()}'" for digest in hashes)
 
     def page(packed: Mapping[str, str], every: int) -> str:
         return around.render(
             **content,
             every=every,
             bokeh_version=bokeh.__version__,
-            policy=policy(bokeh_js, report_js),
+            # content security policy: nothing is loaded, and no script runs but these two, by their hashes
+            policy=f"default-src 'none'; script-src {scripts}; style-src 'unsafe-inline'; img-src data: blob:; "
+            "font-src data:; base-uri 'none'; form-action 'none'",
             bokeh_js=Markup(bokeh_js),
             report_js=Markup(report_js),
             style=Markup(style),
             packed={name: Markup(text) for name, text in packed.items()},
         )
 
-    rest = len(page({}, 1).encode())
-    every, packed = thinned_trials(trials, largest_mb * MEGABYTE - rest)
-    return page(packed, every)
-
-
-def thinned_trials(trials: Sequence[PageTrial], largest: float) -> tuple[int, dict[str, str]]:
-    """k, and the trials packed with every k-th sample by name, so that together they have at most `largest` bytes. No
-    table is thinned below `FEWEST_PACKED` rows. Where that is still too much, a warning says so."""
-    longest = max((len(table) for trial in trials for table in trial.tables.values()), default=0)
-    every = 1
-    packed = {trial.name: packed_trial(trial, every) for trial in trials}
+    largest = largest_mb * MEGABYTE - len(page({}, 1).encode())
+    longest = max((len(table) for _, tables in trials.values() for table in tables.values()), default=0)
+    every, packed = 1, {name: packed_trial(*trial, 1) for name, trial in trials.items()}
     while (size := sum(map(len, packed.values()))) > largest and every < longest / FEWEST_PACKED:
         every = max(math.ceil(every * min(size / max(largest, 1), 4)), every + 1)
-        packed = {trial.name: packed_trial(trial, every) for trial in trials}
+        packed = {name: packed_trial(*trial, every) for name, trial in trials.items()}
     if size > largest:
         warnings.warn(
             f"the report is {(size - largest) / MEGABYTE:.1f} MB larger than `report: largest_mb` asks for, with as "
             "few samples as it can draw; set a larger one, or make a campaign of fewer trials",
             stacklevel=2,
         )
-    return every, packed
+    return page(packed, every)
 
 
-def packed_trial(trial: PageTrial, every: int) -> str:
+def packed_trial(content: Mapping[str, Any], tables: Mapping[str, pl.DataFrame], every: int) -> str:
     """A trial as JSON that cannot end the script element that holds it; `every` thins out its long tables."""
-    thinned = {name: every_kth(table, every) for name, table in trial.tables.items()}
-    text = json.dumps(trial.content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    kept = [round(len(trial.tables[name]) / len(table)) for name, table in thinned.items() if len(table)]
-    content = {
+    thinned = {name: every_kth(table, every) for name, table in tables.items()}
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    kept = [round(len(tables[name]) / len(table)) for name, table in thinned.items() if len(table)]
+    packed = {
         "content": deflated(text.encode()),
         "every": max(kept, default=1),
         "tables": {name: packed_table(table) for name, table in thinned.items()},
     }
-    return json.dumps(content, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")
+    return json.dumps(packed, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")
 
 
 def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
@@ -97,31 +87,23 @@ def every_kth(table: pl.DataFrame, k: int) -> pl.DataFrame:
     k = min(k, len(table) // FEWEST_PACKED)
     if k <= 1:
         return table
-    ends = {"_low": pl.Expr.min, "_high": pl.Expr.max}
-    column = [
-        next((reduced(pl.col(name)) for end, reduced in ends.items() if name.endswith(end)), pl.col(name).first())
-        for name in table.columns
-    ]
-    grouped = table.with_row_index("k_th").group_by(pl.col("k_th") // k, maintain_order=True).agg(column)
-    return grouped.drop("k_th")
-
-
-def policy(*scripts: str) -> str:
-    """Content security policy: nothing is loaded, and no script runs but these, by their hashes."""
-    hashes = " ".join(f"'sha256-{b64encode(hashlib.sha256(script.encode()).digest()).decode()}'" for script in scripts)
-    return (
-        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; font-src data:; "
-        "base-uri 'none'; form-action 'none'"
-    )
+    low, high = (pl.col(f"^.*{end}$") for end in ("_low", "_high"))
+    others = pl.exclude("^.*_low$", "^.*_high$").first()
+    groups = (pl.int_range(pl.len()) // k).alias("k_th")
+    return table.group_by(groups, maintain_order=True).agg(others, low.min(), high.max()).select(table.columns)
 
 
 def packed_table(table: pl.DataFrame) -> dict[str, Any]:
     """A table of numbers for the page: `rows`, `plain` columns as lists, `even` ones as start and step, and `counts`.
     `counts` has, per column, the value of count 0 and that of one count. `data` holds, one column after the other, the
     differences of its counts modulo 2^16: all low bytes, then all high bytes, which deflates better than pairs.
-    Rounding to counts costs at most 1/32 000 of a column's range."""
+    Rounding to counts costs at most 1/32 000 of a column's range: the largest count is 8191, since two more bits would
+    make the page a quarter larger, and show nothing more. A value that is not finite has the count -32768, in a list
+    null."""
     if len(table) < FEWEST_PACKED:
-        return {"rows": len(table), "plain": {name: plain_values(table[name]) for name in table.columns}}
+        numbers = table.with_columns(pl.selectors.numeric().cast(pl.Float64).replace([np.inf, -np.inf, np.nan], None))
+        plain = numbers.with_columns(pl.selectors.float().round_sig_figs(7))
+        return {"rows": len(table), "plain": plain.to_dict(as_series=False)}
     even: dict[str, list[float]] = {}
     counts: dict[str, list[float]] = {}
     data = []
@@ -132,30 +114,15 @@ def packed_table(table: pl.DataFrame) -> dict[str, Any]:
         if step > 0 and np.abs(steps - step).max() <= 1e-6 * len(steps) * step:
             even[name] = [float(values[0]), step]
             continue
-        numbers, centre, unit = counted_values(values)
-        differences = np.diff(numbers, prepend=np.int16(0)).astype("<i2").tobytes()
+        known, most = np.isfinite(values), 8191
+        low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 0.0)
+        centre, unit = (low + high) / 2, (high - low) / (2 * most) or 1.0
+        numbered = np.full(len(values), -32768, dtype=np.int16)
+        numbered[known] = np.round((values[known] - centre) / unit).clip(-most, most).astype(np.int16)
+        differences = np.diff(numbered, prepend=np.int16(0)).astype("<i2").tobytes()
         data += [differences[0::2], differences[1::2]]
         counts[name] = [centre, unit]
     return {"rows": len(table), "even": even, "counts": counts, "data": deflated(b"".join(data))}
-
-
-def plain_values(values: pl.Series) -> list[Any]:
-    """Numbers with seven digits, null for those that are not finite; text as it is."""
-    if not values.dtype.is_numeric():
-        return values.to_list()
-    known = (value if value is not None and math.isfinite(value) else None for value in values.cast(pl.Float64))
-    return [None if value is None else float(f"{value:.7g}") for value in known]
-
-
-def counted_values(values: Array) -> tuple[np.ndarray[Any, np.dtype[np.int16]], float, float]:
-    """Counts (n,) of values, -32768 where they are not finite, the value of count 0, and that of one count. The largest
-    count is 8191: two more bits would make the page a quarter larger, and show nothing more."""
-    known, most = np.isfinite(values), 8191
-    low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 0.0)
-    centre, unit = (low + high) / 2, (high - low) / (2 * most) or 1.0
-    counts = np.full(len(values), -32768, dtype=np.int16)
-    counts[known] = np.round((values[known] - centre) / unit).clip(-most, most).astype(np.int16)
-    return counts, centre, unit
 
 
 def deflated(content: bytes) -> str:
@@ -163,12 +130,10 @@ def deflated(content: bytes) -> str:
     return b64encode(zlib.compress(content, 9)).decode("ascii")
 
 
-SVG, XLINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}"
-
-
 def inline_svg(text: str, name: str, label: str) -> Markup:
     """The SVG of a figure for the page: identifiers begin with `name`, links lead to trials, `label` says what it is.
     Links are not stops of the keyboard: the table of trials has the same, and a figure hundreds."""
+    SVG, XLINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}"
     for prefix, space in (("", SVG), ("xlink", XLINK)):
         ElementTree.register_namespace(prefix, space.strip("{}"))
     root = ElementTree.fromstring(text)
@@ -190,11 +155,9 @@ def inline_svg(text: str, name: str, label: str) -> Markup:
             title = ElementTree.Element(f"{SVG}title")
             title.text = unquote(trial)
             element.insert(0, title)
-    width, height = (float(root.get(key, "0").removesuffix("pt")) for key in ("width", "height"))
+    width, height = (float(root.attrib.pop(key, "0").removesuffix("pt")) for key in ("width", "height"))
     root.set("viewBox", root.get("viewBox") or f"0 0 {width:g} {height:g}")
     root.set("style", f"width: min(100vw - 4rem, {1.9 * width:.0f}px)")
-    for key in ("width", "height"):
-        root.attrib.pop(key, None)
     root.set("role", "img")
     root.set("aria-label", label)
     return Markup(ElementTree.tostring(root, encoding="unicode"))

@@ -4,8 +4,8 @@ import math
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal, get_args
+from dataclasses import dataclass, field
+from typing import Any
 
 import polars as pl
 
@@ -17,19 +17,11 @@ from osl_analysis.judge.recording import CHECKS
 from osl_analysis.report.panels import Pictures
 from osl_analysis.summary import AMPLITUDES, decimals, fixed, rounded_by, told_apart, trials_text
 
-TABLE_NUMBERS = ["VAF", "K", "B", "I"]  # numbers of the table of trials
 NO_VALUE = "–"
+VERDICTS = ("used", "flagged", "doubtful", "excluded", "refused")
 Texts = list[list[str]]  # rows of a table
-
-
-@dataclass
-class LeftOut:
-    refused: bool  # whether it is missing because a job refused or failed; False: it was excluded
-    reasons: list[str] = field(default_factory=list)
-
-    def say(self, reason: str) -> None:
-        if reason not in self.reasons:
-            self.reasons.append(reason)
+LeftOut = tuple[bool, list[str]]
+"""Whether a trial is missing because a job refused it or failed, not because it was excluded; and why."""
 
 
 def left_out_trials(
@@ -37,24 +29,25 @@ def left_out_trials(
 ) -> dict[str, LeftOut]:
     """The trials that are left out, by name; `refused` has the reason of each refused trial."""
     found: dict[str, LeftOut] = {}
+
+    def say(trial: str, by_job: bool, reason: str) -> None:
+        reasons = found.setdefault(trial, (by_job, []))[1]
+        if reason not in reasons:
+            reasons.append(reason)
+
     for row in excluded.iter_rows(named=True):
         by_job = row["check"] in ("refused", "failed", "died")  # outcomes of a job, which are no checks
-        found.setdefault(row["trial"], LeftOut(by_job)).say(row["remark"] if by_job else exclusion_said(row))
-    for trial, reason in refused.items():
-        if trial not in found:
-            found[trial] = LeftOut(True, [reason])
+        say(row["trial"], by_job, row["remark"] if by_job else exclusion_said(row))
+    found.update({trial: (True, [reason]) for trial, reason in refused.items() if trial not in found})
     for row in crossings.iter_rows(named=True) if crossings is not None else ():
-        found.setdefault(row["trial"], LeftOut(False)).say(row["reason"])
+        say(row["trial"], False, row["reason"])
     return found
 
 
 def without_result(causes: list[str]) -> LeftOut:
     named = ", ".join(causes[:3]) + (f" and {len(causes) - 3} more" if causes[3:] else "")
     because = f", because {named} {'was' if len(causes) == 1 else 'were'} refused or excluded" if causes else ""
-    return LeftOut(True, [f"it has no result{because}"])
-
-
-Verdict = Literal["used", "flagged", "doubtful", "excluded", "refused"]
+    return True, [f"it has no result{because}"]
 
 
 @dataclass(frozen=True)
@@ -68,7 +61,7 @@ class ReportedTrial:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     left_out: Sequence[str] = ()  # why it has no result, or is excluded
     refused: bool = False  # whether it is missing because a job refused or failed
-    pictures: Pictures = field(default_factory=Pictures)
+    pictures: Pictures = field(default_factory=lambda: Pictures([], {}))
 
     @property
     def main(self) -> pl.DataFrame:
@@ -89,7 +82,8 @@ class ReportedTrial:
         return [f"{cause.name}: {remark or cause.says}. {cause.remedy}" for cause, remark in flagged]
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> str:
+        """One of `VERDICTS`."""
         if self.left_out:
             return "refused" if self.refused else "excluded"
         return "doubtful" if len(self.doubtful) else "flagged" if self.flags else "used"
@@ -114,11 +108,11 @@ def trial_content(
     tables = {name: table for name, table in trial.tables.items() if len(table)}
     name = next(iter(tables), "")
     last = tables[name].row(-1, named=True) if tables else {}  # the fit to all of it
-    filled = {column: value for column, value in last.items() if value not in (None, "")}
+    experiment = trial.row["experiment"]
     return {
         "name": trial.name,
-        "experiment": trial.row["experiment"],
-        "description": EXPERIMENTS[trial.row["experiment"]].description,
+        "experiment": experiment,
+        "description": EXPERIMENTS[experiment].description,
         "condition": trial.condition(),
         "verdict": trial.verdict,
         "left_out": list(trial.left_out),
@@ -128,12 +122,14 @@ def trial_content(
         "table": name,
         "estimates": estimate_rows(tables[name], described.get(name)) if tables else None,
         "columns": [
-            [one, cell_text(v), *unit_and_meaning(one, described.get(name)).values()] for one, v in filled.items()
+            [column, cell_text(value), *unit_and_meaning(column, described.get(name)).values()]
+            for column, value in last.items()
+            if value not in (None, "")
         ],
         "quality": quality_rows(trial.quality, checks),
         "time_base": time_base(trial.tables.get("timebase"), described.get("timebase")),
         "provenance": provenance_content(trial.provenance),
-        "panels": [asdict(panel) for panel in trial.pictures.panels],
+        "panels": trial.pictures.panels,
         "remark": trial.pictures.remark,
     }
 
@@ -183,17 +179,16 @@ def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, Descri
     `tables` has its rows of each table, that of its fit first. Doubts that other tables only repeat, with that table's
     name before them, are left out."""
     found = []
-    for number, (name, table) in enumerate(tables.items()):
-        for row in table.iter_rows(named=True):
-            parts = {"amplitude_deg": "deg", "frequency_hz": "Hz"}
-            at = ", ".join(f"{row[column]:g} {unit}" for column, unit in parts.items() if row.get(column) is not None)
-            place = at or ("all amplitudes" if "amplitude_deg" in row else "whole trial")
-            of = "other" if number else "part" if row.get("amplitude_deg") is not None else "all"
-            for doubt in reasons_in(row.get("doubtful")):
-                if number and doubt.inherited:
-                    continue
-                names = re.findall(r"(\w+) (?:\S+ is (?:above|below) |is not a number)", doubt.text)
-                meanings = {one: unit_and_meaning(one, described.get(name))["meaning"] for one in names}
+    rows = ((number, name, row) for number, (name, table) in enumerate(tables.items()) for row in table.to_dicts())
+    for number, name, row in rows:
+        parts = {"amplitude_deg": "deg", "frequency_hz": "Hz"}
+        at = ", ".join(f"{row[column]:g} {unit}" for column, unit in parts.items() if row.get(column) is not None)
+        place = at or ("all amplitudes" if "amplitude_deg" in row else "whole trial")
+        of = "other" if number else "part" if row.get("amplitude_deg") is not None else "all"
+        for doubt in reasons_in(row.get("doubtful")):
+            if not (number and doubt.inherited):
+                columns = re.findall(r"(\w+) (?:\S+ is (?:above|below) |is not a number)", doubt.text)
+                meanings = {one: unit_and_meaning(one, described.get(name))["meaning"] for one in columns}
                 said = "; ".join(f"{one} is {meaning}" for one, meaning in meanings.items() if meaning)
                 where = f"{name}.csv, {place}" if number else place
                 found.append({"where": where, "of": of, "text": doubt.text, "meaning": said})
@@ -202,17 +197,15 @@ def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, Descri
 
 def quality_rows(quality: pl.DataFrame | None, checks: Mapping[str, str]) -> Texts:
     """Check, meaning, value, threshold, verdict and remark of every check."""
-
-    def with_unit(value: float | None, unit: str | None) -> str:
-        return cell_text(value) if value is None else f"{cell_text(value)} {printed(unit or '')}".strip()
-
-    return [
-        [
-            row["check"], checks.get(row["check"], ""), with_unit(row["value"], row["unit"]),
-            with_unit(row["threshold"], row["unit"]), row["verdict"], row["remark"] or "",
-        ]
-        for row in (quality.iter_rows(named=True) if quality is not None else ())
-    ]  # fmt: skip
+    rows: Texts = []
+    for row in quality.iter_rows(named=True) if quality is not None else ():
+        value, threshold = (
+            f"{cell_text(row[key])} {'' if row[key] is None else printed(row['unit'] or '')}".strip()
+            for key in ("value", "threshold")
+        )
+        meaning, remark = checks.get(row["check"], ""), row["remark"] or ""
+        rows.append([row["check"], meaning, value, threshold, row["verdict"], remark])
+    return rows
 
 
 def time_base(table: pl.DataFrame | None, described: DescribedTable | None) -> Texts:
@@ -229,7 +222,8 @@ def time_base(table: pl.DataFrame | None, described: DescribedTable | None) -> T
 
 def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
     """What ingest wrote about a trial (`Trial.provenance`), as `files`, `signals` and further `facts`. The axes of a
-    marker or plate are one signal."""
+    marker or plate are one signal: its file, its channel there, and how it came from the unit of the file to that of
+    the trial, with sign, scale, offset and what else was taken off."""
     files = []
     for role, one in provenance.get("files", {}).items():
         path, digest = (str(one.get(key, "")) for key in ("path", "sha256"))
@@ -237,23 +231,19 @@ def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:
     signals: dict[str, list[str]] = {}
     for name, origin in provenance.get("columns", {}).items():
         vector = name.rpartition("_")[0] if "component" in origin or "plate" in origin else name
-        signals.setdefault(vector, [vector, str(origin.get("file", "")), *channel_and_conversion(origin)])
+        if vector in signals:
+            continue
+        channel = " ".join(str(origin[k]) for k in ("topic", "field", "label", "channel", "column") if origin.get(k))
+        if "plate" in origin:
+            channels = f"analogue channels {origin.get('analogs')}"
+            channel = f"force plate {origin['plate']}, type {origin.get('type')}, {channels}"
+        unit = origin.get("unit") or ", ".join(dict.fromkeys(origin.get("units", ())))
+        steps, usual = [f"{unit} → {origin.get('si_unit', '')}"], {"sign": 1, "scale": 1, "offset": 0}
+        steps += [f"{key} {cell_text(origin[key])}" for key in usual if origin.get(key, usual[key]) != usual[key]]
+        steps += [f"{key} {origin[key]}" for key in ("delay", "low_pass", "resolution", "counter") if origin.get(key)]
+        signals[vector] = [vector, str(origin.get("file", "")), channel, ", ".join(steps)]
     others = {name: value for name, value in provenance.items() if name not in ("files", "columns")}
     return {"files": files, "signals": list(signals.values()), "facts": facts(others)}
-
-
-def channel_and_conversion(origin: Mapping[str, Any]) -> tuple[str, str]:
-    """The channel in the file; and how it came from the unit of the file to that of the trial: with sign, scale,
-    offset and what else was taken off."""
-    named = (origin.get(key) for key in ("topic", "field", "label", "channel", "column"))
-    channel = " ".join(str(part) for part in named if part)
-    if "plate" in origin:
-        channel = f"force plate {origin['plate']}, type {origin.get('type')}, analogue channels {origin.get('analogs')}"
-    unit = origin.get("unit") or ", ".join(dict.fromkeys(origin.get("units", ())))
-    steps, usual = [f"{unit} → {origin.get('si_unit', '')}"], {"sign": 1, "scale": 1, "offset": 0}
-    steps += [f"{key} {cell_text(origin[key])}" for key in usual if origin.get(key, usual[key]) != usual[key]]
-    steps += [f"{key} {origin[key]}" for key in ("delay", "low_pass", "resolution", "counter") if origin.get(key)]
-    return channel, ", ".join(steps)
 
 
 def facts(content: Mapping[str, Any], place: str = "") -> Texts:
@@ -273,10 +263,24 @@ def facts(content: Mapping[str, Any], place: str = "") -> Texts:
     return found
 
 
-def trial_rows(trials: Sequence[ReportedTrial]) -> list[dict[str, Any]]:
-    """The table of trials, with the conditions that differ between them: others would say the same in every row."""
+def trials_content(trials: Sequence[ReportedTrial]) -> dict[str, Any]:
+    """What the template shows of all trials; of their conditions those that differ: others would say the same in every
+    row."""
     differing = {name for trial in trials for name in trial.row if trial.row[name] != trials[0].row.get(name)}
-    return [trial_row(trial, differing) for trial in trials]
+    found = Counter(trial.verdict for trial in trials)
+    experiments = dict.fromkeys(cell_text(trial.row["experiment"]) for trial in trials)
+    return {
+        "counts": {verdict: found[verdict] for verdict in VERDICTS},
+        "choices": {"experiment": [*experiments], "verdict": [verdict for verdict in VERDICTS if found[verdict]]},
+        "quantities": ["VAF", "K", "B", "I"],
+        "trials": [trial_row(trial, differing) for trial in trials],
+        "left_out": [
+            {"name": trial.name, "verdict": trial.verdict, "reason": reason}
+            for trial in trials
+            for reason in trial.left_out
+        ],
+        "experiments": {name: facts.description for name, facts in EXPERIMENTS.items()},
+    }
 
 
 def trial_row(trial: ReportedTrial, differing: Collection[str]) -> dict[str, Any]:
@@ -320,21 +324,3 @@ def headline_row(number: Mapping[str, Any]) -> dict[str, str]:
         "n": trials_text(number),
         "draft": NO_VALUE if number["draft"] is None else f"{number['draft']:g}",
     }
-
-
-def left_out(trials: Sequence[ReportedTrial]) -> list[dict[str, Any]]:
-    return [
-        {"name": trial.name, "verdict": trial.verdict, "reason": reason}
-        for trial in trials
-        for reason in trial.left_out
-    ]
-
-
-def counts(trials: Sequence[ReportedTrial]) -> dict[str, int]:
-    found = Counter(trial.verdict for trial in trials)
-    return {verdict: found[verdict] for verdict in get_args(Verdict)}
-
-
-def choices(trials: Sequence[ReportedTrial]) -> dict[str, list[str]]:
-    experiments = dict.fromkeys(cell_text(trial.row["experiment"]) for trial in trials)
-    return {"experiment": list(experiments), "verdict": [name for name, number in counts(trials).items() if number]}

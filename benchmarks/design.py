@@ -14,17 +14,23 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from osl_analysis.commands.study import batch_rows
+from osl_analysis.commands.study import batch_rows, study_inputs
 from osl_analysis.config.configuration import Config, read_config
-from osl_analysis.config.parameters import read_parameters
-from osl_analysis.config.yaml_settings import read_yaml
-from osl_analysis.design.plan import PeriodicMultisine, SteppedSine
-from osl_analysis.design.precision import KBI, Density, Distortion, Joint, Sensors, Spread, precision
+from osl_analysis.design.precision import (
+    KBI,
+    Distortion,
+    Joint,
+    PeriodicMultisine,
+    Sensors,
+    Spread,
+    SteppedSine,
+    precision,
+)
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.signals import LowPass
-from osl_analysis.simulator.bench import drivetrain_effects, simulate_impedance
+from osl_analysis.simulator.bench import drivetrain_effects
+from osl_analysis.simulator.drivetrain import ControlCommands, simulate_drivetrain
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.spectral.periods import Realisation, period_spectra
 from osl_analysis.spectral.response import SecondOrder, fit_by_power, lines_of_periods, periodic_response
 from osl_analysis.study.bench import StudyInputs
@@ -41,18 +47,15 @@ Torque = Callable[[JointMotion], Array]
 
 
 def inputs_of(config: Config) -> StudyInputs:
-    """What the study's batches get from the configuration, without walking."""
-    study = config.study
-    simulation = read_yaml(study.simulation, SimulationSettings).model_copy(update={"seed": study.seed})
-    p = read_parameters(simulation.parameters)
-    return StudyInputs(study, simulation, None, p, config.dynamometer, config.actuator, config.walking, config.sources)
+    """What the study's batches get from the configuration."""
+    return study_inputs(config.study, config.dynamometer, config.actuator, config.walking, config.sources)
 
 
 def studied(experiment: str, inputs: StudyInputs, trials: int) -> Iterator[str]:
     """Rows of a table: an experiment of the study."""
     study, effects, bench = inputs.study, inputs.simulation.effects, inputs.dynamometer
     found = pl.DataFrame(batch_rows(experiment, range(trials), inputs), infer_schema_length=None)
-    found = found.filter((pl.col("estimator") == "filtered") & (pl.col("interval_method") == "cycles"))
+    found = found.filter(pl.col("estimator") == "filtered")
     cycles = (float(study.cycles),) * len(bench.frequencies_hz)
     amplitudes = tuple(np.deg2rad(study.amplitudes_deg).tolist())
     sensors = Sensors(
@@ -114,7 +117,7 @@ def seen_before(torque_of: Torque, low_pass: LowPass) -> dict[str, Distortion]:
     earlier = [realisation(100_000 + r, torque_of, rng) for r in range(EARLIER)]
     response = periodic_response(earlier)
     spacing, band = float(np.min(np.diff(response.frequency_hz))), response.frequency_hz[[0, -1]]
-    density = Density(response.frequency_hz, 0.5 * (response.levels["odd"] * response.angle) ** 2 / spacing)
+    density = (response.frequency_hz, 0.5 * (response.levels["odd"] * response.angle) ** 2 / spacing)
     fit = fit_by_power(SecondOrder(), lines_of_periods(earlier, low_pass), (JOINT.K, JOINT.B))
     variance = EARLIER * np.array([fit.se(name) for name in KBI]) ** 2
     return {
@@ -134,9 +137,11 @@ def multisines(inputs: StudyInputs, trials: int) -> Iterator[str]:
             yield line(f"exact joint, friction {friction:g} N·m stated", name, predicted[k], found[:, k])
     gains = compensated_gains(inputs.study.K_d, inputs.study.B_d, inputs.p)
     effects = drivetrain_effects(inputs.simulation)
+    commands = ControlCommands(*np.array([[gains.K_1], [gains.B_1], [0.0]]), gains.cancels_friction)
 
     def drivetrain(m: JointMotion) -> Array:
-        return simulate_impedance(RATE_HZ, m, gains, effects, inputs.p).torque
+        leg = simulate_drivetrain(RATE_HZ, m.theta, m.omega, commands, effects, inputs.p)
+        return leg.belt_torque + inputs.p.B_j * m.omega + inputs.p.J_j * m.alpha
 
     found = multisine_trials(drivetrain, trials, 1)
     for words, stated in seen_before(drivetrain, low_pass).items():

@@ -23,7 +23,7 @@ from osl_analysis.config.parameters import read_parameters
 from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.table import DoubtfulFits
-from osl_analysis.simulator.bench import simulate_actuator_trial, turning
+from osl_analysis.simulator.bench import simulate_bench_trial, turning
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.study.bench import recorded_trial
 from osl_analysis.summary import headline_numbers
@@ -74,7 +74,7 @@ def schedule(current_hz=(0.17, 0.73), velocity_offset=0.0, phase=0.0):
 
 
 def test_what_is_simulated_obeys_equations_1_and_2():
-    log, truth = simulate_actuator_trial("actuator_1", settings(effects=False), P)
+    log, truth = simulate_bench_trial({"trial": "actuator_1", "experiment": "actuator"}, settings(effects=False), P)
     motion = turning(settings().actuator, RATE)
     expected = by_hand(motion.theta, motion.omega, motion.alpha, log["motor_current"])
     assert log["output_torque"] == pytest.approx(expected, abs=1e-12)
@@ -92,10 +92,8 @@ def two_nodes(later_s):
 @pytest.mark.parametrize("later_s", [0.0, 3e-4, 5e-4, 7e-4])
 def test_inertia_does_not_depend_on_when_the_torque_is_sampled(later_s):
     """0.01 %, a sixth of a standard error; 0.05 % where friction jumped at the sample after the reversal."""
-    log, _ = simulate_actuator_trial("actuator_1", two_nodes(later_s), P)
-    motion = {"theta_m": log["actuator_angle"], "current": log["motor_current"]}
-    trial = recorded_trial("actuator_1", log.time, motion, log.torque_time, {"torque_m": log["output_torque"]})
-    fit = actuator_trial(trial, ANALYSIS.model_copy(update={"sign_width": 0.002})).whole
+    log, _ = simulate_bench_trial({"trial": "actuator_1", "experiment": "actuator"}, two_nodes(later_s), P)
+    fit = actuator_trial(recorded_trial("actuator_1", log), ANALYSIS.model_copy(update={"sign_width": 0.002})).whole
     assert fit["J_m"] == pytest.approx(TRUE["J_m"], rel=2e-4)
 
 
@@ -111,7 +109,10 @@ def test_a_log_without_noise_gives_the_parameters_back():
 
 def test_a_simulated_bench_gives_them_back_within_their_errors():
     """With every imperfection but the recorder's: of twelve trials none is beyond 5 standard errors, few beyond 2."""
-    fits = [fitted(simulate_actuator_trial(f"actuator_{i}", settings(), P)[0]) for i in range(12)]
+    fits = [
+        fitted(simulate_bench_trial({"trial": f"actuator_{i}", "experiment": "actuator"}, settings(), P)[0])
+        for i in range(12)
+    ]
     z = np.array([[(fit[name] - TRUE[name]) / fit.se(name) for name in NAMES] for fit in fits])
     assert np.abs(z).max() < 5
     assert all(fit.correlation_samples < 0.5 * RATE for fit in fits), "of noise behind a 15 Hz filter, not of seconds"
@@ -238,7 +239,9 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documen
     expected = fit_trial(
         "actuator", read_trial(tmp_path / "a.parquet"), DEVICE, FitRequest({"settings": analysis}, DoubtfulFits())
     ).table
-    log, _ = simulate_actuator_trial("actuator_1", read_yaml(campaign, SimulationSettings), P)
+    log, _ = simulate_bench_trial(
+        {"trial": "actuator_1", "experiment": "actuator"}, read_yaml(campaign, SimulationSettings), P
+    )
 
     shutil.copytree(ROOT / "config", tmp_path / "laboratory/config")
     monkeypatch.chdir(tmp_path / "laboratory")

@@ -36,7 +36,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.gain_selection import Weight
 from osl_analysis.signals import LowPass, Motion, filtered_motion
-from osl_analysis.simulator.bench import simulate_dynamometer_trial
+from osl_analysis.simulator.bench import simulate_bench_trial
 from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
 from osl_analysis.stats.repeats import score_models
 from osl_analysis.table import write_table
@@ -61,7 +61,7 @@ def settings(*off, amplitudes_deg=(4,)):
 
 
 def simulated(trial, found, p):
-    return simulate_dynamometer_trial(row_of_trial(found, TINY, trial), found, p)[0]
+    return simulate_bench_trial(row_of_trial(found, TINY, trial), found, p)[0]
 
 
 def simulated_belts(p, *off):

@@ -34,7 +34,7 @@ def test_the_configuration_s_protocol_is_the_default():
     assert said["protocol"] == "stepped sine: 2, 4, 6 deg at 1, 2, 3, 4, 5 Hz, 20 cycles at each (17 fitted)"
     assert said["record_s"] == pytest.approx(3 * 20 * (1 + 1 / 2 + 1 / 3 + 1 / 4 + 1 / 5))
     assert {name: one["expected"] for name, one in said["estimates"].items()} == {"K": 300, "B": 5, "I": 0.02}
-    assert said["interval_method"] == "cycles"
+    assert said["interval_method"] == "units"  # as impedance.csv names it
     assert said["recommended"] is None
     assert said["lag_s"] == pytest.approx(1e-4)
     assert said["lag_errors"]["B"] == pytest.approx(-300 * 1e-4, rel=0.1)
@@ -146,6 +146,9 @@ def test_the_spread_of_an_earlier_multisine_s_realisations_is_that_of_the_next(t
         (("--earlier", "config/config.yaml"), "config/config.yaml"),
         (("--excitation", "chirp", "--distortion", "2"), "says nothing on a chirp"),
         (("--stiffness", "nan"), "--stiffness is nan; give a finite number"),
+        (("--stiffness", "-1"), "--stiffness is -1; give a number above 0"),
+        (("--stiffness", "0"), "--stiffness is 0; give a number above 0"),
+        (("--inertia", "-0.1"), "--inertia is -0.1; give a number of 0 or more"),
         (("--frequencies", "1,inf"), "finite"),
         (("--frequencies", "1,20"), "20 Hz is above the filter's cut-off of 15 Hz"),
         (("--excitation", "multisine", "--period", "1e9"), "0.1<=x<=600"),

@@ -19,7 +19,7 @@ MAY_IMPORT = {
     "stats": COMMON | {"stats", "signals"},
     "protocol": COMMON | {"protocol", "signals", "stats", "timebase"},
     "spectral": COMMON | {"spectral", "stats", "signals", "model", "parameters"},
-    "design": COMMON | {"design", "spectral", "stats", "signals", "multisine", "second_order"},
+    "design": COMMON | {"design", "bench", "spectral", "stats", "signals", "multisine"},
     "timebase": COMMON | {"timebase", "signals"},
     "bench": COMMON
     | {"bench", "protocol", "spectral", "stats", "second_order", "judge", "signals", "timebase"}

@@ -14,7 +14,7 @@ from osl_analysis.config.configuration import read_config
 from osl_analysis.config.parameters import read_parameters
 from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.model.compensator import Gains, predicted_impedance
-from osl_analysis.simulator.bench import simulate_dynamometer_trial
+from osl_analysis.simulator.bench import simulate_bench_trial
 from osl_analysis.simulator.joint_motion import (
     JointMotion,
     excitation_motion,
@@ -54,7 +54,7 @@ def settings_from(path, *, without=None, only=None):
 
 
 def simulate(trial, settings, p=P):
-    return simulate_dynamometer_trial(row_of_trial(settings, Path("settings.yaml"), trial), settings, p)
+    return simulate_bench_trial(row_of_trial(settings, Path("settings.yaml"), trial), settings, p)
 
 
 def regress(y, *columns):
@@ -367,7 +367,7 @@ def test_torque_angle_trials_without_a_foot_are_refused():
 
 def test_the_analysis_finds_the_springs_of_the_foot_and_what_each_cycle_loses():
     row = next(iter(plan_trials(SETTINGS).values()))
-    log, truth = simulate_dynamometer_trial(row, SETTINGS, read_parameters(SETTINGS.parameters))
+    log, truth = simulate_bench_trial(row, SETTINGS, read_parameters(SETTINGS.parameters))
     columns = {"time": log.time - log.time[0], "theta": log["joint_angle"], "torque": -log["load_cell_torque"]}
     campaign = read_config(ROOT / "config/campaigns/torque_angle/config.yaml")
     found = torque_angle_trial(Trial("foot", pl.DataFrame(columns)), campaign.torque_angle)

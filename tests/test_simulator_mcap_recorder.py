@@ -89,7 +89,7 @@ def test_a_recording_that_breaks_off_leaves_the_older_file(tmp_path, monkeypatch
     def fail(*_):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr("osl_analysis.simulator.mcap_writer.summary", fail)
+    monkeypatch.setattr("osl_analysis.simulator.mcap_writer.Footer", fail)
     with pytest.raises(InputError, match=r"a\.mcap: cannot be written \(no space left on device\); make room"):
         write_mcap(path, LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(9.0), mixed_columns(9))
     assert path.read_bytes() == before

@@ -11,14 +11,12 @@ from conftest import ROOT
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.commands import study as study_jobs
 from osl_analysis.commands.figure import draw_figure
-from osl_analysis.commands.study import run_batch, summarise
+from osl_analysis.commands.study import run_batch, study_inputs, summarise
 from osl_analysis.config.configuration import StudySettings
-from osl_analysis.config.parameters import read_parameters
 from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.figures import others
-from osl_analysis.signals import LowPass
-from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
+from osl_analysis.simulator.settings import RecorderSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study import (
     BENCH_EXPERIMENTS,
@@ -30,7 +28,7 @@ from osl_analysis.study import (
     study_batches,
 )
 from osl_analysis.study import walking as study_of_walking
-from osl_analysis.study.bench import StudyInputs, actuator, regression_bound, studied, study_rows
+from osl_analysis.study.bench import actuator, regression_bound, studied, study_rows
 from osl_analysis.study.performance import performance, study_page
 from osl_analysis.table import read_table
 from osl_analysis.walking.settings import WalkingAnalysis
@@ -54,9 +52,7 @@ def choices(**changes):
 
 def inputs(**changes):
     study, dynamometer, walking = choices(**changes)
-    settings = read_yaml(study.simulation, SimulationSettings)
-    p = read_parameters(settings.parameters)
-    return StudyInputs(study, settings, None, p, dynamometer, ACTUATOR, walking, SOURCES)
+    return study_inputs(study, dynamometer, ACTUATOR, walking, SOURCES)
 
 
 def bench(experiment):
@@ -64,10 +60,8 @@ def bench(experiment):
 
 
 def rows(experiment, trials):
-    table = pl.DataFrame(
-        study_rows(bench(experiment), [f"{experiment}_{i}" for i in range(trials)], LowPass(15)),
-        infer_schema_length=None,
-    )
+    found = study_rows(bench(experiment), [f"{experiment}_{i}" for i in range(trials)])
+    table = pl.DataFrame(found, infer_schema_length=None)
     return table.with_columns(error=pl.col("value") - pl.col("truth"))
 
 
@@ -77,16 +71,15 @@ def covered(table):
 
 def test_every_trial_has_noise_of_its_own_and_the_same_noise_again():
     """Sixth differences leave the noise, of which they multiply the variance by 924."""
-    even = replace(
-        bench("second order"), settings=inputs().simulation.model_copy(update={"recorder": RecorderSettings()})
-    )
-    first, again, other = (even.record(name) for name in ("a", "a", "b"))
-    np.testing.assert_array_equal(first.torque, again.torque)
-    noise = [np.diff(record.torque, 6)[:10_000] / np.sqrt(924) for record in (first, other)]
+    even = inputs().simulation.model_copy(update={"recorder": RecorderSettings()})
+    even = replace(bench("second order"), inputs=replace(inputs(), simulation=even))
+    first, again, other = (even.trial(name).samples["torque"].to_numpy() for name in ("a", "a", "b"))
+    np.testing.assert_array_equal(first, again)
+    noise = [np.diff(torque, 6)[:5_000] / np.sqrt(924) for torque in (first, other)]
     assert [np.std(one) for one in noise] == pytest.approx([0.05, 0.05], rel=0.1)
     assert abs(np.corrcoef(noise)[0, 1]) < 0.1
-    ideal, response = bench("second order").record("x", ideal=True), bench("second order").response
-    np.testing.assert_allclose(ideal.torque, response.torque, atol=1e-9)
+    ideal = even.trial("x", ideal=True).samples["torque"]
+    np.testing.assert_allclose(ideal, -even.signals["load_cell_torque"], atol=1e-9)
 
 
 def test_the_default_estimator_is_near_the_bound_where_friction_repeats():
@@ -309,7 +302,7 @@ def test_every_trial_is_in_one_job_and_there_are_fewer_than_a_hundred_with_table
 
 
 def test_a_dry_run_says_how_long_each_job_is_expected_to_take():
-    assert Batch("drivetrain", 100, 1000).seconds == pytest.approx(260)
+    assert Batch("drivetrain", 100, 1000).seconds == pytest.approx(1400)
     assert planned({"drivetrain_0_1000": 550.0, "belt_0_500": 20.0}).splitlines() == [
         "expected time of one core for 2 jobs of the study, 0.2 h in all:",
         "  drivetrain_0_1000: 9 min",

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.config.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.config.parameters import read_parameters
 from osl_analysis.config.shared_choices import SharedChoices
 from osl_analysis.config.sheet import SHEET_COLUMNS, SheetRows
 from osl_analysis.config.yaml_settings import read_yaml, validated
@@ -141,31 +141,22 @@ def row_of_trial(settings: SimulationSettings, settings_path: Path, trial: str) 
 def record_trial(
     row: Mapping[str, Any], settings: SimulationSettings, laboratory: WalkingSettings | None, campaign_folder: Path
 ) -> None:
-    """Simulate the trial of one row and let its recorders write. Without a gait laboratory it is one of a bench."""
+    """Simulate the trial of one row and let its recorders write, the truth first, so that every log has a truth.
+    Without a gait laboratory it is one of a bench."""
     from osl_analysis.compiled import require_compiler  # planning, which imports this module, needs no numba
 
     require_compiler()
     p = read_parameters(settings.parameters)
     if row["experiment"] == "actuator" or EXPERIMENTS[row["experiment"]].log == "dynamometer":
-        record_bench_trial(row, settings, p, campaign_folder)
+        from osl_analysis.simulator.bench import simulate_bench_trial, write_bench_log
+        from osl_analysis.simulator.recorder import write_truth
+
+        log, truth = simulate_bench_trial(row, settings, p)
+        write_truth(campaign_folder, row["trial"], truth)
+        write_bench_log(campaign_folder / row["log"], log, settings.recorder.torque_node is not None)
     elif laboratory is None:
         raise InputError(f"trial '{row['trial']}': the settings name no 'walking' file; add it")
     else:
         from osl_analysis.simulator.crossing import simulate_walking_trial
 
         simulate_walking_trial(row, settings, laboratory, p, campaign_folder)
-
-
-def record_bench_trial(
-    row: Mapping[str, Any], settings: SimulationSettings, p: DrivetrainParameters, campaign_folder: Path
-) -> None:
-    """A trial of a bench. The truth is written first, so that every log has a truth."""
-    from osl_analysis.simulator.bench import simulate_actuator_trial, simulate_dynamometer_trial, write_bench_log
-    from osl_analysis.simulator.recorder import write_truth
-
-    if row["experiment"] == "actuator":
-        log, truth = simulate_actuator_trial(row["trial"], settings, p)
-    else:
-        log, truth = simulate_dynamometer_trial(row, settings, p)
-    write_truth(campaign_folder, row["trial"], truth)
-    write_bench_log(campaign_folder / row["log"], log, settings.recorder.torque_node is not None)

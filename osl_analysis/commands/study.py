@@ -3,12 +3,15 @@
 The simulator hands its signals over in memory, except where the study is of recorded files.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
+from osl_analysis.bench.analysis import FitTables
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.commands.bench import FitRequest, fit_tables, job_of
 from osl_analysis.compiled import require_compiler
 from osl_analysis.config.configuration import StudySettings
 from osl_analysis.config.parameters import read_parameters
@@ -16,6 +19,7 @@ from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.jobs.refusal import Refusal
+from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study import WALKING_EXPERIMENTS
@@ -23,7 +27,35 @@ from osl_analysis.study.bench import StudyInputs, StudyRow, studied, study_rows
 from osl_analysis.study.performance import performance_table, study_page
 from osl_analysis.study.walking import walking_rows
 from osl_analysis.table import SIMULATED, read_table, tables_of, write_table
+from osl_analysis.trial import Trial
 from osl_analysis.walking.settings import WalkingAnalysis
+
+
+def study_inputs(
+    study: StudySettings,
+    dynamometer: DynamometerAnalysis,
+    actuator_analysis: ActuatorAnalysis,
+    walking: WalkingAnalysis,
+    sources: Path,
+) -> StudyInputs:
+    """What a study simulates and analyses, by the sections of a configuration."""
+    simulation = read_yaml(study.simulation, SimulationSettings).model_copy(update={"seed": study.seed})
+    gait = None if simulation.walking is None else read_yaml(simulation.walking, WalkingSettings)
+    parameters = simulation.parameters
+
+    def fit(experiment: str, trial: Trial, sections: Mapping[str, Any]) -> FitTables:
+        """The door to every fit, without what the sheet may state of a trial, which changes no estimate."""
+        chosen = {**sections, "gain_weight": simulation.gain_weight.weight}
+        settings = {name: chosen[section] for name, (section, _) in job_of(experiment).settings.items()}
+        found = fit_tables(experiment, trial, parameters, FitRequest(settings, DoubtfulFits.model_validate({})))
+        assert isinstance(found, FitTables)
+        return found
+
+    analysis: dict[str, DynamometerAnalysis | ActuatorAnalysis] = {
+        "dynamometer": dynamometer,
+        "actuator": actuator_analysis,
+    }
+    return StudyInputs(study, simulation, gait, read_parameters(parameters), analysis, walking, sources, fit)
 
 
 def run_batch(
@@ -39,12 +71,9 @@ def run_batch(
 ) -> None:
     """Estimates of trials (or campaigns of walking) number `first` to `first + number - 1` of one experiment."""
     require_compiler()
-    simulation = read_yaml(study.simulation, SimulationSettings).model_copy(update={"seed": study.seed})
-    gait = None if simulation.walking is None else read_yaml(simulation.walking, WalkingSettings)
-    p = read_parameters(simulation.parameters)
-    inputs = StudyInputs(study, simulation, gait, p, dynamometer, actuator_analysis, walking, sources)
-    rows = batch_rows(experiment, range(first, first + number), inputs)
+    inputs = study_inputs(study, dynamometer, actuator_analysis, walking, sources)
     with tables_of(SIMULATED):
+        rows = batch_rows(experiment, range(first, first + number), inputs)
         write_table(pl.DataFrame(rows, infer_schema_length=None), output)
 
 
@@ -52,9 +81,7 @@ def batch_rows(experiment: str, numbers: range, inputs: StudyInputs) -> list[Stu
     if experiment in WALKING_EXPERIMENTS:
         rows = list(walking_rows(inputs, numbers, recorded=WALKING_EXPERIMENTS[experiment][0] == "recorded"))
     else:
-        analysis = inputs.actuator if experiment == "actuator" else inputs.dynamometer
-        names = [f"{experiment}_{number:05d}" for number in numbers]
-        rows = study_rows(studied(experiment, inputs), names, analysis.low_pass)
+        rows = study_rows(studied(experiment, inputs), [f"{experiment}_{number:05d}" for number in numbers])
     return [{"experiment": experiment, **row} for row in rows]
 
 

@@ -20,7 +20,7 @@ from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.drivetrain import ControlCommands, DrivetrainEffects, DrivetrainMotion, simulate_drivetrain
 from osl_analysis.simulator.mcap_writer import LEG, write_mcap
 from osl_analysis.simulator.plan import Condition, condition_of
-from osl_analysis.simulator.recorder import rounded_to, write_curves, write_truth
+from osl_analysis.simulator.recorder import rounded_to, write_truth
 from osl_analysis.simulator.rigid_body import (
     FREE_FALL,
     Pose,
@@ -102,13 +102,6 @@ def walking_commands(
     return ControlCommands(K_1, B_1, theta_eq * p.n_T, cancels_friction=compensates)
 
 
-YIELD_S = 0.2
-SLIP_S = 0.1
-RELEASE_S = 0.3
-ROLL_LEVER_M = 0.004
-FREE_MOMENT = 0.03  # Largest free moment divided by body mass [N*m/kg]
-
-
 @dataclass(frozen=True)
 class LegMotion:
     """True motion of leg and platform. The poses of foot and shank have their origin at the ankle. theta [rad], omega
@@ -166,8 +159,8 @@ def move(time: Array, step: Step, perturbed: bool, walking: WalkingSettings) -> 
     with the platform. The shank rotates by the share `shank_yield` only, so that the ankle angle changes by the rest.
     In swing the foot returns from the platform's angle."""
     platform = perturbed_platform(time, step, walking) if perturbed else resting_platform(time, walking)
-    rate, c = walking.rates.motion_hz, step.cycle_phase(time)
-    on_platform = 1.0 - smooth_step((time - step.toe_off) / RELEASE_S)
+    rate, c, release_s = walking.rates.motion_hz, step.cycle_phase(time), 0.3
+    on_platform = 1.0 - smooth_step((time - step.toe_off) / release_s)
     carried, moved = platform.angle * on_platform, platform.shift * on_platform[:, None]
     theta = step.change.amplitude * step.angle_factor * nominal_ankle_angle(c) + step.wander + carried
     theta = theta - moved[:, 0] / walking.perturbation.leg_length_m
@@ -175,9 +168,9 @@ def move(time: Array, step: Step, perturbed: bool, walking: WalkingSettings) -> 
     if platform.onset is not None:
         given = 0.01 * walking.effects.shank_yield.value * step.condition.sign
         given *= np.radians(walking.perturbation.angle_deg)
-        theta = theta - given * pulse(time, platform.onset, YIELD_S, step.toe_off, RELEASE_S)
+        theta = theta - given * pulse(time, platform.onset, 0.2, step.toe_off, release_s)
         slip = 1e-3 * walking.effects.foot_slip.value
-        path[:, 0] -= slip * pulse(time, platform.onset, SLIP_S, step.toe_off, RELEASE_S)
+        path[:, 0] -= slip * pulse(time, platform.onset, 0.1, step.toe_off, release_s)
     yaw = rotation_about(2, np.full_like(time, step.yaw))
     path = nominal_ankle(walking) + step.placement + path @ yaw[0].T
     foot = displaced(carried, moved, walking).after(Pose(yaw @ rotation_about(1, -foot_pitch(c)), path))
@@ -204,8 +197,8 @@ def react(
     contact = stance_window(phase)
     given = contact * (about_axis - answer)
     force = step.load * step.force_factor * ground_reaction(phase) * mass * -FREE_FALL[2]
-    roll = ROLL_LEVER_M * force[:, 2]
-    spin = FREE_MOMENT * mass * contact * np.sin(2 * np.pi * phase)
+    roll = 0.004 * force[:, 2]  # lever [m]
+    spin = 0.03 * mass * contact * np.sin(2 * np.pi * phase)  # up to 0.03 N*m/kg
     moment = given[:, None] * axis + roll[:, None] * forward + spin[:, None] * upward
     return about_axis - given, TrueWrench(force, moment, foot.origin)
 
@@ -261,52 +254,34 @@ def components(name: str, vectors: Array) -> dict[str, Array]:
     return {f"{name}_{axis}": vectors[:, i] for i, axis in enumerate(AXES)}
 
 
-@dataclass(frozen=True)
-class LegClock:
-    """The leg's clock: its time [s] is offset [s] + (1 + drift) * Vicon's time [s]."""
-
-    offset: float
-    drift: float
-
-
-def leg_columns(
-    trial: str, crossing: SimulatedCrossing, time: Array, settings: SimulationSettings, walking: WalkingSettings
-) -> dict[str, Array]:
-    """What the leg logs at times [s] of Vicon's clock, shape (n,) each, in the fields of its message. Gains and current
-    are held from one update of the controller to the next."""
-    rates, effects, seed = walking.rates, settings.effects, settings.seed
+def write_leg_log(
+    path: Path,
+    crossing: SimulatedCrossing,
+    clock: tuple[float, float],
+    settings: SimulationSettings,
+    walking: WalkingSettings,
+) -> None:
+    """Write the leg's log, sampled at whole periods of its own clock, whose time [s] is offset [s] + (1 + drift) times
+    Vicon's; the file has the name of the trial. Gains and current are held from one update of the controller to the
+    next."""
+    (offset, drift), rates, effects, seed = clock, walking.rates, settings.effects, settings.seed
+    first, last = (offset + (1 + drift) * crossing.time[[0, -1]]) * rates.leg_hz
+    # the margin excludes a period that rounding put before the first sample or after the last
+    leg_time = np.arange(np.ceil(first + 1e-6), np.floor(last - 1e-6) + 1) / rates.leg_hz
+    time = (leg_time - offset) / (1 + drift)
     held = np.floor(time * rates.controller_hz).astype(int)
-    ripple = effects.current_noise.value * stream(seed, trial, "current_noise").standard_normal(len(time))
+    ripple = effects.current_noise.value * stream(seed, path.stem, "current_noise").standard_normal(len(time))
     theta = interpolated_at(crossing.motion.theta, rates.motion_hz, time)
     theta_m = interpolated_at(crossing.drivetrain.theta_m, rates.controller_hz, time)
-    return {
+    columns = {
         "joint_angle": rounded_to(theta, walking.effects.leg_joint_encoder.value),
         "actuator_angle": rounded_to(theta_m, effects.actuator_encoder.value),
         "motor_current": rounded_to(crossing.drivetrain.current[held] + ripple, effects.current_quantisation.value),
         "stiffness_gain": crossing.commands.K_1[held],
         "damping_gain": crossing.commands.B_1[held],
-        "sync": sync_level(trial, seed, walking.gait.recording_s, time),
+        "sync": sync_level(path.stem, seed, walking.gait.recording_s, time),
     }
-
-
-def draw_clock(trial: str, seed: int, walking: WalkingSettings) -> LegClock:
-    """The leg's clock in one trial. Its offset is drawn evenly from 0.5 to 1.5 times its mean."""
-    effects = walking.effects
-    offset = effects.leg_clock_offset.value * stream(seed, trial, "leg_clock_offset").uniform(0.5, 1.5)
-    drift = 1e-6 * effects.leg_clock_drift.value * stream(seed, trial, "leg_clock_drift").standard_normal()
-    return LegClock(float(offset), float(drift))
-
-
-def write_leg_log(
-    path: Path, crossing: SimulatedCrossing, clock: LegClock, settings: SimulationSettings, walking: WalkingSettings
-) -> None:
-    """Write the leg's log, sampled at whole periods of its own clock; the file has the name of the trial."""
-    rate = walking.rates.leg_hz
-    first, last = (clock.offset + (1 + clock.drift) * crossing.time[[0, -1]]) * rate
-    # the margin excludes a period that rounding put before the first sample or after the last
-    leg_time = np.arange(np.ceil(first + 1e-6), np.floor(last - 1e-6) + 1) / rate
-    time = (leg_time - clock.offset) / (1 + clock.drift)
-    write_mcap(path, LEG, leg_time, leg_columns(path.stem, crossing, time, settings, walking))
+    write_mcap(path, LEG, leg_time, columns)
 
 
 def motion_grid(walking: WalkingSettings) -> Array:
@@ -326,93 +301,75 @@ def simulate_walking_trial(
     """Simulate one row of the sample sheet, of experiment walking, plate or static, into a campaign's raw folder.
 
     Writes the truth first, so that every log has a truth. Then writes `vicon/<trial>.c3d` and, for a walking trial,
-    `leg/<trial>.mcap`.
+    `leg/<trial>.mcap`. The controller compensates unless that of the row is 'uncompensated'.
     """
-    trial, time, seed = str(row["trial"]), motion_grid(walking), settings.seed
+    trial, time, seed, condition = str(row["trial"]), motion_grid(walking), settings.seed, condition_of(row, settings)
     facts: dict[str, object] = {"trial": trial, "seed": seed}
     if row["experiment"] == "walking":
-        walked, unperturbed = both_crossings(row, time, settings, walking, p)
-        clock = draw_clock(trial, seed, walking)
+        step = draw_step(trial, seed, time, walking, condition)
+        compensates, effects = str(row.get("controller")) != "uncompensated", drivetrain_effects(settings)
+        unperturbed = walked = simulate_crossing(time, step, False, compensates, walking, effects, p)
+        if row.get("perturbed"):
+            walked = simulate_crossing(time, step, True, compensates, walking, effects, p)
+        offset = walking.effects.leg_clock_offset.value * stream(seed, trial, "leg_clock_offset").uniform(0.5, 1.5)
+        drift = 1e-6 * walking.effects.leg_clock_drift.value * stream(seed, trial, "leg_clock_drift").standard_normal()
+        clock = float(offset), float(drift)
         scene, curves = scene_of(walked, walking, seed), crossing_curves(walked, unperturbed, walking)
         facts |= crossing_facts(walked, unperturbed, clock)
-    elif row["experiment"] == "plate":
-        platform = unloaded_platform(time, trial, seed, walking, condition_of(row, settings))
-        nothing = np.zeros((len(time), 3))
-        load = TrueWrench(nothing, nothing, nothing)
-        scene = Scene(platform_markers(platform.pose, walking), platform.pose, load, platform.command)
-    elif row["experiment"] == "static":
-        platform = resting_platform(time, walking)
-        scene = standing_scene(platform, walking, seed, condition_of(row, settings))
+    elif row["experiment"] in ("plate", "static"):
+        if row["experiment"] == "plate":
+            platform = unloaded_platform(time, trial, seed, walking, condition)
+            nothing = np.zeros((len(time), 3))
+            load = TrueWrench(nothing, nothing, nothing)
+            scene = Scene(platform_markers(platform.pose, walking), platform.pose, load, platform.command)
+        else:  # quiet standing: foot flat, shank upright, half the body weight vertically above the ankle
+            platform = resting_platform(time, walking)
+            leg = Pose(platform.pose.rotation, np.tile(nominal_ankle(walking), (len(time), 1)))
+            mass = condition.body_mass(walking.gait.body_mass_kg)
+            weight = np.tile(-0.5 * mass * FREE_FALL, (len(time), 1))
+            markers = leg_markers(leg, leg, condition, walking, seed) | on_body(leg, ANKLE_AXIS)
+            markers |= platform_markers(platform.pose, walking)
+            load = TrueWrench(weight, np.zeros_like(weight), leg.origin)
+            scene = Scene(markers, platform.pose, load, None, mass, condition.person)
+        centre = platform.pose.point(np.array(walking.plate.centre_m))
+        curves = {"time": time, "platform_angle": platform.angle} | components("plate_centre", centre)
+        facts |= {"command_s": platform.command, "onset_s": platform.onset}
     else:
         raise InputError(
             f"trial {trial}: experiment '{row['experiment']}' is not one of the gait laboratory; "
             "use walking, plate or static"
         )
-    if row["experiment"] != "walking":
-        centre = platform.pose.point(np.array(walking.plate.centre_m))
-        curves = {"time": time, "platform_angle": platform.angle} | components("plate_centre", centre)
-        facts |= {"command_s": platform.command, "onset_s": platform.onset}
     facts |= {"effects": settings.effects.model_dump(), "gait_laboratory": walking.model_dump(mode="json")}
-    write_curves(folder, trial, curves, walking.rates.analog_stride)
-    write_truth(folder, trial, facts)
+    write_truth(folder, trial, facts, {name: c[:: walking.rates.analog_stride] for name, c in curves.items()})
     if row["experiment"] == "walking":
         write_leg_log(folder / "leg" / f"{trial}.mcap", walked, clock, settings, walking)
     write_c3d(folder / "vicon" / f"{trial}.c3d", vicon_recording(trial, seed, scene, walking))
 
 
-def both_crossings(
-    row: Mapping[str, object],
-    time: Array,
-    settings: SimulationSettings,
-    walking: WalkingSettings,
-    p: DrivetrainParameters,
-) -> tuple[SimulatedCrossing, SimulatedCrossing]:
-    """A crossing, and the same one without the perturbation. The controller compensates unless that of the row is
-    'uncompensated'."""
-    step = draw_step(str(row["trial"]), settings.seed, time, walking, condition_of(row, settings))
-    compensates, effects = str(row.get("controller")) != "uncompensated", drivetrain_effects(settings)
-    unperturbed = simulate_crossing(time, step, False, compensates, walking, effects, p)
-    if not row.get("perturbed"):
-        return unperturbed, unperturbed
-    return simulate_crossing(time, step, True, compensates, walking, effects, p), unperturbed
-
-
 def scene_of(walked: SimulatedCrossing, walking: WalkingSettings, seed: int = 0) -> Scene:
-    """The quantities of a crossing that Vicon records. The seed decides where markers are in later sessions."""
-    motion, step = walked.motion, walked.step
-    markers = leg_markers(motion.foot, motion.shank, step.condition, walking, seed)
-    markers |= platform_markers(motion.platform.pose, walking)
-    load, command = load_on_plate(walked, walking), motion.platform.command
-    return Scene(markers, motion.platform.pose, load, command, step.body_mass, step.condition.person)
+    """The quantities of a crossing that Vicon records. The seed decides where markers are in later sessions.
 
-
-def standing_scene(platform: PlatformMotion, walking: WalkingSettings, seed: int, condition: Condition) -> Scene:
-    """Quiet standing: foot flat, shank upright, half the body weight vertically above the ankle."""
-    leg = Pose(platform.pose.rotation, np.tile(nominal_ankle(walking), (len(platform.angle), 1)))
-    mass = condition.body_mass(walking.gait.body_mass_kg)
-    weight = np.tile(-0.5 * mass * FREE_FALL, (len(platform.angle), 1))
-    markers = leg_markers(leg, leg, condition, walking, seed) | on_body(leg, ANKLE_AXIS)
-    markers |= platform_markers(platform.pose, walking)
-    load = TrueWrench(weight, np.zeros_like(weight), leg.origin)
-    return Scene(markers, platform.pose, load, None, mass, condition.person)
-
-
-def load_on_plate(walked: SimulatedCrossing, walking: WalkingSettings) -> TrueWrench:
-    """The load on the plate, about the ankle of the foot that walks; shape (n, 3) each. The pressure is even over the
-    width of the foot. What is beside the plate is carried by the floor, and the middle of the rest is half of that
-    width further inward (to the left). The other foot's load is a Gaussian curve about mid-stance, 0.15 m behind the
-    nominal ankle and 0.18 m to the left."""
-    change, reaction, phase = walked.step.change, walked.reaction, walked.step.stance_phase(walked.time)
-    beside = 1e-3 * change.overhang_mm
+    The load on the plate is about the ankle of the foot that walks; the pressure is even over the width of the foot.
+    What is beside the plate is carried by the floor, and the middle of the rest is half of that width further inward
+    (to the left). The other foot's load is a Gaussian curve about mid-stance, 0.15 m behind the nominal ankle and
+    0.18 m to the left.
+    """
+    motion, step, reaction = walked.motion, walked.step, walked.reaction
+    platform, phase, beside = motion.platform, step.stance_phase(walked.time), 1e-3 * step.change.overhang_mm
     on_plate, ankle = 1.0 - beside / FOOT_WIDTH, reaction.point + np.array([0.0, 0.5 * beside, 0.0])
     curve = np.exp(-(((phase - 0.5) / 0.12) ** 2)) * ((phase > 0) & (phase < 1))
-    other = curve[:, None] * (-0.01 * change.second_foot_percent * walked.step.body_mass * FREE_FALL)
+    other = curve[:, None] * (-0.01 * step.change.second_foot_percent * step.body_mass * FREE_FALL)
     place = np.add(walking.plate.centre_m, [*walking.plate.nominal_ankle_m, 0.0]) + np.array([-0.15, 0.18, 0.0])
-    lever = walked.motion.platform.pose.point(place) - ankle
-    return TrueWrench(on_plate * reaction.force + other, on_plate * reaction.moment + np.cross(lever, other), ankle)
+    lever = platform.pose.point(place) - ankle
+    load = TrueWrench(on_plate * reaction.force + other, on_plate * reaction.moment + np.cross(lever, other), ankle)
+    markers = leg_markers(motion.foot, motion.shank, step.condition, walking, seed)
+    markers |= platform_markers(platform.pose, walking)
+    return Scene(markers, platform.pose, load, platform.command, step.body_mass, step.condition.person)
 
 
-def crossing_facts(walked: SimulatedCrossing, unperturbed: SimulatedCrossing, clock: LegClock) -> dict[str, object]:
+def crossing_facts(
+    walked: SimulatedCrossing, unperturbed: SimulatedCrossing, clock: tuple[float, float]
+) -> dict[str, object]:
     """The random quantities of a crossing, and the impedance that the leg rendered in it."""
     step, platform, condition = walked.step, walked.motion.platform, walked.step.condition
     planned = {name: getattr(condition, name) for name in ("direction", "K_d", "B_d", "stance_phase", "session")}
@@ -426,6 +383,6 @@ def crossing_facts(walked: SimulatedCrossing, unperturbed: SimulatedCrossing, cl
         "placement_m": step.placement.tolist(),
         "condition": planned | {"subject": condition.person},
         "change": step.change.model_dump(mode="json", exclude={"of", "share"}),
-        "leg_clock": {"offset_s": clock.offset, "drift": clock.drift},
+        "leg_clock": dict(zip(("offset_s", "drift"), clock, strict=True)),
         **impedance_of_leg(walked, unperturbed),
     }

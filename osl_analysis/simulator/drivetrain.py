@@ -20,7 +20,7 @@ from osl_analysis.compiled import fused
 from osl_analysis.config.parameters import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.errors import InputError
 from osl_analysis.simulator.joint_motion import JointMotion
-from osl_analysis.simulator.settings import PassiveFoot, SecondOrderJoint, SlippingSpring
+from osl_analysis.simulator.settings import PassiveFoot, SecondOrderJoint
 from osl_analysis.trial import Array
 
 LARGEST_ANGLE = 100.0  # Largest angle [rad] of the actuator's output, 16 turns. Beyond it the control loop is unstable
@@ -282,17 +282,16 @@ def torque_through_gap(
 
 
 def passive_torque(foot: PassiveFoot, motion: JointMotion) -> Array:
-    """Resisting torque [N*m] of a passive foot on a motion from rest, shape (n,)."""
+    """Resisting torque [N*m] of a passive foot on a motion from rest, shape (n,). That of a slipping spring is 0 at the
+    first angle, and exact on each way between two turns."""
     theta = motion.theta
-    elastic = foot.K * theta * (1 + foot.stiffening * theta**2) + foot.B * motion.omega
-    return np.asarray(elastic + sum(slipping_torque(theta, spring) for spring in foot.slipping))
-
-
-def slipping_torque(theta: Array, spring: SlippingSpring) -> Array:
-    """Torque (n,) [N*m] of a slipping spring, 0 at the first angle; exact on each way between two turns."""
+    torque = foot.K * theta * (1 + foot.stiffening * theta**2) + foot.B * motion.omega
     turns = np.flatnonzero(np.diff(np.sign(np.diff(theta)))) + 1
-    torque = np.zeros_like(theta)
-    for a, b in pairwise([0, *turns.tolist(), len(theta) - 1]):
-        way = slice(a, b + 1)
-        torque[way] = np.clip(torque[a] + spring.stiffness * (theta[way] - theta[a]), -spring.limit, spring.limit)
-    return torque
+    slipping = []
+    for spring in foot.slipping:
+        one = np.zeros_like(theta)
+        for a, b in pairwise([0, *turns.tolist(), len(theta) - 1]):
+            way = slice(a, b + 1)
+            one[way] = np.clip(one[a] + spring.stiffness * (theta[way] - theta[a]), -spring.limit, spring.limit)
+        slipping.append(one)
+    return np.asarray(torque + sum(slipping))

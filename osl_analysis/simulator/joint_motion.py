@@ -38,62 +38,39 @@ def sine(w: Array | float, phase: Array, size: float = 1.0) -> JointMotion:
     return JointMotion(size * np.sin(phase), size * w * np.cos(phase), -size * w**2 * np.sin(phase))
 
 
-@dataclass(frozen=True)
-class Piece:
-    """A rest (w = 0) or a frequency of a stepped sine."""
-
-    start: float  # [s], on the clock of the log
-    duration: float  # [s], as of its start
-    w: float  # Angular frequency [rad/s]
-    amplitude: float  # [rad]
-
-    @property
-    def end(self) -> float:
-        """End [s]."""
-        return self.start + self.duration
-
-
-def stepped_sine_pieces(protocol: SteppedSineSchedule) -> list[Piece]:
-    """The rests and frequencies of a stepped sine, on the clock of the log."""
+def sine_command(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
+    """The commanded stepped sine from rest, sampled at `rate_hz` [Hz], each frequency with its ramps and harmonics. The
+    phase is continuous where the frequency changes, and a multiple of 2 pi where the amplitude changes. The angle
+    therefore has no jumps, unless a frequency starts as a cosine or does not end with a whole cycle. The velocity jumps
+    at these changes. If the command is followed exactly, the acceleration does not include these jumps."""
+    faster = 1 + 1e-6 * protocol.clock_error.value
     between = [(protocol.rest_between_s, 0.0)] if protocol.rest_between_s else []
     sines = zip(protocol.durations, protocol.frequencies_hz, strict=True)
-    block = [piece for sine, f in sines for piece in ((sine + 2 * protocol.ramp_s, f), *between)]
-    faster = 1 + 1e-6 * protocol.clock_error.value
-    pieces = [Piece(0.0, protocol.lead_s / faster, 0.0, 0.0)]
+    block = [piece for lasts, f in sines for piece in ((lasts + 2 * protocol.ramp_s, f), *between)]
+    # start [s], duration [s], angular frequency [rad/s] and amplitude [rad], on the clock of the log; rests have w = 0
+    pieces, end = [(0.0, protocol.lead_s / faster, 0.0, 0.0)], protocol.lead_s / faster
     for degrees in protocol.amplitudes_deg:
         for duration, f in (*block, (protocol.rest_s, 0.0)):
-            w = 2 * math.pi * f * faster
-            pieces.append(Piece(pieces[-1].end, duration / faster, w, math.radians(degrees)))
-    return pieces
-
-
-def sine_command(protocol: SteppedSineSchedule, rate_hz: float) -> JointMotion:
-    """The commanded stepped sine from rest, sampled at `rate_hz` [Hz]. The phase is continuous where the frequency
-    changes, and a multiple of 2 pi where the amplitude changes. The angle therefore has no jumps, unless a frequency
-    starts as a cosine or does not end with a whole cycle. The velocity jumps at these changes. If the command is
-    followed exactly, the acceleration does not include these jumps."""
-    pieces = stepped_sine_pieces(protocol)
-    time = np.arange(round(pieces[-1].end * rate_hz)) / rate_hz
-    first = [*np.searchsorted(time, [piece.start for piece in pieces]), len(time)]
-    motion = np.zeros((3, len(time)))
-    for piece, *ends in zip(pieces, first[:-1], first[1:], strict=True):
-        if piece.w > 0:
-            moved = piece_motion(piece, time[slice(*ends)] - piece.start, protocol)
-            motion[:, slice(*ends)] = moved.theta, moved.omega, moved.alpha
+            pieces.append((end, duration / faster, 2 * math.pi * f * faster, math.radians(degrees)))
+            end += duration / faster
+    time = np.arange(round(end * rate_hz)) / rate_hz
+    first = [*np.searchsorted(time, [start for start, *_ in pieces]), len(time)]
+    motion, harmonics = np.zeros((3, len(time))), ((2, protocol.second_harmonic), (3, protocol.third_harmonic))
+    for (start, duration, w, amplitude), *ends in zip(pieces, first[:-1], first[1:], strict=True):
+        if w == 0:
+            continue
+        elapsed = time[slice(*ends)] - start
+        envelope = ramped(elapsed, duration, protocol.ramp_s, amplitude)
+        if rate := protocol.decay.value:
+            left = np.exp(-rate * elapsed)
+            envelope = envelope * JointMotion(left, -rate * left, rate**2 * left)
+        made = sine(w, w * elapsed + (np.pi / 2 if protocol.start == "cosine" else 0.0))
+        for order, harmonic in harmonics:
+            if harmonic.enabled:
+                made = made + sine(order * w, order * w * elapsed, harmonic.value)
+        made = envelope * made
+        motion[:, slice(*ends)] = made.theta, made.omega, made.alpha
     return JointMotion(*motion)
-
-
-def piece_motion(piece: Piece, elapsed: Array, protocol: SteppedSineSchedule) -> JointMotion:
-    """The motion at one frequency, at times (n,) [s] since its start, with its ramps and harmonics."""
-    w, envelope = piece.w, ramped(elapsed, piece.duration, protocol.ramp_s, piece.amplitude)
-    if rate := protocol.decay.value:
-        left = np.exp(-rate * elapsed)
-        envelope = envelope * JointMotion(left, -rate * left, rate**2 * left)
-    motion = sine(w, w * elapsed + (np.pi / 2 if protocol.start == "cosine" else 0.0))
-    for order, harmonic in ((2, protocol.second_harmonic), (3, protocol.third_harmonic)):
-        if harmonic.enabled:
-            motion = motion + sine(order * w, order * w * elapsed, harmonic.value)
-    return envelope * motion
 
 
 def ramped(elapsed: Array, duration: float, ramp_s: float, size: float = 1.0) -> JointMotion:
@@ -111,7 +88,7 @@ def ramped(elapsed: Array, duration: float, ramp_s: float, size: float = 1.0) ->
 
 def there_and_back(belt: BeltMotion, rate_hz: float) -> JointMotion:
     """The belt experiment's command: a raised cosine of one period, between two rests."""
-    time = np.arange(round((2 * belt.rest_s + 2 * belt.ramp_s) * rate_hz)) / rate_hz
+    time = np.arange(round(belt.total_s * rate_hz)) / rate_hz
     w, height = np.pi / belt.ramp_s, 0.5 * np.deg2rad(belt.amplitude_deg)
     phase = w * np.clip(time - belt.rest_s, 0.0, 2 * belt.ramp_s)
     moves = (phase > 0) & (phase < 2 * np.pi)
@@ -150,34 +127,17 @@ def propagate(transition: Array, commanded: Array, speed: Array, step: float) ->
     return states
 
 
-SMOOTHING_ORDER = 4  # Order of the Butterworth low-pass that smooths a binary command
-HAND_WANDERS_S = 4.0  # Time [s] over which a hand changes how far it moves
-
-
 def excitation_motion(excitation: Excitation, trial: str, seed: int, rate_hz: float) -> JointMotion:
-    """The commanded motion of one trial, from rest to rest, sampled at `rate_hz` [Hz]."""
-    rest = np.zeros(round(excitation.rest_s * rate_hz))
-    parts = [(rest, rest, rest)]
+    """The commanded motion of one trial, from rest to rest, sampled at `rate_hz`: realisations with their fades."""
+    rest, whole = np.zeros(round(excitation.rest_s * rate_hz)), excitation.full_s + 2 * excitation.fade_s
+    time, parts = np.arange(round(whole * rate_hz)) / rate_hz, [(rest, rest, rest)]
+    made = {"multisine": multisine_motion, "chirp": chirp_motion, "prbs": prbs_motion, "ramps": ramps_motion}
     for number in range(excitation.realisations):
-        one = realisation(excitation, trial, seed, number, rate_hz)
+        draws = np.random.default_rng([seed, zlib.crc32(trial.encode()), zlib.crc32(b"excitation"), number])
+        one = made.get(excitation.kind, noise_motion)(excitation, time, draws)
+        one = ramped(time, whole, excitation.fade_s) * one
         parts += [(one.theta, one.omega, one.alpha), (rest, rest, rest)]
     return JointMotion(*(np.concatenate(signal) for signal in zip(*parts, strict=True)))
-
-
-def realisation(excitation: Excitation, trial: str, seed: int, number: int, rate_hz: float) -> JointMotion:
-    """One realisation with its fades."""
-    whole = excitation.full_s + 2 * excitation.fade_s
-    time = np.arange(round(whole * rate_hz)) / rate_hz
-    draws = np.random.default_rng([seed, zlib.crc32(trial.encode()), zlib.crc32(b"excitation"), number])
-    made = {
-        "multisine": multisine_motion,
-        "chirp": chirp_motion,
-        "noise": noise_motion,
-        "prbs": prbs_motion,
-        "ramps": ramps_motion,
-        "hand": hand_motion,
-    }[excitation.kind](excitation, time, draws)
-    return ramped(time, whole, excitation.fade_s) * made
 
 
 def multisine_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
@@ -203,28 +163,20 @@ def chirp_motion(excitation: Excitation, time: Array, draws: np.random.Generator
 
 
 def noise_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
-    """Gaussian noise, flat within the band and nothing beyond."""
+    """Gaussian noise, flat within the band and nothing beyond; or as a person moves a joint by `hand`: slow motions are
+    the larger, and the size of the motion wanders within 4 s. Derivatives are those of its lines."""
     low, high = excitation.band_hz
-    f = np.fft.rfftfreq(len(time), time[1])
-    return spectrum_motion(excitation, time, draws, ((f >= low) & (f <= high)).astype(float))
-
-
-def hand_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
-    """As a person moves a joint by hand: slow motions are the larger, and the size of the motion wanders."""
-    low, high = excitation.band_hz
-    f = np.fft.rfftfreq(len(time), time[1])
-    steady = spectrum_motion(excitation, time, draws, ((f >= low) & (f <= high)) / np.maximum(f, low) ** 1.5)
-    turn = 2 * np.pi / HAND_WANDERS_S
-    wandering = sine(turn, turn * time + draws.uniform(0, 2 * np.pi), 0.4)
-    return replace(wandering, theta=1 + wandering.theta) * steady
-
-
-def spectrum_motion(excitation: Excitation, time: Array, draws: np.random.Generator, gain: Array) -> JointMotion:
-    """Gaussian noise with a gain (n // 2 + 1,) over frequency, and its derivatives by its lines."""
-    n, w = len(time), 2 * np.pi * np.fft.rfftfreq(len(time), time[1])
+    n, f, by_hand = len(time), np.fft.rfftfreq(len(time), time[1]), excitation.kind == "hand"
+    w = 2 * np.pi * f
+    gain = ((f >= low) & (f <= high)) / (np.maximum(f, low) ** 1.5 if by_hand else 1.0)
     lines = gain * (draws.standard_normal(len(gain)) + 1j * draws.standard_normal(len(gain)))
     lines *= np.deg2rad(excitation.rms_deg) / np.std(np.fft.irfft(lines, n))
-    return JointMotion(*(np.fft.irfft((1j * w) ** derivative * lines, n) for derivative in range(3)))
+    steady = JointMotion(*(np.fft.irfft((1j * w) ** derivative * lines, n) for derivative in range(3)))
+    if not by_hand:
+        return steady
+    turn = 2 * np.pi / 4.0
+    wandering = sine(turn, turn * time + draws.uniform(0, 2 * np.pi), 0.4)
+    return replace(wandering, theta=1 + wandering.theta) * steady
 
 
 def prbs_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
@@ -233,10 +185,8 @@ def prbs_motion(excitation: Excitation, time: Array, draws: np.random.Generator)
     theta = np.deg2rad(excitation.rms_deg) * draws.choice([-1.0, 1.0], held[-1] + 1)[held]
     if excitation.smoothing_hz is None:
         return JointMotion(theta, np.zeros_like(theta), np.zeros_like(theta))
-    rate = 1 / time[1]
-    smooth = scipy.signal.sosfilt(
-        scipy.signal.butter(SMOOTHING_ORDER, excitation.smoothing_hz, fs=rate, output="sos"), theta
-    )
+    low_pass = scipy.signal.butter(4, excitation.smoothing_hz, fs=1 / time[1], output="sos")
+    smooth = scipy.signal.sosfilt(low_pass, theta)
     omega = np.gradient(smooth, time)
     return JointMotion(smooth, omega, np.gradient(omega, time))
 

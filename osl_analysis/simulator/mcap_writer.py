@@ -7,7 +7,7 @@ that `mcap.writer.Writer` writes for the same messages.
 import struct
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -47,14 +47,19 @@ uint32 nanosec
 """
 
 
+Records = np.ndarray[tuple[int], np.dtype[np.void]]
+
+
 @dataclass(frozen=True)
 class LogTopic:
-    """A topic that a recorder writes."""
+    """A topic that a recorder writes, and its messages, which are equally long."""
 
     name: str
-    schema_name: str  # Name of the message's type
-    schema_text: str  # Definition of the type, with those that it depends on. It begins with `std_msgs/Header header`
-    frame_id: str  # Frame in the header of every message
+    schema_name: str  # name of the message's type
+    schema_text: str  # definition of the type, with those that it depends on. It begins with `std_msgs/Header header`
+    frame_id: str  # frame in the header of every message
+    records: Records = field(default_factory=lambda: np.zeros(0, np.dtype([("", "u1")])))
+    """A record of each message, (n,), with the members of `RECORD_HEAD` and `data`; the number of its channel is 0."""
 
 
 DYNAMOMETER = LogTopic(
@@ -101,7 +106,7 @@ WRENCH_TEXT = (
     f"float64 x\nfloat64 y\nfloat64 z\n{DEPENDENCIES}"
 )
 
-LIBRARY, COMPRESSION = "osl-analysis", "zstd"
+LIBRARY = "osl-analysis"
 CHUNK_SIZE = 1 << 20  # A chunk ends with the message that takes it beyond this size [bytes]
 LATENCY_NS = 150_000  # Time [ns] from a sample's stamp to its arrival at the recorder
 RECORD_HEAD = {"opcode": "u1", "length": "<u8", "channel": "<u2", "sequence": "<u4", "log": "<u8", "publish": "<u8"}
@@ -112,20 +117,10 @@ Members = dict[str, tuple[str, Any]]
 """Members of a message in order: numpy type, and a value for all messages or a column (n,) of values."""
 
 
-@dataclass(frozen=True)
-class Topic:
-    """The messages of one topic, which are equally long."""
-
-    name: str
-    schema_name: str
-    schema_text: str  # the schema as ros2msg
-    records: "np.ndarray[tuple[int], np.dtype[np.void]]"
-    """A record of each message, (n,), with the members of `RECORD_HEAD` and `data`; the number of its channel is 0."""
-
-
-def topic_of(name: str, schema_name: str, schema_text: str, frame_id: str, time: Array, members: Members) -> Topic:
-    """Messages at time stamps [s], (n,), in CDR: a header, then their own members. Padding is zero."""
-    stamps, frame = np.rint(np.asarray(time) * 1e9).astype(np.int64), frame_id.encode() + b"\0"
+def holding(topic: LogTopic, time: Array, members: Members) -> LogTopic:
+    """The topic with messages at time stamps [s], (n,), in CDR: a header, then their own members. Each member is
+    aligned to its own size, counted from after the encapsulation; text is not aligned. Padding is zero."""
+    stamps, frame = np.rint(np.asarray(time) * 1e9).astype(np.int64), topic.frame_id.encode() + b"\0"
     seconds, nanoseconds = np.divmod(stamps, 10**9)
     whole: Members = {
         "encapsulation": ("V4", b"\x00\x01\x00\x00"),  # little endian
@@ -135,30 +130,23 @@ def topic_of(name: str, schema_name: str, schema_text: str, frame_id: str, time:
         "frame_id": (f"S{len(frame)}", frame),
         **members,
     }
-    layout = aligned({member: kind for member, (kind, _) in whole.items()})
+    kinds, offsets, end = [np.dtype(kind) for kind, _ in whole.values()], list[int](), 0
+    for kind in kinds:
+        alignment = 1 if kind.kind in "SV" else kind.itemsize
+        offsets.append(end if end == 0 else 4 + -(-(end - 4) // alignment) * alignment)
+        end = offsets[-1] + kind.itemsize
+    layout = np.dtype({"names": list(whole), "formats": kinds, "offsets": offsets, "itemsize": end})
     records = np.zeros(stamps.size, np.dtype([*RECORD_HEAD.items(), ("data", layout)]))
     records["opcode"], records["length"] = Opcode.MESSAGE, records.itemsize - 9  # without opcode and length
     records["sequence"], records["log"], records["publish"] = np.arange(stamps.size), stamps + LATENCY_NS, stamps
     for member, (_, value) in whole.items():
         records["data"][member] = value
-    return Topic(name, schema_name, schema_text, records)
-
-
-def aligned(members: Mapping[str, str]) -> "np.dtype[np.void]":
-    """Record with each member aligned to its own size, counted from after the encapsulation; text is not aligned."""
-    offsets, end = [], 0
-    for kind in members.values():
-        size = np.dtype(kind).itemsize
-        alignment = 1 if np.dtype(kind).kind in "SV" else size
-        start = end if end == 0 else 4 + -(-(end - 4) // alignment) * alignment
-        offsets.append(start)
-        end = start + size
-    return np.dtype({"names": list(members), "formats": list(members.values()), "offsets": offsets, "itemsize": end})
+    return replace(topic, records=records)
 
 
 def joint_states(
     topic: str, frame_id: str, time: Array, position: Mapping[str, Array], effort: Mapping[str, Array]
-) -> Topic:
+) -> LogTopic:
     """JointState messages: positions [rad] by joint, (n,) each, and the effort of some joints; other efforts are 0."""
     members: Members = {"names": ("<u4", len(position))}
     for joint in position:
@@ -168,14 +156,14 @@ def joint_states(
     members |= {f"position.{joint}": ("<f8", values) for joint, values in position.items()}
     members |= {"velocities": ("<u4", 0), "efforts": ("<u4", len(position))}
     members |= {f"effort.{joint}": ("<f8", effort.get(joint, 0.0)) for joint in position}
-    return topic_of(topic, "sensor_msgs/msg/JointState", JOINT_STATE_TEXT, frame_id, time, members)
+    return holding(LogTopic(topic, "sensor_msgs/msg/JointState", JOINT_STATE_TEXT, frame_id), time, members)
 
 
-def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> Topic:
+def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> LogTopic:
     """WrenchStamped messages with a torque [N*m] about z, (n,). All other components are 0."""
     members: Members = {f"{vector}.{axis}": ("<f8", 0.0) for vector in ("force", "torque") for axis in "xyz"}
     members["torque.z"] = ("<f8", torque)
-    return topic_of(topic, "geometry_msgs/msg/WrenchStamped", WRENCH_TEXT, frame_id, time, members)
+    return holding(LogTopic(topic, "geometry_msgs/msg/WrenchStamped", WRENCH_TEXT, frame_id), time, members)
 
 
 def write_mcap(path: Path, topic: LogTopic, time: Array, columns: Mapping[str, ArrayLike]) -> None:
@@ -184,20 +172,21 @@ def write_mcap(path: Path, topic: LogTopic, time: Array, columns: Mapping[str, A
     declared = topic.schema_text.split("===", maxsplit=1)[0].splitlines()[1:]
     types = {words[1]: CDR_TYPES[words[0]] for words in map(str.split, declared) if words}
     members: Members = {f"field.{name}": (kind, np.asarray(columns[name])) for name, kind in types.items()}
-    write_topics(path, [topic_of(topic.name, topic.schema_name, topic.schema_text, topic.frame_id, time, members)])
+    write_topics(path, [holding(topic, time, members)])
 
 
-def write_topics(path: Path, topics: Sequence[Topic]) -> None:
-    """Write several topics, their messages in the order in which they arrive. The file appears whole or not at all."""
+def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
+    """Write several topics, their messages in the order of their stamps. The file appears whole or not at all."""
     names = ", ".join(topic.name for topic in topics)
     metadata = Metadata("recording", {"origin": "simulated", "topic": names, "time": "header stamp"})
     with atomic_path(path) as temporary:
         write_recording(temporary, topics, metadata)
 
 
-def write_recording(path: Path, topics: Sequence[Topic], metadata: Metadata) -> None:
-    """Write the messages of all topics, in the order of their stamps, after a metadata record."""
-    schemas, channels = list[Schema](), list[Channel]()
+def write_recording(path: Path, topics: Sequence[LogTopic], metadata: Metadata) -> None:
+    """Write the messages of all topics, in the order of their stamps, after a metadata record; last the summary, its
+    offsets, and the footer with the CRC of both."""
+    schemas, channels = list[McapRecord](), list[McapRecord]()
     for number, topic in enumerate(topics, 1):
         schemas.append(Schema(number, topic.schema_text.encode(), "ros2msg", topic.schema_name))
         channels.append(Channel(number, topic.name, "cdr", {}, number))
@@ -209,10 +198,9 @@ def write_recording(path: Path, topics: Sequence[Topic], metadata: Metadata) -> 
         file.write(head + described)
         while first < len(starts):
             last = min(int(np.searchsorted(ends, begin + CHUNK_SIZE, side="right")), len(ends) - 1) + 1
-            indexes.append(
-                write_chunk(file, data[begin : ends[last - 1]], starts[first:last] - begin, channel[first:last])
-            )
-            first, begin = last, int(ends[last - 1])
+            content, end = data[begin : ends[last - 1]], int(ends[last - 1])
+            indexes.append(write_chunk(file, content, starts[first:last] - begin, channel[first:last]))
+            first, begin = last, end
         file.write(encoded([DataEnd(0)]))
         used = dict.fromkeys(number for index in indexes for number in index.message_index_offsets)
         statistics = Statistics(
@@ -234,11 +222,19 @@ def write_recording(path: Path, topics: Sequence[Topic], metadata: Metadata) -> 
             Opcode.ATTACHMENT_INDEX: [],
             Opcode.METADATA_INDEX: [MetadataIndex(offset=len(head), length=len(described), name=metadata.name)],
         }
-        file.write(summary(groups, file.tell()) + MCAP0_MAGIC)
+        start, summary, offsets = file.tell(), b"", list[McapRecord]()
+        for opcode, records in groups.items():
+            group = encoded(records)
+            offsets.append(SummaryOffset(opcode, group_start=start + len(summary), group_length=len(group)))
+            summary += group
+        offsets_start = start + len(summary)
+        summary += encoded(offsets)
+        crc = zlib.crc32(summary + struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start))
+        file.write(summary + encoded([Footer(start, offsets_start, crc)]) + MCAP0_MAGIC)
 
 
 def in_order_of_stamps(
-    topics: Sequence[Topic], defined: bytes
+    topics: Sequence[LogTopic], defined: bytes
 ) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64]]:
     """The definitions and then the records of all messages, as bytes; where each record begins, and its channel."""
     order = np.argsort(np.concatenate([topic.records["publish"] for topic in topics]), kind="stable")
@@ -264,7 +260,7 @@ def write_chunk(
     """Write a chunk of messages that begin at `starts` [bytes], and the index of each channel, as each comes first."""
     log = np.ndarray((len(content) - 7,), "<u8", content, 0, (1,))[starts + 15]
     chunk = Chunk(
-        compression=COMPRESSION,
+        compression="zstd",
         data=zstandard.compress(content.data),
         message_start_time=int(log.min()),
         message_end_time=int(log.max()),
@@ -296,16 +292,3 @@ def encoded(records: Iterable[McapRecord]) -> bytes:
     for record in records:
         record.write(builder)
     return bytes(builder.end())  # type: ignore[no-untyped-call]
-
-
-def summary(groups: Mapping[Opcode, Sequence[McapRecord]], start: int) -> bytes:
-    """The summary at `start`, its offsets, and the footer with the CRC of both."""
-    data, offsets = b"", list[SummaryOffset]()
-    for opcode, records in groups.items():
-        group = encoded(records)
-        offsets.append(SummaryOffset(group_opcode=opcode, group_start=start + len(data), group_length=len(group)))
-        data += group
-    offsets_start = start + len(data)
-    data += encoded(offsets)
-    crc = zlib.crc32(data + struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start))
-    return data + encoded([Footer(start, offsets_start, crc)])

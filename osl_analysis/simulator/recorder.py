@@ -21,35 +21,6 @@ from osl_analysis.model.compensator import Gains
 from osl_analysis.simulator.settings import LowPassEffect, NodeSettings, Scatter, SimulationSettings, stream
 from osl_analysis.trial import Array
 
-
-def bench_errors(trial: str, settings: SimulationSettings) -> dict[str, float]:
-    """The errors that are constant in one bench trial: clock start [s], load-cell offset [N*m] and drift [N*m/min]. If
-    `encoder_zero` is enabled, also the zero of the joint's encoder [rad]."""
-    effects, seed = settings.effects, settings.seed
-    zero = effects.encoder_zero.value * effects.joint_encoder.value * stream(seed, trial, "encoder_zero").uniform(-1, 1)
-    return {
-        "clock_start_s": float(stream(seed, trial, "clock_start").integers(20, 2000)),
-        "load_cell_offset": effects.load_cell_offset.value * stream(seed, trial, "load_cell_offset").standard_normal(),
-        "load_cell_drift": effects.load_cell_drift.value * stream(seed, trial, "load_cell_drift").standard_normal(),
-        **({"encoder_zero": float(zero)} if effects.encoder_zero.enabled else {}),
-    }
-
-
-def rounded_to(signal: Array, step: float) -> Array:
-    """The signal rounded to the nearest multiple of `step` [unit of the signal]. With step 0 it is not rounded."""
-    return np.rint(signal / step) * step if step else signal
-
-
-def flicker(size: float, n: int, draws: np.random.Generator) -> Array:
-    """1/f noise (n,), even in time, whose standard deviation in a decade of frequency is `size`. A power density of
-    size^2/(ln 10 f) has the variance size^2 in each decade, for any sampling rate."""
-    line = np.arange(n // 2 + 1)
-    white = draws.standard_normal((2, len(line)))
-    spectrum = size * n / 2 * (white[0] + 1j * white[1]) / np.sqrt(np.log(10) * np.maximum(line, 1))
-    spectrum[0] = 0
-    return np.fft.irfft(spectrum, n)
-
-
 TORQUES = ("load_cell_torque", "output_torque")
 NOISES = {"motor_current": "current_noise", **dict.fromkeys(TORQUES, "load_cell_noise")}
 """Effect with the white noise of a channel."""
@@ -61,8 +32,6 @@ RESOLUTIONS = {
     **dict.fromkeys(TORQUES, "load_cell_quantisation"),
 }
 """Effect with the resolution of a channel."""
-QUEUE_S = 5e-6  # Time [s] in which a host stamps one message of several that wait
-FINER = 8  # Steps per sample with which a sensor's own low-pass is computed, its input being straight between them
 
 
 @dataclass(frozen=True)
@@ -97,26 +66,27 @@ TrueSignal = Array | Jumping
 
 @dataclass(frozen=True)
 class Sampling:
-    """When a node takes its samples and what it writes of them.
+    """When a node takes its samples and what it writes of them."""
 
-    instants: time [s] of each sample by the bench's clock, from 0.
-    even: whether they are the instants of the simulation.
-    stamps: what the node's clock says of it [s].
-    rows: the samples that are written, in order, or a slice of all; a repeated one is a duplicate.
-    """
-
-    instants: Array
-    even: bool
-    stamps: Array
-    rows: NDArray[np.intp] | slice
+    instants: Array  # time [s] of each sample by the bench's clock, from 0
+    even: bool  # whether they are the instants of the simulation
+    stamps: Array  # what the node's clock says of it [s]
+    rows: NDArray[np.intp] | slice  # samples that are written, in order, or a slice of all; a repeated one is twice
 
 
 def recording_of(
     trial: str, signals: Mapping[str, TrueSignal], settings: SimulationSettings
 ) -> tuple[BenchLog, dict[str, float]]:
-    """What the nodes of a bench write, and the numbers that were drawn for this trial. `signals` are the true ones by
-    channel, (n,) each, at the even instants of the simulation."""
-    recorder, drawn = settings.recorder, bench_errors(trial, settings)
+    """What the nodes of a bench write, and the errors that were drawn for this trial and are constant in it: clock
+    start [s], load-cell offset [N*m] and drift [N*m/min]; if enabled, also the zero of the joint's encoder [rad].
+    `signals` are the true ones by channel, (n,) each, at the even instants of the simulation."""
+    effects, seed, recorder = settings.effects, settings.seed, settings.recorder
+    drawn = {"clock_start_s": float(stream(seed, trial, "clock_start").integers(20, 2000))}
+    for name, effect in (("load_cell_offset", effects.load_cell_offset), ("load_cell_drift", effects.load_cell_drift)):
+        drawn[name] = effect.value * stream(seed, trial, name).standard_normal()
+    if effects.encoder_zero.enabled:
+        zero = effects.encoder_zero.value * effects.joint_encoder.value
+        drawn["encoder_zero"] = float(zero * stream(seed, trial, "encoder_zero").uniform(-1, 1))
     bench = Bench(trial, settings, drawn)
     if recorder.torque_node is None:
         time, channels = bench.recording("node", recorder.node, signals)
@@ -136,6 +106,9 @@ class Bench:
     settings: SimulationSettings
     drawn: Mapping[str, float]
 
+    def random(self, name: str) -> np.random.Generator:
+        return stream(self.settings.seed, self.trial, name)
+
     def recording(
         self, name: str, node: NodeSettings, signals: Mapping[str, TrueSignal]
     ) -> tuple[Array, dict[str, Array]]:
@@ -150,49 +123,47 @@ class Bench:
 
     def sampling(self, name: str, node: NodeSettings, duration: float) -> Sampling:
         """When a node takes its samples within `duration` [s], what its stamps say, and which it writes."""
-        rate = node.rate.value or self.settings.dynamometer.rate_hz
+        simulated_hz = self.settings.dynamometer.rate_hz
+        rate = node.rate.value or simulated_hz
         instants, scatters = np.arange(round(duration * rate)) / rate, node.phase.enabled or node.jitter.enabled
         if scatters:
             scattered = instants + node.phase.value + self.scatter(f"{name}.jitter", node.jitter, len(instants))
             scattered.sort(kind="stable")  # fast, because few change places
-            last = duration - 1 / self.settings.dynamometer.rate_hz
+            last = duration - 1 / simulated_hz
             instants = scattered[np.searchsorted(scattered, 0.0) : np.searchsorted(scattered, last, side="right")]
         stamps = instants
         if node.latency.enabled:
             late = self.scatter(f"{name}.latency", node.latency, len(instants))
-            queue = QUEUE_S * np.arange(len(instants))
+            queue = 5e-6 * np.arange(len(instants))  # a host stamps one of several waiting messages in 5 us
             stamps = np.maximum.accumulate(instants + late - queue) + queue
-        if node.clock_offset.enabled or node.clock_drift.enabled:
-            stamps = node.clock_offset.value + (1 + 1e-6 * node.clock_drift.value) * stamps
-        even = rate == self.settings.dynamometer.rate_hz and not scatters
+        stamps = node.clock_offset.value + (1 + 1e-6 * node.clock_drift.value) * stamps
+        even = rate == simulated_hz and not scatters
         return Sampling(instants, even, stamps, self.written(name, node, len(instants)))
 
     def scatter(self, name: str, effect: Scatter, n: int) -> Array:
         """A number per sample, (n,) [s], as the effect is distributed; 0 where it is off."""
-        draws = stream(self.settings.seed, self.trial, name)
         if effect.distribution == "exponential":
-            return effect.value * draws.standard_exponential(n)
-        normal = effect.value * draws.standard_normal(n)
+            return effect.value * self.random(name).standard_exponential(n)
+        normal = effect.value * self.random(name).standard_normal(n)
         return np.abs(normal) if effect.distribution == "half_normal" else normal
 
     def written(self, name: str, node: NodeSettings, n: int) -> NDArray[np.intp] | slice:
         """The samples of n that a node writes: without the dropped ones, the duplicated ones twice."""
         if not (node.duplicated.enabled or node.dropped.enabled or node.lost_every.enabled):
             return slice(None)
-        copies, seed = np.ones(n, dtype=np.intp), self.settings.seed
+        copies, burst = np.ones(n, dtype=np.intp), int(node.burst.value) or 1
         if node.duplicated.enabled:
-            copies += stream(seed, self.trial, f"{name}.duplicated").random(n) < node.duplicated.size
+            copies += self.random(f"{name}.duplicated").random(n) < node.duplicated.size
         if node.dropped.enabled:
-            burst = int(node.burst.value) or 1
             gaps = max(round(node.dropped.size * n / burst), 1)
             # in slots that leave a sample between two gaps; the first and the last sample stay
-            slots = stream(seed, self.trial, f"{name}.dropped").permutation((n - 2) // (burst + 1))[:gaps]
+            slots = self.random(f"{name}.dropped").permutation((n - 2) // (burst + 1))[:gaps]
             for first in 1 + slots * (burst + 1):
                 copies[first : first + burst] = 0
         if node.lost_every.enabled:
-            every, scatter, burst = int(node.lost_every.size), node.lost_every.scatter, int(node.burst.value) or 1
-            draws = stream(seed, self.trial, f"{name}.lost_every")
-            intervals = draws.integers(every - scatter, every + scatter + 1, n // max(every - scatter, 1) + 1)
+            every, scatter = int(node.lost_every.size), node.lost_every.scatter
+            number = n // max(every - scatter, 1) + 1
+            intervals = self.random(f"{name}.lost_every").integers(every - scatter, every + scatter + 1, number)
             for first in np.cumsum(intervals):
                 copies[first : min(first + burst, n - 1)] = 0
         return np.repeat(np.arange(n), copies)
@@ -200,11 +171,20 @@ class Bench:
     def reading(self, channel: str, true: TrueSignal, sampling: Sampling) -> Array:
         """What the sensor of a channel reads at the sampled instants: dynamics, errors, noise, range and steps."""
         effects, sensor, n = self.settings.effects, self.settings.recorder.sensor(channel), len(sampling.instants)
-        reading = self.sampled(true, channel, sampling)
+        rate, late = self.settings.dynamometer.rate_hz, sensor.delay.value
+        if sensor.low_pass.enabled:
+            true = low_passed(true.samples if isinstance(true, Jumping) else true, rate, sensor.low_pass)
+        instants = np.maximum(sampling.instants - late, 0.0) if late else sampling.instants
+        if isinstance(true, Jumping):
+            reading = true.at(instants)
+        elif sampling.even and not late:
+            reading = true
+        else:
+            reading = np.asarray(CubicSpline(np.arange(len(true)) / rate, true)(instants))
         if channel in TORQUES:
             reading = reading + self.torque_errors(sampling.instants)
         if channel in NOISES:
-            noise = stream(self.settings.seed, self.trial, NOISES[channel]).standard_normal(n)
+            noise = self.random(NOISES[channel]).standard_normal(n)
             reading = reading + getattr(effects, NOISES[channel]).value * noise
         if channel == "joint_angle" and effects.encoder_zero.enabled:
             reading = reading + self.drawn["encoder_zero"]
@@ -215,45 +195,42 @@ class Bench:
         reading = rounded_to(reading, getattr(effects, RESOLUTIONS[channel]).value)
         reading = reading * sensor.gain.size if sensor.gain.enabled else reading
         if sensor.failed.enabled:
-            failed = stream(self.settings.seed, self.trial, f"{channel}.failed").random(n) < sensor.failed.size
-            reading = np.where(failed, np.nan, reading)
+            reading = np.where(self.random(f"{channel}.failed").random(n) < sensor.failed.size, np.nan, reading)
         return reading
 
-    def sampled(self, true: TrueSignal, channel: str, sampling: Sampling) -> Array:
-        """The true signal through the sensor's low-pass and delay, at the sampled instants."""
-        sensor, rate = self.settings.recorder.sensor(channel), self.settings.dynamometer.rate_hz
-        if sensor.low_pass.enabled:
-            true = low_passed(true.samples if isinstance(true, Jumping) else true, rate, sensor.low_pass)
-        late = sensor.delay.value
-        instants = np.maximum(sampling.instants - late, 0.0) if late else sampling.instants
-        if isinstance(true, Jumping):
-            return true.at(instants)
-        if sampling.even and not late:
-            return true
-        return np.asarray(CubicSpline(np.arange(len(true)) / rate, true)(instants))
-
     def torque_errors(self, instants: Array) -> Array:
-        """Offset, drift, hum and 1/f noise [N*m] of a torque sensor at the sampled instants [s]."""
-        effects, seed = self.settings.effects, self.settings.seed
+        """Offset, drift, hum and 1/f noise [N*m] of a torque sensor at the sampled instants [s]. A power density of
+        size^2/(ln 10 f) has the variance size^2 in each decade, for any sampling rate."""
+        effects, n = self.settings.effects, len(instants)
         errors = self.drawn["load_cell_offset"] + self.drawn["load_cell_drift"] * instants / 60
         hum, size = effects.load_cell_hum, effects.load_cell_flicker.value
         if hum.enabled:
-            phase = stream(seed, self.trial, "load_cell_hum").uniform(0, 2 * np.pi)
+            phase = self.random("load_cell_hum").uniform(0, 2 * np.pi)
             errors = errors + hum.size * np.sin(2 * np.pi * hum.frequency_hz * instants + phase)
         if size:
-            errors = errors + flicker(size, len(instants), stream(seed, self.trial, "load_cell_flicker"))
+            line = np.arange(n // 2 + 1)
+            white = self.random("load_cell_flicker").standard_normal((2, len(line)))
+            spectrum = size * n / 2 * (white[0] + 1j * white[1]) / np.sqrt(np.log(10) * np.maximum(line, 1))
+            spectrum[0] = 0
+            errors = errors + np.fft.irfft(spectrum, n)
         return errors
 
 
+def rounded_to(signal: Array, step: float) -> Array:
+    """The signal rounded to the nearest multiple of `step` [unit of the signal]. With step 0 it is not rounded."""
+    return np.rint(signal / step) * step if step else signal
+
+
 def low_passed(signal: Array, rate_hz: float, low_pass: LowPassEffect) -> Array:
-    """The signal (n,) behind a sensor's causal low-pass, which is at rest at the first value."""
-    fine = np.arange((len(signal) - 1) * FINER + 1) / FINER
+    """The signal (n,) behind a sensor's causal low-pass, which is at rest at the first value. It is computed in eight
+    steps per sample, its input being straight between them."""
+    fine = np.arange((len(signal) - 1) * 8 + 1) / 8
     finer = CubicSpline(np.arange(len(signal)), signal)(fine)
     analogue = butter(low_pass.order, 2 * np.pi * low_pass.size, analog=True)
-    numerator, below, _ = cont2discrete(analogue, 1 / (FINER * rate_hz), method="foh")
+    numerator, below, _ = cont2discrete(analogue, 1 / (8 * rate_hz), method="foh")
     above = np.ravel(numerator)
     slow, _ = lfilter(above, below, finer, zi=lfilter_zi(above, below) * finer[0])
-    return np.asarray(slow[::FINER])
+    return np.asarray(slow[::8])
 
 
 def bench_truth(
@@ -277,13 +254,13 @@ def bench_truth(
     }
 
 
-def write_truth(folder: Path, trial: str, truth: Mapping[str, object]) -> None:
-    """Write the truth of a trial to `truth/<trial>.json` in the campaign's raw folder."""
+def write_truth(
+    folder: Path, trial: str, truth: Mapping[str, object], curves: Mapping[str, Array] | None = None
+) -> None:
+    """Write the truth of a trial to `truth/<trial>.json` in the campaign's raw folder, and its exact curves to
+    `truth/<trial>.parquet`."""
+    if curves is not None:
+        with atomic_path(folder / "truth" / f"{trial}.parquet") as path:
+            pl.DataFrame(curves).write_parquet(path)
     with atomic_path(folder / "truth" / f"{trial}.json") as path:
         path.write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
-
-
-def write_curves(folder: Path, trial: str, curves: dict[str, Array], every: int) -> None:
-    """Write every `every`-th sample of the exact curves to `truth/<trial>.parquet` in the campaign's raw folder."""
-    with atomic_path(folder / "truth" / f"{trial}.parquet") as path:
-        pl.DataFrame({name: values[::every] for name, values in curves.items()}).write_parquet(path)

@@ -6,7 +6,7 @@ size and the unit of the size. All effects of recorders and sensors are off unle
 
 import math
 import zlib
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -27,8 +27,10 @@ class Effect(Settings):
 
     @property
     def value(self) -> float:
-        """The size, or 0 where the effect is off."""
-        return self.size if self.enabled else 0.0
+        """The size, or 0 where the effect is off; that of bits per turn is the step [rad] of an encoder."""
+        if not self.enabled:
+            return 0.0
+        return 2 * math.pi / 2**self.size if self.unit == "bit" else self.size
 
 
 class SignedEffect(Effect):
@@ -62,64 +64,35 @@ class LowPassEffect(Effect):
     order: Annotated[int, Field(ge=1, le=4)] = 1
 
 
-class Encoder(Effect):
-    """The step of an encoder, in rad or as bits per turn."""
-
-    @property
-    def value(self) -> float:
-        """The step [rad], or 0 where the encoder is ideal."""
-        return 2 * math.pi / 2**self.size if self.enabled and self.unit == "bit" else super().value
+def off(unit: str, size: float = 0.0) -> Any:
+    """An effect that is switched off, of any kind."""
+    return Field(default={"enabled": False, "size": size, "unit": unit}, validate_default=True)
 
 
-def off(unit: str, size: float = 0.0) -> Effect:
-    """An effect that is switched off."""
-    return Effect(enabled=False, size=size, unit=unit)
-
-
-def in_unit(*units: str) -> AfterValidator:
-    """A check that an effect's size is given in one of these units."""
+def sized(*units: str, whole: bool = False, above_0: bool = False, below_1: bool = False) -> AfterValidator:
+    """A check that an effect's size is given in one of these units, and of what kind it is. Only `enabled: false`
+    switches an effect off whose size is above 0."""
 
     def check(effect: Effect) -> Effect:
         if effect.unit not in units:
             raise ValueError(f"its unit must be {' or '.join(repr(unit) for unit in units)}, not '{effect.unit}'")
+        if whole and effect.size != int(effect.size):
+            raise ValueError(f"its size is {effect.size:g}; give a whole number")
+        if above_0 and effect.size == 0:
+            raise ValueError("its size must be positive; set enabled: false to switch it off")
+        if below_1 and effect.size >= 1:
+            raise ValueError("its size is a share and must be less than 1")
         return effect
 
     return AfterValidator(check)
 
 
-def whole_number(effect: Effect) -> Effect:
-    """Refuse a size that is not a whole number."""
-    if effect.size != int(effect.size):
-        raise ValueError(f"its size is {effect.size:g}; give a whole number")
-    return effect
-
-
-def positive(effect: Effect) -> Effect:
-    """Refuse a size of 0. Only `enabled: false` switches the effect off."""
-    if effect.size == 0:
-        raise ValueError("its size must be positive; set enabled: false to switch it off")
-    return effect
-
-
-def share(effect: Effect) -> Effect:
-    """Refuse a share that is not below 1."""
-    if effect.size >= 1:
-        raise ValueError("its size is a share and must be less than 1")
-    return effect
-
-
-Seconds = Annotated[Effect, in_unit("s")]
-Amperes = Annotated[Effect, in_unit("A")]
-Torque = Annotated[Effect, in_unit("N*m")]
-Ratio = Annotated[Effect, in_unit("1")]
-ShareEffect = Annotated[Effect, in_unit("1"), AfterValidator(share)]
-Hertz = Annotated[Effect, in_unit("Hz"), AfterValidator(positive)]
-WholeSamples = Annotated[Effect, in_unit("sample"), AfterValidator(whole_number), AfterValidator(positive)]
-SignedSeconds = Annotated[SignedEffect, in_unit("s")]
-PartsPerMillion = Annotated[SignedEffect, in_unit("ppm")]
-NO_SCATTER = Scatter(enabled=False, size=0, unit="s")
-NO_SECONDS = SignedEffect(enabled=False, size=0, unit="s")
-NO_PPM = SignedEffect(enabled=False, size=0, unit="ppm")
+Seconds = Annotated[Effect, sized("s")]
+Torque = Annotated[Effect, sized("N*m")]
+Ratio = Annotated[Effect, sized("1")]
+ShareEffect = Annotated[Effect, sized("1", below_1=True)]
+Hertz = Annotated[Effect, sized("Hz", above_0=True)]
+AngleStep = Annotated[Effect, sized("rad", "bit")]  # of an encoder
 RampDirection = Literal["up", "down"]
 StatedColumn = Literal["K_d", "B_d", "direction", "subject", "session", "side", "group", "body_mass_kg"]
 
@@ -164,26 +137,26 @@ class Effects(SwitchedEffects):
     """Every imperfection of bench, drivetrain and controller. Noise is white at the rate of the log, sizes are SDs."""
 
     friction: Ratio  # true friction over the parameter file's, which the controller cancels; off: none at all
-    control_delay: Annotated[Effect, in_unit("update"), AfterValidator(whole_number)]
+    control_delay: Annotated[Effect, sized("update", whole=True)]
     """Delay from a measurement to the current computed from it [updates of the controller]. With size 0 the current is
     still held between two updates. Off: a continuous controller."""
     velocity_filter: Hertz  # low-pass over the differentiated encoder; off: the controller gets the true velocity
-    actuator_encoder: Annotated[Encoder, in_unit("rad", "bit")]  # resolution, at the actuator's output
-    joint_encoder: Annotated[Encoder, in_unit("rad", "bit")]  # resolution
+    actuator_encoder: AngleStep  # resolution, at the actuator's output
+    joint_encoder: AngleStep  # resolution
     load_cell_noise: Torque
     load_cell_offset: Torque  # constant over a trial
-    load_cell_drift: Annotated[Effect, in_unit("N*m/min")]  # constant over a trial
+    load_cell_drift: Annotated[Effect, sized("N*m/min")]  # constant over a trial
     load_cell_quantisation: Torque  # resolution
-    current_noise: Amperes
-    current_quantisation: Amperes  # resolution
+    current_noise: Annotated[Effect, sized("A")]
+    current_quantisation: Annotated[Effect, sized("A")]  # resolution
     belt_hysteresis: Torque  # largest torque by which loading and unloading differ from the elastic belt
     belt_scatter: Ratio  # of K_s from trial to trial in the belt experiment
     dynamometer_bandwidth: Hertz  # natural frequency of the position loop; off: the command is followed exactly
-    mount_stiffness: Annotated[Effect, in_unit("N*m/rad"), AfterValidator(positive)] = off("N*m/rad", 1.0)
+    mount_stiffness: Annotated[Effect, sized("N*m/rad", above_0=True)] = off("N*m/rad", 1.0)
     """Stiffness of the bench's frame. The joint's encoder also measures the frame's deflection. Off: a rigid frame."""
-    load_cell_hum: Annotated[Hum, in_unit("N*m")] = Hum(enabled=False, size=0, unit="N*m")  # of the mains
+    load_cell_hum: Annotated[Hum, sized("N*m")] = off("N*m")  # of the mains
     load_cell_flicker: Torque = off("N*m")  # 1/f noise within each decade of frequency
-    encoder_zero: Annotated[Effect, in_unit("step")] = off("step")
+    encoder_zero: Annotated[Effect, sized("step")] = off("step")
     """Largest distance of the zero of the joint's encoder, drawn for each trial, in steps of the encoder."""
 
 
@@ -194,9 +167,9 @@ class SecondOrderJoint(Settings):
     K: Positive
     B: NotNegative
     I: NotNegative
-    stiffening: Annotated[Effect, in_unit("1/rad^2")] = off("1/rad^2")  # the spring has K theta (1 + size theta^2)
+    stiffening: Annotated[Effect, sized("1/rad^2")] = off("1/rad^2")  # the spring has K theta (1 + size theta^2)
     coulomb: Torque = off("N*m")  # Coulomb friction of the joint
-    backlash: Annotated[Effect, in_unit("rad")] = off("rad")  # width of the gap, from end to end
+    backlash: Annotated[Effect, sized("rad")] = off("rad")  # width of the gap, from end to end
 
     @model_validator(mode="after")
     def _gap_is_computed_for_a_linear_joint(self) -> Self:
@@ -223,8 +196,8 @@ class SteppedSineSchedule(Settings):
     start: Literal["sine", "cosine"] = "sine"  # at the angle 0, or with a jump of the command to the amplitude
     second_harmonic: ShareEffect = off("1")  # of the motion, as a share of the first
     third_harmonic: ShareEffect = off("1")
-    decay: Annotated[Effect, in_unit("1/s")] = off("1/s")  # of the amplitude from the start of each frequency
-    clock_error: PartsPerMillion = NO_PPM
+    decay: Annotated[Effect, sized("1/s")] = off("1/s")  # of the amplitude from the start of each frequency
+    clock_error: Annotated[SignedEffect, sized("ppm")] = off("ppm")
     """Rate error of the clock that generates the motion. A positive error raises frequencies and shortens durations."""
 
     @model_validator(mode="after")
@@ -301,18 +274,17 @@ class NodeSettings(Settings):
 
     rate: Hertz = off("Hz", 1.0)  # off: dynamometer.rate_hz
     phase: Seconds = off("s")  # how much later than the other node it takes each sample; the stamps say so
-    jitter: Annotated[Scatter, in_unit("s")] = NO_SCATTER
+    jitter: Annotated[Scatter, sized("s")] = off("s")
     """True jitter: each sample is taken so much off the even instant. The stamps are those of the samples."""
-    latency: Annotated[Scatter, in_unit("s")] = NO_SCATTER
+    latency: Annotated[Scatter, sized("s")] = off("s")
     """False jitter: samples are taken at even instants, and the host stamps each so much later."""
-    clock_offset: SignedSeconds = NO_SECONDS  # what the node's clock shows when the bench's shows 0
-    clock_drift: PartsPerMillion = NO_PPM  # how much faster than the bench's the node's clock runs
-    decimals: Annotated[Effect, in_unit("decimal"), AfterValidator(whole_number)] = off("decimal")  # of stamps in s
+    clock_offset: Annotated[SignedEffect, sized("s")] = off("s")  # what the node's clock shows when the bench's shows 0
+    clock_drift: Annotated[SignedEffect, sized("ppm")] = off("ppm")  # how much faster than the bench's it runs
+    decimals: Annotated[Effect, sized("decimal", whole=True)] = off("decimal")  # of stamps in s
     dropped: ShareEffect = off("1")  # share of the samples that are missing, at drawn places; at least one gap
-    burst: WholeSamples = off("sample", 1.0)  # missing samples in a row; off: one
-    lost_every: Annotated[RegularGaps, in_unit("sample"), AfterValidator(whole_number), AfterValidator(positive)] = (
-        RegularGaps(enabled=False, size=100, unit="sample")
-    )  # Interval between regular gaps of `burst` missing samples, from the beginning of one to that of the next.
+    burst: Annotated[Effect, sized("sample", whole=True, above_0=True)] = off("sample", 1)  # in a row; off: one
+    lost_every: Annotated[RegularGaps, sized("sample", whole=True, above_0=True)] = off("sample", 100)
+    """Interval between regular gaps of `burst` missing samples, from the beginning of one to that of the next."""
     duplicated: ShareEffect = off("1")  # share of the samples that are written twice, with the same stamp
 
     @model_validator(mode="after")
@@ -325,15 +297,13 @@ class NodeSettings(Settings):
 class SensorSettings(Settings):
     """What one sensor makes of its true signal, in the order in which it happens."""
 
-    low_pass: Annotated[LowPassEffect, in_unit("Hz"), AfterValidator(positive)] = LowPassEffect(
-        enabled=False, size=1, unit="Hz"
-    )
+    low_pass: Annotated[LowPassEffect, sized("Hz", above_0=True)] = off("Hz", 1)
     delay: Seconds = off("s")  # how old a value is at the instant at which it is sampled
-    clipping: Annotated[Effect, in_unit("N*m", "rad", "A"), AfterValidator(positive)] = off("N*m", 1.0)
+    clipping: Annotated[Effect, sized("N*m", "rad", "A", above_0=True)] = off("N*m", 1.0)
     """Largest value in size that the sensor gives, noise and offset included."""
-    adc: Annotated[Effect, in_unit("bit"), AfterValidator(whole_number)] = off("bit")  # from minus to plus `clipping`
+    adc: Annotated[Effect, sized("bit", whole=True)] = off("bit")  # from minus to plus `clipping`
     failed: ShareEffect = off("1")  # share of the readings that fail, at drawn places: the log has NaN there
-    gain: Annotated[SignedEffect, in_unit("1")] = SignedEffect(enabled=False, size=1, unit="1")
+    gain: Annotated[SignedEffect, sized("1")] = off("1", 1)
     """What the recorder multiplies a value with by mistake: a wrong unit or sign."""
 
     @model_validator(mode="after")
@@ -447,18 +417,14 @@ class PassiveFoot(Settings):
 
 
 Count = Annotated[int, Field(ge=0, le=100_000)]
-MOST_SAMPLES = 10_000_000
-"""Largest number of samples in a trial: nearly three hours at 1 kHz. More does not fit into memory, or is a slip."""
-LONGEST_DELAY_S = 0.03
-"""Longest delay [s] of the control loop. With a longer delay no impedance is stable (the limits by linear theory are
-0.4 to 25 ms)."""
 
 
 def check_length(place: str, duration_s: float, rate_hz: float) -> None:
-    """Refuse a trial that lasts [s] for too many samples at a rate [Hz]; `place` is the field that decides it."""
-    samples = duration_s * rate_hz
-    if samples > MOST_SAMPLES:
-        text = f"{duration_s:g} s at {rate_hz:g} Hz are {samples:.3g} samples; shorten it to {MOST_SAMPLES:g} samples"
+    """Refuse a trial that lasts [s] for too many samples at a rate [Hz]; `place` is the field that decides it. Nearly
+    three hours at 1 kHz are the most: more does not fit into memory, or is a slip."""
+    samples, most = duration_s * rate_hz, 10_000_000
+    if samples > most:
+        text = f"{duration_s:g} s at {rate_hz:g} Hz are {samples:.3g} samples; shorten it to {most:g} samples"
         raise PydanticCustomError("too_many_samples", "{reason}", {"reason": text, "place": place.split(".")})
 
 
@@ -530,13 +496,6 @@ class SimulationSettings(Settings):
     walking: ShippedPath | None = None  # settings file of the gait laboratory
     gain_weight: WeightSettings = WEIGHT_OF_PAPER  # W of Eq. 14, with which the leg's gains are selected
 
-    @model_validator(mode="after")
-    def _excitations_have_names(self) -> Self:
-        names = [one.name for one in self.excitations]
-        if len(set(names)) < len(names):
-            raise ValueError(f"excitations have the names {', '.join(names)}; give each a name of its own")
-        return self
-
     def excitation_of(self, trial: str) -> Excitation | None:
         """The excitation of an impedance trial, by its name; None: the stepped sine."""
         found = (one for one in self.excitations if any(trial.endswith(f"_{end}") for end in one.trial_endings))
@@ -544,7 +503,9 @@ class SimulationSettings(Settings):
 
     @model_validator(mode="after")
     def _what_is_planned_is_described(self) -> Self:
-        wanted = self.experiments
+        names, wanted = [one.name for one in self.excitations], self.experiments
+        if len(set(names)) < len(names):
+            raise ValueError(f"excitations have the names {', '.join(names)}; give each a name of its own")
         if wanted.actuator and self.actuator is None:
             raise ValueError(f"{wanted.actuator} actuator trials are planned but 'actuator' has no schedule")
         if wanted.torque_angle and self.foot is None:
@@ -555,7 +516,7 @@ class SimulationSettings(Settings):
         return self
 
     @model_validator(mode="after")
-    def _is_sampled_fast_enough(self) -> Self:
+    def _is_sampled_and_controlled_fast_enough(self) -> Self:
         rate, bandwidth = self.dynamometer.rate_hz, self.effects.dynamometer_bandwidth
         tones = () if self.actuator is None else (*self.actuator.velocity, *self.actuator.current)
         bands = (one.band_hz[1] for one in self.excitations)
@@ -571,33 +532,24 @@ class SimulationSettings(Settings):
                 f"effects.dynamometer_bandwidth of {bandwidth.value:g} Hz does not show in a log of {rate:g} Hz; "
                 f"choose less than {rate / 2:g} Hz, or enabled: false for a bench that follows exactly"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _ends(self) -> Self:
         lasting = {"protocol": self.protocol.total_s, "belt": self.belt.total_s}
         lasting |= {"actuator": self.actuator.duration_s} if self.actuator else {}
         lasting |= {"foot.cycles": self.foot.cycles.total_s} if self.foot else {}
         lasting |= {f"excitations.{one.name}": one.total_s for one in self.excitations}
         for name, duration in lasting.items():
-            check_length(name, duration, self.dynamometer.rate_hz)
-        return self
-
-    @model_validator(mode="after")
-    def _controller_is_fast_enough(self) -> Self:
+            check_length(name, duration, rate)
         velocity, delay = self.effects.velocity_filter, self.effects.control_delay
-        per_sample = self.drivetrain.control_updates if delay.enabled else self.drivetrain.substeps
-        updates = self.dynamometer.rate_hz * per_sample
+        updates = rate * (self.drivetrain.control_updates if delay.enabled else self.drivetrain.substeps)
         if velocity.value >= updates / 2:
             raise ValueError(
                 f"effects.velocity_filter of {velocity.value:g} Hz does nothing in a controller of {updates:g} "
                 f"updates/s; choose less than {updates / 2:g} Hz, or enabled: false for the true velocity"
             )
-        longest = LONGEST_DELAY_S * updates
-        if delay.value > longest:
+        limit_s = 0.03  # with a longer delay no impedance is stable (by linear theory the limits are 0.4 to 25 ms)
+        if delay.value > limit_s * updates:
             raise ValueError(
                 f"effects.control_delay of {delay.value:g} updates is {1e3 * delay.value / updates:g} ms, with which "
-                f"no impedance is stable; choose {longest:g} updates ({1e3 * LONGEST_DELAY_S:g} ms) or fewer"
+                f"no impedance is stable; choose {limit_s * updates:g} updates ({1e3 * limit_s:g} ms) or fewer"
             )
         return self
 

@@ -29,15 +29,17 @@ FOOT_WIDTH = 0.09  # Width [m] of the foot, whose middle is below the ankle
 # (size, cycle phase of the peak, sharpness) of periodic bumps; sizes in degrees and N*m/kg
 ANKLE_ANGLE = ((-7.0, 0.06, 20.0), (12.0, 0.40, 3.5), (-18.0, 0.63, 11.0))
 ANKLE_MOMENT = ((0.45, 0.28, 6.0), (0.35, 0.37, 14.0), (1.35, 0.475, 11.0), (-0.15, 0.05, 30.0))
-HEEL_STRIKE_PITCH = np.radians(18.0)
-TOE_OFF_PITCH = np.radians(-58.0)
-CLEARANCE = 0.04
 
 
 def smooth_step(x: Array) -> Array:
     """0 for x <= 0, 1 for x >= 1; 35 x^4 - 84 x^5 + 70 x^6 - 20 x^7 between: three derivatives vanish at both ends."""
     x = np.clip(x, 0.0, 1.0)
     return np.asarray(x**4 * (35.0 + x * (-84.0 + x * (70.0 - 20.0 * x))))
+
+
+def pulse(time: Array, start: float, rise: float, back: float, fall: float) -> Array:
+    """0, smoothly to 1 from `start` within `rise` [s], and to 0 again from `back` within `fall` [s]."""
+    return np.asarray(smooth_step((time - start) / rise) - smooth_step((time - back) / fall))
 
 
 def periodic_bumps(c: Array, bumps: tuple[tuple[float, float, float], ...]) -> Array:
@@ -53,8 +55,7 @@ def nominal_ankle_angle(c: Array) -> Array:
 
 def nominal_ankle_moment(c: Array) -> Array:
     """Internal plantarflexion moment [N*m/kg] against cycle phase: 0.5 at midstance, 1.4 at push-off, 0 in swing."""
-    inside = np.mod(c, 1.0) / STANCE_FRACTION
-    return periodic_bumps(c, ANKLE_MOMENT) * stance_window(inside)
+    return periodic_bumps(c, ANKLE_MOMENT) * stance_window(np.mod(c, 1.0) / STANCE_FRACTION)
 
 
 def stance_window(p: Array) -> Array:
@@ -77,32 +78,30 @@ def ground_reaction(p: Array) -> Array:
 
 def foot_pitch(c: Array) -> Array:
     """Pitch [rad] of the foot against the floor, toes up positive; exactly 0 from 12 % to 60 % of stance."""
-    c = np.mod(c, 1.0)
-    heel_rocker = HEEL_STRIKE_PITCH * (1.0 - smooth_step(c / (FLAT_FROM * STANCE_FRACTION)))
-    heel_off = TOE_OFF_PITCH * smooth_step((c - FLAT_TO * STANCE_FRACTION) / 0.29)
-    swing = (HEEL_STRIKE_PITCH - TOE_OFF_PITCH) * smooth_step((c - 0.67) / 0.33)
-    return np.asarray(heel_rocker + heel_off + swing)
+    c, at_strike, at_toe_off = np.mod(c, 1.0), np.radians(18.0), np.radians(-58.0)
+    heel_rocker = at_strike * (1.0 - smooth_step(c / (FLAT_FROM * STANCE_FRACTION)))
+    heel_off = at_toe_off * smooth_step((c - FLAT_TO * STANCE_FRACTION) / 0.29)
+    return np.asarray(heel_rocker + heel_off + (at_strike - at_toe_off) * smooth_step((c - 0.67) / 0.33))
 
 
 def ankle_path(c: Array, stride: float) -> Array:
     """Ankle centre [m], shape (n, 3), relative to its place with the foot flat in cycle 0. `stride` [m] is along x. In
     stance the foot rolls over its heel, lies flat, and rolls over its ball. Both pivots give the same path while the
-    foot is flat. In swing the path changes smoothly from one to the other."""
+    foot is flat. In swing the path changes smoothly from one to the other, 0.04 m above the floor."""
     pitch, inside = foot_pitch(c), np.mod(c, 1.0)
+    cos, sin = np.cos(pitch), np.sin(pitch)
+
+    def rolled_over(pivot: Array) -> Array:
+        """Path about a pivot that stays where it is when flat; seen from the ankle it turns by -pitch about y."""
+        x, z = pivot[0], pivot[2]
+        return np.stack([x - (cos * x - sin * z), np.zeros_like(pitch), z - (sin * x + cos * z)], axis=-1)
+
     on_ball = smooth_step((inside - 0.15) / 0.20) - smooth_step((inside - 0.72) / 0.22)
-    path = (1.0 - on_ball)[:, None] * rolled_over(HEEL, pitch) + on_ball[:, None] * rolled_over(BALL, pitch)
+    path = (1.0 - on_ball)[:, None] * rolled_over(HEEL) + on_ball[:, None] * rolled_over(BALL)
     swung = np.clip((inside - STANCE_FRACTION) / (1.0 - STANCE_FRACTION), 0.0, 1.0)
     path[:, 0] += stride * (np.floor(c) + smooth_step(swung))
-    path[:, 2] += CLEARANCE * 256.0 * (swung * (1.0 - swung)) ** 4
+    path[:, 2] += 0.04 * 256.0 * (swung * (1.0 - swung)) ** 4
     return np.asarray(path)
-
-
-def rolled_over(pivot: Array, pitch: Array) -> Array:
-    """Ankle [m], shape (n, 3), of a foot pitched [rad, toes up] about a pivot that stays where it is when flat."""
-    cos, sin = np.cos(pitch), np.sin(pitch)
-    x, z = pivot[0], pivot[2]
-    # the pivot as seen from the ankle turns by -pitch about y
-    return np.stack([x - (cos * x - sin * z), np.zeros_like(pitch), z - (sin * x + cos * z)], axis=-1)
 
 
 def drawn_change(trial: str, seed: int, perturbed: bool, changes: Iterable[StepChange]) -> StepChange:
@@ -118,34 +117,37 @@ def drawn_change(trial: str, seed: int, perturbed: bool, changes: Iterable[StepC
     return StepChange(of=(trial,), **fields)
 
 
-SHIVER_HZ = (8.0, 20.0)
-SETTLES_S = 0.1  # Time [s] after the ramp at which the shiver begins to fade
-FADE_S = 0.05
+def deviate(trial: str, seed: int, walking: WalkingSettings, effect: str, unit: float = 1.0) -> float:
+    """A normal deviate with an effect's standard deviation, in SI units."""
+    return unit * float(getattr(walking.effects, effect).value * stream(seed, trial, effect).standard_normal())
+
+
+def wandering(random: np.random.Generator, time: Array, band: tuple[float, float] = (0.3, 4.0)) -> Array:
+    """A smooth deviation of unit standard deviation, shape (n,): six waves of random size, frequency [Hz] and phase."""
+    sizes = random.standard_normal(6) * np.sqrt(2 / 6)
+    pitches, phases = random.uniform(*band, 6), random.uniform(0, 2 * np.pi, 6)
+    return np.asarray(np.cos(2 * np.pi * np.outer(time, pitches) + phases) @ sizes)
 
 
 @dataclass(frozen=True)
 class Servo:
     """What is random in a motion of the platform."""
 
-    slowness: float  # Factor of the duration of the ramp
-    shiver: Array  # Deviation [rad] of the angle, shape (n,), before it is limited to the motion
+    slowness: float  # factor of the duration of the ramp
+    shiver: Array  # deviation [rad] of the angle, shape (n,), before it is limited to the motion
 
     def shivering(self, time: Array, onset: float, rise: float) -> Array:
         """Deviation [rad] of the angle, shape (n,): from the onset [s] until shortly after the rise [s]."""
-        return self.shiver * pulse(time, onset, FADE_S, onset + rise + SETTLES_S, FADE_S)
+        return self.shiver * pulse(time, onset, 0.05, onset + rise + 0.1, 0.05)
 
 
 def draw_servo(trial: str, seed: int, time: Array, walking: WalkingSettings) -> Servo:
-    """Draw the servo of a trial."""
-    shiver = wandering(stream(seed, trial, "servo_shiver"), time, SHIVER_HZ)
+    shiver = wandering(stream(seed, trial, "servo_shiver"), time, (8.0, 20.0))
     size = np.radians(walking.effects.servo_shiver.value)
     return Servo(1 + deviate(trial, seed, walking, "rise_scatter", 0.01), size * shiver)
 
 
-RENDERED_S = 0.1  # Time [s] after the onset in which the rendered impedance is fitted
-WANDER_HZ = (0.3, 4.0)
-WANDER_WAVES = 6
-STEEPEST = 35 / 16  # Largest slope of `smooth_step`
+RENDERED_S = 0.1  # time [s] after the onset in which the rendered impedance is fitted
 
 
 @dataclass(frozen=True)
@@ -200,11 +202,6 @@ class Step:
         return self if perturbed or not self.hurry else replace(self, hurry=0.0)
 
 
-def deviate(trial: str, seed: int, walking: WalkingSettings, effect: str, unit: float = 1.0) -> float:
-    """A normal deviate with an effect's standard deviation, in SI units."""
-    return unit * float(getattr(walking.effects, effect).value * stream(seed, trial, effect).standard_normal())
-
-
 def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings, condition: Condition | None = None) -> Step:
     """Draw a crossing. Each effect has its own random stream."""
     effects, nominal, condition = walking.effects, walking.gait, condition or Condition()
@@ -214,16 +211,22 @@ def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings, cond
     stance = usual * (1 + normal("stance_scatter", 0.01)) * (1 + 0.01 * change.slower_percent)
     hurry = 0.01 * change.after_window_percent * stance
     heel_strike = nominal.heel_strike_s + normal("heel_strike_scatter")
-    command = heel_strike + command_phase(trial, seed, walking, condition) * stance
+    first, last = walking.perturbation.stance_phase  # the phase scatters about the condition's as about the usual one
+    moved = 0.0 if condition.stance_phase is None else condition.stance_phase - 0.5 * (first + last)
+    phase = float(moved + stream(seed, trial, "perturbation_phase").uniform(first, last))
+    command = heel_strike + phase * stance
     onset = command + walking.perturbation.latency_s + normal("trigger_scatter", 1e-3)
     left = heel_strike + stance + hurry - onset - RENDERED_S
-    if hurry and not left > STEEPEST * max(hurry, 0.0):
+    if hurry and not left > 35 / 16 * max(hurry, 0.0):  # the largest slope of `smooth_step`
         raise InputError(
             f"trial {trial}: after_window_percent {change.after_window_percent:g} leaves {left:.3f} s of stance "
             "after the window; choose a smaller change, or an earlier perturbation"
         )
     load, amplitude = (getattr(change, name) * (1 + normal(f"{name}_scatter", 0.01)) for name in ("load", "amplitude"))
-    sideways = overhanging(change, walking) if change.overhang_mm else normal("placement_sideways", 1e-3)
+    sideways = normal("placement_sideways", 1e-3)
+    if change.overhang_mm:  # the outer side is so far beyond the plate's right edge
+        outer = -0.5 * walking.plate.size_m[1] - 1e-3 * change.overhang_mm
+        sideways = outer + 0.5 * FOOT_WIDTH - walking.plate.nominal_ankle_m[1]
     halves = stream(seed, trial, "timing_halves").standard_normal()
     return Step(
         heel_strike=heel_strike,
@@ -245,32 +248,6 @@ def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings, cond
     )
 
 
-def command_phase(trial: str, seed: int, walking: WalkingSettings, condition: Condition) -> float:
-    """Phase of stance at which the perturbation is commanded. It scatters about the condition's as about the usual."""
-    first, last = walking.perturbation.stance_phase
-    moved = 0.0 if condition.stance_phase is None else condition.stance_phase - 0.5 * (first + last)
-    return float(moved + stream(seed, trial, "perturbation_phase").uniform(first, last))
-
-
-def overhanging(change: StepChange, walking: WalkingSettings) -> float:
-    """Deviation [m] of a foot's place to the left, whose outer side is `overhang_mm` beyond the plate's right edge."""
-    outer = -0.5 * walking.plate.size_m[1] - 1e-3 * change.overhang_mm
-    return outer + 0.5 * FOOT_WIDTH - walking.plate.nominal_ankle_m[1]
-
-
-def wandering(random: np.random.Generator, time: Array, band: tuple[float, float] = WANDER_HZ) -> Array:
-    """A smooth deviation of unit standard deviation, shape (n,): waves of random size, frequency [Hz] and phase."""
-    sizes = random.standard_normal(WANDER_WAVES) * np.sqrt(2 / WANDER_WAVES)
-    pitches, phases = random.uniform(*band, WANDER_WAVES), random.uniform(0, 2 * np.pi, WANDER_WAVES)
-    return np.asarray(np.cos(2 * np.pi * np.outer(time, pitches) + phases) @ sizes)
-
-
-UNLOADED_COMMAND_S = 0.5
-SHIFT_M = np.array([0.012, 0.008, 0.006])
-TILT_RAD = np.radians(2.0)
-UNLOADED_RANGE = ([0.85, 0.9], [1.15, 1.3])  # Lowest and highest factors of size and duration of an unloaded ramp
-
-
 @dataclass(frozen=True)
 class PlatformMotion:
     """True motion of the platform."""
@@ -280,11 +257,6 @@ class PlatformMotion:
     pose: Pose  # Displacement of the platform from where it is at rest
     command: float | None  # Time [s] at which the trigger fires. None if the platform stays at rest
     onset: float | None  # Time [s] at which the platform starts to move. None if it stays at rest
-
-
-def pulse(time: Array, start: float, rise: float, back: float, fall: float) -> Array:
-    """0, smoothly to 1 from `start` within `rise` [s], and to 0 again from `back` within `fall` [s]."""
-    return np.asarray(smooth_step((time - start) / rise) - smooth_step((time - back) / fall))
 
 
 def displaced(angle: Array, shift: Array, walking: WalkingSettings) -> Pose:
@@ -336,20 +308,21 @@ def unloaded_platform(
     `full_motion_every`-th trial (by the number at the end of its name) then also shifts along all three axes and tilts
     slowly about the walking direction. A regression can then estimate all inertial parameters of the plate."""
     ramp, servo = walking.perturbation, draw_servo(trial, seed, time, walking)
-    onset = UNLOADED_COMMAND_S + ramp.latency_s + deviate(trial, seed, walking, "trigger_scatter", 1e-3)
-    size, slowness = (1.0, 1.0) if ramp.same_unloaded else stream(seed, trial, "unloaded_ramp").uniform(*UNLOADED_RANGE)
+    command, size, slowness = 0.5, 1.0, 1.0
+    onset = command + ramp.latency_s + deviate(trial, seed, walking, "trigger_scatter", 1e-3)
+    if not ramp.same_unloaded:
+        size, slowness = stream(seed, trial, "unloaded_ramp").uniform([0.85, 0.9], [1.15, 1.3])
     back, rise = onset + 0.5, slowness * servo.slowness * ramp.rise_s
     angle, shift = ramp_motion(pulse(time, onset, rise, back, ramp.return_s), condition or Condition(), walking)
     angle, shift = size * angle + servo.shivering(time, onset, rise), size * shift
     pose = displaced(angle, shift, walking)
     number, every = re.search(r"\d+$", trial), walking.plate.full_motion_every
     if number and every and int(number.group()) % every == 0:
-        pose = shifted_and_tilted(time, back + ramp.return_s, ramp.rise_s).after(pose)
-    return PlatformMotion(angle, shift, pose, UNLOADED_COMMAND_S, onset)
-
-
-def shifted_and_tilted(time: Array, start: float, rise: float) -> Pose:
-    """A shift along each axis in turn, as fast as the ramp, and a tilt about x that is three times slower."""
-    shifts = [pulse(time, start + k * 3 * rise, 1.5 * rise, start + (k * 3 + 2) * rise, 1.5 * rise) for k in range(3)]
-    tilt = TILT_RAD * pulse(time, start + 9 * rise, 3 * rise, start + 13 * rise, 3 * rise)
-    return Pose(rotation_about(0, tilt), np.stack(shifts, axis=-1) * SHIFT_M)
+        # a shift along each axis in turn, as fast as the ramp, and a tilt about x that is three times slower
+        start, fast = back + ramp.return_s, ramp.rise_s
+        shifts = [
+            pulse(time, start + k * 3 * fast, 1.5 * fast, start + (k * 3 + 2) * fast, 1.5 * fast) for k in range(3)
+        ]
+        tilt = np.radians(2.0) * pulse(time, start + 9 * fast, 3 * fast, start + 13 * fast, 3 * fast)
+        pose = Pose(rotation_about(0, tilt), np.stack(shifts, axis=-1) * np.array([0.012, 0.008, 0.006])).after(pose)
+    return PlatformMotion(angle, shift, pose, command, onset)

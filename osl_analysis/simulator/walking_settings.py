@@ -7,22 +7,20 @@ campaign's simulation settings.
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
 from osl_analysis.config.yaml_settings import Degrees, Positive, Settings, ShippedPath
 from osl_analysis.simulator.settings import (
     Count,
     Effect,
-    Encoder,
     NotNegative,
     Seconds,
     SwitchedEffects,
     Torque,
     check_length,
-    in_unit,
     off,
-    positive,
+    sized,
 )
 
 
@@ -70,12 +68,12 @@ class StepChange(Settings):
         return self.of == "all" or (self.of == "perturbed") == perturbed
 
 
-Percentage = Annotated[Effect, in_unit("%")]
-Millimetres = Annotated[Effect, in_unit("mm")]
-Milliseconds = Annotated[Effect, in_unit("ms")]
-Angle = Annotated[Effect, in_unit("deg")]
-Newtons = Annotated[Effect, in_unit("N")]
-Kilograms = Annotated[Effect, in_unit("kg")]
+Percentage = Annotated[Effect, sized("%")]
+Millimetres = Annotated[Effect, sized("mm")]
+Milliseconds = Annotated[Effect, sized("ms")]
+Angle = Annotated[Effect, sized("deg")]
+Newtons = Annotated[Effect, sized("N")]
+Kilograms = Annotated[Effect, sized("kg")]
 
 
 class WalkingEffects(SwitchedEffects):
@@ -106,20 +104,20 @@ class WalkingEffects(SwitchedEffects):
     foot_inertia: Kilograms  # of foot and shoe below the ankle
     plate_inertia: Kilograms  # of the plate above its sensors; off: the reading is the ground reaction
     marker_noise: Millimetres  # white, each axis
-    marker_gaps: Annotated[Effect, in_unit("1/trial")]  # mean number of gaps in which a marker is hidden
+    marker_gaps: Annotated[Effect, sized("1/trial")]  # mean number of gaps in which a marker is hidden
     force_noise: Newtons  # white, each axis
     moment_noise: Torque
     force_offset: Newtons  # constant over a trial
     moment_offset: Torque
     plate_lag: Milliseconds  # of the plate's channels behind markers, trigger and sync
-    moment_clip: Annotated[Torque, AfterValidator(positive)] = off("N*m", 60.0)  # rails of a plate of type 1 or 2
-    force_clip: Annotated[Newtons, AfterValidator(positive)] = off("N", 500.0)
-    sensor_clip: Annotated[Newtons, AfterValidator(positive)] = off("N", 250.0)  # rails of type 3
+    moment_clip: Annotated[Effect, sized("N*m", above_0=True)] = off("N*m", 60.0)  # rails of a plate of type 1 or 2
+    force_clip: Annotated[Effect, sized("N", above_0=True)] = off("N", 500.0)
+    sensor_clip: Annotated[Effect, sized("N", above_0=True)] = off("N", 250.0)  # rails of type 3
     marker_placement: Millimetres = off("mm")
     """Scatter of the place of each marker on foot and shank from session to session, each axis."""
     leg_clock_offset: Seconds  # mean offset of the leg's clock from that of the recording
-    leg_clock_drift: Annotated[Effect, in_unit("ppm")]  # scatter of the rate of the leg's clock
-    leg_joint_encoder: Annotated[Encoder, in_unit("bit")]
+    leg_clock_drift: Annotated[Effect, sized("ppm")]  # scatter of the rate of the leg's clock
+    leg_joint_encoder: Annotated[Effect, sized("bit")]
 
 
 Rate = Annotated[int, Field(ge=1, le=1_000_000)]

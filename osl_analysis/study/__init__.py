@@ -58,14 +58,11 @@ WALKING_EXPERIMENTS = {"walking": ("campaigns", 10), "walking recorded": ("recor
 configuration with the number of campaigns, and how many of them one job takes."""
 MOST_JOBS = 90  # Largest number of jobs that simulate. The table, the page and the figure come to them
 SECONDS = {
-    "linear drivetrain": 0.26,
-    "drivetrain": 0.26,
-    "frequency response": 0.26,
-    "transmission": 0.28,
-    "repeated transmission": 1.2,
+    "frequency response": 3.0,
+    "repeated transmission": 7.0,
     "belt": 0.04,
-    "repeated belt": 0.32,
-    "actuator": 0.28,
+    "repeated belt": 0.35,
+    "actuator": 0.4,
     "walking": 0.7,
     "walking recorded": 6.0,
 }
@@ -83,8 +80,8 @@ class Batch:
 
     @property
     def seconds(self) -> float:
-        """The time of one core that is expected [s]. Those that `SECONDS` lacks are recordings of a second order."""
-        return self.number * SECONDS.get(self.experiment, 0.3)
+        """The time of one core that is expected [s]. Those that `SECONDS` lacks are stepped sines."""
+        return self.number * SECONDS.get(self.experiment, 1.4)
 
 
 def study_batches(numbers: Mapping[str, tuple[int, int]]) -> list[Batch]:
@@ -106,9 +103,7 @@ def planned(expected: Mapping[str, float]) -> str:
     if not expected:
         return ""
     hours = sum(expected.values()) / 3600
-    head = f"expected time of one core for {len(expected)} jobs of the study, {hours:.1f} h in all:"
-    return "\n".join([head, *(f"  {name}: {clock(seconds)}" for name, seconds in expected.items())])
-
-
-def clock(seconds: float) -> str:
-    return f"{seconds / 60:.0f} min" if seconds >= 90 else f"{seconds:.0f} s"
+    lines = [f"expected time of one core for {len(expected)} jobs of the study, {hours:.1f} h in all:"]
+    for name, seconds in expected.items():
+        lines.append(f"  {name}: " + (f"{seconds / 60:.0f} min" if seconds >= 90 else f"{seconds:.0f} s"))
+    return "\n".join(lines)

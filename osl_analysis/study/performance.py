@@ -1,6 +1,5 @@
 """How well the estimates of the study do: the performance of each estimator, and the table of docs/study.md."""
 
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -63,53 +62,29 @@ def performance_table(estimates: pl.DataFrame) -> pl.DataFrame:
 
 
 def study_page(table: pl.DataFrame) -> str:
-    """The table of `performance_table` in Markdown, a line for each experiment, estimator and interval, and what lies
-    outside the aim."""
-    head = (
-        "experiment",
-        "estimator, interval",
-        "quantities",
-        "n",
-        "bias / SD",
-        "RMSE / bound",
-        "SE / SD",
-        "coverage, %",
-    )
-    groups = table.group_by(["experiment", "estimator", "interval_method", "n"], maintain_order=True)
-    lines = [markdown_row(head), markdown_row(["---"] * len(head))]
-    lines += [markdown_row(performance_cells(rows)) for _, rows in groups]
-    return "\n".join([*lines, "", *(f"* {sentence}" for sentence in outside_of_aim(table)), ""])
+    """The table of `performance_table` in Markdown, a line for each experiment, estimator and interval with a number
+    for each quantity, and which coverages lie outside the aim by two Monte Carlo errors."""
+    signs = {"k_tau_n_m": "k_τ n_m", "magnitude": "\\|Y\\|", "phase": "arg Y"}
+    head = "| experiment | estimator, interval | quantities | n | bias / SD | RMSE / bound | SE / SD | coverage, % |"
+    lines = [head, f"| {' | '.join(['---'] * 8)} |"]
+    for _, rows in table.group_by(["experiment", "estimator", "interval_method", "n"], maintain_order=True):
 
+        def each(name: str, form: str = "{:.2f}", scale: float = 1.0, of: pl.DataFrame = rows) -> str:
+            return ", ".join("–" if value is None else form.format(scale * value) for value in of[name])
 
-def markdown_row(cells: Iterable[str]) -> str:
-    return f"| {' | '.join(cells)} |"
-
-
-def performance_cells(rows: pl.DataFrame) -> list[str]:
-    """The cells of one experiment, estimator and interval: a number for each quantity, a dash where there is none."""
-
-    def each(values: pl.Series, form: str) -> str:
-        return ", ".join("–" if value is None else form.format(value) for value in values)
-
-    def largest(errors: pl.Series, form: str) -> str:
-        return form.format(float(errors.max() or 0.0))  # type: ignore[arg-type]
-
-    first, signs = rows.row(0, named=True), {"k_tau_n_m": "k_τ n_m", "magnitude": "\\|Y\\|", "phase": "arg Y"}
-    names = [quantity.partition(",")[0] for quantity in rows["quantity"]]
-    return [
-        first["experiment"],
-        f"{first['estimator']}, {first['interval_method']}",
-        ", ".join(signs.get(name, name) for name in names),
-        str(first["n"]),
-        f"{each(rows['bias'], '{:.2f}')} ± {largest(rows['bias_mc'], '{:.2f}')}",
-        each(rows["rmse_over_bound"], "{:.2f}"),
-        each(rows["se_over_sd"], "{:.2f}"),
-        f"{each(100 * rows['coverage'], '{:.1f}')} ± {largest(100 * rows['coverage_mc'], '{:.1f}')}",
-    ]
-
-
-def outside_of_aim(table: pl.DataFrame) -> list[str]:
-    """How many coverages are there, the mean of them, and which lie outside the aim by two Monte Carlo errors."""
+        first, names = rows.row(0, named=True), [quantity.partition(",")[0] for quantity in rows["quantity"]]
+        bias_mc, coverage_mc = (max(rows[name].drop_nulls(), default=0.0) for name in ("bias_mc", "coverage_mc"))
+        line = [
+            first["experiment"],
+            f"{first['estimator']}, {first['interval_method']}",
+            ", ".join(signs.get(name, name) for name in names),
+            str(first["n"]),
+            f"{each('bias')} ± {bias_mc:.2f}",
+            each("rmse_over_bound"),
+            each("se_over_sd"),
+            f"{each('coverage', '{:.1f}', 100)} ± {100 * coverage_mc:.1f}",
+        ]
+        lines.append(f"| {' | '.join(line)} |")
     low, high, errors = 0.93, 0.97, 2.0
     default = table.filter(pl.col("estimator").str.contains("filtered|sinusoid"))
     slack = errors * pl.col("coverage_mc")
@@ -117,8 +92,13 @@ def outside_of_aim(table: pl.DataFrame) -> list[str]:
     inside = default.filter(pl.col("coverage").is_between(low, high))
     mean = 100 * float(default["coverage"].mean() or 0.0)  # type: ignore[arg-type]
     named = [f"{r['experiment']}, {r['quantity']}: {100 * r['coverage']:.1f} %" for r in off.iter_rows(named=True)]
-    return [
-        f"Bench, default estimator: {len(default)} coverages with a mean of {mean:.1f} %; {len(inside)} lie between "
-        f"{100 * low:g} and {100 * high:g} %.",
-        f"Outside by more than {errors:g} Monte Carlo errors: {'; '.join(named) or 'none'}.",
-    ]
+    return "\n".join(
+        [
+            *lines,
+            "",
+            f"* Bench, default estimator: {len(default)} coverages with a mean of {mean:.1f} %; {len(inside)} lie "
+            f"between {100 * low:g} and {100 * high:g} %.",
+            f"* Outside by more than {errors:g} Monte Carlo errors: {'; '.join(named) or 'none'}.",
+            "",
+        ]
+    )

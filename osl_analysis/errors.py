@@ -4,8 +4,6 @@ from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
-LONGEST = 80  # characters of a name in a message
-
 
 def printable(text: str) -> str:
     """Text for a terminal or a log: control characters and line breaks are written as escapes."""
@@ -17,9 +15,9 @@ def printable_lines(text: str) -> str:
 
 
 def listing(names: Sequence[str], most: int = 40) -> str:
-    """Names for a message to the user, at most `most` of them, each of at most `LONGEST` characters."""
+    """Names for a message to the user, at most `most` of them, each of at most 80 characters."""
     more = f", ... ({len(names)} in all)" if len(names) > most else ""
-    return (", ".join(one if len(one) <= LONGEST else f"{one[:LONGEST]}..." for one in names[:most]) or "none") + more
+    return (", ".join(one if len(one) <= 80 else f"{one[:80]}..." for one in names[:most]) or "none") + more
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -14,11 +14,10 @@ from osl_analysis.errors import InputError, WriteError
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Yield a path beside `path`, with the same suffix, that becomes `path` when the block succeeds.
+    """Yield a path beside `path`, with the same suffix, that becomes `path` when the block succeeds, closed.
 
-    Parent folders are created. When the block raises, what it wrote is deleted and an older `path` stays as it
-    was. The block must have closed the file when it ends. Raises InputError where the path is no UTF-8 or is no regular
-    file, WriteError where its folder cannot be made, or the disk is full or fails.
+    Parent folders are created. When the block raises, what it wrote is deleted and an older `path` stays as it was.
+    Raises as `check_target`, and WriteError where its folder cannot be made, or the disk is full or fails.
     """
     check_target(path)
     try:
@@ -40,7 +39,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 
 def check_working_folder() -> None:
-    """Refuse a working folder that cannot be written to: Snakemake keeps its notes there, and ends with a traceback."""
+    """Refuse a working folder in which Snakemake cannot keep its notes: it would end with a traceback."""
     if not os.access(Path(), os.W_OK):
         raise InputError(f"{Path.cwd()}: cannot be written to; copy the campaign to a folder that can")
 
@@ -57,8 +56,7 @@ def check_target(path: Path) -> None:
         return  # it does not exist, or making it will say why not
     if kind != stat.S_IFREG:
         special = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}
-        special |= dict.fromkeys((stat.S_IFCHR, stat.S_IFBLK), "a device")
-        raise InputError(f"{path}: is {special.get(kind, 'no regular file')}; name a file")
+        raise InputError(f"{path}: is {special.get(kind, 'a device')}; name a file")
 
 
 def check_output(path: Path) -> None:
@@ -75,9 +73,7 @@ def check_output(path: Path) -> None:
 
 def disk_failure(error: BaseException, written: Path) -> str | None:
     """Why the system did not write to `written`, by the error that a library raised; None if the error is another.
-
-    Polars has an error of its own, in whose text the number stands; other libraries raise theirs after the system's.
-    """
+    Polars has an error of its own, in whose text the number stands; other libraries raise theirs after the system's."""
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, OSError) and cause.filename in (None, str(written)):
@@ -96,20 +92,17 @@ def temporary_path(path: Path, pid: int) -> Path:
 
 def file_state(path: Path) -> list[int] | None:
     """Size [bytes], date of the last change [ns] and whether it may be read (0 or 1); None if there is no such file."""
-    try:
+    with suppress(OSError):
         found = path.stat()
-    except OSError:
-        return None
-    return [found.st_size, found.st_mtime_ns, int(os.access(path, os.R_OK))]
+        return [found.st_size, found.st_mtime_ns, int(os.access(path, os.R_OK))]
+    return None
 
 
 def digest(path: Path) -> str | None:
     """SHA-256 of a file; None if there is no such file, or it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        return None
+    with suppress(OSError), path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+    return None
 
 
 PACKAGE = Path(__file__).parent
@@ -122,10 +115,8 @@ def root() -> Path:
 
 
 def shipped(path: Path | str) -> Path:
-    """A path as it is if it is there, seen from the working folder; else the shipped file or folder of this name.
-
-    A path that is neither stays as it is, for the message that it is missing.
-    """
+    """A path as it is if it is there, seen from the working folder; else the shipped file or folder of this name. One
+    that is neither stays as it is, for the message that it is missing."""
     own, theirs = Path(path), root() / path
     return theirs if not own.exists() and theirs.exists() else own
 

@@ -13,41 +13,36 @@ LARGEST_SIGNAL, SMALLEST_SIGNAL = 1e30, 1e-30
 
 No signal of a bench or gait laboratory comes near these. Within them the fourth power of a quotient of two signals, the
 largest that any estimate needs (a squared variance), neither overflows nor vanishes."""
-LARGEST_VARIANCE = 1e150
-"""Largest variance; its square is finite."""
+LARGEST_VARIANCE = 1e150  # its square is finite
 EXACT_FIT_SHARE = 1e-24
 """Mean square of the rounding error of an exact fit, as a share of that of y. Whether an exact fit leaves 0 or 1e-16
 depends on the processor's kernels; nothing may depend on which."""
-NO_SENSOR = "no sensor gives that; check its channel and unit in the source file, and the bytes of the log"
 
 
-def check_finite(name: str, values: ArrayLike, limit: float = LARGEST_SIGNAL) -> float:
-    """The largest size of some numbers, of any shape, 0 of none; refused is a value that is not finite or beyond the
-    limit. `name` is for the message."""
+def check_finite(name: str, values: ArrayLike, limit: float = LARGEST_SIGNAL, least: float = 0.0) -> None:
+    """Refuse numbers, of any shape, of which one is not finite or beyond the limit, or all are below `least` without
+    being 0 throughout. `name` is for the message."""
     array = np.asarray(values)
-    largest = max(float(array.max()), -float(array.min()), 0.0) if array.size else 0.0
-    if not largest <= limit:
-        if not np.isfinite(largest):
-            row = int(np.argmin(np.isfinite(array).ravel()))
-            raise InputError(f"{name} is not finite at sample {row}; repair the log, or cut it there")
-        raise InputError(f"{name} reaches {largest:.3g}, more than {limit:g}: {NO_SENSOR}")
-    return largest
+    largest = float(np.abs(array).max(initial=0.0))
+    no_sensor = "no sensor gives that; check its channel and unit in the source file, and the bytes of the log"
+    if not np.isfinite(largest):
+        row = int(np.argmin(np.isfinite(array).ravel()))
+        raise InputError(f"{name} is not finite at sample {row}; repair the log, or cut it there")
+    if largest > limit:
+        raise InputError(f"{name} reaches {largest:.3g}, more than {limit:g}: {no_sensor}")
+    if 0 < largest < least:
+        raise InputError(f"{name} reaches {largest:.3g}, less than {least:g} and not 0: {no_sensor}")
 
 
 def check_measured(name: str, values: ArrayLike) -> None:
-    """Refuse a signal, of any shape, that no sensor can have given: as `check_finite`, or values below
-    `SMALLEST_SIGNAL` without being 0 throughout."""
-    largest = check_finite(name, values)
-    if 0 < largest < SMALLEST_SIGNAL:
-        raise InputError(f"{name} reaches {largest:.3g}, less than {SMALLEST_SIGNAL:g} and not 0: {NO_SENSOR}")
+    """Refuse a signal, of any shape, that no sensor can have given."""
+    check_finite(name, values, LARGEST_SIGNAL, SMALLEST_SIGNAL)
 
 
 def check_all_measured(names: Sequence[str], signals: Array) -> None:
     """As `check_measured`, for signals (p, n) with a name each."""
-    largest = np.maximum(signals.max(axis=1, initial=0.0), -signals.min(axis=1, initial=0.0))
-    if not np.all((largest == 0) | ((largest >= SMALLEST_SIGNAL) & (largest <= LARGEST_SIGNAL))):
-        for name, signal in zip(names, signals, strict=True):
-            check_measured(name, signal)
+    for name, signal in zip(names, signals, strict=True):
+        check_measured(name, signal)
 
 
 def rounding_of(y: Array) -> float:

@@ -25,8 +25,6 @@ from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.table import MEASURED, SIMULATED
 from osl_analysis.walking.groups import IS_PERTURBED, STATED, side_of, split_keys, static_of
 
-TRUTH_FOLDER = "truth"  # folder that the simulator writes beside its recordings
-
 
 @dataclass(frozen=True)
 class Campaign:
@@ -87,11 +85,11 @@ class Campaign:
 
         A static trial of plate trials alone has no ankle that moves: its axis stays the anatomical one.
         """
-        settings = self.config.walking.part("CalibrationSettings")
         served = {trial: self.row(trial) for trial in self.statics.get(static, [])}
         with self.named():
             side = side_of(static, self.row(static), served, self.config.walking.side)
-        return settings | {"side": side} | ({} if served else {"hinge": "anatomical"})
+        settings = self.config.walking.part("CalibrationSettings") | {"side": side}
+        return settings if served else settings | {"hinge": "anatomical"}
 
     def pattern(self, experiment: str) -> str:
         """A regular expression that matches the trials of an experiment, and no trial of another."""
@@ -108,10 +106,11 @@ class Campaign:
         """Joint and side of every trial in the sheet, by trial. A side on the walkway is the one that is analysed."""
         calibrated = (*self.trials("walking"), *self.plate_trials()) if self.trials("walking") else ()
         static_by_trial = {trial: self.static(trial) for trial in calibrated}
-        side_by_static = {name: self.calibration_settings(name)["side"] for name in set(static_by_trial.values())}
-        sides = side_by_static | {trial: side_by_static[static] for trial, static in static_by_trial.items()}
-        rows = {trial: self.row(trial) for trial in self.trials()}
-        return {trial: {"joint": row["joint"], "side": sides.get(trial) or row["side"]} for trial, row in rows.items()}
+        sides = {name: self.calibration_settings(name)["side"] for name in set(static_by_trial.values())}
+        sides |= {trial: sides[static] for trial, static in static_by_trial.items()}
+        return {
+            trial: {"joint": row["joint"], "side": sides.get(trial) or row["side"]} for trial, row in self.rows.items()
+        }
 
     def by_place(self, experiment: str) -> list[list[str]]:
         """The trials of an experiment, those of each joint and side together."""
@@ -124,25 +123,19 @@ class Campaign:
     def data(self) -> str:
         """What the data are: `simulated` or `measured`, as the configuration says, or where the simulator's truth lies
         beside the recordings."""
-        made = self.config.simulation is not None or (self.config.raw_data / TRUTH_FOLDER).is_dir()
+        made = self.config.simulation is not None or (self.config.raw_data / "truth").is_dir()
         return self.config.data or (SIMULATED if made else MEASURED)
-
-    @cached_property
-    def joint_of_device(self) -> str | None:
-        """The joint of the device whose parameter file the configuration names; None without one."""
-        return joint_of(self.config.parameters) if self.config.parameters else None
 
     def device(self, trial: str) -> Path | None:
         """The parameter file of a trial's device; None where there is none for its joint."""
-        return self.config.parameters if self.row(trial)["joint"] == self.joint_of_device else None
+        known = self.config.parameters
+        return known if known and joint_of(known) == self.row(trial)["joint"] else None
 
     def predicted(self) -> list[str]:
         """The impedance trials whose gains are known: by a parameter file, a controller of the draft, K_d and B_d."""
-
-        def is_known(row: Mapping[str, Any]) -> bool:
-            return row["controller"] in CONTROLLERS and None not in (row["K_d"], row["B_d"])
-
-        return [trial for trial in self.trials("impedance") if is_known(self.row(trial)) and self.device(trial)]
+        rows = {trial: self.row(trial) for trial in self.trials("impedance") if self.device(trial)}
+        stated = {trial: row for trial, row in rows.items() if None not in (row["K_d"], row["B_d"])}
+        return [trial for trial, row in stated.items() if row["controller"] in CONTROLLERS]
 
     def rows_of(self, experiment: str, table: ResultTable) -> list[str]:
         """Names of the trials of an experiment that have rows in one of its tables."""
@@ -196,41 +189,38 @@ def check_files(config: Config) -> None:
             raise InputError(f"{folder}: is a file; name a folder under `results` in the configuration")
     if config.results == Path():
         raise InputError("configuration: results is empty, or this very folder; name a folder, as `results: results`")
-    named = {
-        "parameters": config.parameters,
-        "impedance_trajectory": config.impedance_trajectory,
-        "study.simulation": config.study.simulation,
-    }
-    for field, path in named.items():
+    null = ", or write null for none"
+    for field, path, none in (
+        ("parameters", config.parameters, null),
+        ("impedance_trajectory", config.impedance_trajectory, null),
+        ("study.simulation", config.study.simulation, ""),
+    ):
         if path is not None and not path.is_file():
-            none = ", or write null for none" if field != "study.simulation" else ""
             raise InputError(f"{path}: no such file; correct {field} in the configuration{none}")
 
 
 def check_walking(campaign: Campaign) -> None:
     """Refuse walking trials without the static, plate and other trials that their analysis needs."""
-    fewest = campaign.config.walking.fewest_unperturbed
-    needs = {
-        "trial of experiment 'static'": (len(campaign.trials("static")), 1),
-        "unperturbed crossings": (len(campaign.crossings(perturbed=False)), fewest),
-        "perturbed crossings": (len(campaign.crossings(perturbed=True)), 2),
-    }
-    for what, (count, least) in needs.items():
-        if count < least:
-            raise InputError(
-                f"{campaign.config.sheet}: {count} {what}, walking needs {least} or more; add them, or exclude the "
-                "walking trials"
-            )
-    if campaign.config.walking.plate_inertia == "identified" and not campaign.trials("plate"):
-        raise InputError(
-            f"{campaign.config.sheet}: 0 trial of experiment 'plate' (unloaded platform, moved), walking needs 1 or "
-            "more to remove the plate's own inertia; add them, or state `plate_inertia: none` under `walking` if "
-            "the plate is light or compensates its inertia itself"
-        )
+    walking, plates = campaign.config.walking, len(campaign.trials("plate"))
+    add = "add them, or exclude the walking trials"
+    for what, there, least, remedy in (
+        ("trial of experiment 'static'", len(campaign.trials("static")), 1, add),
+        ("unperturbed crossings", len(campaign.crossings(perturbed=False)), walking.fewest_unperturbed, add),
+        ("perturbed crossings", len(campaign.crossings(perturbed=True)), 2, add),
+        (
+            "trial of experiment 'plate' (unloaded platform, moved)",
+            plates if walking.plate_inertia == "identified" else 1,
+            1,
+            "add them, to remove the plate's own inertia, or state `plate_inertia: none` under `walking` if the plate "
+            "is light or compensates its inertia itself",
+        ),
+    ):
+        if there < least:
+            raise InputError(f"{campaign.config.sheet}: {there} {what}, walking needs {least} or more; {remedy}")
     for static in campaign.statics:
         campaign.calibration_settings(static)
     with campaign.named():
-        split_keys(campaign.conditions(), campaign.config.walking)
+        split_keys(campaign.conditions(), walking)
 
 
 @dataclass(frozen=True)
@@ -253,14 +243,13 @@ def time_series_example(campaign: Campaign) -> ImpedanceExample | None:
     name, amplitude_deg, chosen = trials[0], None, "the first impedance trial of the sheet"
     if stated is not None:
         asked = {"controller": stated.controller, "K_d": stated.K_d, "B_d": stated.B_d}
-        if found := matching(campaign, asked):
+        if found := matching(campaign, asked, "time_series"):
             name, amplitude_deg, chosen = found[0], stated.amplitude_deg, ""
         else:
-            check_default(campaign, "time_series", asked)
             chosen += "; the example of the configuration is not in this campaign"
-    duration_s = stated.duration_s if stated else 10.0
+    place = campaign.places[name]
     return ImpedanceExample(
-        name, **campaign.places[name], amplitude_deg=amplitude_deg, duration_s=duration_s, chosen=chosen
+        name, place["joint"], place["side"], amplitude_deg, stated.duration_s if stated else 10.0, chosen
     )
 
 
@@ -269,33 +258,26 @@ def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:
     stated = campaign.config.figures.frequency_response
     if stated is None or not campaign.trials("impedance"):
         return None
-    asked = {"K_d": stated.K_d, "B_d": stated.B_d}
-    if not matching(campaign, asked):
-        check_default(campaign, "frequency_response", asked)
-        return None
-    return stated
+    return stated if matching(campaign, {"K_d": stated.K_d, "B_d": stated.B_d}, "frequency_response") else None
 
 
-def matching(campaign: Campaign, asked: dict[str, Any]) -> list[str]:
-    """The impedance trials whose cells are these; None matches an empty cell."""
-    trials = campaign.trials("impedance")
-    return [name for name in trials if all(campaign.row(name)[cell] == value for cell, value in asked.items())]
+def matching(campaign: Campaign, asked: dict[str, Any], figure: str = "") -> list[str]:
+    """The impedance trials whose cells are these; None matches an empty cell.
 
-
-def check_default(campaign: Campaign, figure: str, asked: dict[str, Any]) -> None:
-    """Refuse an example that is not in the campaign, unless the default configuration asks for it.
-
-    Every configuration overrides the default one, whose examples are those of the default campaign.
+    Of a figure's example that is not in the campaign it is refused, unless the default configuration asks for it: every
+    configuration overrides the default one, whose examples are those of the default campaign.
     """
+    trials = campaign.trials("impedance")
+    found = [name for name in trials if all(campaign.row(name)[cell] == value for cell, value in asked.items())]
     default = read_mapping(default_config())["figures"].get(figure) or {}
-    if all(default.get(name) == value for name, value in asked.items()):
-        return
-    said = ", ".join(f"{name} = {value:g}" for name, value in asked.items() if isinstance(value, float))
-    what = f"{asked.get('controller') or 'impedance'} trial with {said or 'these empty cells'}"
-    raise InputError(
-        f"{campaign.config.sheet}: no {what}; choose another one under figures.{figure} in the configuration, or null "
-        "to have one chosen from the sheet"
-    )
+    if figure and not found and not all(default.get(name) == value for name, value in asked.items()):
+        said = ", ".join(f"{name} = {value:g}" for name, value in asked.items() if isinstance(value, float))
+        what = f"{asked.get('controller') or 'impedance'} trial with {said or 'these empty cells'}"
+        raise InputError(
+            f"{campaign.config.sheet}: no {what}; choose another one under figures.{figure} in the configuration, or "
+            "null to have one chosen from the sheet"
+        )
+    return found
 
 
 ABOUT_MEANING = {
@@ -324,34 +306,29 @@ class About:
         return f"{self.data.capitalize()} data: campaign {self.campaign}, osl-analysis {self.version}, {self.recorded}"
 
     def sentence(self) -> str:
-        return (
-            f"{self.data.capitalize()} data: campaign {self.campaign}, osl-analysis {self.version}, configuration "
-            f"{self.configuration}, {self.recorded}"
-        )
+        made_by = f"osl-analysis {self.version}, configuration {self.configuration}"
+        return f"{self.data.capitalize()} data: campaign {self.campaign}, {made_by}, {self.recorded}"
 
 
 def about(campaign: Campaign, simulation: list[Path]) -> About:
-    """What the results of a campaign are made of; `simulation` are the files of its simulation's settings."""
+    """What the results of a campaign are made of; `simulation` are the files of its simulation's settings.
+
+    The data were recorded when the configuration says so, else they have the seed of the simulation, else the dates of
+    the recordings' files (UTC).
+    """
     config = campaign.config
     files = {path for path in (config.parameters, config.impedance_trajectory, *simulation) if path is not None}
     # these say where files are, how a run ends, or what stands beside the hash: others give the same results
     places = {"raw_data", "sheet", "results", "sources", "failed_trials", "data", "recorded"}
     settings = config.model_dump(mode="json", exclude=places)  # with the defaults
     text = json.dumps([settings, sorted(str(digest(path)) for path in files)], sort_keys=True)
-    configuration = hashlib.sha256(text.encode()).hexdigest()[:8]
-    return About(config.campaign, campaign.data, version("osl-analysis"), configuration, date_of(campaign))
-
-
-def date_of(campaign: Campaign) -> str:
-    """When the data were recorded: as the configuration states it, else the seed of the simulation, else the dates of
-    the recordings' files (UTC)."""
-    config = campaign.config
     if config.recorded is not None:
-        return f"recorded {config.recorded}"
-    if config.simulation is not None:
-        return f"made with seed {read_mapping(config.simulation).get('seed')}"
-    files = {path for trial in campaign.trials() for path in campaign.logs(trial) if path.is_file()}
-    days = sorted({datetime.fromtimestamp(path.stat().st_mtime, UTC).date().isoformat() for path in files})
-    if not days:
-        return "date not known"
-    return f"files of {days[0]}" if len(days) == 1 else f"files of {days[0]} to {days[-1]}"
+        when = f"recorded {config.recorded}"
+    elif config.simulation is not None:
+        when = f"made with seed {read_mapping(config.simulation).get('seed')}"
+    else:
+        logs = {path for trial in campaign.trials() for path in campaign.logs(trial) if path.is_file()}
+        days = sorted({datetime.fromtimestamp(path.stat().st_mtime, UTC).date().isoformat() for path in logs})
+        when = f"files of {' to '.join(dict.fromkeys([days[0], days[-1]]))}" if days else "date not known"
+    configuration = hashlib.sha256(text.encode()).hexdigest()[:8]
+    return About(config.campaign, campaign.data, version("osl-analysis"), configuration, when)

@@ -42,9 +42,8 @@ class DrivetrainParameters:
             )
         for name, unit in PARAMETER_UNITS.items():
             value, may_be_0 = getattr(self, name), name not in ("k_tau", "n_m", "J_m", "n_T", "K_s")
-            least, most = 1e-9, 1e9  # a value outside has a wrong exponent
-            if not (least <= value <= most or (value == 0 and may_be_0)):
-                bound = f"{'zero or ' * may_be_0}positive, {least:g} to {most:g}"
+            if not (1e-9 <= value <= 1e9 or (value == 0 and may_be_0)):  # a value outside has a wrong exponent
+                bound = f"{'zero or ' * may_be_0}positive, 1e-09 to 1e+09"
                 raise InputError(f"parameter {name} = {value} {unit} must be {bound}; correct the parameter file")
 
 
@@ -77,6 +76,9 @@ class ParameterFile(Settings):
     @field_validator("parameters")
     @classmethod
     def _complete(cls, quantities: dict[str, Quantity]) -> dict[str, Quantity]:
+        def wrong(reason: str, *place: str) -> PydanticCustomError:  # it names the line, by the place within these
+            return PydanticCustomError("wrong", "{reason}", {"reason": reason, "place": place})
+
         for name, quantity in quantities.items():
             if name not in PARAMETER_UNITS:
                 like = nearest(name, set(PARAMETER_UNITS) - set(quantities)) or "; remove it"
@@ -87,11 +89,6 @@ class ParameterFile(Settings):
             if name not in quantities and name != "K_s2":
                 raise ValueError(f"{name} [{PARAMETER_UNITS[name]}] is missing; add it, with value, unit and source")
         return quantities
-
-
-def wrong(reason: str, *place: str) -> PydanticCustomError:
-    """An error that names the line of what is wrong, by the place within the quantities."""
-    return PydanticCustomError("wrong", "{reason}", {"reason": reason, "place": place})
 
 
 FileOrNone = Annotated[Path | None, BeforeValidator(lambda value: value or None)]

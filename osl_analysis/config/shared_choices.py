@@ -93,22 +93,20 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not UTF-8 text ({error.reason}); save it as CSV in UTF-8") from error
-    rows = [line for line in text.splitlines() if line.strip() and line[0] != "#"]
-    names = [name.strip() for name in rows[0].split(",")] if rows else []
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
+    rows = [line.split(",") for line in text.splitlines() if line.strip() and line[0] != "#"]
+    names = [name.strip() for name in rows[0]] if rows else []
+    if twice := next((name for name in names if names.count(name) > 1), None):
         raise InputError(f"{path}: column '{twice}' stands twice; rename or remove one")
     required = ("phase", "K_d", "B_d")
     absent = [name for name in required if name not in names]
     if absent or len(rows) < 3:
         problem = f"no column '{absent[0]}'" if absent else "fewer than two rows"
         raise InputError(f"{path}: {problem}; it needs a header with {', '.join(required)} and a row per phase")
-    uneven = next((row for row in rows[1:] if row.count(",") + 1 != len(names)), None)
-    if uneven is not None:
-        found = uneven.count(",") + 1
-        raise InputError(f"{path}: row '{uneven[:60]}' has {found} entries for {len(names)} columns; write one in each")
+    if uneven := next((row for row in rows[1:] if len(row) != len(names)), None):
+        said = f"row '{','.join(uneven)[:60]}' has {len(uneven)} entries for {len(names)} columns"
+        raise InputError(f"{path}: {said}; write one in each")
     try:
-        columns = dict(zip(names, np.loadtxt(rows[1:], delimiter=",", ndmin=2).T, strict=True))
+        columns = dict(zip(names, np.array(rows[1:], dtype=float).T, strict=True))
     except ValueError as error:
         raise InputError(f"{path}: not a table of numbers ({error}); write one number per column") from error
     for name, column in columns.items():

@@ -28,7 +28,7 @@ Positive = Annotated[float, Field(gt=0)]  # A number above zero.
 Degrees = Annotated[float, Field(gt=0, le=180)]  # An angle above zero, of half a turn at most.
 ShippedPath = Annotated[Path, AfterValidator(shipped)]
 """A path of the campaign's folder or, where that has none, of a shipped file such as `config/config.yaml`."""
-Place = Sequence[int | str]  # Keys and numbers of list entries that lead to a field, from the outermost.
+Place = tuple[int | str, ...]  # Keys and numbers of list entries that lead to a field, from the outermost.
 
 
 class Settings(BaseModel):
@@ -59,7 +59,7 @@ class Settings(BaseModel):
         return self.model_dump(mode="json", include=set(model.model_fields))
 
 
-def counted_truth(value: Any, made: Any) -> tuple[int | str, ...] | None:
+def counted_truth(value: Any, made: Any) -> Place | None:
     """The place of the first truth value of which validation made a number, as pydantic does; None without one."""
     if isinstance(value, bool):
         return None if isinstance(made, bool) else ()
@@ -68,8 +68,10 @@ def counted_truth(value: Any, made: Any) -> tuple[int | str, ...] | None:
         pairs = ((str(key), value[key], made[key]) for key in value if key in made)
     elif isinstance(value, list | tuple) and isinstance(made, list | tuple):
         pairs = ((k, *pair) for k, pair in enumerate(zip(value, made, strict=False)))
-    places = ((key, counted_truth(inner, inner_made)) for key, inner, inner_made in pairs)
-    return next(((key, *place) for key, place in places if place is not None), None)
+    for key, inner, inner_made in pairs:
+        if (place := counted_truth(inner, inner_made)) is not None:
+            return (key, *place)
+    return None
 
 
 Model = TypeVar("Model", bound=Settings)
@@ -93,8 +95,14 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
         raise InputError(f"{path}: no such file; check the path, which is relative to the working directory")
     try:
         node, content = parsed_yaml(path.read_text(encoding="utf-8-sig"))
-        if by_snakemake:
-            check_read_alike(node)
+        for mapping in mappings(node) if by_snakemake else ():
+            for key, value in mapping.value:
+                for one in value.value if isinstance(value, SequenceNode) else [value]:
+                    number = one.value if isinstance(one, ScalarNode) and not one.style else ""
+                    if counted := YAML_1_1.fullmatch(number):
+                        said = f"{key.value}: YAML counts {number} in {'sixties' if counted['sixties'] else 'eights'}"
+                        line = one.start_mark.line + 1
+                        raise InputError(f"line {line}: {said}; write a plain decimal number, or text in quotes")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
     except UnicodeDecodeError as error:
@@ -109,6 +117,10 @@ def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise InputError(f"{path}: has no fields; write `name: value` lines as in the shipped files")
     return content
+
+
+YAML_1_1 = re.compile(r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)|[-+]?0[0-7_]+")
+"""Numbers that YAML 1.1 counts in sixties (1:30 is 90) or eights (010 is 8)."""
 
 
 @lru_cache(maxsize=64)
@@ -137,19 +149,6 @@ def mappings(node: Node | None) -> list[MappingNode]:
             found[id(one)] = one
             waiting += [value for _, value in one.value] if isinstance(one, MappingNode) else one.value
     return [one for one in found.values() if isinstance(one, MappingNode)]
-
-
-def check_read_alike(node: Node | None) -> None:
-    """Refuse the first number that YAML 1.1, and so Snakemake, counts in sixties (1:30 is 90) or eights (010 is 8)."""
-    otherwise = re.compile(r"(?P<sixties>[-+]?[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)|[-+]?0[0-7_]+")
-    for mapping in mappings(node):
-        for key, value in mapping.value:
-            for one in value.value if isinstance(value, SequenceNode) else [value]:
-                found = otherwise.fullmatch(one.value) if isinstance(one, ScalarNode) and not one.style else None
-                if found is not None:
-                    said = f"YAML counts {one.value} in {'sixties' if found['sixties'] else 'eights'}"
-                    remedy = "write a plain decimal number, or text in quotes"
-                    raise InputError(f"line {one.start_mark.line + 1}: {key.value}: {said}; {remedy}")
 
 
 def not_yaml(error: Exception) -> str:
@@ -216,25 +215,26 @@ def explain(error: ValidationError, model: type[BaseModel], content: Any, above:
     other problems, and a name like that of a field before the rest: both also cause that the right name is missing.
     """
     # by place; where a field may have several kinds of values, pydantic finds a problem for each
-    found: dict[Place, list[dict[str, Any]]] = {}
+    found: dict[Place, list[Mapping[str, Any]]] = {}
     for one in error.errors():
-        found.setdefault(problem_place(one, content), []).append(dict(one))
+        found.setdefault(problem_place(one, content), []).append(one)
     deeper = {place[:n] for place in found for n in range(len(place))}
     problems = [(place, each) for place, each in found.items() if place not in deeper or not place]
     for place, _ in problems:
-        if said := renamed_or_gone(model, place, above):
-            return said, (*above, *place)
+        inner, old = model_at(model, place[:-1]), str(place[-1]) if place else ""
+        if inner and issubclass(inner, Settings) and old in {**inner.REMOVED, **inner.RENAMED}:
+            field, new = f"field '{dotted((*above, *place))}'", inner.RENAMED.get(old)
+            is_now = f"{field} is now called '{dotted((*above, *place[:-1], new or ''))}'; rename it"
+            return is_now if new else f"{field} is gone: {inner.REMOVED[old]}", (*above, *place)
     first, each = next((one for one in problems if misspelt(*one, model)), problems[0])
     others = len(problems) - 1
     more = f" (and {others} more problem{'s' if others > 1 else ''})" if others else ""
     return described_problem(first, each, model, above) + more, (*above, *first)
 
 
-def problem_place(problem: Mapping[str, Any], content: Any) -> tuple[int | str, ...]:
-    """The field of a problem. A check of several fields states the one that it means as `place` in its context.
-
-    What pydantic adds for itself, as the kind of value that it tried, is not in the content.
-    """
+def problem_place(problem: Mapping[str, Any], content: Any) -> Place:
+    """The field of a problem. A check of several fields states the one that it means as `place` in its context. What
+    pydantic adds for itself, as the kind of value that it tried, is not in the content."""
     place: list[int | str] = []
     here = content
     for name in problem["loc"]:
@@ -251,29 +251,15 @@ def problem_place(problem: Mapping[str, Any], content: Any) -> tuple[int | str, 
     return (*place, *problem.get("ctx", {}).get("place", ()))
 
 
-def renamed_or_gone(model: type[BaseModel], place: Place, above: Place) -> str:
-    """A sentence with the new name of the field at `place`, or why it is gone; empty if it is neither."""
-    *parents, old = place or ("",)
-    inner, field = model_at(model, parents), f"field '{dotted([*above, *place])}'"
-    if not (inner and issubclass(inner, Settings)):
-        return ""
-    if str(old) in inner.REMOVED:
-        return f"{field} is gone: {inner.REMOVED[str(old)]}"
-    new = inner.RENAMED.get(str(old))
-    return f"{field} is now called '{dotted([*above, *parents, new])}'; rename it" if new else ""
-
-
 def misspelt(place: Place, problems: Sequence[Mapping[str, Any]], model: type[BaseModel]) -> str:
     """A question for the field that an unknown one was meant to be; empty if none is like it."""
-    if problems[-1]["type"] != "extra_forbidden":
-        return ""
-    inner = model_at(model, place[:-1])
-    return nearest(str(place[-1]), inner.model_fields if inner else ())
+    inner = model_at(model, place[:-1]) if problems[-1]["type"] == "extra_forbidden" else None
+    return nearest(str(place[-1]), inner.model_fields) if inner else ""
 
 
 def described_problem(place: Place, problems: Sequence[Mapping[str, Any]], model: type[BaseModel], above: Place) -> str:
     """The problems of one field as a sentence."""
-    name, kind, value = dotted([*above, *place]) or "the file", problems[-1]["type"], problems[-1]["input"]
+    name, kind, value = dotted((*above, *place)) or "the file", problems[-1]["type"], problems[-1]["input"]
     if kind == "extra_forbidden":
         known = known_fields(model, place[:-1])
         return f"unknown field '{name}'; the known ones are {known}{misspelt(place, problems, model)}"
@@ -291,32 +277,36 @@ def described_problem(place: Place, problems: Sequence[Mapping[str, Any]], model
     return f"{name}: {shown if len(shown) <= 60 else f'{shown[:60]}...'} is not allowed: {reason}"
 
 
+ADVICE = {
+    "string_type": "text, in quotes if it looks like a number, a list or nothing",
+    "float_type": "a number, without a unit",
+    "float_parsing": "a number, without a unit, with a full stop as decimal sign",
+    **dict.fromkeys(("int_parsing", "int_type", "int_from_float"), "a whole number"),
+    "int_parsing_size": "a smaller number",
+    "string_too_short": "at least one character",
+    **dict.fromkeys(("bool_parsing", "bool_type"), "true or false"),
+    **dict.fromkeys(("tuple_type", "list_type"), "a list, as [first, second]"),
+    "path_type": "a path",
+    "finite_number": "a finite number",
+}
+"""What to write, by pydantic's name of the problem."""
+
+
 def plain_reason(problem: Mapping[str, Any], place: Place, model: type[BaseModel]) -> str:
     """What a field should be, as an instruction."""
-    kind, text = problem["type"], str(problem["msg"]).removeprefix("Value error, ")
+    kind, text = problem["type"], str(problem["msg"]).removeprefix("Value error, ").replace("Input should be", "write")
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         fields = known_fields(model, place)
         return f"write its fields below it, as `name: value`{f'; the known ones are {fields}' if fields else ''}"
     if kind == "literal_error":
-        return text.replace("Input should be", "write") + nearest(str(problem["input"]), re.findall(r"'([^']+)'", text))
+        return text + nearest(str(problem["input"]), re.findall(r"'([^']+)'", text))
     if kind == "string_pattern_mismatch":
         return f"write text of the form {problem['ctx']['pattern']}"
     if kind.startswith(("greater_than", "less_than")):
-        return text.replace("Input should be", "write a number")
-    advice = {
-        "string_type": "write text, in quotes if it looks like a number, a list or nothing",
-        "float_type": "write a number, without a unit",
-        "float_parsing": "write a number, without a unit, with a full stop as decimal sign",
-        **dict.fromkeys(("int_parsing", "int_type", "int_from_float"), "write a whole number"),
-        "int_parsing_size": "write a smaller number",
-        "string_too_short": "write at least one character",
-        **dict.fromkeys(("bool_parsing", "bool_type"), "write true or false"),
-        **dict.fromkeys(("tuple_type", "list_type"), "write a list, as [first, second]"),
-        "too_short": "name at least one",
-        "path_type": "write a path",
-        "finite_number": "write a finite number",
-    }
-    return advice.get(kind) or text.replace("Input should be", "write")
+        return text.replace("write", "write a number")
+    if kind == "too_short":
+        return "name at least one"
+    return f"write {ADVICE[kind]}" if kind in ADVICE else text
 
 
 def known_fields(model: type[BaseModel], place: Place) -> str:

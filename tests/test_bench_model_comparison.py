@@ -78,6 +78,10 @@ BELTS = {
 }
 
 
+def by_model(scores):
+    return {row["model"]: row for row in scores.to_dicts()}
+
+
 @pytest.mark.parametrize("true", BELT_MODELS)
 def test_the_belt_that_was_simulated_is_ranked_first(true):
     """By BIC over the trials it is the first. On each held-out repeat, every model without one of its terms is worse.
@@ -85,14 +89,14 @@ def test_the_belt_that_was_simulated_is_ranked_first(true):
     What damps the joint (B_j) differs between the branches too, so it is switched off where there is no hysteresis."""
     p, off = BELTS[true]
     folds = simulated_belts(p if "T_h" in BELT_MODELS[true] else replace(p, B_j=0.0), *off)
-    trials = [{s.model: s for s in scores_against_others(folds, BELT_MODELS)[k]} for k in range(3)]
-    total = {model: sum(scores[model].bic for scores in trials) for model in BELT_MODELS}
+    trials = [by_model(scores_against_others(folds, BELT_MODELS)[k]) for k in range(3)]
+    total = {model: sum(scores[model]["BIC"] for scores in trials) for model in BELT_MODELS}
     assert min(total, key=total.__getitem__) == true
     for model, terms in BELT_MODELS.items():
         lacking = not set(BELT_MODELS[true]) <= set(terms)
         assert lacking == (total[model] > total[true] + 60)
         for scores in trials:
-            worse = scores[true].vaf_held_out - scores[model].vaf_held_out
+            worse = scores[true]["VAF_held_out"] - scores[model]["VAF_held_out"]
             assert worse > 0.002 if lacking else abs(worse) < 0.001
 
 
@@ -115,9 +119,9 @@ def test_coulomb_friction_in_the_joint_is_preferred_where_it_is_and_not_where_it
     for T_C, best in ((0.05, "M2"), (0.0, "M1")):
         folds = transmission_trials(T_C)
         for k in range(3):
-            scores = {s.model: s for s in scores_against_others(folds, TRANSMISSION_MODELS)[k]}
-            assert scores[best].rank == 1
-            gain = scores["M2"].vaf_held_out - scores["M1"].vaf_held_out
+            scores = by_model(scores_against_others(folds, TRANSMISSION_MODELS)[k])
+            assert scores[best]["rank"] == 1
+            gain = scores["M2"]["VAF_held_out"] - scores["M1"]["VAF_held_out"]
             assert gain > 0.05 if T_C else gain < 0.001
 
 
@@ -135,39 +139,39 @@ def stepped_trial(controller, *off, p=DEFAULT, believed=None):
 
 def scored(trial, folds):
     rivals = [held_out_by_amplitude(folds, "M1", SECOND_ORDER), *drivetrain_candidates(trial)]
-    return {s.model: s for s in score_models(np.concatenate([fold.torque for fold in folds]), rivals)}
+    return by_model(score_models(np.concatenate([fold.torque for fold in folds]), rivals))
 
 
 def test_the_drivetrain_with_its_friction_predicts_another_amplitude_and_eq_15_does_not():
     scores = scored(*stepped_trial("uncompensated"))
-    order = sorted(scores, key=lambda model: -scores[model].vaf_held_out)
+    order = sorted(scores, key=lambda model: -scores[model]["VAF_held_out"])
     assert set(order[:2]) == {"M3", "M4"}
-    assert scores["M3"].vaf_held_out > 99.8
-    assert scores["M1"].vaf_held_out < 99
-    assert {scores["M3"].rank, scores["M4"].rank} == {1, 2}
-    assert (scores["M1"].parameters, scores["M3"].parameters, scores["M4"].parameters) == (3, 0, 3)
+    assert scores["M3"]["VAF_held_out"] > 99.8
+    assert scores["M1"]["VAF_held_out"] < 99
+    assert {scores["M3"]["rank"], scores["M4"]["rank"]} == {1, 2}
+    assert (scores["M1"]["parameters"], scores["M3"]["parameters"], scores["M4"]["parameters"]) == (3, 0, 3)
 
 
 def test_without_friction_the_linear_drivetrain_wins_with_no_parameter_fitted():
     scores = scored(*stepped_trial("uncompensated", "friction", "control_delay", "velocity_filter", "belt_hysteresis"))
-    assert scores["M2"].rank == 1
-    assert scores["M2"].vaf_held_out > 99.99
-    assert scores["M3"].vaf_held_out < 99
+    assert scores["M2"]["rank"] == 1
+    assert scores["M2"]["VAF_held_out"] > 99.99
+    assert scores["M3"]["VAF_held_out"] < 99
 
 
 def test_cancelled_friction_leaves_the_linear_drivetrain():
     """Without friction M2 has nothing to cancel either: a feedforward alone would drive the joint."""
     scores = scored(*stepped_trial("compensated"))
-    assert scores["M2"].vaf_held_out > 99.7
-    assert scores["M3"].vaf_held_out > scores["M2"].vaf_held_out
+    assert scores["M2"]["VAF_held_out"] > 99.7
+    assert scores["M3"]["VAF_held_out"] > scores["M2"]["VAF_held_out"]
 
 
 def test_fitting_gains_and_friction_makes_up_for_a_wrong_parameter_file():
     """The file has half of the friction and far too much damping: only M4 can find out."""
     believed = replace(DEFAULT, f_C=DEFAULT.f_C / 2, f_G=DEFAULT.f_G / 2, B_m=0.2)
     scores = scored(*stepped_trial("uncompensated", believed=believed))
-    assert scores["M4"].rank == 1
-    assert scores["M4"].vaf_held_out > scores["M3"].vaf_held_out + 0.5
+    assert scores["M4"]["rank"] == 1
+    assert scores["M4"]["VAF_held_out"] > scores["M3"]["VAF_held_out"] + 0.5
 
 
 def test_one_gauss_newton_step_stands_for_a_fit_without_an_amplitude():
@@ -194,12 +198,12 @@ def test_vaf_on_data_held_out_is_that_of_the_other_trials_fit():
     x = np.sin(np.arange(600) / 7)
     motion = Motion(x, x, np.cos(np.arange(600) / 7))
     folds = [transmission_fold(motion, x**3, gain * x) for gain in (1.0, 1.0, 1.3)]
-    third = scores_against_others(folds, {"M1": ("B_j",)})[2][0]
-    assert third.vaf_held_out == pytest.approx(100 * (1 - (3 / 13) ** 2), abs=1e-6)
-    assert third.vaf == pytest.approx(100)
-    alone = scores_against_others(folds[:1], {"M1": ("B_j",)})[0][0]
-    assert np.isnan(alone.vaf_held_out)
-    assert (alone.rank, alone.vaf) == (1, pytest.approx(100))
+    third = scores_against_others(folds, {"M1": ("B_j",)})[2].row(0, named=True)
+    assert third["VAF_held_out"] == pytest.approx(100 * (1 - (3 / 13) ** 2), abs=1e-6)
+    assert third["VAF"] == pytest.approx(100)
+    alone = scores_against_others(folds[:1], {"M1": ("B_j",)})[0].row(0, named=True)
+    assert np.isnan(alone["VAF_held_out"])
+    assert (alone["rank"], alone["VAF"]) == (1, pytest.approx(100))
 
 
 def test_bic_rejects_a_needless_term_as_often_as_it_should_though_samples_are_correlated():
@@ -211,7 +215,7 @@ def test_bic_rejects_a_needless_term_as_often_as_it_should_though_samples_are_co
         noise = LOW_PASS(rng.standard_normal(n), 1000.0)[::11]
         fold = transmission_fold(Motion(x[::11], x[::11], extra[::11]), x[::11], 3 * x[::11] + noise)
         scores = scores_against_others([fold, fold], {"M1": ("B_j",), "M2": ("B_j", "J_j")})[0]
-        needless += scores[1].rank == 1
+        needless += scores["rank"][1] == 1
     assert needless <= 10
 
 

@@ -27,7 +27,7 @@ from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.second_order import fit_impedance
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
 from osl_analysis.stats import regression, repeats
-from osl_analysis.stats.fit_row import whiteness
+from osl_analysis.stats.fit_row import whiteness_row
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.crossing import Crossing, encoder_check
@@ -140,10 +140,10 @@ FITS_OF_SIGNALS: dict[str, Callable[[Array, Array, Array], Any]] = {
         y, [repeats.Candidate("M1", "a", 1, x, x), repeats.Candidate("M2", "b", 2, y, y)]
     ),
     "mean_over_trials": lambda t, x, y: repeats.mean_over_trials(y, shared=True),
-    "over_repeats": lambda t, x, y: repeats.over_repeats(y, [repeats.CommonError(0.0, np.inf)]),
+    "over_repeats": lambda t, x, y: repeats.over_repeats(y, [(0.0, np.inf)]),
     "over_repeats of two kinds": lambda t, x, y: repeats.over_repeats(y, kinds=np.arange(len(y)) % 2),
     "summary_row": lambda t, x, y: repeats.summary_row(pl.Series(y)),
-    "whiteness": lambda t, x, y: whiteness(y, RATE, LowPass(15)),
+    "whiteness_row": lambda t, x, y: whiteness_row(y),
     "LowPass": lambda t, x, y: LowPass(15)(y, RATE),
     "differentiate": lambda t, x, y: differentiate(t, y),
     "filtered_motion": lambda t, x, y: filtered_motion(t, x, y, LowPass(15)),

@@ -15,7 +15,7 @@ from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf, repeat_row, re
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.stats.fit_row import Row, covariance_row, estimates_row, judged_row
+from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
 from osl_analysis.stats.regression import LinearFit, with_shared_error
 from osl_analysis.timebase.grid import UniformSignals
 from osl_analysis.trial import Array
@@ -54,7 +54,7 @@ class Analysis:
         """The diagnostics of a fit and of its interval."""
         fit, record = self.fits[label], self.record
         white = residual_whiteness(record, self.sums, centred(fit, self.sums), self.model, label)
-        return judged_row(fit, record.rate_hz, white)
+        return diagnostics_row(fit, record.rate_hz, white)
 
     def shared(self, label: Label, *names: str) -> Row:
         """VAF on data held out, the drift that was subtracted, and the change by another time base."""

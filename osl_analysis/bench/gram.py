@@ -22,7 +22,7 @@ from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import check_all_measured, rounding_of
 from osl_analysis.stats.covariance import between_cycles, products_between, welch_satterthwaite
-from osl_analysis.stats.fit_row import Row, Whiteness, thinned_rows, whiteness_of
+from osl_analysis.stats.fit_row import Row, thinned_rows, whiteness_row
 from osl_analysis.stats.regression import (
     CONDITION_LIMIT,
     ROUNDED,
@@ -370,14 +370,12 @@ def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None) -> floa
         return None
 
 
-def residual_whiteness(
-    record: Record, s: Sums, fit: LinearFit, model: Mapping[str, str], label: Label
-) -> Whiteness | None:
+def residual_whiteness(record: Record, s: Sums, fit: LinearFit, model: Mapping[str, str], label: Label) -> Row:
     """Whiteness of what a fit leaves of its rows."""
     rows = record.rows(label)
     kept = rows[thinned_rows(len(rows), record.rate_hz, record.low_pass)]
     modelled = sum((fit[name] * s.columns[column][kept] for name, column in model.items()), np.zeros(len(kept)))
-    return whiteness_of(record.filtered_torque[kept] - modelled)
+    return whiteness_row(record.filtered_torque[kept] - modelled)
 
 
 def repeat_row(fit: GroupFit, *names: str) -> Row:

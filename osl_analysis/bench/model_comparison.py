@@ -4,7 +4,7 @@ A linear rival is a choice of columns. The drivetrain of Eq. 9 predicts the torq
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
@@ -19,7 +19,7 @@ from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain_response import Friction, belt_response
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.stats.regression import regressors
-from osl_analysis.stats.repeats import Candidate, Score, loss_behind_best, mean_over_trials, rank_words, score_models
+from osl_analysis.stats.repeats import Candidate, loss_behind_best, mean_over_trials, rank_words, score_models
 from osl_analysis.trial import Array
 
 Terms = Mapping[str, tuple[str, ...]]  # names of the columns of each model, by the model's name
@@ -111,7 +111,7 @@ def others(folds: Sequence[Fold], fold: Fold) -> list[Fold]:
     return [other for other in folds if other is not fold]
 
 
-def scores_against_others(folds: Sequence[Fold], models: Terms) -> list[list[Score]]:
+def scores_against_others(folds: Sequence[Fold], models: Terms) -> list[pl.DataFrame]:
     """Each model on each trial: fitted to it for the BIC, and to all other trials for the VAF on data held out. With a
     single trial the VAF on data held out is NaN."""
     scores = []
@@ -273,11 +273,10 @@ def scores_by_trial(experiment: str, folds: Mapping[str, Fold], models: Terms) -
     return pl.concat([score_table(experiment, name, scores) for name, scores in scored])
 
 
-def score_table(experiment: str, trial: str, scores: Sequence[Score], controller: str | None = None) -> pl.DataFrame:
-    """A row per model of one trial; VAF in percent, `rank` by BIC, from 1 on."""
+def score_table(experiment: str, trial: str, scores: pl.DataFrame, controller: str | None = None) -> pl.DataFrame:
+    """A row per model of one trial, from those of `score_models`."""
     place = {"experiment": experiment, "trial": trial, "controller": controller}
-    capitals = {"vaf": "VAF", "vaf_held_out": "VAF_held_out", "bic": "BIC"}
-    return pl.DataFrame([{**place, **asdict(score)} for score in scores]).rename(capitals)
+    return scores.select(*(pl.lit(value, pl.String).alias(name) for name, value in place.items()), pl.all())
 
 
 def comparison_summary(scores: pl.DataFrame) -> pl.DataFrame:

@@ -31,7 +31,7 @@ from osl_analysis.protocol.stepped_sine import (
 )
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
 from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
-from osl_analysis.stats.covariance import FEWEST_CYCLES, sums_between
+from osl_analysis.stats.covariance import FEWEST_CYCLES, products_between
 from osl_analysis.stats.rounding import noise_before_rounding, visible_step
 from osl_analysis.timebase.grid import GapLimits, UniformSignals, origin, regridded, uniform_signals
 from osl_analysis.trial import Array, Trial
@@ -565,7 +565,7 @@ def drift_rate(time: Array, motion: Motion, torque: Array, groups: Groups) -> fl
     late = time - time.mean()
     if groups.kind == "cycles":
         signals = np.column_stack([torque, motion.theta, late])
-        sums = sums_between(signals, groups.first, groups.stop)
+        sums = products_between(signals, np.ones((len(signals), 1)), groups.first, groups.stop)[..., 0]
         samples = groups.stop - groups.first
         level, turned, when = (sums / samples[:, None]).T
         weight = np.sqrt(samples)

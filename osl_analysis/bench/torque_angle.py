@@ -21,7 +21,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import check_changes
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import CONDITION_LIMIT, variance_accounted_for
-from osl_analysis.stats.repeats import CommonError, over_repeats
+from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.timebase.grid import UniformSignals, uniform_signals
 from osl_analysis.trial import Array, Trial
 
@@ -540,7 +540,7 @@ def mean_over_cycles(name: str, cycles: pl.DataFrame, softer: pl.DataFrame | Non
     if len(values) < 2:
         return {name: float(values[0]), **dict.fromkeys((f"{name}_se", f"{name}_low", f"{name}_high"))}
     change = 0.0 if softer is None else float(softer[name].to_numpy().mean() - values.mean())
-    found = over_repeats(values, [CommonError(change**2, np.inf)] if change else [])
+    found = over_repeats(values, [(change**2, np.inf)] if change else [])
     return {name: found.mean, f"{name}_se": found.se, f"{name}_low": found.low, f"{name}_high": found.high}
 
 

@@ -14,11 +14,6 @@ from osl_analysis.measured import LARGEST_VARIANCE, check_finite, check_measured
 from osl_analysis.trial import Array
 
 
-def sums_between(values: Array, first: Array, stop: Array) -> Array:
-    """Sums (m, p) of the rows of `values` (n, p) in each cycle; arguments as `products_between`."""
-    return products_between(values, np.ones((len(values), 1)), first, stop)[..., 0]
-
-
 def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
     """X'Y (m, p, q) of columns X (n, p) and Y (n, q) from each `first` (m,) to each `stop` (m,), which need not be
     whole numbers; the rows follow one another in one recording.
@@ -38,8 +33,6 @@ def products_between(X: Array, Y: Array, first: Array, stop: Array) -> Array:
     return np.asarray(whole + parts[1::2] - parts[::2])
 
 
-Covariance = tuple[Array, Array]
-"""Covariance (p, p) of the estimates, and the degrees of freedom (p,) of the variances on its diagonal."""
 CYCLES = "cycles"  # name of the spread between cycles in the tables
 FEWEST_CYCLES = 5  # smallest number of cycles at one frequency whose spread gives an interval
 
@@ -83,8 +76,9 @@ def correlation_samples(residual: Array) -> int:
     return int(np.clip(np.ceil(1.1447 * (alpha * n) ** (1 / 3)), 1, max(n // 8, 1)))
 
 
-def moving_sums(scores: Array, window: int) -> Covariance:
-    """Long-run covariance of the scores (n, p) after Newey and West: Bartlett weights up to `window` - 1 lags.
+def moving_sums(scores: Array, window: int) -> tuple[Array, Array]:
+    """Long-run covariance (p, p) of the scores (n, p), and the degrees of freedom (p,) of its variances, after Newey
+    and West: Bartlett weights up to `window` - 1 lags.
 
     The sum over all lags with the weights 1 - lag/window equals the sum of squares of moving sums over `window` samples
     (zeros beyond the ends) divided by `window`. It is therefore positive semi-definite. It has 1.5 n/window degrees of
@@ -98,10 +92,11 @@ def moving_sums(scores: Array, window: int) -> Covariance:
     return sums.T @ sums / window * n / (n - p), np.full(p, max(1.5 * n / window - p, 1.0))
 
 
-def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> Covariance:
-    """Covariance from the spread of the cycles' sums of scores (m, p) about the mean of their `stratum` (m,), rising. A
-    bootstrap that draws cycles within each stratum converges to this covariance, apart from the factor m/(m - 1) for
-    the mean that was estimated from the m cycles of the stratum, two or more."""
+def between_cycles(sums: Array, stratum: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Covariance (p, p), with the degrees of freedom (p,) of its variances, from the spread of the cycles' sums of
+    scores (m, p) about the mean of their `stratum` (m,), rising. A bootstrap that draws cycles within each stratum
+    converges to it, apart from the factor m/(m - 1) for the mean that was estimated from the m cycles of the stratum,
+    two or more."""
     members = np.bincount(stratum).astype(float)
     begins = np.flatnonzero(np.diff(stratum, prepend=-1))
     mean = np.add.reduceat(sums, begins) / members[:, None]

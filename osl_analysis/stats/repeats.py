@@ -27,12 +27,9 @@ class Repeats:
     high: float  # upper bound of the 95 % interval of the mean (Student)
 
 
-@dataclass(frozen=True)
-class CommonError:
-    """An error that all trials share, so that their scatter does not show it."""
-
-    variance: float  # variance of the error, in the squared unit of the estimate
-    degrees_of_freedom: float  # degrees of freedom of this variance
+CommonError = tuple[float, float]
+"""An error that all trials share, so that their scatter does not show it: its variance, in the squared unit of the
+estimate, and the degrees of freedom of this variance."""
 
 
 def over_repeats(values: ArrayLike, common: Sequence[CommonError] = (), kinds: ArrayLike | None = None) -> Repeats:
@@ -56,9 +53,9 @@ def over_repeats(values: ArrayLike, common: Sequence[CommonError] = (), kinds: A
     mean = float(np.mean([np.mean(part) for part in parts]))
     sd = float(np.sqrt(np.average(scatter, weights=freedom)))
     of_means = [s / len(part) / len(parts) ** 2 for s, part in zip(scatter, parts, strict=True)]
-    variances = [*of_means, *(error.variance for error in common)]
+    variances = [*of_means, *(variance for variance, _ in common)]
     se = float(np.sqrt(sum(variances)))
-    each = [*freedom, *(error.degrees_of_freedom for error in common)]
+    each = [*freedom, *(of_common for _, of_common in common)]
     half = float(scipy.special.stdtrit(welch_satterthwaite(variances, each), 0.975)) * se
     return Repeats(len(values), mean, sd, se, mean - half, mean + half)
 
@@ -77,10 +74,6 @@ def summary_row(values: pl.Series) -> dict[str, float | str | None]:
     return {"n": len(numbers), "mean": mean, **dict.fromkeys(("sd", "se", "low", "high", "interval_method"))}
 
 
-PREFERRED, TIED, WORSE = "preferred", "tied", "worse"
-LARGEST_LAG = 0.1  # largest lag of the residual's autocorrelation, as a share of the samples
-
-
 @dataclass(frozen=True)
 class Candidate:
     """One model and its residuals."""
@@ -94,23 +87,9 @@ class Candidate:
     """Residual on data that the fit did not use, shape (n,) [unit of y]; NaN where there are no other data."""
 
 
-@dataclass(frozen=True)
-class Score:
-    """The score of one model on one trial."""
-
-    model: str  # as in `Candidate`
-    terms: str  # as in `Candidate`
-    parameters: int  # as in `Candidate`
-    vaf: float  # variance accounted for [percent]
-    vaf_held_out: float
-    """The same for data that were held out of the fit [percent]; NaN where no other data were there to fit."""
-    bic: float  # bayesian information criterion; lower is better
-    effective_samples: float  # number of independent samples among those of the trial
-    rank: int  # rank by BIC, from 1 on
-
-
-def score_models(y: Array, candidates: Sequence[Candidate]) -> list[Score]:
-    """Scores of rival models of the same y (n,), in the order given.
+def score_models(y: Array, candidates: Sequence[Candidate]) -> pl.DataFrame:
+    """A row per rival model of the same y (n,), in the order given, as in `model_comparison.csv`: VAF and VAF_held_out
+    [percent], BIC (lower is better), number of effective samples, and rank by BIC, from 1 on.
 
     BIC = m ln(mean squared residual) + p ln m (Schwarz, Ann. Stat. 6, 1978) with the number m of effective samples in
     place of n. A filtered signal has far fewer independent samples than n; with n, BIC would accept any term that is
@@ -129,20 +108,16 @@ def score_models(y: Array, candidates: Sequence[Candidate]) -> list[Score]:
     power = [max(float(np.mean(c.residual**2)), rounding) for c in candidates]
     best = candidates[int(np.argmin(power))].residual
     m = effective_samples(best) if min(power) > rounding else float(len(y))
-    bic = [m * np.log(s) + c.parameters * np.log(m) for s, c in zip(power, candidates, strict=True)]
-    return [
-        Score(
-            c.model,
-            c.terms,
-            c.parameters,
-            variance_accounted_for(y, c.residual),
-            np.nan if np.isnan(c.held_out_residual).all() else variance_accounted_for(y, c.held_out_residual),
-            float(b),
-            m,
-            1 + sum(bool(other < b) for other in bic),
-        )
-        for c, b in zip(candidates, bic, strict=True)
-    ]
+    rows = []
+    for c, s in zip(candidates, power, strict=True):
+        left = c.held_out_residual
+        rows.append({
+            "model": c.model, "terms": c.terms, "parameters": c.parameters,
+            "VAF": variance_accounted_for(y, c.residual),
+            "VAF_held_out": float("nan") if np.isnan(left).all() else variance_accounted_for(y, left),
+            "BIC": float(m * np.log(s) + c.parameters * np.log(m)), "effective_samples": m,
+        })  # fmt: skip
+    return pl.DataFrame(rows).with_columns(rank=pl.col("BIC").rank("min").cast(pl.Int64))
 
 
 def effective_samples(residual: Array) -> float:
@@ -155,12 +130,11 @@ def effective_samples(residual: Array) -> float:
     check_measured("the residual", residual)
     if not varies(residual):
         return float(len(residual))
-    n, lags = len(residual), int(LARGEST_LAG * len(residual))
-    centred = residual - np.mean(residual)
-    spectrum = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
-    covariance = np.fft.irfft(spectrum)[: lags + 1]
+    n, share = len(residual), 0.1
+    spectrum = np.abs(np.fft.rfft(residual - np.mean(residual), 2 * n)) ** 2
+    covariance = np.fft.irfft(spectrum)[: int(share * n) + 1]
     rho = covariance / covariance[0]
-    return float(np.clip(n * (1 + 2 * LARGEST_LAG) / (1 + 2 * np.sum(rho[1:] ** 2)), min(2.0, n), n))
+    return float(np.clip(n * (1 + 2 * share) / (1 + 2 * np.sum(rho[1:] ** 2)), min(2.0, n), n))
 
 
 def mean_over_trials(values: Array, shared: bool = False) -> Repeats:
@@ -185,7 +159,7 @@ def loss_behind_best(loss: Array) -> Array:
 
 
 def rank_words(loss: Array, shared: bool = False) -> list[str | None]:
-    """`PREFERRED`, `TIED` or `WORSE` for each model, from losses (trials, models); the simplest model comes first.
+    """`preferred`, `tied` or `worse` for each model, from losses (trials, models); the simplest model comes first.
 
     Smaller losses are better. A model is tied with the best one if the interval of their paired difference contains
     zero. The first of the tied models is preferred: a more complicated model must show that it is better. Without
@@ -197,6 +171,6 @@ def rank_words(loss: Array, shared: bool = False) -> list[str | None]:
     if not len(loss):
         return [None] * loss.shape[1]
     tied = [not mean_over_trials(behind, shared).low > 0 for behind in loss_behind_best(loss).T]
-    words: list[str | None] = [TIED if as_good else WORSE for as_good in tied]
-    words[tied.index(True)] = PREFERRED
+    words: list[str | None] = ["tied" if as_good else "worse" for as_good in tied]
+    words[tied.index(True)] = "preferred"
     return words

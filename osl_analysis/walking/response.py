@@ -414,7 +414,7 @@ def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[C
     gait, plate = (np.average(each, axis=0, weights=shares) for each in zip(*changes, strict=True))
     gait_variances, plate_variances = np.var(gait, axis=0, ddof=1) / len(gait), np.diag(jackknife_covariance(plate))
     return {
-        name: [CommonError(float(g), len(gait) - 1), CommonError(float(p), max(len(plate) - 1, 1))]
+        name: [(float(g), len(gait) - 1), (float(p), max(len(plate) - 1, 1))]
         for name, g, p in zip("KBI", gait_variances, plate_variances, strict=True)
     }
 

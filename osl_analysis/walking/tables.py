@@ -14,7 +14,14 @@ import polars as pl
 from osl_analysis.measured import rms
 from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.signals import Motion
-from osl_analysis.stats.fit_row import covariance_row, diagnostics_row, estimates_row, lag_damping_row
+from osl_analysis.stats.fit_row import (
+    covariance_row,
+    diagnostics_row,
+    estimates_row,
+    lag_damping_row,
+    thinned_rows,
+    whiteness_row,
+)
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import DOWN, Crossing
@@ -121,6 +128,8 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
     response = isolate_response(crossing, gait, settings, settings.perturbed_stance)
     impedance, delay = fit_response(response), response_lag(response)
     fit, onset, (lag, lag_se) = impedance.fit, crossing.onset or 0.0, delay or (None, None)
+    rate_hz = 1 / (response.time[1] - response.time[0])
+    white = whiteness_row(fit.residual[thinned_rows(len(fit.residual), rate_hz, settings.low_pass)])
     return {
         "trial": crossing.name,
         "onset_s": onset,
@@ -133,7 +142,7 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
         **single_facts(response, impedance),
         **lag_damping_row(lag, lag_se, fit["K"]),
         "lag_out_of_reach": float(delay is None),
-        **diagnostics_row(fit, 1 / (response.time[1] - response.time[0]), settings.low_pass),
+        **diagnostics_row(fit, rate_hz, white),
     }
 
 

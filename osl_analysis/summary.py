@@ -9,6 +9,7 @@ import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import count
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,6 +17,7 @@ import polars as pl
 
 from osl_analysis.config.campaign import ABOUT_MACROS, ABOUT_MEANING, About
 from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
+from osl_analysis.config.yaml_settings import read_mapping
 from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import DOUBTFUL, causes_by_trial, counted, doubtful_count
 from osl_analysis.judge.findings import exclusion_said
@@ -67,53 +69,18 @@ class Example:
 
 DRAFT_EXAMPLE = Example()
 
-# fmt: off
-LABELS: dict[str, dict[str, Label]] = {
-    "belt_summary": {
-        "K_s": Label("K_s", "N*m/rad", 685.6, "BeltStiffness", "belt stiffness while loading, mean of trials")},
-    "transmission_summary": {
-        "B_j": Label("B_j", "N*m*s/rad", 0.452, "JointDamping", "damping of the transmission, mean of trials"),
-        "J_j": Label("J_j", "kg*m^2", 5.0e-3, "JointInertia", "inertia of the transmission, mean of trials")},
-    "transmission": {"VAF": Label("transmission_VAF", "%", 99.1, "TransmissionVAF",
-        "VAF of the transmission model, mean of trials")},
-    "actuator_summary": {
-        "k_tau_n_m": Label("k_tau_n_m", "N*m/A", 113.3e-3 * 9, "TorqueConstant", "torque per current, mean of trials"),
-        "f_C": Label("f_C", "N*m", 0.377, "CoulombFriction", "Coulomb friction of the actuator, mean of trials"),
-        "f_G": Label("f_G", "N*m/A", 89.6e-3, "GearFriction", "gear friction of the actuator, mean of trials"),
-        "B_m": Label("B_m", "N*m*s/rad", 5.6e-3, "MotorDamping", "damping of the actuator, mean of trials"),
-        "J_m": Label("J_m", "kg*m^2", 9.211e-3, "MotorInertia", "inertia of the actuator, mean of trials")},
-    "torque_angle": {
-        "K": Label("torque_angle_K", "N*m/rad", None, "TorqueAngleStiffness",
-            "stiffness while loading, mean of cycles"),
-        "energy_stored": Label("energy_stored", "J", None, "EnergyStored",
-            "energy taken up in a cycle, mean of cycles"),
-        "energy_returned": Label("energy_returned", "J", None, "EnergyReturned", "energy given back, mean of cycles"),
-        "energy_lost": Label("energy_lost", "J", None, "EnergyLost", "energy lost in a cycle, mean of cycles")},
-    "walking_summary": {
-        "K": Label("walking_K", "N*m/rad", 340.0, "WalkingStiffness",
-            "ankle stiffness while walking, fit to the mean response"),
-        "B": Label("walking_B", "N*m*s/rad", None, "WalkingDamping",
-            "ankle damping while walking, fit to the mean response"),
-        "I": Label("walking_I", "kg*m^2", None, "WalkingInertia",
-            "ankle inertia while walking, fit to the mean response")},
-    "walking": {"VAF": Label("walking_VAF", "%", None, "WalkingVAF", "VAF of the walking fits, mean of perturbations")},
+LABELS = {
+    table: {quantity: Label(**label) for quantity, label in labels.items()}
+    for table, labels in read_mapping(Path(__file__).with_suffix(".yaml")).items()
 }
 """Labels of the numbers whose names do not depend on the campaign, by table and quantity."""
 SYMMETRY = {
-    quantity: Label(f"walking_{quantity}_up_minus_down", label.unit, None, f"{label.macro}UpMinusDown",
-        f"{label.meaning.split()[1]} of the ankle while walking, turns up minus turns down")
+    quantity: Label(
+        f"walking_{quantity}_up_minus_down", label.unit, None, f"{label.macro}UpMinusDown",
+        f"{label.meaning.split()[1]} of the ankle while walking, turns up minus turns down",
+    )
     for quantity, label in LABELS["walking_summary"].items()
-}
-GAINS = {
-    ("belt", "M4"): Label("belt_VAF_gain", "%", None, "BeltVAFGain",
-        "held-out VAF of the quadratic belt with hysteresis less the linear belt's, mean of trials"),
-    ("transmission", "M2"): Label("coulomb_VAF_gain", "%", None, "CoulombVAFGain",
-        "held-out VAF of the transmission with Coulomb friction less that without, mean of trials"),
-    ("impedance", "M3"): Label("drivetrain_VAF_gain", "%", None, "DrivetrainVAFGain",
-        "held-out VAF of Eq. 9 with friction less Eq. 15's, mean of trials"),
-}
-"""The rival models whose difference to the draft's is a headline, by experiment and model."""
-# fmt: on
+}  # fmt: skip
 
 
 def of_controller(label: Label, controller: str | None) -> Label:
@@ -180,13 +147,16 @@ def doubtful_label(table: str) -> Label:
 
 def all_labels() -> list[Label]:
     """Every number that the summary of the draft's campaign can have, and those of a trial of torque against angle."""
-    fixed = {table: list(labels.values()) for table, labels in LABELS.items()}
+    fixed, gains = (
+        {table: list(labels.values()) for table, labels in LABELS.items()},
+        LABELS["model_comparison_summary"],
+    )
     return [
         *(label for name in ("belt_summary", "transmission_summary", "transmission") for label in fixed[name]),
         *fixed["actuator_summary"],
         *(label for controller in CONTROLLERS for label in impedance_labels(controller).values()),
-        *(GAINS[key] for key in (("belt", "M4"), ("transmission", "M2"))),
-        *(of_controller(GAINS["impedance", "M3"], controller) for controller in CONTROLLERS),
+        *(gains[key] for key in ("belt M4", "transmission M2")),
+        *(of_controller(gains["impedance M3"], controller) for controller in CONTROLLERS),
         *(label for name in ("torque_angle", "walking_summary") for label in fixed[name]),
         *SYMMETRY.values(),
         *fixed["walking"],
@@ -292,7 +262,7 @@ def torque_angle_headlines(table: pl.DataFrame) -> Iterator[Headline]:
 
 def model_gain_headlines(table: pl.DataFrame) -> Iterator[Headline]:
     for row in table.drop_nulls("VAF_gain").iter_rows(named=True):
-        if label := GAINS.get((row["experiment"], row["model"])):
+        if label := LABELS["model_comparison_summary"].get(f"{row['experiment']} {row['model']}"):
             named = of_controller(label, row["controller"]) if row["experiment"] == "impedance" else label
             ends = row["VAF_gain_low"], row["VAF_gain_high"]
             yield headline(named, row["VAF_gain"], int(row["trials"]), *ends, PAIRED)

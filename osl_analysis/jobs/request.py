@@ -210,12 +210,12 @@ def statements(path: Path) -> list[ast.stmt]:
 
 
 def sources(module: str) -> set[Path]:
-    """Files of a module and of all modules of the package that it imports."""
+    """Files of a module and of all modules of the package that it imports, with the data that stand beside one."""
     files, waiting = set[Path](), [module_file(module)]
     while waiting:
         path = waiting.pop()
         if path is not None and path not in files:
-            files.add(path)
+            files |= {path, *path.parent.glob(f"{path.stem}.yaml")}
             waiting += [module_file(name) for name in imported_names(path)]
     return files
 

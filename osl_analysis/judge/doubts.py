@@ -18,7 +18,7 @@ import polars as pl
 
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.judge.table import Cause, Doubt, Judgement
+from osl_analysis.judge.table import TABLE, Cause, Doubt, Judgement
 from osl_analysis.measured import check_measured, rms
 from osl_analysis.stats.repeats import summary_table
 from osl_analysis.trial import Array
@@ -26,135 +26,10 @@ from osl_analysis.trial import Array
 AnyRow = Mapping[str, object]  # a row of a result table
 LARGEST_TURN = 0.2
 """Phase [rad] by which a lag turns the highest frequency, 6 ms at 5 Hz, beyond which a drivetrain may make it."""
-# fmt: off
-CAUSES = {cause.name: cause for cause in (
-    Cause("late torque", "angle and torque of one time do not stand together, which falsifies B and I",
-        "state `delay` or `low_pass` of the channel in the source file, as in `delay: 2 ms` or `low_pass: {cutoff: 100 "
-        "Hz, order: 1}`", explains=True, of_recording=True),
-    Cause("yielding bench", "a spring in series yields, as the bench's frame or a belt, which explains the delay and "
-        "the low K", "state `bench_stiffness`, once measured, in the configuration", explains=True),
-    Cause("late torque or yielding bench", "the torque comes late, or a spring in series yields, as the bench's frame "
-        "or a belt, which this recording cannot tell apart", "state `delay` or `low_pass` of the channel in the source "
-        "file, or `bench_stiffness` in the configuration", explains=True),
-    Cause("late torque or drivetrain", "the torque comes late, or the joint is not of second order, as where a "
-        "drivetrain turns its torque, which this recording cannot tell apart", "state `delay` or `low_pass` of the "
-        "channel in the source file if a known spring on the same bench shows it, else use K alone", explains=True),
-    Cause("friction", "it does not grow with the motion, so that the damping, and K of small motions, depend on the "
-        "amplitude", "use the rows of single amplitudes, or the damping that is not friction, in the column that ends "
-        "in _viscous", explains=True, otherwise="use the damping that is not friction, in the column that ends in "
-        "_viscous"),
-    Cause("clipped signal", "a torque, angle or current is clipped, it stands at an end of its sensor's range or of a "
-        "motor's limit", "use a sensor of larger range, or a smaller motion, see the quality check `saturation`",
-        explains=True),
-    Cause("spring that is not linear", "the stiffness depends on the deflection, the spring stiffens, or softens",
-        "use the rows of single amplitudes", explains=True, otherwise="state the deflection that it is meant for"),
-    Cause("backlash", "play between joint and bench takes off stiffness", "mend the mount", explains=True),
-    Cause("stiffness that changes", "K changes while the trial is recorded, as by warming up or creep, and I takes "
-        "what differs from one frequency to the next for its own", "record the joint warm and in a shorter time, or by "
-        "several sweeps", explains=True, of_recording=True),
-    Cause("clocks that drift apart", "the clocks of angle and torque drift apart, which shifts B and I",
-        "record both by one device, or by synchronised clocks", of_recording=True),
-    Cause("load cell that drifts", "the torque drifts while the trial is recorded", "zero the load cell once it is "
-        "warm"),
-    Cause("asymmetric torque", "the torque differs between the two directions of motion, as of an end stop or a spring "
-        "with a preload", "look at torque against angle", explains=True),
-    Cause("unlikely size", "an estimate is far from what this device can have", "check units and scales in the source "
-        "file"),
-    Cause("motion that tells too little", "the motion hardly tells the estimates apart, or is small beside the noise "
-        "of the sensors", "move the joint further, or by more frequencies"),
-    Cause("undecided time stamps", "the estimates depend on whether the stamps or an even sampling are true, which "
-        "nothing decides", "state `stamps: exact` or `stamps: even` in the source file"),
-    Cause("model that does not fit", "the model leaves more of the torque unexplained than it should, for no cause "
-        "that is known here", "look at measured and modelled torque of the trial in the report"),
-    Cause("loop that does not close", "the torque does not come back with the angle, the load cell drifts, the device "
-        "creeps, or it begins another way than it goes on", "zero the load cell, and record several cycles with the "
-        "way back once the device has settled"),
-    Cause("distorted motion", "the bench did not move the joint in a sine", "lower its speed or improve its control"),
-    Cause("hysteresis", "loading and unloading have different slopes", "state which is meant"),
-    Cause("energy from nothing", "the device gives back more than it takes up, the torque is late or its sign is "
-        "wrong", "state `delay`, or turn the `sign`, of the torque in the source file"),
-    Cause("torque at rest that changes", "at rest the torque at the end is not that at the start, and hysteresis "
-        "leaves a torque in the device that is taken for zero, or the load cell drifts",
-        "write zero: start if the device was without load there"),
-    Cause("gaps in the recording", "what the device did in the gaps is not known", "record again"),
-    Cause("speed that matters", "the energy lost depends on the speed, so that the trial is not quasi-static",
-        "record it slower"),
-    Cause("responses that cancel", "perturbations cancel each other", "look at their directions and onsets"),
-    Cause("estimate outside its interval", "one response is unlike the others", "look at the single responses"),
-    Cause("several stiffnesses", "perturbations show several stiffnesses", "state K_d or group in the sheet to part "
-        "them"),
-    Cause("several timings", "perturbations begin at several phases of stance", "name timing under walking.group_by"),
-    Cause("stance that changes", "its duration is not the one that its gait before the onset leads to expect: the "
-        "perturbation changes the stance, or its pace is misread", "look whether K is that of the other perturbations"),
-    Cause("phase by another stance", "perturbed crossings have not the stance that phase is computed with",
-        "set walking.perturbed_stance: matched"),
-    Cause("several paces", "unperturbed crossings walk at several paces", "state subject, session or speed in the "
-        "sheet to part them"),
-    Cause("torque that nothing explains", "neither a second-order joint nor ordinary gait explains the torque",
-        "look for clipped channels and a second foot"),
-    Cause("offset", "an offset in the fit, which ordinary gait does not have, would change K much", "look at the "
-        "single responses"),
-    Cause("estimators that disagree", "the fit to the mean response and the mean of the single fits disagree",
-        "look at the single responses"),
-    Cause("too few crossings", "K is uncertain", "record more crossings, or larger perturbations"),
-    Cause("hidden markers", "much of the motion is interpolated between sightings of markers",
-        "correct the markers' places, or fill their gaps in the capture software"),
-    Cause("impossible estimate", "stiffness, damping or inertia is not positive", "look at onsets, at the signs, and "
-        "at the time between angle and torque"),
-)}
-ROWS = tuple(Judgement(column, CAUSES[cause], *further) for columns, cause, *further in (
-    ("coulomb_share", "friction", "{percent} of {damping} is Coulomb friction and not damping"),
-    ("odd_harmonics", "friction", "odd harmonics make {percent} of the torque", True),
-    ("torque_distortion", "friction", "harmonics make {percent} of the torque", True),
-    ("K_change", "friction", "K {moves} with the amplitude"),
-    ("B_change", "friction", "B {moves} with the amplitude"),
-    ("saturated_samples", "clipped signal"),
-    ("torque_at_peaks", "clipped signal", "the torque stands still where Eq. 15 has its peaks, or the spring softens"),
-    ("stiffening", "spring that is not linear", "the stiffness changes by {percent} up to the largest amplitude"),
-    ("energy_lost", "hysteresis", "{percent} of the energy is lost in the belt"),
-    ("backlash_share", "backlash", "{percent} of K is lost to backlash"),
-    ("even_harmonics", "asymmetric torque", "even harmonics make {percent} of the torque"),
-    ("certain_lag_damping lag_share lag_inertia_share", "late torque", "{late}"),
-    ("B_j_high", "late torque", "the damping comes out negative"),
-    ("returned_share", "energy from nothing"),
-    ("K_drift", "stiffness that changes", "K changes by {percent} over the trial"),
-    ("drift_inertia_share", "stiffness that changes", "that makes this share of I: {percent}"),
-    ("certain_clock_drift_ppm", "clocks that drift apart", "they drift by {value} ppm"),
-    ("load_cell_drift", "load cell that drifts", "the torque drifts by {value} N*m/min"),
-    ("closure_angle", "loop that does not close", "a cycle does not end where it began"),
-    ("closure_torque", "loop that does not close"),
-    ("cycle_drift", "loop that does not close", "the torque drifts from cycle to cycle"),
-    ("rest_change", "torque at rest that changes"),
-    ("bridged_share", "gaps in the recording"),
-    ("rate_change", "speed that matters"),
-    ("K_ratio", "unlikely size", "K is {value} times what K_d and the controller should give{factor}{frame}"),
-    ("K_over_K_s", "unlikely size", "K is {value} times the belt's K_s{factor}"),
-    ("k_tau_n_m_ratio", "unlikely size", "k_tau n_m is {value} times that of the parameter file{factor}"),
-    ("K_s_ratio B_j_ratio J_j_ratio J_m_ratio f_C_ratio f_G_ratio B_m_ratio", "unlikely size",
-        "{symbol} is {value} times that of the parameter file{factor}"),
-    ("angle_noise_share", "motion that tells too little", "noise of the encoder changes I by {percent}"),
-    ("condition_number largest_correlation Y_phase_se_deg", "motion that tells too little"),
-    ("theta_distortion", "distorted motion", "harmonics make {percent} of the angle"),
-    ("time_base_shift", "undecided time stamps", "the other reading would shift an estimate by {value} half-widths"),
-    ("VAF R2 VAF_held_out residual_autocorrelation misfit", "model that does not fit", "", True),
-    ("coherence", "responses that cancel"),
-    ("outside_interval", "estimate outside its interval"),
-    ("heterogeneity", "several stiffnesses"),
-    ("onset_phase_sd", "several timings"),
-    ("stance_change", "stance that changes"),
-    ("uncorrected_stance_change", "phase by another stance"),
-    ("unperturbed_stance_sd", "several paces"),
-    ("residual_over_gait", "torque that nothing explains"),
-    ("offset_over_gait offset_share", "offset"),
-    ("estimator_difference", "estimators that disagree"),
-    ("K_se_share", "too few crossings"),
-    ("bridged", "hidden markers"),
-    ("K", "impossible estimate", "K is {value}"),
-    ("B_high", "impossible estimate", "B is negative"),
-    ("I_high J_j_high", "impossible estimate", "{symbol} is negative"),
-) for column in columns.split())
-# fmt: on
-EVIDENCE = {row.name: row for row in ROWS}
+CAUSES = {name: Cause(name, **facts) for name, facts in TABLE["causes"].items()}
+EVIDENCE = {
+    name: Judgement(name, **facts | {"cause": CAUSES[facts["cause"]]}) for name, facts in TABLE["columns"].items()
+}
 """The rows of result tables, by column. Any other column may have a limit: its name is then all that is known of it."""
 DOUBTFUL = "doubtful"  # column with the reasons: empty text if the fit is not doubtful, null in a row without a fit
 IS_DOUBTFUL = pl.col(DOUBTFUL).fill_null("") != ""

@@ -11,7 +11,7 @@ import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
-from osl_analysis.judge.table import Cause, CheckResult, Commanded, Examined, Judgement, QualityRules
+from osl_analysis.judge.table import TABLE, Cause, CheckResult, Commanded, Examined, Judgement, QualityRules
 from osl_analysis.measured import usual_size
 from osl_analysis.plate_surface import beside, plate_axes
 from osl_analysis.protocol.stepped_sine import FEWEST_OF_A_RUN, Likeness, Run, SteppedSineProtocol, find_runs
@@ -540,68 +540,22 @@ def saturated(trial: Trial, torque: str = "torque", *others: str) -> pl.Expr:
     return pl.lit(longest, pl.Int64).alias("saturated_samples")
 
 
-# fmt: off
-ROWS = (
-    Judgement("rate", Cause("slow sampling", "a channel has few samples for the fastest motion, whose acceleration is "
-        "then uncertain", "record this channel faster"),
-        unit="Hz", fails="below", meaning="lowest median sampling rate of the channels", measure=measure_rate),
-    Judgement("jitter", Cause("uncertain time stamps", "the stamps wander, and nothing tells whether the samples do "
-        "too, which shifts B and I", "state `stamps: exact` or `stamps: even` of the log in the source file"),
-        unit="%", meaning="slow wander of the stamps, in sampling steps, where neither signals nor source file decide "
-        "what it is", measure=measure_jitter),
-    Judgement("gap", Cause("gap in the recording", "samples are missing, and the motion around them is not used",
-        "look for a recorder that is too slow or a loose cable"),
-        unit="s", meaning="longest time without a sample, beyond one step", measure=measure_gap),
-    Judgement("saturation", Cause("clipped signal", "a sensor stands at the end of its range, so that the largest "
-        "torques or angles are missing", "use a sensor of larger range, or a smaller motion"),
-        unit="samples", meaning="longest run of a torque, current, angle or raw channel of a plate at an end of its "
-        "sensor's range", measure=measure_saturation),
-    Judgement("stuck", Cause("frozen signal", "a channel repeats one value although the joint moves, as of a loose "
-        "cable", "check the sensor, its cable and its channel in the source file"),
-        unit="s", meaning="longest time that a noisy channel repeats one value, or that an angle stands while it "
-        "should change", measure=measure_stuck),
-    Judgement("unzeroed_load_cell", Cause("load cell not zeroed", "the torque is not zero before the joint moves, fits "
-        "have an offset and bear it, unless the sensor is near the end of its range",
-        "zero the load cell, or accept a joint that rests under load"),
-        unit="N*m", meaning="size of the torque before the joint first moves", measure=measure_unzeroed_load_cell),
-    Judgement("unzeroed_plate", Cause("force plate not zeroed", "the empty plate reads a force, which falsifies load "
-        "and centre of pressure", "zero the plate before the trial"),
-        unit="N", meaning="size of the vertical force of a bare plate", measure=measure_unzeroed_plate),
-    Judgement("encoder_wrap", Cause("angle jumps by a turn", "the encoder's counter starts anew within the recording",
-        "set its zero away from the motion, or count turns in the recorder"),
-        unit="jumps", meaning="steps of an angle by about 2 pi, or by 360", measure=measure_encoder_wrap),
-    Judgement("marker_gap", Cause("hidden marker", "a marker was hidden for longer than is bridged, and its frames are "
-        "not used", "fill the gap in the capture software, or correct the marker's place"),
-        unit="s", meaning="longest time that a marker was hidden between two sightings", measure=measure_marker_gap),
-    Judgement("pressure_centre", Cause("load beside the plate", "the foot seems to press beside the plate, so that "
-        "moments, signs or corners are wrong", "check units, signs and corners of the plate in the source file"),
-        unit="m", meaning="distance by which the centre of pressure of a loaded plate lies outside the plate",
-        measure=measure_pressure_centre),
-    Judgement("pressure_travel", Cause("load that does not roll", "the centre of pressure stands still under a walking "
-        "foot, so that moments are dead or in another unit",
-        "check the plate's moment channels and `plate_units` in the source file"),
-        unit="m", fails="below", meaning="way of the centre of pressure over a loaded plate; a foot rolls over 0.1 m "
-        "and more", measure=measure_pressure_travel),
-    Judgement("clock_residual", Cause("clocks that do not fit", "log and motion capture are matched with an "
-        "uncertainty that shifts B", "check the sync line"),
-        unit="s", meaning="RMS residual of the fit of the log's clock to motion capture's", measure=measure_clock),
-    Judgement("damage", Cause("damaged log", "a part of the log could not be read",
-        "copy the log again from the recorder, or record again"),
-        unit="%", meaning="largest share of a topic of the log that was lost", measure=measure_damage),
-    Judgement("truncated", Cause("log without its end", "the end of the log is missing, and what is there is analysed",
-        "copy or record it again, give a reason under `exclude` in the sample sheet, or write `truncated` under "
-        "`accept` there"),
-        unit="logs", meaning="logs without their end; how much is missing is not known", measure=measure_truncation),
-    Judgement("protocol", Cause("another motion than stated", "amplitudes, frequencies or numbers of cycles are not "
-        "those that the configuration commands, and what was recorded is fitted",
-        "state under `dynamometer` what was commanded"),
-        unit="segments", meaning="segments in which recording and command differ: missing, with fewer or more cycles, "
-        "or not commanded", measure=measure_protocol),
-)
-# fmt: on
-CHECKS = {check.name: check for check in ROWS}
-"""Every check by name. A new one is its function with its row here, its rule under `quality` in config/config.yaml, and
-its test."""
+MEASURES = {
+    "rate": measure_rate, "jitter": measure_jitter, "gap": measure_gap, "saturation": measure_saturation,
+    "stuck": measure_stuck, "unzeroed_load_cell": measure_unzeroed_load_cell, "unzeroed_plate": measure_unzeroed_plate,
+    "encoder_wrap": measure_encoder_wrap, "marker_gap": measure_marker_gap, "pressure_centre": measure_pressure_centre,
+    "pressure_travel": measure_pressure_travel, "clock_residual": measure_clock, "damage": measure_damage,
+    "truncated": measure_truncation, "protocol": measure_protocol,
+}  # fmt: skip
+CHECKS = {
+    name: Judgement(
+        name, Cause(row["cause"], row["says"], row["remedy"]), measure=measure, unit=row["unit"],
+        meaning=row["meaning"], fails=row.get("fails", "above"),
+    )
+    for name, measure in MEASURES.items() for row in [TABLE["checks"][name]]
+}  # fmt: skip
+"""Every check by name. A new one is its function and its entry above, its words in table.yaml, its rule under `quality`
+in config/config.yaml, and its test."""
 
 
 def validate_rules(rules: QualityRules) -> None:

@@ -5,13 +5,14 @@ Measuring needs the samples and no limit, judging needs a few numbers and no sam
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.config.experiments import Experiment, judged_tables
-from osl_analysis.config.yaml_settings import Settings
+from osl_analysis.config.yaml_settings import Settings, read_mapping
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.trial import Trial
 
@@ -85,6 +86,10 @@ class Judgement:
             return False
         slack = 1e-9 * limit  # 100 Hz from stamps is 99.999 999 999 97 Hz
         return not (value >= limit - slack if self.fails == "below" else value <= limit + slack)
+
+
+TABLE: dict[str, dict[str, dict[str, Any]]] = read_mapping(Path(__file__).with_suffix(".yaml"))
+"""The words of the table: `checks` of recordings, `columns` of result tables, and the `causes` of these."""
 
 
 class Rule(Settings):

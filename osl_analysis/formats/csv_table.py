@@ -99,12 +99,11 @@ def without_brackets(unit: str) -> str:
     return unit[1:-1].strip() if unit[:1] + unit[-1:] in ("[]", "()") else unit
 
 
+@dataclass
 class UnreadableCellError(Exception):
-    """A cell, by its place in the column, that is not a number."""
+    """A cell that is not a number."""
 
-    def __init__(self, place: int) -> None:
-        super().__init__(place)
-        self.place = place
+    place: int  # in the column
 
 
 def numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[str], decimal: str) -> Array:
@@ -112,11 +111,8 @@ def numbers(cells: Sequence[str | None] | pl.Series, missing: Collection[str], d
     text = pl.Series(cells, dtype=pl.String)
     absent = (text.is_null() | text.is_in(list(missing))).to_numpy()
     plain = text
-    if decimal == ",":  # a full stop then separates thousands, or the decimal sign is stated wrongly
-        stops = (text.str.contains(".", literal=True).fill_null(False).to_numpy()) & ~absent
-        if stops.any():
-            raise UnreadableCellError(int(np.argmax(stops)))
-        plain = text.str.replace(",", ".", literal=True)
+    if decimal == ",":  # a full stop then separates thousands, or the decimal sign is stated wrongly: no number
+        plain = text.str.replace(".", "?", literal=True).str.replace(",", ".", literal=True)
     values = plain.cast(pl.Float64, strict=False).to_numpy().copy()
     values[absent] = np.nan
     for place in np.flatnonzero(~np.isfinite(values) & ~absent).tolist():  # such as `+1.5`, which polars does not read
@@ -195,34 +191,30 @@ def places_of(name: str, names: Sequence[str]) -> list[int]:
 
 
 def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
-    """The rows of a log in CSV; InputError if it has no header, or rows that the layout does not allow."""
-    lines = read_lines(path)
-    return plain_table(lines, layout) or table_of(lines, layout)
+    """The rows of a log in CSV; InputError if it has no header, or rows that the layout does not allow.
 
-
-def plain_table(lines: TextLines, layout: CsvLayout) -> CsvTable | None:
-    """The table of lines that are all alike below the first ones, split by polars; None of others.
-
-    A list of rows takes a hundred bytes per cell, and an hour at 1 kHz would not fit into memory.
+    Lines that are all alike below the first ones are split by polars, in an eighth of the time: a list of rows takes a
+    hundred bytes per cell, and an hour at 1 kHz would not fit into memory.
     """
+    lines = read_lines(path)
     head, below = lines[:200], [text for _, text in lines[200:]]
     try:
         table = table_of(head, layout) if below else None
     except InputError:  # the whole file tells what is wrong
-        return None
+        table = None
     if table is None or table.notes or table.delimiter == " ":
-        return None
+        return table_of(lines, layout)
     sign, between = table.delimiter, len(table.names) - 1
     for text in below:
         odd = '"' in text or (layout.comment and layout.comment in text) or len(text) > 100_000
         if odd or text.count(sign) != between or len(text) <= between:
-            return None
+            return table_of(lines, layout)
     body = "\n".join(below).encode()
     rest = pl.read_csv(body, has_header=False, separator=sign, quote_char=None, infer_schema=False)
     rest = rest.with_columns(pl.all().fill_null("").str.strip_chars())
     rest.columns = table.body.columns
     if rest.select(pl.all_horizontal(pl.all() == "").any()).item():
-        return None
+        return table_of(lines, layout)
     numbered = np.concatenate([table.lines, [line for line, _ in lines[200:]]])
     return replace(table, lines=numbered, body=pl.concat([table.body, rest]))
 
@@ -301,11 +293,6 @@ def check_header_place(header: tuple[int, list[str]], rows: Rows) -> None:
         )
 
 
-def share_above(count: int, total: int) -> float:
-    """A share of three decimals that is at least count / total, for the user to write."""
-    return math.ceil(1000 * count / total) / 1000
-
-
 def without_extra_cells(rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[str]]:
     """Rows without the cells that every row has more than the header, if there are such, and what was left out."""
     extra = {len(cells) - width for _, cells in rows}
@@ -324,6 +311,11 @@ def without_extra_cells(rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows
     return kept, [f"the {layout.extra_cells} {count} cells of every row have no name and were left out"]
 
 
+def share_above(count: int, total: int) -> float:
+    """A share of three decimals that is at least count / total, for the user to write."""
+    return math.ceil(1000 * count / total) / 1000
+
+
 def unpadded(cells: list[str], width: int) -> list[str]:
     """Cells without the empty ones beyond `width`, with which some writers pad lines."""
     end = len(cells)
@@ -335,9 +327,7 @@ def unpadded(cells: list[str], width: int) -> list[str]:
 def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[Omitting], list[str]]:
     """The rows that fit, with None for omitted columns, and what was repaired."""
     if layout.ragged == "dropped_variable":
-        rows, unnamed = without_unnamed(rows, width, layout)
-        filled, dropped = dropped_variables(rows, width, layout)
-        return filled, unnamed + dropped
+        return dropped_variables(rows, width, layout)
     odd = [(line, len(cells)) for line, cells in rows if len(cells) != width]
     if odd and (layout.ragged == "refuse" or len(odd) > layout.most_missing * len(rows)):
         share = share_above(len(odd), len(rows))
@@ -350,32 +340,22 @@ def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[Omitti
     return [(line, list(cells)) for line, cells in rows if len(cells) == width], [note] * bool(odd)
 
 
-def without_unnamed(rows: Rows, width: int, layout: CsvLayout) -> tuple[Rows, list[str]]:
-    """Rows without the cells of variables that failed before the logger wrote its header, which lacks their names.
-
-    The logger of `opensourceleg` writes the header with the first thousand rows, after these variables were omitted.
-    They are the ones that were missing in the last row that has them. Rows that this does not explain stay as they are.
-    """
-    first = next((place for place, (_, cells) in enumerate(rows) if len(cells) == width), 0)
-    lengths = {len(cells) for _, cells in rows[:first]}
-    extra = lengths.pop() - width if len(lengths) == 1 else 0
-    if extra < 1:
-        return rows, []
-    unnamed = [place for place, cell in enumerate(rows[first - 1][1]) if cell in layout.missing]
-    if len(unnamed) != extra:
-        return rows, []
-    kept = [(line, [cell for place, cell in enumerate(cells) if place not in unnamed]) for line, cells in rows[:first]]
-    which = ", ".join(str(place + 1) for place in unnamed)
-    note = f"up to line {rows[first - 1][0]}, cells {which} of every row have no name and were left out"
-    return [*kept, *rows[first:]], [note]
-
-
 def dropped_variables(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[Omitting], list[str]]:
     """The rows of a logger that omits failed variables, with None from there on: those missing in the row before.
 
+    The logger of `opensourceleg` writes the header with the first thousand rows. It lacks the names of variables that
+    failed before that: their cells, those that are missing in the last row that has them, are left out.
     Refused is a row of which this does not tell the columns.
     """
     notes, columns, filled = list[str](), list(range(width)), list[Omitting]()
+    first = next((place for place, (_, cells) in enumerate(rows) if len(cells) == width), 0)
+    lengths = {len(cells) for _, cells in rows[:first]}
+    unnamed = [place for place, cell in enumerate(rows[first - 1][1]) if cell in layout.missing] if first else []
+    if len(lengths) == 1 and len(unnamed) == lengths.pop() - width > 0:
+        named = [(n, [cell for k, cell in enumerate(cells) if k not in unnamed]) for n, cells in rows[:first]]
+        which = ", ".join(str(place + 1) for place in unnamed)
+        notes.append(f"up to line {rows[first - 1][0]}, cells {which} of every row have no name and were left out")
+        rows = [*named, *rows[first:]]
     for place, (line, cells) in enumerate(rows):
         if len(cells) != len(columns):
             before = rows[place - 1][1] if place else []

@@ -27,8 +27,6 @@ from osl_analysis.formats.csv_table import (
 )
 from osl_analysis.trial import Array
 
-HEADER = ("frame", "sub frame")
-
 
 def column_of(rows: Rows, place: int, missing: tuple[str, ...], what: str, remedy: str, decimal: str = ".") -> Array:
     """One column of rows, (rows,), NaN where a cell is one of the words in `missing` or the row is too short."""
@@ -89,7 +87,7 @@ class NexusSection:
 def is_nexus(begin: bytes) -> bool:
     """Whether a file that begins with these bytes is an export of Nexus: it has the header of a section."""
     lines = decoded_text(begin).casefold().replace('"', "").splitlines() if is_text(begin) else []
-    return any(line.startswith(HEADER[0]) and HEADER[1] in line for line in lines)
+    return any(line.startswith("frame") and "sub frame" in line for line in lines)
 
 
 def without_subject(name: str) -> str:
@@ -105,7 +103,7 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
     for i in range(len(rows) - 3):  # a title alone, a rate alone, names, and the header
         first, second, above = (rows[i + k][1] for k in (0, 1, 3))
         alone = bool(first[0]) and not any(first[1:]) and not any(second[1:])
-        starts += [i] * (alone and tuple(cell.casefold() for cell in above[:2]) == HEADER)
+        starts += [i] * (alone and tuple(cell.casefold() for cell in above[:2]) == ("frame", "sub frame"))
     if not starts:
         raise InputError("no section of a Nexus export (Devices, Trajectories, ...); check the source's format")
     found: dict[str, NexusSection] = {}
@@ -150,7 +148,7 @@ def is_trc(begin: bytes) -> bool:
 
 def read_trc(path: Path) -> TrcFile:
     """The markers of a file; InputError if its header is not that of TRC, or contradicts the rows."""
-    lines = read_lines(path)
+    lines, export = read_lines(path), "export it again, or correct the header"
     if not lines or not lines[0][1].lstrip().casefold().startswith("pathfiletype"):
         raise InputError("no TRC file: its first line does not begin with PathFileType; check the source's format")
     if len(lines) < 6:
@@ -160,58 +158,53 @@ def read_trc(path: Path) -> TrcFile:
     for key in ("NumFrames", "NumMarkers"):
         text = said.get(key.casefold(), "")
         if not (text.isascii() and text.isdigit() and 0 < int(text) < 10**8):
-            raise InputError(f"line {place}: {key} is {text[:40]!r} and no count above zero; {EXPORT}")
+            raise InputError(f"line {place}: {key} is {text[:40]!r} and no count above zero; {export}")
     frames, markers = int(said["numframes"]), int(said["nummarkers"])
     labels = [cell for cell in cells[3][2:] if cell]
     if len(labels) < markers:
-        raise InputError(f"NumMarkers is {markers}, line {lines[3][0]} names {len(labels)}; {EXPORT}")
+        raise InputError(f"NumMarkers is {markers}, line {lines[3][0]} names {len(labels)}; {export}")
     rows = [(line, row) for (line, _), row in zip(lines[5:], cells[5:], strict=True)]
     if len(rows) != frames:
         cut = ": the end is missing" if len(rows) < frames else ""
-        raise InputError(f"NumFrames is {frames}, the file holds {len(rows)} rows{cut}; {EXPORT}")
+        raise InputError(f"NumFrames is {frames}, the file holds {len(rows)} rows{cut}; {export}")
     names = ["frame", "time", *(f"column {place + 3}" for place in range(3 * markers))]
     unseen = ("", "nan", "NaN", "NAN")  # cells of a marker that was not seen
-    columns = [column_of(rows, k, unseen if k > 1 else (), name, "export it again") for k, name in enumerate(names)]
+    frame, time, *columns = [
+        column_of(rows, k, unseen if k > 1 else (), name, "export it again") for k, name in enumerate(names)
+    ]
     for line, padded in rows:
         count = len(unpadded(padded, 0))
         if count > len(names):
-            raise InputError(f"line {line} has {count - 2} coordinates, the header names {markers} markers; {EXPORT}")
+            raise InputError(f"line {line} has {count - 2} coordinates, the header names {markers} markers; {export}")
         if count < len(names) and (count - 2) % 3:
             raise InputError(f"line {line} ends within a marker, after {count} cells; export it again")
     text = said.get("datarate", "")
     rate = float(text) if is_number_cell(text) else 0.0
     if rate <= 0:
-        raise InputError(f"line {place}: DataRate is {text[:40]!r} and no rate in Hz; {EXPORT}")
-    first, start = check_frames(rows, columns[0], columns[1], rate)
-    positions = np.column_stack(columns[2:]).reshape(frames, markers, 3)
-    positions[(positions == 0).all(axis=2)] = np.nan
-    empty = f"{len(labels) - markers} names after the {markers} markers have no positions, such as {labels[-1][:40]}"
-    notes = (empty,) * (len(labels) > markers)  # Cortex names its virtual markers and leaves them out
-    return TrcFile(labels[:markers], positions, rate, said.get("units", ""), first, start, notes)
-
-
-def check_frames(rows: Rows, frame: Array, time: Array, rate: float) -> tuple[int, float]:
-    """First frame and its time [s], of the frames and times of all rows; refused unless they go on evenly."""
-    count = np.arange(frame.size)
-    wrong = frame != frame[0] + count
-    if wrong.any() or frame[0] != np.rint(frame[0]):
+        raise InputError(f"line {place}: DataRate is {text[:40]!r} and no rate in Hz; {export}")
+    count_up = np.arange(frames)
+    wrong = (frame != frame[0] + count_up) | (frame[0] != np.rint(frame[0]))
+    if wrong.any():
         row = int(np.argmax(wrong))
         raise InputError(
             f"line {rows[row][0]}: frame {frame[row]:g} does not follow the line before; export all frames"
         )
     decimals = max(len(row[1].partition(".")[2]) for _, row in rows[:100])
     rounding = 0.6 * 10.0**-decimals  # half of the last decimal, and a little for sums in single precision
-    wrong = np.abs(time - time[0] - count / rate) > 2 * rounding + (1e-3 + 1e-4 * count) / rate
+    wrong = np.abs(time - time[0] - count_up / rate) > 2 * rounding + (1e-3 + 1e-4 * count_up) / rate
     if wrong.any():
         row = int(np.argmax(wrong))
         raise InputError(
             f"line {rows[row][0]}: time {time[row]:g} s does not fit DataRate {rate:g} Hz from {time[0]:g} s on; "
             "correct DataRate or the times"
         )
-    return int(frame[0]), float(time[0])
+    positions = np.column_stack(columns).reshape(frames, markers, 3)
+    positions[(positions == 0).all(axis=2)] = np.nan
+    empty = f"{len(labels) - markers} names after the {markers} markers have no positions, such as {labels[-1][:40]}"
+    notes = (empty,) * (len(labels) > markers)  # Cortex names its virtual markers and leaves them out
+    return TrcFile(labels[:markers], positions, rate, said.get("units", ""), int(frame[0]), float(time[0]), notes)
 
 
-END = re.compile(r"^[ \t]*endheader[ \t\r]*$", re.MULTILINE | re.IGNORECASE)
 FAILED = ("nan", "NaN", "NAN", "-nan", "nan(ind)", "-nan(ind)")  # how the C++ of OpenSim writes a value that is none
 
 
@@ -239,7 +232,7 @@ class OpenSimTable:
 
 
 def is_opensim(begin: bytes) -> bool:
-    return is_text(begin) and END.search(decoded_text(begin)) is not None
+    return is_text(begin) and re.search(r"(?im)^[ \t]*endheader[ \t\r]*$", decoded_text(begin)) is not None
 
 
 def read_opensim(path: Path) -> OpenSimTable:
@@ -259,9 +252,8 @@ def read_opensim(path: Path) -> OpenSimTable:
     if len(names) > MOST_CELLS:
         raise InputError(f"line {line} names {len(names)} columns, at most {MOST_CELLS} are read")
     for what, found in (("rows", len(rows)), ("columns", len(names))):
-        stated = next(
-            (key for key in (f"n{what}", f"data{what}") if key in header), None
-        )  # of newer and older versions
+        keys = (f"n{what}", f"data{what}")  # of newer and older versions
+        stated = next((key for key in keys if key in header), None)
         if stated is not None and header[stated] != str(found):
             cut = ": the end is missing" if header[stated].isdigit() and int(header[stated]) > found else ""
             raise InputError(

@@ -12,7 +12,15 @@ import numpy as np
 
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.csv_table import UTF_16_MARKS
-from osl_analysis.formats.message_fields import Columns, Indices, array_labels, is_array, json_reader, path_to
+from osl_analysis.formats.message_fields import (
+    Columns,
+    Indices,
+    ObjectReader,
+    array_labels,
+    is_array,
+    json_object,
+    path_to,
+)
 
 MOST_ELEMENTS = 64  # of an array that are listed: longer ones are images or whole recordings, and no signals
 
@@ -85,7 +93,7 @@ def is_whole(text: bytes) -> bool:
 
 def decode_lines(lines: JsonLines, paths: Sequence[str]) -> Columns:
     """The fields at `paths` (`variables.ankle_angle`, `position[0]`) of all lines."""
-    reader = json_reader([*dict.fromkeys(paths)], lines.numbers)
+    reader = ObjectReader([*dict.fromkeys(paths)], json_object, lines.numbers)
     reader.take(lines.texts)
     found = reader.columns()
     remedy = "name a number as `field` in the source file; for time, or state the rate: `time: {rate: 1000}`"
@@ -93,7 +101,7 @@ def decode_lines(lines: JsonLines, paths: Sequence[str]) -> Columns:
         raise InputError(f"{found.misfit}; {remedy}")
     for path, there in found.present.items():
         if not there.any():
-            alone = json_reader([path])
+            alone = ObjectReader([path], json_object)
             alone.take(lines.texts)
             if found.misfit and alone.columns().present[path].any():  # only lines that cannot be used have it
                 raise InputError(

@@ -10,6 +10,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -71,20 +72,26 @@ class ChunkHead(NamedTuple):
 
 @dataclass
 class Section:
-    """One part of a file's data section."""
+    """One part of a file's data section: a chunk, messages outside of chunks, or lost bytes."""
 
-    kind: Literal["chunk", "loose", "lost chunk", "lost index", "lost"]
-    """A chunk, loose messages outside of chunks, a lost chunk or message index, or lost bytes of unknown content."""
     start: int  # first byte: of the content of a chunk, else of the section
     end: int
-    walk: Walk | None = None  # the loose messages
     head: ChunkHead | None = None  # what a chunk declares of itself
+    walk: Walk | None = None  # the messages outside of chunks
+    lost: str = ""  # what the bytes are, if they cannot be read
     index: list[tuple[int, Indices]] = field(default_factory=list)
     """Channel and places in the chunk of the messages that each message index behind it lists."""
+
+    @property
+    def is_chunk(self) -> bool:
+        return self.head is not None or self.lost == LOST_CHUNK
 
     def indexed(self) -> Counter[int]:
         """How many messages of each channel its message indexes list."""
         return sum((Counter({channel: places.size}) for channel, places in self.index), Counter())
+
+
+LOST_CHUNK = "a damaged chunk"
 
 
 @dataclass
@@ -96,16 +103,14 @@ class McapFile(MessageFile):
     sections: list[Section] = field(default_factory=list)  # the parts of the data section, in order
     data_end: int = 0  # where the data section ends; 0 until that is known
     data_crc: Literal["", "right", "wrong"] = ""  # whether the checksum of the data section is right, if there is one
-    described: list[tuple[int, bytes]] = field(default_factory=list)
-    """Opcode and content of the schemas and channels in the summary."""
+    described: list[tuple[int, bytes]] = field(
+        default_factory=list
+    )  # schemas and channels in the summary, as in a Walk
     chunked: bool = False
     indexed_chunks: int = 0  # how many chunks the index of chunks in the summary has; a file may have none
     summary_begin: int = 0  # where the summary begins: after the record that ends the data
-    summary_checked: bool = False  # a checksum covers the summary and is right
     summary_damaged: bool = False
-    searched: bool = False  # a second log was searched for
-    missing: int = 0
-    """Bytes by which the summary stands before the place at which the recorder put it; negative if after."""
+    missing: int = 0  # bytes by which the summary stands before the place at which it was written; negative if after
 
     # --- the top level, from record to record
 
@@ -115,10 +120,9 @@ class McapFile(MessageFile):
         while position < len(self.data) and not damage.finished:
             position = self.scan_record(position)
         self.data_end = self.data_end or len(self.data)
-        last = self.sections[-1] if self.sections else None
-        if not damage.finished and last and "lost" in last.kind and last.end == len(self.data):
+        if not damage.finished and self.sections and self.sections[-1].lost and self.sections[-1].end == len(self.data):
             self.sections.pop()  # the record in which the file was cut off: nobody knows what it held
-        damage.gaps = self.summary_damaged or self.missing != 0 or any("lost" in one.kind for one in self.sections)
+        damage.gaps = self.summary_damaged or self.missing != 0 or any(one.lost for one in self.sections)
         damage.bytes = self.data_end - len(MAGIC) + max(0, self.missing)
         if not damage.finished:
             damage.remarks.append("no footer: the recorder did not finish, or the end is lost; how much is not known")
@@ -150,7 +154,7 @@ class McapFile(MessageFile):
                 if self.data_end:
                     self.described += walk.others
                 else:
-                    self.sections.append(Section("loose", position, walk.end, walk))
+                    self.sections.append(Section(position, walk.end, walk=walk))
                 return walk.end
         if end > len(data) or not self.is_sound(opcode, start, end):
             return self.take_lost(position)
@@ -159,9 +163,9 @@ class McapFile(MessageFile):
                 self.refuse_second_log()
                 self.data_end, self.data_crc, self.summary_damaged = 0, "", True
             self.chunked = True
-            self.sections.append(Section("chunk", start, end, head=chunk_head(data, start, end)))
+            self.sections.append(Section(start, end, chunk_head(data, start, end)))
         elif opcode == Opcode.MESSAGE_INDEX and not self.data_end:
-            chunk = next((one for one in reversed(self.sections) if "chunk" in one.kind), None)
+            chunk = next((one for one in reversed(self.sections) if one.is_chunk), None)
             if chunk is not None and (index := message_index(data, start, end)):
                 chunk.index.append(index)
         elif opcode == Opcode.DATA_END and not self.data_end:
@@ -190,26 +194,23 @@ class McapFile(MessageFile):
         elsewhere, bytes are missing before it, or were inserted. It then still tells what the recorder wrote.
         """
         data, after = self.data, end + len(MAGIC)
-        if data[end:after] == MAGIC and len(data) > after:
-            if data[after : after + len(MAGIC)] == MAGIC:
-                raise two_logs(after)
+        self.damage.finished = data[end:after] == MAGIC
+        if self.damage.finished and len(data) > after:
+            self.refuse_second_log()
             raise RefusedFileError(
                 f"ends at byte {after} and has {len(data) - after} bytes after it; if they are nothing, keep what is "
                 f"before them (`head -c {after}`), else record again"
             )
-        self.damage.finished = data[end:after] == MAGIC
         declared, _, expected = struct.unpack_from("<QQI", data, start)
         if not self.summary_begin and declared:  # the end of the data is damaged
             place = declared
             while place + RECORD.size < start:
                 place += RECORD.size + RECORD.unpack_from(data, place)[1]
-            if place + RECORD.size == start:
-                self.summary_begin = declared
+            self.summary_begin = declared if place + RECORD.size == start else 0
         self.summary_damaged |= not self.summary_begin
         self.missing = declared - self.summary_begin if declared else 0
-        if expected and not self.summary_damaged:
-            self.summary_checked = zlib.crc32(data[self.summary_begin : start + 16]) == expected
-            self.summary_damaged = not self.summary_checked
+        if expected and zlib.crc32(data[self.summary_begin : start + 16]) != expected:
+            self.summary_damaged = True
         if self.summary_damaged:
             self.indexed_chunks, self.missing = 0, 0
 
@@ -229,8 +230,8 @@ class McapFile(MessageFile):
         if self.data_end:
             self.summary_damaged = True
         else:
-            lost: dict[int, Any] = {Opcode.CHUNK: "lost chunk", Opcode.MESSAGE_INDEX: "lost index"}
-            self.sections.append(Section(lost.get(data[position], "lost"), position, resume))
+            lost = LOST_CHUNK if data[position] == Opcode.CHUNK else "not a readable record"
+            self.sections.append(Section(position, resume, lost=lost))
         return resume
 
     def resume_at(self, begin: int, *, loose: bool) -> int:
@@ -264,30 +265,31 @@ class McapFile(MessageFile):
             return False
         return bool(end + RECORD.size + RECORD.unpack_from(self.data, end)[1] <= len(self.data))
 
-    def refuse_second_log(self) -> None:
-        """Refuse a damaged file in which another log begins: `cat a.mcap b.mcap`, or a recorder that appends.
-
-        The number of a channel means one topic in the first log and may mean another in the second.
-        """
-        place = len(self.data) if self.searched else 0
-        self.searched = True
-        while (place := self.data.find(MAGIC, place + 1)) >= 0:
+    @cached_property
+    def second_log(self) -> int:
+        """Where another log begins, as after `cat a.mcap b.mcap`; 0 if none does. Asked only of damaged files."""
+        place = 0
+        while (place := self.data.find(MAGIC, place + 1)) > 0:
             start = place + len(MAGIC) + RECORD.size
             if start <= len(self.data):
                 opcode, length = RECORD.unpack_from(self.data, start - RECORD.size)
                 if opcode == Opcode.HEADER and is_header(self.data, start, start + length):
-                    raise two_logs(place)
+                    return place
+        return 0
+
+    def refuse_second_log(self) -> None:
+        """The number of a channel means one topic in the first log and may mean another in the second."""
+        if self.second_log:
+            raise two_logs(self.second_log)
 
     # --- the messages
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages of every intact chunk, and those outside of chunks, in the order of the file. Call it once."""
         damage = self.damage
-        trusted = damage.finished and not self.summary_damaged  # a wrong schema would be wrong values
-        spare = self.parsed(self.described) if trusted else []
-        for one in spare if self.summary_checked else ():
-            self.declare(one)
-        untrusted = self.data_crc == "wrong" and not any("lost" in section.kind for section in self.sections)
+        if damage.finished and not self.summary_damaged:  # a wrong schema would be wrong values
+            self.take_declarations(self.described)
+        untrusted = self.data_crc == "wrong" and not any(section.lost for section in self.sections)
         for section in self.sections:
             buffer, found, covered = self.data, section.walk, False
             if section.head is not None:
@@ -299,8 +301,9 @@ class McapFile(MessageFile):
                     self.lose(section, f"the chunk at byte {section.start} is damaged: it {error}")
                     continue
             if found is None:
-                what = "a damaged chunk" if "chunk" in section.kind else "not a readable record"
-                self.lose(section, f"{section.end - section.start} bytes from byte {section.start} on are {what}")
+                self.lose(
+                    section, f"{section.end - section.start} bytes from byte {section.start} on are {section.lost}"
+                )
                 continue
             if untrusted and not covered:
                 text = f"the checksum of the data section does not match, and no other covers byte {section.start} on"
@@ -310,12 +313,10 @@ class McapFile(MessageFile):
             lengths, logged = (heads[name].astype(np.int64) for name in ("length", "log_time"))
             channel, sequence = heads["channel"].astype(np.uint16), heads["sequence"].astype(np.uint32)
             block = MessageBlock(buffer, channel, sequence, logged, starts, lengths - MESSAGE_HEAD)
-            damage.chunks += section.kind == "chunk"
+            damage.chunks += section.is_chunk
             damage.read.update(block.counts)
             damage.verified += starts.size if covered or self.data_crc == "right" else 0
-            for one in self.parsed(found.others):
-                self.declare(one)
-            self.declare_absent(spare)
+            self.take_declarations(found.others)
             if not block.counts.keys() <= self.channels.keys():  # the content of other messages is unknown
                 known = np.isin(block.channel, list(self.channels))
                 strangers = block.channel[~known]
@@ -324,7 +325,6 @@ class McapFile(MessageFile):
                 damage.remarks.append(f"{strangers.size} {text}, such as {strangers[0]}")
                 block = block.only(known)
             yield block
-        self.declare_absent(spare)
         is_missed = (damage.declared_chunks or 0) > damage.chunks + damage.chunks_lost
         damage.uncounted |= damage.declared_messages is None and is_missed
 
@@ -348,25 +348,18 @@ class McapFile(MessageFile):
         return content, walk
 
     def lose(self, section: Section, remark: str, messages: Counter[int] | None = None) -> None:
-        """Count a section as lost, with as many messages as its index lists; a lost index held none."""
-        if messages is None and (section.index or section.kind == "lost index"):
-            messages = section.indexed()
-        self.damage.lose(remark, section.end - section.start, messages, int("chunk" in section.kind))
+        """Count a section as lost, with as many messages as its index lists."""
+        messages = section.indexed() if messages is None and section.index else messages
+        self.damage.lose(remark, section.end - section.start, messages, int(section.is_chunk))
 
-    def parsed(self, records: Sequence[tuple[int, bytes]]) -> list[Schema | Channel]:
-        """Schemas and channels of records; the library raises many kinds of errors on damaged bytes."""
-        parsed: list[Schema | Channel] = []
+    def take_declarations(self, records: Sequence[tuple[int, bytes]]) -> None:
+        """Take in schemas and channels; the library raises many kinds of errors on damaged bytes."""
         for opcode, content in dict.fromkeys(records):
             try:
-                parsed.append((Schema if opcode == Opcode.SCHEMA else Channel).read(ReadDataStream(BytesIO(content))))
+                one = (Schema if opcode == Opcode.SCHEMA else Channel).read(ReadDataStream(BytesIO(content)))
             except Exception:
                 self.damage.remarks.append("a schema or a channel cannot be read")
-        return parsed
-
-    def declare_absent(self, spare: Sequence[Schema | Channel]) -> None:
-        """Take in schemas and channels of the summary whose own record is lost."""
-        for one in spare:
-            if one.id not in (self.channels if isinstance(one, Channel) else self.schemas):
+            else:
                 self.declare(one)
 
 

@@ -120,6 +120,7 @@ class Reader:
     """Reads the wanted fields of a channel's messages, block by block."""
 
     paths: Sequence[str]  # each once
+    kind: Any  # what the messages are: a MessageType, or a function that makes objects of them
     lines: Indices | None = None  # number of the line in which each message stands, in a file of lines
     count: int = 0  # messages so far
     misfit: str = ""  # what is wrong with the first message that is not what its type says
@@ -177,11 +178,11 @@ def reader_of(channel: Channel, schema: Schema | None, paths: Sequence[str]) -> 
     """A reader of the fields at `paths`; InputError if the channel's encoding or schema cannot be read."""
     check_encoding(channel, schema)
     if channel.message_encoding == "json" or schema is None:
-        return json_reader(paths)
+        return ObjectReader(paths, json_object)
     try:
         if channel.message_encoding == "protobuf":
-            return ObjectReader(paths, decode=protobuf_decoder(schema))
-        return ShapeReader(paths, kind=message_type(schema, ros1=channel.message_encoding == "ros1"))
+            return ObjectReader(paths, protobuf_decoder(schema))
+        return ShapeReader(paths, message_type(schema, ros1=channel.message_encoding == "ros1"))
     except InputError as error:
         raise InputError(
             f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions that its "
@@ -461,7 +462,6 @@ def members_at(messages: Messages, offset: int, kind: np.dtype[Any]) -> NDArray[
 class ShapeReader(Reader):
     """Reads messages of ROS by their shapes; it learns one from the first message of each."""
 
-    kind: MessageType = field(kw_only=True)
     shapes: dict[int, list[Shape]] = field(default_factory=lambda: defaultdict(list))  # by length of the message
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
@@ -493,9 +493,7 @@ class ShapeReader(Reader):
 
 @dataclass
 class ObjectReader(Reader):
-    """Reads messages of which a library makes objects."""
-
-    decode: Callable[[bytes], Any] = field(kw_only=True)  # raises ValueError if a message does not fit its type
+    """Reads messages of which a library makes objects; it raises ValueError if one does not fit its type."""
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
         ends = (starts + lengths).tolist()
@@ -507,7 +505,7 @@ class ObjectReader(Reader):
         for payload in payloads:
             self.count += 1
             try:
-                message = self.decode(payload)
+                message = self.kind(payload)
                 found = [number_at(message, path) for path in self.paths]
             except NoNumberError as error:
                 self.no_numbers += 1
@@ -613,31 +611,11 @@ def described(
         yield FieldDescription(path, kind or np.dtype(type(value)).name)
 
 
-def json_reader(paths: Sequence[str], lines: Indices | None = None) -> ObjectReader:
-    """A reader of JSON messages. A wanted name that is written twice is refused: RFC 8259 leaves open which counts."""
-    keys = {key for path in paths for key, _ in steps_of(path)}
-    names = {name for key in keys if not isinstance(key, int) for name in (key if isinstance(key, tuple) else [key])}
-
-    def as_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        made = dict(pairs)
-        if len(made) < len(pairs):
-            written = [name for name, _ in pairs]
-            twice = [name for name in made if name in names and written.count(name) > 1]
-            if twice:
-                raise InputError(f"field '{twice[0]}' is written twice")
-        return made
-
-    parser = json.JSONDecoder(object_pairs_hook=as_object)
-
-    def decode(text: bytes) -> Any:
-        try:
-            return parser.decode(text.decode(json.detect_encoding(text), "surrogatepass"))
-        except InputError:
-            raise
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"a message of {len(text)} bytes is not JSON: {error}") from error
-
-    return ObjectReader(paths, lines, decode=decode)
+def json_object(text: bytes) -> Any:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"a message of {len(text)} bytes is not JSON: {error}") from error
 
 
 def protobuf_decoder(schema: Schema) -> Callable[[bytes], Any]:

@@ -267,25 +267,25 @@ class ChannelReader:
     channel: Channel
     schema: Schema | None
     reader: Reader
-    log_times: list[Indices] = field(default_factory=list)  # when the messages of each block were logged [ns]
-    sequences: list[NDArray[np.uint32]] = field(default_factory=list)
+    blocks: list[tuple[Indices, NDArray[np.uint32]]] = field(default_factory=list)
+    """Log times [ns] and sequence numbers of the messages of each block."""
     first: bytes = b""  # the first message, to list its fields
     columns: Columns = field(init=False)  # the wanted fields, once all messages were read, in the order of recording
+    log_time: Indices = field(init=False)  # when these messages were logged [ns]
 
     def add(self, mine: MessageBlock) -> None:
-        self.first = self.first if self.log_times else mine.first()
+        self.first = self.first if self.blocks else mine.first()
         try:
             self.reader.read(mine.buffer, mine.starts, mine.lengths)
         except NoNumberError as error:
             raise self.wrong_field(str(error)) from error
-        self.log_times.append(mine.log_time)
-        self.sequences.append(mine.sequence)
+        self.blocks.append((mine.log_time, mine.sequence))
 
     def settle(self, damage: Damage) -> None:
         """Make the columns, count what does not fit, and remark on what is missing, once all messages were read."""
-        sequence = np.concatenate(self.sequences)
-        found = self.columns = self.reader.columns(rank_of(np.concatenate(self.log_times), sequence))
-        topic = f"topic '{self.channel.topic}'"
+        log_time, sequence = (np.concatenate(one) for one in zip(*self.blocks, strict=True))
+        found, topic = self.reader.columns(rank_of(log_time, sequence)), f"topic '{self.channel.topic}'"
+        self.columns, self.log_time = found, log_time[found.rows]
         if found.misfits:
             damage.misfits[self.channel.id] += found.misfits
             damage.remarks.append(f"{found.misfits} of {sequence.size} messages of {topic} are lost: {found.misfit}")
@@ -383,8 +383,7 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
     for path in first.values if others else ():
         first.values[path] = joined_numbers([one.columns.values[path] for one in used])
         first.present[path] = np.concatenate([one.columns.present[path] for one in used])
-    log_time = [np.concatenate(one.log_times)[one.columns.rows] for one in used]
-    channel = np.repeat(np.array([one.channel.id for one in used], np.uint16), [one.size for one in log_time])
+    channel = np.repeat(np.array([one.channel.id for one in used], np.uint16), [one.log_time.size for one in used])
     how = [
         {
             "channel": one.channel.id,
@@ -395,7 +394,7 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
         }
         for one in readers
     ]
-    return Decoded(np.concatenate(log_time), channel, first.values, first.present, how)
+    return Decoded(np.concatenate([one.log_time for one in used]), channel, first.values, first.present, how)
 
 
 def rank_of(log_time: Indices, sequence: NDArray[np.uint32]) -> Indices:
@@ -404,15 +403,13 @@ def rank_of(log_time: Indices, sequence: NDArray[np.uint32]) -> Indices:
     That of the file, unless a tool has sorted or merged it by log time since and the clock was set back while
     recording: the sequence numbers decide if each is its own and they go back often, or explain times that go back.
     """
-    rank = np.arange(sequence.size)
-    numbers = sequence.astype(np.int64)
+    rank, numbers = np.arange(sequence.size), sequence.astype(np.int64)
     backwards = int((np.diff(numbers) < 0).sum())
-    if not backwards or np.unique(numbers).size < numbers.size:
-        return rank
-    by_number = np.argsort(numbers, kind="stable")
-    explained = (np.diff(log_time) < 0).any() and (np.diff(log_time[by_number]) >= 0).all()
-    if backwards > 10 or explained:  # a publisher that was restarted goes back, a few times
-        rank[by_number] = np.arange(sequence.size)
+    if backwards and np.unique(numbers).size == numbers.size:
+        by_number = np.argsort(numbers, kind="stable")
+        explained = (np.diff(log_time) < 0).any() and (np.diff(log_time[by_number]) >= 0).all()
+        if backwards > 10 or explained:  # a publisher that was restarted goes back, a few times
+            rank[by_number] = np.arange(sequence.size)
     return rank
 
 

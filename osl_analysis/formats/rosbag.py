@@ -123,21 +123,18 @@ def bags_in(folder: Path) -> list[Path]:
 def split_parts(folder: Path) -> list[Path]:
     """The bags of one recording of ROS 1 in order; `rosbag record --max-splits` may have deleted earlier ones."""
     one_bag = "keep the files of one recording in the folder, or name one bag as the trial's log"
-    numbered, strangers, names = dict[int, Path](), [], set()
-    bags = bags_in(folder)
-    for path in bags:
-        if part := SPLIT_NAME.fullmatch(path.name):
-            numbered[int(part["number"])] = path
-            names.add(re.sub(r"\d{4}(-\d\d){5}", "DATE", part["name"]))  # each has its own, when it was begun
-        else:
-            strangers.append(path.name)
-    if strangers:
+    bags = {path.name: SPLIT_NAME.fullmatch(path.name) for path in bags_in(folder)}
+    parts = {name: part for name, part in bags.items() if part}
+    if strangers := [name for name in bags if name not in parts]:
         raise InputError(
             f"{folder}: {listing(strangers)} cannot be a file of a split recording of ROS 1, which are called "
             f"NAME_0.bag, NAME_1.bag; {one_bag}"
         )
+    numbered = {int(part["number"]): folder / name for name, part in parts.items()}
+    # a date in the name is when the file was begun: each has its own
+    names = {re.sub(r"\d{4}(-\d\d){5}", "DATE", part["name"]) for part in parts.values()}
     if len(names) > 1 or len(numbered) < len(bags):
-        raise InputError(f"{folder}: files of several recordings ({listing([path.name for path in bags])}); {one_bag}")
+        raise InputError(f"{folder}: files of several recordings ({listing([*bags])}); {one_bag}")
     missing = [f"{min(names)}_{one}.bag" for one in range(min(numbered), max(numbered)) if one not in numbered]
     if missing:
         raise InputError(
@@ -154,8 +151,7 @@ def read_rosbag1(path: Path) -> MessageFile:
     bags = [read_bag1(file) for file in split_parts(path)]
     log = SplitLog(path, sum(bag.size for bag in bags), parts=bags)
     begin = bags[0].path.name
-    first = SPLIT_NAME.fullmatch(begin)
-    if first and int(first["number"]) > 0:
+    if not re.search(r"_0+\.bag", begin):
         log.damage.remarks.append(f"the recording begins with '{begin}': its files before that are not here")
     return log
 
@@ -168,58 +164,57 @@ REINDEX = "write it again with `ros2 bag reindex`, or name one file of the recor
 class Description(NamedTuple):
     """What `metadata.yaml` says of a bag."""
 
-    parts: tuple[str, ...]  # names of its files, in the order of recording, without their folder
+    parts: list[Path]  # its files, in the order of recording
     counts: Counter[str]  # messages of each topic in all parts
     distribution: str  # distribution of ROS that recorded it, such as `humble`; empty where it is not said
-    is_packed: bool  # its files are compressed as a whole
 
 
-def read_description(folder: Path) -> Description:
-    """The description in a folder; raises InputError if there is none, or it is not what ROS 2 writes."""
+def read_description(folder: Path, *, whole: bool = True) -> Description:
+    """The description in a folder; raises InputError if there is none, or it is not what ROS 2 writes.
+
+    A recording that must be `whole` is refused where files are missing or compressed as a whole.
+    """
     path = folder / DESCRIPTION
     if not path.is_file():
-        raise InputError(f"{folder}: a folder without {DESCRIPTION}, which lists the parts of a bag; {REINDEX}")
+        raise InputError(
+            f"{folder}: a folder without {DESCRIPTION}, which lists the files of a ROS 2 bag; name the recording "
+            f"in it, or {REINDEX}"
+        )
     try:
         said = yaml.load(path.read_bytes(), Loader=yaml.CSafeLoader)["rosbag2_bagfile_information"]
-        parts = tuple(Path(str(part)).name for part in said["relative_file_paths"])  # older ones begin with the folder
-        if not parts or len(set(parts)) < len(parts):
+        names = [Path(str(part)).name for part in said["relative_file_paths"]]  # older ones begin with the folder
+        if not names or len(set(names)) < len(names):
             raise ValueError("relative_file_paths lists no file, or one twice")
         counts = Counter[str]()
         for topic in said["topics_with_message_count"]:
             counts[str(topic["topic_metadata"]["name"])] += int(topic["message_count"])
         mode = str(said.get("compression_mode") or "").lower() if said.get("compression_format") else ""
-        is_packed = mode == "file" or any(name.endswith(".zstd") for name in parts)
-        return Description(parts, counts, str(said.get("ros_distro") or ""), is_packed)
+        distribution = str(said.get("ros_distro") or "")
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{path}: no YAML ({' '.join(str(error).split())[:120]}); {REINDEX}") from error
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{path}: not the description of a ROS 2 bag ({error!s:.80}); {REINDEX}") from error
-
-
-def described_parts(folder: Path) -> list[Path]:
-    """The files of the ROS 2 bag in a folder, in the order of recording."""
-    described = read_description(folder)
-    missing = [name for name in described.parts if not (folder / name).is_file()]
-    if described.is_packed:
+    missing = [name for name in names if not (folder / name).is_file()]
+    if whole and (mode == "file" or any(name.endswith(".zstd") for name in names)):
         raise InputError(
-            f"{folder}: its files are compressed as a whole ({listing(described.parts)}); unpack them with `zstd -d`, "
-            "then run `ros2 bag reindex`"
+            f"{folder}: its files are compressed as a whole ({listing(names)}); unpack them with `zstd -d`, then run "
+            "`ros2 bag reindex`"
         )
-    if missing:
+    if whole and missing:
         raise InputError(
-            f"{folder}: {len(missing)} of the {len(described.parts)} files that {DESCRIPTION} lists are missing "
+            f"{folder}: {len(missing)} of the {len(names)} files that {DESCRIPTION} lists are missing "
             f"({listing(missing)}); copy them there, or name one file of the recording as the trial's log"
         )
-    return [folder / name for name in described.parts]
+    return Description([folder / name for name in names], counts, distribution)
 
 
 def siblings(path: Path) -> tuple[Description | None, str]:
     """The description beside one file of a bag, if it lists the file; and a remark for the user, or an empty text."""
     try:
-        described = read_description(path.parent)
+        described = read_description(path.parent, whole=False)
     except InputError:
         return None, ""
-    if path.name not in described.parts:
+    if path not in described.parts:
         return None, ""
     count, folder = len(described.parts), path.parent.name
     return described, f"one of the {count} files of a recording; name the folder '{folder}' to read all" * (count > 1)
@@ -231,7 +226,7 @@ def read_rosbag2(path: Path) -> MessageFile:
         return read_database(path)
     described = read_description(path)
     parts: list[MessageFile] = []
-    for file in described_parts(path):
+    for file in described.parts:
         begin = beginning(file)
         if begin.startswith(MCAP):
             parts.append(read_mcap(file))
@@ -357,7 +352,7 @@ def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: s
     `rosbags` has those of the standard types.
     """
     convert = (
-        "convert it with `ros2 bag convert` to MCAP where the type is installed, or record it with ROS 2 Iron or later"
+        "convert it with `ros2 bag convert` to MCAP where the type is installed, or record with ROS 2 Iron or later"
     )
     encoding, text = own.get(kind, ("", ""))
     if encoding == "ros2msg" and text.strip():
@@ -391,25 +386,16 @@ def folder_format(folder: Path) -> str:
     return "rosbag1" if not (folder / DESCRIPTION).is_file() and bags_in(folder) else "rosbag2"
 
 
-def files_in(folder: Path) -> list[Path]:
-    """The files of the recording in a folder: all that a trial is made of."""
+def files_in(folder: Path, *, whole: bool = True) -> list[Path]:
+    """The files of the recording in a folder: all that a trial is made of. Refused as in `read_description`."""
     if folder_format(folder) == "rosbag1":
         return split_parts(folder)
-    if not (folder / DESCRIPTION).is_file():
-        raise InputError(
-            f"{folder}: a folder that is no ROS 2 bag (it has no `{DESCRIPTION}` that lists its files); name the "
-            f"recording in it; {REINDEX}"
-        )
-    return [folder / DESCRIPTION, *described_parts(folder)]
+    return [folder / DESCRIPTION, *read_description(folder, whole=whole).parts]
 
 
 def recorded_files(path: Path) -> list[Path]:
     """The files of a log, also where some are missing; a folder that is no recording stands for itself."""
-    if not path.is_dir():
-        return [path]
     try:
-        if folder_format(path) == "rosbag1":
-            return split_parts(path)
-        return [path / DESCRIPTION, *(path / part for part in read_description(path).parts)]
+        return files_in(path, whole=False) if path.is_dir() else [path]
     except InputError:
         return [path]

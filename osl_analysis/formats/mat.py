@@ -12,6 +12,7 @@ import math
 import re
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -154,25 +155,21 @@ def variable_classes(data: bytes) -> dict[str, str]:
     scipy calls every object None, and is silent about a file that ends between two variables.
     """
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
-    if order is None:
-        raise InputError(f"the header of a MATLAB file is damaged at byte 126; {DAMAGED}")
     matrix, compressed, opaque = 14, 15, 17  # types of parts, and the class of objects that only MATLAB can read
     found, at = dict[str, str](), 128
     while at < len(data):
-        if at + 8 > len(data):
-            raise InputError(f"ends within a variable; {DAMAGED}")
-        kind, size = struct.unpack_from(f"{order}II", data, at)
-        start, at = at + 8, at + 8 + size + (-size % 8 if kind == matrix else 0)
-        if start + size > len(data):
-            raise InputError(f"declares {size} bytes where {len(data) - start} are left; {DAMAGED}")
+        start = at + 8
+        whole = order is not None and start <= len(data)
+        kind, size = struct.unpack_from(f"{order}II", data, at) if whole else (0, 0)
+        if kind not in (matrix, compressed) or start + size > len(data):
+            raise InputError(f"damaged or cut off at byte {at}, where a variable is expected; {DAMAGED}")
+        at = start + size + (-size % 8 if kind == matrix else 0)
         content = data[start : start + size]
         if kind == compressed:
             try:
                 content = zlib.decompressobj().decompress(content, 4096)[8:]  # enough for its name
             except zlib.error as error:
                 raise InputError(f"the compressed variable at byte {start} is damaged ({error}); {DAMAGED}") from error
-        elif kind != matrix:
-            raise InputError(f"holds a part of type {kind} at byte {start} where a variable is expected; {DAMAGED}")
         is_object = struct.unpack_from(f"{order}I", content, 8)[0] & 0xFF == opaque
         parts, place = list[str](), 0  # flags, and then size and name, or name, system and class
         for _ in range(4 if is_object else 3):
@@ -329,66 +326,39 @@ def no_variable(file: MatFile, address: Address) -> InputError:
 
 def find(variables: Mapping[str, Value], names: Sequence[str], address: Address) -> Value:
     """What stands at an address. `names` are those of all variables of the file, for messages."""
-    place = address.variable
-    if place not in variables:
-        raise no_such(address, "the file", place, "variable", names)
-    value = variables[place]
-    for step in address.steps[1:]:
-        value = one_step(value, step, place, address)
-        place += f".{step['name']}" if step["name"] else step[0]
+    value, place = Value("struct", elements=[variables]), ""
+    for step in address.steps:
+        own = step["name"] or (f"({step['field']}={step['value'].strip()})" if step["field"] else step[0])
+        below = parts_of(value)
+        if own not in below:
+            known = [*below] if place else names
+            has = f"it has {listing(known, 12)}{nearest(own, known)}" if known else value.remedy()
+            what = f"{place} is a {value.described()} and" if place else "the file"
+            raise InputError(f"{address.text}: {what} has no {own}; {has}")
+        value = below[own]
+        place += f".{own}" if place and step["name"] else own
     return value
 
 
-def no_such(address: Address, place: str, name: str, what: str, known: Sequence[str]) -> InputError:
-    has = f"{place} has no {what} '{name}'; it has {listing(known, 12)}{nearest(name, known)}"
-    return InputError(f"{address.text}: {has}")
-
-
-def one_step(value: Value, step: re.Match[str], place: str, address: Address) -> Value:
-    """What one step leads to from the value at a place; raises as `find`."""
-    here = f"{address.text}: {place}"
-    is_a = f"{here} is a {value.described()}"
-    if name := step["name"]:
-        if value.kind != "struct":
-            remedy = f"; {value.remedy()}" if value.numbers is None and value.kind != "cell" else ""
-            raise InputError(f"{is_a}, no struct with fields{remedy}")
-        if name not in value.fields:
-            raise no_such(address, place, name, "field", value.fields)
-        if len(value.elements) != 1:
-            choice = f"choose one, as {place}(1), or {place}(field=value)"
-            raise InputError(f"{here} is an array of {len(value.elements)} structs; {choice}")
-        return value.elements[0][name]
-    if step["column"] or step["row"]:
-        numbers = real_numbers(here, value)
-        axis, number = (1, int(step["column"])) if step["column"] else (0, int(step["row"]))
-        if numbers.ndim != 2 or number > numbers.shape[axis]:
-            raise InputError(f"{is_a}; it has no {step[0]}")
-        line: Array = np.take(numbers, [number - 1], axis=axis).reshape(-1, 1)
-        return Value(value.kind, line.shape, line)
-    if name := step["field"]:
-        if name not in value.fields:
-            raise no_such(address, place, name, "field", value.fields)
+def parts_of(value: Value) -> dict[str, Value]:
+    """What stands in a value, by the step that leads to it: `torque`, `(2)`, `(name=slow)`, `{1}`, `(:,3)`, `(1,:)`."""
+    if value.numbers is not None and value.numbers.ndim == 2:
+        lines = [(f"(:,{n})", one) for n, one in enumerate(value.numbers.T, 1)]
+        lines += [(f"({n},:)", one) for n, one in enumerate(value.numbers, 1)]
+        return {step: Value(value.kind, (one.size, 1), one.reshape(-1, 1)) for step, one in lines}
+    parts = dict(value.elements[0]) if len(value.elements) == 1 else {}
+    parts |= {f"{{{number}}}": one for number, one in enumerate(value.cells, 1)}
+    elements = [Value("struct", elements=[one]) for one in value.elements]
+    parts |= {f"({number})": one for number, one in enumerate(elements, 1)}
+    for name in value.fields:
         labels = []
         for one in (fields[name] for fields in value.elements):
-            number_of = f"{one.numbers.item():g}" if one.numbers is not None and one.size == 1 else ""
-            labels.append(one.text.strip() if one.kind == "char" else number_of)
-        fitting = [one for one, label in zip(value.elements, labels, strict=True) if label == step["value"].strip()]
-        if len(fitting) != 1:
-            raise InputError(
-                f"{address.text}: {len(fitting)} elements of {place} have {name} = {step['value']}; they are "
-                f"{listing(labels, 12)}"
-            )
-        return Value("struct", elements=fitting)
-    if step["cell"] and value.kind != "cell":
-        raise InputError(f"{is_a}, no cell; leave out {step[0]}")
-    if step["number"] and value.kind == "cell":
-        raise InputError(f"{here} is a cell; write {{{step['number']}}} for ({step['number']})")
-    if step["number"] and value.kind != "struct":
-        raise InputError(f"{is_a}; write (:,{step['number']}) for its column")
-    number, count = int(step["cell"] or step["number"]), len(value.cells or value.elements)
-    if number > count:
-        raise InputError(f"{here} has {count} elements; choose one of 1 to {count}")
-    return value.cells[number - 1] if step["cell"] else Value("struct", elements=[value.elements[number - 1]])
+            number = f"{one.numbers.item():g}" if one.numbers is not None and one.size == 1 else ""
+            labels.append(one.text.strip() if one.kind == "char" else number)
+        counts = Counter(labels)
+        named = zip(labels, elements, strict=True)
+        parts |= {f"({name}={label})": one for label, one in named if label and counts[label] == 1}
+    return parts
 
 
 def vector(address: Address, value: Value) -> Array:

@@ -73,7 +73,7 @@ def test_an_address_in_matlabs_notation_leads_to_the_numbers(write, address, exp
     ("address", "message"),
     {
         "Tset.slow": "the file has no Tset; it has",
-        "Test.slow.torqe": "Test.slow is a 1x1 struct and has no torqe; it has note, torque, (1), (note=left); did you mean 'torque'?",
+        "Test.slow.torqe": "and has no torqe; it has note, torque, (1), (note=left); did you mean 'torque'?",
         "Test.slow": "is a 1x1 struct, not numbers; name one of its fields (note, torque)",
         "Test.slow.note": "is a 1x4 char, not real numbers; save it as numbers: `str2double(x)`",
         "Test.data": "is a 12x2 double; choose one column, as Test.data(:,1), or one row",

@@ -335,28 +335,19 @@ OTHER = log(schema() + channel(1, b"/other") + channel(2, b"/lab"), chunk(b"".jo
 FIRST = log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({1: 20}, 2))
 
 
-# a cut record may end exactly with the header of the second log
-ENDS = [FIRST.index(part) + len(part) - 8 - len(header()) for part in (chunk(TEN), chunk(TWENTY))]
-
-
-@pytest.mark.parametrize("cut", [*range(len(log()), len(FIRST), 7), *ENDS, len(FIRST)])
-def test_two_logs_in_one_file_are_refused_wherever_the_first_one_ends(tmp_path: Path, cut: int) -> None:
-    assert f"holds two logs, the second from byte {cut} on: split them" in refused(tmp_path, FIRST[:cut] + OTHER)
-
-
-def test_a_log_that_was_appended_without_its_magic_is_refused(tmp_path: Path) -> None:
+def test_a_log_behind_one_that_was_not_finished_is_refused_wherever_that_ends(tmp_path: Path) -> None:
+    for cut in range(len(log()), len(FIRST), 7):
+        assert f"holds two logs, the second from byte {cut} on: split them" in refused(tmp_path, FIRST[:cut] + OTHER)
     unfinished = FIRST[: FIRST.index(chunk(TWENTY)) + len(chunk(TWENTY))]
-    assert f"holds two logs, the second from byte {len(unfinished)} on" in refused(tmp_path, unfinished + OTHER[8:])
-    without_header = OTHER[8 + len(header()) :]
-    assert "channel 1 is '/lab' in one part of the file and '/other' in another" in refused(
-        tmp_path, unfinished + without_header
-    )
+    said = refused(tmp_path, unfinished + OTHER[8 + len(header()) :])
+    assert "channel 1 is '/lab' in one part of the file and '/other' in another" in said
 
 
 def test_bytes_after_the_end_are_refused_with_the_byte_to_cut_at(tmp_path: Path) -> None:
-    said = refused(tmp_path, FIRST + bytes(100))
-    assert f"ends at byte {len(FIRST)} and has 100 bytes after it" in said
-    assert f"`head -c {len(FIRST)}`" in said
+    for more in (bytes(100), OTHER):
+        said = refused(tmp_path, FIRST + more)
+        assert f"ends at byte {len(FIRST)} and has {len(more)} bytes after it; keep what is before them" in said
+        assert f"`head -c {len(FIRST)}`" in said
 
 
 @pytest.mark.parametrize("crc", [True, False])

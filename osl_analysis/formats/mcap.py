@@ -10,7 +10,6 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -115,7 +114,7 @@ class McapFile(MessageFile):
     # --- the top level, from record to record
 
     def scan(self) -> None:
-        """Find the parts of the file, and note their damage; raises RefusedFileError if it is two logs."""
+        """Find the parts of the file, and note their damage; RefusedFileError if another log follows."""
         position, damage = len(MAGIC), self.damage
         while position < len(self.data) and not damage.finished:
             position = self.scan_record(position)
@@ -124,6 +123,12 @@ class McapFile(MessageFile):
             self.sections.pop()  # the record in which the file was cut off: nobody knows what it held
         damage.gaps = self.summary_damaged or self.missing != 0 or any(one.lost for one in self.sections)
         damage.bytes = self.data_end - len(MAGIC) + max(0, self.missing)
+        second = self.data.find(MAGIC + b"\1", 1) if damage.gaps or not damage.finished else 0
+        if second > 0:  # the number of a channel means one topic in the first log and may mean another in the second
+            raise RefusedFileError(
+                f"holds two logs, the second from byte {second} on: split them into two files there (`head -c`, "
+                "`tail -c`) and give each a trial of its own"
+            )
         if not damage.finished:
             damage.remarks.append("no footer: the recorder did not finish, or the end is lost; how much is not known")
         elif self.summary_damaged:
@@ -160,7 +165,6 @@ class McapFile(MessageFile):
             return self.take_lost(position)
         if opcode == Opcode.CHUNK:
             if self.data_end:  # a chunk after the end of the data shows that this was not the end
-                self.refuse_second_log()
                 self.data_end, self.data_crc, self.summary_damaged = 0, "", True
             self.chunked = True
             self.sections.append(Section(start, end, chunk_head(data, start, end)))
@@ -173,8 +177,6 @@ class McapFile(MessageFile):
             (expected,) = struct.unpack_from("<I", data, start)
             if expected:
                 self.data_crc = "right" if zlib.crc32(data[: self.data_end]) == expected else "wrong"
-        elif opcode == Opcode.HEADER and position > len(MAGIC) and is_header(data, start, end):
-            raise two_logs(position)
         elif opcode == Opcode.FOOTER:
             self.take_footer(start, end)
         elif opcode == Opcode.CHUNK_INDEX:
@@ -196,10 +198,9 @@ class McapFile(MessageFile):
         data, after = self.data, end + len(MAGIC)
         self.damage.finished = data[end:after] == MAGIC
         if self.damage.finished and len(data) > after:
-            self.refuse_second_log()
             raise RefusedFileError(
-                f"ends at byte {after} and has {len(data) - after} bytes after it; if they are nothing, keep what is "
-                f"before them (`head -c {after}`), else record again"
+                f"ends at byte {after} and has {len(data) - after} bytes after it; keep what is before them (`head -c "
+                f"{after}`), and if they are another log, give that a file and a trial of its own (`tail -c`)"
             )
         declared, _, expected = struct.unpack_from("<QQI", data, start)
         if not self.summary_begin and declared:  # the end of the data is damaged
@@ -221,7 +222,6 @@ class McapFile(MessageFile):
         checksum cannot be checked.
         """
         data = self.data
-        self.refuse_second_log()
         resume = self.resume_at(position + 1, loose=False)
         self.chunked |= data[position] == Opcode.CHUNK
         self.chunked |= resume < len(data) and data[resume] in (Opcode.CHUNK, Opcode.MESSAGE_INDEX)
@@ -265,23 +265,6 @@ class McapFile(MessageFile):
             return False
         return bool(end + RECORD.size + RECORD.unpack_from(self.data, end)[1] <= len(self.data))
 
-    @cached_property
-    def second_log(self) -> int:
-        """Where another log begins, as after `cat a.mcap b.mcap`; 0 if none does. Asked only of damaged files."""
-        place = 0
-        while (place := self.data.find(MAGIC, place + 1)) > 0:
-            start = place + len(MAGIC) + RECORD.size
-            if start <= len(self.data):
-                opcode, length = RECORD.unpack_from(self.data, start - RECORD.size)
-                if opcode == Opcode.HEADER and is_header(self.data, start, start + length):
-                    return place
-        return 0
-
-    def refuse_second_log(self) -> None:
-        """The number of a channel means one topic in the first log and may mean another in the second."""
-        if self.second_log:
-            raise two_logs(self.second_log)
-
     # --- the messages
 
     def blocks(self) -> Iterator[MessageBlock]:
@@ -297,7 +280,6 @@ class McapFile(MessageFile):
                     buffer, found = self.walk_of(section, section.head)
                     covered = section.head.crc != 0
                 except DamagedChunkError as error:
-                    self.refuse_second_log()  # a cut chunk may reach into the next log
                     self.lose(section, f"the chunk at byte {section.start} is damaged: it {error}")
                     continue
             if found is None:
@@ -364,7 +346,7 @@ class McapFile(MessageFile):
 
 
 def read_mcap(path: Path) -> McapFile:
-    """Scan a file; its messages are read by `blocks`. InputError if it is empty, no MCAP file, or two logs."""
+    """Scan a file; its messages are read by `blocks`. InputError if it is empty or no MCAP file."""
     data = path.read_bytes()
     if not data:
         raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial")
@@ -380,13 +362,6 @@ def read_mcap(path: Path) -> McapFile:
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     return opened
-
-
-def two_logs(place: int) -> RefusedFileError:
-    return RefusedFileError(
-        f"holds two logs, the second from byte {place} on: split them into two files there (`head -c`, `tail -c`) and "
-        "give each a trial of its own"
-    )
 
 
 def walk_records(buffer: bytes, begin: int, listed: Indices | None = None) -> Walk:
@@ -482,11 +457,3 @@ def message_index(data: bytes, start: int, end: int, *, exact: bool = False) -> 
     if size % 16 or size > end - start - 6 or (exact and size < end - start - 6):
         return None
     return channel, np.frombuffer(data, "<i8", size // 8, start + 6)[1::2]  # log time and place of each message
-
-
-def is_header(data: bytes, start: int, end: int) -> bool:
-    """Whether the content of a record is a header: the lengths of its two texts leave nothing over."""
-    if end > len(data) or end - start < 8:
-        return False
-    library = start + 4 + int(struct.unpack_from("<I", data, start)[0])
-    return library + 4 <= end and bool(library + 4 + struct.unpack_from("<I", data, library)[0] == end)

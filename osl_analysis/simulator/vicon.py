@@ -21,8 +21,6 @@ from osl_analysis.simulator.walking_settings import CaptureSettings, MovingPlate
 from osl_analysis.trial import Array
 
 MM = 1e3
-RESIDUAL_SEEN, RESIDUAL_HIDDEN = 0.0, -1.0
-"""Residuals of seen and hidden markers. 0, because readers disagree about the byte that holds a positive residual."""
 
 
 @dataclass(frozen=True)
@@ -50,73 +48,62 @@ class C3dRecording:
 
 def write_c3d(path: Path, recording: C3dRecording) -> None:
     """Write a recording; the file, whose name must end in .c3d, appears whole or not at all. A hidden marker is stored
-    as Nexus does it: coordinates 0 and residual -1."""
-    file = ezc3d.c3d()
+    as Nexus does it: coordinates 0 and residual -1. That of a seen one is 0, because readers disagree about the byte
+    that holds a positive residual."""
+    file: Any = ezc3d.c3d()
     seen = np.isfinite(recording.points).all(axis=2).T
     points = np.ones((4, *seen.shape))
     points[:3] = np.where(seen, recording.points.transpose(2, 1, 0) * MM, 0.0)
     file["data"]["points"] = points
     file["data"]["meta_points"] = {
-        "residuals": np.where(seen, RESIDUAL_SEEN, RESIDUAL_HIDDEN)[None],
+        "residuals": np.where(seen, 0.0, -1.0)[None],
         "camera_masks": np.zeros((7, *seen.shape), dtype=bool),
     }
     file["data"]["analogs"] = recording.analogs.T[None]
-    describe(file, recording)
+    rate, screen, calibration = np.array([float(recording.point_rate_hz)]), recording.screen, recording.calibration
+    groups: dict[str, dict[str, Any]] = {
+        "POINT": {
+            "LABELS": list(recording.labels),
+            "DESCRIPTIONS": [""] * len(recording.labels),
+            "UNITS": ["mm"],
+            "RATE": rate,
+            **({"X_SCREEN": [screen[0]], "Y_SCREEN": [screen[1]]} if screen else {}),
+            "FORCE_UNITS": ["N"],
+            "MOMENT_UNITS": ["Nmm"],
+        },
+        "ANALOG": {
+            "LABELS": list(recording.channels),
+            "DESCRIPTIONS": [""] * len(recording.channels),
+            "UNITS": list(recording.units),
+            "RATE": np.array([float(recording.analog_rate_hz)]),
+            "FORMAT": ["SIGNED"],
+        },
+        "FORCE_PLATFORM": {
+            "USED": np.array([1]),
+            "TYPE": np.array([recording.plate_type]),
+            "ZERO": np.array([1, 0]),
+            "CORNERS": recording.corners.T[:, :, None] * MM,
+            "ORIGIN": recording.origin[:, None] * MM,
+            "CHANNEL": np.arange(1, 9 if recording.plate_type == 3 else 7)[:, None],
+            "CAL_MATRIX": np.zeros(0) if calibration is None else calibration[:, :, None],
+        },
+        "TRIAL": {"CAMERA_RATE": rate},
+        "PROCESSING": {} if recording.body_mass_kg is None else {"BODYMASS": np.array([recording.body_mass_kg])},
+        "SUBJECTS": {} if recording.subject is None else {"NAMES": [recording.subject]},
+        "MANUFACTURER": {"COMPANY": ["osl-analysis"], "SOFTWARE": ["simulator"]},
+    }
+    parameters = file["parameters"]
+    for group, values in groups.items():
+        if values:
+            parameters.create_group_if_needed(group)
+        for name, value in values.items():
+            # C3D's types are bytes per element, -1 for characters. ezc3d's own `add_parameter` makes floats of whole
+            # numbers, which other readers refuse in CHANNEL and TYPE
+            kind = -1 if isinstance(value, list) else 2 if value.dtype.kind == "i" else 4
+            known = parameters[group].get(name, {"description": "", "is_locked": False})
+            parameters[group][name] = {**known, "type": kind, "value": value}
     with atomic_path(path) as temporary:
         file.write(str(temporary))
-
-
-def describe(file: Any, recording: C3dRecording) -> None:
-    """Fill the parameter groups of an open file."""
-    set_parameters(
-        file,
-        "POINT",
-        LABELS=list(recording.labels),
-        DESCRIPTIONS=[""] * len(recording.labels),
-        UNITS=["mm"],
-        RATE=np.array([float(recording.point_rate_hz)]),
-        **({"X_SCREEN": [recording.screen[0]], "Y_SCREEN": [recording.screen[1]]} if recording.screen else {}),
-        FORCE_UNITS=["N"],
-        MOMENT_UNITS=["Nmm"],
-    )
-    set_parameters(
-        file,
-        "ANALOG",
-        LABELS=list(recording.channels),
-        DESCRIPTIONS=[""] * len(recording.channels),
-        UNITS=list(recording.units),
-        RATE=np.array([float(recording.analog_rate_hz)]),
-        FORMAT=["SIGNED"],
-    )
-    set_parameters(
-        file,
-        "FORCE_PLATFORM",
-        USED=np.array([1]),
-        TYPE=np.array([recording.plate_type]),
-        ZERO=np.array([1, 0]),
-        CORNERS=recording.corners.T[:, :, None] * MM,
-        ORIGIN=recording.origin[:, None] * MM,
-        CHANNEL=np.arange(1, 9 if recording.plate_type == 3 else 7)[:, None],
-        CAL_MATRIX=np.zeros(0) if recording.calibration is None else recording.calibration[:, :, None],
-    )
-    set_parameters(file, "TRIAL", CAMERA_RATE=np.array([float(recording.point_rate_hz)]))
-    if recording.body_mass_kg is not None:
-        set_parameters(file, "PROCESSING", BODYMASS=np.array([recording.body_mass_kg]))
-    if recording.subject is not None:
-        set_parameters(file, "SUBJECTS", NAMES=[recording.subject])
-    set_parameters(file, "MANUFACTURER", COMPANY=["osl-analysis"], SOFTWARE=["simulator"])
-
-
-def set_parameters(file: Any, group: str, **values: list[str] | np.ndarray[Any, Any]) -> None:
-    """Set parameters of one group, typed by their values: strings, whole numbers or floats. ezc3d's own `add_parameter`
-    makes floats of whole numbers, which other readers refuse in CHANNEL and TYPE."""
-    parameters = file["parameters"]
-    parameters.create_group_if_needed(group)
-    for name, value in values.items():
-        # C3D's types are bytes per element, -1 for characters
-        kind = -1 if isinstance(value, list) else 2 if value.dtype.kind == "i" else 4
-        known = parameters[group].get(name, {"description": "", "is_locked": False})
-        parameters[group][name] = {**known, "type": kind, "value": value}
 
 
 MarkerPlace = tuple[float, float, float]
@@ -141,8 +128,6 @@ PLATFORM = {
     "PLAT4": (0.285, -0.230, 0.004),
 }
 ANKLE_AXIS = {"ANKLE_MED": (0.0, 0.042, 0.0), "ANKLE_LAT": (0.0, -0.042, 0.0)}
-HIGH_V = 5.0
-TRIGGER_S = 0.02
 
 
 def sync_level(trial: str, seed: int, duration: float, time: Array) -> Array:
@@ -167,22 +152,18 @@ class Scene:
 
 def platform_markers(platform: Pose, walking: WalkingSettings) -> dict[str, Array]:
     """Exact paths [m], shape (n, 3) each, of the markers on the platform."""
-    centre = np.array(walking.plate.centre_m)
-    return {label: platform.point(centre + np.array(place)) for label, place in PLATFORM.items()}
+    return on_body(platform, {label: np.add(walking.plate.centre_m, place) for label, place in PLATFORM.items()})
 
 
 def leg_markers(foot: Pose, shank: Pose, condition: Condition, walking: WalkingSettings, seed: int) -> dict[str, Array]:
     """Exact paths [m], shape (n, 3) each, of the markers that foot and shank always carry. Their places scatter from
     session to session of each person about those of the campaign's first one."""
-    session = f"{condition.person} {condition.session}"
+    session, paths = f"{condition.person} {condition.session}", dict[str, Array]()
     scatter = 1e-3 * walking.effects.marker_placement.value if condition.attached_anew else 0.0
-
-    def attached(nominal: Mapping[str, MarkerPlace]) -> dict[str, Array]:
-        """The places [m] of markers on their body."""
-        streams = {label: stream(seed, session, f"marker_placement_{label}") for label in nominal}
-        return {label: place + scatter * streams[label].standard_normal(3) for label, place in nominal.items()}
-
-    return on_body(foot, attached(FOOT)) | on_body(shank, attached(SHANK))
+    for body, nominal in ((foot, FOOT), (shank, SHANK)):
+        draws = {label: stream(seed, session, f"marker_placement_{label}").standard_normal(3) for label in nominal}
+        paths |= on_body(body, {label: place + scatter * draws[label] for label, place in nominal.items()})
+    return paths
 
 
 def on_body(body: Pose, places: Mapping[str, MarkerPlace | Array]) -> dict[str, Array]:
@@ -191,13 +172,6 @@ def on_body(body: Pose, places: Mapping[str, MarkerPlace | Array]) -> dict[str, 
 
 
 PLATE_AXES = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-
-
-def plate_corners(plate: MovingPlate) -> Array:
-    """The four corners [m] of the resting plate in laboratory axes, shape (4, 3), in C3D's order."""
-    quadrants = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]], dtype=float) @ PLATE_AXES.T
-    half = 0.5 * np.array([*plate.size_m, 0.0])
-    return np.asarray(np.array(plate.centre_m) + quadrants * half)
 
 
 def sensor_from_centre(plate: MovingPlate) -> Array:
@@ -219,18 +193,11 @@ def sensor_reading(
     turned = platform.rotation @ PLATE_AXES
     body = RigidBody(mass, np.add(plate.centre_m, plate.centre_of_mass_m), np.array(plate.gyration_m))
     own = body.support(platform, rate_hz)
-    origin = platform.point(sensor)
-    resting = -mass * FREE_FALL
+    origin, resting = platform.point(sensor), -mass * FREE_FALL
+    force = np.einsum("nji,nj->ni", turned, reaction.force + own.force)
+    moment = np.einsum("nji,nj->ni", turned, reaction.moment_about(origin) + own.moment_about(origin))
     zero_moment = np.cross(body.centre_of_mass - sensor, resting)
-    return (
-        in_axes(turned, reaction.force + own.force) - resting @ PLATE_AXES,
-        in_axes(turned, reaction.moment_about(origin) + own.moment_about(origin)) - zero_moment @ PLATE_AXES,
-    )
-
-
-def in_axes(rotation: Array, vectors: Array) -> Array:
-    """Laboratory vectors, shape (n, 3), in the axes that are the columns of rotation (n, 3, 3)."""
-    return np.asarray(np.einsum("nji,nj->ni", rotation, vectors))
+    return force - resting @ PLATE_AXES, moment - zero_moment @ PLATE_AXES
 
 
 CHANNELS_OF_TYPE = {
@@ -245,68 +212,42 @@ UNITS_OF_TYPE = {
     3: ("N",) * 8,
     4: ("V",) * 6,
 }
-PRESSURE_FROM_N = 20.0
-"""Vertical force from which on a plate of type 1 reports a centre of pressure; below it reports 0."""
-VOLTS_PER = np.array([2e-3, 2e-3, 1e-3, 1e-5, 1e-5, 2e-5])
-CROSSTALK = 0.01  # Share of each channel of type 4 in the next one
 
 
 def plate_channels(force: Array, moment: Array, walking: WalkingSettings) -> tuple[Array, Array, Array | None]:
     """The channels of the plate's type from force [N] and moment [N*m] about the sensor origin, shape (n, 3) each;
     ORIGIN [m]; and the calibration matrix of type 4, whose channels are voltages with crosstalk.
 
+    Type 1 has force, centre of pressure on the surface (0 below 20 N) and free moment, as computed by a plate that
+    knows no motion. Type 3 has the forces of four sensors in the corners (+a, +b), (-a, +b), (-a, -b), (+a, -b);
+    statics leave how the horizontal pairs share Mz, and a torsion of the four vertical forces: half each, and none.
     ORIGIN of types 2 and 4 has the sign of Vicon Nexus: z > 0 for a sensor below the surface. The C3D manual defines
     the opposite vector, and readers reverse it by the sign of z.
     """
     plate, capture = walking.plate, walking.capture
     origin = np.asarray(PLATE_AXES.T @ sensor_from_centre(plate))
     if capture.plate_type == 1:
-        return pressure_channels(force, moment + np.cross(origin, force)), np.zeros(3), None
+        moment = moment + np.cross(origin, force)
+        loaded = np.abs(force[:, 2]) > 20.0
+        upward = np.where(loaded, force[:, 2], 1.0)
+        x, y = np.where(loaded, [-moment[:, 1] / upward, moment[:, 0] / upward], 0.0)
+        free = np.where(loaded, moment[:, 2] - x * force[:, 1] + y * force[:, 0], 0.0)
+        return np.column_stack([force, MM * x, MM * y, MM * free]), np.zeros(3), None
     if capture.plate_type == 3:
         (a, b), depth = capture.sensor_span_m, plate.sensor_depth_m
-        lever = PLATE_AXES.T @ np.array([*plate.sensor_offset_m, 0.0])
-        return corner_forces(force, moment + np.cross(lever, force), a, b), np.array([a, b, -depth]), None
+        moment = moment + np.cross(PLATE_AXES.T @ np.array([*plate.sensor_offset_m, 0.0]), force)
+        (x, y, z), (m_x, m_y, m_z) = force.T, moment.T
+        corners = [x / 2 - m_z / (4 * b), x / 2 + m_z / (4 * b), y / 2 + m_z / (4 * a), y / 2 - m_z / (4 * a)]
+        for right, front in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
+            corners.append(z / 4 + front * m_x / (4 * b) - right * m_y / (4 * a))
+        return np.column_stack(corners), np.array([a, b, -depth]), None
     wrench = np.hstack([force, MM * moment])
     if capture.plate_type == 2:
         return wrench, origin, None
+    volts, crosstalk = np.array([2e-3, 2e-3, 1e-3, 1e-5, 1e-5, 2e-5]), 0.01  # of each channel in the next one
     scale = np.array([1, 1, 1, MM, MM, MM])
-    sensitivity = (np.eye(6) + CROSSTALK * np.eye(6, k=1)) * VOLTS_PER[:, None] * 10 / scale
+    sensitivity = (np.eye(6) + crosstalk * np.eye(6, k=1)) * volts[:, None] * 10 / scale
     return wrench @ sensitivity.T, origin, np.linalg.inv(sensitivity)
-
-
-def pressure_channels(force: Array, moment: Array) -> Array:
-    """Channels of type 1, shape (n, 6): force, centre of pressure on the surface and free moment, as computed by a
-    plate that knows no motion, from the moment [N*m] about the surface's centre."""
-    loaded = np.abs(force[:, 2]) > PRESSURE_FROM_N
-    upward = np.where(loaded, force[:, 2], 1.0)
-    x, y = np.where(loaded, [-moment[:, 1] / upward, moment[:, 0] / upward], 0.0)
-    free = np.where(loaded, moment[:, 2] - x * force[:, 1] + y * force[:, 0], 0.0)
-    return np.column_stack([force, MM * x, MM * y, MM * free])
-
-
-def corner_forces(force: Array, moment: Array, a: float, b: float) -> Array:
-    """Channels of type 3, shape (n, 8): forces of four sensors in the corners (+a, +b), (-a, +b), (-a, -b), (+a, -b),
-    from the moment [N*m] about their middle. Statics leave how the horizontal pairs share Mz, and a torsion of the four
-    vertical forces: half each, and none."""
-    (x, y, z), (m_x, m_y, m_z) = force.T, moment.T
-    channels = [x / 2 - m_z / (4 * b), x / 2 + m_z / (4 * b), y / 2 + m_z / (4 * a), y / 2 - m_z / (4 * a)]
-    for right, front in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
-        channels.append(z / 4 + front * m_x / (4 * b) - right * m_y / (4 * a))
-    return np.column_stack(channels)
-
-
-def as_amplified(channels: Array, walking: WalkingSettings) -> Array:
-    """The plate's channels inside the rails of their amplifiers, with the dead ones."""
-    capture, effects, kind = walking.capture, walking.effects, walking.capture.plate_type
-    rails = {
-        "N": (effects.sensor_clip if kind == 3 else effects.force_clip).value,
-        "Nmm": MM * effects.moment_clip.value,
-    }
-    limits = np.array([rails.get(unit, 0.0) or np.inf for unit in UNITS_OF_TYPE[kind]])
-    limited = np.clip(channels, -limits, limits)
-    for label, value in capture.dead_channels.items():
-        limited[:, CHANNELS_OF_TYPE[kind].index(label)] = value
-    return limited
 
 
 def in_file_axes(places: Array, capture: CaptureSettings) -> Array:
@@ -315,32 +256,44 @@ def in_file_axes(places: Array, capture: CaptureSettings) -> Array:
     return places if capture.up_axis == "z" else np.stack([x, z, -y], axis=-1)
 
 
-def labels_in(trial: str, labels: tuple[str, ...], capture: CaptureSettings) -> tuple[str, ...]:
-    """The labels that a trial's markers have in the file."""
-    if capture.swapped_in is not None and trial not in capture.swapped_in:
-        return labels
-    other = {a: b for pair in capture.swapped_labels for a, b in (pair, pair[::-1])}
-    return tuple(other.get(label, label) for label in labels)
-
-
 def vicon_recording(trial: str, seed: int, scene: Scene, walking: WalkingSettings) -> C3dRecording:
-    """The Vicon recording of a scene."""
-    rates, plate, capture, kind = walking.rates, walking.plate, walking.capture, walking.capture.plate_type
+    """The Vicon recording of a scene: markers with noise and gaps; the plate inside the rails of its amplifiers, with
+    lag, offset and noise, and the dead channels; synchronisation, and the trigger, which is high for 20 ms."""
+    rates, plate, capture, effects = walking.rates, walking.plate, walking.capture, walking.effects
     exact = np.stack(list(scene.markers.values()), axis=1)[:: rates.motion_hz // rates.points_hz]
-    time = np.arange(len(exact) * (rates.analogs_hz // rates.points_hz)) / rates.analogs_hz
-    true = sensor_reading(scene.reaction, scene.platform, plate, walking.effects.plate_inertia.value, rates.motion_hz)
-    force, moment = disturbed_reading(trial, seed, true, time, walking)
-    channels, origin, calibration = plate_channels(force, moment, walking)
-    levels = [sync_level(trial, seed, walking.gait.recording_s, time), trigger(time, scene.command)]
+    time, kind = np.arange(len(exact) * (rates.analogs_hz // rates.points_hz)) / rates.analogs_hz, capture.plate_type
+    true = sensor_reading(scene.reaction, scene.platform, plate, effects.plate_inertia.value, rates.motion_hz)
+    disturbed = []
+    for quantity, values in zip(("force", "moment"), true, strict=True):
+        noise = stream(seed, trial, f"{quantity}_noise").standard_normal((len(time), 3))
+        offset = stream(seed, trial, f"{quantity}_offset").standard_normal(3)
+        late = interpolated_at(values, rates.motion_hz, time - 1e-3 * effects.plate_lag.value)
+        late = late + getattr(effects, f"{quantity}_noise").value * noise
+        disturbed.append(late + getattr(effects, f"{quantity}_offset").value * offset)
+    channels, origin, calibration = plate_channels(*disturbed, walking)
+    force_rail = effects.sensor_clip if kind == 3 else effects.force_clip
+    rails = {"N": force_rail.value, "Nmm": MM * effects.moment_clip.value}
+    limits = np.array([rails.get(unit, 0.0) or np.inf for unit in UNITS_OF_TYPE[kind]])
+    channels = np.clip(channels, -limits, limits)
+    for label, value in capture.dead_channels.items():
+        channels[:, CHANNELS_OF_TYPE[kind].index(label)] = value
+    command = np.inf if scene.command is None else scene.command
+    levels = [sync_level(trial, seed, walking.gait.recording_s, time), (time >= command) & (time < command + 0.02)]
+    labels = tuple(scene.markers)
+    if capture.swapped_in is None or trial in capture.swapped_in:
+        other = {a: b for pair in capture.swapped_labels for a, b in (pair, pair[::-1])}
+        labels = tuple(other.get(label, label) for label in labels)
+    quadrants = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]], dtype=float) @ PLATE_AXES.T
+    corners = np.array(plate.centre_m) + quadrants * (0.5 * np.array([*plate.size_m, 0.0]))  # in C3D's order
     return C3dRecording(
-        labels=labels_in(trial, tuple(scene.markers), capture),
+        labels=labels,
         points=in_file_axes(seen_markers(trial, seed, exact, walking), capture),
         point_rate_hz=rates.points_hz,
         channels=(*CHANNELS_OF_TYPE[kind], "Sync", "Trigger"),
         units=(*((capture.moment_label or unit) if unit == "Nmm" else unit for unit in UNITS_OF_TYPE[kind]), "V", "V"),
-        analogs=np.column_stack([as_amplified(channels, walking), *(HIGH_V * level for level in levels)]),
+        analogs=np.column_stack([channels, *(5.0 * level for level in levels)]),
         analog_rate_hz=rates.analogs_hz,
-        corners=in_file_axes(plate_corners(plate), capture),
+        corners=in_file_axes(corners, capture),
         origin=origin,
         plate_type=kind,
         calibration=calibration,
@@ -348,28 +301,6 @@ def vicon_recording(trial: str, seed: int, scene: Scene, walking: WalkingSetting
         body_mass_kg=scene.body_mass if capture.states_body_mass else None,
         subject=scene.subject,
     )
-
-
-def trigger(time: Array, command: float | None) -> Array:
-    """1 while the trigger is high, else 0. Without a command the trigger stays 0."""
-    if command is None:
-        return np.zeros_like(time)
-    return np.asarray((time >= command) & (time < command + TRIGGER_S), dtype=float)
-
-
-def disturbed_reading(
-    trial: str, seed: int, reading: tuple[Array, Array], time: Array, walking: WalkingSettings
-) -> list[Array]:
-    """The plate's reading, force [N] and moment [N*m], at times [s], with its lag, offset and noise."""
-    effects, rate = walking.effects, walking.rates.motion_hz
-    late = time - 1e-3 * effects.plate_lag.value
-    channels = []
-    for quantity, values in zip(("force", "moment"), reading, strict=True):
-        noise = stream(seed, trial, f"{quantity}_noise").standard_normal((len(time), 3))
-        offset = stream(seed, trial, f"{quantity}_offset").standard_normal(3)
-        disturbed = interpolated_at(values, rate, late) + getattr(effects, f"{quantity}_noise").value * noise
-        channels.append(disturbed + getattr(effects, f"{quantity}_offset").value * offset)
-    return channels
 
 
 def seen_markers(trial: str, seed: int, exact: Array, walking: WalkingSettings) -> Array:

@@ -166,7 +166,7 @@ def test_every_selected_impedance_is_stable_and_passive(parameters, K_d, B_d):
 
 def test_fidelity_ends_where_the_stiffness_is_ten_percent_off(parameters):
     gains = compensated_gains(300, 5, parameters)
-    f = float(rendering(gains.K_1, gains.B_1, [300.0], [5.0], parameters).faithful_to_hz[0])
+    f = float(rendering(gains.K_1, gains.B_1, [300.0], [5.0], parameters)["faithful_to_hz"][0])
     below, at = np.linspace(0, 0.999 * f, 500), np.array([f])
     off = [np.abs(stiffness_at(g, gains, parameters) / (300 + 2j * np.pi * g * 5) - 1) for g in (below, at)]
     assert (off[0] < 0.1).all()
@@ -178,14 +178,14 @@ def test_positive_real_is_decided_as_a_dense_grid_does(parameters):
     K_d, B_d = (v.ravel() for v in np.meshgrid([50.0, 200.0, 400.0, 600.0], [0.0, 2.5, 7.5], indexing="ij"))
     for k, b in zip(K_d, B_d, strict=True):
         gains = compensated_gains(k, b, parameters)
-        decided = rendering(gains.K_1, gains.B_1, [k], [b], parameters).positive_real[0]
+        decided = rendering(gains.K_1, gains.B_1, [k], [b], parameters)["positive_real"][0]
         assert decided == (stiffness_at(f, gains, parameters).real >= 0).all()
 
 
 def test_delay_margin_is_where_a_pole_reaches_the_axis(parameters):
     """At the margin 1 + L(jw) exp(-jw delay) = 0 for some w, and for no w at a shorter delay."""
     p, gains = parameters, compensated_gains(300, 5, parameters)
-    delay = float(rendering(gains.K_1, gains.B_1, [300.0], [5.0], p).delay_margin[0])
+    delay = float(rendering(gains.K_1, gains.B_1, [300.0], [5.0], p)["delay_margin"][0])
     w = np.linspace(0.1, 500, 500_000)
     loop = (gains.K_1 + 1j * w * gains.B_1) / (p.K_s / p.n_T**2 - p.J_m * w**2 + 1j * w * p.B_m)
     assert np.abs(1 + loop * np.exp(-1j * w * delay)).min() < 1e-3

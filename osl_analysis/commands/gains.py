@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from osl_analysis.commands.bench import rows_json
 from osl_analysis.commands.figure import draw_table
@@ -38,41 +38,28 @@ def gain_table(
 
     They are the gains at the actuator's output and at the joint (times n_T^2), the norm of Eq. 14, the flags of
     `OptimalDamping`, the fit of Eq. 15 that linear theory predicts at `frequencies_hz`, and the stability, passivity
-    and fidelity of the impedance (`Rendering`).
+    and fidelity of the impedance (`rendering`); these are null where no finite B_1 is best.
     """
     check_request(K_d, B_d, p)
     K_d, B_d = (np.asarray(v, dtype=float) for v in (K_d, B_d))
     K_1, optimum = stiffness_gain(K_d, p), optimal_damping(K_d, B_d, p, weight)
     table = pl.DataFrame({"K_d": K_d, "B_d": B_d, "K_1": K_1, "B_1": optimum.B_1})
-    return table.with_columns(
+    finite = ~optimum.unbounded
+    gains = [Gains(k, b, True) for k, b in zip(K_1[finite], optimum.B_1[finite], strict=True)]
+    fits = [predicted_impedance(one, p, frequencies_hz) for one in gains]
+    columns: dict[str, Any] = {f"{name}_predicted": [fit[k] for fit in fits] for k, name in enumerate("KBI")}
+    rendered = rendering(K_1[finite], optimum.B_1[finite], K_d[finite], B_d[finite], p)
+    columns |= {"decay_rate": rendered["decay_rate"], "delay_margin": rendered["delay_margin"]}
+    columns |= {"passive": [True] * len(fits), **{n: rendered[n] for n in ("positive_real", "faithful_to_hz")}}
+    behaviour = pl.DataFrame(columns).with_columns(row=pl.Series(np.flatnonzero(finite), dtype=pl.UInt32))
+    table = table.with_columns(
         (pl.col("K_1", "B_1") * p.n_T**2).name.suffix("_joint"),
         error=pl.Series(optimum.error),
         minima=pl.Series(optimum.minima),
         at_lower_bound=pl.Series(optimum.at_lower_bound),
         unbounded=pl.Series(optimum.unbounded),
-        **behaviour(table, ~optimum.unbounded, p, frequencies_hz),
     )
-
-
-def behaviour(
-    table: pl.DataFrame, finite: NDArray[np.bool_], p: DrivetrainParameters, frequencies_hz: Sequence[float]
-) -> dict[str, pl.Series]:
-    """Columns with the behaviour that theory predicts for the gains of each row; null where none is `finite`."""
-    K_1, B_1, K_d, B_d = (table.filter(finite)[name].to_numpy() for name in ("K_1", "B_1", "K_d", "B_d"))
-    fits = [predicted_impedance(Gains(k, b, True), p, frequencies_hz) for k, b in zip(K_1, B_1, strict=True)]
-    rendered = rendering(K_1, B_1, K_d, B_d, p)
-    columns: dict[str, list[Any]] = {
-        "K_predicted": [K for K, _, _ in fits],
-        "B_predicted": [B for _, B, _ in fits],
-        "I_predicted": [I for _, _, I in fits],
-        "decay_rate": rendered.decay_rate.tolist(),
-        "delay_margin": rendered.delay_margin.tolist(),
-        "passive": [True] * len(fits),
-        "positive_real": rendered.positive_real.tolist(),
-        "faithful_to_hz": rendered.faithful_to_hz.tolist(),
-    }
-    rest = {name: iter(values) for name, values in columns.items()}
-    return {name: pl.Series([next(rest[name]) if known else None for known in finite]) for name in columns}
+    return table.with_row_index("row").join(behaviour, on="row", how="left", maintain_order="left").drop("row")
 
 
 @dataclass(frozen=True)
@@ -130,15 +117,12 @@ def write_gains(table: pl.DataFrame, output: Path) -> None:
 
 def gains_text(request: Request, table: pl.DataFrame) -> str:
     """The table as text: one pair in words, several pairs in columns."""
-    if request.single:
-        return pair_text(table.to_dicts()[0])
-    printed = ("phase", "K_d", "B_d", "K_1", "B_1", "error", "K_predicted", "B_predicted", "faithful_to_hz")
-    columns = [c for c in printed if c in table.columns]
-    rows = [columns, *([f"{v:.5g}" for v in row] for row in table.select(columns).rows())]
-    return "\n".join("".join(f"{cell:>14}" for cell in row) for row in rows)
-
-
-def pair_text(row: dict[str, float]) -> str:
+    if not request.single:
+        printed = ("phase", "K_d", "B_d", "K_1", "B_1", "error", "K_predicted", "B_predicted", "faithful_to_hz")
+        columns = [c for c in printed if c in table.columns]
+        rows = [columns, *([f"{v:.5g}" for v in row] for row in table.select(columns).rows())]
+        return "\n".join("".join(f"{cell:>14}" for cell in row) for row in rows)
+    row = table.row(0, named=True)
     minima = "exactly one local minimum" if row["minima"] == 1 else f"{row['minima']} local minima"
     lines = [
         f"K_1 = {row['K_1']:.6g} N·m/rad ({row['K_1_joint']:.6g} at the joint)",
@@ -161,25 +145,20 @@ def pair_text(row: dict[str, float]) -> str:
 
 
 def plot_gains(request: Request, table: pl.DataFrame, parameters: Path, output: Path) -> None:
-    """Draw the response of one pair, the gains of a grid, or the gains of a trajectory (as Fig. 8)."""
+    """Draw the response of one pair over 0.1 to 10 Hz (as Fig. 7), the gains of a grid, or those of a trajectory (as
+    Fig. 8)."""
     if request.single:
-        p, row = read_parameters(parameters), table.to_dicts()[0]
-        draw_table("fig7", pair_response(row, p), [output])
+        from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve  # matplotlib: 0.5 s
+        from osl_analysis.figures.names import completed
+
+        p, row, f = read_parameters(parameters), table.row(0, named=True), np.geomspace(0.1, 10, 201)
+        curves = (
+            (DESIRED, None, desired_admittance(row["K_d"], row["B_d"])),
+            (LINEAR_MODEL, "compensated", joint_admittance(row["K_1"], row["B_1"], p, p.J_j)),
+        )
+        frames = [response_curve(curve, name, f, Y(2j * np.pi * f), (None, None)) for curve, name, Y in curves]
+        draw_table("fig7", completed(pl.concat(frames), FIG7.columns), [output])
     elif request.trajectory is not None:
         draw_table("fig8", drawing_of("fig8").points(table), [output])
     else:
         draw_table("gain_grid", table, [output])
-
-
-def pair_response(row: dict[str, float], p: DrivetrainParameters) -> pl.DataFrame:
-    """Desired and predicted response of one pair over 0.1 to 10 Hz, as rows of Fig. 7."""
-    from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve  # matplotlib: half a second
-    from osl_analysis.figures.names import completed
-
-    f = np.geomspace(0.1, 10, 201)
-    curves = (
-        (DESIRED, None, desired_admittance(row["K_d"], row["B_d"])),
-        (LINEAR_MODEL, "compensated", joint_admittance(row["K_1"], row["B_1"], p, p.J_j)),
-    )
-    frames = [response_curve(curve, name, f, Y(2j * np.pi * f), (None, None)) for curve, name, Y in curves]
-    return completed(pl.concat(frames), FIG7.columns)

@@ -7,9 +7,10 @@ test: at s = j w the joint takes in energy at the rate of Im Z = w (B_j + c x/|N
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import UnreachableImpedanceError
@@ -111,38 +112,22 @@ def select_gains(
     return compensated_gains(K_d, B_d, p, weight)
 
 
-@dataclass(frozen=True)
-class Rendering:
-    """Properties of the rendered impedance, shape (pairs,) each."""
+def rendering(
+    K_1: ArrayLike, B_1: ArrayLike, K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters
+) -> dict[str, Any]:
+    """Properties of the impedance that gains K_1, B_1 render for desired K_d, B_d, arrays (pairs,) each by name. J_j is
+    neglected, as in the paper.
 
-    decay_rate: Array
-    """Decay rate [1/s] of the slowest mode of the free joint. It is negative where the joint is unstable."""
-    delay_margin: Array
-    """Smallest delay [s] in the control loop that makes the actuator unstable while the joint is held. It is infinite
-    if the actuator is stable with any delay."""
-    positive_real: NDArray[np.bool_]
-    """Whether Re Y >= 0 at every frequency, so that Y itself, and not only s Y, is positive real. This can only hold
-    where J_j is neglected, as the paper does."""
-    faithful_to_hz: Array
-    """Frequency [Hz] up to which Z stays within 10 % of Z_d. It is infinite where Z never leaves this range."""
-
-
-def rendering(K_1: ArrayLike, B_1: ArrayLike, K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> Rendering:
-    """Properties of the impedance that gains K_1, B_1 render for desired K_d, B_d, all of shape (pairs,). J_j is
-    neglected, as in the paper."""
+    decay_rate: that of the slowest mode of the free joint [1/s]. It is negative where the joint is unstable.
+    delay_margin: smallest delay [s] in the control loop that makes the held actuator, J_m s^2 + B_m s + K_s/n_T^2 under
+        K_1 + B_1 s, unstable; infinite if it is stable with any delay. The loop gain is 1 where v = w^2 solves
+        J_m^2 v^2 + (B_m^2 - B_1^2 - 2 J_m k) v + k^2 - K_1^2 = 0, k = K_s/n_T^2.
+    positive_real: whether Re Y >= 0 at every frequency, so that Y itself, and not only s Y, is positive real: whether a
+        quadratic in w^2 is positive for every w^2 > 0. This can only hold where J_j is neglected.
+    faithful_to_hz: frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|, a root of a polynomial in w^2. It is infinite
+        where Z never leaves this range.
+    """
     K_1, B_1, K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_1, B_1, K_d, B_d)))
-    decay = [-np.max(joint_admittance(k, b, p).poles().real) for k, b in zip(K_1, B_1, strict=True)]
-    return Rendering(
-        np.array(decay),
-        delay_margin(K_1, B_1, p),
-        positive_real(K_1, B_1, p),
-        faithful_frequency(K_1, B_1, K_d, B_d, p),
-    )
-
-
-def delay_margin(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
-    """Delay [s] at which the held actuator, J_m s^2 + B_m s + K_s/n_T^2 under K_1 + B_1 s, becomes unstable. The loop
-    gain is 1 where v = w^2 solves J_m^2 v^2 + (B_m^2 - B_1^2 - 2 J_m k) v + k^2 - K_1^2 = 0, k = K_s/n_T^2."""
     k = p.K_s / p.n_T**2
     half = (2 * p.J_m * k + B_1**2 - p.B_m**2) / (2 * p.J_m**2)
     root = np.sqrt(np.maximum(half**2 - (k**2 - K_1**2) / p.J_m**2, 0.0))
@@ -154,23 +139,12 @@ def delay_margin(K_1: Array, B_1: Array, p: DrivetrainParameters) -> Array:
         loop = (K_1 + 1j * w * B_1) / (k - p.J_m * w**2 + 1j * w * p.B_m)
         lead = np.mod(np.pi + np.angle(loop), 2 * np.pi)
         margin = np.where(crosses, np.minimum(margin, lead / w), margin)
-    return margin
-
-
-def positive_real(K_1: Array, B_1: Array, p: DrivetrainParameters) -> NDArray[np.bool_]:
-    """Whether Re Y >= 0 for every w, with J_j = 0: whether a quadratic in w^2 is positive for every w^2 > 0."""
-    kappa, x = K_1 + p.K_s / p.n_T**2, p.B_m + B_1
-    square = p.K_s * p.J_m**2
+    kappa, x, square = K_1 + k, p.B_m + B_1, p.K_s * p.J_m**2
     linear = p.K_s * (x**2 - 2 * kappa * p.J_m) + p.J_m * (p.K_s / p.n_T) ** 2
-    constant = kappa * p.K_s * K_1
-    return np.asarray(linear >= -2 * np.sqrt(square * constant))
-
-
-def faithful_frequency(K_1: Array, B_1: Array, K_d: Array, B_d: Array, p: DrivetrainParameters) -> Array:
-    """First frequency [Hz] at which |Z - Z_d| = 0.1 |Z_d|, a root of a polynomial in w^2. Infinite without a root."""
-    frequency = np.full(K_1.shape, np.inf)
-    for i, (k, b, stiffness, damping) in enumerate(zip(K_1, B_1, K_d, B_d, strict=True)):
-        Y = joint_admittance(k, b, p)
+    decay, frequency = np.empty(K_1.shape), np.full(K_1.shape, np.inf)
+    for i, (stiffness, damping) in enumerate(zip(K_d, B_d, strict=True)):
+        Y = joint_admittance(K_1[i], B_1[i], p)
+        decay[i] = -np.max(Y.poles().real)
         asked = np.convolve(Y.numerator, [damping, stiffness])
         size = max(len(asked), len(Y.denominator))
         asked, rendered = (np.pad(u, (size - len(u), 0)) for u in (asked, Y.denominator))
@@ -178,7 +152,12 @@ def faithful_frequency(K_1: Array, B_1: Array, K_d: Array, B_d: Array, p: Drivet
         crossings = [v.real for v in np.roots(excess) if v.real > 0 and abs(v.imag) < 1e-9 * abs(v)]
         if crossings:
             frequency[i] = np.sqrt(min(crossings)) / (2 * np.pi)
-    return frequency
+    return {
+        "decay_rate": decay,
+        "delay_margin": margin,
+        "positive_real": linear >= -2 * np.sqrt(square * kappa * p.K_s * K_1),
+        "faithful_to_hz": frequency,
+    }
 
 
 def magnitude_squared(polynomial: Array) -> Array:

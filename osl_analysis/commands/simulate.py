@@ -11,7 +11,7 @@ from osl_analysis.config.sheet import SHEET_COLUMNS, SheetRows
 from osl_analysis.config.yaml_settings import read_yaml, validated
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, check_output, check_target
-from osl_analysis.simulator.plan import plan_trials, planned_rows
+from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 
@@ -108,7 +108,7 @@ def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str, follo
 def simulate_campaign(settings_path: Path, campaign_folder: Path, followed: SharedChoices = NOTHING) -> None:
     """Write the sample sheet and simulate all of its trials, one after the other."""
     settings = read_simulation(settings_path, followed)
-    rows = planned_rows(settings)
+    rows = list(plan_trials(settings).values())
     check_written([{"log": "trials.csv"}, *rows], campaign_folder, settings_files(settings_path, followed))
     write_sheet(settings_path, campaign_folder / "trials.csv")
     for row in rows:
@@ -126,16 +126,16 @@ def check_written(rows: Sequence[Mapping[str, Any]], folder: Path, used: Sequenc
             raise InputError(f"{path} would be overwritten while it is used; simulate into another folder")
 
 
-def row_of_trial(settings: SimulationSettings, settings_path: Path, trial: str) -> dict[str, Any]:
+def row_of_trial(settings: SimulationSettings, settings_path: Path, trial: str) -> Mapping[str, Any]:
     """The plan's row of one trial."""
-    rows = planned_rows(settings)
-    for row in rows:
-        if row["trial"] == trial:
-            return row
-    raise InputError(
-        f"{settings_path}: plans no trial '{trial}'; it has {len(rows)}, from '{rows[0]['trial']}' "
-        f"to '{rows[-1]['trial']}': see trials.csv"
-    )
+    rows = plan_trials(settings)
+    if trial not in rows:
+        names = list(rows)
+        raise InputError(
+            f"{settings_path}: plans no trial '{trial}'; it has {len(rows)}, from '{names[0]}' to '{names[-1]}': see "
+            "trials.csv"
+        )
+    return rows[trial]
 
 
 def record_trial(

@@ -16,6 +16,8 @@ from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import check_request, stiffness_gain
 from osl_analysis.model.gain_selection import Weight, optimal_damping
+from osl_analysis.simulator import step as gait
+from osl_analysis.simulator import vicon
 from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.drivetrain import ControlCommands, DrivetrainEffects, DrivetrainMotion, simulate_drivetrain
 from osl_analysis.simulator.mcap_writer import LEG, write_mcap
@@ -31,36 +33,6 @@ from osl_analysis.simulator.rigid_body import (
     time_derivative,
 )
 from osl_analysis.simulator.settings import SimulationSettings, stream
-from osl_analysis.simulator.step import (
-    FOOT_WIDTH,
-    RENDERED_S,
-    PlatformMotion,
-    Step,
-    ankle_path,
-    displaced,
-    draw_step,
-    foot_pitch,
-    ground_reaction,
-    nominal_ankle,
-    nominal_ankle_angle,
-    nominal_ankle_moment,
-    perturbed_platform,
-    pulse,
-    resting_platform,
-    smooth_step,
-    stance_window,
-    unloaded_platform,
-)
-from osl_analysis.simulator.vicon import (
-    ANKLE_AXIS,
-    Scene,
-    leg_markers,
-    on_body,
-    platform_markers,
-    sync_level,
-    vicon_recording,
-    write_c3d,
-)
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trial import AXES, Array
 
@@ -79,7 +51,7 @@ def compensated_damping(
 
 
 def walking_commands(
-    step: Step, time: Array, walking: WalkingSettings, compensates: bool, p: DrivetrainParameters
+    step: gait.Step, time: Array, walking: WalkingSettings, compensates: bool, p: DrivetrainParameters
 ) -> ControlCommands:
     """Commands to the actuator in a step, shape (updates of the controller,); `time` [s] is that of the motion. Unless
     the file of the desired impedance has an equilibrium angle, it is chosen so that K_d and B_d give the step's ankle
@@ -92,12 +64,12 @@ def walking_commands(
         K_1, B_1 = stiffness_gain(K_d, p), np.interp(np.mod(c, 1.0), *damping)
     else:
         K_1, B_1 = K_d / p.n_T**2, B_d / p.n_T**2
-    usual = step.body_mass * nominal_ankle_moment(c)
+    usual = step.body_mass * gait.nominal_ankle_moment(c)
     moment = step.load * usual + step.torque_wander[::stride]
     if desired.theta_eq is not None:
         theta_eq = desired.at(desired.theta_eq, c) - (moment - usual) / K_d
     else:
-        angle = step.change.amplitude * nominal_ankle_angle(c)
+        angle = step.change.amplitude * gait.nominal_ankle_angle(c)
         theta_eq = angle - (moment - B_d * time_derivative(angle, walking.rates.controller_hz)) / K_d
     return ControlCommands(K_1, B_1, theta_eq * p.n_T, cancels_friction=compensates)
 
@@ -112,7 +84,7 @@ class LegMotion:
     alpha: Array
     foot: Pose
     shank: Pose
-    platform: PlatformMotion
+    platform: gait.PlatformMotion
 
 
 @dataclass(frozen=True)
@@ -120,7 +92,7 @@ class SimulatedCrossing:
     """The truth about a crossing."""
 
     time: Array  # Time [s], shape (n,), at the rate of the motion
-    step: Step  # What was drawn
+    step: gait.Step  # What was drawn
     motion: LegMotion  # Motion of leg and platform
     commands: ControlCommands  # Commands to the leg's controller, at its own rate
     drivetrain: DrivetrainMotion  # Motion of the leg's drivetrain, at the controller's rate
@@ -133,7 +105,7 @@ class SimulatedCrossing:
 
 def simulate_crossing(
     time: Array,
-    step: Step,
+    step: gait.Step,
     perturbed: bool,
     compensates: bool,
     walking: WalkingSettings,
@@ -154,49 +126,49 @@ def simulate_crossing(
     return SimulatedCrossing(time, step, motion, commands, drivetrain, answer, torque, reaction)
 
 
-def move(time: Array, step: Step, perturbed: bool, walking: WalkingSettings) -> LegMotion:
+def move(time: Array, step: gait.Step, perturbed: bool, walking: WalkingSettings) -> LegMotion:
     """Prescribed motion: the nominal step, its random deviations, and the platform under the foot. The foot rotates
     with the platform. The shank rotates by the share `shank_yield` only, so that the ankle angle changes by the rest.
     In swing the foot returns from the platform's angle."""
-    platform = perturbed_platform(time, step, walking) if perturbed else resting_platform(time, walking)
+    platform = gait.perturbed_platform(time, step, walking) if perturbed else gait.resting_platform(time, walking)
     rate, c, release_s = walking.rates.motion_hz, step.cycle_phase(time), 0.3
-    on_platform = 1.0 - smooth_step((time - step.toe_off) / release_s)
+    on_platform = 1.0 - gait.smooth_step((time - step.toe_off) / release_s)
     carried, moved = platform.angle * on_platform, platform.shift * on_platform[:, None]
-    theta = step.change.amplitude * step.angle_factor * nominal_ankle_angle(c) + step.wander + carried
+    theta = step.change.amplitude * step.angle_factor * gait.nominal_ankle_angle(c) + step.wander + carried
     theta = theta - moved[:, 0] / walking.perturbation.leg_length_m
-    path = ankle_path(c, walking.gait.stride_m)
+    path = gait.ankle_path(c, walking.gait.stride_m)
     if platform.onset is not None:
         given = 0.01 * walking.effects.shank_yield.value * step.condition.sign
         given *= np.radians(walking.perturbation.angle_deg)
-        theta = theta - given * pulse(time, platform.onset, 0.2, step.toe_off, release_s)
+        theta = theta - given * gait.pulse(time, platform.onset, 0.2, step.toe_off, release_s)
         slip = 1e-3 * walking.effects.foot_slip.value
-        path[:, 0] -= slip * pulse(time, platform.onset, 0.1, step.toe_off, release_s)
+        path[:, 0] -= slip * gait.pulse(time, platform.onset, 0.1, step.toe_off, release_s)
     yaw = rotation_about(2, np.full_like(time, step.yaw))
-    path = nominal_ankle(walking) + step.placement + path @ yaw[0].T
-    foot = displaced(carried, moved, walking).after(Pose(yaw @ rotation_about(1, -foot_pitch(c)), path))
+    path = gait.nominal_ankle(walking) + step.placement + path @ yaw[0].T
+    foot = gait.displaced(carried, moved, walking).after(Pose(yaw @ rotation_about(1, -gait.foot_pitch(c)), path))
     shank = Pose(foot.rotation @ rotation_about(1, theta), foot.origin)
     omega = time_derivative(theta, rate)
     return LegMotion(theta, omega, time_derivative(omega, rate), foot, shank, platform)
 
 
 def react(
-    time: Array, step: Step, motion: LegMotion, answer: Array, walking: WalkingSettings
+    time: Array, step: gait.Step, motion: LegMotion, answer: Array, walking: WalkingSettings
 ) -> tuple[Array, TrueWrench]:
     """The joint's torque [N*m], shape (n,), and the ground reaction at the ankle. About the ankle's axis u the foot
     needs the moment N = u . (dH/dt + r x m (a - g)). The shank applies +tau (toes down), and the ground applies the
     rest, N - tau. The part of the ground decreases with its force at the beginning and end of stance. Across the axis
     the ground's moments are small, and the hinge carries the rest."""
     foot, mass = motion.foot, step.body_mass
-    forward, axis, upward = (foot.rotation[:, :, i] for i in range(3))
+    forward, axis, upward = foot.axes
     body = RigidBody(
         walking.effects.foot_inertia.value, np.array(walking.foot.centre_of_mass_m), np.array(walking.foot.gyration_m)
     )
     needed = body.support(foot, walking.rates.motion_hz).moment_about(foot.origin)
     about_axis = np.einsum("ni,ni->n", needed, axis)
     phase = step.stance_phase(time)
-    contact = stance_window(phase)
+    contact = gait.stance_window(phase)
     given = contact * (about_axis - answer)
-    force = step.load * step.force_factor * ground_reaction(phase) * mass * -FREE_FALL[2]
+    force = step.load * step.force_factor * gait.ground_reaction(phase) * mass * -FREE_FALL[2]
     roll = 0.004 * force[:, 2]  # lever [m]
     spin = 0.03 * mass * contact * np.sin(2 * np.pi * phase)  # up to 0.03 N*m/kg
     moment = given[:, None] * axis + roll[:, None] * forward + spin[:, None] * upward
@@ -210,7 +182,7 @@ def impedance_of_leg(perturbed: SimulatedCrossing, unperturbed: SimulatedCrossin
     onset = perturbed.motion.platform.onset
     if onset is None:
         return {}
-    rows = (perturbed.time >= onset) & (perturbed.time <= onset + RENDERED_S)
+    rows = (perturbed.time >= onset) & (perturbed.time <= onset + gait.RENDERED_S)
     new, old = perturbed.motion, unperturbed.motion
     columns = np.stack([new.theta - old.theta, new.omega - old.omega, new.alpha - old.alpha], axis=-1)[rows]
     answer = (perturbed.drivetrain_torque - unperturbed.drivetrain_torque)[rows]
@@ -218,18 +190,17 @@ def impedance_of_leg(perturbed: SimulatedCrossing, unperturbed: SimulatedCrossin
     return {"K_rendered": float(K), "B_rendered": float(B), "I_rendered": float(inertia)}
 
 
-def crossing_curves(
+def crossing_truth(
     crossing: SimulatedCrossing, unperturbed: SimulatedCrossing, walking: WalkingSettings
-) -> dict[str, Array]:
-    """Exact curves in SI units, shape (n,) each, laboratory axes. force and moment: ground reaction on the foot, the
-    moment about the centre of the plate's surface where the platform has carried it (`plate_centre`); axis: the
-    ankle's, through `ankle`; foot_moment: what the foot's weight and inertia demand about it, so that torque =
-    foot_moment - axis . (moment + (plate_centre - ankle) x force)."""
-    motion, desired = crossing.motion, crossing.step.condition.desired(walking.impedance)
-    phase = crossing.step.cycle_phase(crossing.time)
+) -> tuple[dict[str, object], dict[str, Array]]:
+    """The random quantities of a crossing and exact curves in SI units,
+    shape (n,) each, laboratory axes. force and moment: ground reaction on the foot, the moment about the centre of the
+    plate's surface where the platform has carried it (`plate_centre`); axis: the ankle's, through `ankle`; foot_moment:
+    what the foot's weight and inertia demand about it, so that torque = foot_moment - axis . (moment + (plate_centre -
+    ankle) x force)."""
+    motion, step, condition = crossing.motion, crossing.step, crossing.step.condition
+    desired, phase, axis = condition.desired(walking.impedance), step.cycle_phase(crossing.time), motion.foot.axes[1]
     centre = motion.platform.pose.point(np.array(walking.plate.centre_m))
-    axis = motion.foot.rotation[:, :, 1]
-    ground = np.einsum("ni,ni->n", crossing.reaction.moment, axis)
     curves = {
         "time": crossing.time,
         "phase": phase,
@@ -242,11 +213,24 @@ def crossing_curves(
         "K_d": desired.at(desired.K_d, phase),
         "B_d": desired.at(desired.B_d, phase),
         "platform_angle": motion.platform.angle,
-        "foot_moment": crossing.torque + ground,
+        "foot_moment": crossing.torque + np.einsum("ni,ni->n", crossing.reaction.moment, axis),
     }
     curves |= components("ankle", motion.foot.origin) | components("axis", axis) | components("plate_centre", centre)
     curves |= components("force", crossing.reaction.force)
-    return curves | components("moment", crossing.reaction.moment_about(centre))
+    curves |= components("moment", crossing.reaction.moment_about(centre))
+    planned = {name: getattr(condition, name) for name in ("direction", "K_d", "B_d", "stance_phase", "session")}
+    facts: dict[str, object] = {
+        "perturbed": motion.platform.onset is not None,
+        "command_s": motion.platform.command,
+        "onset_s": motion.platform.onset,
+        "heel_strike_s": step.heel_strike,
+        "toe_off_s": step.toe_off,
+        "foot_yaw_rad": step.yaw,
+        "placement_m": step.placement.tolist(),
+        "condition": planned | {"subject": condition.person},
+        "change": step.change.model_dump(mode="json", exclude={"of", "share"}),
+    }
+    return facts, curves
 
 
 def components(name: str, vectors: Array) -> dict[str, Array]:
@@ -279,7 +263,7 @@ def write_leg_log(
         "motor_current": rounded_to(crossing.drivetrain.current[held] + ripple, effects.current_quantisation.value),
         "stiffness_gain": crossing.commands.K_1[held],
         "damping_gain": crossing.commands.B_1[held],
-        "sync": sync_level(path.stem, seed, walking.gait.recording_s, time),
+        "sync": vicon.sync_level(path.stem, seed, walking.gait.recording_s, time),
     }
     write_mcap(path, LEG, leg_time, columns)
 
@@ -306,7 +290,7 @@ def simulate_walking_trial(
     trial, time, seed, condition = str(row["trial"]), motion_grid(walking), settings.seed, condition_of(row, settings)
     facts: dict[str, object] = {"trial": trial, "seed": seed}
     if row["experiment"] == "walking":
-        step = draw_step(trial, seed, time, walking, condition)
+        step = gait.draw_step(trial, seed, time, walking, condition)
         compensates, effects = str(row.get("controller")) != "uncompensated", drivetrain_effects(settings)
         unperturbed = walked = simulate_crossing(time, step, False, compensates, walking, effects, p)
         if row.get("perturbed"):
@@ -314,23 +298,25 @@ def simulate_walking_trial(
         offset = walking.effects.leg_clock_offset.value * stream(seed, trial, "leg_clock_offset").uniform(0.5, 1.5)
         drift = 1e-6 * walking.effects.leg_clock_drift.value * stream(seed, trial, "leg_clock_drift").standard_normal()
         clock = float(offset), float(drift)
-        scene, curves = scene_of(walked, walking, seed), crossing_curves(walked, unperturbed, walking)
-        facts |= crossing_facts(walked, unperturbed, clock)
+        found, curves = crossing_truth(walked, unperturbed, walking)
+        facts |= found | {"leg_clock": {"offset_s": clock[0], "drift": clock[1]}}
+        facts |= impedance_of_leg(walked, unperturbed)
+        scene = scene_of(walked, walking, seed)
     elif row["experiment"] in ("plate", "static"):
         if row["experiment"] == "plate":
-            platform = unloaded_platform(time, trial, seed, walking, condition)
+            platform = gait.unloaded_platform(time, trial, seed, walking, condition)
             nothing = np.zeros((len(time), 3))
             load = TrueWrench(nothing, nothing, nothing)
-            scene = Scene(platform_markers(platform.pose, walking), platform.pose, load, platform.command)
+            scene = vicon.Scene(vicon.platform_markers(platform.pose, walking), platform.pose, load, platform.command)
         else:  # quiet standing: foot flat, shank upright, half the body weight vertically above the ankle
-            platform = resting_platform(time, walking)
-            leg = Pose(platform.pose.rotation, np.tile(nominal_ankle(walking), (len(time), 1)))
+            platform = gait.resting_platform(time, walking)
+            leg = Pose(platform.pose.rotation, np.tile(gait.nominal_ankle(walking), (len(time), 1)))
             mass = condition.body_mass(walking.gait.body_mass_kg)
             weight = np.tile(-0.5 * mass * FREE_FALL, (len(time), 1))
-            markers = leg_markers(leg, leg, condition, walking, seed) | on_body(leg, ANKLE_AXIS)
-            markers |= platform_markers(platform.pose, walking)
+            markers = vicon.leg_markers(leg, leg, condition, walking, seed) | vicon.on_body(leg, vicon.ANKLE_AXIS)
+            markers |= vicon.platform_markers(platform.pose, walking)
             load = TrueWrench(weight, np.zeros_like(weight), leg.origin)
-            scene = Scene(markers, platform.pose, load, None, mass, condition.person)
+            scene = vicon.Scene(markers, platform.pose, load, None, mass, condition.person)
         centre = platform.pose.point(np.array(walking.plate.centre_m))
         curves = {"time": time, "platform_angle": platform.angle} | components("plate_centre", centre)
         facts |= {"command_s": platform.command, "onset_s": platform.onset}
@@ -343,10 +329,10 @@ def simulate_walking_trial(
     write_truth(folder, trial, facts, {name: c[:: walking.rates.analog_stride] for name, c in curves.items()})
     if row["experiment"] == "walking":
         write_leg_log(folder / "leg" / f"{trial}.mcap", walked, clock, settings, walking)
-    write_c3d(folder / "vicon" / f"{trial}.c3d", vicon_recording(trial, seed, scene, walking))
+    vicon.write_c3d(folder / "vicon" / f"{trial}.c3d", vicon.vicon_recording(trial, seed, scene, walking))
 
 
-def scene_of(walked: SimulatedCrossing, walking: WalkingSettings, seed: int = 0) -> Scene:
+def scene_of(walked: SimulatedCrossing, walking: WalkingSettings, seed: int = 0) -> vicon.Scene:
     """The quantities of a crossing that Vicon records. The seed decides where markers are in later sessions.
 
     The load on the plate is about the ankle of the foot that walks; the pressure is even over the width of the foot.
@@ -356,33 +342,12 @@ def scene_of(walked: SimulatedCrossing, walking: WalkingSettings, seed: int = 0)
     """
     motion, step, reaction = walked.motion, walked.step, walked.reaction
     platform, phase, beside = motion.platform, step.stance_phase(walked.time), 1e-3 * step.change.overhang_mm
-    on_plate, ankle = 1.0 - beside / FOOT_WIDTH, reaction.point + np.array([0.0, 0.5 * beside, 0.0])
+    on_plate, ankle = 1.0 - beside / gait.FOOT_WIDTH, reaction.point + np.array([0.0, 0.5 * beside, 0.0])
     curve = np.exp(-(((phase - 0.5) / 0.12) ** 2)) * ((phase > 0) & (phase < 1))
     other = curve[:, None] * (-0.01 * step.change.second_foot_percent * step.body_mass * FREE_FALL)
     place = np.add(walking.plate.centre_m, [*walking.plate.nominal_ankle_m, 0.0]) + np.array([-0.15, 0.18, 0.0])
     lever = platform.pose.point(place) - ankle
     load = TrueWrench(on_plate * reaction.force + other, on_plate * reaction.moment + np.cross(lever, other), ankle)
-    markers = leg_markers(motion.foot, motion.shank, step.condition, walking, seed)
-    markers |= platform_markers(platform.pose, walking)
-    return Scene(markers, platform.pose, load, platform.command, step.body_mass, step.condition.person)
-
-
-def crossing_facts(
-    walked: SimulatedCrossing, unperturbed: SimulatedCrossing, clock: tuple[float, float]
-) -> dict[str, object]:
-    """The random quantities of a crossing, and the impedance that the leg rendered in it."""
-    step, platform, condition = walked.step, walked.motion.platform, walked.step.condition
-    planned = {name: getattr(condition, name) for name in ("direction", "K_d", "B_d", "stance_phase", "session")}
-    return {
-        "perturbed": platform.onset is not None,
-        "command_s": platform.command,
-        "onset_s": platform.onset,
-        "heel_strike_s": step.heel_strike,
-        "toe_off_s": step.toe_off,
-        "foot_yaw_rad": step.yaw,
-        "placement_m": step.placement.tolist(),
-        "condition": planned | {"subject": condition.person},
-        "change": step.change.model_dump(mode="json", exclude={"of", "share"}),
-        "leg_clock": dict(zip(("offset_s", "drift"), clock, strict=True)),
-        **impedance_of_leg(walked, unperturbed),
-    }
+    markers = vicon.leg_markers(motion.foot, motion.shank, step.condition, walking, seed)
+    markers |= vicon.platform_markers(platform.pose, walking)
+    return vicon.Scene(markers, platform.pose, load, platform.command, step.body_mass, step.condition.person)

@@ -2,7 +2,6 @@
 
 import itertools
 import re
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,9 +12,6 @@ from osl_analysis.config.shared_choices import ImpedanceTrajectory, read_impedan
 from osl_analysis.config.sheet import JOINT, SHEET_COLUMNS, SheetRows
 from osl_analysis.errors import InputError
 from osl_analysis.simulator.settings import RampDirection, SimulationSettings, Subject, stream
-
-TWO_NODES = "_nodes"  # Ending of the name of a bench's source file if two nodes record
-PlannedRow = dict[str, object]
 
 
 @dataclass(frozen=True)
@@ -78,10 +74,49 @@ def condition_of(row: Mapping[str, Any], settings: SimulationSettings) -> Condit
     )
 
 
-def stated_columns(row: PlannedRow, settings: SimulationSettings) -> PlannedRow:
+def plan_trials(settings: SimulationSettings) -> SheetRows:
+    """One row per trial, in the columns of `sheet.py`: those on the benches, and those in the gait laboratory, with
+    what the sheet states of their condition. The same settings give the same plan. Whether a crossing is perturbed
+    depends on the seed and its name, not on the number of crossings."""
+    wanted, found = settings.experiments, dict[str, dict[str, Any]]()
+
+    def add(experiment: str, trial: str, **more: object) -> None:
+        """A row with the files that the simulator records; the source file is another one where two nodes record."""
+        facts = EXPERIMENTS[experiment]
+        files = facts.simulated_files(trial)
+        sources = {f"{role}_source": getattr(facts, role) for role in files}
+        if settings.recorder.torque_node is not None and facts.place == "bench":
+            sources["log_source"] = f"{facts.log}_nodes"
+        if trial in found:
+            raise InputError(
+                f"the plan has two trials '{trial}': K_d and B_d of experiments are too close for names of their own; "
+                "remove one of them"
+            )
+        row = {"trial": trial, "experiment": experiment, "joint": JOINT, **files, **sources, **more}
+        stated = {} if facts.place == "bench" else stated_columns(row, settings)
+        found[trial] = dict.fromkeys(SHEET_COLUMNS) | row | stated
+
+    for experiment, digits in (("belt", 2), ("transmission", 1), ("actuator", 1), ("torque_angle", 1)):
+        for i in range(getattr(wanted, experiment)):
+            add(experiment, f"{experiment}_{i + 1:0{digits}d}")
+    for controller, K_d, B_d in itertools.product(wanted.controllers, wanted.K_d, wanted.B_d):
+        name = f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}"
+        moved = [f"{name}_{end}" for excitation in settings.excitations for end in excitation.trial_endings] or [name]
+        for trial in moved:
+            add("impedance", trial, controller=controller, K_d=K_d, B_d=B_d)
+    for experiment, digits in (("static", 1), ("plate", 2), ("walking", 2)):  # crossings also have the leg's log
+        for i in range(getattr(wanted, experiment)):
+            trial, more = f"{experiment}_{i + 1:0{digits}d}", dict[str, object]()
+            if experiment == "walking":
+                more["perturbed"] = bool(stream(settings.seed, trial, "perturbed").random() < wanted.perturbed_share)
+            add(experiment, trial, **more)
+    return found
+
+
+def stated_columns(row: Mapping[str, Any], settings: SimulationSettings) -> dict[str, object]:
     """The columns of the sample sheet that state the condition of a row, as far as `stated` has them."""
     lists, condition = settings.experiments.conditions, condition_of(row, settings)
-    facts: PlannedRow = {"subject": condition.person, "session": str(condition.session), "side": lists.side}
+    facts: dict[str, object] = {"subject": condition.person, "session": str(condition.session), "side": lists.side}
     facts["body_mass_kg"] = condition.subject.body_mass_kg if condition.subject else None
     if row["experiment"] == "walking":
         timing = condition.stance_phase
@@ -89,61 +124,3 @@ def stated_columns(row: PlannedRow, settings: SimulationSettings) -> PlannedRow:
         facts |= {"K_d": condition.K_d, "B_d": condition.B_d, "group": "_".join(parts).replace("%", "")}
         facts |= {"direction": condition.direction if row.get("perturbed") else None}
     return {name: facts[name] for name in lists.stated if name in facts}
-
-
-def plan_trials(settings: SimulationSettings) -> SheetRows:
-    """One row per trial, in the columns of `sheet.py`. The same settings give the same plan. Whether a crossing is
-    perturbed depends on the seed and its name, not on the number of crossings."""
-    return {str(row["trial"]): dict.fromkeys(SHEET_COLUMNS) | row for row in planned_rows(settings)}
-
-
-def planned_rows(settings: SimulationSettings) -> list[PlannedRow]:
-    """The rows of the plan, each with what it states."""
-    rows = [*bench_plan(settings), *laboratory_plan(settings)]
-    names = [str(row["trial"]) for row in rows]
-    twice = next((name for name, count in Counter(names).items() if count > 1), None)
-    if twice:
-        raise InputError(
-            f"the plan has two trials '{twice}': K_d and B_d of experiments are too close for names of their own; "
-            "remove one of them"
-        )
-    return rows
-
-
-def bench_plan(settings: SimulationSettings) -> list[PlannedRow]:
-    """The trials on the benches; the source file is another one where two nodes record."""
-    wanted = settings.experiments
-    rows = numbered("belt", wanted.belt, 2) + numbered("transmission", wanted.transmission, 1)
-    rows += numbered("actuator", wanted.actuator, 1) + numbered("torque_angle", wanted.torque_angle, 1)
-    for controller, K_d, B_d in itertools.product(wanted.controllers, wanted.K_d, wanted.B_d):
-        name = f"impedance_K{K_d:g}_B{B_d:.1f}_{controller}"
-        moved = [f"{name}_{end}" for excitation in settings.excitations for end in excitation.trial_endings] or [name]
-        asked = {"controller": controller, "K_d": K_d, "B_d": B_d}
-        rows += [planned_row(trial, "impedance") | asked for trial in moved]
-    if settings.recorder.torque_node is not None:
-        rows = [row | {"log_source": f"{row['log_source']}{TWO_NODES}"} for row in rows]
-    return rows
-
-
-def laboratory_plan(settings: SimulationSettings) -> list[PlannedRow]:
-    """The trials in the gait laboratory, with what the sheet states of their condition. Crossings also have the leg's
-    log."""
-    wanted = settings.experiments
-    rows = numbered("static", wanted.static, 1) + numbered("plate", wanted.plate, 2)
-    for row in numbered("walking", wanted.walking, 2):
-        perturbed = stream(settings.seed, str(row["trial"]), "perturbed").random() < wanted.perturbed_share
-        rows.append(row | {"perturbed": bool(perturbed)})
-    return [row | stated_columns(row, settings) for row in rows]
-
-
-def planned_row(trial: str, experiment: str) -> PlannedRow:
-    """One row of the sheet, with the files that the simulator records in this experiment."""
-    facts = EXPERIMENTS[experiment]
-    files = facts.simulated_files(trial)
-    sources = {f"{role}_source": getattr(facts, role) for role in files}
-    return {"trial": trial, "experiment": experiment, "joint": JOINT, **files, **sources}
-
-
-def numbered(experiment: str, count: int, digits: int) -> list[PlannedRow]:
-    """Rows of an experiment, whose names count from 1 on with at least `digits` digits."""
-    return [planned_row(f"{experiment}_{i:0{digits}d}", experiment) for i in range(1, count + 1)]

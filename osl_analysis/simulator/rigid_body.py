@@ -20,6 +20,11 @@ class Pose:
         """Laboratory position [m], shape (n, 3), of a point of the body, shape (3,)."""
         return self.origin + (self.rotation.reshape(-1, 3) @ local).reshape(self.origin.shape)
 
+    @property
+    def axes(self) -> tuple[Array, Array, Array]:
+        """The body's axes, unit vectors (n, 3) each."""
+        return self.rotation[:, :, 0], self.rotation[:, :, 1], self.rotation[:, :, 2]
+
     def after(self, inner: "Pose") -> "Pose":
         """The pose of a body that is held at `inner` in this body's axes."""
         origin = self.origin + np.einsum("nij,nj->ni", self.rotation, inner.origin)
@@ -53,7 +58,9 @@ class RigidBody:
         centre = pose.point(self.centre_of_mass)
         acceleration = time_derivative(time_derivative(centre, rate_hz), rate_hz)
         inertia = (pose.rotation * (self.mass * self.gyration**2)) @ pose.rotation.transpose(0, 2, 1)
-        momentum = np.einsum("nij,nj->ni", inertia, angular_velocity(pose.rotation, rate_hz))
+        W = time_derivative(pose.rotation, rate_hz) @ pose.rotation.transpose(0, 2, 1)  # dR/dt R^T
+        omega = 0.5 * np.stack([W[:, 2, 1] - W[:, 1, 2], W[:, 0, 2] - W[:, 2, 0], W[:, 1, 0] - W[:, 0, 1]], axis=-1)
+        momentum = np.einsum("nij,nj->ni", inertia, omega)
         return TrueWrench(self.mass * (acceleration - FREE_FALL), time_derivative(momentum, rate_hz), centre)
 
 
@@ -65,12 +72,6 @@ def time_derivative(values: Array, rate_hz: float) -> Array:
     inner, outer = values[3:-1] - values[1:-3], values[4:] - values[:-4]
     slope[2:-2] = (8.0 * inner - outer) / 12.0
     return np.asarray(slope * rate_hz)
-
-
-def angular_velocity(rotation: Array, rate_hz: float) -> Array:
-    """Angular velocity [rad/s] in laboratory axes, shape (n, 3), of a rotation (n, 3, 3): W = dR/dt R^T."""
-    W = time_derivative(rotation, rate_hz) @ rotation.transpose(0, 2, 1)
-    return 0.5 * np.stack([W[:, 2, 1] - W[:, 1, 2], W[:, 0, 2] - W[:, 2, 0], W[:, 1, 0] - W[:, 0, 1]], axis=-1)
 
 
 def rotation_about(axis: int, angle: Array) -> Array:

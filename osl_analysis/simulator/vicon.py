@@ -270,7 +270,7 @@ def vicon_recording(trial: str, seed: int, scene: Scene, walking: WalkingSetting
         late = interpolated_at(values, rates.motion_hz, time - 1e-3 * effects.plate_lag.value)
         late = late + getattr(effects, f"{quantity}_noise").value * noise
         disturbed.append(late + getattr(effects, f"{quantity}_offset").value * offset)
-    channels, origin, calibration = plate_channels(*disturbed, walking)
+    channels, origin, calibration = plate_channels(disturbed[0], disturbed[1], walking)
     force_rail = effects.sensor_clip if kind == 3 else effects.force_clip
     rails = {"N": force_rail.value, "Nmm": MM * effects.moment_clip.value}
     limits = np.array([rails.get(unit, 0.0) or np.inf for unit in UNITS_OF_TYPE[kind]])
@@ -278,7 +278,8 @@ def vicon_recording(trial: str, seed: int, scene: Scene, walking: WalkingSetting
     for label, value in capture.dead_channels.items():
         channels[:, CHANNELS_OF_TYPE[kind].index(label)] = value
     command = np.inf if scene.command is None else scene.command
-    levels = [sync_level(trial, seed, walking.gait.recording_s, time), (time >= command) & (time < command + 0.02)]
+    trigger = np.asarray((time >= command) & (time < command + 0.02), dtype=float)
+    levels = [sync_level(trial, seed, walking.gait.recording_s, time), trigger]
     labels = tuple(scene.markers)
     if capture.swapped_in is None or trial in capture.swapped_in:
         other = {a: b for pair in capture.swapped_labels for a, b in (pair, pair[::-1])}

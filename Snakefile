@@ -31,8 +31,7 @@ from osl_analysis.figures import FIGURES, drawn_figures
 from osl_analysis.files import check_working_folder, default_config
 from osl_analysis.jobs.refusal import is_refused, refusal_report
 from osl_analysis.jobs.request import Requests
-from osl_analysis.judge.findings import exclusion_report, findings_report, left_behind_report
-from osl_analysis.judge.findings import Judge
+from osl_analysis.judge.findings import Judge, exclusion_report, findings_report, left_behind_report
 from osl_analysis.report import TEMPLATES
 from osl_analysis.study import BENCH_EXPERIMENTS, REPEATED as STUDY_OF_REPEATS, WALKING_EXPERIMENTS
 from osl_analysis.study import Batch, planned, study_batches
@@ -63,10 +62,14 @@ def tabled(name: str) -> Path:
     return RESULTS / f"tables/{name}.csv"
 
 
-def make_rule(rule_name: str, job, output, log: str, constraints) -> None:
+def setting(name: str):
+    """A setting of the configuration by its dotted name, as it stands in a request."""
+    value = attrgetter(name)(CONFIG)
+    return value.model_dump(mode="json") if hasattr(value, "model_dump") else value
+
+
+def make_rule(rule_name: str, job, files, named, log: str, constraints) -> None:
     """A rule whose inputs are what `job` gives for its wildcards."""
-    named = output if isinstance(output, dict) else {}
-    files = output if isinstance(output, list) else [output]
 
     rule:
         name:
@@ -74,7 +77,7 @@ def make_rule(rule_name: str, job, output, log: str, constraints) -> None:
         input:
             unpack(job),
         output:
-            *([] if named else files),
+            *files,
             **named,
         log:
             RESULTS / f"logs/{log}.log",
@@ -84,13 +87,17 @@ def make_rule(rule_name: str, job, output, log: str, constraints) -> None:
             run_job(input.request)
 
 
-def step(command: str, output, log: str, name: str = "", **constraints):
+def step(command: str, output, log: str = "", name: str = "", **constraints):
     """Make a rule of the function below, which gives the parts of each job (`Requests.job`) for the rule's wildcards.
 
     The rule has the function's name, or `name`. `output` is a file, a list of files, or files by the names of the
-    arguments with which `command` takes them; `log` is below the logs, without suffix. The code of the command counts
-    for the job, and that of the `modules` among its parts, which may also name another `command`.
+    arguments with which `command` takes them; texts are below the results. `log` is below the logs, without suffix, and
+    that of the output where it is not given. The parts may name another `command`.
     """
+    files = output if isinstance(output, list) else [] if isinstance(output, dict) else [output]
+    files = [RESULTS / file if isinstance(file, str) else file for file in files]
+    named = output if isinstance(output, dict) else {}
+    named = {key: RESULTS / file if isinstance(file, str) else file for key, file in named.items()}
 
     def made(parts):
         rule_name = name or parts.__name__
@@ -98,7 +105,8 @@ def step(command: str, output, log: str, name: str = "", **constraints):
         def job(wildcards) -> dict[str, object]:
             return REQUESTS.job(getattr(rules, rule_name), wildcards, **{"command": command, **parts(wildcards)})
 
-        make_rule(rule_name, job, output, log, constraints)
+        own = [*files, *named.values()][0]
+        make_rule(rule_name, job, files, named, log or own.relative_to(RESULTS).with_suffix(""), constraints)
         return parts
 
     return made
@@ -109,14 +117,10 @@ wildcard_constraints:
     figure="|".join(FIGURES),
 
 
-include: "rules/simulate.smk"
 include: "rules/trials.smk"
-include: "rules/fits.smk"
-include: "rules/model_comparison.smk"
 include: "rules/walking.smk"
 include: "rules/tables.smk"
 include: "rules/figures.smk"
-include: "rules/report.smk"
 include: "rules/study.smk"
 
 
@@ -125,15 +129,11 @@ rule:
         "reproduce-all"
     default_target: True
     input:
-        simulated_logs(),
+        [CONFIG.sheet, *(log for trial in CAMPAIGN.trials() for log in CAMPAIGN.logs(trial))] * bool(CONFIG.simulation),
         result_tables(),
-        tabled("quality"),
-        tabled("excluded"),
         drawn_files(),
-        RESULTS / "summary.json",
-        RESULTS / "numbers.tex",
-        RESULTS / "csv-metadata.json",
-        RESULTS / "report.html",
+        [tabled("quality"), tabled("excluded")],
+        [RESULTS / name for name in ("summary.json", "numbers.tex", "csv-metadata.json", "report.html")],
 
 
 def end_of_run(records) -> str:

@@ -1,11 +1,6 @@
-"""Tables -> the numbers that a figure plots (CSV) -> the figure."""
+"""Tables -> the numbers that a figure plots (CSV) -> the figure; and all that a run made -> the page (report.html)."""
 
 SUFFIXES = ("pdf", "svg", "png")
-
-
-def setting(name: str):
-    """A setting of the configuration by its dotted name."""
-    return attrgetter(name)(CONFIG)
 
 
 def drawn_names() -> list[str]:
@@ -30,111 +25,104 @@ def shown_rows(figure: str) -> list[Path]:
     return rows_behind(FIGURES[figure].table)
 
 
-def plotted(command: str, name: str, **constraints):
-    """The step that writes the numbers of a figure."""
-    return step(command, RESULTS / f"figures/{name}.csv", f"figures/{name}_numbers", **constraints)
-
-
-@plotted(
-    "figure.plot_numbers",
-    "{figure}",
-    figure="|".join(name for name, figure in FIGURES.items() if not figure.own_rule),
-)
+@step("figure.plot_numbers", "figures/{figure}.csv", "figures/{figure}_numbers")
 def plot_numbers(wildcards):
-    figure = FIGURES[wildcards.figure]
-    return {
-        "modules": (f"figures.{figure.module}",),
-        "input": {"table": tabled(figure.table)},
-        "settings": {"name": figure.name, "option": figure.option and setting(figure.option)},
-    }
+    """Most figures show one table; the others are made by a command of their own, from several or from trials."""
+    name = wildcards.figure
+    match name:
+        case "fig3":
+            parts = {
+                "input": {"table": tabled("belt"), "summary": tabled("belt_summary")},
+                "read": {"curves": rows("belt_curves"), "quality": verdicts_on("belt_curves")},
+            }
+        case "fig4":
+            trial = TIME_SERIES.trial
+            fit = rows("impedance", [trial])[0]
+            settings = {"settings": CONFIG.dynamometer.part("ImpedanceAnalysis"), "choice": asdict(TIME_SERIES)}
+            settings |= {"limits": limits_of("impedance"), "windows": CAMPAIGN.row(trial)["windows"]}
+            parts = {
+                "input": {"trial": trial_file(trial), "quality": checked([trial]), "fit": fit},
+                "settings": settings,
+            }
+        case "fig7":
+            choice = RESPONSE and RESPONSE.model_dump(mode="json")
+            parts = {
+                "input": {"table": tabled("frequency_response")},
+                "files": {"parameters": CONFIG.parameters or []},
+                "settings": {"weight": setting("gain_weight"), "choice": choice},
+            }
+        case "fig9":
+            tables = {"table": "walking_summary", "fits": "walking", "over_stance": "impedance_over_stance"}
+            parts = {
+                "input": {key: tabled(table) for key, table in tables.items()},
+                "settings": {"commanded_K": CONFIG.figures.midstance_stiffness},
+            }
+        case "response":
+            parts = {"input": {"table": tabled("response"), "pooled_table": tabled("response_pooled")}}
+        case "torque_angle":
+            parts = {"input": {"curves": tabled("torque_angle_curves"), "table": tabled("torque_angle")}}
+        case "walking_page":
+            tables = {"responses": tabled("walking_responses"), "table": tabled("walking")}
+            parts = {
+                "command": "figure.plot_walking_page",
+                "input": {"selection": SELECTION, "unperturbed": UNPERTURBED, **tables},
+                "read": crossed(perturbed=True),
+                "settings": {"settings": CONFIG.walking.part("TimingSettings")},
+            }
+        case "impedance_over_stance":
+            parts = {"command": "figure.plot_over_stance", "input": {"table": tabled(name)}, **over_stance()}
+        case _:
+            figure = FIGURES[name]
+            return {
+                "modules": (f"figures.{figure.module}",),
+                "input": {"table": tabled(figure.table)},
+                "settings": {"name": name, "option": figure.option and setting(figure.option)},
+            }
+    return {"command": f"figure.{name}", **parts}
 
 
-@plotted("figure.fig3", "fig3")
-def plot_numbers_fig3(_):
-    return {
-        "input": {"table": tabled("belt"), "summary": tabled("belt_summary")},
-        "read": {"curves": rows("belt_curves"), "quality": verdicts_on("belt_curves")},
-    }
-
-
-@plotted("figure.fig4", "fig4")
-def plot_numbers_fig4(_):
-    trial = TIME_SERIES.trial
-    return {
-        "input": {"trial": trial_file(trial), "quality": checked([trial]), "fit": rows("impedance", [trial])[0]},
-        "settings": {
-            "settings": CONFIG.dynamometer.part("ImpedanceAnalysis"),
-            "choice": asdict(TIME_SERIES),
-            "limits": limits_of("impedance"),
-            "windows": CAMPAIGN.row(trial)["windows"],
-        },
-    }
-
-
-@plotted("figure.fig7", "fig7")
-def plot_numbers_fig7(_):
-    choice = RESPONSE and RESPONSE.model_dump(mode="json")
-    return {
-        "input": {"table": tabled("frequency_response")},
-        "files": {"parameters": CONFIG.parameters or []},
-        "settings": {"weight": CONFIG.gain_weight.model_dump(mode="json"), "choice": choice},
-    }
-
-
-@plotted("figure.fig9", "fig9")
-def plot_numbers_fig9(_):
-    tables = {"table": "walking_summary", "fits": "walking", "over_stance": "impedance_over_stance"}
-    return {
-        "input": {name: tabled(table) for name, table in tables.items()},
-        "settings": {"commanded_K": CONFIG.figures.midstance_stiffness},
-    }
-
-
-@plotted("figure.response", "response")
-def plot_numbers_response(_):
-    return {"input": {"table": tabled("response"), "pooled_table": tabled("response_pooled")}}
-
-
-@plotted("figure.plot_walking_page", "walking_page")
-def plot_numbers_walking_page(_):
-    return {
-        "input": {
-            "selection": SELECTION,
-            "unperturbed": UNPERTURBED,
-            "responses": tabled("walking_responses"),
-            "table": tabled("walking"),
-        },
-        "read": crossed(perturbed=True),
-        "settings": {"settings": CONFIG.walking.part("TimingSettings")},
-    }
-
-
-@plotted("figure.plot_over_stance", "impedance_over_stance")
-def plot_numbers_impedance_over_stance(_):
-    return {"input": {"table": tabled("impedance_over_stance")}, **over_stance()}
-
-
-@plotted("figure.torque_angle", "torque_angle")
-def plot_numbers_torque_angle(_):
-    return {"input": {"curves": tabled("torque_angle_curves"), "table": tabled("torque_angle")}}
-
-
-@step("figure.draw_figure", [RESULTS / f"figures/{{figure}}.{suffix}" for suffix in SUFFIXES], "figures/{figure}")
+@step("figure.draw_figure", [f"figures/{{figure}}.{suffix}" for suffix in SUFFIXES])
 def draw_figure(wildcards):
+    name = wildcards.figure
     return {
-        "modules": ("figures.names", f"figures.{FIGURES[wildcards.figure].module}"),
-        "input": {"table_csv": RESULTS / f"figures/{wildcards.figure}.csv"},
-        "read": {"fitted": shown_rows(wildcards.figure)},
-        "settings": {"name": wildcards.figure, "footer": ABOUT.of_figure()},
+        "modules": ("figures.names", f"figures.{FIGURES[name].module}"),
+        "input": {"table_csv": RESULTS / f"figures/{name}.csv"},
+        "read": {"fitted": shown_rows(name)},
+        "settings": {"name": name, "footer": ABOUT.of_figure()},
     }
 
 
-@step("figure.write_captions", RESULTS / "figures/captions.md", "figures/captions")
+@step("figure.write_captions", "figures/captions.md")
 def captions(_):
     tables = {name: RESULTS / f"figures/{name}.csv" for name in drawn_names()}
     return {
         "modules": ("figures.names", *sorted({f"figures.{FIGURES[name].module}" for name in tables})),
         "input": {"fitted": list(tables.values())},
         "read": {"shown": {name: shown_rows(name) for name in tables}},
-        "settings": {"tables": {name: str(path) for name, path in tables.items()}, "footer": ABOUT.sentence()},
+        "settings": {"tables": tables, "footer": ABOUT.sentence()},
+    }
+
+
+@step("report.write_report", "report.html", name="report")
+def report_page(_):
+    tables = [*result_tables(), *[tabled("walking_responses")] * bool(WALKED)]
+    drawn = [RESULTS / f"figures/{name}.svg" for name in drawn_names()]
+    ends = {"verdicts": tabled("quality"), "excluded": tabled("excluded"), "summary": RESULTS / "summary.json"}
+    shown = {
+        "trials": [trial_file(trial) for trial in CAMPAIGN.trials()],
+        "series": rows("series"),
+        "crossings": crossings(WALKED),
+        "tables": tables,
+        "figures": drawn,
+    }
+    return {
+        "made_of": sorted(TEMPLATES.iterdir()),
+        "input": {"tables": tables, "figures": drawn, **ends}
+        | ({"captions": RESULTS / "figures/captions.md"} if drawn else {}),
+        "read": {name: by_stem(files) for name, files in shown.items()},
+        "settings": {
+            "about": asdict(ABOUT),
+            "sheet": CAMPAIGN.rows | CAMPAIGN.unused,
+            "largest_mb": CONFIG.report.largest_mb,
+        },
     }

@@ -1,29 +1,37 @@
-"""Fits of single trials -> tidy tables over trials -> the headline numbers."""
+"""Fits of single trials, and rival models side by side -> tidy tables over trials -> the headline numbers."""
 
+REPEATS = {
+    f"{experiment}_trials" + f"_{number}" * (number > 1): trials
+    for experiment in ("belt", "transmission")
+    for number, trials in enumerate(CAMPAIGN.by_place(experiment), start=1)
+}
+"""Comparisons of models over trials: the trials of each joint and side, which predict each other."""
+AMPLITUDES = CAMPAIGN.predicted() if len(CONFIG.dynamometer.amplitudes_deg) > 1 else []
+"""Trials whose rendered impedance at an amplitude is predicted from the others."""
+IS_PREDICTED = bool(AMPLITUDES) or any(len(trials) > 1 for trials in REPEATS.values())
+"""Whether any model predicts data that it was not fitted to."""
 TABLES = [(name, table) for name in EXPERIMENTS for table in EXPERIMENTS[name].tables]
-FITTED = {(name, table.name) for name, table in TABLES}
 PER_TRIAL = {
     table.name: [trial for name, one in TABLES if one.name == table.name for trial in CAMPAIGN.rows_of(name, one)]
     for _, table in TABLES
-} | {
-    "model_comparison": COMPARISONS,
+}
+PER_TRIAL |= {
+    "model_comparison": [*REPEATS, *AMPLITUDES],
     "quality": CAMPAIGN.trials(),
     "hinge": list(CALIBRATED),
 }
 """Per table, the trials (or comparisons) that have rows in it. `hinge` has the static trials."""
 DOUBTS_OF = {table.name: table.doubts_of for _, table in TABLES if table.doubts_of}
 """Per table, the table of the same trials whose doubts its rows share."""
-UNPUBLISHED = {table.name for name, table in TABLES if not table.published}
-DERIVED = {new: (table.name, job) for name, table in TABLES for new, job in table.derived.items()} | {
-    "model_comparison_summary": ("model_comparison", "bench.summarise_model_comparison")
-}
+DERIVED = {new: (table.name, job) for name, table in TABLES for new, job in table.derived.items()}
+DERIVED["model_comparison_summary"] = ("model_comparison", "bench.summarise_model_comparison")
 """Per table that is computed from one other table: that table, and the job."""
 
 
 def row_file(table: str, trial: str) -> Path:
     """The file with the rows of a trial, or of a comparison, behind a table."""
     experiment = CAMPAIGN.rows[trial]["experiment"] if trial in CAMPAIGN.rows else ""
-    if (experiment, table) in FITTED:
+    if any(name == experiment and one.name == table for name, one in TABLES):
         return fit_file(experiment, table, trial)
     return RESULTS / ("quality" if table == "quality" else f"fits/{table}") / f"{trial}.csv"
 
@@ -31,12 +39,6 @@ def row_file(table: str, trial: str) -> Path:
 def rows(table: str, trials=None) -> list[Path]:
     """The files of single trials, or of these trials, behind a table."""
     return [row_file(table, trial) for trial in (PER_TRIAL[table] if trials is None else trials)]
-
-
-def first_rows(experiment: str) -> list[Path]:
-    """One file of the results of each trial of an experiment."""
-    table = EXPERIMENTS[experiment].tables[0]
-    return rows(table.name, CAMPAIGN.rows_of(experiment, table))
 
 
 def behind(table: str) -> list[Path]:
@@ -59,25 +61,11 @@ def by_stem(files) -> dict[str, str]:
 
 def result_tables() -> list[Path]:
     """Every table of results that the campaign's experiments give."""
-    tables = [table for table, trials in PER_TRIAL.items() if trials and table not in {"quality", *UNPUBLISHED}]
+    unpublished = {"quality", *(table.name for _, table in TABLES if not table.published)}
+    tables = [table for table, trials in PER_TRIAL.items() if trials and table not in unpublished]
     tables += [table for table, (source, _) in DERIVED.items() if source in tables]
     tables += [table for name in EXPERIMENTS if CAMPAIGN.trials(name) for table in EXPERIMENTS[name].further_tables]
-    tables += ["gains"] * bool(CONFIG.impedance_trajectory)
-    return [tabled(table) for table in tables]
-
-
-def written_tables() -> list[str]:
-    """Every table that this run writes for the reader, below the results' folder."""
-    published = [*result_tables(), tabled("quality"), tabled("excluded"), *drawn_files()]
-    return [str(path.relative_to(RESULTS)) for path in published if path.suffix == ".csv"]
-
-
-def example():
-    """The desired impedance of Fig. 4, whose estimates are headline numbers; None without impedance trials."""
-    if TIME_SERIES is None:
-        return None
-    row = CAMPAIGN.row(TIME_SERIES.trial)
-    return {"K_d": row["K_d"], "B_d": row["B_d"], "chosen": TIME_SERIES.chosen}
+    return [tabled(table) for table in tables + ["gains"] * bool(CONFIG.impedance_trajectory)]
 
 
 def limits_of(table: str):
@@ -85,27 +73,47 @@ def limits_of(table: str):
     return CONFIG.doubtful.of(table).model_dump(mode="json") if table in judged_tables() else None
 
 
-def all_rows() -> list[Path]:
-    """The results of single trials, of every kind."""
-    return [*crossings(CAMPAIGN.trials("walking")), *(path for table in PER_TRIAL for path in rows(table))]
-
-
-def every_end() -> list[Path]:
-    """What was made when the results of single trials of every kind were."""
-    tables = [table for table in ("model_comparison", "hinge") if PER_TRIAL[table]]
-    tables += ["walking_crossings"] * bool(CAMPAIGN.trials("walking"))
-    return [*fitted(*EXPERIMENTS), *map(tabled, tables)]
-
-
 def rows_behind(table: str) -> list[Path]:
     """The results of single trials that a table, which may be derived from others, is made of."""
     if table in EXPERIMENTS["walking"].further_tables:
-        return [*crossings(CAMPAIGN.trials("walking")), *rows("walking")]
+        return [*crossings(WALKED), *rows("walking")]
     source = DERIVED.get(table, (table,))[0]
     return rows(source) if source in PER_TRIAL else []
 
 
-@step("tables.gather", tabled("{table}"), "tables/{table}", table="|".join(PER_TRIAL.keys() - {"quality"}))
+for kind in ("belt", "transmission", "impedance"):
+    names = "(?!(belt|transmission)_trials).*" if kind == "impedance" else f"{kind}_trials(_[0-9]+)?"
+    of_kind = {"name": f"compare_{kind}_models", kind: names}
+
+    @step(
+        f"bench.compare_{kind}_models",
+        f"fits/model_comparison/{{{kind}}}.csv",
+        f"model_comparison/{{{kind}}}",
+        **of_kind,
+    )
+    def compare_models(wildcards, kind=kind):
+        """Trials predict other trials, in the rendered impedance amplitudes predict other amplitudes."""
+        trials = REPEATS.get(wildcards[0], [wildcards[0]])
+        section = {"belt": "BeltAnalysis", "transmission": "SteppedSineAnalysis", "impedance": "ImpedanceAnalysis"}[
+            kind
+        ]
+        settings = {"settings": CONFIG.dynamometer.part(section)}
+        if kind != "belt":
+            settings["sign_width"] = CONFIG.model_comparison.sign_width
+        read = {"trials": [trial_file(trial) for trial in trials], "quality": checked(trials)}
+        if kind == "impedance":
+            read = {"trial": trial_file(trials[0])}
+            settings |= {"weight": setting("gain_weight"), "windows": CAMPAIGN.row(trials[0])["windows"]}
+            settings |= condition(trials[0], ("controller", "K_d", "B_d"))
+        return {
+            "input": {"fitted": rows(kind, trials)},
+            "read": read,
+            "files": {} if kind == "transmission" else {"parameters": device(trials[0])},
+            "settings": settings,
+        }
+
+
+@step("tables.gather", tabled("{table}"), table="|".join(PER_TRIAL.keys() - {"quality"}))
 def table(wildcards):
     of, judged = wildcards.table, DOUBTS_OF.get(wildcards.table, "")
     fits = {"fits": rows(judged)} if judged else {}
@@ -116,53 +124,57 @@ def table(wildcards):
     }
 
 
-@step("", tabled("{derived}"), "tables/{derived}", derived="|".join(DERIVED))
+@step("", tabled("{derived}"), derived="|".join(DERIVED))
 def derived_table(wildcards):
     source, command = DERIVED[wildcards.derived]
     return {"command": command, "input": {"table": tabled(source)}}
 
 
-POOLED = ("response_pooled", "response_models_pooled")
-
-
-@step("tables.pool_responses", {name: tabled(name) for name in POOLED}, "tables/response_pooled")
+@step("tables.pool_responses", {n: tabled(n) for n in ("response_pooled", "response_models_pooled")})
 def pool_responses(_):
+    conditions = {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL["response_lines"]}
     return {
         "files": {"parameters": CONFIG.parameters or []},
-        "after": behind("response_lines") if "response_lines" in PER_TRIAL else [],
+        "after": behind("response_lines"),
         "read": {"lines": rows("response_lines"), "quality": verdicts_on("response_lines")},
-        "settings": {
-            "conditions": {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL["response_lines"]},
-            "settings": CONFIG.dynamometer.part("FilterSettings"),
-        },
+        "settings": {"conditions": conditions, "settings": CONFIG.dynamometer.part("FilterSettings")},
     }
 
 
-@step("gains.select_trajectory", tabled("gains"), "tables/gains")
+@step("gains.select_trajectory", tabled("gains"))
 def gains_table(_):
+    files = {"trajectory": CONFIG.impedance_trajectory or [], "parameters": CONFIG.parameters or []}
+    return {"files": files, "settings": {"weight": setting("gain_weight")}}
+
+
+@step("tables.list_excluded", tabled("excluded"))
+def excluded_trials(_):
+    """It waits for the results of single trials of every kind, and names those that have none."""
+    ends = [tabled(table) for table in ("model_comparison", "hinge") if PER_TRIAL[table]]
     return {
-        "files": {"trajectory": CONFIG.impedance_trajectory or [], "parameters": CONFIG.parameters or []},
-        "settings": {"weight": CONFIG.gain_weight.model_dump(mode="json")},
+        "input": {"verdicts": tabled("quality")},
+        "after": [*fitted(*EXPERIMENTS), *ends, *[SELECTION] * bool(WALKED)],
+        "read": {"fitted": [*crossings(WALKED), *(path for table in PER_TRIAL for path in rows(table))]},
+        "settings": {"by_sheet": dict(CAMPAIGN.excluded), "places": PLACES},
     }
 
 
-SUMMARY = {"summary_json": RESULTS / "summary.json", "numbers_tex": RESULTS / "numbers.tex"}
-
-
-@step("tables.write_summary", SUMMARY, "summary")
+@step("tables.write_summary", {"summary_json": "summary.json", "numbers_tex": "numbers.tex"})
 def headline_numbers(_):
+    """Those of the desired impedance of Fig. 4 are among them."""
+    row = CAMPAIGN.row(TIME_SERIES.trial) if TIME_SERIES else {}
+    example = {"K_d": row["K_d"], "B_d": row["B_d"], "chosen": TIME_SERIES.chosen} if row else None
+    trials = {name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)}
     return {
         "input": {"excluded": tabled("excluded"), "verdicts": tabled("quality")},
         "after": result_tables(),
         "read": {"table_paths": by_stem(result_tables())},
-        "settings": {
-            "about": asdict(ABOUT),
-            "example": example(),
-            "trials": {name: CAMPAIGN.trials(name) for name in EXPERIMENTS if CAMPAIGN.trials(name)},
-        },
+        "settings": {"about": asdict(ABOUT), "example": example, "trials": trials},
     }
 
 
-@step("tables.write_table_metadata", RESULTS / "csv-metadata.json", "csv_metadata")
+@step("tables.write_table_metadata", "csv-metadata.json", "csv_metadata")
 def describe_tables(_):
-    return {"settings": {"about": asdict(ABOUT), "tables": written_tables()}}
+    published = [*result_tables(), tabled("quality"), tabled("excluded"), *drawn_files()]
+    tables = [str(path.relative_to(RESULTS)) for path in published if path.suffix == ".csv"]
+    return {"settings": {"about": asdict(ABOUT), "tables": tables}}

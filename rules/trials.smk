@@ -1,9 +1,8 @@
-"""Raw log -> trial and what the checks of quality control measure on it, in one job; the verdicts on all trials."""
+"""Raw log, which may be simulated -> trial and what quality control measures on it -> the tables of its fit.
 
-
-def ingested(*experiments: str) -> list[Path]:
-    """The trials of these experiments, or of all."""
-    return [trial_file(trial) for trial in CAMPAIGN.trials(*experiments)]
+What uses the results of every trial depends on one list per experiment: Snakemake's planning takes time with every file
+that a rule names. A rule names one file of every job that it needs; what else that job has made is `read`.
+"""
 
 
 def trial_file(trial: str) -> Path:
@@ -16,42 +15,94 @@ def checked(trials) -> list[Path]:
     return [RESULTS / f"quality/{trial}.csv" for trial in trials]
 
 
-@step(
-    "trials.ingest_and_check",
-    {"trial": RESULTS / "trials/{trial}.parquet", "quality": RESULTS / "quality/{trial}.csv"},
-    "ingest/{trial}",
-)
+def device(trial: str):
+    """The parameter file of a trial's device; none where there is none for its joint."""
+    return CAMPAIGN.device(trial) or []
+
+
+if CONFIG.simulation:
+
+    @step("simulate.write_sheet", {"sheet": CONFIG.sheet}, "simulate/sheet")
+    def trial_sheet(_):
+        return {"files": {"settings_path": CONFIG.simulation}}
+
+    for experiment in filter(CAMPAIGN.trials, EXPERIMENTS):
+        logs = [RAW / path for path in EXPERIMENTS[experiment].simulated_files("{trial}").values()]
+        of_trials = {"name": f"simulate_{experiment}", "trial": CAMPAIGN.pattern(experiment)}
+
+        @step("simulate.simulate_trial", logs, "simulate/{trial}", **of_trials)
+        def simulate_trial(wildcards, experiment=experiment):
+            settings = {"settings_path": CONFIG.simulation, "campaign_folder": RAW, "trial": wildcards.trial}
+            return {
+                "modules": ("commands.simulate",),
+                "made_of": SIMULATION_FILES,
+                "settings": settings | {"followed": CONFIG.shared(experiment).model_dump(mode="json")},
+                "output": {},
+            }
+
+
+@step("trials.ingest_and_check", {"trial": trial_file("{trial}"), "quality": checked(["{trial}"])[0]}, "ingest/{trial}")
 def ingest(wildcards):
     """A trial's simulated logs are needed, which other jobs write. Real recordings are no inputs: see `recordings`."""
-    trial, simulated = wildcards.trial, CONFIG.simulation is not None
+    trial = wildcards.trial
     return {
-        "needs": CAMPAIGN.logs(trial) if simulated else [],
-        "recordings": [] if simulated else CAMPAIGN.logs(trial),
+        "needs" if CONFIG.simulation else "recordings": CAMPAIGN.logs(trial),
         "made_of": CAMPAIGN.sources(trial),
         "settings": {
             "row": CAMPAIGN.recording(trial),
             "needed_columns": EXPERIMENTS[CAMPAIGN.row(trial)["experiment"]].needed_columns,
-            "raw_folder": str(RAW),
-            "sources_folder": str(CONFIG.sources),
-            "commanded": CONFIG.dynamometer.model_dump(mode="json", include=set(PROTOCOL)),
+            "raw_folder": RAW,
+            "sources_folder": CONFIG.sources,
+            "commanded": {name: setting("dynamometer")[name] for name in PROTOCOL},
         },
     }
 
 
-@step("tables.judge", tabled("quality"), "tables/quality")
+@step("tables.judge", tabled("quality"))
 def judge(_):
-    rules_of_quality = CONFIG.quality.model_dump(mode="json")
-    return {
-        "input": {"rows": checked(CAMPAIGN.trials())},
-        "settings": {"rules": rules_of_quality, "accept": JUDGE.accept, "places": PLACES},
-    }
+    settings = {"rules": setting("quality"), "accept": JUDGE.accept, "places": PLACES}
+    return {"input": {"rows": checked(CAMPAIGN.trials())}, "settings": settings}
 
 
-@step("tables.list_excluded", tabled("excluded"), "tables/excluded")
-def excluded_trials(_):
-    return {
-        "input": {"verdicts": tabled("quality")},
-        "after": every_end(),
-        "read": {"fitted": all_rows()},
-        "settings": {"by_sheet": dict(CAMPAIGN.excluded), "places": PLACES},
-    }
+def fit_file(experiment: str, table: str, trial: str) -> Path:
+    """The file with a trial's rows of a table: of its own for the experiment's first table, one archive for the others."""
+    first = EXPERIMENTS[experiment].tables[0].name
+    return RESULTS / f"fits/{first}/{trial}{'.csv' if table == first else '.zip'}"
+
+
+def condition(trial: str, columns) -> dict[str, object]:
+    """What the sheet states for a trial in these columns, as a setting of its fit."""
+    return {"condition": {column: CAMPAIGN.row(trial)[column] for column in columns}} if columns else {}
+
+
+for experiment, facts in EXPERIMENTS.items():
+    if not facts.fit:
+        continue
+    files = list(dict.fromkeys(fit_file(experiment, table.name, "{trial}") for table in facts.tables))
+
+    @step(facts.fit.job, files, f"{experiment}/{{trial}}", name=f"fit_{experiment}_trial")
+    def fit_trial(wildcards, experiment=experiment, facts=facts):
+        trial, fit = wildcards.trial, facts.fit
+        places = {table.name: fit_file(experiment, table.name, trial) for table in facts.tables}
+        settings = {name: getattr(CONFIG, section).part(model) for name, (section, model) in fit.settings.items()}
+        settings |= condition(trial, fit.sheet) | ({"windows": CAMPAIGN.row(trial)["windows"]} if fit.windows else {})
+        return {
+            "input": {"trial": trial_file(trial)},
+            "files": {"parameters": device(trial)} if fit.parameters else {},
+            "settings": settings,
+            "output": {"tables": {n: f / f"{n}.csv" if f.suffix == ".zip" else f for n, f in places.items()}},
+        }
+
+
+def fitted(*experiments: str) -> list[Path]:
+    """The lists of the trials that were fitted, of these experiments."""
+    return [RESULTS / f"fits/{name}.json" for name in experiments if CAMPAIGN.trials(name) and EXPERIMENTS[name].tables]
+
+
+LISTED = "|".join(name for name, facts in EXPERIMENTS.items() if facts.tables)
+
+
+@step("tables.list_fits", "fits/{experiment}.json", experiment=LISTED)
+def list_fits(wildcards):
+    table = EXPERIMENTS[wildcards.experiment].tables[0]
+    return {"input": {"fits": rows(table.name, CAMPAIGN.rows_of(wildcards.experiment, table))}}

@@ -2,33 +2,15 @@
 
 CALIBRATED = CAMPAIGN.statics if CAMPAIGN.trials("walking") else {}
 """The crossings that each static trial calibrates."""
-
-PLATE, PLATFORM, UNPERTURBED = (
-    RESULTS / f"fits/{name}" for name in ("plate.json", "platform.json", "unperturbed.parquet")
-)
-SELECTION = tabled("walking_crossings")
 WALKED = {trial: PLACES[trial] for trial in CAMPAIGN.trials("walking")}
 """Joint and side of every crossing."""
-
-
-def motion_of(static: str) -> list[str]:
-    """Crossings that show how foot and shank turn against each other: the first unperturbed ones of a static trial."""
-    return [trial for trial in CALIBRATED[static] if not CAMPAIGN.row(trial)["perturbed"]][:3]
+SELECTION = tabled("walking_crossings")
+PLATE, PLATFORM, UNPERTURBED = (RESULTS / f"fits/{n}" for n in ("plate.json", "platform.json", "unperturbed.parquet"))
 
 
 def calibration(static: str) -> Path:
     """The calibration by a static trial."""
     return RESULTS / f"fits/calibration/{static}.json"
-
-
-def statics(trials) -> dict[str, str]:
-    """The static trial of each of these trials."""
-    return {trial: CAMPAIGN.static(trial) for trial in trials}
-
-
-def calibrations(trials) -> list[Path]:
-    """The calibrations that these trials need."""
-    return [calibration(static) for static in dict.fromkeys(statics(trials).values())]
 
 
 def crossings(trials) -> list[Path]:
@@ -42,84 +24,71 @@ def crossed(perturbed: bool) -> dict[str, list[Path]]:
     return {"crossings": crossings(trials), "quality": checked(trials)}
 
 
-@step(
-    "walking.calibrate",
-    {"output": calibration("{static}"), "comparison": RESULTS / "fits/hinge/{static}.csv"},
-    "calibration/{static}",
-    static=CAMPAIGN.pattern("static"),
-)
-def calibrate_markers(wildcards):
-    static = wildcards.static
+def of_crossings(trials, **settings) -> dict[str, dict[str, object]]:
+    """The ingested crossings and their calibrations, and the verdicts on them, as parts of a job."""
+    statics = {trial: CAMPAIGN.static(trial) for trial in trials}
+    calibrations = [calibration(static) for static in dict.fromkeys(statics.values())]
     return {
-        "input": {"trial": trial_file(static), "motion": [trial_file(trial) for trial in motion_of(static)]},
-        "read": {"quality": checked([static, *motion_of(static)])},
-        "settings": {"settings": CAMPAIGN.calibration_settings(static)},
+        "input": {"trials": [trial_file(trial) for trial in trials], "calibrations": calibrations},
+        "read": {"quality": checked(trials)},
+        "settings": {**settings, "statics": statics},
     }
 
 
-def of_crossings(trials) -> dict[str, dict[str, list[Path]]]:
-    """The ingested crossings and their calibrations, and the verdicts on them, as parts of a job."""
+HINGE = {"output": calibration("{static}"), "comparison": "fits/hinge/{static}.csv"}
+
+
+@step("walking.calibrate", HINGE, "calibration/{static}", static=CAMPAIGN.pattern("static"))
+def calibrate_markers(wildcards):
+    """The first unperturbed crossings of a static trial show how foot and shank turn against each other."""
+    static = wildcards.static
+    motion = [trial for trial in CALIBRATED[static] if not CAMPAIGN.row(trial)["perturbed"]][:3]
     return {
-        "input": {"trials": [trial_file(trial) for trial in trials], "calibrations": calibrations(trials)},
-        "read": {"quality": checked(trials)},
+        "input": {"trial": trial_file(static), "motion": [trial_file(trial) for trial in motion]},
+        "read": {"quality": checked([static, *motion])},
+        "settings": {"settings": CAMPAIGN.calibration_settings(static)},
     }
 
 
 @step("walking.identify_plate", {"output": PLATE, "comparison": tabled("plate")}, "walking/plate")
 def identify_plate(_):
-    trials = CAMPAIGN.plate_trials()
-    settings = {"settings": CONFIG.walking.part("PlateModelSettings"), "statics": statics(trials)}
-    return of_crossings(trials) | {"settings": settings}
+    return of_crossings(CAMPAIGN.plate_trials(), settings=CONFIG.walking.part("PlateModelSettings"))
 
 
 @step("walking.measure_platform", {"output": PLATFORM, "comparison": tabled("platform")}, "walking/platform")
 def measure_platform(_):
-    trials = CAMPAIGN.crossings(perturbed=True)
-    settings = {"settings": CONFIG.walking.part("PlatformMotionSettings"), "places": WALKED, "statics": statics(trials)}
-    return of_crossings(trials) | {"settings": settings}
+    settings = {"settings": CONFIG.walking.part("PlatformMotionSettings"), "places": WALKED}
+    return of_crossings(CAMPAIGN.crossings(perturbed=True), **settings)
 
 
-@step("walking.analyse", RESULTS / "crossings/{trial}.parquet", "crossings/{trial}")
+@step("walking.analyse", "crossings/{trial}.parquet")
 def analyse_crossing(wildcards):
-    trial, row = wildcards.trial, CAMPAIGN.row(wildcards.trial)
+    trial, row = trial_file(wildcards.trial), CAMPAIGN.row(wildcards.trial)
+    stated = {column: row[column] for column in ("perturbed", "direction", "body_mass_kg")}
+    calibrated = calibration(CAMPAIGN.static(wildcards.trial))
     return {
-        "input": {
-            "trial": trial_file(trial),
-            "calibration": calibration(CAMPAIGN.static(trial)),
-            "plate": PLATE,
-            "platform": PLATFORM,
-        },
-        "settings": {
-            "settings": CONFIG.walking.part("CrossingSettings"),
-            **{column: row[column] for column in ("perturbed", "direction", "body_mass_kg")},
-        },
+        "input": {"trial": trial, "calibration": calibrated, "plate": PLATE, "platform": PLATFORM},
+        "settings": {"settings": CONFIG.walking.part("CrossingSettings"), **stated},
     }
 
 
 @step("walking.select_crossings", SELECTION, "walking/selection")
 def select_crossings(_):
-    trials = CAMPAIGN.trials("walking")
+    settings = {"sheet": CAMPAIGN.conditions(), "places": WALKED}
     return {
-        "input": {"crossings": crossings(trials)},
-        "read": {"quality": checked(trials)},
-        "settings": {
-            "settings": CONFIG.walking.part("SelectionSettings"),
-            "sheet": CAMPAIGN.conditions(),
-            "places": WALKED,
-        },
+        "input": {"crossings": crossings(WALKED)},
+        "read": {"quality": checked(WALKED)},
+        "settings": {"settings": CONFIG.walking.part("SelectionSettings"), **settings},
     }
 
 
 @step("walking.average_unperturbed", UNPERTURBED, "walking/unperturbed")
 def average_unperturbed(_):
-    return {
-        "input": {"selection": SELECTION},
-        "read": crossed(perturbed=False),
-        "settings": {"settings": CONFIG.walking.part("UnperturbedSettings")},
-    }
+    settings = {"settings": CONFIG.walking.part("UnperturbedSettings")}
+    return {"input": {"selection": SELECTION}, "read": crossed(perturbed=False), "settings": settings}
 
 
-@step("walking.fit_perturbation", RESULTS / "fits/walking/{trial}.csv", "walking/{trial}")
+@step("walking.fit_perturbation", "fits/walking/{trial}.csv", "walking/{trial}")
 def fit_perturbation(wildcards):
     (crossing,) = crossings([wildcards.trial])
     return {
@@ -130,23 +99,16 @@ def fit_perturbation(wildcards):
 
 
 SUMMARIES = {"output": "summary", "responses": "responses", "excluded": "excluded", "groups": "groups"}
+SUMMARIES = {name: tabled(f"walking_{table}") for name, table in SUMMARIES.items()}
 
 
-@step(
-    "walking.summarise_perturbations",
-    {name: tabled(f"walking_{table}") for name, table in SUMMARIES.items()},
-    "walking/summary",
-)
+@step("walking.summarise_perturbations", SUMMARIES, "walking/summary")
 def summarise_walking(_):
+    settings = {"sheet": CAMPAIGN.conditions(), "places": WALKED, "limits": limits_of("walking_groups")}
     return {
         "input": {"table": tabled("walking"), "selection": SELECTION, "unperturbed": UNPERTURBED},
         "read": crossed(perturbed=True),
-        "settings": {
-            "settings": CONFIG.walking.part("EnsembleSettings"),
-            "sheet": CAMPAIGN.conditions(),
-            "places": WALKED,
-            "limits": CONFIG.doubtful.of("walking_groups").model_dump(mode="json"),
-        },
+        "settings": {"settings": CONFIG.walking.part("EnsembleSettings"), **settings},
     }
 
 

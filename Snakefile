@@ -68,7 +68,7 @@ def setting(name: str):
     return value.model_dump(mode="json") if hasattr(value, "model_dump") else value
 
 
-def make_rule(rule_name: str, job, files, named, log: str, constraints) -> None:
+def make_rule(rule_name: str, job, files, named, log, constraints) -> None:
     """A rule whose inputs are what `job` gives for its wildcards."""
 
     rule:
@@ -99,15 +99,15 @@ def step(command: str, output, log: str = "", name: str = "", **constraints):
     named = output if isinstance(output, dict) else {}
     named = {key: RESULTS / file if isinstance(file, str) else file for key, file in named.items()}
 
-    def made(parts):
+    def made(parts) -> None:
         rule_name = name or parts.__name__
 
         def job(wildcards) -> dict[str, object]:
             return REQUESTS.job(getattr(rules, rule_name), wildcards, **{"command": command, **parts(wildcards)})
 
         own = [*files, *named.values()][0]
-        make_rule(rule_name, job, files, named, log or own.relative_to(RESULTS).with_suffix(""), constraints)
-        return parts
+        place = log or own.relative_to(RESULTS).with_suffix("")
+        make_rule(rule_name, job, files, named, place, constraints)
 
     return made
 

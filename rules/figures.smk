@@ -31,19 +31,15 @@ def plot_numbers(wildcards):
     name = wildcards.figure
     match name:
         case "fig3":
-            parts = {
-                "input": {"table": tabled("belt"), "summary": tabled("belt_summary")},
-                "read": {"curves": rows("belt_curves"), "quality": verdicts_on("belt_curves")},
-            }
+            read = {"curves": rows("belt_curves"), "quality": verdicts_on("belt_curves")}
+            parts = {"input": {"table": tabled("belt"), "summary": tabled("belt_summary")}, "read": read}
         case "fig4":
             trial = TIME_SERIES.trial
-            fit = rows("impedance", [trial])[0]
+            (fit,) = rows("impedance", [trial])
             settings = {"settings": CONFIG.dynamometer.part("ImpedanceAnalysis"), "choice": asdict(TIME_SERIES)}
             settings |= {"limits": limits_of("impedance"), "windows": CAMPAIGN.row(trial)["windows"]}
-            parts = {
-                "input": {"trial": trial_file(trial), "quality": checked([trial]), "fit": fit},
-                "settings": settings,
-            }
+            inputs = {"trial": trial_file(trial), "quality": checked([trial]), "fit": fit}
+            parts = {"input": inputs, "settings": settings}
         case "fig7":
             choice = RESPONSE and RESPONSE.model_dump(mode="json")
             parts = {
@@ -51,16 +47,6 @@ def plot_numbers(wildcards):
                 "files": {"parameters": CONFIG.parameters or []},
                 "settings": {"weight": setting("gain_weight"), "choice": choice},
             }
-        case "fig9":
-            tables = {"table": "walking_summary", "fits": "walking", "over_stance": "impedance_over_stance"}
-            parts = {
-                "input": {key: tabled(table) for key, table in tables.items()},
-                "settings": {"commanded_K": CONFIG.figures.midstance_stiffness},
-            }
-        case "response":
-            parts = {"input": {"table": tabled("response"), "pooled_table": tabled("response_pooled")}}
-        case "torque_angle":
-            parts = {"input": {"curves": tabled("torque_angle_curves"), "table": tabled("torque_angle")}}
         case "walking_page":
             tables = {"responses": tabled("walking_responses"), "table": tabled("walking")}
             parts = {
@@ -73,9 +59,11 @@ def plot_numbers(wildcards):
             parts = {"command": "figure.plot_over_stance", "input": {"table": tabled(name)}, **over_stance()}
         case _:
             figure = FIGURES[name]
-            return {
+            tables = zip(("table", "second", "third"), [figure.table, *figure.beside])
+            parts = {
+                "command": "figure.plot_numbers",
                 "modules": (f"figures.{figure.module}",),
-                "input": {"table": tabled(figure.table)},
+                "input": {key: tabled(table) for key, table in tables},
                 "settings": {"name": name, "option": figure.option and setting(figure.option)},
             }
     return {"command": f"figure.{name}", **parts}
@@ -108,21 +96,13 @@ def report_page(_):
     tables = [*result_tables(), *[tabled("walking_responses")] * bool(WALKED)]
     drawn = [RESULTS / f"figures/{name}.svg" for name in drawn_names()]
     ends = {"verdicts": tabled("quality"), "excluded": tabled("excluded"), "summary": RESULTS / "summary.json"}
-    shown = {
-        "trials": [trial_file(trial) for trial in CAMPAIGN.trials()],
-        "series": rows("series"),
-        "crossings": crossings(WALKED),
-        "tables": tables,
-        "figures": drawn,
-    }
+    ends |= {"captions": RESULTS / "figures/captions.md"} if drawn else {}
+    shown = {"tables": tables, "figures": drawn, "series": rows("series"), "crossings": crossings(WALKED)}
+    shown["trials"] = [trial_file(trial) for trial in CAMPAIGN.trials()]
+    settings = {"about": asdict(ABOUT), "largest_mb": CONFIG.report.largest_mb}
     return {
         "made_of": sorted(TEMPLATES.iterdir()),
-        "input": {"tables": tables, "figures": drawn, **ends}
-        | ({"captions": RESULTS / "figures/captions.md"} if drawn else {}),
+        "input": {"tables": tables, "figures": drawn, **ends},
         "read": {name: by_stem(files) for name, files in shown.items()},
-        "settings": {
-            "about": asdict(ABOUT),
-            "sheet": CAMPAIGN.rows | CAMPAIGN.unused,
-            "largest_mb": CONFIG.report.largest_mb,
-        },
+        "settings": settings | {"sheet": CAMPAIGN.rows | CAMPAIGN.unused},
     }

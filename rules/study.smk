@@ -14,36 +14,27 @@ OF_BATCH = {"experiment": "|".join(STUDIED_BY_FILE), "first": "[0-9]+", "number"
 
 
 def expected_time(planned_jobs) -> str:
-    """What a dry run says of the jobs of the study; also of one that is not planned today."""
-    studied = [job.wildcards for job in planned_jobs if job.rule.name.endswith("study_batch")]
-    batches = {
-        f"{one.experiment}_{one.first}_{one.number}": Batch(
-            STUDIED_BY_FILE[one.experiment], int(one.first), int(one.number)
-        )
-        for one in sorted(studied, key=lambda one: (one.experiment, int(one.first)))
-    }
-    return planned({name: batch.seconds for name, batch in batches.items()})
+    """What a dry run says of the jobs of the study."""
+    studied = (job.wildcards for job in planned_jobs if job.rule.name.endswith("study_batch"))
+    found = sorted((one.experiment, int(one.first), int(one.number)) for one in studied)
+    return planned({f"{file}_{k}_{n}": Batch(STUDIED_BY_FILE[file], k, n).seconds for file, k, n in found})
 
 
-@step(
-    "study.run_batch",
-    "study/batches/{experiment}_{first}_{number}.csv",
-    "study/{experiment}_{first}_{number}",
-    **OF_BATCH,
-)
+BATCH = "{experiment}_{first}_{number}"
+
+
+@step("study.run_batch", f"study/batches/{BATCH}.csv", f"study/{BATCH}", **OF_BATCH)
 def study_batch(wildcards):
     from osl_analysis.commands.simulate import settings_files  # it loads the simulator
 
     settings = {"study": STUDY.model_dump(mode="json", exclude={"trials", "campaigns", "recorded"})}
-    settings |= {
-        "actuator_analysis" if name == "actuator" else name: setting(name)
-        for name in ("dynamometer", "actuator", "walking")
-    }
+    settings |= {"dynamometer": setting("dynamometer"), "actuator_analysis": setting("actuator")}
+    settings |= {"walking": setting("walking"), "first": wildcards.first, "number": wildcards.number}
     settings |= {"experiment": STUDIED_BY_FILE[wildcards.experiment], "sources": CONFIG.sources}
     return {
         "modules": ("commands.study",),
         "made_of": settings_files(STUDY.simulation),
-        "settings": settings | {"first": wildcards.first, "number": wildcards.number},
+        "settings": settings,
     }
 
 

@@ -81,23 +81,15 @@ def rows_behind(table: str) -> list[Path]:
     return rows(source) if source in PER_TRIAL else []
 
 
-for kind in ("belt", "transmission", "impedance"):
+for kind, section in (("belt", "Belt"), ("transmission", "SteppedSine"), ("impedance", "Impedance")):
     names = "(?!(belt|transmission)_trials).*" if kind == "impedance" else f"{kind}_trials(_[0-9]+)?"
-    of_kind = {"name": f"compare_{kind}_models", kind: names}
+    of_kind = {"log": f"model_comparison/{{{kind}}}", "name": f"compare_{kind}_models", kind: names}
 
-    @step(
-        f"bench.compare_{kind}_models",
-        f"fits/model_comparison/{{{kind}}}.csv",
-        f"model_comparison/{{{kind}}}",
-        **of_kind,
-    )
-    def compare_models(wildcards, kind=kind):
+    @step(f"bench.compare_{kind}_models", f"fits/model_comparison/{{{kind}}}.csv", **of_kind)
+    def compare_models(wildcards, kind=kind, section=section):
         """Trials predict other trials, in the rendered impedance amplitudes predict other amplitudes."""
         trials = REPEATS.get(wildcards[0], [wildcards[0]])
-        section = {"belt": "BeltAnalysis", "transmission": "SteppedSineAnalysis", "impedance": "ImpedanceAnalysis"}[
-            kind
-        ]
-        settings = {"settings": CONFIG.dynamometer.part(section)}
+        settings = {"settings": CONFIG.dynamometer.part(f"{section}Analysis")}
         if kind != "belt":
             settings["sign_width"] = CONFIG.model_comparison.sign_width
         read = {"trials": [trial_file(trial) for trial in trials], "quality": checked(trials)}

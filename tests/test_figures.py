@@ -913,16 +913,16 @@ def test_unknown_figures_and_formats_are_refused(tmp_path):
         draw_table("fig8", plotted("fig8"), [tmp_path / "f.jpg"])
 
 
-@pytest.mark.parametrize("name", [name for name, figure in FIGURES.items() if not figure.own_rule])
+@pytest.mark.parametrize("name", [n for n, figure in FIGURES.items() if not figure.own_rule and not figure.beside])
 def test_plotted_numbers_are_written_from_the_result_table_that_the_list_names(name, tmp_path):
     write_table(TABLES[FIGURES[name].table](), tmp_path / "table.csv")
-    plot_numbers(name, tmp_path / "table.csv", 340.0 if FIGURES[name].option else None, tmp_path / f"{name}.csv")
+    plot_numbers(name, tmp_path / "table.csv", tmp_path / f"{name}.csv", 340.0 if FIGURES[name].option else None)
     module = drawing_of(name)
     written = read_table(tmp_path / f"{name}.csv", required=module.columns)
     assert written.equals(plotted(name).cast(dict(written.schema)))
     write_table(TABLES[FIGURES[name].table]().drop(module.needs[-1]), tmp_path / "table.csv")
     with pytest.raises(InputError, match=rf"table\.csv: no column '{module.needs[-1]}'"):
-        plot_numbers(name, tmp_path / "table.csv", None, tmp_path / f"{name}.csv")
+        plot_numbers(name, tmp_path / "table.csv", tmp_path / f"{name}.csv")
 
 
 def test_a_figure_is_drawn_where_its_table_is_there():

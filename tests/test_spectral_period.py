@@ -10,7 +10,7 @@ from conftest import ROOT
 from osl_analysis.bench.record import record_of, stretches_of
 from osl_analysis.bench.response_tables import MODELS, RESPONSE, response_tables
 from osl_analysis.bench.settings import FilterSettings
-from osl_analysis.commands.figure import response as plotted_response
+from osl_analysis.commands.figure import plot_numbers
 from osl_analysis.commands.tables import pool_responses
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.figures.frequency import condition_points, condition_words
@@ -222,7 +222,7 @@ def test_trials_of_one_condition_are_pooled_where_their_motions_differ_in_phases
     single = response_tables(periodic("M1", 1, 2), None)["response_models"]
     assert row["K_se"] < single["K_se"][0]
     write_table(response_tables(periodic("M1", 1, 2), None)["response"], tmp_path / "response.csv")
-    plotted_response(tmp_path / "response.csv", pooled, tmp_path / "plotted.csv")
+    plot_numbers("response", tmp_path / "response.csv", tmp_path / "plotted.csv", second=pooled)
     (row,) = read_table(tmp_path / "plotted.csv").unique("trials").to_dicts()
     assert condition_words(row) == ["Knee, left", "M1 and 1 more", "4 realisations"]
 

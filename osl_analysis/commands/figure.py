@@ -1,6 +1,6 @@
 """Figures: the numbers to be plotted from result tables, the drawn page from those numbers, and the captions."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -20,10 +20,8 @@ from osl_analysis.config.configuration import FrequencyResponseFigure
 from osl_analysis.config.parameters import FileOrNone, joint_of, read_parameters
 from osl_analysis.errors import InputError
 from osl_analysis.figures import drawing_of, names
-from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, RESPONSE, response_curve
+from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve
 from osl_analysis.figures.names import completed, look_numbers
-from osl_analysis.figures.quasi_static import TORQUE_ANGLE
-from osl_analysis.figures.walking import FIG9, FIT_COLUMNS, SUMMARY_NEEDED
 from osl_analysis.files import atomic_path, digest
 from osl_analysis.jobs.refusal import Refusal, is_refused, read_refusals
 from osl_analysis.judge.doubts import DOUBTFUL, marked
@@ -41,12 +39,14 @@ METADATA = {".pdf": ("Subject", "CreationDate"), ".svg": ("Description", "Date")
 left out: equal numbers give equal files."""
 
 
-def plot_numbers(name: str, table: Path, option: Any, output: Path) -> None:
-    """Write what figure `name` plots, from the one result table that it shows. `option` is the value of the setting
-    that the list of figures names; None: not set."""
+def plot_numbers(
+    name: str, table: Path, output: Path, option: Any = None, second: Path | None = None, third: Path | None = None
+) -> None:
+    """Write what figure `name` plots, from the one result table that it shows, or up to three. `option` is the value of
+    the setting that the list of figures names; None: not set."""
     figure = drawing_of(name)
-    rows = read_table(table, required=figure.needs)
-    write_table(figure.points(rows) if option is None else figure.points(rows, option), output)
+    read = [read_table(path, figure.needs if path is table else ()) for path in (table, second, third) if path]
+    write_table(figure.points(*read) if option is None else figure.points(*read, option), output)
 
 
 def draw_figure(
@@ -59,21 +59,17 @@ def draw_figure(
     """
     if footer:
         footer += f", numbers {str(digest(table_csv))[:8]}"
-    if is_refused(table_csv):
-        causes = [(cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
-        draw_table("not_drawn", not_drawn(name, causes), outputs, footer=footer)
-        return
-    figure = drawing_of(name)
-    table = read_table(table_csv, required=figure.columns)
-    if table.is_empty():
-        draw_table("not_drawn", not_drawn(name, [("", str(table_csv), figure.nothing)]), outputs, footer=footer)
-        return
-    draw_table(name, table, outputs, list(dict.fromkeys(cause.trial for cause in refused if cause.trial)), footer)
-
-
-def not_drawn(name: str, causes: Sequence[tuple[str, str, str]]) -> pl.DataFrame:
-    columns = ("figure", "trial", "file", "reason")
-    return pl.DataFrame([(name, *cause) for cause in causes], schema=columns, orient="row")
+    causes = [(cause.trial, cause.file, cause.reason) for cause in read_refusals(table_csv)]
+    if not causes:
+        figure = drawing_of(name)
+        table = read_table(table_csv, required=figure.columns)
+        if not table.is_empty():
+            draw_table(name, table, outputs, list(dict.fromkeys(one.trial for one in refused if one.trial)), footer)
+            return
+        causes = [("", str(table_csv), figure.nothing)]
+    rows = [(name, *cause) for cause in causes]
+    reasons = pl.DataFrame(rows, schema=("figure", "trial", "file", "reason"), orient="row")
+    draw_table("not_drawn", reasons, outputs, footer=footer)
 
 
 def draw_table(
@@ -112,10 +108,10 @@ def write_captions(
     `tables` are the plotted numbers by the name of the figure, `shown` the results of single trials that it shows; of
     these, the refused ones are named. `footer` says once, above all sections, what the data are.
     """
-    sections = [
-        f"## {names.figure_title(name)}\n\n{caption_of(name, table, blamed_trials(shown.get(name, ())))}\n"
-        for name, table in tables.items()
-    ]
+    sections = []
+    for name, table in tables.items():
+        refused = (cause.trial for file in shown.get(name, ()) for cause in read_refusals(file) if cause.trial)
+        sections.append(f"## {names.figure_title(name)}\n\n{caption_of(name, table, list(dict.fromkeys(refused)))}\n")
     with atomic_path(output) as path:
         doubts = "Why a fit is doubtful stands in the column `doubtful` of the figure's CSV file."
         said = f"# Captions\n\n{names.as_text(footer)}. {doubts}\n"
@@ -134,11 +130,6 @@ def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     said: str = figure.caption(table)
     lacks = f"Without {names.count_of(len(missing), 'trial')} whose recordings or fits were refused: "
     return f"{said} {lacks}{names.listed_text(missing)}." if missing else said
-
-
-def blamed_trials(files: Iterable[Path]) -> list[str]:
-    """The trials to blame for the refusal records among these results."""
-    return list(dict.fromkeys(cause.trial for file in files for cause in read_refusals(file) if cause.trial))
 
 
 def fig3(curves: Sequence[Path], table: Path, summary: Path, output: Path) -> None:
@@ -184,59 +175,30 @@ def fig7(
     """
     responses = completed(read_table(table, required=FIG7.needs), PLACE)
     responses = responses.with_columns(look_numbers(responses["controller"]))
-    K_d, B_d = (choice.K_d, choice.B_d) if choice else most_frequent_impedance(responses)
+    pairs = responses.group_by("K_d", "B_d", maintain_order=True).agg(pl.col("trial").n_unique())
+    most = [(row["K_d"], row["B_d"]) for row in pairs.sort("trial", descending=True, maintain_order=True).to_dicts()]
+    K_d, B_d = (choice.K_d, choice.B_d) if choice else (*most, (None, None))[0]
     shown = responses.filter(pl.col("K_d").eq_missing(pl.lit(K_d)), pl.col("B_d").eq_missing(pl.lit(B_d)))
-    drawn = beside_theory(shown, parameters, weight)
-    write_table(
-        drawn.with_columns(chosen=pl.lit(None if choice else "the desired impedance with the most trials", pl.String)),
-        output,
-    )
+    chosen = None if choice else "the desired impedance with the most trials"
+    write_table(beside_theory(shown, parameters, weight).with_columns(chosen=pl.lit(chosen, pl.String)), output)
 
 
 def beside_theory(responses: pl.DataFrame, parameters: Path | None, weight: Weight) -> pl.DataFrame:
     """The same for measured responses of one desired impedance in memory, without the column `chosen`."""
-    shown = responses.sort("frequency_hz", maintain_order=True)
-    parts = shown.partition_by(PLACE, maintain_order=True)
-    curves = [curve for part in parts for curve in responses_in_theory(part, parameters, weight)]
+    shown, curves = responses.sort("frequency_hz", maintain_order=True), []
+    for measured in shown.partition_by(PLACE, maintain_order=True):
+        joint, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
+        p = read_parameters(parameters) if parameters and joint_of(parameters) == joint else None
+        f = np.linspace(float(measured["frequency_hz"][0]), float(measured["frequency_hz"][-1]), 101)
+        s = np.asarray(2j * np.pi * f, dtype=np.complex128)
+        if K_d is not None and B_d is not None:
+            curves.append(response_curve(DESIRED, None, f, desired_admittance(K_d, B_d)(s), (joint, side)))
+        for name in measured["controller"].unique(maintain_order=True) if p else ():
+            gains = DesiredImpedance(name, K_d, B_d).gains(p, weight)
+            if p and gains:
+                Y = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
+                curves.append(response_curve(LINEAR_MODEL, name, f, Y(s), (joint, side)))
     return FIG7.points(shown, curves)
-
-
-def fig9(table: Path, fits: Path, over_stance: Path, output: Path, commanded_K: float | None = None) -> None:
-    """The numbers of Fig. 9: groups from `walking_summary.csv`, single perturbations from `walking.csv`, and what was
-    commanded, also from `impedance_over_stance.csv`. `commanded_K` [N*m/rad] and what is raised as in `FIG9.points`."""
-    summary, single = read_table(table, SUMMARY_NEEDED), read_table(fits, FIT_COLUMNS)
-    trajectory = read_table(over_stance, ("group", "quantity", "commanded"))
-    write_table(FIG9.points(summary, single, trajectory, commanded_K), output)
-
-
-def most_frequent_impedance(responses: pl.DataFrame) -> tuple[float | None, float | None]:
-    """K_d and B_d of the most trials, the first of equals; None where they are not stated."""
-    pairs = responses.group_by("K_d", "B_d", maintain_order=True).agg(pl.col("trial").n_unique())
-    most = pairs.sort("trial", descending=True, maintain_order=True)
-    return most.select("K_d", "B_d").row(0) if len(most) else (None, None)
-
-
-def responses_in_theory(measured: pl.DataFrame, parameters: Path | None, weight: Weight) -> list[pl.DataFrame]:
-    """The desired response and those of the linear model beside the measured ones of one joint, side, K_d and B_d."""
-    joint, side, K_d, B_d = measured.select(*PLACE, "K_d", "B_d").row(0)
-    p = read_parameters(parameters) if parameters and joint_of(parameters) == joint else None
-    f = np.linspace(float(measured["frequency_hz"][0]), float(measured["frequency_hz"][-1]), 101)
-    s = np.asarray(2j * np.pi * f, dtype=np.complex128)
-    curves = []
-    if K_d is not None and B_d is not None:
-        curves.append(response_curve(DESIRED, None, f, desired_admittance(K_d, B_d)(s), (joint, side)))
-    for name in measured["controller"].unique(maintain_order=True) if p else ():
-        gains = DesiredImpedance(name, K_d, B_d).gains(p, weight)
-        if p and gains:
-            Y = joint_admittance(gains.K_1, gains.B_1, p, p.J_j)
-            curves.append(response_curve(LINEAR_MODEL, name, f, Y(s), (joint, side)))
-    return curves
-
-
-def torque_angle(curves: Path, table: Path, output: Path) -> None:
-    """The numbers of the figure `torque_angle`, from `torque_angle_curves.csv` and `torque_angle.csv`."""
-    read = read_table(curves, required=TORQUE_ANGLE.needs)
-    write_table(TORQUE_ANGLE.points(read, read_table(table, ["trial", "doubtful"])), output)
 
 
 def plot_walking_page(
@@ -275,8 +237,3 @@ def plot_over_stance(
     for curves in commanded_over_stance(trajectory, data, stance_share):
         rows = pl.concat([rows, trajectory_points(*curves)], how="diagonal_relaxed")
     write_table(rows, output)
-
-
-def response(table: Path, pooled_table: Path, output: Path) -> None:
-    """The numbers of the figure `response`: pooled conditions, and the trials that are in none."""
-    write_table(RESPONSE.points(read_table(table), read_table(pooled_table)), output)

@@ -24,12 +24,19 @@ class CampaignFigure:
     module: str
     setting: str | None
     option: str | None
+    beside: list[str]
     own_rule: bool
 
 
 FIGURES = {
     (name := place.removeprefix("figures/")): CampaignFigure(
-        name, one["from"], one.get("module", name), one.get("setting"), one.get("option"), one.get("own_rule", False)
+        name,
+        one["from"],
+        one.get("module", name),
+        one.get("setting"),
+        one.get("option"),
+        one.get("beside", []),
+        one.get("own_rule", False),
     )
     for place, one in YAML(typ="safe", pure=True).load(Path(__file__).with_name("figures.yaml")).items()
 }

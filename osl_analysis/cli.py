@@ -6,13 +6,14 @@ import shlex
 import signal
 import sys
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
+from functools import partial
 from os.path import realpath
 from pathlib import Path
 from typing import Any
 
 import click
+from click import argument, option
 from click.core import ParameterSource
 
 from osl_analysis.config.experiments import EXPERIMENTS
@@ -21,45 +22,44 @@ from osl_analysis.files import atomic_path, check_output, config_here, shipped
 from osl_analysis.jobs.memory import limited_memory
 
 
-class NumberList(click.ParamType[list[float]]):
+def numbers(value: str) -> list[float]:
     """Numbers as 300, as 100,200 or as first:last:step."""
+    try:
+        found = [float(part) for part in value.replace(":", ",").split(",")]
+    except ValueError:
+        said = f"'{value}' is neither a number nor a list like 100,200 or 100:400:50"
+        raise click.BadParameter(said) from None
+    if ":" not in value:
+        return found
+    if len(found) != 3 or not all(map(math.isfinite, found)) or found[2] <= 0 or found[1] < found[0]:
+        raise click.BadParameter(f"'{value}' is not a range; write first:last:step, upwards, with a step above 0")
+    first, last, step = found
+    if (last - first) / step > 300:
+        raise click.BadParameter(f"'{value}' is more than 300 numbers; take a longer step")
+    return [first + step * k for k in range(int((last - first) / step + 1e-9) + 1)]
 
-    name = "numbers"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> list[float]:
-        """The numbers that an argument of the command line stands for."""
-        text = str(value)
-        try:
-            numbers = [float(part) for part in text.replace(":", ",").split(",")]
-        except ValueError:
-            self.fail(f"'{text}' is neither a number nor a list like 100,200 or 100:400:50", param, ctx)
-        if ":" not in text:
-            return numbers
-        is_range = len(numbers) == 3 and all(map(math.isfinite, numbers))
-        if not is_range or numbers[2] <= 0 or numbers[1] < numbers[0]:
-            self.fail(f"'{text}' is not a range; write first:last:step, upwards, with a step above 0", param, ctx)
-        first, last, step = numbers
-        if (last - first) / step > 300:
-            self.fail(f"'{text}' is more than 300 numbers; take a longer step", param, ctx)
-        return [first + step * k for k in range(int((last - first) / step + 1e-9) + 1)]
+def percent(value: str) -> float:
+    """A share, as 1% or as 1: percent."""
+    with suppress(ValueError):
+        if 0 < (share := float(value.strip().removesuffix("%")) / 100) < 1:
+            return share
+    raise click.BadParameter(f"'{value}' is no percentage between 0 and 100; write 1%")
 
 
 FILE = click.Path(path_type=Path)
 WRITTEN_SUFFIXES = {"ingest": ".parquet", "samples": ".md", "describe-tables": ".md", "design": ".csv"}
 """Suffix of what a command writes, where it writes one kind of file."""
-NUMBER_LIST = NumberList()
 FOLDER = click.Path(path_type=Path, file_okay=False)
-CONFIG = click.option(
+POSITIVE, NOT_NEGATIVE = click.FloatRange(0, min_open=True), click.FloatRange(0)
+file_option = partial(option, type=FILE)
+CONFIG = file_option(
     "--config",
     "config_path",
-    type=FILE,
     default=config_here(),
-    show_default=True,
     help="Configuration with the filter [Hz] and the stepped-sine protocol [deg, Hz].",
 )
-
-
-AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON in SI units instead of a table.")
+AS_JSON = option("--json", "as_json", is_flag=True, help="Print JSON in SI units instead of a table.")
 
 
 def say(text: str, err: bool = False) -> None:
@@ -95,30 +95,18 @@ class KeepsItsInput(click.Command):
             return super().invoke(ctx)
 
 
-@contextmanager
-def ended_quietly() -> Iterator[None]:
-    """SIGTERM ends the block as Ctrl-C does, so that no half-written file stays behind."""
-    before = signal.getsignal(signal.SIGTERM)
-    with suppress(ValueError):  # not in the main thread
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        with suppress(ValueError):
-            signal.signal(signal.SIGTERM, before)
-
-
 class OneLineErrors(click.Group):
     """Shows a user's mistake as one line on standard error, exit code 1, and a warning as one line."""
 
     command_class = KeepsItsInput
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; show its warnings and the user's mistakes as one line each. Ctrl-C ends with code 130."""
+        """Run the command; show its warnings and the user's mistakes as one line each. Ctrl-C ends with code 130, and
+        SIGTERM in the same way, so that no half-written file stays behind."""
         warnings.showwarning = lambda message, *_, **__: click.echo(f"warning: {printable(str(message))}", err=True)
+        before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
-            with ended_quietly():
-                return super().invoke(ctx)
+            return super().invoke(ctx)
         except KeyboardInterrupt:
             click.echo("interrupted", err=True)
             sys.exit(130)
@@ -132,10 +120,12 @@ class OneLineErrors(click.Group):
             place = "the output" if error.filename is None else error.filename
             text = f"{place}: {error.strerror}; check the path, its permissions and the space on the disk"
             click.echo(f"error: {printable(text)}", err=True)
+        finally:
+            signal.signal(signal.SIGTERM, before)
         sys.exit(1)
 
 
-@click.group(cls=OneLineErrors, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=OneLineErrors, context_settings={"help_option_names": ["-h", "--help"], "show_default": True})
 @click.version_option(package_name="osl-analysis")
 def main() -> None:
     """From the logs of a powered prosthesis to stiffness [N·m/rad], damping [N·m·s/rad] and inertia [kg·m²].
@@ -146,19 +136,16 @@ def main() -> None:
 
 
 @main.command(epilog="Example: osl-analysis simulate --trial impedance_K300_B5.0_compensated /tmp/campaign")
-@click.argument("folder", type=FOLDER)
-@click.option(
+@argument("folder", type=FOLDER)
+@file_option(
     "--settings",
-    type=FILE,
     default=shipped("config/simulation/default.yaml"),
-    show_default=True,
     help="What to simulate: experiments, protocol [Hz, deg], imperfections with their units, seed.",
 )
-@click.option("--trial", help="Name of a single trial of the plan; default: the whole campaign.")
-@click.option(
+@option("--trial", help="Name of a single trial of the plan; default: the whole campaign.")
+@file_option(
     "--config",
     "config_path",
-    type=FILE,
     help="Take parameters, protocol, gain weight and desired impedance from this configuration, as snakemake does.",
 )
 def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path | None) -> None:
@@ -176,46 +163,29 @@ def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path 
 @main.command(
     epilog="Example: osl-analysis ingest --log dyno.mcap --log-source dynamometer --output results/trials/dyno.parquet"
 )
-@click.option("--log", type=FILE, help="Log of the dynamometer or the leg (MCAP, CSV or MATLAB).")
-@click.option("--log-source", help="Name of the file in the sources folder that describes the log.")
-@click.option("--log-part", help="Part of a log that holds several trials: in a MATLAB file a struct, as Test.run(2).")
-@click.option("--mocap", type=FILE, help="File of the motion-capture system (C3D, or a CSV export of Nexus).")
-@click.option("--mocap-source", help="Name of the file in the sources folder that describes it.")
-@click.option(
+@file_option("--log", help="Log of the dynamometer or the leg (MCAP, CSV or MATLAB).")
+@option("--log-source", help="Name of the file in the sources folder that describes the log.")
+@option("--log-part", help="Part of a log that holds several trials: in a MATLAB file a struct, as Test.run(2).")
+@file_option("--mocap", help="File of the motion-capture system (C3D, or a CSV export of Nexus).")
+@option("--mocap-source", help="Name of the file in the sources folder that describes it.")
+@file_option(
     "--sources",
-    type=FILE,
     default=shipped("config/sources"),
-    show_default=True,
     help="Folder of source files: channel, unit and sign per signal.",
 )
-@click.option("--output", type=FILE, required=True, help="Parquet file to write, in SI units.")
-def ingest(
-    log: Path | None,
-    log_source: str | None,
-    log_part: str | None,
-    mocap: Path | None,
-    mocap_source: str | None,
-    sources: Path,
-    output: Path,
-) -> None:
+@file_option("--output", required=True, help="Parquet file to write, in SI units.")
+def ingest(sources: Path, output: Path, **given: Any) -> None:
     """Convert the raw logs of one trial into one canonical Parquet file, with provenance inside."""
     from osl_analysis.commands.trials import ingest_trial
     from osl_analysis.trial import read_trial
 
-    for path, source, option in ((log, log_source, "--log"), (mocap, mocap_source, "--mocap")):
-        if (path is None) != (source is None):
-            raise click.UsageError(f"{option} and {option}-source go together")
-    if log is None and mocap is None:
+    for role in ("log", "mocap"):
+        if (given[role] is None) != (given[f"{role}_source"] is None):
+            raise click.UsageError(f"--{role} and --{role}-source go together")
+    if given["log"] is None and given["mocap"] is None:
         raise click.UsageError("give --log, --mocap or both")
-    row = {
-        "trial": output.stem,
-        "experiment": "ingest_only",
-        "log": log and str(log),
-        "log_source": log_source,
-        "log_part": log_part,
-        "mocap": mocap and str(mocap),
-        "mocap_source": mocap_source,
-    }
+    files = {name: value and str(value) for name, value in given.items()}
+    row = {"trial": output.stem, "experiment": "ingest_only", **files}
     ingest_trial(row=row, raw_folder=Path(), sources_folder=sources, output=output)
     for warning in read_trial(output).provenance.get("warnings", []):
         say(f"warning: {warning}", err=True)
@@ -223,8 +193,8 @@ def ingest(
 
 
 @main.command(epilog="Example: osl-analysis inspect unknown.mcap --draft config/sources/mine.yaml")
-@click.argument("file", type=FILE)
-@click.option("--draft", "draft_path", type=FILE, help="Write the draft of a source file here instead of printing it.")
+@argument("file", type=FILE)
+@file_option("--draft", "draft_path", help="Write the draft of a source file here instead of printing it.")
 def inspect(file: Path, draft_path: Path | None) -> None:
     """List what an MCAP, C3D, CSV or MATLAB file holds: rates [Hz], units, gaps, damage. Draft a source file for it."""
     from osl_analysis.commands import inspect as command
@@ -239,41 +209,28 @@ def inspect(file: Path, draft_path: Path | None) -> None:
 
 
 @main.command(epilog="Example: osl-analysis fit results/trials/belt_01.parquet --model belt --plot belt.png")
-@click.argument("trial", type=FILE)
-@click.option(
+@argument("trial", type=FILE)
+@option(
     "--model",
     type=click.Choice([name for name, facts in EXPERIMENTS.items() if facts.place == "bench"]),
     default="impedance",
-    show_default=True,
     help="K, B, I of Eq. 15; B_j, J_j of Eq. 4; belt stiffness K_s; the actuator of Eqs. 1-2; torque-angle curve.",
 )
-@click.option("--stiffness", type=float, help="Desired K_d [N·m/rad] of the trial, for --model impedance.")
-@click.option("--damping", type=float, help="Desired B_d [N·m·s/rad] of the trial, for --model impedance.")
-@click.option(
+@option("--stiffness", type=float, help="Desired K_d [N·m/rad] of the trial, for --model impedance.")
+@option("--damping", type=float, help="Desired B_d [N·m·s/rad] of the trial, for --model impedance.")
+@option(
     "--controller",
     default="compensated",
-    show_default=True,
     help="Controller of the trial, any name. The gains of compensated and uncompensated are known (Eqs. 13 and 14).",
 )
-@click.option(
+@file_option(
     "--parameters",
-    type=FILE,
     help="Parameter file of the device; `none`: it has none. Default: that of the configuration.",
 )
 @CONFIG
 @AS_JSON
-@click.option("--plot", type=FILE, help="Draw measured and modelled torque [N·m] to this file.")
-def fit(
-    trial: Path,
-    model: str,
-    stiffness: float | None,
-    damping: float | None,
-    controller: str,
-    parameters: Path | None,
-    config_path: Path,
-    as_json: bool,
-    plot: Path | None,
-) -> None:
+@file_option("--plot", help="Draw measured and modelled torque [N·m] to this file.")
+def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | None, **stated: Any) -> None:
     """Fit one ingested TRIAL (Parquet) and print the estimates in SI units with 95 % intervals.
 
     The configuration may be a campaign's own, which overrides fields of the default. With --stiffness and --damping an
@@ -283,9 +240,9 @@ def fit(
     from osl_analysis.commands import bench as command
     from osl_analysis.trial import read_trial
 
-    stated = click.get_current_context().get_parameter_source("controller") is ParameterSource.COMMANDLINE
-    given = stated or stiffness is not None or damping is not None
-    desired = DesiredImpedance(controller, stiffness, damping) if given else None
+    controller, K_d, B_d, parameters = (stated[name] for name in ("controller", "stiffness", "damping", "parameters"))
+    is_named = click.get_current_context().get_parameter_source("controller") is ParameterSource.COMMANDLINE
+    desired = DesiredImpedance(controller, K_d, B_d) if is_named or (K_d, B_d) != (None, None) else None
     if desired is not None and model != "impedance":
         said = "--stiffness, --damping and --controller are those of an impedance trial: give --model impedance"
         raise click.UsageError(said)
@@ -307,8 +264,8 @@ def fit(
 
 
 @main.command(epilog="Example: osl-analysis samples ../shared/real_data --output docs/real_samples.md")
-@click.argument("folder", type=FOLDER)
-@click.option("--output", type=FILE, help="Write a Markdown page to this file instead of printing the table.")
+@argument("folder", type=FOLDER)
+@file_option("--output", help="Write a Markdown page to this file instead of printing the table.")
 @CONFIG
 def samples(folder: Path, output: Path | None, config_path: Path) -> None:
     """List the content of every recording below FOLDER, and the quality checks that it fails, without a source file.
@@ -326,7 +283,7 @@ def samples(folder: Path, output: Path | None, config_path: Path) -> None:
 
 
 @main.command("describe-tables", epilog="Example: osl-analysis describe-tables --output docs/tables.md")
-@click.option("--output", type=FILE, help="Write the page to this file instead of printing it.")
+@file_option("--output", help="Write the page to this file instead of printing it.")
 def describe_tables(output: Path | None) -> None:
     """Print meaning and unit of every column of every result table and every entry of the summary, as Markdown."""
     from osl_analysis.commands.reference import tables_page
@@ -335,9 +292,9 @@ def describe_tables(output: Path | None) -> None:
 
 
 @main.command(epilog="Example: osl-analysis results results/mine --markdown")
-@click.argument("folder", type=FILE, default=Path("results"))
-@click.option("--summary", type=FILE, help="Summary of a campaign, in place of that in FOLDER.")
-@click.option("--markdown", is_flag=True, help="A Markdown table in place of aligned columns.")
+@argument("folder", type=FILE, default=Path("results"))
+@file_option("--summary", help="Summary of a campaign, in place of that in FOLDER.")
+@option("--markdown", is_flag=True, help="A Markdown table in place of aligned columns.")
 def results(folder: Path, summary: Path | None, markdown: bool) -> None:
     """Print the headline numbers of the results in FOLDER, with units, intervals and the draft's values."""
     from osl_analysis.commands.tables import format_results_table, later_failures, read_summary
@@ -349,21 +306,20 @@ def results(folder: Path, summary: Path | None, markdown: bool) -> None:
 
 
 @main.command(cls=click.Command, epilog="Example: osl-analysis init my_campaign --from /data/2026-03-14")
-@click.argument("folder", type=FILE)
-@click.option(
+@argument("folder", type=FILE)
+@option(
     "--recorder",
     "recorders",
     multiple=True,
     metavar="NAME",
     help="Begin with this shipped source file; may be repeated.",
 )
-@click.option(
+@file_option(
     "--from",
     "recordings",
-    type=FILE,
     help="Draft sample sheet and source files for the recordings in this folder, which stay there, and try the first.",
 )
-@click.option("--example", is_flag=True, help="A small simulated campaign, which runs in about a minute.")
+@option("--example", is_flag=True, help="A small simulated campaign, which runs in about a minute.")
 def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, example: bool) -> None:
     """Make the folder of a new campaign: configuration, sample sheet, source files and their JSON schemas."""
     from osl_analysis.commands.inspect import drafted_text, left_to_decide, new_campaign
@@ -389,7 +345,7 @@ def init(folder: Path, recorders: tuple[str, ...], recordings: Path | None, exam
     context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
     epilog="Example: osl-analysis run results/figures/fig5.pdf -n",
 )
-@click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+@argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def run_campaign(arguments: tuple[str, ...]) -> None:
     """Analyse the campaign in this folder: everything, or the files that are named. Takes all options of Snakemake.
 
@@ -401,7 +357,7 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
 
 
 @main.command(cls=click.Command, epilog="Example: osl-analysis doctor --look")
-@click.option("--look", is_flag=True, help="Also ingest and fit the first bench trial of each source file.")
+@option("--look", is_flag=True, help="Also ingest and fit the first bench trial of each source file.")
 def doctor(look: bool) -> None:
     """Say whether this machine, and the campaign in this folder, can run, and what is missing."""
     from osl_analysis.commands.run import findings_text, looked_at
@@ -417,11 +373,11 @@ def doctor(look: bool) -> None:
 @main.command(
     "watch", cls=click.Command, epilog="Example: osl-analysis watch /data/today --source sources/my_bench.yaml"
 )
-@click.argument("folder", type=FOLDER)
-@click.option(
+@argument("folder", type=FOLDER)
+@option(
     "--source", type=FILE, help="Source file that describes the recordings. Default: what the campaign has, or a guess."
 )
-@click.option("--output", type=FOLDER, default=Path("watched"), show_default=True, help="Folder of the pictures.")
+@option("--output", type=FOLDER, default=Path("watched"), help="Folder of the pictures.")
 @CONFIG
 def watch(folder: Path, source: Path | None, output: Path, config_path: Path) -> None:
     """Examine every recording in FOLDER as soon as it is complete: a line with quality, K, B, I, doubts, and a picture.
@@ -438,7 +394,7 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
 
 
 @main.command(cls=click.Command, epilog="Example: osl-analysis completion bash >> ~/.bashrc")
-@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+@argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
     """Print the lines with which a shell completes commands, options and files of osl-analysis."""
     from click.shell_completion import get_completion_class
@@ -469,58 +425,20 @@ OPTIONS = {
 """Options that one kind of excitation has, by its name."""
 
 
-class PercentShare(click.ParamType[float]):
-    """A share, as 1% or as 1: percent."""
-
-    name = "percent"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        if isinstance(value, float):
-            return value
-        try:
-            share = float(str(value).strip().removesuffix("%")) / 100
-        except ValueError:
-            share = -1.0
-        if not 0 < share < 1:
-            self.fail(f"'{value}' is no percentage between 0 and 100; write 1%", param, ctx)
-        return share
-
-
-PERCENT, POSITIVE, NOT_NEGATIVE = PercentShare(), click.FloatRange(0, min_open=True), click.FloatRange(0)
-
-
 @main.command(
     "gains", epilog="Example: osl-analysis gains --stiffness 300 --damping 5 (or 100:400:50 and 0,5 for a grid)"
 )
-@click.option(
-    "--stiffness", type=NUMBER_LIST, help="Desired joint stiffness K_d [N·m/rad]: 300, 100,200 or 100:400:50."
-)
-@click.option("--damping", type=NUMBER_LIST, help="Desired joint damping B_d [N·m·s/rad]: 5, 0,2.5,5 or 0:7.5:2.5.")
-@click.option(
-    "--trajectory", type=FILE, help="CSV file with phase (0 to 1), K_d [N·m/rad] and B_d [N·m·s/rad] instead."
-)
-@click.option("--weight-hz", type=float, default=1.0, show_default=True, help="Cut-off of W in Eq. 14 [Hz].")
-@click.option("--weight-order", type=int, default=3, show_default=True, help="Order of W in Eq. 14.")
-@click.option(
-    "--parameters",
-    type=FILE,
-    default=shipped("config/parameters/default.yaml"),
-    show_default=True,
-    help="Parameter file of the device.",
-)
+@option("--stiffness", type=numbers, help="Desired joint stiffness K_d [N·m/rad]: 300, 100,200 or 100:400:50.")
+@option("--damping", type=numbers, help="Desired joint damping B_d [N·m·s/rad]: 5, 0,2.5,5 or 0:7.5:2.5.")
+@file_option("--trajectory", help="CSV file with phase (0 to 1), K_d [N·m/rad] and B_d [N·m·s/rad] instead.")
+@option("--weight-hz", type=float, default=1.0, help="Cut-off of W in Eq. 14 [Hz].")
+@option("--weight-order", type=int, default=3, help="Order of W in Eq. 14.")
+@file_option("--parameters", default=shipped("config/parameters/default.yaml"), help="Parameter file of the device.")
 @AS_JSON
-@click.option("--output", type=FILE, help="Write the table to this file (.csv or .json).")
-@click.option("--plot", type=FILE, help="Draw response, gains or trajectory to this file (.pdf, .svg or .png).")
+@file_option("--output", help="Write the table to this file (.csv or .json).")
+@file_option("--plot", help="Draw response, gains or trajectory to this file (.pdf, .svg or .png).")
 def select_gains(
-    stiffness: list[float] | None,
-    damping: list[float] | None,
-    trajectory: Path | None,
-    weight_hz: float,
-    weight_order: int,
-    parameters: Path,
-    as_json: bool,
-    output: Path | None,
-    plot: Path | None,
+    trajectory: Path | None, parameters: Path, as_json: bool, output: Path | None, plot: Path | None, **asked: Any
 ) -> None:
     """Select the control gains K_1 and B_1 that render a desired impedance best (Eqs. 13 and 14).
 
@@ -531,11 +449,14 @@ def select_gains(
     from osl_analysis.commands.bench import rows_json
     from osl_analysis.model.gain_selection import Weight
 
+    stiffness, damping = asked["stiffness"], asked["damping"]
     if trajectory is not None and (stiffness is not None or damping is not None):
         raise click.UsageError("--trajectory has K_d and B_d of its own: leave out --stiffness and --damping, or it")
     if trajectory is None and (stiffness is None or damping is None):
         raise click.UsageError("give --stiffness and --damping, or --trajectory")
-    request = command.Request(stiffness or [], damping or [], trajectory, Weight(weight_hz, weight_order))
+    request = command.Request(
+        stiffness or [], damping or [], trajectory, Weight(asked["weight_hz"], asked["weight_order"])
+    )
     table = command.requested_gains(request, parameters)
     if output is not None:
         command.write_gains(table, output)
@@ -548,40 +469,38 @@ def select_gains(
     epilog="Example: osl-analysis design --excitation multisine --friction 0.3 --stiffness-within 1% "
     "--damping-within 3% --write multisine.csv",
 )
-@click.option("--excitation", type=click.Choice(list(OPTIONS)), default="stepped-sine", show_default=True)
-@click.option("--frequencies", type=NUMBER_LIST, help="Of a stepped sine [Hz]; default: the configuration's.")
-@click.option("--amplitudes", type=NUMBER_LIST, help="Of a stepped sine [deg]; default: the configuration's.")
-@click.option("--cycles", type=click.IntRange(1, 10_000), help="At each frequency; default: the configuration's.")
-@click.option("--band", type=NUMBER_LIST, help="Lowest and highest frequency [Hz]; default: 0.5,6.")
-@click.option("--rms", type=POSITIVE, help="Root mean square of the angle [deg]; default: 2.")
-@click.option("--peak", type=POSITIVE, help="Largest angle [deg], instead of --rms.")
-@click.option("--period", type=click.FloatRange(0.1, 600), default=8.0, show_default=True, help="Of a multisine [s].")
-@click.option("--periods", type=click.IntRange(2, 1000), default=4, show_default=True, help="Fitted, per realisation.")
-@click.option("--realisations", type=click.IntRange(1, 200), default=4, show_default=True, help="Of a multisine.")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the multisine's phases.")
-@click.option(
-    "--duration", type=click.FloatRange(1, 100_000), default=60.0, show_default=True, help="Of a chirp or noise [s]."
-)
-@click.option("--stiffness", type=float, help="Expected K [N·m/rad]; default: study.K_d of the configuration.")
-@click.option("--damping", type=float, help="Expected B [N·m·s/rad]; default: study.B_d.")
-@click.option("--inertia", type=float, help="Expected I [kg·m²]; default: study.I.")
-@click.option("--rate", type=POSITIVE, default=1000.0, show_default=True, help="Sampling rate [Hz].")
-@click.option("--torque-noise", type=NOT_NEGATIVE, default=0.05, show_default=True, help="SD [N·m].")
-@click.option("--noise-band", type=POSITIVE, help="Bandwidth of this noise [Hz]; default: half the rate.")
-@click.option("--torque-step", type=NOT_NEGATIVE, default=0.0, show_default=True, help="Of the load cell [N·m].")
-@click.option("--encoder-bits", type=click.IntRange(4, 32), default=18, show_default=True, help="Bits per turn.")
-@click.option("--encoder-step", type=NOT_NEGATIVE, help="Step [deg] instead of bits; 0: not rounded.")
-@click.option("--angle-noise", type=NOT_NEGATIVE, default=0.0, show_default=True, help="SD before rounding [deg].")
-@click.option("--drift", type=NOT_NEGATIVE, help="Of the load cell [N·m/min]; default: dynamometer.load_cell_drift.")
-@click.option("--friction", type=NOT_NEGATIVE, help="Coulomb friction of the joint [N·m].")
-@click.option("--distortion", type=PERCENT, help="Odd distortion at the excited lines, of the torque there [percent].")
-@click.option("--earlier", type=FILE, help="response.csv or impedance.csv of an earlier trial: its distortion.")
-@click.option("--trial", help="The trial in that table.")
-@click.option("--lag", type=float, default=0.1, show_default=True, help="Lag of the torque whose effect is said [ms].")
-@click.option("--stiffness-within", type=PERCENT, help="Half width of the interval that is asked for, of K [percent].")
-@click.option("--damping-within", type=PERCENT, help="The same of B.")
-@click.option("--inertia-within", type=PERCENT, help="The same of I.")
-@click.option("--write", "output", type=FILE, help="Write the multisine (the recommended one) to this CSV file.")
+@option("--excitation", type=click.Choice(list(OPTIONS)), default="stepped-sine")
+@option("--frequencies", type=numbers, help="Of a stepped sine [Hz]; default: the configuration's.")
+@option("--amplitudes", type=numbers, help="Of a stepped sine [deg]; default: the configuration's.")
+@option("--cycles", type=click.IntRange(1, 10_000), help="At each frequency; default: the configuration's.")
+@option("--band", type=numbers, help="Lowest and highest frequency [Hz]; default: 0.5,6.")
+@option("--rms", type=POSITIVE, help="Root mean square of the angle [deg]; default: 2.")
+@option("--peak", type=POSITIVE, help="Largest angle [deg], instead of --rms.")
+@option("--period", type=click.FloatRange(0.1, 600), default=8.0, help="Of a multisine [s].")
+@option("--periods", type=click.IntRange(2, 1000), default=4, help="Fitted, per realisation.")
+@option("--realisations", type=click.IntRange(1, 200), default=4, help="Of a multisine.")
+@option("--seed", type=click.IntRange(0), default=1, help="Of the multisine's phases.")
+@option("--duration", type=click.FloatRange(1, 100_000), default=60.0, help="Of a chirp or noise [s].")
+@option("--stiffness", type=float, help="Expected K [N·m/rad]; default: study.K_d of the configuration.")
+@option("--damping", type=float, help="Expected B [N·m·s/rad]; default: study.B_d.")
+@option("--inertia", type=float, help="Expected I [kg·m²]; default: study.I.")
+@option("--rate", type=POSITIVE, default=1000.0, help="Sampling rate [Hz].")
+@option("--torque-noise", type=NOT_NEGATIVE, default=0.05, help="SD [N·m].")
+@option("--noise-band", type=POSITIVE, help="Bandwidth of this noise [Hz]; default: half the rate.")
+@option("--torque-step", type=NOT_NEGATIVE, default=0.0, help="Of the load cell [N·m].")
+@option("--encoder-bits", type=click.IntRange(4, 32), default=18, help="Bits per turn.")
+@option("--encoder-step", type=NOT_NEGATIVE, help="Step [deg] instead of bits; 0: not rounded.")
+@option("--angle-noise", type=NOT_NEGATIVE, default=0.0, help="SD before rounding [deg].")
+@option("--drift", type=NOT_NEGATIVE, help="Of the load cell [N·m/min]; default: dynamometer.load_cell_drift.")
+@option("--friction", type=NOT_NEGATIVE, help="Coulomb friction of the joint [N·m].")
+@option("--distortion", type=percent, help="Odd distortion at the excited lines, of the torque there [percent].")
+@file_option("--earlier", help="response.csv or impedance.csv of an earlier trial: its distortion.")
+@option("--trial", help="The trial in that table.")
+@option("--lag", type=float, default=0.1, help="Lag of the torque whose effect is said [ms].")
+@option("--stiffness-within", type=percent, help="Half width of the interval that is asked for, of K [percent].")
+@option("--damping-within", type=percent, help="The same of B.")
+@option("--inertia-within", type=percent, help="The same of I.")
+@file_option("--write", "output", help="Write the multisine (the recommended one) to this CSV file.")
 @CONFIG
 @AS_JSON
 def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any) -> None:
@@ -593,18 +512,6 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
     from osl_analysis.commands.design import design_json, design_request, design_text, designed, write_command
     from osl_analysis.config.configuration import read_config
 
-    check_used(chosen)
-    config = read_config(config_path)
-    request = design_request(chosen, config)
-    made = designed(request, config)
-    if output is not None:
-        write_command(made.recommended[0] if made.recommended else request.plan, request.sensors.rate_hz, output)
-        say(f"wrote {output}", err=True)
-    say(design_json(made) if as_json else design_text(made))
-
-
-def check_used(chosen: dict[str, Any]) -> None:
-    """Refuse options that the excitation does not have, and those that exclude one another."""
     ctx, kind = click.get_current_context(), chosen["excitation"]
     given = {name for name in chosen if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE}
     unused = sorted(given & set().union(*OPTIONS.values()) - OPTIONS[kind])
@@ -617,3 +524,10 @@ def check_used(chosen: dict[str, Any]) -> None:
         raise click.UsageError("--trial is that of an earlier table: give --earlier too")
     if chosen["band"] is not None and len(chosen["band"]) != 2:
         raise click.UsageError("--band has the lowest and the highest frequency, as 0.5,6")
+    config = read_config(config_path)
+    request = design_request(chosen, config)
+    made = designed(request, config)
+    if output is not None:
+        write_command(made.recommended[0] if made.recommended else request.plan, request.sensors.rate_hz, output)
+        say(f"wrote {output}", err=True)
+    say(design_json(made) if as_json else design_text(made))

@@ -14,7 +14,7 @@ import polars as pl
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.phasors import frequency_response_table
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.commands.bench import Fit, campaign_parameters, fit_request, fit_tables, fit_trial
+from osl_analysis.commands.bench import Fit, FitRequest, campaign_parameters, fit_request, fit_tables, fit_trial
 from osl_analysis.commands.gains import Request, requested_gains
 from osl_analysis.commands.tables import read_summary as read_summary_file
 from osl_analysis.commands.trials import checked_trial
@@ -37,22 +37,8 @@ if TYPE_CHECKING:
     from osl_analysis.figures.style import NotebookFigure
 
 File = str | Path
+Numbers = float | Sequence[float]
 OF_CONFIG = "of the configuration"  # in place of a parameter file: the one that the configuration names
-NOT_KNOWN = DesiredImpedance(None, None, None)  # nothing is known of what the leg was asked to render
-
-
-def path_of(value: File, what: str) -> Path:
-    if not isinstance(value, str | Path) or not str(value):
-        raise InputError(f"{what}: a path is needed, not {value!r}")
-    return Path(value)
-
-
-def desired_of(desired: DesiredImpedance | None) -> DesiredImpedance:
-    if desired is None:
-        return NOT_KNOWN
-    if not isinstance(desired, DesiredImpedance):
-        raise InputError(f"desired: {desired!r} is none; write DesiredImpedance(controller, K_d, B_d)")
-    return desired
 
 
 def as_trial(trial: Trial | File) -> Trial:
@@ -70,13 +56,20 @@ def as_trial(trial: Trial | File) -> Trial:
 
 
 def config_of(config: File | None) -> Path:
-    return config_here() if config is None else path_of(config, "config")
+    return config_here() if config is None else Path(config)
 
 
 def device_of(parameters: File | None, config: Path) -> Path | None:
     if parameters == OF_CONFIG:
         return campaign_parameters(config)
-    return None if parameters is None else path_of(parameters, "parameters")
+    return None if parameters is None else Path(parameters)
+
+
+def impedance_request(desired: DesiredImpedance | None, windows: str | None, config: Path) -> FitRequest:
+    """Without `desired` nothing is known of what the leg was asked to render."""
+    if not isinstance(desired, DesiredImpedance | None):
+        raise InputError(f"desired: {desired!r} is none; write DesiredImpedance(controller, K_d, B_d)")
+    return fit_request("impedance", config, desired or DesiredImpedance(None, None, None), windows)
 
 
 def fit_impedance(
@@ -107,7 +100,7 @@ def fit_impedance(
     The device has no gains for the desired impedance.
     """
     path = config_of(config)
-    request = fit_request("impedance", path, desired_of(desired), windows)
+    request = impedance_request(desired, windows, path)
     return fit_trial("impedance", as_trial(trial), device_of(parameters, path), request)
 
 
@@ -156,34 +149,25 @@ def fitted_alone(experiment: str, trial: Trial | File, config: File | None, para
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Response:
-    """The frequency response of one trial. Nothing of it can be changed: its data frames are copies."""
+    """The frequency response of one trial.
 
-    trial: str  # name of the trial
-    figure: str  # the figure that shows it: `fig7` of a stepped sine, `response` of any other motion
-    _table: pl.DataFrame
-    _models: pl.DataFrame
-    _plotted: pl.DataFrame
-
-    @property
-    def table(self) -> pl.DataFrame:
-        """A row per frequency. Of a stepped sine those of `frequency_response.csv`, the admittance Y, angle over torque
+    trial: name of the trial
+    table: a row per frequency. Of a stepped sine those of `frequency_response.csv`, the admittance Y, angle over torque
         [rad/(N*m)], averaged over amplitudes. Of any other motion those of `response.csv`, the impedance Z, torque over
-        angle [N*m/rad], with noise and distortion."""
-        return self._table.clone()
+        angle [N*m/rad], with noise and distortion.
+    models: Eqs. 15 and 9 fitted to the response, the rows of `response_models.csv`; none of a stepped sine
+    plotted: the numbers that `plot_frequency_response` draws as the `figure` "fig7", or "response" of any other motion
+    """
 
-    @property
-    def models(self) -> pl.DataFrame:
-        """Eqs. 15 and 9 fitted to the response, the rows of `response_models.csv`; none of a stepped sine."""
-        return self._models.clone()
-
-    @property
-    def plotted(self) -> pl.DataFrame:
-        """The numbers that `plot_frequency_response` draws."""
-        return self._plotted.clone()
+    trial: str
+    figure: str
+    table: pl.DataFrame
+    models: pl.DataFrame
+    plotted: pl.DataFrame
 
     def __repr__(self) -> str:
-        doubts = len(self._table.filter(IS_DOUBTFUL))
-        counted = f"{len(self._table)} frequencies" + (f", doubtful at {doubts} of them" if doubts else "")
+        doubts = len(self.table.filter(IS_DOUBTFUL))
+        counted = f"{len(self.table)} frequencies" + (f", doubtful at {doubts} of them" if doubts else "")
         return f"frequency response, {self.trial}: {counted}; `table`, `models` and `plotted` are data frames"
 
 
@@ -206,7 +190,7 @@ def frequency_response(
 
     path, read = config_of(config), as_trial(trial)
     device = device_of(parameters, path)
-    request = fit_request("impedance", path, desired_of(desired), windows)
+    request = impedance_request(desired, windows, path)
     tables, found, limits = fit_tables("impedance", read, device, request), {}, request.limits
     for name in ("phasors", "response", "response_models"):
         own = marked(tables[name], limits.of(name), name)
@@ -229,7 +213,7 @@ def read_trial(path: File) -> Trial:
 
     Raises InputError: the file is missing, is not Parquet, or is Parquet that ingest did not write.
     """
-    return as_trial(path_of(path, "path"))
+    return as_trial(path)
 
 
 def read_recording(path: File, source: File, part: str | None = None, name: str | None = None) -> Trial:
@@ -247,7 +231,15 @@ def read_recording(path: File, source: File, part: str | None = None, name: str 
 
     Raises InputError: the recording or the source file is missing, or the recording is not what the source file says.
     """
-    file, described = path_of(path, "path"), source_file(source)
+    file, described = Path(path), Path(source)
+    if not (described.suffix == ".yaml" and described.is_file()):
+        described = shipped(Path("config/sources") / f"{source}.yaml")
+    if not described.is_file():
+        known = sorted(one.stem for one in shipped("config/sources").glob("*.yaml"))
+        raise InputError(
+            f"{source}: no such source file; give the path of a file that ends in .yaml, or one of {', '.join(known)}"
+            f"{nearest(Path(source).stem, known)}"
+        )
     role = "mocap" if FORMATS[read_source(described).format].is_capture else "log"
     if part is not None and role == "mocap":
         raise InputError(f"{file}: a capture has no part '{part}'; leave out `part`")
@@ -255,21 +247,6 @@ def read_recording(path: File, source: File, part: str | None = None, name: str 
         raise InputError(f"{file}: no such file; name the recording as seen from the folder {Path.cwd()}")
     row = {"trial": file.stem if name is None else name, role: file.name, f"{role}_source": described.stem}
     return checked_trial({**row, "log_part": part}, file.parent, described.parent)
-
-
-def source_file(source: File) -> Path:
-    """A source file by its path, or by its name among those of the working folder or the shipped ones."""
-    path = path_of(source, "source")
-    if path.suffix == ".yaml" and path.is_file():
-        return path
-    named = shipped(Path("config/sources") / f"{source}.yaml")
-    if named.is_file():
-        return named
-    known = sorted(file.stem for file in shipped("config/sources").glob("*.yaml"))
-    raise InputError(
-        f"{source}: no such source file; give the path of a file that ends in .yaml, or one of {', '.join(known)}"
-        f"{nearest(path.stem, known)}"
-    )
 
 
 def check(trial: Trial | File, experiment: str = "impedance", config: File | None = None) -> pl.DataFrame:
@@ -303,15 +280,12 @@ def simulate_trial(folder: File, trial: str, settings: File = "config/simulation
     """
     from osl_analysis.commands import simulate  # half a second, which only this needs
 
-    path, place = shipped(path_of(settings, "settings")), path_of(folder, "folder")
+    path, place = shipped(settings), Path(folder)
     row = simulate.row_of_trial(simulate.read_simulation(path, simulate.NOTHING), path, trial)
     if EXPERIMENTS[row["experiment"]].place != "bench":
         raise InputError(f"trial {trial}: is of the walkway; simulate a campaign (`osl-analysis simulate`) and run it")
     simulate.simulate_trial(path, place, trial)
     return place / str(row["log"]), str(row["log_source"])
-
-
-Numbers = float | Sequence[float]
 
 
 def gains(K_d: Numbers, B_d: Numbers, parameters: File | None = OF_CONFIG, config: File | None = None) -> pl.DataFrame:
@@ -328,17 +302,15 @@ def gains(K_d: Numbers, B_d: Numbers, parameters: File | None = OF_CONFIG, confi
     device, weight = device_of(parameters, path), read_section(path, "gain_weight", WeightSettings).weight
     if device is None:
         raise InputError("gains need a parameter file; name the one of your device as `parameters`")
-    return requested_gains(Request(finite_numbers("K_d", K_d), finite_numbers("B_d", B_d), None, weight), device)
-
-
-def finite_numbers(name: str, values: Numbers) -> list[float]:
-    try:
-        found = [float(value) for value in np.ravel(values)]
-    except (TypeError, ValueError):
-        found = []
-    if not found or not np.isfinite(found).all():
-        raise InputError(f"{name}: {values!r} is not a finite number, or several of them; correct it")
-    return found
+    pairs = []
+    for name, values in (("K_d", K_d), ("B_d", B_d)):
+        try:
+            pairs.append([float(value) for value in np.ravel(values)])
+        except (TypeError, ValueError):
+            pairs.append([])
+        if not pairs[-1] or not np.isfinite(pairs[-1]).all():
+            raise InputError(f"{name}: {values!r} is not a finite number, or several of them; correct it")
+    return requested_gains(Request(pairs[0], pairs[1], None, weight), device)
 
 
 def read_summary(folder: File = "results") -> pl.DataFrame:
@@ -348,27 +320,25 @@ def read_summary(folder: File = "results") -> pl.DataFrame:
     needs all crossings of a campaign, plate and static trials: there is no `fit_walking` of a single crossing. Raises
     InputError where there is no summary, or it is damaged.
     """
-    numbers = read_summary_file(path_of(folder, "folder") / "summary.json")["numbers"]
+    numbers = read_summary_file(Path(folder, "summary.json"))["numbers"]
     return pl.DataFrame([{"quantity": name, **entry} for name, entry in numbers.items()], infer_schema_length=None)
 
 
 def read_table(path: File) -> pl.DataFrame:
     """A result table of a campaign, such as `results/tables/impedance.csv`; `osl-analysis describe-tables` explains it.
     Raises InputError where it is missing, is no CSV, or was refused."""
-    return read_table_file(path_of(path, "path"))
+    return read_table_file(Path(path))
 
 
 def plot_torque(fit: Fit) -> "NotebookFigure":
     """Measured and modelled torque [N*m] of a fit over time [s], and below the residual: a matplotlib `Figure`, which a
     notebook shows and `figure.savefig("torque.pdf")` saves as a campaign does."""
-    return drawn("torque", checked(fit).series)
+    return drawn("torque", fit.series)
 
 
 def plot_frequency_response(response: Response) -> "NotebookFigure":
     """Magnitude and phase over frequency [Hz] with 95 % intervals: Fig. 7, or the figure `response`, with noise and
     distortion, of any other motion than a stepped sine. Returns as `plot_torque`."""
-    if not isinstance(response, Response):
-        raise InputError(f"give what `frequency_response` returned, not {type(response).__name__}")
     if response.plotted.is_empty():
         why = response.models["excluded"].drop_nulls().to_list() if "excluded" in response.models.columns else []
         raise InputError(f"trial {response.trial}: no frequency response to draw{': ' if why else ''}{'; '.join(why)}")
@@ -378,25 +348,15 @@ def plot_frequency_response(response: Response) -> "NotebookFigure":
 def plot_torque_angle(*fits: Fit) -> "NotebookFigure":
     """Torque [N*m] over angle [deg], loading and unloading, and stiffness [N*m/rad] over angle, of one trial or
     several. Returns as `plot_torque`."""
-    curves = [fit.curves for fit in fits if checked(fit).experiment == "torque_angle"]
+    curves = [fit.curves for fit in fits if fit.experiment == "torque_angle" and fit.curves is not None]
     if len(curves) < len(fits) or not fits:
         given = ", ".join(fit.experiment for fit in fits) or "no fit"
         raise InputError(f"torque over angle needs what `fit_torque_angle` returns, not {given}")
     names = [fit.trial for fit in fits]
     if len(set(names)) < len(names):
         raise InputError(f"two fits are of trials of one name, {listing(names)}; name each trial differently")
-    points = drawing_of("torque_angle").points
-    tables = pl.concat([fit.table for fit in fits], how="diagonal_relaxed")
-    return drawn(
-        "torque_angle",
-        points(pl.concat([curve for curve in curves if curve is not None], how="diagonal_relaxed"), tables),
-    )
-
-
-def checked(fit: Fit) -> Fit:
-    if not isinstance(fit, Fit):
-        raise InputError(f"a fit is needed, not {type(fit).__name__}; give what a function fit_... returned")
-    return fit
+    both = (pl.concat(frames, how="diagonal_relaxed") for frames in (curves, [fit.table for fit in fits]))
+    return drawn("torque_angle", drawing_of("torque_angle").points(*both))
 
 
 def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":

@@ -34,7 +34,7 @@ def replaced(text: str) -> list[str]:
             if isinstance(target, ast.Attribute | ast.Subscript) and (foreign or is_private):
                 found += [ast.unparse(target)] * (foreign or root_name(target) not in ("self", "cls"))
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setattr":
-            found += [ast.unparse(node)] * (root_name(node.args[0]) != "self")
+            found += [ast.unparse(node)] * (root_name(node.args[0]) in imported)
     return found
 
 
@@ -58,7 +58,6 @@ ALLOWED = {
     "sys.path[0]",  # of a script's own process
     "os.environ",
     "figure.__class__",  # our figure, made for drawing on screen
-    "setattr(total, name, getattr(total, name) + getattr(own, name))",  # our own class
 }
 
 

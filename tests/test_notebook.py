@@ -245,16 +245,10 @@ def test_without_parameter_file_nothing_is_compared_with_a_belt(short):
     assert osl.fit_impedance(trial, DESIRED, config=short).K_predicted == pytest.approx(299, abs=2)
 
 
-def test_a_result_cannot_be_changed(short):
+def test_a_result_cannot_be_changed_and_survives_a_copy(short):
     fit = osl.fit_belt(bench_trial("belt"), short)
     with pytest.raises(FrozenInstanceError):
         fit.K_s = 1.0
-    for frame in (fit.table, fit.series, fit.curves):
-        before = frame.clone()
-        frame[0, -1] = None
-        frame.insert_column(0, pl.lit(0.0).alias("new"))
-        now = next(f for f in (fit.table, fit.series, fit.curves) if f.columns == before.columns)
-        assert_frame_equal(now, before, check_exact=True)
     assert pickle.loads(pickle.dumps(fit)).K_s == copy.deepcopy(fit).K_s == fit.K_s
 
 

@@ -136,22 +136,17 @@ def by_place(table: pl.DataFrame, summary: Callable[[pl.DataFrame], pl.DataFrame
     """The summary of each joint and side on its own, one below the other, with columns that name them."""
     if not set(components.PLACE) <= set(table.columns):
         return summary(table)
-    parts = table.partition_by(components.PLACE, maintain_order=True)
-    found = [(part.select(components.PLACE).row(0, named=True), summary(part)) for part in parts]
-    named = [
-        one.select([pl.lit(v, pl.String).alias(name) for name, v in place.items()] + [pl.all()]) for place, one in found
-    ]
-    return pl.concat(named, how="vertical_relaxed")
+    found = []
+    for part in table.partition_by(components.PLACE, maintain_order=True):
+        place = part.select(components.PLACE).row(0, named=True)
+        named = [pl.lit(value, pl.String).alias(name) for name, value in place.items()]
+        found.append(summary(part).select(*named, pl.all()))
+    return pl.concat(found, how="vertical_relaxed")
 
 
 def summarise(table: Path, output: Path) -> None:
     """Mean, scatter and interval over the trials of `belt.csv`, `transmission.csv` or `actuator.csv`."""
-    summaries = {
-        "belt": components.belt_summary,
-        "transmission": components.transmission_summary,
-        "actuator": components.actuator_summary,
-    }
-    write_table(by_place(read_table(table), summaries[table.stem]), output)
+    write_table(by_place(read_table(table), getattr(components, f"{table.stem}_summary")), output)
 
 
 def summarise_model_comparison(table: Path, output: Path) -> None:
@@ -210,35 +205,25 @@ def compare_impedance_models(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit:
-    """A fitted trial. Nothing of it can be changed: its data frames are copies.
+    """A fitted trial.
 
     Every column of its table is an attribute, with the value of the fit to all data: `fit.K`, `fit.K_se`, `fit.VAF`;
     `fit.K_interval` is (low, high), the 95 % interval. `osl-analysis describe-tables` has meaning and unit of each.
+
+    experiment: it names the table that the fit has rows of in a campaign
+    table: those rows: one per amplitude, if there are several, and last the fit to all data
+    series: `time` [s] from the start, `torque` and `torque_model` [N*m] of all samples that the fit explains
+    curves: torque over angle, rows of `belt_curves` or `torque_angle_curves`; None for another experiment
     """
 
-    experiment: str  # it names the table that the fit has rows of in a campaign
-    _table: pl.DataFrame
-    _series: pl.DataFrame
-    _curves: pl.DataFrame | None
-
-    @property
-    def table(self) -> pl.DataFrame:
-        """The rows of the result table: one per amplitude, if there are several, and last the fit to all data."""
-        return self._table.clone()
-
-    @property
-    def series(self) -> pl.DataFrame:
-        """`time` [s] from the start, `torque` and `torque_model` [N*m] of all samples that the fit explains."""
-        return self._series.clone()
-
-    @property
-    def curves(self) -> pl.DataFrame | None:
-        """Torque over angle: rows of `belt_curves` or `torque_angle_curves`; None for another experiment."""
-        return None if self._curves is None else self._curves.clone()
+    experiment: str
+    table: pl.DataFrame
+    series: pl.DataFrame
+    curves: pl.DataFrame | None
 
     @property
     def row(self) -> Mapping[str, Any]:
-        return self._table.row(-1, named=True)
+        return self.table.row(-1, named=True)
 
     @property
     def doubtful(self) -> str:
@@ -248,7 +233,7 @@ class Fit:
     @property
     def not_checked(self) -> str:
         """What could not be checked, and why, a line each; empty if everything was."""
-        return "\n".join(f"not checked: {what}: {why}" for what, why in not_checked_of(self._table).items())
+        return "\n".join(f"not checked: {what}: {why}" for what, why in not_checked_of(self.table).items())
 
     def __getattr__(self, name: str) -> Any:
         """A column of the table by name, of the fit to all data, or `NAME_interval`."""
@@ -266,7 +251,7 @@ class Fit:
         return sorted({*super().__dir__(), *self.row, *(f"{name}_interval" for name in estimated(self.row))})
 
     def __repr__(self) -> str:
-        estimates = f"{self.experiment}, {estimates_text(self._table.tail(1))}"
+        estimates = f"{self.experiment}, {estimates_text(self.table.tail(1))}"
         return printable_lines("\n".join(filter(None, [estimates, self.not_checked])))
 
     def _repr_html_(self) -> str:
@@ -277,12 +262,10 @@ class Fit:
             value, low, high = ("–" if cell is None else f"{cell:.5g}" for cell in cells)
             rows.append(f"<tr><td>{name}</td><td>{value}</td><td>{low} to {high}</td><td>{UNIT_OF[name]}</td></tr>")
         said = [f"Doubtful: {self.doubtful}"] * bool(self.doubtful) + self.not_checked.splitlines()
-        title = f"{self.experiment}, {row['trial']}: VAF {row['VAF']:.2f} %"
+        title = escape(printable(f"{self.experiment}, {row['trial']}: VAF {row['VAF']:.2f} %"))
         head = "<tr><th></th><th>estimate</th><th>95 % interval</th><th>unit</th></tr>"
-        return (
-            f"<table><caption>{escape(printable(title))}</caption>{head}{''.join(rows)}</table>"
-            f"{''.join(f'<p>{escape(printable(line))}</p>' for line in said)}"
-        )
+        lines = "".join(f"<p>{escape(printable(line))}</p>" for line in said)
+        return f"<table><caption>{title}</caption>{head}{''.join(rows)}</table>{lines}"
 
 
 @dataclass(frozen=True)
@@ -322,12 +305,16 @@ def fit_tables(
 ) -> Mapping[str, pl.DataFrame]:
     """The tables of a trial's fit, as the job of a campaign gives them; `request` as `fit_request` gives it."""
     fit = job_of(experiment)
+    stated = (
+        ("parameters", parameters, fit.parameters),
+        ("condition", request.condition, bool(fit.sheet)),
+        ("windows", request.windows, fit.windows),
+    )
+    given = {**request.settings, **{name: value for name, value, is_taken in stated if is_taken}}
     module, _, function = fit.job.partition(".")
-    stated = {"parameters": parameters, "condition": request.condition, "windows": request.windows}
-    taken = {"parameters": fit.parameters, "condition": bool(fit.sheet), "windows": fit.windows}
-    given = {**request.settings, **{name: value for name, value in stated.items() if taken[name]}}
-    job = getattr(import_module(f"osl_analysis.commands.{module}"), function)
-    found: Mapping[str, pl.DataFrame] = job(trial, **given)
+    found: Mapping[str, pl.DataFrame] = getattr(import_module(f"osl_analysis.commands.{module}"), function)(
+        trial, **given
+    )
     return found
 
 
@@ -358,9 +345,15 @@ def estimates_text(estimates: pl.DataFrame) -> str:
     """The estimates as text: a line per fit and quantity, with 95 % interval and VAF."""
     lines = []
     for row in estimates.to_dicts():
-        amplitude = row.get("amplitude_deg")
-        which = motion_text(row) if amplitude is None else f"{amplitude:g} deg"
-        which = f"mean of cycles: {row['cycles']}" if "cycles" in row else which
+        which = "all amplitudes"
+        if "cycles" in row:
+            which = f"mean of cycles: {row['cycles']}"
+        elif row.get("amplitude_deg") is not None:
+            which = f"{row['amplitude_deg']:g} deg"
+        elif row.get("excitation") not in (None, "stepped sine"):
+            band = f"{row['band_low_hz']:.3g} to {row['band_high_hz']:.3g} Hz, {row['theta_rms_deg']:.2g} deg RMS"
+            kind = "periodic" if row["excitation"] == "periodic" else "any"
+            which = f"{row['fitted_s']:.1f} s of {kind} motion, {band}"
         quality = f"VAF {row['VAF']:.2f} %" if "VAF" in row else "no VAF"
         if "R2" in row:
             quality += f", R2 {row['R2']:.5f}, condition {row['condition_number']:.1f}"
@@ -379,12 +372,3 @@ def estimated(row: Mapping[str, Any]) -> list[str]:
     """The quantities that a fit estimates (a belt at a constant velocity has no B_j), or all its numbers."""
     known = [name for name in UNIT_OF if f"{name}_se" in row and row[name] is not None]
     return known or [name for name, value in row.items() if isinstance(value, float)]
-
-
-def motion_text(row: Mapping[str, Any]) -> str:
-    """What a fit without an amplitude is a fit to."""
-    excitation = row.get("excitation")
-    if excitation in (None, "stepped sine"):
-        return "all amplitudes"
-    band = f"{row['band_low_hz']:.3g} to {row['band_high_hz']:.3g} Hz, {row['theta_rms_deg']:.2g} deg RMS"
-    return f"{row['fitted_s']:.1f} s of {'periodic' if excitation == 'periodic' else 'any'} motion, {band}"

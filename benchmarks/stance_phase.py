@@ -27,7 +27,7 @@ from osl_analysis.walking.gait import (
     unperturbed_gait,
 )
 from osl_analysis.walking.plate import Stance
-from osl_analysis.walking.response import PerturbationResponse, bootstrap, ensemble_response, isolate_response
+from osl_analysis.walking.response import Ensemble, PerturbationResponse, isolate_response
 from osl_analysis.walking.settings import TimingSettings
 
 CROSSINGS, RESAMPLES = 10, 300
@@ -120,10 +120,10 @@ def rule_table(campaigns: Sequence[Campaign], timing: TimingSettings) -> None:
             for campaign in campaigns:
                 case = campaign.perturbed[label]
                 responses = isolated(rule, case.crossings, campaign.gait, timing)
-                fit = ensemble_response(responses).fit
+                fit = Ensemble(responses).fitted().fit
                 errors.append(np.array([fit.K, fit.B, fit.I]) - case.truth)
                 if rule in SETTINGS:
-                    draws = bootstrap(responses, RESAMPLES)
+                    draws = Ensemble(responses).resampled(RESAMPLES)
                     intervals = np.array([draws.interval(q) for q in QUANTITIES])
                     covered.append((intervals[:, 0] <= case.truth) & (case.truth <= intervals[:, 1]))
             bias, scatter = np.mean(errors, axis=0), np.std(errors, axis=0, ddof=1)

@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 
 from osl_analysis.commands import study, trials
-from osl_analysis.commands.walking import read_json
+from osl_analysis.commands.walking import read_model
 from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import temporary_path
 from osl_analysis.jobs.job import died, perform, reason_and_remedy, refusal
@@ -28,6 +28,7 @@ from osl_analysis.judge.findings import (
 from osl_analysis.judge.table import QualityRules
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
+from osl_analysis.walking.bodies import StaticCalibration
 
 LOST = Refusal("b_1", "raw/b_1.mcap", "ingest.ingest_trial", "refused", "raw/b_1.mcap: no such file", "copy it there")
 KILLED = Refusal("b_2", "raw/b_2.mcap", "bench.fit", "died", "the process of this job was killed", "run again")
@@ -63,7 +64,7 @@ def test_results_folders_and_missing_files_are_no_records(tmp_path: Path) -> Non
     assert not any(map(is_refused, (result(tmp_path / "b.csv"), tmp_path, tmp_path / "nowhere")))
 
 
-@pytest.mark.parametrize("read", [read_trial, read_table, lambda path: read_json(path, "calibrate")])
+@pytest.mark.parametrize("read", [read_trial, read_table, lambda path: read_model(path, StaticCalibration)])
 def test_who_reads_a_record_for_a_result_is_told_the_reason(tmp_path: Path, read) -> None:
     with pytest.raises(InputError, match=r"no result: trial b_1: raw/b_1\.mcap: no such file; copy it there"):
         read(Path(record(tmp_path / "b_1.csv", LOST)))

@@ -19,7 +19,7 @@ from osl_analysis.walking.gait import (
 )
 from osl_analysis.walking.plate import Stance, find_stances
 from osl_analysis.walking.platform import find_onset
-from osl_analysis.walking.response import bootstrap, ensemble_response, fit_response, isolate_response
+from osl_analysis.walking.response import Ensemble, fit_response, isolate_response
 
 TIME = np.arange(900) / 300
 DEG = np.pi / 180
@@ -153,7 +153,7 @@ def test_matching_adds_little_scatter_and_no_bias_to_gait_that_varies(slower: fl
     perfect = [isolate_response(c, gait, TIMING, "own") for c in crossings]
     matched = [isolate_response(c, gait, TIMING, "matched") for c in late]
     wrong = [isolate_response(c, gait, TIMING, "own" if lingers != 1 else "unperturbed") for c in late]
-    best, found, spoilt = (ensemble_response(r).fit.K for r in (perfect, matched, wrong))
+    best, found, spoilt = (Ensemble(r).fitted().fit.K for r in (perfect, matched, wrong))
     assert found == pytest.approx(best, rel=0.015)
     assert abs(spoilt / best - 1) > 0.05
     assert np.mean([r.stance_change for r in matched]) == pytest.approx(lingers - 1, abs=0.004)
@@ -164,7 +164,8 @@ def test_the_bootstrap_carries_the_error_of_the_pace() -> None:
     gait = usual(np.deg2rad(0.5))
     crossings = [walked(f"p{k}", 1.0, np.deg2rad(0.5), onset=0.6) for k in range(10)]
     own, matched = (
-        bootstrap([isolate_response(c, gait, TIMING, source) for c in crossings], 300) for source in ("own", "matched")
+        Ensemble([isolate_response(c, gait, TIMING, source) for c in crossings]).resampled(300)
+        for source in ("own", "matched")
     )
     assert matched.se("K") > own.se("K")
 

@@ -21,7 +21,7 @@ from osl_analysis.table import read_table
 from osl_analysis.walking.bodies import Poses
 from osl_analysis.walking.crossing import platform_turn
 from osl_analysis.walking.gait import unperturbed_gait
-from osl_analysis.walking.groups import gaits_served, label, selection_rows, split_keys, timings
+from osl_analysis.walking.groups import label, places, selection_rows, split_keys, timings
 from osl_analysis.walking.response import fit_response, freedom_of, group_headline, joining_weights
 from osl_analysis.walking.tables import fitted_time
 
@@ -187,10 +187,10 @@ def test_a_person_who_walks_slower_than_the_others_is_no_outlier_among_them():
 
 
 def test_an_unperturbed_crossing_without_a_value_serves_every_value():
-    gaits = {"K_d 200": {"K_d": 200.0}, "K_d 400": {"K_d": 400.0}}
-    assert gaits_served({"K_d": None}, gaits, ["K_d"]) == ["K_d 200", "K_d 400"]
-    assert gaits_served({"K_d": 400.0}, gaits, ["K_d"]) == ["K_d 400"]
-    assert gaits_served({"K_d": 300.0}, gaits, ["K_d"]) == []
+    K_d = {"p200": 200.0, "p400": 400.0, "every": None, "u400": 400.0, "u300": 300.0}
+    sheet = {name: {"perturbed": name[0] == "p", "K_d": value} for name, value in K_d.items()}
+    found = {name: row["gait"] for name, row in places([], sheet, settings()).items()}
+    assert [found[name] for name in ("every", "u400", "u300")] == ["K_d 200; K_d 400", "K_d 400", None]
 
 
 @pytest.mark.parametrize(

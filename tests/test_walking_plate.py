@@ -29,7 +29,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.plate_surface import furthest_outside, plate_axes
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import BodyMotion, static_calibration
-from osl_analysis.walking.crossing import check_heading, check_push, check_vertical
+from osl_analysis.walking.crossing import check_side, check_vertical
 from osl_analysis.walking.plate import (
     INERTIAL,
     PLANAR,
@@ -410,12 +410,11 @@ def test_a_shank_against_its_own_heading_and_a_moment_that_lifts_the_toes_are_re
     heading, left = np.array([np.cos(turn), np.sin(turn), 0]), np.array([-np.sin(turn), np.cos(turn), 0])
     shank = np.outer(-0.1 + 0.25 * PHASE, heading) + np.array([0, 0, 0.3])
     axis, torque = np.tile(left, (PHASE.size, 1)), -10 + 90 * PHASE
-    check_heading(PHASE, shank, axis)
-    check_push(PHASE, torque)
+    check_side(PHASE, shank, axis, torque)
     with pytest.raises(InputError, match=r"the shank moves 20 cm backwards over the foot .* correct `side`, exchange"):
-        check_heading(PHASE, shank, -axis)
+        check_side(PHASE, shank, -axis, None)
     with pytest.raises(InputError, match=r"moment in late stance is -53 N\*m"):
-        check_push(PHASE, -torque)
+        check_side(PHASE, shank, axis, -torque)
 
 
 @pytest.mark.parametrize(

@@ -20,11 +20,10 @@ from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.response import (
     BEHAVIOUR,
     Bootstrap,
+    Ensemble,
     PerturbationResponse,
-    bootstrap,
     common_errors,
     cross_validated,
-    ensemble_response,
     fit_response,
     fit_without_offset,
     gait_torque,
@@ -100,7 +99,7 @@ def test_a_response_is_zero_on_average_over_the_baseline_that_the_walking_page_s
 def test_recovers_the_impedance_whatever_the_pace(stance: float, truth: tuple[float, float, float]) -> None:
     walked = [crossing(f"p{k}", 0.3 + 0.4 * (stance + k / 100), stance + k / 100, impedance=truth) for k in range(3)]
     responses = [respond(c, mean_gait()) for c in walked]
-    fits = [fit_response(responses[0]), ensemble_response(responses).fit]
+    fits = [fit_response(responses[0]), Ensemble(responses).fitted().fit]
     for fit in fits:
         assert (fit.K, fit.B, fit.I) == pytest.approx(truth, rel=1e-3, abs=1e-3 if truth[2] == I else 2e-3)
     assert fits[0].fit.vaf > 99.999
@@ -149,9 +148,9 @@ def test_what_has_no_response_or_no_ensemble_is_refused_by_name() -> None:
             respond(crossing("p", onset), mean_gait())
     first, second = respond(crossing("p0", 0.6), mean_gait(3)), respond(crossing("p1", 0.6), mean_gait(4))
     with pytest.raises(InputError, match="perturbations in the ensemble: 1, expected 2"):
-        ensemble_response([first])
+        Ensemble([first]).fitted()
     with pytest.raises(InputError, match=r"trial p1: \d+ samples from 4 unperturbed .* trial p0 has \d+ from 3"):
-        ensemble_response([first, second])
+        Ensemble([first, second]).fitted()
 
 
 def test_a_turn_that_outlasts_the_window_cannot_tell_stiffness_from_damping_or_inertia() -> None:
@@ -185,7 +184,7 @@ def test_the_common_variance_is_what_drawing_the_unperturbed_crossings_anew_give
     crossings leave a bootstrap of 2000 a Monte Carlo error of 3 %, and first order 10 % of what is not."""
     responses = several(1, 2.0) * 2
     gait, plate = common_errors(responses)["K"]
-    assert gait.variance == pytest.approx(np.var(bootstrap(responses, 2000).K), rel=0.15)
+    assert gait.variance == pytest.approx(np.var(Ensemble(responses).resampled(2000).K), rel=0.15)
     assert (gait.degrees_of_freedom, plate.variance) == (5, 0)
 
 
@@ -212,7 +211,7 @@ def test_the_plate_s_share_is_the_same_in_every_interval() -> None:
     assert plate.degrees_of_freedom == 3
     assert single.se("K") == pytest.approx(np.sqrt(plate.variance), rel=0.01)
     assert single.interval_method == "unperturbed crossings + plate trials"
-    assert np.std(bootstrap([still, still], 3000).K) == pytest.approx(np.sqrt(plate.variance), rel=0.05)
+    assert np.std(Ensemble([still, still]).resampled(3000).K) == pytest.approx(np.sqrt(plate.variance), rel=0.05)
     assert single.degrees_of_freedom == pytest.approx(3, rel=0.05)
 
 
@@ -254,7 +253,7 @@ def test_the_interval_of_a_single_perturbation_covers_what_gait_does_to_it() -> 
 
 def test_the_bootstrap_repeats_itself() -> None:
     responses = several(4, noise=1.0)
-    np.testing.assert_array_equal(bootstrap(responses, 20).B, bootstrap(responses, 20).B)
+    np.testing.assert_array_equal(Ensemble(responses).resampled(20).B, Ensemble(responses).resampled(20).B)
 
 
 # The lag of the torque
@@ -299,7 +298,7 @@ def isolated_all(signs: tuple[int, ...] = (1,), lasting: bool = True, usual: int
 
 def left_out(isolated: list[PerturbationResponse], predictors: tuple[str, ...]) -> float:
     """Mean square of what each unperturbed crossing adds to the residual less what the others tell of it."""
-    fit = ensemble_response(isolated).fit
+    fit = Ensemble(isolated).fitted().fit
     curves = np.mean([gait_torque(r, fit)[:, r.window] for r in isolated], axis=0)
     known = np.mean([r.behaviour for r in isolated], axis=0)[[BEHAVIOUR.index(name) for name in predictors]]
     columns, missed = np.column_stack([np.ones(len(curves)), known.T]), []
@@ -314,29 +313,29 @@ def test_lasting_deviations_are_predicted_for_one_direction_and_for_both(signs: 
     """They cost the mean baseline 2 % of K or more; what is left of them is the noise's. The interval is narrower and
     still holds the truth."""
     isolated = isolated_all(signs)
-    names, share = cross_validated(isolated, ensemble_response(isolated).fit)
+    names, share = cross_validated(isolated, Ensemble(isolated).fitted().fit)
     assert share > 0.9
     assert share == pytest.approx(1 - left_out(isolated, names) / left_out(isolated, ()), rel=1e-9)
-    mean, predicted = (ensemble_response(isolated, chosen).fit.K for chosen in ((), names))
+    mean, predicted = (Ensemble(isolated).fitted(chosen).fit.K for chosen in ((), names))
     assert predicted == pytest.approx(K, rel=0.01)
     assert abs(mean / K - 1) > 2 * abs(predicted / K - 1)
-    of_mean, of_predicted = (bootstrap(isolated, 300, chosen) for chosen in ((), names))
+    of_mean, of_predicted = (Ensemble(isolated).resampled(300, chosen) for chosen in ((), names))
     low, high = of_predicted.interval("K")
     assert low < K < high
     assert of_predicted.se("K") < 0.5 * of_mean.se("K")
     if len(signs) == 1:
-        assert bootstrap(2 * isolated, 100, names).degrees_of_freedom == 9 - len(names)
+        assert Ensemble(2 * isolated).resampled(100, names).degrees_of_freedom == 9 - len(names)
 
 
 def test_deviations_that_begin_anew_and_too_few_unperturbed_crossings_predict_nothing() -> None:
     isolated = isolated_all(lasting=False)
-    names, share = cross_validated(isolated, ensemble_response(isolated).fit)
+    names, share = cross_validated(isolated, Ensemble(isolated).fitted().fit)
     assert share < 0.35
     if names:  # ten crossings can look alike by chance: then the interval has to hold the truth
-        low, high = bootstrap(isolated, 300, names).interval("K")
+        low, high = Ensemble(isolated).resampled(300, names).interval("K")
         assert low < K < high
     few = isolated_all(usual=6)
-    assert cross_validated(few, ensemble_response(few).fit) == ((), 0.0)
+    assert cross_validated(few, Ensemble(few).fitted().fit) == ((), 0.0)
 
 
 def test_behaviour_is_what_the_crossing_did_up_to_30_ms_before_the_onset() -> None:

@@ -26,13 +26,13 @@ from osl_analysis.walking import settings as choices
 from osl_analysis.walking.bodies import StaticCalibration
 from osl_analysis.walking.crossing import DOWN, UP, Crossing, RefusedCrossing, analyse_crossing, body_mass
 from osl_analysis.walking.gait import PHASES, UnperturbedGait, unperturbed_gait
-from osl_analysis.walking.groups import ALL, SEPARATOR, selection_rows, split_statements
+from osl_analysis.walking.groups import ALL, SEPARATOR, cells_said, selection_rows, split_keys
 from osl_analysis.walking.overground import overground_rows
 from osl_analysis.walking.plate import NO_CORRECTION, NOT_REMOVED, Load, PlateModel, identify_plate_model, plate_table
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform, platform_table
 from osl_analysis.walking.response import group_headline
 
-SIGNALS = ("time", "phase", "theta", "torque", "platform")
+CURVES = ("theta", "torque", "platform")
 LOADS = ("load", "pressure_left")
 """Columns with the vertical force [N] on the foot, and the centre of pressure to the left of the ankle [m]."""
 PLATE_ERROR = "plate_error_"  # prefix of the columns with the plate's errors
@@ -46,16 +46,26 @@ Statics = Mapping[str, str]  # The static trial of each trial, which names the f
 
 def write_model(model: Any, path: Path) -> None:
     """Write a calibration, the plate's model or the platform's as JSON; arrays are lists, NaN is null."""
-    text = json.dumps(asdict(model), default=np.ndarray.tolist)
+    finite = json.loads(json.dumps(asdict(model), default=np.ndarray.tolist), parse_constant=lambda _: None)
     with atomic_path(path) as temporary:
-        finite = json.loads(text, parse_constant=lambda _: None)
         temporary.write_text(json.dumps(finite, indent=1) + "\n", encoding="utf-8")
 
 
 def read_model(path: Path, kind: type[Built]) -> Built:
     """Read what `write_model` wrote."""
+    check_not_refused(path)
+    step = f"run the step '{WRITTEN_BY[kind]}'"
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; {step} first")
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not JSON ({error}); delete it and {step}") from error
     needed = (one.name for one in fields(kind) if one.default is MISSING)  # type: ignore[arg-type]
-    model: Built = built(kind, read_json(path, WRITTEN_BY[kind], *needed))
+    absent = [name for name in needed if not isinstance(content, dict) or name not in content]
+    if absent:
+        raise InputError(f"{path}: no field '{absent[0]}'; delete it and {step}")
+    model: Built = built(kind, content)
     return model
 
 
@@ -74,28 +84,13 @@ def built(kind: Any, content: Any) -> Any:
     return {name: built(inner[1], value) for name, value in content.items()} if isinstance(content, dict) else content
 
 
-def read_json(path: Path, step: str, *required: str) -> dict[str, Any]:
-    """Read a JSON file that `step` wrote."""
-    check_not_refused(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; run the step '{step}' first")
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not JSON ({error}); delete it and run the step '{step}'") from error
-    absent = [name for name in required if not isinstance(content, dict) or name not in content]
-    if absent:
-        raise InputError(f"{path}: no field '{absent[0]}'; delete it and run the step '{step}'")
-    return dict(content)
-
-
 def write_crossing(crossing: Crossing, path: Path) -> None:
     """Write a crossing as a trial: its signals and `plate_error_0`, ...; the events in the provenance."""
-    phase = crossing.stance.phase(crossing.time)
-    signals = (crossing.time, phase, crossing.theta, crossing.torque, crossing.platform)
+    signals = {"time": crossing.time, "phase": crossing.stance.phase(crossing.time)}
+    signals |= {name: getattr(crossing, name) for name in CURVES}
     load = {} if crossing.load is None else dict(zip(LOADS, (crossing.load.force, crossing.load.left), strict=True))
     errors = {f"{PLATE_ERROR}{i}": error for i, error in enumerate(crossing.plate_errors)}
-    samples = pl.DataFrame(dict(zip(SIGNALS, signals, strict=True)) | load | errors)
+    samples = pl.DataFrame(signals | load | errors)
     events = {name: getattr(crossing, name) for name in EVENTS}
     write_trial(Trial(crossing.name, samples, json.loads(json.dumps(events, default=asdict))), path)
 
@@ -105,7 +100,9 @@ def write_refusal(refused: RefusedCrossing, path: Path) -> None:
     reason = {"refused": refused.reason, "perturbed": refused.perturbed}
     metadata = {NAME_KEY: refused.name, PROVENANCE_KEY: json.dumps(reason)}
     with atomic_path(path) as temporary:
-        pl.DataFrame(schema=dict.fromkeys(SIGNALS, pl.Float64)).write_parquet(temporary, metadata=metadata)
+        pl.DataFrame(schema=dict.fromkeys(("time", "phase", *CURVES), pl.Float64)).write_parquet(
+            temporary, metadata=metadata
+        )
 
 
 def read_crossing(path: Path) -> Crossing:
@@ -129,14 +126,11 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     trial, types = read_trial(path), get_type_hints(Crossing)
     if "stance" not in trial.provenance:
         raise InputError(f"{path}: a trial without events; run the step 'analyse' and use its crossing")
-    time, theta, torque, platform = trial.signals("theta", "torque", "platform")
+    curves: dict[str, Any] = dict(zip(("time", *CURVES), trial.signals(*CURVES), strict=True))
     return Crossing(
         trial.name,
-        time,
-        theta,
-        torque,
-        platform,
-        plate_errors=plate_error_columns(trial.samples).reshape(-1, len(time)),
+        **curves,
+        plate_errors=plate_error_columns(trial.samples).reshape(-1, len(trial.samples)),
         load=Load(*trial.signals(*LOADS)[1:]) if LOADS[0] in trial.samples.columns else None,
         **{name: built(types[name], trial.provenance[name]) for name in EVENTS},
     )
@@ -336,7 +330,13 @@ def select_crossings(
     refused = [c for c in read if isinstance(c, RefusedCrossing)]
     rows = selection_rows(analysed, refused, settings, sheet)
     table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
-    said = split_statements(sheet or {}, settings)
+    sheet = sheet or {}
+    said = [
+        f"crossings differ in {key} ({cells_said({cells.get(key) for cells in sheet.values()})}): each value has a "
+        f"result of its own; write {key} under walking.group_by to keep that, or under walking.pool for one result"
+        for key in split_keys(sheet, settings)
+        if key not in settings.group_by
+    ]
     timed = [name for name in table["group"].drop_nulls().unique(maintain_order=True) if "timing " in name]
     if timed and "timing" not in settings.group_by:
         said.append(

@@ -34,14 +34,7 @@ from osl_analysis.walking.crossing import Crossing, CrossingQuality, analyse_cro
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.plate import PlateModel, Stance, identify_plate_model
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform
-from osl_analysis.walking.response import (
-    bootstrap,
-    common_errors,
-    ensemble_response,
-    fit_response,
-    fit_without_offset,
-    isolate_response,
-)
+from osl_analysis.walking.response import Ensemble, common_errors, fit_response, fit_without_offset, isolate_response
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
 
 LEVER_M = 0.1
@@ -208,7 +201,8 @@ def campaign_rows(number: int, crossings: int, laboratory: StudyLaboratory) -> l
     perturbed = usable(laboratory.perturbed, names[1::2])
     responses = [isolate_response(one.crossing, gait, analysis, analysis.perturbed_stance) for one in perturbed]
     fits = [fit_response(response) for response in responses]
-    resampled, ensemble = bootstrap(responses, 300), ensemble_response(responses).fit
+    joined = Ensemble(responses)
+    resampled, ensemble = joined.resampled(300), joined.fitted().fit
     common = common_errors(responses)
     rows: list[StudyRow] = []
     for quantity in STUDIED_QUANTITIES:

@@ -171,11 +171,9 @@ def crossing_from_trial(
         of_foot = bodies.body_motion(time, foot, calibration.ankle_centre + own.centre_of_mass_m)
         torque = torque + bodies.moment_of_foot(of_foot, ankle, axis, own.mass_kg, own.inertia_kg_m2)
     phase = stance.phase(time)
-    check_heading(phase, shank.position - ankle, axis)
+    check_side(phase, shank.position - ankle, axis, torque if onset is None else None)
     turn = None
-    if onset is None:
-        check_push(phase, torque)
-    else:
+    if onset is not None:
         turn = platform_turn(time, poses["platform"], axis, (onset, onset + settings.window_s))
     inside = (time >= stance.heel_strike) & (time <= stance.toe_off)
     left = {segment: pose.residual[inside & np.isfinite(pose.residual)] for segment, pose in poses.items()}
@@ -286,30 +284,25 @@ def check_vertical(force: Array) -> None:
     raise InputError(f"the load on the plate acts along {along} ({mean[axis]:.0f} N), expected +z: {remedy}")
 
 
-SIDE_REMEDY = (
-    "correct `side`, exchange ankle_medial and ankle_lateral, or correct the labels of the static trial's markers"
-)
-
-
-def check_heading(phase: Array, shank_from_ankle: Array, axis: Array) -> None:
-    """Refuse a shank, `shank_from_ankle` (n, 3) [m], that leans backwards from a tenth to nine tenths of stance, seen
-    along the ankle's axis (n, 3), which should point to the left."""
+def check_side(phase: Array, shank_from_ankle: Array, axis: Array, torque: Array | None) -> None:
+    """Refuse an ankle's axis (n, 3) that does not point to the left: seen along it, the shank, `shank_from_ankle` (n,
+    3) [m], leans backwards from a tenth to nine tenths of stance, or a torque (n,) [N*m] that no platform disturbs
+    pulls the toes up in late stance, where every foot pushes."""
+    remedy = (
+        "correct `side`, exchange ankle_medial and ankle_lateral, or correct the labels of the static trial's markers"
+    )
     first, last = (int(np.argmin(np.abs(phase - edge))) for edge in (0.1, 0.9))
     ahead = np.sum(shank_from_ankle * np.cross(axis, [0.0, 0.0, 1.0]), axis=1)
     if ahead[last] <= ahead[first]:
         raise InputError(
             f"the shank moves {100 * (ahead[first] - ahead[last]):.0f} cm backwards over the foot in stance: the "
-            f"ankle's axis points to the wrong side; {SIDE_REMEDY}"
+            f"ankle's axis points to the wrong side; {remedy}"
         )
-
-
-def check_push(phase: Array, torque: Array) -> None:
-    """Refuse an ankle torque (n,) [N*m] that pulls the toes up in late stance, where every foot pushes."""
-    mean = float(torque[(phase >= 0.5) & (phase <= 0.9)].mean())
+    mean = 0.0 if torque is None else float(torque[(phase >= 0.5) & (phase <= 0.9)].mean())
     if mean < 0:
         raise InputError(
             f"the ankle's moment in late stance is {mean:.0f} N*m, expected a plantarflexion moment above 0: "
-            f"{SIDE_REMEDY}; or correct the plate's corners and channels"
+            f"{remedy}; or correct the plate's corners and channels"
         )
 
 

@@ -69,25 +69,6 @@ def label(parts: Mapping[str, object]) -> str:
     return ", ".join(named) or ALL
 
 
-def gaits_served(cells: Cells, gaits: Mapping[str, Cells], keys: Sequence[str]) -> list[str]:
-    """Names of the `gaits` (name to cells) that an unperturbed crossing serves; an empty cell matches every value."""
-    return [
-        name
-        for name, wanted in gaits.items()
-        if all(cells.get(key) is None or cells.get(key) == wanted[key] for key in keys)
-    ]
-
-
-def split_statements(sheet: Sheet, settings: GroupSettings) -> list[str]:
-    """One sentence per condition that splits results although the configuration does not ask for it."""
-    return [
-        f"crossings differ in {key} ({cells_said({cells.get(key) for cells in sheet.values()})}): each value has a "
-        f"result of its own; write {key} under walking.group_by to keep that, or under walking.pool for one result"
-        for key in split_keys(sheet, settings)
-        if key not in settings.group_by
-    ]
-
-
 def pooled_over(names: Iterable[str], sheet: Sheet) -> str:
     """Conditions in which the crossings of one group differ, as text; empty if in none."""
     members = list(names)
@@ -200,8 +181,9 @@ def crossing_features(crossings: Sequence[Crossing], timing: SelectionSettings, 
     beyond the limit, until no further one is: four bad ones of twelve widen the scatter so that none stands out. Load
     and pressure are compared where every crossing has a load, as shares of the median one in single support."""
     middle, usual = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])], 0.0
-    if known := all(c.load is not None for c in crossings):
-        usual = float(np.median(curves_of(crossings, force_of, middle).mean(axis=1)))
+    loads = {c.name: c.load for c in crossings if c.load is not None}
+    if known := len(loads) == len(crossings):
+        usual = float(np.median(curves_of(crossings, lambda c: loads[c.name].force, middle).mean(axis=1)))
 
     def early(sound: Mask) -> list[Feature]:
         """What no perturbation can change: the foot's place, and curves before the first onset."""
@@ -217,7 +199,7 @@ def crossing_features(crossings: Sequence[Crossing], timing: SelectionSettings, 
             alike.feature(TORQUE_BEFORE, "N*m", alike.deviation(lambda c: c.torque, phases), rule.torque_nm),
         ]
         if known:
-            share = alike.deviation(force_of, phases) / usual
+            share = alike.deviation(lambda c: loads[c.name].force, phases) / usual
             found.append(alike.feature(LOAD_BEFORE, "of the usual load", share, rule.load_share))
         return found
 
@@ -227,7 +209,8 @@ def crossing_features(crossings: Sequence[Crossing], timing: SelectionSettings, 
         stance = np.array([c.stance.duration for c in crossings])
         found = [kinds.feature("stance", "s", stance, rule.stance_s)]
         if known:
-            share, pressure = kinds.deviation(force_of, middle) / usual, kinds.deviation(pressure_left, middle)
+            share = kinds.deviation(lambda c: loads[c.name].force, middle) / usual
+            pressure = kinds.deviation(lambda c: loads[c.name].left, middle)
             found.append(kinds.feature("load in single support", "of the usual load", share, rule.load_share))
             found.append(kinds.feature(PRESSURE, "m", pressure, rule.pressure_m))
         return found
@@ -249,18 +232,6 @@ def curves_of(crossings: Sequence[Crossing], signal: Callable[[Crossing], Array]
     return np.array([signal_at(c, signal(c), stance_times(c, phases)) for c in crossings])
 
 
-def force_of(crossing: Crossing) -> Array:
-    """Vertical force (n,) [N] on the foot."""
-    assert crossing.load is not None  # checked by the caller
-    return crossing.load.force
-
-
-def pressure_left(crossing: Crossing) -> Array:
-    """Centre of pressure (n,) [m] to the left of the ankle."""
-    assert crossing.load is not None  # checked by the caller
-    return crossing.load.left
-
-
 def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings) -> dict[str, dict[str, object]]:
     """Columns of `walking_crossings.csv` of every row of the sheet, by name: the mean gaits that it belongs to, one for
     a perturbed crossing; and, of the `crossings` that are used and perturbed, the group whose result it enters, the
@@ -268,7 +239,10 @@ def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings)
     keys = split_keys(sheet, settings)
     every = [{key: cells[key] for key in keys} for cells in sheet.values() if cells[IS_PERTURBED]]
     gaits: dict[str, Cells] = {label(cells): cells for cells in every}
-    served = {name: gaits_served(cells, gaits, keys) for name, cells in sheet.items()}
+    served = {}  # an empty cell of an unperturbed crossing matches every value
+    for name, cells in sheet.items():
+        alike = [all(cells.get(key) in (None, wanted[key]) for key in keys) for wanted in gaits.values()]
+        served[name] = [gait for gait, fits in zip(gaits, alike, strict=True) if fits]
     none = {"group": None, "direction": None, "onset_phase": None}
     found: dict[str, dict[str, object]] = {
         name: {"gait": SEPARATOR.join(own) or None, **none} for name, own in served.items()
@@ -353,7 +327,10 @@ def selection_rows(
         rule = settings.outliers
         features = crossing_features(some, settings, rule) if rule else []
         for k, c in enumerate(some):
-            reason, f = load_reason(c, settings), max(features, key=lambda f: float(f.distance[k]), default=None)
+            share = None  # of the weight; where the mass is known
+            if c.load is not None and c.body_mass is not None:
+                share = c.load.of_weight(c.stance.phase(c.time), c.body_mass)
+            reason, f = load_reason(c, share, settings), max(features, key=lambda f: float(f.distance[k]), default=None)
             if not reason and rule and f is not None and f.distance[k] > rule.limit:
                 reason = (
                     f"{f.name} {f.values[k]:.3g} {f.unit} lies {f.distance[k]:.1f} scatters of {f.scatter:.2g} "
@@ -362,7 +339,7 @@ def selection_rows(
                 if c.bridged >= 0.05:
                     remedy = "fill the gaps in Nexus, or lower longest_gap_s"
                     reason += f" (markers were hidden for {c.bridged:.0%} of it: {remedy})"
-            rows[c.name] = crossing_row(c, k, features, reason or None)
+            rows[c.name] = crossing_row(c, k, features, share, reason or None)
     used = [c for c in crossings if rows[c.name]["reason"] is None]
     for r in refused:
         rows[r.name] = {"trial": r.name, "perturbed": r.perturbed, "status": "refused", "reason": r.reason}
@@ -370,9 +347,9 @@ def selection_rows(
     return {name: row | found[name] for name, row in rows.items()}
 
 
-def load_reason(crossing: Crossing, settings: SelectionSettings) -> str:
-    """Why a crossing is excluded whatever the others are: its share of the weight, or a foot beside the plate."""
-    (low, high), share = settings.load_of_weight, share_of_weight(crossing)
+def load_reason(crossing: Crossing, share: float | None, settings: SelectionSettings) -> str:
+    """Why a crossing is excluded whatever the others are: its `share` of the weight, or a foot beside the plate."""
+    low, high = settings.load_of_weight
     if share is not None and not low <= share <= high:
         return (
             f"the plate carries {share:.2f} of the weight of {crossing.body_mass:g} kg in single support, expected "
@@ -388,14 +365,9 @@ def load_reason(crossing: Crossing, settings: SelectionSettings) -> str:
     return ""
 
 
-def share_of_weight(crossing: Crossing) -> float | None:
-    """Mean load in single support as a share of the weight; None if load or mass is unknown."""
-    if crossing.load is None or crossing.body_mass is None:
-        return None
-    return crossing.load.of_weight(crossing.stance.phase(crossing.time), crossing.body_mass)
-
-
-def crossing_row(crossing: Crossing, index: int, features: Sequence[Feature], reason: str | None) -> dict[str, object]:
+def crossing_row(
+    crossing: Crossing, index: int, features: Sequence[Feature], share: float | None, reason: str | None
+) -> dict[str, object]:
     """One row of `walking_crossings.csv`: angles in deg, residuals in mm, the encoder's delay in ms."""
     quality, encoder = crossing.quality, crossing.quality.encoder
     values = {f.name: float(f.values[index]) for f in features}
@@ -412,7 +384,7 @@ def crossing_row(crossing: Crossing, index: int, features: Sequence[Feature], re
         "torque_deviation": values.get(TORQUE_BEFORE),
         "load_deviation": values.get(LOAD_BEFORE),
         "pressure_deviation_m": values.get(PRESSURE),
-        "load_of_weight": share_of_weight(crossing),
+        "load_of_weight": share,
         "foot_outside_m": quality.outside,
         "furthest_scatters": max((float(f.distance[index]) for f in features), default=None),
         "bridged": crossing.bridged,

@@ -14,7 +14,7 @@ not show it. The unloaded plate shows it: its inertial force and its acceleratio
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -478,9 +478,9 @@ class PlateModel:
     """The plate's inertia and its lag behind the markers."""
 
     inertia: PlateInertia
-    lag: float | None  # the mean of the lags [s]; None where it is unknown, and then not corrected
-    lag_se: float | None  # standard error [s] of the lag; None with fewer than two lags
-    lags: Array  # (k,) [s] of the trials that show one
+    lag: float | None = None  # the mean of the lags [s]; None where it is unknown, and then not corrected
+    lag_se: float | None = None  # standard error [s] of the lag; None with fewer than two lags
+    lags: Array = field(default_factory=lambda: np.zeros(0))  # (k,) [s] of the trials that show one
     leave_one_out: "tuple[PlateModel, ...]" = ()  # the model without each trial, for the jackknife; empty with one
     lag_reason: str | None = None  # why the lag is unknown
 
@@ -491,15 +491,10 @@ class PlateModel:
 
 
 NO_CORRECTION = PlateModel(
-    PlateInertia(*(np.zeros(len(INERTIAL)),) * 2, *(np.full(len(COMPONENTS), np.nan),) * 2),
-    None,
-    None,
-    np.zeros(0),
+    PlateInertia(np.zeros(10), np.zeros(10), np.full(6, np.nan), np.full(6, np.nan)),
     lag_reason=f"not estimated: {NOT_REMOVED}",
 )
 """The model of a plate that is light or compensates its own inertia: nothing is removed from its wrench."""
-
-
 Motions = Sequence[tuple[BodyMotion, Array]]  # of each recording, with its noise, as of `UnloadedRecording.along`
 
 

@@ -270,15 +270,33 @@ def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Arr
 
 class Ensemble:
     """The n responses of a group to c unperturbed crossings, k samples, stacked: theta and torque (n, c, k), behaviour
-    (n, 4, c), directions (n,), and the influence (n, m, k) of each of m plate trials on the torque."""
+    (n, 4, c), directions (n,), and the influence (n, m, k) of each of m plate trials on the torque. Refused where they
+    cannot be averaged."""
 
     def __init__(self, responses: Sequence[PerturbationResponse]) -> None:
-        check_joinable(responses)
+        if len(responses) < 2:
+            raise InputError(f"perturbations in the ensemble: {len(responses)}, expected 2 or more; record more")
+        self.signs, self.time, self.window = signs_of(responses), responses[0].time, responses[0].window
+        for sign, word in ((1, UP), (-1, DOWN)):
+            if np.sum(self.signs == sign) == 1:
+                raise InputError(
+                    f"1 perturbation turns the toes {word} and {len(self.signs) - 1} the other way, expected 2 or more "
+                    "of each to join them; record more, or exclude it in the sheet"
+                )
+        first = responses[0]
+        for r in responses[1:]:
+            shapes = r.thetas.shape, r.plate_errors.shape
+            if shapes != (first.thetas.shape, first.plate_errors.shape) or not np.allclose(r.time, first.time):
+                raise InputError(
+                    f"trial {r.name}: {len(r.time)} samples from {len(r.thetas)} unperturbed crossings and "
+                    f"{len(r.plate_errors)} plate trials, but trial {first.name} has {len(first.time)} from "
+                    f"{len(first.thetas)} and {len(first.plate_errors)}, or other sampling times; record all crossings "
+                    "at one marker rate and run the analysis again"
+                )
         self.theta, self.torque, self.behaviour, plate = (
             np.array([getattr(r, name) for r in responses])
             for name in ("thetas", "torques", "behaviour", "plate_errors")
         )
-        self.signs, self.time, self.window = signs_of(responses), responses[0].time, responses[0].window
         trials = plate.shape[1]
         self.influence = -(trials - 1) * (plate - plate.mean(axis=1, keepdims=True)) if trials > 1 else plate
 
@@ -337,40 +355,6 @@ class Ensemble:
         return Bootstrap(K, B, I, 100 * (1 - share), freedom)
 
 
-def ensemble_response(responses: Sequence[PerturbationResponse], predictors: Predictors = ()) -> EnsembleResponse:
-    """Mean response, or half the difference of two directions, and its fit, with what predictors tell of the
-    baseline."""
-    return Ensemble(responses).fitted(predictors)
-
-
-def bootstrap(responses: Sequence[PerturbationResponse], samples: int, predictors: Predictors = ()) -> Bootstrap:
-    """`ensemble_response` of resampled perturbations, unperturbed crossings and plate trials."""
-    return Ensemble(responses).resampled(samples, predictors)
-
-
-def check_joinable(responses: Sequence[PerturbationResponse]) -> None:
-    """Refuse responses that cannot be averaged."""
-    if len(responses) < 2:
-        raise InputError(f"perturbations in the ensemble: {len(responses)}, expected 2 or more; record more")
-    signs = signs_of(responses)
-    for sign, word in ((1, UP), (-1, DOWN)):
-        if np.sum(signs == sign) == 1:
-            raise InputError(
-                f"1 perturbation turns the toes {word} and {len(signs) - 1} the other way, expected 2 or more of each "
-                "to join them; record more, or exclude it in the sheet"
-            )
-    first = responses[0]
-    for r in responses[1:]:
-        shapes = r.thetas.shape, r.plate_errors.shape
-        if shapes != (first.thetas.shape, first.plate_errors.shape) or not np.allclose(r.time, first.time):
-            raise InputError(
-                f"trial {r.name}: {len(r.time)} samples from {len(r.thetas)} unperturbed crossings and "
-                f"{len(r.plate_errors)} plate trials, but trial {first.name} has {len(first.time)} from "
-                f"{len(first.thetas)} and {len(first.plate_errors)}, or other sampling times; record all crossings at "
-                "one marker rate and run the analysis again"
-            )
-
-
 def predicting_weights(behaviour: Array, weights: Array) -> Array:
     """Weights (c,) of c unperturbed crossings in what a perturbed one would have done: of the weighted regression of
     their curves on `behaviour` (q, c), the perturbed one's minus theirs, at 0. `weights` where too few are not 0."""
@@ -406,7 +390,6 @@ def cross_validated(responses: Sequence[PerturbationResponse], impedance: Impeda
 def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[CommonError]]:
     """Errors of K, B and I that all perturbations share, as variances: of a mean of n unperturbed crossings, and of the
     plate's model, the jackknife's over the plate trials."""
-    check_joinable(responses)
     shares, changes = np.abs(joining_weights(signs_of(responses))), []
     for r in responses:
         impedance = fit_without_offset(r.fitted_motion, r.fitted_torque)

@@ -6,7 +6,7 @@ sign may differ between the recorders.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,39 +17,27 @@ from osl_analysis.ingest.source import SharedAngle
 from osl_analysis.trial import Array, marker_columns
 
 MINIMUM_EDGES = 6
-TYPICAL_DRIFT, LARGEST_DRIFT = 100e-6, 500e-6  # of two crystal clocks, one standard deviation and at most
-FIRST_EDGES = 40  # edges in the first match
-REJECT = 3.5  # standard deviations beyond which an edge is an outlier
+LARGEST_DRIFT = 500e-6  # of two crystal clocks
 
 
 @dataclass(frozen=True)
-class Line:
-    """A straight line from a slave's clock to its master's."""
-
-    offset: float  # master's time at the slave's time 0 [s]
-    drift: float  # relative difference of the clocks' rates [1]
-    drift_error: float  # standard error of the drift [1]
-
-    def to_master(self, time: Array) -> Array:
-        """Times [s] of the slave on the master's clock [s]."""
-        return self.offset + (1.0 + self.drift) * time
-
-    def rms(self, first: Array, second: Array) -> float:
-        """RMS [s] of what is left of pairs of times, (n,) each."""
-        return float(np.sqrt(((second - self.to_master(first)) ** 2).mean()))
-
-
-@dataclass(frozen=True)
-class ClockFit(Line):
+class ClockFit:
     """A slave clock on a master clock."""
 
-    residual: float  # RMS of the residuals [s]
-    edges: int  # pairs of edges that were used; by correlation, sections of the recording
-    excluded_edges: int
+    offset: float  # master's time at the slave's time 0 [s]
+    drift: float = 0.0  # relative difference of the clocks' rates [1]
+    drift_error: float = 0.0  # standard error of the drift [1]
+    residual: float = 0.0  # RMS of the residuals [s]
+    edges: int = 0  # pairs of edges that were used; by correlation, sections of the recording
+    excluded_edges: int = 0
     """Edges of the slave, during the time that both recorded, that match no edge of the master."""
     method: str = "edges"
     """What was matched: `edges` of a pulse train, or by `correlation` a signal that both recorded; nothing where both
     files have `common` times."""
+
+    def to_master(self, time: Array) -> Array:
+        """Times [s] of the slave on the master's clock [s]."""
+        return self.offset + (1.0 + self.drift) * time
 
 
 @dataclass(frozen=True)
@@ -82,8 +70,7 @@ def find_edges(time: Array, level: Array) -> Edges:
 def fit_clock(slave: Edges, master: Edges) -> ClockFit:
     """Match the edges by the pattern of their intervals, and fit offset and drift without outliers.
 
-    The error of an edge is that of sampling, uniform within one interval. A prior of standard deviation `TYPICAL_DRIFT`
-    keeps the drift plausible in a short recording. In a long recording the edges outweigh it.
+    The error of an edge is that of sampling, uniform within one interval.
     """
     for edges, who in ((slave, "the log"), (master, "motion capture")):
         if edges.time.size < MINIMUM_EDGES:
@@ -91,20 +78,16 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
                 f"{edges.time.size} sync edges in {who}, at least {MINIMUM_EDGES} are needed; check the sync cable, "
                 "or record longer"
             )
-    noise = float(np.hypot(slave.step, master.step)) / np.sqrt(12)
-    first, second = extended(slave, master, *first_pairs(slave, master), noise)
-    line, used = robust_line(first, second, noise)
-    rms = line.rms(first[used], second[used])
-    limit = max(slave.step, master.step)
-    if rms > limit:
+    noise, limit = float(np.hypot(slave.step, master.step)) / np.sqrt(12), max(slave.step, master.step)
+    line, used = robust_line(*extended(slave, master, *first_pairs(slave, master), noise), noise)
+    if line.residual > limit:
         raise InputError(
-            f"the sync edges fit with a residual of {1e3 * rms:.2f} ms over {used.sum()} edges, within "
+            f"the sync edges fit with a residual of {1e3 * line.residual:.2f} ms over {used.sum()} edges, within "
             f"{1e3 * limit:.2f} ms is needed; check the sync cable and both sync channels"
         )
     expected = line.to_master(slave.time)
     common = (expected >= master.time[0] - limit) & (expected <= master.time[-1] + limit)
-    excluded_edges = max(int(common.sum() - used.sum()), 0)
-    return ClockFit(line.offset, line.drift, line.drift_error, rms, int(used.sum()), excluded_edges)
+    return replace(line, excluded_edges=max(int(common.sum() - used.sum()), 0))
 
 
 def first_pairs(slave: Edges, master: Edges) -> tuple[Array, Array]:
@@ -113,8 +96,8 @@ def first_pairs(slave: Edges, master: Edges) -> tuple[Array, Array]:
     Every pair of edges votes for an offset. The part is short enough that drift does not spread the votes.
     """
     best, rival, chosen = 0, 0, (slave.time[:0], master.time[:0])
-    for begin in range(0, slave.time.size, FIRST_EDGES):
-        time, rising = slave.time[begin : begin + FIRST_EDGES], slave.rising[begin : begin + FIRST_EDGES]
+    for begin in range(0, slave.time.size, 40):
+        time, rising = slave.time[begin : begin + 40], slave.rising[begin : begin + 40]
         difference = master.time[None, :] - time[:, None]
         same = rising[:, None] == master.rising[None, :]
         width = 2.0 * (slave.step + master.step) + LARGEST_DRIFT * np.ptp(time)
@@ -157,35 +140,37 @@ def extended(slave: Edges, master: Edges, first: Array, second: Array, noise: fl
             return first, second
 
 
-def robust_line(first: Array, second: Array, noise: float) -> tuple[Line, NDArray[np.bool_]]:
+def robust_line(first: Array, second: Array, noise: float) -> tuple[ClockFit, NDArray[np.bool_]]:
     """Line through pairs of times (n,), and which of them were used, (n,).
 
-    `noise` [s] is the standard deviation of one pair. The differences of the times are fitted, so that large times lose
-    no digits. Outliers are found by their distance from the median.
+    `noise` [s] is the standard deviation of one pair. A prior of that of two crystal clocks, 100 ppm, keeps the drift
+    plausible in a short recording; in a long one the pairs outweigh it. The differences of the times are fitted, so
+    that large times lose no digits. Outliers, beyond 3.5 standard deviations, are found by their distance from the
+    median.
     """
     if first.size < MINIMUM_EDGES:
         raise InputError(f"{first.size} sync edges fit together, at least {MINIMUM_EDGES} are needed; record longer")
     difference = second - first
-    used = abs(difference - np.median(difference)) <= LARGEST_DRIFT * np.ptp(first) + REJECT * noise
+    used = abs(difference - np.median(difference)) <= LARGEST_DRIFT * np.ptp(first) + 3.5 * noise
     if used.sum() < MINIMUM_EDGES:
         used[:] = True
     for _ in range(10):
         centre, level = first[used].mean(), difference[used].mean()
-        information = ((first[used] - centre) ** 2).sum() + (noise / TYPICAL_DRIFT) ** 2
+        information = ((first[used] - centre) ** 2).sum() + (noise / 100e-6) ** 2
         drift = ((first[used] - centre) * (difference[used] - level)).sum() / information
         residuals = difference - (level + drift * (first - centre))
         spread = 1.4826 * np.median(abs(residuals[used]))
-        keep = abs(residuals) <= REJECT * max(spread, noise)
+        keep = abs(residuals) <= 3.5 * max(spread, noise)
         if keep.sum() < MINIMUM_EDGES or (keep == used).all():
             break
         used = keep
-    return Line(float(level - drift * centre), float(drift), float(noise / np.sqrt(information))), used
+    line = ClockFit(float(level - drift * centre), float(drift), float(noise / np.sqrt(information)))
+    residual = float(np.sqrt(((second[used] - line.to_master(first[used])) ** 2).mean()))
+    return replace(line, residual=residual, edges=int(used.sum())), used
 
 
 SECTIONS = 12  # parts of the recording, whose lags give the drift
 ONE_SIGNAL = 0.5  # smallest correlation that counts as one signal
-RIVAL = 0.8  # of the highest peak: a second peak above this makes the lag ambiguous
-OVERLAP = 0.5  # smallest common part, as a share of the shorter recording
 QUIET_SHARE = 0.05  # of the variance of the recording: a section with less is not used
 
 
@@ -226,17 +211,16 @@ def correlate_clocks(slave: Course, master: Course) -> ClockFit:
             f"{MINIMUM_EDGES} are needed; move the joint throughout"
         )
     first, second = slave.time[0] + step * first, master.time[0] + step * second
-    line, used = robust_line(first, second, step)
+    line, _ = robust_line(first, second, step)
     for _ in range(2):  # the residual of the fit before is the noise of the next
-        rms = line.rms(first[used], second[used])
-        line, used = robust_line(first, second, max(rms, 0.01 * step))
-    if rms > limit:
+        noise = line.residual
+        line, _ = robust_line(first, second, max(noise, 0.01 * step))
+    if noise > limit:
         raise InputError(
-            f"the lags of the shared signal scatter by {1e3 * rms:.2f} ms, within {1e3 * limit:.2f} ms is needed; "
+            f"the lags of the shared signal scatter by {1e3 * noise:.2f} ms, within {1e3 * limit:.2f} ms is needed; "
             "check that both channels show the same thing"
         )
-    count = int(used.sum())
-    return ClockFit(line.offset, line.drift, line.drift_error, rms, count, SECTIONS - count, "correlation")
+    return replace(line, residual=noise, excluded_edges=SECTIONS - line.edges, method="correlation")
 
 
 def whole_lag(ours: Array, theirs: Array) -> int:
@@ -253,7 +237,7 @@ def whole_lag(ours: Array, theirs: Array) -> int:
     # over a quiet overlap the coefficient would be noise: its scatter counts as at least QUIET_SHARE of the whole
     floor_ours, floor_theirs = (max(QUIET_SHARE * float((x**2).sum()), np.finfo(float).tiny) for x in (ours, theirs))
     scatter = np.maximum(scatter_ours, floor_ours) * np.maximum(scatter_theirs, floor_theirs)
-    enough = overlap >= OVERLAP * min(ours.size, theirs.size)
+    enough = overlap >= 0.5 * min(ours.size, theirs.size)
     lags = (np.arange(overlap.size) - (ours.size - 1))[enough]
     score = (abs(covariance) / np.sqrt(scatter))[enough]
     best = int(np.argmax(score))
@@ -265,7 +249,7 @@ def whole_lag(ours: Array, theirs: Array) -> int:
     low = np.flatnonzero(score < 0.5 * score[best])
     before, after = low[low < best].max(initial=-1), low[low > best].min(initial=score.size)
     rival = max(score[: before + 1].max(initial=0.0), score[after:].max(initial=0.0))
-    if rival > RIVAL * score[best]:
+    if rival > 0.8 * score[best]:
         raise InputError(
             f"the shared signal fits in two places (correlation {score[best]:.2f} and {rival:.2f}): it repeats "
             "itself; add one movement that does not, such as a single stamp at the beginning"
@@ -313,7 +297,7 @@ def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) 
                 "the log says `clock: common`, but the capture's file states no times, as only TRC does; write `clock: "
                 "sync` and map the column sync"
             )
-        return ClockFit(starts[0] - starts[1], 0.0, 0.0, 0.0, 0, 0, "common"), []
+        return ClockFit(starts[0] - starts[1], method="common"), []
     try:
         edges = [
             find_edges(

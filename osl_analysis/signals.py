@@ -16,12 +16,8 @@ SLOPE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60
 CURVATURE = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180
 """First and second derivative per step and per squared step, of the polynomial of degree 6 through seven samples
 (Fornberg, Math. Comput. 51, 1988, table 1). Of a sine of w rad per sample they lose w^6/140 and w^6/560."""
-REACH = len(SLOPE) // 2  # samples of these on either side
-LOST = 1e-8  # share of a velocity at the cut-off of the filter that the seven samples may lose: 5e-9 at 15 Hz and 1 kHz
 ENDS = 40
 """Samples at either end through which the spline gives what seven samples cannot; its other end is forgotten there."""
-UNIFORM_TOLERANCE = 0.2
-"""Largest accepted deviation of a sampling step from the mean step, as a fraction of the mean step."""
 
 
 @lru_cache
@@ -94,25 +90,18 @@ def run_edges(true: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 def longest_run(true: NDArray[np.bool_]) -> slice:
     """The longest run of consecutive true samples, or the first of equally long ones; empty if no sample is true."""
-    edges = run_edges(true)
-    if not len(edges):
-        return slice(0, 0)
-    longest = int(np.argmax(edges[:, 1] - edges[:, 0]))
-    return slice(int(edges[longest, 0]), int(edges[longest, 1]))
+    return max(runs(true), key=lambda run: run.stop - run.start, default=slice(0, 0))
 
 
 def sampling_rate(time: Array) -> float:
-    """Rate [Hz] of uniform stamps [s].
-
-    Raises InputError: A step deviates from the mean step by more than 20 %: resample, or cut the trial at the gap.
-    Fewer than two stamps, or stamps that are equal or not finite, have no rate.
-    """
+    """Rate [Hz] of uniform stamps [s]. Refused are steps that deviate from their mean by more than 20 %, fewer than two
+    stamps, and stamps that are equal or not finite."""
     check_finite("time", time)
     step = np.diff(time)
     mean = float(np.mean(step)) if len(step) else 0.0
     if not mean > 0:
         raise InputError(f"{len(time)} stamps that do not go forward have no rate; check the time's channel")
-    if max(np.max(step) - mean, mean - np.min(step)) > UNIFORM_TOLERANCE * mean:
+    if max(np.max(step) - mean, mean - np.min(step)) > 0.2 * mean:
         worst = int(np.argmax(np.abs(step - mean)))
         raise InputError(
             f"the step at {time[worst]:.4f} s is {step[worst] * 1e3:.3f} ms, the mean step {mean * 1e3:.3f} ms: "
@@ -141,13 +130,12 @@ def differentiate(time: Array, theta: Array) -> Motion:
 
 def filtered_motion(time: Array, theta: Array, torque: Array, low_pass: LowPass) -> tuple[Motion, Array]:
     """Motion from the filtered angle [rad], and the torque [N*m] through the *same* filter; shape (n,) each. The times
-    [s] are uniform. Where seven samples give the derivatives, the spline, which takes fifty times as long, is left to
-    rates below some 60 times the cut-off."""
+    [s] are uniform. The spline, which takes fifty times as long as seven samples, is left to rates below some 60 times
+    the cut-off, where these would lose more than 1e-8 of a velocity at the cut-off."""
     rate = sampling_rate(time)
     smooth = low_pass(theta, rate)
-    lost = (2 * np.pi * low_pass.cutoff_hz / rate) ** 6 / 140
-    short = len(time) < 2 * ENDS
-    motion = differentiate(time, smooth) if short or lost > LOST else seven_point_motion(time, smooth, rate)
+    coarse = (2 * np.pi * low_pass.cutoff_hz / rate) ** 6 / 140 > 1e-8 or len(time) < 2 * ENDS
+    motion = differentiate(time, smooth) if coarse else seven_point_motion(time, smooth, rate)
     return motion, low_pass(torque, rate)
 
 
@@ -155,32 +143,27 @@ def seven_point_motion(time: Array, theta: Array, rate_hz: float) -> Motion:
     """An angle (n,) [rad], evenly sampled at `rate_hz`, slow beside it, with its derivatives from seven samples each.
     The three rows at either end are those of the spline."""
     omega, alpha = np.empty(len(theta)), np.empty(len(theta))
-    omega[REACH:-REACH] = np.correlate(theta, SLOPE, "valid") * rate_hz
-    alpha[REACH:-REACH] = np.correlate(theta, CURVATURE, "valid") * rate_hz**2
-    for rows, own in ((slice(ENDS), slice(REACH)), (slice(-ENDS, None), slice(-REACH, None))):
+    omega[3:-3] = np.correlate(theta, SLOPE, "valid") * rate_hz
+    alpha[3:-3] = np.correlate(theta, CURVATURE, "valid") * rate_hz**2
+    for rows, own in ((slice(ENDS), slice(3)), (slice(-ENDS, None), slice(-3, None))):
         end = differentiate(time[rows], theta[rows])
         omega[own], alpha[own] = end.omega[own], end.alpha[own]
     return Motion(theta, omega, alpha)
 
 
-NEAR_ZERO = 0.05  # share of a channel's range: an extreme this close to zero is an unloaded sensor and not clipped
-AWAY = 0.25
-"""Share of a channel's range: an extreme this close to the median is where the channel mostly is, and not clipped."""
-CUT_OFF = 3.0  # steps of the converter by which a signal would have gone beyond a plateau, had it not been clipped
-
-
 def run_at_extreme(values: Array) -> slice:
-    """Longest run of a noisy channel (n,) at its lowest or highest value, away from zero and from the median.
+    """Longest run of a noisy channel (n,) at its lowest or highest value, away from zero, where a sensor is unloaded,
+    and from the median, where the channel mostly is. Empty for a channel that is not finite.
 
     Every noisy channel has one sample at its extreme; a clipped one has many in a row. The peak of a slow signal also
     repeats a value for as long as it stays within one step of its converter. It is not clipped: the parabola that has
-    the slopes at the ends of the plateau rises by less than `CUT_OFF` steps. Empty for a channel that is not finite.
+    the slopes at the ends of the plateau rises by less than 3 steps.
     """
     if not values.size or not np.isfinite(values).all():
         return slice(0, 0)
     low, high = float(values.min()), float(values.max())
     span, middle = high - low, float(np.median(values))
-    extremes = [e for e in (low, high) if abs(e) > NEAR_ZERO * span and abs(e - middle) > AWAY * span]
+    extremes = [e for e in (low, high) if abs(e) > 0.05 * span and abs(e - middle) > 0.25 * span]
     found = [longest_run(values == e) for e in extremes]
     steps = np.abs(np.diff(values))
     step = float(steps[steps > 0].min(initial=np.inf))
@@ -189,7 +172,7 @@ def run_at_extreme(values: Array) -> slice:
         level, length = values[run.start], run.stop - run.start
         sides = values[max(run.start - 5, 0) : run.start], values[run.stop : run.stop + 5]
         slope = min((float(np.abs(side - level).max()) / side.size for side in sides if side.size), default=0.0)
-        if length == 1 or slope * length / 4 > CUT_OFF * step:
+        if length == 1 or slope * length / 4 > 3 * step:
             cut.append(run)
     return max(cut, key=lambda run: run.stop - run.start, default=slice(0, 0))
 

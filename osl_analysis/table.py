@@ -32,14 +32,6 @@ def archives() -> Iterator[None]:
         OPEN.reset(token)
 
 
-def read_part(path: Path) -> bytes:
-    try:
-        with zipfile.ZipFile(path.parent) as archive:
-            return archive.read(path.name)
-    except (OSError, KeyError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: no such table ({error}); run the step that writes it, or check the path") from error
-
-
 TEXT_COLUMNS = (
     "trial", "controller", "branch", "quantity", "estimator", "check", "unit", "verdict", "remark",
     "reason", "excluded", "panel", "curve",
@@ -110,34 +102,32 @@ def read_table(path: Path, required: Sequence[str] = (), of: str = "") -> pl.Dat
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such table; run the step that writes it, or check the path")
-    part = path / f"{of}.csv" if path.suffix == SUFFIX else None
+    source: Path | bytes = path
+    if path.suffix == SUFFIX:
+        try:
+            with zipfile.ZipFile(path) as archive:
+                source = archive.read(f"{of}.csv")
+        except (OSError, KeyError, zipfile.BadZipFile) as error:
+            missing = f"{path / of}.csv: no such table ({error})"
+            raise InputError(f"{missing}; run the step that writes it, or check the path") from error
     try:
-        table = pl.read_csv(
-            read_part(part) if part else path,
-            infer_schema_length=None,
-            schema_overrides=dict.fromkeys(TEXT_COLUMNS, pl.String),
-        )
+        text = dict.fromkeys(TEXT_COLUMNS, pl.String)
+        table = pl.read_csv(source, infer_schema_length=None, schema_overrides=text)
     except pl.exceptions.PolarsError as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(f"{path}: not a CSV table ({reason}); rewrite it with the step that makes it") from error
     empty = [c for c in table.columns if c not in TEXT_COLUMNS and table[c].null_count() == len(table)]
     table = table.with_columns(pl.col(empty).cast(pl.Float64))
     for column in required:
-        check_column(table, column, path)
+        if column not in table.columns:
+            there = ", ".join(table.columns)
+            raise InputError(f"{path}: no column '{column}'; it has {there}. Rewrite it with the step that makes it")
+        if column not in TEXT_COLUMNS and not table[column].dtype.is_numeric():
+            words = table[column].cast(pl.String).drop_nulls()
+            wrong = words.filter(words.cast(pl.Float64, strict=False).is_null())
+            word = wrong[0] if len(wrong) else words[0]
+            raise InputError(f"{path}: column '{column}' holds '{word}', expected numbers; correct the entry")
     return table
-
-
-def check_column(table: pl.DataFrame, column: str, path: Path) -> None:
-    """Refuse a table without the column, or with text in a numeric column. `path` is for messages."""
-    if column not in table.columns:
-        raise InputError(
-            f"{path}: no column '{column}'; it has {', '.join(table.columns)}. Rewrite it with the step that makes it"
-        )
-    if column not in TEXT_COLUMNS and not table[column].dtype.is_numeric():
-        words = table[column].cast(pl.String).drop_nulls()
-        wrong = words.filter(words.cast(pl.Float64, strict=False).is_null())
-        word = wrong[0] if len(wrong) else words[0]
-        raise InputError(f"{path}: column '{column}' holds '{word}', expected numbers; correct the entry")
 
 
 def finite_or_null(row: Mapping[str, object]) -> dict[str, object]:

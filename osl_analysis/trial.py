@@ -17,31 +17,20 @@ from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.jobs.refusal import check_not_refused
 
-
-@dataclass(frozen=True)
-class Column:
-    symbol: str  # of the paper; empty where it has none
-    unit: str  # SI
-    meaning: str  # what it is, and what a positive value means
-
-
-COLUMNS: dict[str, Column] = {
-    "time": Column("t", "s", "experiment time as stamped, which never goes back"),
-    "theta": Column("θ_j", "rad", "joint angle from the bench's or the leg's joint encoder, dorsiflexion positive"),
-    "theta_m": Column("θ_m", "rad", "actuator output angle, after the gear and before the belt"),
-    "omega_m": Column(
-        "dθ_m/dt", "rad/s", "actuator output velocity, for the actuator's own bench where that logs no theta_m"
-    ),
-    "theta_command": Column("θ_j*", "rad", "joint angle that the dynamometer was told to follow"),
-    "current": Column("I_q", "A", "q-axis motor current"),
-    "torque": Column("τ", "N*m", "resisting joint torque, minus the τ_j of Eq. 4; internal plantarflexion moment"),
-    "torque_m": Column(
-        "τ_m", "N*m", "torque that the actuator exerts at its output, positive if it drives θ_m up (Eq. 1)"
-    ),
-    "K_1": Column("K_1", "N*m/rad", "stiffness gain that the leg applied at the actuator output"),
-    "B_1": Column("B_1", "N*m*s/rad", "damping gain that the leg applied at the actuator output"),
-    "sync": Column("", "V", "synchronisation pulse train, shared by the recorders"),
-    "trigger": Column("", "V", "trigger of the perturbation platform"),
+# unit of each canonical column; symbols of the paper in brackets
+COLUMNS: dict[str, str] = {
+    "time": "s",  # [t] as stamped, never goes back
+    "theta": "rad",  # [θ_j] joint angle from the bench's or the leg's joint encoder, dorsiflexion positive
+    "theta_m": "rad",  # [θ_m] actuator output angle, after the gear and before the belt
+    "omega_m": "rad/s",  # [dθ_m/dt] actuator output velocity, for the actuator's own bench where that logs no theta_m
+    "theta_command": "rad",  # [θ_j*] joint angle that the dynamometer was told to follow
+    "current": "A",  # [I_q] q-axis motor current
+    "torque": "N*m",  # [τ] resisting joint torque, minus the τ_j of Eq. 4; internal plantarflexion moment
+    "torque_m": "N*m",  # [τ_m] torque that the actuator exerts at its output, positive if it drives θ_m up (Eq. 1)
+    "K_1": "N*m/rad",  # stiffness gain that the leg applied at the actuator output
+    "B_1": "N*m*s/rad",  # damping gain that the leg applied at the actuator output
+    "sync": "V",  # synchronisation pulse train, shared by the recorders
+    "trigger": "V",  # trigger of the perturbation platform
 }
 
 AXES = ("x", "y", "z")
@@ -77,7 +66,7 @@ def counter_column(column: str) -> str:
 
 def unit_of(column: str) -> str:
     of_family = (unit for pattern, unit in FAMILIES.items() if pattern.fullmatch(column))
-    return next(of_family, None) or COLUMNS[column].unit
+    return next(of_family, None) or COLUMNS[column]
 
 
 Array = NDArray[np.float64]
@@ -115,26 +104,25 @@ class Trial:
         self.check_columns(column)
         return self.samples[column].is_not_null().to_numpy()
 
+    def sampled(self, *columns: str) -> pl.DataFrame:
+        """The rows in which every named column has a sample (NaN counts as one), with `time` [s] first."""
+        self.check_columns(*columns)
+        return self.samples.select("time", *columns).drop_nulls()
+
     def arrays(self, *columns: str) -> list[Array]:
-        """Time [s] and the named columns, (n,) each, in the rows of `sampled`."""
+        """The columns of `sampled`, (n,) each."""
         return [rows.to_numpy() for rows in self.sampled(*columns).iter_columns()]
 
     def signals(self, *columns: str) -> tuple[Array, ...]:
-        """Time [s] and the named columns, shape (n,) each, at the stamps where all of them have a sample."""
-        rows = self.sampled(*columns)
-        for column in columns:
-            missing = int(rows[column].is_nan().sum())
-            if missing:
+        """The columns of `sampled`, (n,) each; one with a NaN is refused."""
+        time, *values = self.arrays(*columns)
+        for column, found in zip(columns, values, strict=True):
+            if np.isnan(found).any():
                 raise InputError(
-                    f"trial {self.name}: column '{column}' is NaN in {missing} of {len(rows)} samples; "
+                    f"trial {self.name}: column '{column}' is NaN in {np.isnan(found).sum()} of {len(time)} samples; "
                     "repair the log or exclude the trial in the sheet"
                 )
-        return tuple(rows[c].to_numpy() for c in ("time", *columns))
-
-    def sampled(self, *columns: str) -> pl.DataFrame:
-        """The rows in which every named column has a sample (NaN counts as one), with `time` first."""
-        self.check_columns(*columns)
-        return self.samples.select("time", *columns).drop_nulls()
+        return time, *values
 
     def check_columns(self, *columns: str) -> None:
         """Refuse a column that the trial does not have; the message names those that are like it, or the first ones."""
@@ -177,7 +165,7 @@ def write_trial(trial: Trial, path: Path) -> None:
 
 def read_provenance(path: Path) -> dict[str, Any]:
     """The provenance of a trial without its samples; raises as `read_trial`."""
-    return read_metadata(path)[1]
+    return metadata_of(path)[1]
 
 
 def read_trial(path: Path) -> Trial:
@@ -185,13 +173,13 @@ def read_trial(path: Path) -> Trial:
 
     Raises InputError: The file is missing, is not Parquet, or is Parquet that ingest did not write.
     """
-    name, provenance = read_metadata(path)
+    name, provenance = metadata_of(path)
     with told_as_parquet(path):
-        return Trial(name, pl.scan_parquet(path).collect(), provenance)
+        return Trial(name, pl.read_parquet(path), provenance)
 
 
-def read_metadata(path: Path) -> tuple[str, dict[str, Any]]:
-    """Name and provenance of what `write_trial` wrote; raises as `read_trial`."""
+def metadata_of(path: Path) -> tuple[str, dict[str, Any]]:
+    """Name and provenance of what `write_trial` wrote."""
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such trial; ingest it first (osl-analysis ingest)")

@@ -384,7 +384,7 @@ def seen(frames: int = 6) -> np.ndarray:
 
 
 def test_every_unit_of_a_column_has_a_largest_value() -> None:
-    units = {column.unit for name, column in COLUMNS.items() if name != "time"} | set(FAMILIES.values())
+    units = {unit for name, unit in COLUMNS.items() if name != "time"} | set(FAMILIES.values())
     assert units == set(LARGEST_MEASURED)
 
 

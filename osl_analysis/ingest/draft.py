@@ -55,7 +55,7 @@ def likely_column(channel: RecordedChannel) -> str:
     measured = base_units(normalised(unit)) if unit else None
     for column, (wanted, unwanted) in PATTERNS.items():
         is_level = column in ("sync", "trigger")
-        fits = is_level or measured is None or measured[1] == dimension(COLUMNS[column].unit)
+        fits = is_level or measured is None or measured[1] == dimension(COLUMNS[column])
         if fits and re.search(wanted, words) and not (unwanted and re.search(unwanted, words)):
             return column
     known = BY_UNIT.get(measured[1], "") if measured else ""

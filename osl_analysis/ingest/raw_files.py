@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import polars as pl
 from pydantic import ConfigDict, field_validator
@@ -59,6 +59,10 @@ def named(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: {error}") from error
 
 
+def begins_with(mark: bytes) -> Callable[[bytes], bool]:
+    return lambda begin: begin.startswith(mark)
+
+
 @dataclass(frozen=True)
 class KnownFormat:
     """One format of logs or captures."""
@@ -69,22 +73,16 @@ class KnownFormat:
     """Endings of files of this format, for files that are not recognised by their first bytes."""
     reader: Callable[[Path, Source], Recording]  # reads a file by its source file
     lister: Callable[[Path], Overview]  # lists what a file holds, without a source file
-    own_keys: Keys | None = None  # keys of its source files, where `KEYS` has none
-    source: type[Source] = field(init=False)
-    """The model of its source files, made at import, so that processes forked later share it."""
+    keys: Keys  # of its source files
+    source: type[Source] = field(init=False)  # the model of its source files
 
-    @property
-    def keys(self) -> Keys:
-        """The keys of its source files."""
-        return self.own_keys or KEYS[self.name]
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "source", model_of(self.name, self.keys))
 
     @property
     def is_capture(self) -> bool:
         """Whether its files come from a motion-capture laboratory."""
         return "channels" not in self.keys.source.split()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "source", model_of(self.name, self.keys))
 
     def read(self, path: Path, source: Source) -> Recording:
         """A file as canonical columns in SI units, by its source file. Raises InputError, which names the file."""
@@ -97,28 +95,24 @@ class KnownFormat:
             return self.lister(path)
 
 
-def of_messages(name: str, magic: bytes, suffix: str) -> KnownFormat:
-    return KnownFormat(
-        name, lambda begin: begin.startswith(magic), (suffix,), read_message_log, partial(inspect_messages, name)
-    )
-
-
 FORMATS = {
-    "mcap": of_messages("mcap", MAGIC, ".mcap"),
-    "rosbag1": of_messages("rosbag1", ANY_BAG1, ".bag"),
-    "rosbag2": of_messages("rosbag2", SQLITE, ".db3"),
-    "c3d": KnownFormat("c3d", is_c3d, (".c3d",), read_c3d_capture, inspect_c3d),
-    "nexus_csv": KnownFormat("nexus_csv", is_nexus, (), read_nexus_capture, inspect_nexus),
-    "mat": KnownFormat("mat", is_mat, (".mat",), read_table_log, inspect_mat),
-    "tdms": KnownFormat("tdms", is_tdms, (".tdms",), read_table_log, inspect_tdms),
-    "trc": KnownFormat("trc", is_trc, (".trc",), read_trc_capture, inspect_trc),
-    "opensim": KnownFormat("opensim", is_opensim, (".mot", ".sto"), read_table_log, inspect_opensim),
-    "json_lines": KnownFormat("json_lines", is_json_lines, (".jsonl", ".ndjson"), read_table_log, inspect_json),
-    "csv": KnownFormat("csv", is_text, (".csv",), read_table_log, inspect_csv),
+    name: KnownFormat(name, begins, suffixes, reader, lister, KEYS[name])
+    for name, begins, suffixes, reader, lister in (
+        ("mcap", begins_with(MAGIC), (".mcap",), read_message_log, partial(inspect_messages, "mcap")),
+        ("rosbag1", begins_with(ANY_BAG1), (".bag",), read_message_log, partial(inspect_messages, "rosbag1")),
+        ("rosbag2", begins_with(SQLITE), (".db3",), read_message_log, partial(inspect_messages, "rosbag2")),
+        ("c3d", is_c3d, (".c3d",), read_c3d_capture, inspect_c3d),
+        ("nexus_csv", is_nexus, (), read_nexus_capture, inspect_nexus),
+        ("mat", is_mat, (".mat",), read_table_log, inspect_mat),
+        ("tdms", is_tdms, (".tdms",), read_table_log, inspect_tdms),
+        ("trc", is_trc, (".trc",), read_trc_capture, inspect_trc),
+        ("opensim", is_opensim, (".mot", ".sto"), read_table_log, inspect_opensim),
+        ("json_lines", is_json_lines, (".jsonl", ".ndjson"), read_table_log, inspect_json),
+        ("csv", is_text, (".csv",), read_table_log, inspect_csv),
+    )
 }
 SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)
 """Endings of recordings that are read."""
-ANY_TEXT = "csv"  # format of a text file that is not recognised by content or name
 NOT_READ = (".h5", ".tsv", ".xlsx")
 """Endings of recordings whose formats are not read: `samples` lists them with the remedy."""
 
@@ -149,17 +143,17 @@ def read_source(path: Path) -> Source:
 
 
 def recognise(path: Path) -> str:
-    """Name of a file's format, by what it begins with, or else by its ending."""
+    """Name of a file's format, by what it begins with, or else by its ending; other text is CSV."""
     if path.is_dir():
         return folder_format(path)
     begin, found = formats_of(path)
-    by_suffix = [name for name, known in FORMATS.items() if path.suffix.lower() in known.suffixes]
-    candidates = [*found, *by_suffix, *[ANY_TEXT] * is_text(begin)]
-    if not candidates:
+    found += [name for name, known in FORMATS.items() if path.suffix.lower() in known.suffixes]
+    found += ["csv"] * is_text(begin)
+    if not found:
         raise InputError(
             f"{path}: neither MCAP, C3D nor text (it begins with {begin[:8]!r}); export it as one of these"
         )
-    return candidates[0]
+    return found[0]
 
 
 def check_format(path: Path, source: Source) -> None:
@@ -173,7 +167,7 @@ def check_format(path: Path, source: Source) -> None:
             )
         return
     begin, found = formats_of(path)
-    if (found and source.format not in found) or (source.format == ANY_TEXT and not is_text(begin)):
+    if (found and source.format not in found) or (source.format == "csv" and not is_text(begin)):
         what = f"is {found[0]}" if found else f"is no text (it begins with {begin[:8]!r})"
         remedy = f"write `format: {found[0]}` in a source file for it" if found else "name the recording itself"
         raise InputError(f"{path}: {what}, its source file says {source.format}; {remedy}")
@@ -184,7 +178,7 @@ def formats_of(path: Path) -> tuple[bytes, list[str]]:
     with path.open("rb") as file:
         begin = file.read(FIRST_BYTES)
     refuse_others(path, begin)  # first: a PNG image begins like C3D
-    return begin, [name for name, known in FORMATS.items() if name != ANY_TEXT and known.begins(begin)]
+    return begin, [name for name, known in FORMATS.items() if name != "csv" and known.begins(begin)]
 
 
 def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path) -> Trial:
@@ -205,7 +199,8 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         if not source:
             raise InputError(f"trial {name}: {role}_source is empty; name the file in {sources_folder} for {given}")
         check_file(path)
-        before = [Identity.of(file) for file in (files_in(path) if path.is_dir() else [path])]
+        parts = files_in(path) if path.is_dir() else [path]
+        before = [identified(part) for part in parts]
         described = read_source(sources_folder / f"{source}.yaml")
         is_capture = FORMATS[described.format].is_capture
         if not is_capture:
@@ -221,10 +216,15 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
                 recordings[role] = FORMATS[described.format].read(path, described)
                 check_sizes(recordings[role])
         finally:  # also where it cannot be read: it may have changed in between
-            for one in before:
-                one.check_unchanged()
+            for part, one in zip(parts, before, strict=True):
+                check_unchanged(part, *one)
         shared = described.shared if is_capture else shared
-        identities[role] = {**identified(path, before), "path": given, "source": source}
+        every = [identity for identity, *_ in before]
+        if path.is_dir():  # of a folder size and hash of all files together, and those of each
+            together = hashlib.sha256("".join(one["sha256"] for one in every).encode()).hexdigest()
+            size = sum(one["bytes"] for one in every)
+            every = [{"bytes": size, "sha256": together, "parts": every}]
+        identities[role] = {**every[0], "path": given, "source": source}
     try:
         return assemble(name, recordings, identities, shared)
     except InputError as error:
@@ -266,52 +266,31 @@ def check_file(path: Path) -> None:
         raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet")
 
 
-@dataclass(frozen=True)
-class Identity:
-    """A raw file at the moment at which it was hashed."""
-
-    path: Path
-    size: int  # [bytes]
-    sha256: str
-    state: tuple[int, ...]
-    """Device, number, size and times [ns] of the file; another value means another file or other bytes."""
-    young: bool  # written so shortly before that another writing may leave the same times
-
-    @classmethod
-    def of(cls, path: Path) -> Self:
-        with path.open("rb") as file:
-            state = state_of(os.fstat(file.fileno()))
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-            return cls(path, file.tell(), digest, state, young=time.time_ns() - max(state[3:]) < 2_000_000_000)
-
-    @property
-    def report(self) -> dict[str, Any]:
-        return {"path": self.path.name, "bytes": self.size, "sha256": self.sha256}
-
-    def check_unchanged(self) -> None:
-        """Refuse a file that is not the one that was hashed, now that it has been read."""
-        try:
-            same = state_of(self.path.stat()) == self.state and self.size == self.state[2]
-            same = same and (not self.young or Identity.of(self.path).sha256 == self.sha256)
-        except OSError:
-            same = False
-        if not same:
-            raise InputError(
-                f"{self.path}: the file changed while it was read; wait until it is recorded or copied, then run again"
-            )
+def identified(path: Path) -> tuple[dict[str, Any], tuple[int, ...], int]:
+    """What identifies a raw file in the provenance; its device, number, size and times [ns], which change when it is
+    replaced or written to; and when it was hashed [ns]."""
+    with path.open("rb") as file:
+        state = state_of(os.fstat(file.fileno()))
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        return {"path": path.name, "bytes": file.tell(), "sha256": digest}, state, time.time_ns()
 
 
 def state_of(stat: os.stat_result) -> tuple[int, ...]:
-    """What changes in a file's entry when the file is replaced or written to."""
     return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns
 
 
-def identified(path: Path, parts: Sequence[Identity]) -> dict[str, Any]:
-    """What identifies a recording in the provenance: size and SHA-256; of a folder, those of its files too."""
-    if not path.is_dir():
-        return parts[0].report
-    together = hashlib.sha256("".join(one.sha256 for one in parts).encode()).hexdigest()
-    return {"bytes": sum(one.size for one in parts), "sha256": together, "parts": [one.report for one in parts]}
+def check_unchanged(path: Path, identity: Mapping[str, Any], state: tuple[int, ...], hashed: int) -> None:
+    """Refuse a file that is not the one that was hashed, now that it has been read."""
+    try:
+        same = state_of(path.stat()) == state and identity["bytes"] == path.stat().st_size
+        if hashed - max(state[3:]) < 2_000_000_000:  # another writing within a tick leaves the same times
+            same = same and identified(path)[0] == identity
+    except OSError:
+        same = False
+    if not same:
+        raise InputError(
+            f"{path}: the file changed while it was read; wait until it is recorded or copied, then run again"
+        )
 
 
 def assemble(
@@ -322,7 +301,7 @@ def assemble(
 ) -> Trial:
     """A trial of the recordings `log`, `mocap` or both; with both, the log's clock is fitted to motion capture's.
 
-    `files` identifies the file of each recording (`identified`), `shared` an angle that aligns the clocks without sync
+    `files` identifies the file of each recording, `shared` an angle that aligns the clocks without sync
     edges. The log's rows before and after motion capture are counted and not used. The column `sync` is motion
     capture's.
     """

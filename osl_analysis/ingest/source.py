@@ -5,9 +5,9 @@ format have, and `model_of` makes the model from it, so that a key of another fo
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import partial
 from pathlib import Path
 from types import GenericAlias
 from typing import Annotated, Any, ClassVar, Literal, Self, cast, get_type_hints
@@ -20,6 +20,7 @@ from pydantic import (
     PositiveFloat,
     PositiveInt,
     PrivateAttr,
+    ValidationInfo,
     create_model,
     field_validator,
     model_validator,
@@ -37,6 +38,8 @@ Stamps = Literal["auto", "exact", "even"]
 """How stamps are taken (docs/time_base.md). `exact`: each sample was taken at its stamp. `even`: the device samples
 evenly, and only the stamps scatter. `auto`: stamps and signals decide."""
 NoSlip = Annotated[float, Field(ge=-1e12, le=1e12)]  # a scale or an offset: what is larger is a slip
+ColumnName = Annotated[str, BeforeValidator(lambda given: str(given) if type(given) is int else given)]
+AddressText = Annotated[str, AfterValidator(checked_address)]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 Corner = tuple[float, float, float]
 
@@ -80,34 +83,20 @@ class Conversion(Settings):
     scale: NoSlip = 1.0  # Units per count: 1 / 16384 with the unit rev for an encoder of 14 bits.
     offset: NoSlip = 0.0  # Offset that is added to the raw numbers before the scale, in the raw unit.
 
-    @field_validator("delay")
+    @field_validator("delay", "sign", "scale", mode="before")
     @classmethod
-    def _is_time(cls, value: str | None) -> str | None:
-        if value is not None:
+    def _possible(cls, value: Any, info: ValidationInfo) -> Any:
+        if info.field_name == "delay" and isinstance(value, str):
             quantity(value, "s")
-        return value
-
-    @field_validator("sign", mode="before")
-    @classmethod
-    def _number(cls, value: Any) -> Any:
-        if isinstance(value, bool):
+        if info.field_name == "sign" and isinstance(value, bool):
             raise ValueError("write 1 or -1")
-        return value
-
-    @field_validator("scale")
-    @classmethod
-    def _not_zero(cls, value: float) -> float:
-        if value == 0:
+        if info.field_name == "scale" and value == 0 and not isinstance(value, bool):
             raise ValueError("a scale of zero makes every number zero; write the size of one count")
         return value
 
-    def factor_to(self, si_unit: str, unit_of_file: str = "") -> float:
-        """From the source file's unit, or else the recording's, to SI."""
-        return si_factor(unit_of_file if self.unit is None else self.unit, si_unit)
-
     def to_si(self, raw: Array, si_unit: str, unit_of_file: str = "") -> Array:
-        """Recorded numbers, of any shape, in the SI unit."""
-        factor = self.factor_to(si_unit, unit_of_file)
+        """Recorded numbers, of any shape, in the SI unit, from the source file's unit or else the recording's."""
+        factor = si_factor(unit_of_file if self.unit is None else self.unit, si_unit)
         with np.errstate(over="ignore"):  # what overflows is refused with what is too large
             return np.asarray(self.sign * self.scale * factor * (raw + self.offset))
 
@@ -117,7 +106,7 @@ class Conversion(Settings):
         For the trial's provenance. `range` is what the column can reach, after `sign` and `offset`.
         """
         unit, si_unit = unit_of_file if self.unit is None else self.unit, unit_of(column)
-        factor, stated = self.factor_to(si_unit, unit_of_file), dict[str, Any]()
+        factor, stated = si_factor(unit, si_unit), dict[str, Any]()
         if self.delay is not None:
             stated["delay"] = quantity(self.delay, "s")
         if self.low_pass is not None:
@@ -171,11 +160,6 @@ class Addressed(Settings):
     def title(self) -> str:
         """The channel, for messages."""
         return f"{self.ADDRESS} '{self.name}'"
-
-
-NumberOrName = BeforeValidator(lambda given: str(given) if type(given) is int else given)
-ColumnName = Annotated[str, NumberOrName]
-AddressText = Annotated[str, AfterValidator(checked_address)]
 
 
 class Channel(Conversion, Addressed):
@@ -271,13 +255,12 @@ class ModelOutput(Conversion):
     """Unit that the software computes in, which the file may misstate: moments of Plug-in Gait are always N*mm/kg."""
 
 
-def rotation_of(axes: tuple[Axis, Axis, Axis]) -> Array:
+def rotation_of(axes: Sequence[Axis]) -> Array:
     """From a file's axes to ours, (3, 3), by the file's axes that point forward, to the left and up."""
     return np.array([[(-1.0 if name[0] == "-" else 1.0) * (name[-1] == axis) for axis in AXES] for name in axes])
 
 
 def right_handed(axes: tuple[Axis, Axis, Axis]) -> tuple[Axis, Axis, Axis]:
-    """The axes as they are; raises ValueError if they are none of a right-handed laboratory."""
     if round(float(np.linalg.det(rotation_of(axes)))) != 1:
         raise ValueError("forward, left and up must be three different axes of a right-handed laboratory")
     return axes
@@ -285,11 +268,9 @@ def right_handed(axes: tuple[Axis, Axis, Axis]) -> tuple[Axis, Axis, Axis]:
 
 def all_none_or_list(value: Any) -> Any:
     """A choice among a file's things: `none` is the empty list."""
-    if value == "none":
-        return ()
-    if value == "all" or isinstance(value, list | tuple):
-        return value
-    raise ValueError("write all, none or a list")
+    if value not in ("all", "none") and not isinstance(value, list | tuple):
+        raise ValueError("write all, none or a list")
+    return () if value == "none" else value
 
 
 Axes = Annotated[tuple[Axis, Axis, Axis], AfterValidator(right_handed)]
@@ -339,7 +320,12 @@ class SourceFile(Settings):
             if column == "time":
                 raise misplaced("time is not a channel; state its source under `time`", column)
             step = channel.step
-            checks = {"unit": channel.factor_to, "resolution": step, "bits": step, "range": channel.ends}
+            checks: Mapping[str, Callable[[str], object]] = {
+                "unit": partial(si_factor, channel.unit or ""),
+                "resolution": step,
+                "bits": step,
+                "range": channel.ends,
+            }
             for key, check in checks.items():
                 value = getattr(channel, key)
                 try:
@@ -444,11 +430,6 @@ class Keys:
     `time` or `channels` are keys that the source file may leave out."""
     time_in_file: bool = False  # whether the format itself tells when a sample was taken
 
-    @cached_property
-    def address(self) -> str:
-        """The key that names a channel: `column`, `field`, `channel` or `variable`."""
-        return self.channel.split()[0] if self.channel else ""
-
 
 OPTIONAL = (None, None)  # marks `time` and `channels` as keys that a source file may leave out
 NO_UNITS = {"channel.unit": (Unit, ...)}  # of formats that state no units
@@ -527,9 +508,10 @@ def model_of(name: str, keys: Keys) -> type[Source]:
         return model
 
     below: dict[str, Any] = {}
+    address = next(iter(keys.channel.split()), "")
     if keys.channel:
         channel = narrowed("channel.", (Conversion, Addressed), Channel, keys.channel)
-        channel.ADDRESS = keys.address
+        channel.ADDRESS = address
         if "channels" in keys.source.split():
             many: Any = GenericAlias(dict, (str, channel))
             needed = "channels" not in keys.kinds
@@ -538,7 +520,7 @@ def model_of(name: str, keys: Keys) -> type[Source]:
             below["analogs"] = (GenericAlias(dict, (str, channel)), {})
     if keys.time:
         time = narrowed("time.", (Addressed if "source" in keys.time.split() else RowTime,), Time, keys.time)
-        time.ADDRESS, time.IN_FILE = keys.address, keys.time_in_file
+        time.ADDRESS, time.IN_FILE = address, keys.time_in_file
         below["time"] = (time, Field(default_factory=time) if "time" in keys.kinds else ...)
     if keys.plate:
         plate = narrowed("plate.", (Settings,), Plate, keys.plate)

@@ -1,7 +1,7 @@
-"""Units as laboratories spell them: their factors to SI, and their patterns in the schemas of source files.
+"""Units as laboratories spell them, and their factors to SI.
 
 Unit texts come from untrusted files. Only names joined by `*` and `/` are given to pint, whose parser would evaluate
-`9**9**9**9` without end. The registry is built at import, so that processes forked later share it.
+`9**9**9**9` without end.
 """
 
 import math
@@ -54,7 +54,6 @@ ALIASES = {
     "%": "percent",
     "1": "dimensionless",
 }
-AMBIGUOUS = "is gon (a 400th of a turn) to some and degree to others: write `deg`, or `gon`"  # grad, grads, grade
 # names whose case has no meaning, since they have no prefix that it could distinguish
 ANY_CASE = re.compile(
     r"(milli)?met(er|re)s?|volts?|deg(ree)?s?|rad(ian)?s?|newtons?|amp(ere)?s?|(milli|micro|nano)?seconds?|revolutions?|rpm",
@@ -70,12 +69,14 @@ def si_factor(unit: str, expected: str) -> float:
     dimension: N*m/rad is not N*m.
     """
     advice, spelling = ", ".join(EXAMPLES[expected]), normalised(unit)
-    quoted = f"unit {quoted_unit(unit)}"
+    quoted = f"unit '{unit[:40]}{'...' * (len(unit) > 40)}'"
     if not spelling:
         raise InputError(f"the unit is empty; write one of {advice}")
     for name in re.split(r"[*/]", spelling):
         if name.lower() in ("grad", "grads", "grade"):
-            raise InputError(f"{quoted}: '{name}' {AMBIGUOUS}")
+            raise InputError(
+                f"{quoted}: '{name}' is gon (a 400th of a turn) to some and degree to others: write `deg`, or `gon`"
+            )
     found = base_units(spelling)
     if found is None:
         raise InputError(f"{quoted} is unknown; write one of {advice}")
@@ -96,7 +97,10 @@ def quantity(text: str, expected: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise InputError(f"{quoted_unit(text)} is not a number with a unit; write it as in `2 {EXAMPLES[expected][0]}`")
+        raise InputError(
+            f"'{text[:40]}{'...' * (len(text) > 40)}' is not a number with a unit; write it as in `2 "
+            f"{EXAMPLES[expected][0]}`"
+        )
     return value * si_factor(unit, expected)
 
 
@@ -133,41 +137,34 @@ def dimension(canonical: str) -> str:
     return found[1]
 
 
-def quoted_unit(unit: str) -> str:
-    """A unit in quotes, no longer than a line can hold."""
-    return f"'{unit[:40]}...'" if len(unit) > 40 else f"'{unit}'"
-
-
 KNOWN_NAMES = (
     "percent|dimensionless|ppm|s|ms|us|ns|µs|μs|sec|min|minute|minutes|h|hour|hours|Hz|kHz|MHz|hertz|mrad|urad|µrad|μrad|"
     "mdeg|º|turn|turns|gon|arcmin|arcsec|cycle|cycles|m|dm|cm|mm|um|nm|km|µm|μm|centimeter|centimeters|centimetre|"
     "centimetres|in|inch|inches|ft|foot|feet|A|kA|mA|uA|µA|μA|V|kV|mV|uV|µV|μV|N|kN|cN|mN|uN|µN|μN|lbf|ozf|kgf|gf|dyn|"
     "dyne|kg|g|mg|lb|lbs|gram|grams|kilogram|kilograms|J|mJ|kJ|joule|joules"
 )
-"""Names that an editor takes, besides `ALIASES` and those whose case has no meaning. Of all that pint knows it would
-take nearly every slip for a unit."""
+"""Names that an editor takes, besides `ALIASES` and those whose case has no meaning."""
 
 
 def measured_in(expected: str = "") -> tuple[AfterValidator, WithJsonSchema]:
     """The check that a unit measures what the SI unit `expected` does, any where there is none; and for an editor the
-    units that it proposes, and a pattern of known names joined by a sign or a blank, which flags a slip."""
+    units that it proposes, and a pattern of known names joined by a sign or a blank, which flags a slip. Of all that
+    pint knows it would take nearly every slip for a unit."""
 
     def checked(unit: str) -> str:
         if expected:
             si_factor(unit, expected)
         return unit
 
+    proposed = list(dict.fromkeys(unit for key in [expected] * bool(expected) or EXAMPLES for unit in EXAMPLES[key]))
     words = re.sub("[a-z]", lambda one: f"[{one[0].upper()}{one[0]}]", ANY_CASE.pattern).replace("(", "(?:")
     name = f"(?:{KNOWN_NAMES}|{'|'.join(map(re.escape, ALIASES))}|{words})"
-    proposed = list(dict.fromkeys(unit for key in [expected] * bool(expected) or EXAMPLES for unit in EXAMPLES[key]))
     pattern = f"^ *{name}(?:(?: +|[*/·⋅∙.]){name}){{0,7}} *$"
-    return AfterValidator(checked), WithJsonSchema(
-        {"type": "string", "anyOf": [{"enum": proposed}, {"pattern": pattern}]}
-    )
+    schema = {"type": "string", "anyOf": [{"enum": proposed}, {"pattern": pattern}]}
+    return AfterValidator(checked), WithJsonSchema(schema)
 
 
 Unit = Annotated[str, *measured_in()]
-"""Any unit."""
 TimeUnit = Annotated[str, *measured_in("s")]
 LengthUnit = Annotated[str, *measured_in("m")]
 ForceUnit = Annotated[str, *measured_in("N")]

@@ -27,7 +27,6 @@ from osl_analysis.trial import Array, Trial
 
 RowNumbers = NDArray[np.intp]
 SWING = 0.1  # part of the range of motion by which the angle must come back for a turning point
-AT_AN_END = 0.1  # part of the range of motion within which a start counts as one end of the motion
 CLOSED = 0.05  # largest distance of a cycle's ends, as a part of the range of motion
 RESTS = 0.01  # part of the range of motion within which the joint rests
 
@@ -40,12 +39,8 @@ class LoadingCycle:
     stop: int
     turns: tuple[int, ...]
 
-    @property
-    def rows(self) -> slice:
-        return slice(self.start, self.stop + 1)
-
     def pieces(self, theta: Array, direction: int) -> list[slice]:
-        """RowNumbers, piece by piece, in which the angle (n,) goes in a direction, 1 up or -1 down."""
+        """Rows, piece by piece, in which the angle (n,) goes in a direction, 1 up or -1 down."""
         edges = [self.start, *self.turns, self.stop]
         return [slice(a, b + 1) for a, b in pairwise(edges) if (theta[b] - theta[a]) * direction > 0]
 
@@ -87,7 +82,7 @@ def find_cycles(theta: Array, settle: int = 0) -> FoundCycles:
         for a, b in pairwise(edges)
         if abs(theta[b] - theta[a]) <= CLOSED * span and np.ptp(theta[a : b + 1]) > SWING * span
     ]
-    found = [cycle for cycle in closed if np.ptp(theta[cycle.rows]) >= 0.9 * span]
+    found = [cycle for cycle in closed if np.ptp(theta[cycle.start : cycle.stop + 1]) >= 0.9 * span]
     if not found:
         start_deg, low_deg, high_deg, last_deg = (
             f"{round(np.rad2deg(angle), 2) + 0.0:.2f}" for angle in (start, low, high, theta[-1])
@@ -130,8 +125,9 @@ def turning_points(theta: Array, swing: float) -> list[int]:
 def cycle_edges(theta: Array, turns: Sequence[int], span: float) -> list[int]:
     """Rows at which cycles of an angle (n,) may begin or end."""
     start, last = float(theta[0]), len(theta) - 1
-    if min(start - theta.min(), theta.max() - start) < AT_AN_END * span:
-        same = [turn for turn in turns if abs(theta[turn] - start) < (AT_AN_END + CLOSED) * span]
+    at_an_end = 0.1  # part of the range of motion within which a start counts as one end of the motion
+    if min(start - theta.min(), theta.max() - start) < at_an_end * span:
+        same = [turn for turn in turns if abs(theta[turn] - start) < (at_an_end + CLOSED) * span]
         return [0, *same, last]
     segments = list(pairwise([0, *turns, last]))
     direction = np.sign(theta[segments[0][1]] - start)
@@ -154,48 +150,17 @@ def rows_of_pieces(pieces: Sequence[slice]) -> RowNumbers:
     return np.concatenate([np.arange(piece.start, piece.stop) for piece in pieces])
 
 
-def torque_zero(theta: Array, torque: Array, rate_hz: float, settings: TorqueAngleAnalysis) -> float:
-    """Torque [N*m] at rest, by the rule of the settings; 0 if there is none. Raises InputError: the joint moves."""
-    if settings.zero == "none":
-        return 0.0
-    count = max(round(settings.rest_s * rate_hz), 1)
-    rows = slice(-count, None) if settings.zero == "end" else slice(count)
-    moved = float(np.ptp(theta[rows]))
-    if count >= len(theta) or moved > RESTS * np.ptp(theta):
-        other = "start" if settings.zero == "end" else "end"
-        raise InputError(
-            f"the joint does not rest at the {settings.zero} of the recording: the angle moves by "
-            f"{np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; write `zero: {other}` under torque_angle, or "
-            "`zero: none` if the torque was zeroed before, or a shorter `rest_s`"
-        )
-    return float(torque[rows].mean())
-
-
-def rest_change(theta: Array, torque: Array, rate_hz: float, settings: TorqueAngleAnalysis) -> float | None:
-    """Difference of the torque (n,) [N*m] between rest at the end and at the start, as a share of its range. None where
-    the zero is not that of the end, or the joint does not rest at both at one angle (n,) [rad]. A zero at the start,
-    before the device was moved, is right although hysteresis leaves a torque at the end."""
-    count = max(round(settings.rest_s * rate_hz), 1)
-    ends = np.concatenate([theta[:count], theta[-count:]])
-    if settings.zero != "end" or float(np.ptp(ends)) > RESTS * float(np.ptp(theta)):
-        return None
-    return float((torque[-count:].mean() - torque[:count].mean()) / np.ptp(torque))
-
-
 def energies(theta: Array, torque: Array, cycle: LoadingCycle) -> tuple[float, float]:
     """Energies of a cycle [J], taken up from the bench and given back: the integral of torque [N*m] over angle [rad],
     piece by piece. A piece ends where the angle turns or the torque changes its sign, so that noise is not counted as
     energy to and fro."""
-    angle, load = theta[cycle.rows], torque[cycle.rows]
+    rows = slice(cycle.start, cycle.stop + 1)
+    angle, load = theta[rows], torque[rows]
     work = np.concatenate([[0.0], np.cumsum((load[1:] + load[:-1]) / 2 * np.diff(angle))])
     signs = np.flatnonzero(np.diff(np.signbit(load))) + 1
     edges = np.unique([0, *signs, *(turn - cycle.start for turn in cycle.turns), len(work) - 1])
     pieces = np.diff(work[edges])
     return float(pieces[pieces > 0].sum()), float(-pieces[pieces < 0].sum())
-
-
-FEWEST_AT_A_POINT, FEWEST_POINTS = 10, 5
-"""Samples around a point of a curve below which it stays empty, and points below which a trial is refused."""
 
 
 @dataclass(frozen=True)
@@ -206,21 +171,7 @@ class Curve:
     stiffness: Array  # slope of torque over angle [N*m/rad], mean of the cycles
     torque_half: Array  # half-width of the 95 % interval of the torque
     stiffness_half: Array  # half-width of the 95 % interval of the slope
-    torques: Array  # torque of each cycle (cycles, m)
-
-
-def grid_deg(theta: Array, branches: Sequence[Sequence[RowNumbers]], step_deg: float) -> Array:
-    """The angles [deg], multiples of a step, that every branch of every cycle passes."""
-    low = max(float(theta[rows].min()) for cycle in branches for rows in cycle)
-    high = min(float(theta[rows].max()) for cycle in branches for rows in cycle)
-    first, last = int(np.ceil(np.rad2deg(low) / step_deg)), int(np.floor(np.rad2deg(high) / step_deg))
-    if last - first + 1 < FEWEST_POINTS:
-        raise InputError(
-            f"of the grid's angles {max(last - first + 1, 0)} lie within the motion ({np.rad2deg(low):.2f} to "
-            f"{np.rad2deg(high):.2f} deg), expected {FEWEST_POINTS} or more; lower angle_step_deg from {step_deg:g} "
-            f"deg to {np.rad2deg(high - low) / (2 * FEWEST_POINTS):.2g} deg or less"
-        )
-    return np.asarray(np.arange(first, last + 1) * step_deg, dtype=np.float64)
+    change: Array  # torque of the last cycle minus that of the first
 
 
 def local_parabola(theta: Array, torque: Array, at: float, window: float, independent: int) -> Array:
@@ -231,7 +182,7 @@ def local_parabola(theta: Array, torque: Array, at: float, window: float, indepe
     near = np.abs(theta - at) <= window
     x = (theta[near] - at) / window
     cubic = np.vander(x, 4, increasing=True)
-    if x.size < FEWEST_AT_A_POINT or np.linalg.cond(cubic[:, :3]) > CONDITION_LIMIT:
+    if x.size < 10 or np.linalg.cond(cubic[:, :3]) > CONDITION_LIMIT:
         return np.full(6, np.nan)
     solution = np.linalg.pinv(cubic[:, :3])
     unit = np.sum(solution[:2] ** 2, axis=1) / [1.0, window**2]
@@ -252,16 +203,15 @@ def branch_curve(
     what the cubic cannot describe would count. The median of few degrees of freedom is below their mean by the factor
     of Wilson and Hilferty (1931)."""
     points = np.array([[local_parabola(theta[r], torque[r], a, window, independent) for a in at] for r in branches])
-    torques, slopes = points[..., 0], points[..., 1]
+    mean, change = points[..., :2].mean(axis=0).T, points[-1, :, 0] - points[0, :, 0]
     if len(branches) > 1:
         student = float(stdtrit(len(branches) - 1, 0.975)) / np.sqrt(len(branches))
-        halves = [student * np.std(signal, axis=0, ddof=1) for signal in (torques, slopes)]
-        return Curve(torques.mean(axis=0), slopes.mean(axis=0), halves[0], halves[1], torques)
-    seen = points[0][np.isfinite(points[0, :, 4])]
-    density, freedom = np.median(seen[:, 4:], axis=0) if len(seen) else (np.nan, np.nan)
-    noise = density / (1 - 2 / (9 * freedom)) ** 3
-    half = 1.96 * np.sqrt(noise * points[0, :, 2:4])
-    return Curve(torques[0], slopes[0], half[:, 0], half[:, 1], torques)
+        half = student * np.std(points[..., :2], axis=0, ddof=1)
+    else:
+        seen = points[0][np.isfinite(points[0, :, 4])]
+        density, freedom = np.median(seen[:, 4:], axis=0) if len(seen) else (np.nan, np.nan)
+        half = 1.96 * np.sqrt(density / (1 - 2 / (9 * freedom)) ** 3 * points[0, :, 2:4])
+    return Curve(mean[0], mean[1], half[:, 0], half[:, 1], change)
 
 
 def straight_line(theta: Array, torque: Array, pieces: Sequence[slice]) -> float:
@@ -272,9 +222,6 @@ def straight_line(theta: Array, torque: Array, pieces: Sequence[slice]) -> float
     angle, load = theta[rows], torque[rows]
     centred = angle - np.average(angle, weights=weight)
     return float(np.sum(weight * centred * load) / np.sum(weight * centred**2))
-
-
-LEAST_VAF = 50.0  # VAF [percent] of the torque by its curve over angle below which the torque does not follow the angle
 
 
 @dataclass(frozen=True)
@@ -295,10 +242,6 @@ class TorqueAngleTrial:
     def name(self) -> str:
         return self.uniform.trial
 
-    @property
-    def time(self) -> Array:
-        return self.uniform.time
-
     def pieces(self, branch: int) -> list[list[slice]]:
         """The rows of a branch, 0 loading or 1 unloading, in each cycle, piece by piece."""
         direction = self.cycles.loading * (1, -1)[branch]
@@ -306,18 +249,23 @@ class TorqueAngleTrial:
 
     def durations(self) -> Array:
         """Duration [s] of each cycle (k,), without the rests at the ends of the recording."""
-        moves, step = between_rests(self.theta), float(self.time[1] - self.time[0])
+        moves, time = between_rests(self.theta), self.uniform.time
         rows = [min(c.stop, moves.stop - 1) - max(c.start, moves.start) for c in self.cycles.used]
-        return np.array(rows) * step
+        return np.array(rows) * float(time[1] - time[0])
 
     def series(self) -> Series:
-        """Torque beside its curve over angle, which the rows of all cycles have."""
-        model = np.full(len(self.theta), np.nan)
+        """Torque beside its curve over angle, whose end pieces go on beyond its ends, in the rows of all cycles."""
+        at, model = self.angle_deg, np.full(len(self.theta), np.nan)
         for branch, curve in enumerate(self.curves):
+            y = curve.torque
             for pieces in self.pieces(branch):
                 rows = rows_of_pieces(pieces)
-                model[rows] = along(np.rad2deg(self.theta[rows]), self.angle_deg, curve.torque)
-        return Series(self.time, self.torque, model, self.theta, np.isfinite(model))
+                x = np.rad2deg(self.theta[rows])
+                ends = np.array([min(x.min(), at[0] - 1), max(x.max(), at[-1] + 1)])
+                first = y[0] + (y[0] - y[1]) / (at[0] - at[1]) * (ends[0] - at[0])
+                last = y[-1] + (y[-1] - y[-2]) / (at[-1] - at[-2]) * (ends[1] - at[-1])
+                model[rows] = np.interp(x, np.array([ends[0], *at, ends[1]]), np.array([first, *y, last]))
+        return Series(self.uniform.time, self.torque, model, self.theta, np.isfinite(model))
 
     def vaf(self) -> float:
         """VAF [percent] of the torque by its curve over angle, in the rows of all cycles."""
@@ -325,14 +273,22 @@ class TorqueAngleTrial:
         torque = series.torque[series.fitted]
         return variance_accounted_for(torque, torque - series.torque_model[series.fitted])
 
+    def time_base(self) -> pl.DataFrame:
+        """The trial's rows of `timebase.csv`."""
+        return timebase_table(self.uniform, None, self.settings.bench_stiffness)
 
-def along(x: Array, at: Array, y: Array) -> Array:
-    """Values at x (n,) of the broken line through y at rising places (m,), whose end pieces go on beyond the ends."""
-    ends = np.array([min(x.min(), at[0] - 1), max(x.max(), at[-1] + 1)])
-    first, last = (
-        y[i] + (y[i] - y[j]) / (at[i] - at[j]) * (end - at[i]) for end, i, j in ((ends[0], 0, 1), (ends[1], -1, -2))
-    )
-    return np.asarray(np.interp(x, np.concatenate([ends[:1], at, ends[1:]]), np.concatenate([[first], y, [last]])))
+    def desired_torque(self, desired: str) -> Array:
+        """Torque (m,) [N*m] of a desired curve at the angles of the grid; NaN beyond its ends.
+
+        Raises InputError: The settings have no such curve.
+        """
+        curves = self.settings.desired
+        if desired not in curves:
+            raise InputError(
+                f"trial {self.name}: no desired curve '{desired}'; torque_angle.desired in the configuration has "
+                f"{', '.join(curves) or 'none'}"
+            )
+        return curves[desired].at(self.angle_deg)
 
 
 def torque_angle_trial(trial: Trial, settings: TorqueAngleAnalysis) -> TorqueAngleTrial:
@@ -370,7 +326,18 @@ def torque_angle_of(signals: UniformSignals, settings: TorqueAngleAnalysis, comp
     if settings.settle_cycles is None:
         cycles = cycles.settled_for(torque)
     branches = [[rows_of_pieces(c.pieces(theta, cycles.loading * sign)) for c in cycles.used] for sign in (1, -1)]
-    at = grid_deg(theta, branches, settings.angle_step_deg)
+    # the angles of the grid, multiples of a step, that every branch of every cycle passes
+    low = np.rad2deg(max(float(theta[rows].min()) for cycle in branches for rows in cycle))
+    high = np.rad2deg(min(float(theta[rows].max()) for cycle in branches for rows in cycle))
+    step, fewest = settings.angle_step_deg, 5
+    steps = np.arange(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)
+    if len(steps) < fewest:
+        raise InputError(
+            f"of the grid's angles {len(steps)} lie within the motion ({low:.2f} to "
+            f"{high:.2f} deg), expected {fewest} or more; lower angle_step_deg from {step:g} "
+            f"deg to {(high - low) / (2 * fewest):.2g} deg or less"
+        )
+    at = np.asarray(steps * step, dtype=np.float64)
     around = settings.window_share * float(np.ptp(theta)), low_pass.independent_samples(rate)
     loading, unloading = (branch_curve(theta, torque, rows, np.deg2rad(at), *around) for rows in branches)
     curves = loading, unloading
@@ -381,7 +348,7 @@ def torque_angle_of(signals: UniformSignals, settings: TorqueAngleAnalysis, comp
             f"a cycle takes {shortest:.2g} s, which is not quasi-static: below {settings.shortest_cycle_s:g} s "
             "(shortest_cycle_s) inertia and damping are in the torque; record it slower, or take experiment 'impedance'"
         )
-    if (vaf := found.vaf()) < LEAST_VAF:
+    if (vaf := found.vaf()) < 50.0:
         follows = torque[found.series().fitted]
         raise InputError(
             f"torque does not follow the angle: its curve over angle accounts for {vaf:.3g} % of its variance, and it "
@@ -396,13 +363,26 @@ def torque_angle_of(signals: UniformSignals, settings: TorqueAngleAnalysis, comp
     return found
 
 
-OVER_CYCLES = ("K", "K_secant", "K_unloading", "energy_stored", "energy_returned", "energy_lost")
-"""Columns of the table of cycles of which the trial's row has mean and interval."""
+def torque_zero(theta: Array, torque: Array, rate_hz: float, settings: TorqueAngleAnalysis) -> float:
+    """Torque [N*m] at rest, by the rule of the settings; 0 if there is none. Raises InputError: the joint moves."""
+    if settings.zero == "none":
+        return 0.0
+    count = max(round(settings.rest_s * rate_hz), 1)
+    rows = slice(-count, None) if settings.zero == "end" else slice(count)
+    moved = float(np.ptp(theta[rows]))
+    if count >= len(theta) or moved > RESTS * np.ptp(theta):
+        other = "start" if settings.zero == "end" else "end"
+        raise InputError(
+            f"the joint does not rest at the {settings.zero} of the recording: the angle moves by "
+            f"{np.rad2deg(moved):.2g} deg in {settings.rest_s:g} s; write `zero: {other}` under torque_angle, or "
+            "`zero: none` if the torque was zeroed before, or a shorter `rest_s`"
+        )
+    return float(torque[rows].mean())
 
 
 def cycle_table(trial: TorqueAngleTrial) -> pl.DataFrame:
     """The trial's rows of `torque_angle_cycles.csv`: one per cycle."""
-    theta, torque, rows = trial.theta, trial.torque, []
+    theta, torque, time, rows = trial.theta, trial.torque, trial.uniform.time, []
     durations, loading, unloading = trial.durations(), trial.pieces(0), trial.pieces(1)
     for k, cycle in enumerate(trial.cycles.used):
         path = float(np.abs(np.diff(theta[[cycle.start, *cycle.turns, cycle.stop]])).sum())
@@ -413,8 +393,8 @@ def cycle_table(trial: TorqueAngleTrial) -> pl.DataFrame:
             {
                 "trial": trial.name,
                 "cycle": k + 1,
-                "start_s": float(trial.time[cycle.start]),
-                "stop_s": float(trial.time[cycle.stop]),
+                "start_s": float(time[cycle.start]),
+                "stop_s": float(time[cycle.stop]),
                 "duration_s": float(durations[k]),
                 "speed_deg_s": float(np.rad2deg(path) / durations[k]),
                 "K": straight_line(theta, torque, loading[k]),
@@ -434,26 +414,40 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     """The trial's row of `torque_angle.csv`; `desired` is the name of the curve that it should follow.
 
     Intervals are those of the mean over cycles (Student), with the error of the bench's stiffness where it is stated;
-    null with one cycle. `cycle_drift` is the change of torque at the same angles from the first cycle to the last, and
-    `bridged_share` the share of the rows of the cycles in gaps of the recording, or near them.
+    null with one cycle. `cycle_drift` is the change of torque at the same angles from the first cycle to the last,
+    `rate_change` that of the energy lost from the slowest cycle to the fastest, null where their speeds differ by less
+    than 30 %, and `bridged_share` the share of the rows of the cycles in gaps of the recording, or near them.
 
     Raises InputError: The settings have no such curve.
     """
     cycles = cycle_table(trial)
+    of = {name: cycles[name].to_numpy() for name in cycles.columns if name != "trial"}
     bench = trial.settings.bench_stiffness
     softer = None  # the cycles with a bench that is softer by one standard error
     if bench is not None and bench.compliance_error:
         softer = cycle_table(torque_angle_of(trial.uniform, trial.settings, bench.compliance + bench.compliance_error))
+    means: Row = {}
+    for name in ("K", "K_secant", "K_unloading", "energy_stored", "energy_returned", "energy_lost"):
+        if len(cycles) > 1:
+            change = 0.0 if softer is None else float(softer[name].to_numpy().mean() - of[name].mean())
+            found = over_repeats(of[name], [(change**2, np.inf)] if change else [])
+            means |= {name: found.mean, f"{name}_se": found.se, f"{name}_low": found.low, f"{name}_high": found.high}
+        else:
+            means |= {name: float(of[name][0]), **dict.fromkeys((f"{name}_se", f"{name}_low", f"{name}_high"))}
+    rate_change, speed, lost = None, of["speed_deg_s"], of["energy_lost"]
+    if speed.max() >= 1.3 * speed.min():
+        slope = np.polyfit(np.log(speed), lost, 1)[0]
+        rate_change = float(slope * np.log(speed.max() / speed.min()) / abs(lost.mean()))
     loading, unloading = trial.curves
     moved, torque = trial.theta[between_rests(trial.theta)], trial.torque
     widest = float(np.nanmax(np.abs(loading.torque - unloading.torque)))
-    drift = float(np.nanmean(loading.torques[-1] - loading.torques[0]) / np.ptp(torque))
+    drift = float(np.nanmean(loading.change) / np.ptp(torque))
     uncorrected = [straight_line(trial.bench_theta, torque, pieces) for pieces in trial.pieces(0)]
     distance = None  # [N*m] of the mean of both branches from the desired curve, RMS over its angles
     if desired is not None:
-        apart = (loading.torque + unloading.torque) / 2 - desired_torque(trial, desired)
+        apart = (loading.torque + unloading.torque) / 2 - trial.desired_torque(desired)
         distance = float(np.sqrt(np.nanmean(apart**2)))
-    usable = np.concatenate([trial.uniform.usable[cycle.rows] for cycle in trial.cycles.used])
+    usable = np.concatenate([trial.uniform.usable[cycle.start : cycle.stop + 1] for cycle in trial.cycles.used])
     row: Row = {
         "trial": trial.name,
         "cycles": len(cycles),
@@ -468,22 +462,20 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
         "torque_min": float(torque.min()),
         "torque_max": float(torque.max()),
         **zero_row(trial, widest),
-        **{key: value for name in OVER_CYCLES for key, value in mean_over_cycles(name, cycles, softer).items()},
+        **means,
         "K_uncorrected": float(np.mean(uncorrected)),
         "K_lowest": float(np.nanmin(loading.stiffness)),
         "K_highest": float(np.nanmax(loading.stiffness)),
-        "returned_share": float(
-            np.sum(cycles["energy_returned"].to_numpy()) / np.sum(cycles["energy_stored"].to_numpy())
-        ),
+        "returned_share": float(np.sum(of["energy_returned"]) / np.sum(of["energy_stored"])),
         "hysteresis_torque": widest,
         "interval_method": "cycles" if len(cycles) > 1 else None,
         "VAF": trial.vaf(),
-        "speed_deg_s": float(np.mean(cycles["speed_deg_s"].to_numpy())),
+        "speed_deg_s": float(np.mean(speed)),
         "shortest_cycle_s": float(trial.durations().min()),
-        "closure_angle": float(cycles["closure_angle"].to_numpy().max()),
-        "closure_torque": float(cycles["closure_torque"].to_numpy().max()),
+        "closure_angle": float(of["closure_angle"].max()),
+        "closure_torque": float(of["closure_torque"].max()),
         "cycle_drift": drift if len(cycles) > 1 else None,
-        "rate_change": rate_change(cycles),
+        "rate_change": rate_change,
         "bridged_share": float(np.mean(~usable)),
         "desired": desired,
         "desired_rms": distance,
@@ -493,19 +485,15 @@ def torque_angle_table(trial: TorqueAngleTrial, desired: str | None = None) -> p
     return pl.DataFrame([row], schema_overrides=empty)
 
 
-OFF_MIDDLE = 0.25
-"""Distance of the zero from the middle of the loop, as a part of its width there, from which it is said: 0.5 on a
-branch, 0 where friction lets go at rest."""
-LEAST_SHIFT, LEAST_LOOP = 0.005, 0.02
-"""The same, and the width of the loop, as parts of the range of torque, below which they are not worth a word."""
-SMALL_ZERO = 0.1  # torque taken for zero, as a part of the width of the loop, below which it is no matter what it is
-
-
 def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
     """The torque taken for zero, and what speaks against it; the loop is `widest` [N*m] at its widest.
 
-    The torque at rest may be what hysteresis leaves: then it lies on a branch of the loop and not in its middle. Where
-    the joint rests at an end of the motion the loop does not tell; a zero that is small against it is no matter there.
+    The torque at rest may be what hysteresis leaves: then it lies on a branch of the loop (0.5 of its width there from
+    its middle) and not in its middle, where friction lets go at rest. Where the joint rests at an end of the motion the
+    loop does not tell; a zero that is small against it is no matter there. `rest_change` is the difference of the
+    torque between rest at the end and at the start, as a share of its range; null where the zero is not that of the
+    end, or the joint does not rest at both at one angle. A zero at the start, before the device was moved, is right
+    although hysteresis leaves a torque at the end.
     """
     torque, settings, angle = trial.torque, trial.settings, trial.angle_deg
     rest = float(np.rad2deg(trial.theta[0 if settings.zero == "start" else -1]))
@@ -518,68 +506,35 @@ def zero_row(trial: TorqueAngleTrial, widest: float) -> Row:
     if angle[0] <= rest <= angle[-1]:
         one, other = (float(np.interp(rest, angle, curve.torque)) for curve in trial.curves)
         middle = (one + other) / 2
-        left = abs(middle) > max(OFF_MIDDLE * abs(one - other), LEAST_SHIFT * torque_range)
+        left = abs(middle) > max(0.25 * abs(one - other), 0.005 * torque_range)
     else:
-        left = widest > LEAST_LOOP * torque_range and abs(trial.zero) > SMALL_ZERO * widest
+        left = widest > 0.02 * torque_range and abs(trial.zero) > 0.1 * widest
     if left and settings.zero != "none":
         reasons.append(
             "whether the torque at rest is the load cell's offset or what hysteresis leaves in the device "
             "(zero_off_middle): torque_min, torque_max, energy_stored and energy_returned depend on it"
         )
+    count = max(round(settings.rest_s * trial.uniform.rate_hz), 1)
+    ends = np.concatenate([trial.bench_theta[:count], trial.bench_theta[-count:]])
+    rests = settings.zero == "end" and float(np.ptp(ends)) <= RESTS * float(np.ptp(trial.bench_theta))
     return {
         "torque_zero": trial.zero,
         "zero_off_middle": None if settings.zero == "none" or middle is None else -middle,
-        "rest_change": rest_change(trial.bench_theta, torque, trial.uniform.rate_hz, settings),
+        "rest_change": float((torque[-count:].mean() - torque[:count].mean()) / torque_range) if rests else None,
         "not_checked": "; ".join(reasons) or None,
     }
 
 
-def mean_over_cycles(name: str, cycles: pl.DataFrame, softer: pl.DataFrame | None) -> Row:
-    """Mean of a column over the cycles with standard error and bounds of its 95 % interval; null with one cycle."""
-    values = cycles[name].to_numpy()
-    if len(values) < 2:
-        return {name: float(values[0]), **dict.fromkeys((f"{name}_se", f"{name}_low", f"{name}_high"))}
-    change = 0.0 if softer is None else float(softer[name].to_numpy().mean() - values.mean())
-    found = over_repeats(values, [(change**2, np.inf)] if change else [])
-    return {name: found.mean, f"{name}_se": found.se, f"{name}_low": found.low, f"{name}_high": found.high}
-
-
-def rate_change(cycles: pl.DataFrame) -> float | None:
-    """Relative change of the energy lost from the slowest cycle to the fastest; None where their speeds differ by less
-    than 30 %."""
-    speed, lost = cycles["speed_deg_s"].to_numpy(), cycles["energy_lost"].to_numpy()
-    if speed.max() < 1.3 * speed.min():
-        return None
-    slope = np.polyfit(np.log(speed), lost, 1)[0]
-    return float(slope * np.log(speed.max() / speed.min()) / abs(lost.mean()))
-
-
-def desired_torque(trial: TorqueAngleTrial, desired: str) -> Array:
-    """Torque (m,) [N*m] of a desired curve at the angles of the grid; NaN beyond its ends; raises as the table."""
-    curves = trial.settings.desired
-    if desired not in curves:
-        raise InputError(
-            f"trial {trial.name}: no desired curve '{desired}'; torque_angle.desired in the configuration has "
-            f"{', '.join(curves) or 'none'}"
-        )
-    return curves[desired].at(trial.angle_deg)
-
-
 def curve_table(trial: TorqueAngleTrial, desired: str | None = None) -> pl.DataFrame:
     """The trial's rows of `torque_angle_curves.csv`: per branch and angle; raises as `torque_angle_table`."""
-    wanted = np.full(len(trial.angle_deg), np.nan) if desired is None else desired_torque(trial, desired)
+    wanted = np.full(len(trial.angle_deg), np.nan) if desired is None else trial.desired_torque(desired)
     frames = []
     for branch, curve in zip(("loading", "unloading"), trial.curves, strict=True):
         columns = {"angle_deg": trial.angle_deg}
-        for name, half in (("torque", curve.torque_half), ("stiffness", curve.stiffness_half)):
-            value = getattr(curve, name)
+        pairs = ("torque", curve.torque, curve.torque_half), ("stiffness", curve.stiffness, curve.stiffness_half)
+        for name, value, half in pairs:
             columns |= {name: value, f"{name}_low": value - half, f"{name}_high": value + half}
         frame = pl.DataFrame(columns | {"desired_torque": wanted}).fill_nan(None)
         texts = pl.lit(trial.name).alias("trial"), pl.lit(branch).alias("branch")
         frames.append(frame.select(*texts, pl.all(), pl.lit(desired, pl.String).alias("desired")))
     return pl.concat(frames)
-
-
-def torque_angle_time_base(trial: TorqueAngleTrial) -> pl.DataFrame:
-    """The trial's rows of `timebase.csv`."""
-    return timebase_table(trial.uniform, None, trial.settings.bench_stiffness)

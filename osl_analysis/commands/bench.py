@@ -34,7 +34,6 @@ from osl_analysis.bench.torque_angle import (
     curve_table,
     cycle_table,
     torque_angle_table,
-    torque_angle_time_base,
     torque_angle_trial,
 )
 from osl_analysis.config.configuration import Config, read_section
@@ -126,7 +125,7 @@ def fit_torque_angle_trial(
     found = torque_angle_trial(trial, settings)
     return FitTables(
         found.series(),
-        lambda: {"torque_angle_cycles": cycle_table(found), "timebase": torque_angle_time_base(found)},
+        lambda: {"torque_angle_cycles": cycle_table(found), "timebase": found.time_base()},
         torque_angle=torque_angle_table(found, desired).with_columns(rails),
         torque_angle_curves=curve_table(found, desired),
     )

@@ -209,7 +209,7 @@ def test_from_log_to_headline_numbers(tmp_path, campaign):
     assert [found[name].n for name in TRUE] == [2] * 5
 
 
-DOC = (ROOT / "docs/own_data.md").read_text()
+DOC = (ROOT / "docs/own_data.md").read_text().partition("## Your own actuator bench")[2]
 DEVICE = ROOT / "config/parameters/default.yaml"
 VELOCITY_LINE = "  omega_m:"
 ANGLE_LINE = "  # theta_m:"

@@ -22,6 +22,7 @@ from osl_analysis.bench.model_comparison import (
     scores_against_others,
     transmission_fold,
 )
+from osl_analysis.bench.record import Record, stretches_of
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.bench import (
     compare_belt_models,
@@ -131,9 +132,12 @@ def stepped_trial(controller, *off, p=DEFAULT, believed=None):
     log = simulated(f"impedance_K300_B5.0_{controller}", found, p)
     motion, torque = filtered_motion(log.time, log["joint_angle"], -log["load_cell_torque"], LOW_PASS)
     starts = [500 + i * round(1000 * (BLOCK + 0.5)) for i in range(3)]
-    parts = [slice(start, start + round(1000 * BLOCK), 11) for start in starts]
+    parts = [np.arange(start, start + round(1000 * BLOCK), 11) for start in starts]
     gains = select_gains(controller, 300.0, 5.0, believed)
-    trial = DrivetrainTrial("made", log["joint_angle"], motion, torque, parts, 1000.0, LOW_PASS, gains, believed, 0.05)
+    groups = stretches_of([slice(0, len(log.time))], 1000.0)
+    raw = log["joint_angle"], -log["load_cell_torque"]
+    record = Record("made", log.time, *raw, motion, torque, LOW_PASS, np.ones(len(log.time), dtype=bool), groups)
+    trial = DrivetrainTrial(record, parts, gains, believed, 0.05)
     return trial, [impedance_fold(motion[part], torque[part]) for part in parts]
 
 
@@ -177,7 +181,7 @@ def test_fitting_gains_and_friction_makes_up_for_a_wrong_parameter_file():
 def test_one_gauss_newton_step_stands_for_a_fit_without_an_amplitude():
     trial, _ = stepped_trial("uncompensated")
     candidate = fitted_drivetrain(trial, "M4", "")
-    ends = np.cumsum([0, *(len(trial.torque[part]) for part in trial.amplitude_rows)])
+    ends = np.cumsum([0, *(len(part) for part in trial.amplitude_rows)])
     for k, part in enumerate(trial.amplitude_rows):
         others = replace(trial, amplitude_rows=[other for other in trial.amplitude_rows if other is not part])
         refitted = fitted_drivetrain(others, "M4", "").residual
@@ -188,7 +192,8 @@ def test_one_gauss_newton_step_stands_for_a_fit_without_an_amplitude():
 
 def test_a_loop_that_would_be_unstable_is_refused_by_name():
     trial, _ = stepped_trial("uncompensated")
-    wild = replace(trial, gains=replace(trial.gains, B_1=-50.0), theta=trial.theta + 1e-3)
+    record = replace(trial.record, theta=trial.record.theta + 1e-3)
+    wild = replace(trial, gains=replace(trial.gains, B_1=-50.0), record=record)
     with pytest.raises(InputError, match="grows without bounds for K_1 = "):
         wild.predicted(np.array([1.0, 1.0, 0.0]))
 

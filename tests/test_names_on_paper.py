@@ -10,10 +10,9 @@ import polars as pl
 import pytest
 from test_figures import gains, impedance, response_table, texts
 
-from osl_analysis.bench.components import belt_figure_points, belt_summary, check_locked
+from osl_analysis.bench.components import belt_figure_points, check_locked, part_summary
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands import tables
-from osl_analysis.commands.bench import by_place
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.config.campaign import about, open_campaign, response_example, time_series_example
 from osl_analysis.config.configuration import read_config
@@ -109,7 +108,7 @@ def belts():
 
 
 def test_means_are_of_one_joint_and_so_are_their_headlines_of_which_the_ankle_s_has_the_draft_s_value():
-    summary = by_place(belts(), belt_summary)
+    summary = part_summary("belt", belts())
     stiffness = summary.filter(pl.col("quantity") == "K_s")
     assert stiffness.select("joint", "mean", "n").rows() == [("ankle", 650, 2), ("knee", 1000, 1)]
     found = {h.name: (h.value, h.draft, h.macro) for h in headline_numbers({"belt_summary": summary})}

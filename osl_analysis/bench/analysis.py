@@ -11,18 +11,14 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.bench.effects import FALSE_ALARM, Model, plain_sums, with_effects
-from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf, repeat_row, residual_whiteness
+from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row
+from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row, thinned_rows, whiteness_row
 from osl_analysis.stats.regression import LinearFit, with_shared_error
 from osl_analysis.timebase.grid import UniformSignals
 from osl_analysis.trial import Array
-
-MOST_ROWS = 10_000
-"""Rows of a thinned table: two minutes of a stepped sine have some fifteen for a period of its fastest one."""
-ALL_LABELS = (None,)
 
 
 @dataclass(frozen=True)
@@ -40,38 +36,54 @@ class Analysis:
     def whole(self) -> GroupFit:
         return self.fits[self.label]
 
-    def rows(self, label: Label, *names: str) -> Row:
-        """The columns that every table of fits has: estimates, covariances, repeatability, diagnostics."""
+    def row(self, label: Label, *names: str) -> Row:
+        """The columns that the rows of every amplitude begin with: estimates, covariances, repeatability (null where
+        nothing repeats), diagnostics."""
         fit = self.fits[label]
+        commanded = {one.label: one.commanded_deg for one in self.record.groups.strata}
         return {
+            "trial": self.record.name,
+            "amplitude_deg": label if isinstance(label, float) else None,
+            "commanded_deg": commanded.get(label),
             **estimates_row(fit, *names, "offset"),
             **covariance_row(fit, *names),
-            **repeat_row(fit, *names),
+            **{f"{name}_repeat_se": fit.repeat_se(name) for name in names},
             **self.judged(label),
         }
 
     def judged(self, label: Label = None) -> Row:
         """The diagnostics of a fit and of its interval."""
-        fit, record = self.fits[label], self.record
-        white = residual_whiteness(record, self.sums, centred(fit, self.sums), self.model, label)
-        return diagnostics_row(fit, record.rate_hz, white)
+        record, rows = self.record, self.record.rows(label)
+        kept = rows[thinned_rows(len(rows), record.rate_hz, record.low_pass)]
+        white = whiteness_row(record.filtered_torque[kept] - self.modelled(label, kept))
+        return diagnostics_row(self.fits[label], record.rate_hz, white)
 
     def shared(self, label: Label, *names: str) -> Row:
-        """VAF on data held out, the drift that was subtracted, and the change by another time base."""
-        return {
-            "VAF_held_out": held_out_vaf(self.sums, self.model, label),
-            "load_cell_drift": 60 * self.record.drift,
-            **time_base_row(self.fits[label], self.others.get(label), names),
-        }
+        """VAF on data held out, the drift that was subtracted [N*m/min], and the change by another time base."""
+        drift = 60 * self.record.drift
+        held_out = held_out_vaf(self.sums, self.model, label)
+        return {"VAF_held_out": held_out, "load_cell_drift": drift, **self.time_base_row(label, names)}
+
+    def time_base_row(self, label: Label, names: Sequence[str]) -> Row:
+        """`time_base_shift`: the largest change of an estimate if undecided stamps were taken the other way. In
+        half-widths of its 95 % interval; null where the stamps are decided."""
+        fit, other = self.fits[label], self.others.get(label)
+        if other is None:
+            return {"time_base_shift": None}
+        half = {name: fit.interval(name)[1] - fit[name] for name in names}
+        return {"time_base_shift": max(abs(other[name] - fit[name]) / half[name] for name in names)}
 
     def time_base(self, names: Sequence[str]) -> pl.DataFrame:
         """The trial's rows of `timebase.csv`."""
-        words = time_base_words(self.whole, self.others.get(self.label), names)
+        fit, other, words = self.whole, self.others.get(self.label), None
+        if other is not None:
+            words = ", ".join(f"{name} {100 * (other[name] / fit[name] - 1):+.2g} %" for name in names)
+        assert self.record.uniform is not None  # a trial that was read from a file
         return timebase_table(self.record.uniform, words, self.record.bench)
 
     def modelled(self, label: Label = None, rows: slice | NDArray[np.intp] = slice(None)) -> Array:
         """Torque [N*m] of the fit to a label in some rows."""
-        fit = centred(self.fits[label], self.sums)
+        fit = at_zero(self.fits[label], -self.sums.centre)
         parts = [fit[name] * self.sums.columns[column][rows] for name, column in self.model.items()]
         return np.asarray(np.sum(parts, axis=0))
 
@@ -86,18 +98,17 @@ class Analysis:
         """The last seconds of the motion of a label, measured and by its fit (Fig. 4). Rests and other labels within
         these seconds have no rows. Rows that are not fitted, such as first cycles, have no modelled torque (null)."""
         record = self.record
-        moving = record.moving(label) if record.is_stepped_sine else list(record.pieces)
+        moving = record.moving(label) if record.is_stepped_sine else record.pieces
         rows = np.concatenate([np.r_[piece] for piece in moving])
         rows = rows[record.usable[rows]]
         last = rows[rows > rows[-1] - round(duration_s * record.rate_hz)]
-        fitted = np.isin(last, record.rows(label))
         modelled = pl.Series(self.modelled(label, last))
         return pl.DataFrame(
             {
                 "time": record.time[last] - record.time[last[0]],
                 "theta_deg": np.rad2deg(record.motion.theta[last]),
                 "torque": record.filtered_torque[last],
-                "torque_model": modelled.set(pl.Series(~fitted), None),
+                "torque_model": modelled.set(pl.Series(~np.isin(last, record.rows(label))), None),
             }
         )
 
@@ -107,20 +118,17 @@ def analysed(record: Record, sums: Sums, model: Model) -> Analysis:
 
     Raises InputError, IdentifiabilityError: as `fit_groups`.
     """
-    labels = (None,) if record.groups.labels == ALL_LABELS else (*record.groups.labels, None)
-    fits = {label: at_zero(with_effects(sums, model, (), label), sums.centre) for label in labels}
+
+    def fitted(own: Sums) -> dict[Label, GroupFit]:
+        labels = dict.fromkeys((*own.groups.labels, None))
+        return {label: at_zero(with_effects(own, model, (), label), own.centre) for label in labels}
+
+    fits = fitted(sums)
     if record.softer is not None:
-        softer = plain_fits(record.softer, model)
+        softer = fitted(plain_sums(record.softer, model))
         fits = {label: widened(fit, softer[label].estimates - fit.estimates) for label, fit in fits.items()}
-    others = {} if record.other is None else plain_fits(record.other, model)
+    others = {} if record.other is None else fitted(plain_sums(record.other, model))
     return Analysis(record, sums, model, fits, others)
-
-
-def plain_fits(record: Record, model: Model) -> Mapping[Label, GroupFit]:
-    """The fits to a record by label, without effects."""
-    sums = plain_sums(record, model)
-    labels = dict.fromkeys((*record.groups.labels, None))
-    return {label: at_zero(with_effects(sums, model, (), label), sums.centre) for label in labels}
 
 
 def widened(fit: GroupFit, change: Array) -> GroupFit:
@@ -137,11 +145,6 @@ def at_zero(fit: GroupFit, centre: float) -> GroupFit:
     turn[fit.names.index("offset"), fit.names.index("K")] = -centre
     repeat = None if fit.repeat is None else turn @ fit.repeat @ turn.T
     return replace(fit, estimates=turn @ fit.estimates, covariance=turn @ fit.covariance @ turn.T, repeat=repeat)
-
-
-def centred(fit: GroupFit, sums: Sums) -> GroupFit:
-    """The fit with its offset at the angle that the column `theta` of the sums is about."""
-    return at_zero(fit, -sums.centre)
 
 
 def friction_row(s: Sums, model: Model, fit: LinearFit, label: Label) -> Row:
@@ -196,22 +199,6 @@ def viscous_and_friction(s: Sums, model: Model, fit: LinearFit, label: Label, fr
     )
 
 
-def time_base_row(fit: LinearFit, other: LinearFit | None, names: Sequence[str]) -> Row:
-    """`time_base_shift`: the largest change of an estimate if undecided stamps were taken the other way. In half-widths
-    of its 95 % interval; null where the stamps are decided and there is no `other` fit."""
-    if other is None:
-        return {"time_base_shift": None}
-    half = {name: fit.interval(name)[1] - fit[name] for name in names}
-    return {"time_base_shift": max(abs(other[name] - fit[name]) / half[name] for name in names)}
-
-
-def time_base_words(fit: LinearFit, other: LinearFit | None, names: Sequence[str]) -> str | None:
-    """The change of each estimate under the other hypothesis [%], for people."""
-    if other is None:
-        return None
-    return ", ".join(f"{name} {100 * (other[name] / fit[name] - 1):+.2g} %" for name in names)
-
-
 def check_stiffer(trial: str, symbol: str, stiffness: float, bench: BenchStiffness | None) -> None:
     """Refuse a stiffness [N*m/rad] that is not below that of the bench."""
     if bench is not None and not 0 < stiffness * bench.compliance < 1:
@@ -223,11 +210,10 @@ def check_stiffer(trial: str, symbol: str, stiffness: float, bench: BenchStiffne
 
 
 def timebase_table(
-    signals: UniformSignals | None, other_hypothesis: str | None, bench: BenchStiffness | None = None
+    signals: UniformSignals, other_hypothesis: str | None, bench: BenchStiffness | None = None
 ) -> pl.DataFrame:
     """The rows of `timebase.csv` for one trial, a row per stream. `other_hypothesis` says what estimates would become
     if undecided stamps were taken the other way."""
-    assert signals is not None  # a trial that was read from a file
     shared = {
         "grid_rate_hz": (len(signals.time) - 1) / float(signals.time[-1] - signals.time[0]),
         "first_s": float(signals.time[0]),
@@ -261,23 +247,22 @@ class Series:
         table = pl.DataFrame({"time": self.time, "torque": self.torque, "torque_model": self.torque_model})
         return table.filter(pl.col("torque_model").is_finite()).with_columns(pl.col("time") - pl.col("time").first())
 
-    def table(self, most: int = MOST_ROWS) -> pl.DataFrame:
-        """Every k-th sample, `most` or fewer rows, and the range of the residual in the k samples from each on.
+    def table(self, most: int = 10_000) -> pl.DataFrame:
+        """Every k-th sample, `most` or fewer rows, and the range of the residual in the k samples from each on. Two
+        minutes of a stepped sine then have some fifteen rows for a period of its fastest one.
         `theta_deg` or `omega`, `torque` and, where the fit uses the sample, `torque_model`; `residual_low` and
         `residual_high` [N*m] are of all k samples that the fit uses, so that no outlier is lost."""
         k = max(-(-len(self.time) // most), 1)
-        low, high = self.range_of_residual(k)
+        left = np.where(self.fitted, self.torque - self.torque_model, np.nan)
+        whole = np.concatenate([left, np.full(-len(left) % k, np.nan)]).reshape(-1, k)
         each = slice(None, None, k)
         motion = {"omega": self.motion[each]} if self.is_velocity else {"theta_deg": np.rad2deg(self.motion[each])}
         shown = {"time": self.time[each] - self.time[0], **motion, "torque": self.torque[each]}
         model = np.where(self.fitted[each], self.torque_model[each], np.nan)
-        columns = {**shown, "torque_model": model, "residual_low": low, "residual_high": high}
+        columns = {**shown, "torque_model": model}
+        columns |= {"residual_low": np.fmin.reduce(whole, axis=1), "residual_high": np.fmax.reduce(whole, axis=1)}
         rounded = {name: pl.Series(values, dtype=pl.Float64).round_sig_figs(7) for name, values in columns.items()}
         return pl.DataFrame(rounded).fill_nan(None)
-
-    def range_of_residual(self, k: int) -> tuple[Array, Array]:
-        """Smallest and largest residual [N*m] of each k samples that the fit uses; NaN where it uses none."""
-        return extremes(np.where(self.fitted, self.torque - self.torque_model, np.nan), k)
 
 
 class FitTables(dict[str, pl.DataFrame]):
@@ -294,10 +279,3 @@ class FitTables(dict[str, pl.DataFrame]):
         found = {"series": self.measured.table()} | self.further()
         self.update(found)
         return found[name]
-
-
-def extremes(values: Array, k: int) -> tuple[Array, Array]:
-    """Smallest and largest of each k values (n,) that are not NaN; NaN where all are."""
-    whole = np.concatenate([values, np.full(-len(values) % k, np.nan)]).reshape(-1, k)
-    columns = np.ascontiguousarray(whole.T)  # along short rows NumPy reduces one by one
-    return np.fmin.reduce(columns), np.fmax.reduce(columns)

@@ -11,20 +11,12 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.analysis import (
-    Analysis,
-    Series,
-    analysed,
-    check_stiffer,
-    friction_row,
-    time_base_row,
-    widened,
-)
+from osl_analysis.bench.analysis import Analysis, Series, analysed, check_stiffer, friction_row, widened
 from osl_analysis.bench.effects import (
     TRANSMISSION,
     Model,
     causes,
-    clock_drift_of,
+    clocks_row,
     plain_sums,
     sums_of,
     taken_by,
@@ -32,7 +24,7 @@ from osl_analysis.bench.effects import (
 )
 from osl_analysis.bench.gram import GroupFit, fit_groups, gram_sums
 from osl_analysis.bench.phasors import harmonic_shares, phasors_of_record
-from osl_analysis.bench.record import Groups, Label, Record, joined_groups, joint_angle, stretches_of
+from osl_analysis.bench.record import Groups, Label, Record, joint_angle, stretches_of
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import IdentifiabilityError, InputError
@@ -41,22 +33,35 @@ from osl_analysis.model.drivetrain import belt_deflection
 from osl_analysis.signals import Motion, differentiate, filtered_motion, runs
 from osl_analysis.stats.fit_row import Row, covariance_row, estimates_row
 from osl_analysis.timebase.grid import BRIDGE_MORE, UniformSignals, uniform_signals
-from osl_analysis.timebase.samples import drift_row
 from osl_analysis.trial import Array, Trial
+
+PLACE = ("joint", "side")
+LOSSES = ("B_j", "J_j")
+ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
+"""Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping, inertia."""
+SUMMARISED = {
+    "belt": ("K_s", "unloading", "hysteresis_area", "quadratic_K_s2"),
+    "transmission": (*LOSSES, "VAF", "T_C", "VAF_coulomb"),
+    "actuator": (*ACTUATOR_PARAMETERS, "VAF"),
+}
+"""Columns of the table of a part of which a summary has mean, scatter and interval over the trials."""
+
+
+def part_summary(part: str, table: pl.DataFrame) -> pl.DataFrame:
+    """The summary of the fits to all of a trial in `belt.csv`, `transmission.csv` or `actuator.csv`, of each joint and
+    side on its own, one below the other, with columns that name them."""
+    whole = table.filter(pl.col("amplitude_deg").is_null()) if "amplitude_deg" in table.columns else table
+    if not set(PLACE) <= set(whole.columns):
+        return summary_of_trials(whole, SUMMARISED[part])
+    parts = whole.partition_by(PLACE, maintain_order=True)
+    found = [own.select(PLACE).head(1).join(summary_of_trials(own, SUMMARISED[part]), how="cross") for own in parts]
+    return pl.concat(found, how="vertical_relaxed")
+
 
 BELT: Model = {"K_s": "theta", "offset": "one"}
 DAMPED: Model = {**BELT, "B_j": "omega"}
 QUADRATIC: Model = {"K_s": "theta", "K_s2": "square", "offset": "one"}
 """On a raised cosine damping and curvature look alike, so that the quadratic belt has no damping."""
-ONSET = 0.05  # deflection at which loading begins, as a share of the peak; below it the belt's hysteresis reverses
-LARGEST_FALL = 0.2  # largest fall of the deflection while loading, as a share of the peak
-CONSTANT_VELOCITY = 0.05  # scatter of the velocity on one branch, as a share of its mean, up to which it is constant
-BRANCH_STRETCHES = 16  # stretches into which a branch is cut, from whose scatter its interval comes
-LOCKED = 0.01
-"""Largest turn of the shaft, as a share of the joint's, that counts as rest where n_T is not known: K_s is 1 % off at
-most."""
-CURVE_STEP_HZ = 50.0  # points per second of the torque-deflection curve that is kept for the figure
-PLACE = ("joint", "side")
 
 
 @dataclass(frozen=True)
@@ -70,11 +75,6 @@ class BeltTrial:
     @property
     def record(self) -> Record:
         return self.loading.record
-
-    @property
-    def hysteresis_area(self) -> float:
-        """Area of the loop [N*m*rad = J]."""
-        return float(np.trapezoid(self.record.filtered_torque, self.record.motion.theta))
 
     def widened_by(self, softer: "BeltTrial") -> "BeltTrial":
         """The fits with the error of the bench's stiffness in their intervals, as type B."""
@@ -146,14 +146,15 @@ def fit_branches(record: Record, drift: float = 0.0) -> BeltTrial:
     models = {}
     for label in record.groups.labels:
         velocity = motion.omega[record.rows(label)]
-        constant = float(np.std(velocity)) <= CONSTANT_VELOCITY * abs(float(np.mean(velocity)))
+        constant = float(np.std(velocity)) <= 0.05 * abs(float(np.mean(velocity)))
         models[label] = BELT if constant else DAMPED
     loading = Analysis(record, s, models["loading"], {"loading": fitted(models["loading"], "loading")}, {}, "loading")
     return BeltTrial(loading, fitted(models["unloading"], "unloading"), fitted(QUADRATIC, "loading"))
 
 
 def branches_of(theta_s: Array, rate_hz: float, usable: NDArray[np.bool_], cutoff_hz: float) -> Groups:
-    """Stretches of loading and unloading of a deflection theta_s (n,) [rad] in usable rows.
+    """Stretches of loading and unloading of a deflection theta_s (n,) [rad] in usable rows; some sixteen for each
+    branch, from whose scatter its interval comes.
 
     Raises InputError: as `loaded_rows`, or a branch has no usable row.
     """
@@ -164,13 +165,16 @@ def branches_of(theta_s: Array, rate_hz: float, usable: NDArray[np.bool_], cutof
         inside[rows] = usable[rows]
         if not inside.any():
             raise InputError(f"no row while {label} is free of gaps that are too long to be bridged; {BRIDGE_MORE}")
-        seconds = max((rows.stop - rows.start) / rate_hz / BRANCH_STRETCHES, 0.5 / cutoff_hz)
+        seconds = max((rows.stop - rows.start) / rate_hz / 16, 0.5 / cutoff_hz)
         found.append(stretches_of(runs(inside), rate_hz, seconds, label))
-    return joined_groups(found)
+    first, stop = (np.concatenate([getattr(one, edge) for one in found]) for edge in ("first", "stop"))
+    number = np.repeat([0, 1], [len(one.first) for one in found])
+    return Groups("stretches", first, stop, number, tuple(one.strata[0] for one in found))
 
 
 def loaded_rows(deflection: Array) -> tuple[int, int, int]:
-    """Rows of one load-unload cycle: the onset of loading, the peak, and the row after unloading.
+    """Rows of one load-unload cycle: the onset of loading, the peak, and the row after unloading. Loading begins at a
+    twentieth of the peak; below it the belt's hysteresis reverses.
 
     Raises InputError: the belt hardly deflects, is not unloaded again, or is loaded more than once.
     """
@@ -180,14 +184,14 @@ def loaded_rows(deflection: Array) -> tuple[int, int, int]:
             f"the belt deflects by {np.rad2deg(abs(deflection[peak])):.3f} deg at most, expected 0.5 deg or more; "
             "check the angle channels and their units in the source file"
         )
-    loaded = np.abs(deflection) >= ONSET * abs(deflection[peak])
+    loaded = np.abs(deflection) >= 0.05 * abs(deflection[peak])
     onset = int(np.argmax(loaded))
     release = len(loaded) - int(np.argmax(loaded[::-1]))
     if release - peak < 10 or release == len(loaded):
         raise InputError("the trial ends while the belt is still loaded; record the way back too")
     way = deflection[onset : peak + 1] * np.sign(deflection[peak])
     fall = float(np.max(np.maximum.accumulate(way) - way))
-    if fall > LARGEST_FALL * abs(float(way[-1])):
+    if fall > 0.2 * abs(float(way[-1])):
         raise InputError(
             f"the belt falls back by {np.rad2deg(fall):.2f} deg before its peak of {np.rad2deg(abs(way[-1])):.2f} deg: "
             "this is no single loading; check that the trial is of experiment 'belt'"
@@ -196,9 +200,10 @@ def loaded_rows(deflection: Array) -> tuple[int, int, int]:
 
 
 def check_locked(theta: Array, theta_m: Array) -> None:
-    """Refuse a shaft that turns where n_T is not known, and so its share of the deflection; angles (n,) [rad]."""
+    """Refuse a shaft that turns where n_T is not known, and so its share of the deflection; angles (n,) [rad]. A turn
+    of 1 % of the joint's counts as rest: K_s is 1 % off at most."""
     turned, whole = float(np.ptp(theta_m)), float(np.ptp(theta))
-    if turned > LOCKED * whole:
+    if turned > 0.01 * whole:
         raise InputError(
             f"theta_m turns by {turned:.3g} rad while theta turns by {whole:.3g} rad, and without a parameter file its "
             "ratio n_T to the joint is not known; lock the shaft, or name a parameter file under `parameters` in the "
@@ -210,33 +215,34 @@ def belt_table(belt: BeltTrial) -> pl.DataFrame:
     """The trial's row of `belt.csv`: loading and unloading slope, loop area [J], quadratic belt, what a line lacks.
     `energy_lost` is the loop's area divided by the energy K_s theta_s^2/2 at the peak. `stiffening` is the share by
     which the slope of the quadratic belt grows from rest to the peak."""
-    loading, quadratic = belt.loading.whole, belt.quadratic
+    loading, quadratic, record = belt.loading.whole, belt.quadratic, belt.record
     peak = float(np.max(np.abs(belt.loading.sums.columns["theta"])))
+    area = float(np.trapezoid(record.filtered_torque, record.motion.theta))
     damped = "B_j" in loading.names
     row: Row = {
-        "trial": belt.record.name,
+        "trial": record.name,
         **estimates_row(loading, "K_s", "offset"),
         **covariance_row(loading, "K_s", "offset"),
         **(estimates_row(loading, "B_j") if damped else dict.fromkeys(("B_j", "B_j_se", "B_j_low", "B_j_high"))),
         **belt.loading.judged("loading"),
         "unloading": belt.unloading["K_s"],
         "unloading_se": belt.unloading.se("K_s"),
-        "hysteresis_area": belt.hysteresis_area,
+        "hysteresis_area": area,
         "quadratic_K_s": quadratic["K_s"],
         "quadratic_K_s2": quadratic["K_s2"],
         "quadratic_K_s2_se": quadratic.se("K_s2"),
         "quadratic_VAF": quadratic.vaf,
-        "energy_lost": belt.hysteresis_area / (loading["K_s"] * peak**2 / 2),
+        "energy_lost": area / (loading["K_s"] * peak**2 / 2),
         "stiffening": 2 * quadratic["K_s2"] * peak / quadratic["K_s"],
-        **time_base_row(loading, belt.loading.others.get("loading"), ["K_s"]),
+        **belt.loading.time_base_row("loading", ["K_s"]),
     }
     return pl.DataFrame([row])
 
 
 def belt_curve(belt: BeltTrial) -> pl.DataFrame:
-    """Deflection [deg] and torque [N*m] relative to rest, by branch, for Fig. 3."""
+    """Deflection [deg] and torque [N*m] relative to rest, by branch, for Fig. 3: fifty points per second."""
     record = belt.record
-    step = slice(None, None, max(round(record.rate_hz / CURVE_STEP_HZ), 1))
+    step = slice(None, None, max(round(record.rate_hz / 50.0), 1))
     theta_s, torque = record.motion.theta[step], record.filtered_torque[step]
     deflection = np.rad2deg(theta_s - theta_s[0])
     branch = np.where(np.arange(len(theta_s)) <= np.argmax(np.abs(deflection)), "loading", "unloading")
@@ -249,40 +255,31 @@ def belt_series(belt: BeltTrial) -> Series:
     return replace(belt.loading.series(), motion=belt.loading.sums.columns["theta"])
 
 
-def belt_summary(table: pl.DataFrame) -> pl.DataFrame:
-    return summary_of_trials(table, ("K_s", "unloading", "hysteresis_area", "quadratic_K_s2"))
-
-
 def belt_figure_points(curves: pl.DataFrame, table: pl.DataFrame, summary: pl.DataFrame) -> pl.DataFrame:
     """The numbers of Fig. 3, for each joint and side: the curves with the `deviation` of torque [N*m] from the mean
     slope and the reason why a fit is doubtful; this slope as two points, from 0 to the largest deflection, with the
     mean area of the loops [J]. `curves` are the trials' `belt_curve`s, `table` is `belt.csv`, `summary` its summary.
     """
-    facts = table.select("trial", *PLACE, "doubtful")
     found = []
-    marked_curves = curves.join(facts, on="trial", how="left", maintain_order="left")
+    marked_curves = curves.join(table.select("trial", *PLACE, "doubtful"), "trial", how="left", maintain_order="left")
     for one in marked_curves.partition_by(PLACE, maintain_order=True):
         place = one.select(PLACE).row(0, named=True)
         same = [pl.col(name).eq_missing(pl.lit(value, pl.String)) for name, value in place.items()]
-        numbers = {
-            f"{quantity}{ending}": summary.filter(pl.col("quantity") == quantity, *same)[column][0]
-            for quantity in ("K_s", "hysteresis_area")
-            for ending, column in (("", "mean"), ("_low", "low"), ("_high", "high"))
-        }
+        numbers = dict[str, float]()
+        for quantity in ("K_s", "hysteresis_area"):
+            mean, low, high = summary.filter(pl.col("quantity") == quantity, *same).select("mean", "low", "high").row(0)
+            numbers |= {quantity: mean, f"{quantity}_low": low, f"{quantity}_high": high}
         slope = numbers["K_s"] * np.pi / 180
         deflection = one["theta_s_deg"]
         ends = [0.0, deflection[int(np.argmax(deflection.abs().to_numpy()))]]
         texts = {"trial": "mean slope", "branch": "loading", **place}
-        mean = pl.DataFrame({"theta_s_deg": ends}).with_columns(
+        line = pl.DataFrame({"theta_s_deg": ends}).with_columns(
             torque=slope * pl.col("theta_s_deg"),
             **{name: pl.lit(value, pl.String) for name, value in texts.items()},
             **{name: pl.lit(value, pl.Float64) for name, value in numbers.items()},
         )
-        found += [one.with_columns(deviation=pl.col("torque") - slope * pl.col("theta_s_deg")), mean]
+        found += [one.with_columns(deviation=pl.col("torque") - slope * pl.col("theta_s_deg")), line]
     return pl.concat(found, how="diagonal")
-
-
-LOSSES = ("B_j", "J_j")
 
 
 def transmission_of(record: Record) -> Analysis:
@@ -293,25 +290,18 @@ def transmission_of(record: Record) -> Analysis:
 def transmission_table(analysis: Analysis) -> pl.DataFrame:
     """The trial's rows of `transmission.csv`: one per amplitude [deg], and one for all of them (amplitude null).
 
-    `load_cell_drift` [N*m/min] was subtracted from the torque. A lag of the torque is not among the diagnostics,
-    because it cannot be told from an inertia of -B_j times the lag.
+    A lag of the torque is not among the diagnostics, because it cannot be told from an inertia of -B_j times the lag.
     """
     record, s = analysis.record, sums_of(analysis.record, TRANSMISSION)
     phasors, found = phasors_of_record(record), causes(record, s, TRANSMISSION)
-    largest = record.settings.time_base.largest_drift_ppm if record.settings else np.inf
-    clocks = drift_row(clock_drift_of(record, s, TRANSMISSION, found, largest))
-    commanded = {one.label: one.commanded_deg for one in record.groups.strata}
-    rows: list[Row] = []
+    clocks, rows = clocks_row(record, s, TRANSMISSION, found), list[Row]()
     for label, fit in analysis.fits.items():
         friction = with_effects(s, TRANSMISSION, ("T_C",), label)
         even, odd = harmonic_shares(phasors, label, (0.0, fit["B_j"], fit["J_j"]))
         certain = friction_row(s, TRANSMISSION, fit, label)  # its T_C counts how sharply friction turns its sign
         rows.append(
             {
-                "trial": record.name,
-                "amplitude_deg": label if isinstance(label, float) else None,
-                "commanded_deg": commanded.get(label),
-                **analysis.rows(label, *LOSSES),
+                **analysis.row(label, *LOSSES),
                 **estimates_row(friction, "T_C"),
                 "B_j_coulomb": friction["B_j"],
                 "VAF_coulomb": friction.vaf,
@@ -325,18 +315,9 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     return pl.DataFrame(rows, infer_schema_length=None).with_columns(pl.col(pl.Null).cast(pl.Float64))
 
 
-def transmission_summary(table: pl.DataFrame) -> pl.DataFrame:
-    whole = table.filter(pl.col("amplitude_deg").is_null())
-    return summary_of_trials(whole, (*LOSSES, "VAF", "T_C", "VAF_coulomb"))
-
-
-ACTUATOR_PARAMETERS = ("k_tau_n_m", "f_C", "f_G", "B_m", "J_m")
-"""Torque per current k_tau n_m [N*m/A], Coulomb friction [N*m], gear friction [N*m/A], damping, inertia."""
 ACTUATOR_ALONE: Model = {**{name: name for name in ACTUATOR_PARAMETERS}, "offset": "one", "drift": "drift"}
 """torque_m = k_tau n_m I_q - f - B_m omega_m - J_m alpha_m + offset + drift (Eqs. 1-2)"""
 FEWEST_MOVING_S = 1.0  # shortest duration [s] of the samples that are fitted
-EDGE_PERIODS = 3
-"""Periods of the filter's cut-off at both ends that are not fitted: there the filter had to extrapolate."""
 
 
 def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
@@ -358,11 +339,6 @@ def actuator_trial(trial: Trial, settings: ActuatorAnalysis) -> Analysis:
         raise type(error)(f"trial {trial.name}: {error}") from error
 
 
-def moved_by(signals: Mapping[str, Array]) -> str:
-    """The column that the actuator's motion is from."""
-    return "theta_m" if "theta_m" in signals else "omega_m"
-
-
 def actuator_alone(
     name: str,
     time: Array,
@@ -382,9 +358,9 @@ def actuator_alone(
     apart; the message names them.
     """
     check_changes("torque_m", signals["torque_m"])
+    of_velocity = moved_by(signals) == "omega_m"
     low_pass, rate, raw = settings.low_pass, (len(time) - 1) / float(time[-1] - time[0]), signals[moved_by(signals)]
     smooth = differentiate(time, low_pass(raw, rate))
-    of_velocity = moved_by(signals) == "omega_m"
     omega, alpha = (smooth.theta, smooth.omega) if of_velocity else (smooth.omega, smooth.alpha)
     direction, current = np.tanh(omega / settings.sign_width), signals["current"]
     columns = {
@@ -409,11 +385,17 @@ def actuator_alone(
     return analysed(record, gram_sums(record, columns, list(columns)), ACTUATOR_ALONE)
 
 
+def moved_by(signals: Mapping[str, Array]) -> str:
+    """The column that the actuator's motion is from."""
+    return "theta_m" if "theta_m" in signals else "omega_m"
+
+
 def moving_rows(omega: Array, rate_hz: float, settings: ActuatorAnalysis) -> NDArray[np.bool_]:
-    """The rows (n,) that are fitted: away from both ends, and faster than the settings' slowest velocity, because
-    friction may have any value up to its limit below."""
+    """The rows (n,) that are fitted: away from both ends by three periods of the cut-off, where the filter had to
+    extrapolate, and faster than the settings' slowest velocity, because friction may have any value up to its limit
+    below."""
     moving = np.abs(omega) > settings.slowest
-    edge = int(np.ceil(EDGE_PERIODS * rate_hz / settings.cutoff_hz))
+    edge = int(np.ceil(3 * rate_hz / settings.cutoff_hz))
     moving[:edge] = moving[-edge:] = False
     return moving
 
@@ -437,10 +419,6 @@ def actuator_table(actuator: Analysis) -> pl.DataFrame:
         **covariance_row(fit, *ACTUATOR_PARAMETERS),
         **actuator.judged(),
         "correlation_k_f_G": fit.correlation("k_tau_n_m", "f_G"),
-        **time_base_row(fit, actuator.others.get(None), ACTUATOR_PARAMETERS),
+        **actuator.time_base_row(None, ACTUATOR_PARAMETERS),
     }
     return pl.DataFrame([row], schema_overrides={"time_base_shift": pl.Float64})
-
-
-def actuator_summary(table: pl.DataFrame) -> pl.DataFrame:
-    return summary_of_trials(table, (*ACTUATOR_PARAMETERS, "VAF"))

@@ -31,8 +31,9 @@ from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisErr
 from osl_analysis.judge.doubts import LARGEST_TURN
 from osl_analysis.signals import Motion, seven_point_motion
 from osl_analysis.stats.covariance import welch_satterthwaite
+from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import CONDITION_LIMIT
-from osl_analysis.timebase.samples import ClockDrift
+from osl_analysis.timebase.samples import ClockDrift, drift_row
 from osl_analysis.trial import Array
 
 Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
@@ -583,17 +584,17 @@ def change_of(fit: GroupFit, name: str, sure: bool, duration: float = 1.0) -> Fa
     return Fault(float(np.sign(change)) * (abs(change) - noise), se, sure and abs(change) > noise, noise)
 
 
-def clock_drift_of(record: Record, s: Sums, model: Model, found: Causes, largest_ppm: float) -> ClockDrift | None:
-    """Drift of the torque's clock against the angle's; None where one device recorded both, or it is not seen.
+def clocks_row(record: Record, s: Sums, model: Model, found: Causes) -> Row:
+    """Drift of the torque's clock against the angle's [ppm]; null where one device recorded both, or it is not seen.
 
     A torque whose clock gains is later and later: at time t it is that of t - ppm (t - mean t), which to first order
     adds -ppm (t - mean t) dtorque/dt. Repeats of a motion differ by this and by a change of K alone. Where nothing
     repeats, a joint that the model with the physics explains shows it. A constant offset between clocks is not seen.
 
-    Raises InputError: the drift is certain and larger than `largest_ppm`; the message names the trial.
+    Raises InputError: the drift is certain and larger than the settings allow; the message names the trial.
     """
     if not record.two_clocks:
-        return None
+        return drift_row(None)
     slope = {NEXT[c]: -1e-6 * found.fit[name] for name, c in model.items() if c in NEXT}
     try:
         if s.groups.repeat:
@@ -603,14 +604,14 @@ def clock_drift_of(record: Record, s: Sums, model: Model, found: Causes, largest
             tried = (with_clock(s, model, slope, effects) for effects in (chosen, physics_of(s, model)))
             seen = next((fit for fit in tried if leaves_noise(record, fit)), None)
         if seen is None:
-            return None
+            return drift_row(None)
         drift = ClockDrift(seen["ppm"], seen.se("ppm"), seen.freedom("ppm"))
-        drift.check(largest_ppm)
+        drift.check(record.settings.time_base.largest_drift_ppm if record.settings else np.inf)
     except IdentifiabilityError:
-        return None
+        return drift_row(None)
     except InputError as error:
         raise InputError(f"trial {record.name}: {error}") from error
-    return drift
+    return drift_row(drift)
 
 
 def with_clock(s: Sums, model: Model, slope: Mapping[str, float], effects: Sequence[str]) -> GroupFit:

@@ -18,7 +18,7 @@ from osl_analysis.bench.effects import (
     Causes,
     Fault,
     causes,
-    clock_drift_of,
+    clocks_row,
     frame_stiffness,
     lag_of,
     noise_of_angle,
@@ -57,7 +57,6 @@ from osl_analysis.spectral.response import periodic_response
 from osl_analysis.stats.fit_row import Row, lag_damping_row
 from osl_analysis.stats.repeats import summary_row
 from osl_analysis.stats.rounding import distinct_values
-from osl_analysis.timebase.samples import drift_row
 from osl_analysis.trial import Array
 
 QUANTITIES = ("K", "B", "I")  # parameters of Eq. 15
@@ -309,16 +308,11 @@ def impedance_table(rendered: Rendered) -> pl.DataFrame:
     lag, change = lag_of(record, s, IMPEDANCE, rendered.found), stiffness_change(s, IMPEDANCE, rendered.found)
     facts = recorded_facts(rendered) | {"explained_by": explained_by(rendered.found, lag, change)}
     frame = frame_stiffness(s, IMPEDANCE, rendered.found) if lag and lag.found else None
-    largest = record.settings.time_base.largest_drift_ppm if record.settings else np.inf
-    clocks = drift_row(clock_drift_of(record, s, IMPEDANCE, rendered.found, largest))
-    commanded = {one.label: one.commanded_deg for one in record.groups.strata}
+    clocks = clocks_row(record, s, IMPEDANCE, rendered.found)
     for label, fit in analysis.fits.items():
         rows.append(
             {
-                "trial": record.name,
-                "amplitude_deg": label if isinstance(label, float) else None,
-                "commanded_deg": commanded.get(label),
-                **analysis.rows(label, *QUANTITIES),
+                **analysis.row(label, *QUANTITIES),
                 **lag_row(lag, fit, frame),
                 **harmonic_row(rendered, label),
                 **friction_row(s, IMPEDANCE, fit, label),

@@ -3,7 +3,7 @@
 A linear rival is a choice of columns. The drivetrain of Eq. 9 predicts the torque from the measured angle.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain_response import Friction, belt_response
-from osl_analysis.signals import LowPass, Motion
+from osl_analysis.signals import Motion
 from osl_analysis.stats.regression import regressors
 from osl_analysis.stats.repeats import Candidate, loss_behind_best, mean_over_trials, rank_words, score_models
 from osl_analysis.trial import Array
@@ -27,48 +27,36 @@ BELT_MODELS: Terms = {"M1": ("K_s",), "M2": ("K_s", "K_s2"), "M3": ("K_s", "T_h"
 """T_h [N*m] is half the torque by which loading and unloading differ."""
 TRANSMISSION_MODELS: Terms = {"M1": ("B_j", "J_j"), "M2": ("B_j", "J_j", "T_C")}
 SECOND_ORDER: tuple[str, ...] = ("K", "B", "I")
-TURN = 0.1  # share of the peak deflection, at both ends, in which the belt's hysteresis may still reverse
-HELD_OUT_BY_TRIAL = ("belt", "transmission")
-"""Experiments in which each trial is predicted from the other trials; elsewhere each amplitude from the others."""
 SCORE_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out", "BIC")
 """Columns of `model_comparison.csv` that its summary uses."""
-OF_MODEL = ("experiment", *PLACE, "controller", "model", "terms", "parameters")
-SMALLEST_LOSS = 1e-9  # percent of the variance below which what a model leaves is rounding error
-SAMPLES_PER_PERIOD = 6
-"""Samples kept per period of the filter's cut-off. More of them cost time and add no information."""
 GIVEN = np.ones(3)
 """The three fitted numbers of Eq. 9 at their given values: K_1 divided by its given value, 1 plus the change of B_1
 divided by (K_1 J_m)^1/2, and friction divided by that of the parameter file."""
-LEAST_GAIN = 0.1  # smallest K_1, divided by its given value
 
 
 @dataclass(frozen=True)
 class Fold:
-    """Torque (n,) [N*m] and every column (n,) that a model may use, of one trial or one amplitude, without its own
-    offset, and drift where that is not too similar to the columns."""
+    """Torque (n,) [N*m] and every column (n,) that a model may use, of one trial or one amplitude."""
 
     torque: Array
     columns: Mapping[str, Array]
 
 
-def fold_without(torque: Array, columns: Mapping[str, Array], nuisance: Array) -> Fold:
-    """The fold of a torque (n,) and its columns (n,) each, after least squares has removed the nuisance (n, k)."""
-    return Fold(without(torque, nuisance), {name: without(column, nuisance) for name, column in columns.items()})
+def fold_of(torque: Array, columns: Mapping[str, Array], drifts: bool = True) -> Fold:
+    """The fold after least squares has removed an offset of its own, and drift where it may have one."""
+    return Fold(without_offset(torque, drifts), {name: without_offset(x, drifts) for name, x in columns.items()})
 
 
-def without(signal: Array, nuisance: Array) -> Array:
-    """What least squares on the nuisance (n, k) leaves of a signal (n,)."""
-    basis, _ = np.linalg.qr(nuisance)
+def without_offset(signal: Array, drifts: bool = True) -> Array:
+    """A signal (n,) without an offset and a ramp over its uniform samples."""
+    n = len(signal)
+    basis, _ = np.linalg.qr(np.column_stack([np.ones(n), *([np.linspace(-1, 1, n)] if drifts else [])]))
     return np.asarray(signal - basis @ (basis.T @ signal))
 
 
-def offset_and_drift(n: int) -> Array:
-    """A constant and a ramp over n uniform samples, as columns (n, 2)."""
-    return np.column_stack([np.ones(n), np.linspace(-1, 1, n)])
-
-
 def belt_fold(theta_s: Array, torque: Array) -> Fold:
-    """One load-unload cycle: belt deflection [rad] and torque [N*m] (n,), without the ends where hysteresis reverses.
+    """One load-unload cycle: belt deflection [rad] and torque [N*m] (n,), without a tenth at both ends, where the
+    hysteresis may still reverse.
 
     Both branches cover the same deflections; otherwise their difference would look like curvature. Only the offset is
     removed: a drift is too similar to loading followed by unloading.
@@ -77,21 +65,19 @@ def belt_fold(theta_s: Array, torque: Array) -> Fold:
     onset, peak, release = loaded_rows(deflection)
     share = np.abs(deflection / deflection[peak])
     rows = np.arange(onset, release)
-    rows = rows[(share[rows] > TURN) & (share[rows] < 1 - TURN)]
+    rows = rows[(share[rows] > 0.1) & (share[rows] < 0.9)]
     x, side = deflection[rows], np.where(rows <= peak, 1.0, -1.0) * np.sign(deflection[peak])
-    return fold_without(torque[rows], {"K_s": x, "K_s2": x * np.abs(x), "T_h": side}, np.ones((len(rows), 1)))
+    return fold_of(torque[rows], {"K_s": x, "K_s2": x * np.abs(x), "T_h": side}, drifts=False)
 
 
 def transmission_fold(motion: Motion, direction: Array, torque: Array) -> Fold:
     """One trial with the motor detached; `direction` is the smooth sign of omega, filtered as the torque was."""
-    columns = {"B_j": motion.omega, "J_j": motion.alpha, "T_C": direction}
-    return fold_without(torque, columns, offset_and_drift(len(torque)))
+    return fold_of(torque, {"B_j": motion.omega, "J_j": motion.alpha, "T_C": direction})
 
 
 def impedance_fold(motion: Motion, torque: Array) -> Fold:
     """One amplitude of a trial against the controller, for Eq. 15."""
-    columns = {"K": motion.theta, "B": motion.omega, "I": motion.alpha}
-    return fold_without(torque, columns, offset_and_drift(len(torque)))
+    return fold_of(torque, {"K": motion.theta, "B": motion.omega, "I": motion.alpha})
 
 
 def left_of(fold: Fold, fitted: Sequence[Fold], terms: tuple[str, ...]) -> Array:
@@ -134,15 +120,10 @@ def held_out_by_amplitude(folds: Sequence[Fold], model: str, terms: tuple[str, .
 
 @dataclass(frozen=True)
 class DrivetrainTrial:
-    """One trial for the drivetrain model; signals have shape (n,)."""
+    """One trial for the drivetrain model."""
 
-    name: str
-    theta: Array  # raw joint angle [rad]
-    motion: Motion  # filtered joint angle with its derivatives
-    torque: Array  # filtered resisting torque [N*m]
+    record: Record
     amplitude_rows: Sequence[NDArray[np.intp]]  # rows of each amplitude
-    rate_hz: float
-    low_pass: LowPass  # the filter of angle and torque
     gains: Gains  # control gains that the leg was given
     p: DrivetrainParameters
     sign_width: float  # velocity [rad/s] over which the sign of the velocity is smoothed
@@ -158,19 +139,19 @@ class DrivetrainTrial:
         Raises InputError if the model grows without bounds with these gains.
         """
         K_1, B_1 = x[0] * self.gains.K_1, self.gains.B_1 + (x[1] - 1) * self.unit_damping
-        gains = Gains(float(K_1), float(B_1), self.gains.cancels_friction)
-        belt = belt_response(self.theta, self.rate_hz, gains, self.p, Friction(float(x[2]), self.sign_width))
+        gains, record = Gains(float(K_1), float(B_1), self.gains.cancels_friction), self.record
+        belt = belt_response(record.theta, record.rate_hz, gains, self.p, Friction(float(x[2]), self.sign_width))
         if not np.isfinite(belt).all():
             raise InputError(
                 f"the drivetrain model grows without bounds for K_1 = {gains.K_1:g}, B_1 = {gains.B_1:g}; check the "
                 "parameter file against the device"
             )
-        return self.low_pass(belt, self.rate_hz) + self.p.B_j * self.motion.omega + self.p.J_j * self.motion.alpha
+        joint = self.p.B_j * record.motion.omega + self.p.J_j * record.motion.alpha
+        return record.low_pass(belt, record.rate_hz) + joint
 
     def residual(self, prediction: Array, rows: NDArray[np.intp]) -> Array:
         """What a prediction (n,) leaves of the torque of one amplitude, which has its own offset and drift."""
-        left = self.torque[rows] - prediction[rows]
-        return without(left, offset_and_drift(len(left)))
+        return without_offset(self.record.filtered_torque[rows] - prediction[rows])
 
     def residuals(self, x: Array) -> Array:
         """What the model with the three numbers x leaves of the torque of all amplitudes."""
@@ -193,23 +174,22 @@ def drivetrain_candidates(trial: DrivetrainTrial) -> list[Candidate]:
 def fitted_drivetrain(trial: DrivetrainTrial, model: str, terms: str) -> Candidate:
     """K_1, B_1 and the size of the friction fitted to all amplitudes, and to all but one.
 
-    At least 1 % of the damping B_m + B_1 is left. The fit without an amplitude is one Gauss-Newton step from the fit to
-    all, on the rows of the others. A second fit in full takes three times as long and changes the VAF on data held out
-    by a hundredth of a percent.
+    At least 1 % of the damping B_m + B_1 is left, and a tenth of K_1. The fit without an amplitude is one Gauss-Newton
+    step from the fit to all, on the rows of the others. A second fit in full takes three times as long and changes the
+    VAF on data held out by a hundredth of a percent.
     """
-    least_damping = 1 - 0.99 * (trial.p.B_m + trial.gains.B_1) / trial.unit_damping
-    lowest = np.array([LEAST_GAIN, least_damping, 0.0])
+    lowest = np.array([0.1, 1 - 0.99 * (trial.p.B_m + trial.gains.B_1) / trial.unit_damping, 0.0])
     # because friction stops and starts, the torque is rough at steps below a hundredth
     best = least_squares(
         trial.residuals, GIVEN, bounds=(lowest, np.inf), diff_step=[1e-2] * 3, xtol=1e-3, ftol=1e-4, max_nfev=10
     )
-    ends = np.cumsum([0, *(len(trial.torque[rows]) for rows in trial.amplitude_rows)])
-    held_out = []
     x, jacobian, residual = (np.asarray(u, dtype=float) for u in (best.x, best.jac, best.fun))
-    for rows, start, stop in zip(trial.amplitude_rows, ends[:-1], ends[1:], strict=True):
-        rest = np.r_[:start, stop : len(residual)]
+    start, held_out = 0, []
+    for rows in trial.amplitude_rows:
+        rest = np.r_[:start, start + len(rows) : len(residual)]
         step, *_ = np.linalg.lstsq(jacobian[rest], -residual[rest], rcond=None)
         held_out.append(trial.residual(trial.predicted(np.maximum(x + step, lowest)), rows))
+        start += len(rows)
     return Candidate(model, terms, len(GIVEN), residual, np.concatenate(held_out))
 
 
@@ -231,35 +211,22 @@ def transmission_scores(trials: Iterable[Record], sign_width: float) -> pl.DataF
     return scores_by_trial("transmission", folds, TRANSMISSION_MODELS)
 
 
-def drivetrain_of(trial: Record, gains: Gains, p: DrivetrainParameters, sign_width: float) -> DrivetrainTrial:
-    """One trial against the controller, thinned, for the drivetrain model with the gains that the leg was given."""
-    return DrivetrainTrial(
-        name=trial.name,
-        theta=trial.theta,
-        motion=trial.motion,
-        torque=trial.filtered_torque,
-        amplitude_rows=thinned_amplitudes(trial),
-        rate_hz=trial.rate_hz,
-        low_pass=trial.low_pass,
-        gains=gains,
-        p=p,
-        sign_width=sign_width,
-    )
-
-
-def impedance_scores(trial: DrivetrainTrial, controller: str | None) -> pl.DataFrame:
-    """Rows of `model_comparison.csv` for one trial against the controller: Eq. 15 and the drivetrain of Eq. 9. Each
-    amplitude is predicted by fits to the others."""
-    folds = [impedance_fold(trial.motion[rows], trial.torque[rows]) for rows in trial.amplitude_rows]
+def impedance_scores(
+    record: Record, gains: Gains, p: DrivetrainParameters, sign_width: float, controller: str | None
+) -> pl.DataFrame:
+    """Rows of `model_comparison.csv` for one trial against the controller: Eq. 15 and the drivetrain of Eq. 9 with the
+    gains that the leg was given. Each amplitude is predicted by fits to the others."""
+    trial = DrivetrainTrial(record, thinned_amplitudes(record), gains, p, sign_width)
+    folds = [impedance_fold(record.motion[rows], record.filtered_torque[rows]) for rows in trial.amplitude_rows]
     rivals = [held_out_by_amplitude(folds, "M1", SECOND_ORDER), *drivetrain_candidates(trial)]
     scores = score_models(np.concatenate([f.torque for f in folds]), rivals)
-    return score_table("impedance", trial.name, scores, controller)
+    return score_table("impedance", record.name, scores, controller)
 
 
 def thinned_amplitudes(trial: Record) -> list[NDArray[np.intp]]:
-    """Usable rows of each amplitude, without rests and other amplitudes, thinned to `SAMPLES_PER_PERIOD`. A record of
-    another motion has consecutive parts in their place."""
-    step = max(int(trial.rate_hz / (SAMPLES_PER_PERIOD * trial.low_pass.cutoff_hz)), 1)
+    """Usable rows of each amplitude, without rests and other amplitudes, thinned to six in a period of the cut-off:
+    more of them cost time and add no information. A record of another motion has consecutive parts in their place."""
+    step = max(int(trial.rate_hz / (6 * trial.low_pass.cutoff_hz)), 1)
     if not trial.is_stepped_sine:
         return [part[::step] for part in np.array_split(trial.rows(), 3)]
     moving = [trial.moving(label) for label in trial.groups.labels]
@@ -287,46 +254,40 @@ def comparison_summary(scores: pl.DataFrame) -> pl.DataFrame:
     highest mean; `BIC_change` from the first model and `BIC_behind` the lowest mean. Differences are paired by trial.
     Each has the 95 % interval over trials. `by_VAF` and `by_BIC` are the words of `rank_words`.
     """
-    keys = [key for key in ("experiment", *PLACE, "controller") if key in scores.columns]
-    groups = scores.partition_by(keys, maintain_order=True)
-    return pl.DataFrame([row for group in groups for row in standing_rows(group)], infer_schema_length=None)
+    keys, rows = [key for key in ("experiment", *PLACE, "controller") if key in scores.columns], []
+    for group in scores.partition_by(keys, maintain_order=True):
+        # elsewhere each amplitude is predicted from the others, and not each trial from the other trials
+        shared = group["experiment"][0] in ("belt", "transmission")
+        own = [*keys, *(key for key in ("model", "terms", "parameters") if key in scores.columns)]
+        vaf, bic = (
+            values[np.isfinite(values).all(axis=1)]  # (trials, models), of the trials that have it for every model
+            for column in ("VAF_held_out", "BIC")
+            for values in [group.pivot("model", index="trial", values=column).drop("trial").to_numpy().astype(float)]
+        )
+        log_left = np.log(np.maximum(100 - vaf, 1e-9))  # percent, below which what is left is rounding error
+        vaf_words, bic_words = rank_words(-vaf, shared), rank_words(bic)
+        vaf_behind, bic_behind = loss_behind_best(-vaf), loss_behind_best(bic)
+        models = group.unique("model", keep="first", maintain_order=True).select(own).to_dicts()
+        for i, model in enumerate(models):
+            ratio = mean_with_bounds("unexplained_ratio", log_left[:, i] - log_left[:, 0], shared)
+            row = {
+                **model,
+                "trials": len(bic),
+                **mean_with_bounds("VAF_held_out", vaf[:, i], shared),
+                **mean_with_bounds("VAF_gain", vaf[:, i] - vaf[:, 0], shared),
+                **{name: None if value is None else float(np.exp(value)) for name, value in ratio.items()},
+                **mean_with_bounds("VAF_behind", vaf_behind[:, i], shared),
+                "by_VAF": vaf_words[i],
+                **mean_with_bounds("BIC_change", bic[:, i] - bic[:, 0]),
+                **mean_with_bounds("BIC_behind", bic_behind[:, i]),
+                "by_BIC": bic_words[i],
+            }
+            rows.append(row)
+    return pl.DataFrame(rows, infer_schema_length=None)
 
 
-def standing_rows(scores: pl.DataFrame) -> list[dict[str, object]]:
-    """Rows of the summary for the trials of one experiment and controller, its models in the order of the table."""
-    shared, own = scores["experiment"][0] in HELD_OUT_BY_TRIAL, [key for key in OF_MODEL if key in scores.columns]
-    models = scores.unique("model", keep="first", maintain_order=True).select(own)
-    vaf, bic = (scores_of_models(scores, column) for column in ("VAF_held_out", "BIC"))
-    log_left = np.log(np.maximum(100 - vaf, SMALLEST_LOSS))
-    vaf_words, bic_words = rank_words(-vaf, shared), rank_words(bic)
-    vaf_behind, bic_behind = loss_behind_best(-vaf), loss_behind_best(bic)
-    return [
-        {
-            **model,
-            "trials": len(bic),
-            **mean_with_bounds("VAF_held_out", vaf[:, i], shared),
-            **mean_with_bounds("VAF_gain", vaf[:, i] - vaf[:, 0], shared),
-            **mean_with_bounds("unexplained_ratio", log_left[:, i] - log_left[:, 0], shared, np.exp),
-            **mean_with_bounds("VAF_behind", vaf_behind[:, i], shared),
-            "by_VAF": vaf_words[i],
-            **mean_with_bounds("BIC_change", bic[:, i] - bic[:, 0]),
-            **mean_with_bounds("BIC_behind", bic_behind[:, i]),
-            "by_BIC": bic_words[i],
-        }
-        for i, model in enumerate(models.to_dicts())
-    ]
-
-
-def scores_of_models(scores: pl.DataFrame, column: str) -> Array:
-    """One score, shape (trials, models), of the trials that have it for every model."""
-    values = scores.pivot("model", index="trial", values=column).drop("trial").to_numpy()
-    return np.asarray(values[np.isfinite(values).all(axis=1)], dtype=float)
-
-
-def mean_with_bounds(
-    name: str, values: Array, shared: bool = False, scale: Callable[[float], float] = float
-) -> dict[str, float | None]:
-    """`name`, `name_low`, `name_high`: mean over trials (n,) and its 95 % interval, on a scale; else null."""
+def mean_with_bounds(name: str, values: Array, shared: bool = False) -> dict[str, float | None]:
+    """`name`, `name_low`, `name_high`: mean over trials (n,) and its 95 % interval; else null."""
     mean = mean_over_trials(values, shared)
     numbers = {name: mean.mean, f"{name}_low": mean.low, f"{name}_high": mean.high}
-    return {key: float(scale(value)) if np.isfinite(value) else None for key, value in numbers.items()}
+    return {key: float(value) if np.isfinite(value) else None for key, value in numbers.items()}

@@ -1,7 +1,7 @@
 """The fits of bench trials, the same at every door: workflow, command line, `watch`, notebooks; the benches' jobs."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import import_module
@@ -131,21 +131,9 @@ def fit_torque_angle_trial(
     )
 
 
-def by_place(table: pl.DataFrame, summary: Callable[[pl.DataFrame], pl.DataFrame]) -> pl.DataFrame:
-    """The summary of each joint and side on its own, one below the other, with columns that name them."""
-    if not set(components.PLACE) <= set(table.columns):
-        return summary(table)
-    found = []
-    for part in table.partition_by(components.PLACE, maintain_order=True):
-        place = part.select(components.PLACE).row(0, named=True)
-        named = [pl.lit(value, pl.String).alias(name) for name, value in place.items()]
-        found.append(summary(part).select(*named, pl.all()))
-    return pl.concat(found, how="vertical_relaxed")
-
-
 def summarise(table: Path, output: Path) -> None:
     """Mean, scatter and interval over the trials of `belt.csv`, `transmission.csv` or `actuator.csv`."""
-    write_table(by_place(read_table(table), getattr(components, f"{table.stem}_summary")), output)
+    write_table(components.part_summary(table.stem, read_table(table)), output)
 
 
 def summarise_model_comparison(table: Path, output: Path) -> None:
@@ -198,8 +186,7 @@ def compare_impedance_models(
     gains = condition.gains(p, weight)
     if gains is None:
         raise InputError(f"trial {trial.stem}: {condition.unknown_gains()}; Eq. 9 needs the gains of the controller")
-    drivetrain = model_comparison.drivetrain_of(record, gains, p, sign_width)
-    write_table(model_comparison.impedance_scores(drivetrain, condition.controller), output)
+    write_table(model_comparison.impedance_scores(record, gains, p, sign_width, condition.controller), output)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -43,10 +43,6 @@ def test_a_part_has_the_bytes_of_the_table_s_own_file_and_any_zip_reader_finds_i
         assert archive.read("phasors.csv") == (tmp_path / "phasors.csv").read_bytes()
 
 
-def test_the_same_tables_make_the_same_archive(tmp_path: Path) -> None:
-    assert written(tmp_path / "a.zip").read_bytes() == written(tmp_path / "b.zip").read_bytes()
-
-
 def test_after_an_error_nothing_is_written_and_an_older_archive_stays(tmp_path: Path) -> None:
     before = written(tmp_path / "t_1.zip").read_bytes()
     with pytest.raises(RuntimeError):

@@ -43,25 +43,6 @@ def test_an_integer_beyond_a_floats_reach_is_exact_in_every_chunk(tmp_path: Path
     assert decoded.values["a"].tolist() == [json.loads(text)["a"] for text in texts]
 
 
-@pytest.mark.parametrize("twice", ['"a": 1, "b": 0, "a": 2', '"a" : 1, "a": 2', '"a": 1, "\\u0061": 2'])
-@pytest.mark.parametrize("place", [0, 5, 39])
-def test_a_message_that_writes_a_field_twice_is_lost_and_said(tmp_path: Path, twice: str, place: int) -> None:
-    texts = ['{"a": 3, "c": {"b": 1}, "d": {"b": 2}}'] * 39
-    texts.insert(place, f'{{{twice}, "c": {{"b": 1}}, "d": {{"b": 2}}}}')
-    path = write(tmp_path / "log.mcap", texts, chunk_size=400)
-    file = read_mcap(path)
-    decoded = decode_topics(file, {"/lab": ["a", "c.b"]})["/lab"]
-    assert decoded.values["a"].tolist() == [3] * 39
-    assert any(
-        "1 of 40 messages of topic '/lab' are lost: field 'a' is written twice" in r for r in file.damage.remarks
-    )
-
-
-def test_a_field_that_nobody_wants_may_be_written_twice(tmp_path: Path) -> None:
-    decoded = read(write(tmp_path / "log.mcap", ['{"a": 1, "b": 2, "b": 3}'] * 9), "a")
-    assert decoded.values["a"].tolist() == [1] * 9
-
-
 def ingested(path: Path, **channel: str) -> Any:
     channels = {"theta": {"topic": "/lab", "field": "x", "unit": "rad", **channel}}
     described = {"format": "mcap", "time": {"source": "log"}, "largest_loss": 0.3, "channels": channels}

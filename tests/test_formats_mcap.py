@@ -129,17 +129,6 @@ def test_a_flipped_bit_in_an_opcode_loses_no_message(tmp_path: Path, record: Opc
     assert damage["messages_lost"] == 0
 
 
-def test_a_chunk_that_fails_its_checksum_is_left_out_and_counted(tmp_path: Path) -> None:
-    content = bytearray(written(tmp_path, compression=CompressionType.NONE))
-    start, end = chunks(content)[1]
-    content[(start + end) // 2] ^= 0x10
-    samples, damage = read(tmp_path, bytes(content))
-    lost = messages_in_chunks(bytes(content))[1]
-    assert len(samples) == MESSAGES - lost
-    assert (damage["crc"], damage["chunks_lost"], damage["messages_lost"]) == ("checked", 1, lost)
-    assert "does not match its checksum" in damage["remarks"][0]
-
-
 @pytest.mark.parametrize("wrong", [b"\0" * 8, b"\xff" * 8, b"\x01" + b"\0" * 7, bytes(8 + 16 * 3)])
 def test_a_wrong_message_index_changes_nothing_and_is_remarked(tmp_path: Path, wrong: bytes) -> None:
     content = written(tmp_path)

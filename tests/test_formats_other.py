@@ -77,12 +77,6 @@ def ingested(folder: Path, name: str, source: str) -> object:
 SOURCE = "format: csv\ntime: {column: t, unit: s}\nchannels:\n  theta: {column: angle, unit: deg}\n"
 
 
-def test_ingest_refuses_by_content_too(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text(QTM)
-    with pytest.raises(InputError, match="an export of Qualisys Track Manager in TSV, which is not read"):
-        ingested(tmp_path, "a.csv", SOURCE)
-
-
 def test_a_source_file_of_another_format_is_refused_with_the_format_of_the_file(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_bytes(MAGIC + bytes(100))
     with pytest.raises(InputError, match="is mcap, its source file says csv; write `format: mcap`"):

@@ -14,8 +14,6 @@ from mcap_builder import assert_decoded, write_payloads
 
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
-from osl_analysis.formats.mcap import read_mcap
-from osl_analysis.formats.messages import decode_topics
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.ingest.source import Source
 
@@ -125,16 +123,6 @@ def test_a_message_that_google_refuses_is_left_out_and_reported(tmp_path: Path) 
     assert recording.facts["damage"]["messages_lost"] == 1
     with pytest.raises(InputError, match="1 of 3 messages of topic '/lab' are lost: a message of"):
         FORMATS["mcap"].read(path, source(theta="one_double"))
-
-
-def test_large_whole_numbers_stay_exact_beside_small_ones(tmp_path: Path) -> None:
-    values = [2**64 - 1, 7, 2**63 + 1]
-    payloads = [stamped(k, one_uint64=value, maybe_bool=True) for k, value in enumerate(values)]
-    payloads.append(stamped(3, one_uint64=5))  # read in a batch of its own, as it has other fields
-    decoded = decode_topics(
-        read_mcap(write(tmp_path / "log.mcap", payloads)), {"/lab": ["one_uint64", "maybe_bool"]}, ["maybe_bool"]
-    )
-    assert decoded["/lab"].values["one_uint64"].tolist() == [*values, 5]
 
 
 def test_fields_are_listed_with_their_types_lengths_and_names(tmp_path: Path) -> None:

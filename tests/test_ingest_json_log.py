@@ -12,9 +12,8 @@ import yaml
 from recognised_files import read_recognised, refusal_of
 
 from osl_analysis.commands.inspect import inspect_file, overview_text
-from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.raw_files import FORMATS, read_source, recognise, trial_from_files
+from osl_analysis.ingest.raw_files import FORMATS, read_source, trial_from_files
 
 ROWS = 200
 CHANNELS = {
@@ -192,10 +191,6 @@ def test_a_last_line_that_breaks_off_is_left_out_with_a_warning(tmp_path: Path) 
     ("line", "reason"),
     [
         ('{"variables": {"time": 39.0, "ankle_an', "is not JSON"),
-        (
-            '{"variables": {"time": 39, "ankle_angle": 1, "ankle_angle": 2}, "functions": {"torque": 1}}',
-            "written twice",
-        ),
         ('{"variables": {"time": 39, "ankle_angle": "1.5"}, "functions": {"torque": 1}}', 'is "1.5", not a number'),
         ('{"variables": 4, "functions": {"torque": 1}}', "is 4, not an object"),
     ],
@@ -277,12 +272,6 @@ def test_the_draft_names_the_clock_and_all_numbers_also_late_ones(tmp_path: Path
     assert list(draft["channels"].values())[3]["unit"] == "deg"
 
 
-def test_json_that_is_not_lines_is_refused_with_the_remedy(tmp_path: Path) -> None:
-    (tmp_path / "a.json").write_text(json.dumps({"t": [1, 2], "angle": [3, 4]}, indent=1))
-    with pytest.raises(InputError, match="a document of JSON, which is not read; write JSON lines, an object per line"):
-        recognise(tmp_path / "a.json")
-
-
 def test_the_shipped_source_file_for_the_recorder_in_rust_fits_its_lines(tmp_path: Path) -> None:
     names = {"joint_position": 0.25, "output_position": 0.5, "motor_current": 1500}
     lines = [{"variables": {"time": k / 500, "sync": k % 50 < 25, **names}, "functions": {}} for k in range(100)]
@@ -290,10 +279,3 @@ def test_the_shipped_source_file_for_the_recorder_in_rust_fits_its_lines(tmp_pat
     samples = FORMATS["json_lines"].read(write(tmp_path / "a", lines), source).samples
     assert samples.drop("time", "sync").row(7, named=True) == {"theta": 0.25, "theta_m": 0.5, "current": 1.5}
     np.testing.assert_array_equal(samples["sync"], np.arange(100) % 50 < 25)
-
-
-def test_deep_json_and_endless_names_end_within_limits(tmp_path: Path) -> None:
-    deep = '{"variables": {"time": 1, "ankle_angle": 1, "x": ' + "[" * 100_000 + "]" * 100_000 + '}, "functions": {}}'
-    assert len(read(write(tmp_path / "a", [*rust_lines(), deep])).samples) == ROWS
-    names = [{f"name_{k}_{i}": 1.0 for i in range(100)} for k in range(30)]
-    assert len(inspect_file(write(tmp_path / "b", names)).channels) == 2000

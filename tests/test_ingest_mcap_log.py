@@ -48,13 +48,6 @@ def test_time_is_the_header_stamp_from_its_first_exact_to_the_nanosecond(tmp_pat
     assert recording.facts["time"] == {"source": "header.stamp", "stamps": "auto", "start_ns": START}
 
 
-def test_time_is_the_log_time_where_the_source_says_so(tmp_path: Path) -> None:
-    late = [(log_time + i * 500, fields) for i, (log_time, fields) in enumerate(samples())]
-    recording = FORMATS["mcap"].read(write_log(tmp_path / "log.mcap", late), source("log"))
-    np.testing.assert_allclose(np.diff(recording.samples["time"]), 1e-3 + 5e-7, rtol=1e-9)
-    assert recording.facts["time"]["source"] == "log"
-
-
 @pytest.mark.parametrize(
     "options",
     [

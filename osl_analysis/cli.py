@@ -360,13 +360,15 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
 @option("--look", is_flag=True, help="Also ingest and fit the first bench trial of each source file.")
 def doctor(look: bool) -> None:
     """Say whether this machine, and the campaign in this folder, can run, and what is missing."""
-    from osl_analysis.commands.run import findings_text, looked_at
+    from osl_analysis.commands.run import looked_at
 
-    found = list(looked_at(Path()))
-    say(findings_text(found))
+    seen = list(looked_at(Path()))
+    width = max(len(what) for what, _, _ in seen)
+    for what, found, remedy in seen:
+        say(f"{'!!' if remedy else 'ok'} {what:<{width}}  {found}{f': {remedy}' if remedy else ''}")
     if look:
         print_first_look(Path())
-    if any(one.remedy for one in found):
+    if any(remedy for _, _, remedy in seen):
         sys.exit(1)
 
 

@@ -9,13 +9,13 @@ import pytest
 from conftest import ROOT
 
 from osl_analysis.commands.tables import judge, list_excluded
-from osl_analysis.commands.trials import measure_trial
 from osl_analysis.config.configuration import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.jobs.refusal import Refusal
 from osl_analysis.judge.findings import Judge, exclusion_report, exclusions, without_excluded
+from osl_analysis.judge.recording import examine, measured_table
 from osl_analysis.judge.table import Commanded, QualityRules
-from osl_analysis.table import read_table
+from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
 
 RULES = read_section(ROOT / "config/config.yaml", "quality", QualityRules)
@@ -31,7 +31,7 @@ def checked(tmp_path: Path) -> list[Path]:
         force = offset + np.random.default_rng(1).standard_normal(1000)
         trial = Trial(name, pl.DataFrame({"time": np.arange(1000) / rate, "plate1_force_z": force}))
         paths.append(tmp_path / f"quality/{name}.csv")
-        measure_trial(trial, "plate", Commanded((), (), 1), paths[-1])
+        write_table(measured_table(name, examine(trial, "plate", Commanded((), (), 1))), paths[-1])
     return paths
 
 

@@ -1,7 +1,6 @@
 """A new campaign: what is drafted from recordings, what is not overwritten, and how editors check its files."""
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from jsonschema import Draft202012Validator
 from osl_analysis.cli import main
 from osl_analysis.commands.inspect import draft_campaign
 from osl_analysis.commands.reference import definitions_of, schemas
-from osl_analysis.commands.run import asking_no_cluster, looked_at, snakemake_arguments
+from osl_analysis.commands.run import looked_at, snakemake_arguments
 from osl_analysis.config.configuration import read_config
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
@@ -161,8 +160,8 @@ def test_an_empty_campaign_names_what_is_to_be_done(tmp_path, monkeypatch):
     assert call("init", tmp_path / "mine", "--recorder", "opensourceleg").exit_code == 0
     assert read_source(tmp_path / "mine/sources/opensourceleg.yaml").format == "csv"
     monkeypatch.chdir(tmp_path / "mine")
-    (said,) = [one for one in looked_at(Path()) if one.what == "campaign"]
-    assert "no trials; add one row per trial" in said.found
+    (said,) = [found for what, found, _ in looked_at(Path()) if what == "campaign"]
+    assert "no trials; add one row per trial" in said
 
 
 def test_snakemake_is_given_the_campaign_of_the_folder(tmp_path, monkeypatch):
@@ -257,13 +256,3 @@ def test_an_editor_knows_the_units_of_parameters(validators):
     assert validators["parameters"].is_valid(content)
     content["parameters"]["J_m"]["unit"] = "kg*m"
     assert not validators["parameters"].is_valid(content)
-
-
-@pytest.mark.parametrize("configured", [None, "/etc/slurm/slurm.conf"])
-def test_slurm_is_asked_nothing_while_snakemake_is_imported_and_is_found_again_afterwards(monkeypatch, configured):
-    monkeypatch.delenv("SLURM_CONF", raising=False)
-    if configured:
-        monkeypatch.setenv("SLURM_CONF", configured)
-    with asking_no_cluster():
-        assert os.environ["SLURM_CONF"] == os.devnull
-    assert os.environ.get("SLURM_CONF") == configured

@@ -32,9 +32,10 @@ from osl_analysis.commands.figure import fig7
 from osl_analysis.commands.gains import Request, requested_gains
 from osl_analysis.commands.inspect import estimates_line
 from osl_analysis.commands.tables import gather, judge
-from osl_analysis.commands.trials import ingest_trial, measure_trial
+from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.configuration import FrequencyResponseFigure, read_config
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
+from osl_analysis.judge.recording import examine, measured_table
 from osl_analysis.judge.table import Commanded
 from osl_analysis.model.gain_selection import Weight
 from osl_analysis.table import read_table, write_table
@@ -174,7 +175,7 @@ def test_the_check_of_a_trial_has_the_rows_of_the_campaign_and_accepts_nothing(e
     config, trial = read_config(short), bench_trial(experiment)
     slow = replace(trial, samples=trial.samples.with_columns(pl.col("time") * 50))
     commanded = Commanded(**{name: getattr(config.dynamometer, name) for name in PROTOCOL})
-    measure_trial(slow, experiment, commanded, tmp_path / "measured.csv")
+    write_table(measured_table("made", examine(slow, experiment, commanded)), tmp_path / "measured.csv")
     judge([tmp_path / "measured.csv"], config.quality, {}, tmp_path / "quality.csv")
     found = osl.check(slow, experiment, config=short)
     assert_same(found, tmp_path / "quality.csv", tmp_path)

@@ -129,7 +129,7 @@ def test_a_trial_stands_without_a_verdict_and_no_verdict_without_its_trial(
         raise InputError("raw/b_1.mcap: too short; record it again")
 
     monkeypatch.setattr(trials, "ingest_trial", ingest)
-    monkeypatch.setattr(trials, "measure_trial", refuse)
+    monkeypatch.setattr(trials, "examine", refuse)
     settings = {"row": {"trial": "b_1", "experiment": "belt", "log": "b_1.mcap"}, "needed_columns": []}
     settings |= {"raw_folder": "raw", "sources_folder": "."}
     settings |= {"commanded": {"amplitudes_deg": [], "frequencies_hz": [], "cycles": 1}}

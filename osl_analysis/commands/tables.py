@@ -3,17 +3,16 @@
 import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, fields
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import polars as pl
-from pydantic import Field
 
 from osl_analysis.bench.response_tables import MODELS, RESPONSE, periodic_tables
 from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.config.campaign import About
 from osl_analysis.config.parameters import FileOrNone, joint_of, known_parameters
-from osl_analysis.config.yaml_settings import Settings, validated
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.jobs.job_log import read_log
@@ -73,9 +72,11 @@ def list_fits(fits: Sequence[Path], output: Path, refused: Sequence[Refusal] = (
         temporary.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
 
 
-CONDITION = ("joint", "side", "subject", "session", "group", "controller", "K_d", "B_d")
+CONDITION_TYPES: dict[str, type[pl.DataType]] = {
+    **dict.fromkeys(("joint", "side", "subject", "session", "group", "controller"), pl.String),
+    **dict.fromkeys(("K_d", "B_d"), pl.Float64),
+}
 """Columns of the sample sheet in which trials that are pooled agree."""
-CONDITION_TYPES: dict[str, type[pl.DataType]] = {c: pl.Float64 if c in ("K_d", "B_d") else pl.String for c in CONDITION}
 
 
 def pool_responses(
@@ -92,41 +93,32 @@ def pool_responses(
     Conditions with a single trial have no rows, nor have trials whose motions differ in more than phases.
     """
     p, of_joint = known_parameters(parameters), joint_of(parameters) if parameters else None
-    made: dict[str, list[pl.DataFrame]] = {"response": [], "response_models": []}
-    for group in alike_groups(lines, conditions):
-        names = list(group)
-        every = [one for realisations in group.values() for one in realisations]
-        place = [
-            pl.lit(conditions[names[0]].get(column), dtype).alias(column) for column, dtype in CONDITION_TYPES.items()
-        ]
-        device = p if conditions[names[0]].get("joint") == of_joint else None
-        frames = periodic_tables(", ".join(names), every, settings.low_pass, device)
-        for name, pools in made.items():
-            pools.append(frames[name].rename({"trial": "trials"}).select(*place, pl.all()))
-    for name, schema, path in (
-        ("response", RESPONSE, response_pooled),
-        ("response_models", MODELS, response_models_pooled),
-    ):
-        write_table(pl.concat([pl.DataFrame(schema=pooled_schema(schema)), *made[name]]), path)
-
-
-def pooled_schema(schema: Mapping[str, type[pl.DataType]] = RESPONSE) -> dict[str, type[pl.DataType]]:
-    """The columns of a pooled table: the condition, and `trials` in place of `trial`."""
-    return {**CONDITION_TYPES, **{"trials" if name == "trial" else name: dtype for name, dtype in schema.items()}}
-
-
-def alike_groups(
-    lines: Sequence[Path], conditions: Mapping[str, Mapping[str, Any]]
-) -> list[dict[str, list[Realisation]]]:
-    """The trials of one condition with motions that are alike, each with its realisations."""
     by_condition: dict[tuple[Any, ...], dict[str, list[Realisation]]] = {}
     for path in lines:
         table = read_table(path, of="response_lines")
         if not table.is_empty():
             trial = str(table["trial"][0])
-            key = tuple(conditions[trial].get(column) for column in CONDITION)
+            key = tuple(conditions[trial].get(column) for column in CONDITION_TYPES)
             by_condition.setdefault(key, {})[trial] = realisations_from(table)
-    return [group for trials in by_condition.values() for group in pooled(trials)]
+    made = {"response": [pl.DataFrame(schema=pooled_schema(RESPONSE))]}
+    made["response_models"] = [pl.DataFrame(schema=pooled_schema(MODELS))]
+    for key, trials in by_condition.items():
+        place = [
+            pl.lit(cell, dtype).alias(name) for cell, (name, dtype) in zip(key, CONDITION_TYPES.items(), strict=True)
+        ]
+        for group in pooled(trials):
+            every = [one for realisations in group.values() for one in realisations]
+            device = p if key[0] == of_joint else None
+            frames = periodic_tables(", ".join(group), every, settings.low_pass, device)
+            for name, pools in made.items():
+                pools.append(frames[name].rename({"trial": "trials"}).select(*place, pl.all()))
+    write_table(pl.concat(made["response"]), response_pooled)
+    write_table(pl.concat(made["response_models"]), response_models_pooled)
+
+
+def pooled_schema(schema: Mapping[str, type[pl.DataType]] = RESPONSE) -> dict[str, type[pl.DataType]]:
+    """The columns of a pooled table: the condition, and `trials` in place of `trial`."""
+    return {**CONDITION_TYPES, **{"trials" if name == "trial" else name: dtype for name, dtype in schema.items()}}
 
 
 def judge(
@@ -223,44 +215,7 @@ def write_table_metadata(about: About, tables: Sequence[str], output: Path) -> N
         path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-class Number(Settings):
-    """One headline number as the summary has it."""
-
-    value: float
-    unit: str
-    low: float | None
-    high: float | None
-    interval: str | None
-    n: int
-    n_doubtful: int
-    n_left_out: int
-    doubt: str | None = None
-    draft: float | None
-    meaning: str
-    amplitudes_low: float | None = None
-    amplitudes_high: float | None = None
-
-
-class Trials(Settings):
-    """The trials of one experiment."""
-
-    used: int
-    of: int
-    missing: dict[str, str]
-
-
-class Summary(Settings):
-    """The summary of a campaign."""
-
-    campaign: str
-    data: str = ""
-    version: str = ""
-    configuration: str = ""
-    recorded: str = ""
-    trials: dict[str, Trials] = Field(default_factory=dict)
-    missing_results: dict[str, str] = Field(default_factory=dict)
-    findings: list[dict[str, Any]] = Field(default_factory=list)
-    numbers: dict[str, Number]
+OF_NUMBER = ("value", "unit", "low", "high", "interval", "n", "n_doubtful", "n_left_out", "draft", "meaning")
 
 
 def read_summary(summary_json: Path) -> dict[str, Any]:
@@ -272,15 +227,17 @@ def read_summary(summary_json: Path) -> dict[str, Any]:
         remedy = f"write `--summary {there}`" if there.is_file() else run
         raise InputError(f"{summary_json}: no such summary; {remedy}")
     try:
-        content = json.loads(summary_json.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
+        content: dict[str, Any] = json.loads(summary_json.read_text(encoding="utf-8"))
+        for name, number in content["numbers"].items():
+            value = number.get("value", 0.0)
+            if not isinstance(value, int | float) or not isfinite(value):
+                raise ValueError(f"numbers.{name}.value: {value!r} is not allowed")
+            for field in (one for one in OF_NUMBER if one not in number):
+                raise ValueError(f"field 'numbers.{name}.{field}' is missing")
+    except KeyError as error:
+        raise InputError(f"{summary_json}: not a summary (no field {error}); {MAKE_AGAIN}") from error
+    except (ValueError, RecursionError, TypeError, AttributeError) as error:
         raise InputError(f"{summary_json}: not a summary ({error}); {MAKE_AGAIN}") from error
-    if not isinstance(content, dict):
-        raise InputError(f"{summary_json}: not a summary (it holds no names); {MAKE_AGAIN}")
-    try:
-        validated(content, Summary, summary_json)
-    except InputError as error:
-        raise InputError(f"{error}; {MAKE_AGAIN}") from error
     return content
 
 

@@ -35,11 +35,6 @@ def checked_trial(
     return trial
 
 
-def measure_trial(trial: Trial, experiment: str, commanded: Commanded, output: Path) -> None:
-    """What every check measures on an ingested trial, a row each, without limits and verdicts."""
-    write_table(measured_table(trial.name, examine(trial, experiment, commanded)), output)
-
-
 def ingest_and_check(
     row: Mapping[str, Any],
     raw_folder: Path,
@@ -49,12 +44,11 @@ def ingest_and_check(
     trial: Path,
     quality: Path,
 ) -> None:
-    """Write the trial of one row of the sheet to `trial`, and what every check measures on it to `quality`.
-
-    Raises PartialResultError where the trial is written and nothing measured.
+    """Write the trial of one row of the sheet to `trial`, and what every check measures on it to `quality`, a row each,
+    without limits and verdicts. Raises PartialResultError where the trial is written and nothing measured.
     """
     record = ingest_trial(row, raw_folder, sources_folder, trial, needed_columns)
     try:
-        measure_trial(record, str(row["experiment"]), commanded, quality)
+        write_table(measured_table(record.name, examine(record, str(row["experiment"]), commanded)), quality)
     except Exception as error:
         raise PartialResultError([quality]) from error

@@ -75,32 +75,17 @@ def assert_log(recording: Recording) -> None:
         (LOG.replace("t,angle,load", "load,t,angle").replace("10.0,0,1", "1,10.0,0").replace(
             "10.5,90,2", "2,10.5,90").replace("11.0,-180,+3.5", "3.5,11.0,-180"), {}),
         (LOG, {"time": {"rate": 2.0}}),
+        (LOG.replace("t,angle,load", "t [s],angle (deg),load[N.m]"), UNITLESS),
         (LOG.replace("load\n", "load\ns,deg,Nm\n"), UNITLESS | {"units_row": True}),
         ('"t","angle","load"\n"10.0","0","1"\n"10.5","90","2"\n"11.0","-180","+3.5"\n', {}),
     ],
     ids=[
         *("plain", "semicolons", "tabs", "spaces", "decimal-comma", "crlf", "padded", "blanks", "utf-16", "bom"),
-        *("blank-lines", "comments", "header-in-comment", "order", "rate", "row-of-units", "quoted"),
+        *("blank-lines", "comments", "header-in-comment", "order", "rate", "units-in-names", "row-of-units", "quoted"),
     ],
 )  # fmt: skip
 def test_one_log_in_any_dress_is_one_log(tmp_path: Path, text: str | bytes, fields: dict[str, object]) -> None:
     assert_log(read(tmp_path, text, source(**fields)))
-
-
-@pytest.mark.parametrize("title", ["angle [deg]", "angle (deg)", "angle[deg]"])
-def test_units_in_the_columns_names_are_the_files(tmp_path: Path, title: str) -> None:
-    text = (
-        LOG.replace("t,angle,load", f"t [s],{title},load [N.mm]").replace(",1\n", ",1000\n").replace(",2\n", ",2e3\n")
-    )
-    recording = read(tmp_path, text.replace("+3.5", "3500"), source(**UNITLESS))
-    assert_log(recording)
-    assert recording.columns["torque"]["unit"] == "N.mm"
-
-
-def test_scale_sign_and_offset_are_applied_in_that_order(tmp_path: Path) -> None:
-    channel = {"column": "angle", "unit": "rev", "scale": 0.5, "sign": -1, "offset": 10.0}
-    theta = read(tmp_path, LOG, source(channels={"theta": channel})).samples["theta"]
-    np.testing.assert_allclose(theta, [-10 * math.pi, -100 * math.pi, 170 * math.pi], rtol=1e-12)
 
 
 def test_the_source_files_unit_wins_over_the_files_and_says_so(tmp_path: Path) -> None:
@@ -187,28 +172,6 @@ def test_a_last_line_that_is_cut_off_is_left_out_with_a_warning(tmp_path: Path) 
     assert "damage" not in read(tmp_path, LOG).facts
 
 
-def test_the_comment_lines_of_a_bench_are_kept_in_the_provenance(tmp_path: Path) -> None:
-    assert read(tmp_path, "# rig: B\n#operator: K\n" + LOG).facts["comments"] == ["rig: B", "operator: K"]
-
-
-@pytest.mark.parametrize(
-    ("fields", "problem"),
-    [
-        ({"time": {}}, "state either the column that holds time or the rate"),
-        ({"time": {"column": "t", "rate": 100}}, "state either"),
-        ({"clock": "sync"}, "needs the column sync"),
-        ({"channels": {"plate": {"column": "a", "unit": "N"}}}, "'plate' is not a canonical column"),
-        ({"channels": {"marker_": {"column": "a", "unit": "m"}}}, "not a canonical column"),
-        ({"channels": {"theta": {"column": "a", "unit": "N"}}}, r"unit 'N' measures \[N\]"),
-        ({"channels": {"theta": {"column": "a", "unit": "rad", "scale": 0}}}, "scale of zero"),
-        ({"units_row": True, "header": "none"}, "needs a header row"),
-    ],
-)
-def test_a_mistake_in_a_source_file_is_refused(fields: dict[str, object], problem: str) -> None:
-    with pytest.raises(ValueError, match=problem):
-        source(**fields)
-
-
 cells = st.one_of(
     st.floats(allow_nan=True).map(repr), st.text(max_size=6), st.sampled_from(["", "ERROR", "1,5", '"', "#", "\0", "t"])
 )
@@ -251,22 +214,6 @@ def test_any_text_is_samples_or_a_sentence(
     assert message.isprintable()
 
 
-@given(
-    values=st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=20),
-    sign=st.sampled_from([",", ";", "\t"]),
-    decimal=st.sampled_from([".", ","]),
-)
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_numbers_come_back_to_the_last_bit(tmp_path: Path, values: list[float], sign: str, decimal: str) -> None:
-    if sign == decimal == ",":
-        return
-    lines = [sign.join(["t", "angle", "load"])]
-    lines += [sign.join([str(i), repr(value).replace(".", decimal), "0"]) for i, value in enumerate(values)]
-    channels = {"theta": {"column": "angle", "unit": "rad"}}
-    samples = read(tmp_path, "\n".join(lines), source(decimal=decimal, channels=channels)).samples
-    assert samples["theta"].to_list() == values
-
-
 def test_what_a_source_file_states_of_a_sensor_stands_in_si_units_in_the_provenance(tmp_path: Path) -> None:
     stated = {"delay": "2 ms", "low_pass": {"cutoff": "0.1 kHz", "order": 2}, "resolution": "10 N*mm"}
     fields = {
@@ -276,7 +223,8 @@ def test_what_a_source_file_states_of_a_sensor_stands_in_si_units_in_the_provena
             "torque": {"column": "load", "unit": "Nm", **stated},
         },
     }
-    recording = read(tmp_path, LOG, source(**fields))
+    recording = read(tmp_path, "# rig: B\n" + LOG, source(**fields))
+    assert recording.facts["comments"] == ["rig: B"]
     torque = recording.columns["torque"]
     assert torque["delay"] == 0.002
     assert torque["low_pass"] == {"cutoff_hz": 100.0, "order": 2}
@@ -284,23 +232,6 @@ def test_what_a_source_file_states_of_a_sensor_stands_in_si_units_in_the_provena
     assert recording.columns["theta"]["resolution"] == pytest.approx(2 * np.pi / 2**14)
     assert "delay" not in recording.columns["theta"]
     assert recording.facts["time"]["stamps"] == "even"
-
-
-@pytest.mark.parametrize(
-    ("stated", "problem"),
-    [
-        ({"delay": "2"}, "the unit is empty; write one of s, ms"),
-        ({"delay": "2 deg"}, "unit 'deg' measures [rad], expected one of s, ms"),
-        ({"delay": "soon"}, "'soon' is not a number with a unit; write it as in `2 s`"),
-        ({"low_pass": {"cutoff": "-5 Hz"}}, "a cut-off must be above zero"),
-        ({"low_pass": {"cutoff": "5 Hz", "order": 0}}, "greater than or equal to 1"),
-        ({"resolution": "0.1 deg"}, "'0.1 deg' is not allowed: unit 'deg' measures [rad]"),
-        ({"bits": 14}, "14 is not allowed: `bits` are those of an encoder per revolution; state `resolution`"),
-    ],
-)
-def test_a_sensor_that_is_stated_wrongly_is_refused_with_the_remedy(stated: dict[str, object], problem: str) -> None:
-    with pytest.raises(ValueError, match=re.escape(problem)):
-        source(channels={"torque": {"column": "load", "unit": "Nm", **stated}})
 
 
 TABLE_SOURCE = {
@@ -412,15 +343,6 @@ def test_a_pattern_of_several_columns_or_none_is_refused_with_the_columns(tmp_pa
     )
 
 
-def test_a_name_goes_before_a_pattern_and_a_number(tmp_path: Path) -> None:
-    text = TABLE.replace("t,angle,load", "t,a*,a1")
-    channels = {"theta": {"column": "a*", "unit": "rad"}, "torque": {"column": "a1", "unit": "Nm"}}
-    assert_samples(ingested(tmp_path, text, channels=channels))
-    dots = TABLE.replace("t,angle,load", "t,a.b,axb")
-    only = {"theta": {"column": "a.*", "unit": "rad"}}
-    assert_samples(ingested(tmp_path, dots, channels=only), theta=[1, 2, 3, 4])  # a full stop is a full stop
-
-
 def test_the_draft_of_a_logger_with_addresses_fits_its_next_recording(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(LOGGER + ROWS)
     channels = yaml.safe_load(draft_source(inspect_file(tmp_path / "a.csv"), "a.csv"))["channels"]
@@ -461,21 +383,6 @@ def test_a_date_is_replaced_by_the_rate_as_the_refusal_says(tmp_path: Path, stam
     np.testing.assert_allclose(trial.samples["time"], [0, 1e-3, 2e-3, 3e-3])
 
 
-def test_columns_without_names_are_given_by_number_as_the_refusal_says(tmp_path: Path) -> None:
-    text = TABLE.partition("\n")[2]
-    message = refusal(tmp_path, text)
-    assert "write `header: none` and the columns' numbers" in message
-    by_number = {"theta": {"column": 2, "unit": "rad"}, "torque": {"column": 3, "unit": "Nm"}}
-    fields = advised(message) | {"channels": by_number, "time": {"column": 1, "unit": "s"}}
-    assert_samples(ingested(tmp_path, text, **fields))
-
-
-def test_columns_between_blanks_and_one_that_is_called_unknown_are_read(tmp_path: Path) -> None:
-    assert_samples(ingested(tmp_path, TABLE.replace(",", "   ")))
-    channels = {"theta": {"column": "UNKNOWN", "unit": "rad"}}
-    assert_samples(ingested(tmp_path, TABLE.replace("angle", "UNKNOWN"), channels=channels), theta=[1, 2, 3, 4])
-
-
 def test_a_unit_that_is_wrong_is_named_with_file_line_key_and_value(tmp_path: Path) -> None:
     channels = {"theta": {"column": "angle", "unit": "xyz"}}
     message = refusal(tmp_path, TABLE, channels=channels)
@@ -489,20 +396,45 @@ def test_a_unit_that_is_wrong_is_named_with_file_line_key_and_value(tmp_path: Pa
     assert message.endswith(f"write one of s, ms, us, ns, as `time.unit` in {tmp_path / 'source.yaml'}, line 2")
 
 
+def load(**stated: object) -> dict[str, object]:
+    """A source file's channel of the torque, of whose sensor something is stated."""
+    return {"channels": {"torque": {"column": "load", "unit": "Nm", **stated}}}
+
+
 @pytest.mark.parametrize(
-    ("fields", "meant"),
+    ("fields", "told"),
     [
-        ({"chanels": TABLE_SOURCE["channels"]}, "channels"),
-        ({"channels": {"theta": {"colunm": "angle", "unit": "rad"}}}, "column"),
-        ({"channels": {"thetta": {"column": "angle", "unit": "rad"}}}, "theta"),
-        ({"channels": {"Torque": {"column": "angle", "unit": "Nm"}}}, "torque"),
-        ({"channels": {"theta": {"column": "Angle", "unit": "rad"}}}, "angle"),
-        ({"time": {"column": "t", "unti": "s"}}, "unit"),
-        ({"format": "cvs"}, "csv"),
+        ({"time": {}}, "state either the column that holds time or the rate"),
+        ({"time": {"column": "t", "rate": 100}}, "state either"),
+        ({"time": {"column": "t", "unit": "Hz"}}, "line 4: time.unit: 'Hz' is not allowed: unit 'Hz' measures [Hz]"),
+        ({"time": {"rate": "500 Hz"}}, "time.rate: '500 Hz' is not allowed: write a number, without a unit"),
+        ({"time": {"column": "t", "unti": "s"}}, "; did you mean 'unit'?"),
+        ({"time": "t"}, "time: 't' is not allowed: write its fields below it, as `name: value`; the known"),
+        ({"clock": "sync"}, "needs the column sync"),
+        ({"clock": "mastr"}, "write 'master', 'sync' or 'shared'; did you mean 'master'?"),
+        ({"missing": "NA"}, "missing: 'NA' is not allowed: write a list"),
+        ({"format": "cvs"}, "; did you mean 'csv'?"),
+        ({"chanels": {}}, "; did you mean 'channels'?"),
+        ({"units_row": True, "header": "none"}, "needs a header row"),
+        ({"channels": {"plate": {"column": "a", "unit": "N"}}}, "'plate' is not a canonical column"),
+        ({"channels": {"Torque": {"column": "a", "unit": "Nm"}}}, "; did you mean 'torque'?"),
+        ({"channels": {"theta": {"colunm": "a", "unit": "rad"}}}, "; did you mean 'column'?"),
+        ({"channels": {"theta": {"column": "a", "unit": "N"}}}, "unit 'N' measures [N]"),
+        (load(scale=0), "scale of zero"),
+        (load(sign=True), "write 1 or -1"),
+        (load(delay="2"), "the unit is empty; write one of s, ms"),
+        (load(delay="2 deg"), "unit 'deg' measures [rad], expected one of s, ms"),
+        (load(delay="soon"), "'soon' is not a number with a unit; write it as in `2 s`"),
+        (load(low_pass={"cutoff": "-5 Hz"}), "a cut-off must be above zero"),
+        (load(low_pass={"cutoff": "5 Hz", "order": 0}), "low_pass.order: 0 is not allowed"),
+        (load(resolution="0.1 deg"), "'0.1 deg' is not allowed: unit 'deg' measures [rad]"),
+        (load(bits=14), "14 is not allowed: `bits` are those of an encoder per revolution; state `resolution`"),
     ],
 )
-def test_a_misspelt_name_is_asked_for(tmp_path: Path, fields: dict[str, object], meant: str) -> None:
-    assert f"; did you mean '{meant}'?" in refusal(tmp_path, TABLE, **fields)
+def test_a_mistake_in_a_source_file_is_answered_with_what_to_write(
+    tmp_path: Path, fields: dict[str, object], told: str
+) -> None:
+    assert told in refusal(tmp_path, TABLE, **fields)
 
 
 BENCH = "loop_time,ankle_deg,load_Nm,motor_mA,phase\n0,1,5,7,0\n10,2,6,7,0\n20,3,7,7,0\n"
@@ -569,39 +501,11 @@ def test_extra_cells_and_units_below_the_header_are_drafted(tmp_path: Path) -> N
     assert (source["time"]["unit"], source["channels"]["NAME_1"]["unit"]) == ("s", "deg")
 
 
-def test_a_comma_between_thousands_is_not_read_as_a_decimal_sign(tmp_path: Path) -> None:
-    text = TABLE.replace("0.02,3,7", '0.02,"1,234",7')
-    message = refusal(tmp_path, text)
-    assert "if the comma is the decimal sign" in message
-    assert 'write `decimal: "."` in the source file if the full stop is' in refusal(tmp_path, text, **advised(message))
-
-
 def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
     stamps = [1_700_000_000_000_000_001 + 1_000_003 * n for n in range(4)]
     rows = "".join(f"{stamp},{n},{n}\n" for n, stamp in enumerate(stamps))
     trial = ingested(tmp_path, f"t,angle,load\n{rows}", time={"column": "t", "unit": "ns"})
     np.testing.assert_allclose(trial.samples["time"], np.arange(4) * 1.000003e-3, rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("text", "problem"),
-    [
-        ("formt: csv", "field 'format' is missing; rename 'formt', or add it"),
-        (
-            "format: csv\ntime: t",
-            "line 2: time: 't' is not allowed: write its fields below it, as `name: value`; the known",
-        ),
-        ("format: csv\ntime: {rate: 500 Hz}", "time.rate: '500 Hz' is not allowed: write a number, without a unit"),
-        ("format: csv\nmissing: NA", "missing: 'NA' is not allowed: write a list"),
-        ("format: csv\nclock: mastr", "write 'master', 'sync' or 'shared'; did you mean 'master'?"),
-        ("format: csv\n\ttime: 1", "indent with blanks, not with tabs"),
-        ("format: csv\ntime: {column: t, unit: Hz}", "line 2: time.unit: 'Hz' is not allowed: unit 'Hz' measures [Hz]"),
-    ],
-)
-def test_a_field_of_a_wrong_kind_is_answered_with_what_to_write(tmp_path: Path, text: str, problem: str) -> None:
-    (tmp_path / "source.yaml").write_text(text + "\nchannels: {theta: {column: angle, unit: deg}}\n")
-    with pytest.raises(InputError, match=re.escape(problem)):
-        read_source(tmp_path / "source.yaml")
 
 
 def test_the_longest_unit_at_the_end_of_a_name_counts() -> None:

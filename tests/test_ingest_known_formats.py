@@ -18,8 +18,6 @@ from osl_analysis.ingest.raw_files import FORMATS, KnownFormat, read_source, rec
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source import Keys, Source
 from osl_analysis.judge.table import QualityRules
-from osl_analysis.simulator.mcap_writer import DYNAMOMETER, write_mcap
-from osl_analysis.simulator.vicon import C3dRecording, write_c3d
 from osl_analysis.trial import read_trial
 
 ROOT = Path(__file__).parents[1]
@@ -113,58 +111,3 @@ def test_a_file_is_recognised_by_its_content_and_where_that_says_nothing_by_its_
     recognised = {path.name: recognise(path) for path in tmp_path.iterdir()}
     by_name = {"a.c3d": "c3d", "a.mcap": "mcap", "a.csv": "csv", "a.log": "csv"}
     assert recognised == {**by_name, "b.csv": "mcap", "c.csv": "nexus_csv"}
-
-
-TIME = 5.0 + np.arange(200) / 500
-
-
-def log_source(name: str) -> Source:
-    return read_source(ROOT / "config/sources" / f"{name}.yaml")
-
-
-def test_the_dynamometers_log_gives_the_resisting_torque(tmp_path: Path) -> None:
-    fields = ("joint_angle", "load_cell_torque", "actuator_angle", "motor_current", "commanded_angle")
-    columns = {field: np.float32(np.sin(TIME + i)) for i, field in enumerate(fields)}
-    write_mcap(tmp_path / "log.mcap", DYNAMOMETER, TIME, columns)
-    recording = FORMATS["mcap"].read(tmp_path / "log.mcap", log_source("dynamometer"))
-    mapped = {"theta": 0, "torque": 1, "theta_m": 2, "current": 3, "theta_command": 4}
-    for column, field in mapped.items():
-        sign = -1 if column == "torque" else 1  # the load cell measures what the joint exerts
-        np.testing.assert_array_equal(recording.samples[column], sign * columns[fields[field]].astype(float))
-    np.testing.assert_allclose(recording.samples["time"], TIME - TIME[0], atol=1e-9)
-    assert recording.warnings == []
-
-
-def test_vicons_file_gives_markers_the_ground_reaction_and_both_pulses(tmp_path: Path) -> None:
-    frames, ratio = 30, 5
-    points = np.random.default_rng(0).normal(1.0, 0.2, (frames, 2, 3))
-    points[4:7, 1] = np.nan
-    corners = np.array([[0.6, 0.5, 0.0], [0.6, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
-    foot, force = np.array([0.4, 0.2, 0.0]), np.array([20.0, -30.0, 700.0])
-    centre, depth = corners.mean(axis=0), 0.041
-    axes = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])  # rows: the plate's x, y and z in the laboratory
-    about_sensors = axes @ np.cross(foot - centre + [0, 0, depth], force)
-    channels = np.concatenate([axes @ force, about_sensors * 1000, [5.0, 0.0]])
-    recording = C3dRecording(
-        labels=("FOOT1", "PLAT1"),
-        points=points,
-        point_rate_hz=300,
-        channels=("Fx1", "Fy1", "Fz1", "Mx1", "My1", "Mz1", "Sync", "Trigger"),
-        units=("N", "N", "N", "Nmm", "Nmm", "Nmm", "V", "V"),
-        analogs=np.tile(channels, (frames * ratio, 1)),
-        analog_rate_hz=1500,
-        corners=corners,
-        origin=np.array([0.0, 0.0, -depth]),
-    )
-    write_c3d(tmp_path / "a.c3d", recording)
-    source = read_source(ROOT / "config/sources" / "vicon.yaml")
-    samples = FORMATS["c3d"].read(tmp_path / "a.c3d", source).samples
-    for axis, name in enumerate("xyz"):
-        for i, label in enumerate(recording.labels):
-            seen = samples[f"marker_{label}_{name}"].drop_nulls().to_numpy()
-            np.testing.assert_allclose(seen, points[:, i, axis], atol=1e-6)
-        assert samples[f"plate1_force_{name}"][7] == pytest.approx(force[axis], rel=1e-6)
-        expected = np.cross(foot - centre, force)[axis]
-        assert samples[f"plate1_moment_{name}"][7] == pytest.approx(expected, rel=1e-5, abs=1e-5)
-    assert samples["sync"].unique().to_list() == [5.0]
-    assert samples["trigger"].unique().to_list() == [0.0]

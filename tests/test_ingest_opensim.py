@@ -128,12 +128,6 @@ def test_rows_of_trc_that_cannot_be_right_are_refused(tmp_path: Path) -> None:
     assert "no marker 'TOES'; the file has HEAD, HIP, KNEE, TOE; did you mean 'TOE'?" in refused(path, markers=["TOES"])
 
 
-def test_rates_whose_times_are_rounded_are_accepted(tmp_path: Path) -> None:
-    for rate in (59.94, 150.0, 1000 / 3):
-        recording = read(write_trc(tmp_path / f"{rate:.0f}.trc", walk(), rate), axes=("x", "-z", "y"))
-        assert recording.facts["frame_rate_hz"] == pytest.approx(rate)
-
-
 def test_a_motion_table_gives_canonical_columns(tmp_path: Path) -> None:
     recording = read(write_mot(tmp_path / "walk.mot"), **MOT)
     k = np.arange(50)

@@ -54,15 +54,6 @@ def test_an_mcap_file_lists_fields_rates_and_gaps(tmp_path: Path) -> None:
     assert "messages: 100" in text
 
 
-def write_one(path: Path, encoding: str, message: bytes, schema: str = "") -> None:
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        number = writer.register_schema("lab_msgs/msg/Leg", "ros2msg", schema.encode()) if schema else 0
-        writer.add_message(writer.register_channel("/leg", encoding, number), 0, message, 0)
-        writer.finish()
-
-
 JOINTS = """\
 std_msgs/Header header
 string[] name
@@ -96,33 +87,6 @@ def test_joints_are_listed_by_name_with_types_and_lengths_and_a_draft_reads_one(
     (tmp_path / "a.yaml").write_text("\n".join(kept).replace("NAME_2", "theta").replace("UNKNOWN", "rad"))
     source = read_source(tmp_path / "a.yaml")
     np.testing.assert_array_equal(FORMATS["mcap"].read(path, source).samples["theta"], 0.2 * np.arange(20))
-
-
-PARTS = """\
-string[] name
-float64[] load
-Part[] parts
-================================================================================
-MSG: lab_msgs/Part
-int16[2] counts
-"""
-
-
-def test_lengths_and_elements_are_those_of_the_first_message_and_labels_need_one_name_each(tmp_path: Path) -> None:
-    first = {"name": ["a", "a", "b"], "load": [1.0, 2.0], "parts": [{"counts": [1, 2]}, {"counts": [3, 4]}]}
-    later = {"name": ["a", "b"], "load": [1.0, 2.0, 3.0], "parts": []}
-    path = write_log(tmp_path / "a.mcap", [(0, first), (1000, later)], PARTS, "lab_msgs/msg/Leg", "/leg", chunk_size=1)
-    channels = inspect_file(path).channels
-    assert [(channel.address["field"], channel.type) for channel in channels] == [
-        ("load[0]", "float64[2]"),
-        ("parts[0].counts[0]", "int16[2]"),
-    ]
-
-
-def test_of_a_topic_whose_first_message_is_damaged_the_schema_tells_the_fields(tmp_path: Path) -> None:
-    write_one(tmp_path / "a.mcap", "cdr", b"\0\1\0\0\xff\xff\xff\xff", PARTS)
-    channels = inspect_file(tmp_path / "a.mcap").channels
-    assert [(channel.address["field"], channel.type) for channel in channels] == [("load[0]", "float64[0]")]
 
 
 def test_damage_of_an_mcap_file_is_listed_and_the_rest_too(tmp_path: Path) -> None:

@@ -43,11 +43,6 @@ def rows(folder: Path) -> dict[str, list[str]]:
     return {file: rest for file, *rest in cells}
 
 
-def test_every_recording_has_a_row_and_nothing_else(folder: Path) -> None:
-    first = ["bench.mcap", "broken.C3D", "broken.mcap", "lab.tdms", "lab.xlsx"]
-    assert list(rows(folder)) == [*first, "table.csv", "walk.c3d"]
-
-
 def test_what_is_read_is_told_with_rates_counts_and_gaps(folder: Path) -> None:
     found = rows(folder)
     assert found["bench.mcap"][0] == "mcap"

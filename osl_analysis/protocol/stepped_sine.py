@@ -21,11 +21,11 @@ from osl_analysis.stats.covariance import FEWEST_CYCLES
 from osl_analysis.timebase.grid import BRIDGE_MORE
 from osl_analysis.trial import Array
 
-FREQUENCY_TOLERANCE = 0.05
-"""Largest relative deviation of a recorded frequency from the commanded one that it follows: a clock is off by less."""
-AMPLITUDE_TOLERANCE = 0.25
-"""Largest relative deviation of a recorded amplitude from the commanded one. Some is lost to the dynamometer's
-bandwidth."""
+SAME_FREQUENCY, SAME_AMPLITUDE = 0.05, 0.15
+"""Relative differences of neighbouring cycles that belong to one run; what a bench loses of an amplitude at 5 Hz."""
+ONE_HEIGHT = 0.06
+"""Relative difference of a cycle's amplitude from the median of its run; cycles beyond, at its ends, are a ramp."""
+FEWEST_OF_A_RUN = 3  # smallest number of cycles of a run; what is shorter may be a transient
 
 
 @dataclass(frozen=True)
@@ -43,22 +43,19 @@ class SteppedSineProtocol:
         return tuple(float(n) for n in each)
 
     def amplitude_near(self, amplitude: float) -> float | None:
-        """The commanded amplitude [rad] that a recorded one follows; None if it is beyond the tolerance of all."""
-        nearest = min(self.amplitudes, key=lambda commanded: abs(amplitude / commanded - 1), default=None)
-        if nearest is None or abs(amplitude / nearest - 1) > AMPLITUDE_TOLERANCE:
-            return None
-        return nearest
+        """The commanded amplitude [rad] that a recorded one follows within a quarter, as some is lost to the
+        dynamometer's bandwidth; None if it follows none."""
+        return followed(amplitude, self.amplitudes, 0.25)
 
     def frequency_near(self, frequency_hz: float) -> float | None:
-        """The commanded frequency [Hz] that a recorded one follows; None if it is beyond the tolerance of all."""
-        nearest = min(self.frequencies_hz, key=lambda commanded: abs(frequency_hz / commanded - 1), default=None)
-        if nearest is None or abs(frequency_hz / nearest - 1) > FREQUENCY_TOLERANCE:
-            return None
-        return nearest
+        """The commanded frequency [Hz] that a recorded one follows within 5 %: a clock is off by less; else None."""
+        return followed(frequency_hz, self.frequencies_hz, 0.05)
 
 
-DEAD_BAND = 0.02
-"""Share of the largest angle that the angle must reach on both sides of its centre; rests and noise stay below."""
+def followed(value: float, commanded: Sequence[float], tolerance: float) -> float | None:
+    """The commanded value that is nearest by their ratio; None if they differ by more than the tolerance."""
+    nearest = min(commanded, key=lambda one: abs(value / one - 1), default=None)
+    return nearest if nearest is not None and abs(value / nearest - 1) <= tolerance else None
 
 
 def noise_of(theta: Array) -> float:
@@ -67,29 +64,20 @@ def noise_of(theta: Array) -> float:
 
 
 def upward_crossings(time: Array, theta: Array) -> Array:
-    """Times [s] at which the angle rises through its centre, from below a dead band to above it. The centre is the
-    median angle where the joint moves, and so changes measurably in 20 ms; it may rest elsewhere, and for longer."""
+    """Times [s] at which the angle rises through its centre, from below a dead band to above it, 2 % of the largest
+    angle, so that rests and noise stay within. The centre is the median angle where the joint moves, and so changes
+    measurably in 20 ms; it may rest elsewhere, and for longer."""
     apart = max(round(0.02 / float(np.median(np.diff(time)))), 1)
     change = np.abs(theta[apart:] - theta[:-apart])
     moving = change > 0.1 * np.quantile(change, 0.95) if change.size else change > 0
     x = theta - np.median(theta[apart:][moving] if moving.any() else theta)
-    dead = max(DEAD_BAND * max(float(x.max()), -float(x.min())), 5 * noise_of(theta))
+    dead = max(0.02 * max(float(x.max()), -float(x.min())), 5 * noise_of(theta))
     high, low = run_edges(x > dead), run_edges(x < -dead)
     last_low = np.append(low[:, 1], 0)[np.searchsorted(low[:, 1], high[:, 0], side="right") - 1]  # 0: never yet
     came_up = high[last_low > np.append(0, high[:-1, 1]), 0]
     rises = np.flatnonzero((x[:-1] <= 0) & (x[1:] > 0))
     before = rises[np.searchsorted(rises, came_up) - 1]
     return np.asarray(time[before] - x[before] * (time[before + 1] - time[before]) / (x[before + 1] - x[before]))
-
-
-SAME_FREQUENCY, SAME_AMPLITUDE = 0.05, 0.15
-"""Relative differences of neighbouring cycles that belong to one run; what a bench loses of an amplitude at 5 Hz."""
-ONE_HEIGHT = 0.06
-"""Relative difference of a cycle's amplitude from the median of its run; cycles beyond, at its ends, are a ramp."""
-LEAVES = 0.08
-"""Distance between angle and sine, as a share of the amplitude, at which a run has ended; twice the misfit of its
-own cycles is added."""
-FEWEST_OF_A_RUN = 3  # smallest number of cycles of a run; what is shorter may be a transient
 
 
 @dataclass(frozen=True)
@@ -136,16 +124,35 @@ def find_runs(time: Array, theta: Array, fewest: int = FEWEST_OF_A_RUN) -> list[
     """The runs of `fewest` or more cycles of a joint angle theta [rad] at increasing times [s], shape (n,) each.
 
     Consecutive cycles that are alike make a run. A sine is then fitted to it, which gives its frequency and amplitude.
-    The run extends as far as the angle follows this sine; where two runs touch, each sample belongs to the sine that
-    is nearer. Rests, ramps and transients lie between the runs.
+    Two runs are one where the same sine (frequency, amplitude and phase) goes on behind a cycle that was disturbed, two
+    cycles later at most. The run extends as far as the angle follows this sine; where two runs touch, each sample
+    belongs to the sine that is nearer. Rests, ramps and transients lie between the runs.
     """
     seen = np.isfinite(theta)
     time, theta = time[seen], theta[seen]
     if len(theta) < 8 or not np.ptp(theta):
         return []
-    stretches = alike_cycles(time, theta, upward_crossings(time, theta))
-    fitted = [run for rows, rate in stretches if (run := fit_run(time, theta, rows, rate)) is not None]
-    return [run for run in prolonged_runs(time, theta, joined_runs(time, theta, fitted)) if run.cycles > fewest - 0.25]
+    whole: list[Run] = []
+    for rows, rate in alike_cycles(time, theta, upward_crossings(time, theta)):
+        run = fit_run(time, theta, rows, rate)
+        if run is None:
+            continue
+        again, last = None, whole[-1] if whole else run
+        middle = (last.stop + run.start) / 2
+        slip = np.angle(np.exp(1j * (last.phase_at(middle) - run.phase_at(middle))))
+        if (
+            whole
+            and (run.start - last.stop) * last.frequency_hz < 2.5
+            and abs(run.frequency_hz / last.frequency_hz - 1) < SAME_FREQUENCY
+            and abs(run.amplitude / last.amplitude - 1) < ONE_HEIGHT
+            and abs(float(slip)) < 0.3
+        ):
+            again = fit_run(time, theta, slice(*np.searchsorted(time, [last.start, run.stop])), last.frequency_hz)
+        if again is None:
+            whole.append(run)
+        else:
+            whole[-1] = again
+    return [run for run in prolonged_runs(time, theta, whole) if run.cycles > fewest - 0.25]
 
 
 def alike_cycles(time: Array, theta: Array, crossings: Array) -> list[tuple[slice, float]]:
@@ -164,18 +171,15 @@ def alike_cycles(time: Array, theta: Array, crossings: Array) -> list[tuple[slic
             or abs(frequency[stop] / median(frequency[recent].tolist()) - 1) > SAME_FREQUENCY
             or abs(height[stop] / median(height[recent].tolist()) - 1) > SAME_AMPLITUDE
         ):
-            first, last = (start + end for end in plateau(height[start:stop]))
-            rate = (last - first) / float(crossings[last] - crossings[first])
+            own = height[start:stop]
+            usual = np.flatnonzero(np.abs(own / np.median(own) - 1) < ONE_HEIGHT)  # a slow ramp stands outside
+            first, last = (int(usual[0]), int(usual[-1]) + 1) if len(usual) else (0, len(own))
+            first, last = first + start, last + start
             if last - first >= 2:
+                rate = (last - first) / float(crossings[last] - crossings[first])
                 stretches.append((slice(int(rows[first]), int(rows[last])), rate))
             start = stop
     return stretches
-
-
-def plateau(height: Array) -> tuple[int, int]:
-    """First cycle and the one after the last whose height (n,) is that of the run; a slow ramp stands outside."""
-    usual = np.flatnonzero(np.abs(height / np.median(height) - 1) < ONE_HEIGHT)
-    return (int(usual[0]), int(usual[-1]) + 1) if len(usual) else (0, len(height))
 
 
 def fit_run(time: Array, theta: Array, rows: slice, frequency: float) -> Run | None:
@@ -188,59 +192,44 @@ def fit_run(time: Array, theta: Array, rows: slice, frequency: float) -> Run | N
     if len(t) < 8:
         return None
     middle = float(t.mean())
-    share, columns = (t - middle) / duration, np.ones((5, len(t)))
+    share = (t - middle) / duration
     for _ in range(4):
         turn = 2 * np.pi * frequency * (t - middle)
-        np.cos(turn, out=columns[1])
-        np.negative(np.sin(turn, out=turn), out=columns[2])
-        np.multiply(share, columns[1:3], out=columns[3:])
+        pair = np.array([np.cos(turn), -np.sin(turn)])
+        columns = np.concatenate([np.ones((1, len(t))), pair, share * pair])
         found, *_ = np.linalg.lstsq(columns @ columns.T, columns @ x, rcond=None)
         phasor, growth = complex(*found[1:3]), complex(*found[3:])
         slip = (growth / phasor).imag / (2 * np.pi)
         frequency += slip / duration
         if abs(slip) < 1e-9:  # cycles over the run
             break
-    misfit, centre = x - found @ columns, found[0]
-    if float(np.sqrt(np.mean(misfit**2))) > 0.3 * abs(phasor) / np.sqrt(2):
+    if float(np.sqrt(np.mean((x - found @ columns) ** 2))) > 0.3 * abs(phasor) / np.sqrt(2):
         return None
     phasor *= np.exp(-2j * np.pi * frequency * middle)
     start, stop = float(time[rows.start]), float(time[rows.stop - 1])
-    run = Run(abs(phasor), frequency, phasor, float(centre), start, stop, 0.0)
+    run = Run(abs(phasor), frequency, phasor, float(found[0]), start, stop, 0.0)
     return replace(run, misfit=float(np.sqrt(np.mean((x - run.angle(t)) ** 2))))
-
-
-def joined_runs(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
-    """The runs (n,), two of them as one where the same sine (frequency, amplitude and phase) goes on behind a cycle
-    that was disturbed, two cycles later at most."""
-    whole: list[Run] = []
-    for run in runs:
-        again, last = None, whole[-1] if whole else run
-        middle = (last.stop + run.start) / 2
-        slip = np.angle(np.exp(1j * (last.phase_at(middle) - run.phase_at(middle))))
-        if (
-            whole
-            and (run.start - last.stop) * last.frequency_hz < 2.5
-            and abs(run.frequency_hz / last.frequency_hz - 1) < SAME_FREQUENCY
-            and abs(run.amplitude / last.amplitude - 1) < ONE_HEIGHT
-            and abs(float(slip)) < 0.3
-        ):
-            rows = slice(*np.searchsorted(time, [last.start, run.stop]))
-            again = fit_run(time, theta, rows, last.frequency_hz)
-        if again is None:
-            whole.append(run)
-        else:
-            whole[-1] = again
-    return whole
 
 
 def prolonged_runs(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
     """The runs, each as far as the angle follows its sine."""
+
+    def followed_until(run: Run, limit: float) -> float:
+        """Time [s] up to which the angle follows the sine, from the middle of its end cycle towards `limit` [s]. At 8 %
+        of the amplitude, and twice the misfit of its own cycles, it has left."""
+        forwards = limit >= run.stop
+        low, high = np.searchsorted(time, sorted((run.stop if forwards else run.start, limit)))
+        rows = np.arange(low, min(high + 1, len(time)))
+        rows = rows if forwards else rows[::-1]
+        away = np.abs(theta[rows] - run.angle(time[rows])) > 0.08 * run.amplitude + 2 * run.misfit
+        return float(time[rows[max(int(np.argmax(away)) - 1, 0)]]) if away.any() else limit
+
     if not runs:
         return []
     befores = [float(time[0]), *(run.stop for run in runs[:-1])]
     afters = [*(run.start for run in runs[1:]), float(time[-1])]
     longer = [
-        replace(run, start=followed_until(time, theta, run, before), stop=followed_until(time, theta, run, after))
+        replace(run, start=followed_until(run, before), stop=followed_until(run, after))
         for run, before, after in zip(runs, befores, afters, strict=True)
     ]
     for k, (run, following) in enumerate(pairwise(longer)):
@@ -251,19 +240,6 @@ def prolonged_runs(time: Array, theta: Array, runs: Sequence[Run]) -> list[Run]:
             border = float(t[int(np.argmax(np.cumsum(gain)))])
             longer[k], longer[k + 1] = replace(run, stop=border), replace(following, start=border)
     return longer
-
-
-def followed_until(time: Array, theta: Array, run: Run, limit: float) -> float:
-    """Time [s] up to which the angle follows the run's sine, from the middle of its end cycle towards `limit` [s]."""
-    forwards = limit >= run.stop
-    end = run.stop if forwards else run.start
-    low, high = np.searchsorted(time, sorted((end, limit)))
-    rows = np.arange(low, min(high + 1, len(time)))
-    rows = rows if forwards else rows[::-1]
-    away = np.abs(theta[rows] - run.angle(time[rows])) > LEAVES * run.amplitude + 2 * run.misfit
-    if not away.any():
-        return limit
-    return float(time[rows[max(int(np.argmax(away)) - 1, 0)]])
 
 
 @dataclass(frozen=True)
@@ -353,23 +329,34 @@ def find_segments(
     rate = sampling_rate(time)
     found = Likeness(time, theta, protocol).runs if known is None else known
     check_amplitudes(theta, found, protocol, float(time[0]))
-    followed = [(run, a) for run in found if (a := protocol.amplitude_near(run.amplitude)) is not None]
-    frequencies = common_frequencies([run for run, _ in followed], protocol)
-    segments = [
-        Segment(run.amplitude, frequency, *placed(run, frequency, rate), run.whole_cycles, amplitude)
-        for (run, amplitude), frequency in zip(followed, frequencies, strict=True)
-    ]
-    deviation = theta - np.mean(theta)
-    aligned: list[Segment] = []
-    for group in without_a_rest([run for run, _ in followed], segments):
+    followed_runs = [(run, a) for run in found if (a := protocol.amplitude_near(run.amplitude)) is not None]
+    frequencies = common_frequencies([run for run, _ in followed_runs], protocol)
+    groups: list[list[tuple[Run, Segment]]] = []  # of one amplitude, without a rest of 0.3 cycles or more
+    for (run, amplitude), frequency in zip(followed_runs, frequencies, strict=True):
+        length = run.whole_cycles / frequency
+        start = max((run.start + run.stop - length) / 2, 0.0)  # the whole cycles, in the middle of the run
+        edges = start * rate, (start + length) * rate
+        segment = Segment(run.amplitude, frequency, *edges, run.whole_cycles, amplitude)
+        before, its = groups[-1][-1] if groups else (run, segment)
+        gap = (run.start - before.stop) * max(before.frequency_hz, run.frequency_hz)
+        if groups and gap < 0.3 and its.commanded == amplitude:
+            groups[-1].append((run, segment))
+        else:
+            groups.append([(run, segment)])
+    deviation, aligned = theta - np.mean(theta), list[Segment]()
+    for group in groups:
         alike = [segment for _, segment in group]
         # whole cycles of sines that begin at their centre and rise: where the angle agrees best with all of them
         if all(abs(run.cycles - run.whole_cycles) < 0.15 and abs(run.phase_at(run.start)) < 0.5 for run, _ in group):
-            lengths = [segment.stop - segment.start for segment in alike]
-            edges = best_start(deviation, alike, rate) + np.cumsum([0.0, *lengths])
-            alike = [
-                replace(s, start=float(a), stop=float(b)) for s, (a, b) in zip(alike, pairwise(edges), strict=True)
-            ]
+            template = unit_sines([(s.frequency_hz, s.cycles) for s in alike], rate)
+            reach = int(rate / max(s.frequency_hz for s in alike) / 2)
+            low, begin = max(round(alike[0].start) - reach, 0), alike[0].start
+            near = deviation[low : round(alike[0].start) + reach + len(template)]
+            if len(near) >= len(template):
+                begin = float(low + np.argmax(np.correlate(near, template, "valid")))
+            edges_of = begin + np.cumsum([0.0, *(segment.stop - segment.start for segment in alike)])
+            places = zip(alike, pairwise(edges_of.tolist()), strict=True)
+            alike = [replace(segment, start=a, stop=b) for segment, (a, b) in places]
         aligned += alike
     return aligned
 
@@ -411,37 +398,6 @@ def common_frequencies(found: Sequence[Run], protocol: SteppedSineProtocol) -> l
     return frequencies
 
 
-def placed(run: Run, frequency_hz: float, rate: float) -> tuple[float, float]:
-    """First and last edge, in rows at `rate` [Hz], of the whole cycles of a run, in the middle of the run."""
-    length = run.whole_cycles / frequency_hz
-    start = max((run.start + run.stop - length) / 2, 0.0)
-    return start * rate, (start + length) * rate
-
-
-def without_a_rest(found: Sequence[Run], segments: Sequence[Segment]) -> list[list[tuple[Run, Segment]]]:
-    """Runs of one amplitude, with their segments, that follow one another without a rest of 0.3 cycles or more."""
-    pairs = list(zip(found, segments, strict=True))
-    groups = [pairs[:1]]
-    for (run, segment), (following, its) in pairwise(pairs):
-        gap = (following.start - run.stop) * max(run.frequency_hz, following.frequency_hz)
-        if gap < 0.3 and segment.commanded == its.commanded:
-            groups[-1].append((following, its))
-        else:
-            groups.append([(following, its)])
-    return groups
-
-
-def best_start(theta: Array, group: Sequence[Segment], rate: float) -> float:
-    """Row at which a group of plain sines begins: there the angle (n,) [rad] agrees best with them."""
-    template = unit_sines([(s.frequency_hz, s.cycles) for s in group], rate)
-    reach = int(rate / max(s.frequency_hz for s in group) / 2)
-    low = max(round(group[0].start) - reach, 0)
-    near = theta[low : round(group[0].start) + reach + len(template)]
-    if len(near) < len(template):
-        return group[0].start
-    return float(low + np.argmax(np.correlate(near, template, "valid")))
-
-
 def unit_sines(sines: Sequence[tuple[float, float]], rate: float) -> Array:
     """Sines of unit amplitude, one after the other: frequency [Hz] and number of cycles of each, at `rate` [Hz]."""
     pieces = [np.sin(2 * np.pi * f * np.arange(round(cycles / f * rate)) / rate) for f, cycles in sines]
@@ -452,15 +408,6 @@ BIN_S = 0.25  # time [s] within which a joint that moves turns measurably
 MOVING_SHARE = 0.02
 """Share of the largest turn that it makes in this time; at the peak of a sine of 1 Hz it makes a seventh of its own."""
 HARDLY = 0.25  # share of the moving time in sines below which a motion is no stepped sine; it is one above 0.5
-AS_COMMANDED = 0.6
-"""Share of the moving time in cycles of a commanded frequency and amplitude, from which a damaged stepped sine is
-likely. Noise of 0.5 to 6 Hz has up to 0.4 of them by chance."""
-ONE_LINE = 0.85
-"""Mean share of a piece's power at one commanded frequency, from which a damaged stepped sine is likely: a stepped sine
-has 0.95 beside spikes, hum and a wandering angle, a sweep 0.7 to 0.8, noise less."""
-WON = 0.6
-"""Share of a piece's power at one commanded frequency that it holds for its own, and share of the commanded
-frequencies of which a damaged stepped sine has such pieces."""
 
 
 @dataclass(frozen=True)
@@ -506,7 +453,7 @@ class Likeness:
             commanded = self.protocol.frequency_near(run.frequency_hz) and self.protocol.amplitude_near(run.amplitude)
             if self.is_steady(run) and (commanded or run.misfit < 0.08 * run.amplitude / np.sqrt(2)):
                 found.append((run.start, run.stop))
-        return share_of(self.moving, self.time, found)
+        return self.share_of(found)
 
     def is_steady(self, run: Run) -> bool:
         """Whether both halves of a run have one frequency to 1 %, by two or more upward crossings of each; those of a
@@ -519,7 +466,6 @@ class Likeness:
         periods = (own[middle] - own[0]) / middle, (own[-1] - own[middle]) / (len(own) - 1 - middle)
         return bool(max(periods) / min(periods) - 1 < 0.01)
 
-    @cached_property
     def commanded(self) -> float:
         """In single cycles of a commanded frequency and amplitude."""
         found, rows = [], np.searchsorted(self.time, self.crossings)
@@ -529,13 +475,19 @@ class Likeness:
             half = float(np.ptp(angle)) / 2 if angle.size else 0.0
             near = half and self.protocol.amplitude_near(half) and self.protocol.frequency_near(1 / (stop - start))
             found += [(start, stop)] if near else []
-        return share_of(self.moving, self.time, found)
+        return self.share_of(found)
 
-    @cached_property
+    def share_of(self, parts: Sequence[tuple[float, float]]) -> float:
+        """Share of the moving time that lies in parts, from a time [s] to another one."""
+        inside = np.zeros_like(self.moving)
+        for first, last in np.searchsorted(self.time, np.reshape(parts, (-1, 2))).tolist():
+            inside[first:last] = True
+        return float(np.count_nonzero(inside & self.moving) / np.count_nonzero(self.moving))
+
     def one_line(self) -> float:
         """Power at one commanded frequency at a time, as a share of all: the mean over pieces of 4 s of the largest
-        share. Power counts from below the slowest to above the fastest commanded frequency. 0 if fewer than `WON` of
-        the commanded frequencies prevail in a piece, as they do in turn in a stepped sine."""
+        share. Power counts from below the slowest to above the fastest commanded frequency. 0 if fewer than 0.6 of the
+        commanded frequencies prevail in a piece, by a share of 0.6, as they do in turn in a stepped sine."""
         time, theta, commanded = self.time, self.theta, np.unique(self.protocol.frequencies_hz)
         rate = (len(time) - 1) / float(time[-1])
         n = round(4.0 * rate)
@@ -548,20 +500,20 @@ class Likeness:
             power = np.abs(np.fft.rfft(np.hanning(n) * (piece - piece.mean()))) ** 2
             if np.ptp(piece) > most and power[band].sum() > 0:
                 shares.append((power[:, None] * near).sum(axis=0) / power[band].sum())
-        if not shares:
+        if not shares or np.count_nonzero((np.array(shares) > 0.6).any(axis=0)) < 0.6 * len(commanded):
             return 0.0
-        won = np.count_nonzero((np.array(shares) > WON).any(axis=0))
-        return float(np.max(shares, axis=1).mean()) if won >= WON * len(commanded) else 0.0
+        return float(np.max(shares, axis=1).mean())
 
     @property
     def kind(self) -> Literal["stepped sine", "unclear", "other"]:
         """`stepped sine`; `unclear` where sines, commanded cycles or frequencies are in a part of it, or where nothing
-        moves; else `other`."""
+        moves; else `other`. Noise of 0.5 to 6 Hz has up to 0.4 of commanded cycles by chance. A stepped sine has 0.95
+        of one line beside spikes, hum and a wandering angle, a sweep 0.7 to 0.8, noise less."""
         if self.sines > 0.5:
             return "stepped sine"
         if not self.moves:
             return "unclear"
-        damaged = self.sines > HARDLY or self.commanded > AS_COMMANDED or self.one_line > ONE_LINE
+        damaged = self.sines > HARDLY or self.commanded() > 0.6 or self.one_line() > 0.85
         return "unclear" if damaged else "other"
 
 
@@ -573,11 +525,3 @@ def moving_bins(time: Array, theta: Array) -> NDArray[np.bool_]:
     turn = np.maximum.reduceat(theta, first) - np.minimum.reduceat(theta, first)
     moves = turn > max(MOVING_SHARE * float(np.ptp(theta)), 12 * noise_of(theta))
     return np.asarray(np.repeat(moves, np.diff(np.append(first, len(theta)))))
-
-
-def share_of(moving: NDArray[np.bool_], time: Array, parts: Sequence[tuple[float, float]]) -> float:
-    """Share of the moving rows (n,) that lie in parts, from a time [s] to another one."""
-    inside = np.zeros_like(moving)
-    for first, last in np.searchsorted(time, np.reshape(parts, (-1, 2))).tolist():
-        inside[first:last] = True
-    return float(np.count_nonzero(inside & moving) / np.count_nonzero(moving))

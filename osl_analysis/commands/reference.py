@@ -39,37 +39,21 @@ Intervals cover 95 %.
 """
 
 
-def tables_page(command: str) -> str:
-    """The page as Markdown; `command` is what the reader calls to make it again."""
-    parts = [INTRODUCTION.format(command=command)]
-    for table in described_tables():
-        named = (path.replace("*/*", "EXPERIMENT/*").replace("*", "TRIAL") for path in (table.place, table.also))
-        place, also = (f"{path}.csv" for path in named)
-        gathered = f" `{also}` holds the rows of one trial." if table.also else ""
-        rows = ((f"`{column.name}`", column.unit, column.meaning) for column in table.columns.values())
-        columns = markdown(("column", "unit", "meaning"), rows)
-        parts.append(f"## `{place}`\n\nRows: {table.rows}.{gathered}\n\n{columns}")
-    rows = ((f"`{c.name}`", c.unit, f"{c.meaning}. Fails {c.fails} its threshold") for c in CHECKS.values())
-    checks = markdown(("check", "unit", "meaning of its value"), rows)
-    return "\n".join([*parts, f"## Checks of quality control\n\n{checks}", summary_section()])
+OF_SUMMARY = """\
+## `summary.json`
 
+`campaign` is the name of the campaign, `data` says whether its data are simulated or measured, `version` is \
+that of osl-analysis, `configuration` the first digits of the SHA-256 of the configuration and of the files \
+that it names, `recorded` the date of the data. `trials` has for every experiment how many trials are `used`, \
+of how many (`of`), and the reason of each that is `missing`. `missing_results` has the reason of each result \
+over several trials that could not be computed. `findings` has what to know of the results, as the end of a \
+run says it in `line`: causes of doubt, flags, and what could not be checked, with the `trials` that each \
+concerns. `numbers` has an entry per headline number, with these fields:
 
-def summary_section() -> str:
-    fields = markdown(("field", "meaning"), SUMMARY_FIELDS.items())
-    rows = ((f"`{label.name}`", label.unit, label.meaning) for label in all_labels())
-    entries = markdown(("entry", "unit", "meaning"), rows)
-    text = (
-        "`campaign` is the name of the campaign, `data` says whether its data are simulated or measured, `version` is "
-        "that of osl-analysis, `configuration` the first digits of the SHA-256 of the configuration and of the files "
-        "that it names, `recorded` the date of the data. `trials` has for every experiment how many trials are `used`, "
-        "of how many (`of`), and the reason of each that is `missing`. `missing_results` has the reason of each result "
-        "over several trials that could not be computed. `findings` has what to know of the results, as the end of a "
-        "run says it in `line`: causes of doubt, flags, and what could not be checked, with the `trials` that each "
-        "concerns. `numbers` has an entry per headline number, with these fields:"
-    )
-    return f"## `summary.json`\n\n{text}\n\n{fields}\nThe entries:\n\n{entries}"
+{fields}
+The entries:
 
-
+{entries}"""
 SUMMARY_FIELDS = {
     "`value`": "the number, in `unit`",
     "`unit`": "its unit",
@@ -85,9 +69,28 @@ SUMMARY_FIELDS = {
 }
 
 
-def markdown(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    lines = [list(head), *map(list, rows)]
-    lines.insert(1, ["---"] * len(lines[0]))
+def tables_page(command: str) -> str:
+    """The page as Markdown; `command` is what the reader calls to make it again."""
+    parts = [INTRODUCTION.format(command=command)]
+    for table in described_tables():
+        named = (path.replace("*/*", "EXPERIMENT/*").replace("*", "TRIAL") for path in (table.place, table.also))
+        place, also = (f"{path}.csv" for path in named)
+        gathered = f" `{also}` holds the rows of one trial." if table.also else ""
+        rows = [(f"`{column.name}`", column.unit, column.meaning) for column in table.columns.values()]
+        parts.append(
+            f"## `{place}`\n\nRows: {table.rows}.{gathered}\n\n{markdown('column', 'unit', 'meaning', rows=rows)}"
+        )
+    checks = [(f"`{c.name}`", c.unit, f"{c.meaning}. Fails {c.fails} its threshold") for c in CHECKS.values()]
+    parts.append(f"## Checks of quality control\n\n{markdown('check', 'unit', 'meaning of its value', rows=checks)}")
+    entries = markdown(
+        "entry", "unit", "meaning", rows=[(f"`{one.name}`", one.unit, one.meaning) for one in all_labels()]
+    )
+    fields = markdown("field", "meaning", rows=SUMMARY_FIELDS.items())
+    return "\n".join([*parts, OF_SUMMARY.format(fields=fields, entries=entries)])
+
+
+def markdown(*head: str, rows: Iterable[Iterable[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
@@ -103,29 +106,24 @@ MODELS_OF_FILES: Mapping[str, type[BaseModel]] = {
 
 def schemas() -> dict[str, dict[str, Any]]:
     """The schema of each kind of file, by the name of its file without `.schema.json`."""
-    found = {}
+    found: dict[str, dict[str, Any]] = {}
     for name, model in MODELS_OF_FILES.items():
         top, definitions = definitions_of({name: model})
         if model is Config:  # a campaign's overrides fields of the default, and needs none
             for one in definitions.values():
                 one.pop("required", None)
         found[name] = {"$schema": SCHEMA_DRAFT, "$ref": top[name], "$defs": definitions}
-    return found | {"source": schema_of_sources()}
-
-
-def schema_of_sources() -> dict[str, Any]:
-    """The schema of a source file: its `format` decides which one holds."""
     top, definitions = definitions_of({name: known.source for name, known in FORMATS.items()})
-    return {
+    by_format = [{"if": {"properties": {"format": {"const": n}}}, "then": {"$ref": at}} for n, at in top.items()]
+    found["source"] = {
         "$schema": SCHEMA_DRAFT,
         "type": "object",
         "required": ["format"],
         "properties": {"format": {"enum": list(FORMATS)}},
-        "allOf": [
-            {"if": {"properties": {"format": {"const": name}}}, "then": {"$ref": place}} for name, place in top.items()
-        ],
+        "allOf": by_format,
         "$defs": definitions,
     }
+    return found
 
 
 def definitions_of(models: Mapping[str, type[BaseModel]]) -> tuple[dict[str, str], dict[str, Any]]:

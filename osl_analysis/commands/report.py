@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import polars as pl
-from markupsafe import Markup
 
 from osl_analysis.commands.tables import read_summary
 from osl_analysis.config.campaign import About
@@ -59,17 +58,28 @@ def write_report(
     reported = []
     for name, row in sheet.items():
         files = {role: paths[name] for role, paths in by_role.items() if name in paths}
-        own, why = rows_of_trial(name, row["experiment"], written), left_out.get(name)
+        why = left_out.get(name)
+        names = [*(table.name for table in EXPERIMENTS[row["experiment"]].tables), "walking_responses"]
+        own = {table: written[table].filter(pl.col("trial") == name) for table in names if table in written}
+        own = {table: rows for table, rows in own.items() if len(rows)}
         if why is None and lacks_result(row["experiment"], own, files):
             why = without_result(list(left_out))
         origin = read_provenance(files["trial"]) if "trial" in files else {}
         missing, reasons = why or (False, [])
-        drawn = pictures(row["experiment"], own, files)
-        reported.append(ReportedTrial(name, row, own, judged.get((name,)), origin, reasons, missing, drawn))
+        picture = pictures(row["experiment"], own, files)
+        reported.append(ReportedTrial(name, row, own, judged.get((name,)), origin, reasons, missing, picture))
     checks = {name: check.meaning for name, check in CHECKS.items()}
     pages = {one.name: (trial_content(one, described, checks), one.pictures.tables) for one in reported}
     found = {} if is_refused(summary) else read_summary(summary)
     said = captions_by_title(captions.read_text(encoding="utf-8")) if captions and not is_refused(captions) else {}
+    shown = []
+    for name, path in figures.items():
+        title = figure_title(name)
+        if path.stat().st_size <= 1_500_000:  # its points open trials; a figure of a hundred belts has some 2 MB
+            drawn = inline_svg(path.read_text(encoding="utf-8"), name, title)
+        else:
+            drawn = inline_png(path.with_suffix(".png").read_bytes(), title)
+        shown.append({"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawn})
     content = {
         "about": about,
         **trial_page.trials_content(reported),
@@ -79,11 +89,7 @@ def write_report(
             if number["interval"] != COUNT  # the findings say it, with the causes
         ],
         "findings": found.get("findings", []),
-        "figures": [
-            {"name": name, "title": title, "caption": said.get(title, ""), "drawing": drawing(path, name, title)}
-            for name, path in figures.items()
-            for title in [figure_title(name)]
-        ],
+        "figures": shown,
         "not_made": [one for one in refused if not one.trial],
     }
     page = written_page(content, pages, largest_mb)
@@ -91,26 +97,11 @@ def write_report(
         temporary.write_text(page, encoding="utf-8")
 
 
-def rows_of_trial(trial: str, experiment: str, tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
-    """The rows of one trial in the tables of its experiment, and in those of the responses of a crossing."""
-    names = [*(table.name for table in EXPERIMENTS[experiment].tables), "walking_responses"]
-    found = {name: tables[name].filter(pl.col("trial") == trial) for name in names if name in tables}
-    return {name: table for name, table in found.items() if len(table)}
-
-
 def lacks_result(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]) -> bool:
     """Whether a trial has no result although its experiment gives each trial one."""
     if EXPERIMENTS[experiment].fit:
         return not tables
     return experiment == "walking" and "crossing" not in files
-
-
-def drawing(svg: Path, name: str, title: str) -> Markup:
-    """A figure for the page: its SVG, whose points open trials, or its PNG where the SVG is too large for a page. That
-    of a hundred belts has some 2 MB."""
-    if svg.stat().st_size <= 1_500_000:
-        return inline_svg(svg.read_text(encoding="utf-8"), name, title)
-    return inline_png(svg.with_suffix(".png").read_bytes(), title)
 
 
 def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping[str, Path]) -> panels.Pictures:

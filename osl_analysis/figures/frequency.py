@@ -11,21 +11,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import style
-from osl_analysis.figures.names import (
-    NO_CONTROLLER,
-    UNIT_SIGN,
-    as_text,
-    completed,
-    count_of,
-    doubtful_said,
-    drawn_name,
-    look_numbers,
-    looks_in,
-    of_controller,
-    place_name,
-    placed_rows,
-)
+from osl_analysis.figures import names, style
 
 FIG7_COLUMNS = (
     "joint", "side", "curve", "controller", "look", "trial", "K_d", "B_d", "frequency_hz", "magnitude",
@@ -52,9 +38,9 @@ def fig7_points(response: pl.DataFrame, curves: Sequence[pl.DataFrame]) -> pl.Da
             f"frequency responses of {impedances} desired impedances; Fig. 7 draws one: select K_d and B_d"
         )
     if "look" not in response.columns:
-        response = response.with_columns(look_numbers(response["controller"]))
+        response = response.with_columns(names.look_numbers(response["controller"]))
     numbers = response.select("controller", "look").unique()
-    observed = completed(response, ("joint", "side")).with_columns(curve=pl.lit(OBSERVED))
+    observed = names.completed(response, ("joint", "side")).with_columns(curve=pl.lit(OBSERVED))
     observed = observed.rename({old: new for new, old in OLD_NAMES.items()})
     looked = (curve.join(numbers, on="controller", how="left", maintain_order="left") for curve in curves)
     return pl.concat([observed.select(FIG7_COLUMNS), *looked], how="diagonal_relaxed").select(FIG7_COLUMNS)
@@ -73,11 +59,11 @@ def fig7_caption(table: pl.DataFrame) -> str:
     observed = table.filter(pl.col("curve") == OBSERVED)
     stated = [
         f"${name}$ = {observed[name][0]:g} {unit}"
-        for name, unit in (("K_d", UNIT_SIGN["K"]), ("B_d", UNIT_SIGN["B"]))
+        for name, unit in (("K_d", names.UNIT_SIGN["K"]), ("B_d", names.UNIT_SIGN["B"]))
         if observed[name][0] is not None
     ]
     chosen = observed["chosen"][0] if "chosen" in observed.columns else None
-    why = f" ({as_text(chosen)})" if chosen is not None else ""
+    why = f" ({names.as_text(chosen)})" if chosen is not None else ""
     said = [
         f"Frequency response of the joint, angle over torque: {', '.join(stated) or 'no impedance is stated'}{why}. "
         "Above its magnitude, below its phase. Markers are measured phasors, averaged over amplitudes."
@@ -94,9 +80,12 @@ def fig7_caption(table: pl.DataFrame) -> str:
     if (table["curve"] == LINEAR_MODEL).any():
         said.append("Broken lines: the drivetrain with the controller's gains, without friction (Eq. 9).")
     trials = observed.group_by("controller", maintain_order=True).agg(pl.col("trial").n_unique())
-    named = (f"{as_text(name or NO_CONTROLLER.label)} {count_of(n, 'trial')}" for name, n in trials.iter_rows())
+    named = (
+        f"{names.as_text(name or names.NO_CONTROLLER.label)} {names.count_of(n, 'trial')}"
+        for name, n in trials.iter_rows()
+    )
     said.append(f"Measured: {', '.join(named)}.")
-    return " ".join([*said, doubtful_said(observed, "drawn open", fit="phasor")])
+    return " ".join([*said, names.doubtful_said(observed, "drawn open", fit="phasor")])
 
 
 @style.paper_style()
@@ -104,16 +93,16 @@ def draw_fig7(table: pl.DataFrame) -> Figure:
     """(a) magnitude, (b) phase over the logarithm of frequency: markers observed, black line desired, broken lines
     predicted. A marker is the mean over amplitudes, open where the phasor of one at least is doubtful. A thin bar is
     their range, a thick bar the 95 % interval of noise. Several joints or sides stand side by side."""
-    parts, looks = placed_rows(table), looks_in(table.filter(pl.col("curve") != DESIRED))
-    names = [name for name, _ in parts]
+    parts, looks = names.placed_rows(table), names.looks_in(table.filter(pl.col("curve") != DESIRED))
+    titles = [name for name, _ in parts]
     width = style.SINGLE_COLUMN if len(parts) == 1 else style.DOUBLE_COLUMN
-    figure, axes = style.panels(width, 3.7, rows=2, columns=len(parts), names=names + [""] * len(parts))
+    figure, axes = style.panels(width, 3.7, rows=2, columns=len(parts), names=titles + [""] * len(parts))
     for number, (_, part) in enumerate(parts):
         magnitude, phase = axes[number], axes[number + len(parts)]
         kinds = {kind: part.filter(pl.col("curve") == kind) for kind in (OBSERVED, DESIRED, LINEAR_MODEL)}
         for ax, column, bounds in ((magnitude, "magnitude", "magnitude"), (phase, "phase_deg", "phase")):
             for controller, look in looks.items():
-                observed, model = (of_controller(kinds[kind], controller) for kind in (OBSERVED, LINEAR_MODEL))
+                observed, model = (names.of_controller(kinds[kind], controller) for kind in (OBSERVED, LINEAR_MODEL))
                 if len(observed):
                     style.draw_estimates(ax, observed, "frequency_hz", column, bounds, look, zorder=2.5)
                 if len(model):
@@ -179,31 +168,33 @@ STRUCTURE_LOOKS = {
 
 def condition_points(single: pl.DataFrame, pooled: pl.DataFrame) -> pl.DataFrame:
     """The rows of every condition: those of `response_pooled.csv`, then of each trial that is in none of them."""
-    in_pool = {name for names in pooled["trials"].unique() for name in str(names).split(", ")}
+    in_pool = {name for pool in pooled["trials"].unique() for name in str(pool).split(", ")}
     alone = single.filter(~pl.col("trial").is_in(in_pool)).with_columns(trials=pl.col("trial"))
-    return completed(pl.concat([pooled, alone], how="diagonal_relaxed"), RESPONSE_COLUMNS).select(RESPONSE_COLUMNS)
+    return names.completed(pl.concat([pooled, alone], how="diagonal_relaxed"), RESPONSE_COLUMNS).select(
+        RESPONSE_COLUMNS
+    )
 
 
 def condition_words(row: Mapping[str, Any], longest: int = 28) -> list[str]:
     """Joint, controller, desired impedance, trials by the first one's name, and realisations of a condition."""
-    words = [place_name(row["joint"], row["side"]), drawn_name(row["controller"] or "")]
+    words = [names.place_name(row["joint"], row["side"]), names.drawn_name(row["controller"] or "")]
     words.append(", ".join(f"${name}$ = {row[name]:g}" for name in ("K_d", "B_d") if row[name] is not None))
     trials = str(row["trials"]).split(", ")
-    words.append(drawn_name(trials[0], longest) + (f" and {len(trials) - 1} more" if len(trials) > 1 else ""))
+    words.append(names.drawn_name(trials[0], longest) + (f" and {len(trials) - 1} more" if len(trials) > 1 else ""))
     if row["method"] != "local polynomial":
-        words.append(count_of(int(row["realisations"]), "realisation"))
+        words.append(names.count_of(int(row["realisations"]), "realisation"))
     return [*filter(None, words)]
 
 
 def response_caption(table: pl.DataFrame) -> str:
     conditions = table.partition_by("trials", maintain_order=True)
     said = [
-        f"Impedance Z, torque over angle, over frequency, of {count_of(len(conditions), 'condition')}, $K_d$ in "
-        f"{UNIT_SIGN['K']} and $B_d$ in {UNIT_SIGN['B']}. Each has three panels: magnitude, phase, and below how far "
-        "the structures fitted to it (lines) are from what is measured, beside noise and distortion of one realisation "
-        "(markers; distortion below the noise is not drawn). Bars are 95 % intervals: of noise and distortion where "
-        "several realisations show both, otherwise of noise. Where the motion does not repeat itself, by the local "
-        "polynomial method, distortion is part of the noise."
+        f"Impedance Z, torque over angle, over frequency, of {names.count_of(len(conditions), 'condition')}, $K_d$ in "
+        f"{names.UNIT_SIGN['K']} and $B_d$ in {names.UNIT_SIGN['B']}. Each has three panels: magnitude, phase, and "
+        "below how far the structures fitted to it (lines) are from what is measured, beside noise and distortion of "
+        "one realisation (markers; distortion below the noise is not drawn). Bars are 95 % intervals: of noise and "
+        "distortion where several realisations show both, otherwise of noise. Where the motion does not repeat itself, "
+        "by the local polynomial method, distortion is part of the noise."
     ]
     if len(conditions) > MOST_CONDITIONS:
         said.append(f"The first {MOST_CONDITIONS} conditions are shown; response.csv has all of them.")
@@ -214,7 +205,7 @@ def response_caption(table: pl.DataFrame) -> str:
             to = f" to {max(medians):.2g}" if len(medians) > 1 else ""
             said.append(f"Half of the frequencies are within {min(medians):.2g}{to} % of {name}.")
     fits = table.unique("trials", maintain_order=True).rename({"trials": "trial"})
-    return " ".join([*said, doubtful_said(fits, "drawn with open markers", fit="condition")])
+    return " ".join([*said, names.doubtful_said(fits, "drawn with open markers", fit="condition")])
 
 
 def missed(rows: pl.DataFrame, short: str) -> NDArray[np.float64]:
@@ -258,7 +249,7 @@ def draw_response(table: pl.DataFrame) -> Figure:
     style.legend_above(figure, entries, 6, columnspacing=1.2)
     figure.align_ylabels()
     if len(conditions) > MOST_CONDITIONS:
-        further = count_of(len(conditions) - MOST_CONDITIONS, "condition")
+        further = names.count_of(len(conditions) - MOST_CONDITIONS, "condition")
         figure.supxlabel(f"Further {further} in response.csv", fontsize=8)
     return figure
 

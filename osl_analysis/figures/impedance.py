@@ -9,34 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import style
-from osl_analysis.figures.names import (
-    JOINT_SIDE,
-    NO_CONTROLLER,
-    UNIT_SIGN,
-    as_text,
-    capital_text,
-    completed,
-    count_of,
-    decimals_of,
-    doubtful_said,
-    drawn_name,
-    look_numbers,
-    looks_in,
-    of_controller,
-    place_name,
-    placed_rows,
-    rounded_number,
-    with_sd,
-)
+from osl_analysis.figures import names, style
 from osl_analysis.trial import Array
 
 
 def fig4_caption(table: pl.DataFrame) -> str:
     joint, side, trial, chosen = table.select("joint", "side", "trial", "chosen").row(0)
-    fitted, why = table.drop_nulls("torque_model"), f" ({as_text(chosen)})" if chosen else ""
+    fitted, why = table.drop_nulls("torque_model"), f" ({names.as_text(chosen)})" if chosen else ""
     said = [
-        f"{as_text(place_name(joint, side))}, trial {as_text(trial)}{why}: the last "
+        f"{names.as_text(names.place_name(joint, side))}, trial {names.as_text(trial)}{why}: the last "
         f"{np.ptp(table['time'].to_numpy()):.3g} s of one amplitude, at most "
         f"{np.max(np.abs(table['theta_deg'].to_numpy())):.2g} deg.",
         "(a) Measured angle. (b) Torque: grey as measured, dashed by the second-order system that fits best (Eq. 15). "
@@ -49,7 +30,7 @@ def fig4_caption(table: pl.DataFrame) -> str:
         vaf = 100 * (1 - float(np.var(left)) / float(np.var(fitted["torque"].to_numpy())))
         rms = float(np.sqrt(np.mean(left**2)))
         said.append(f"Of the fitted samples shown, the RMS residual is {rms:.2g} N·m and the VAF {vaf:.2f} %.")
-    said.append(doubtful_said(table.select("trial", "doubtful").head(1), "said in the legend"))
+    said.append(names.doubtful_said(table.select("trial", "doubtful").head(1), "said in the legend"))
     return " ".join(said)
 
 
@@ -57,11 +38,11 @@ def fig4_caption(table: pl.DataFrame) -> str:
 def draw_fig4(table: pl.DataFrame) -> Figure:
     """(a) Angle; (b) torque, the fit dashed magenta, which the draft calls blue in its caption; (c) residual."""
     joint, side, trial = table.select("joint", "side", "trial").row(0)
-    place = f"{place_name(joint, side)}, trial {drawn_name(trial, 60)}"
+    place = f"{names.place_name(joint, side)}, trial {names.drawn_name(trial, 60)}"
     figure, (angle, torque, residual) = style.panels(style.DOUBLE_COLUMN, 3.9, rows=3, names=[place, "", ""])
-    step, names = pl.col("time").diff(), ("theta_deg", "torque", "torque_model")
+    step, drawn = pl.col("time").diff(), ("theta_deg", "torque", "torque_model")
     rows = table.with_row_index("row")  # with one of NaN before each step that is longer than two ordinary ones
-    breaks = rows.filter(step > 2 * step.median()).with_columns(pl.lit(np.nan).alias(name) for name in names)
+    breaks = rows.filter(step > 2 * step.median()).with_columns(pl.lit(np.nan).alias(name) for name in drawn)
     lines = pl.concat([breaks, rows]).sort("row", maintain_order=True)
     time = lines["time"]
     angle.plot(time, lines["theta_deg"], color=style.BLACK, linewidth=0.9)
@@ -103,8 +84,8 @@ def fig5_points(impedance: pl.DataFrame) -> pl.DataFrame:
             "the impedance table has no fit over all amplitudes (a row with empty amplitude_deg), "
             "which Fig. 5 draws; fit the trials again"
         )
-    table = table.with_columns(look_numbers(table["controller"]))
-    return completed(table, FIG5_COLUMNS).select(FIG5_COLUMNS)
+    table = table.with_columns(names.look_numbers(table["controller"]))
+    return names.completed(table, FIG5_COLUMNS).select(FIG5_COLUMNS)
 
 
 @style.paper_style()
@@ -113,9 +94,9 @@ def draw_fig5(table: pl.DataFrame) -> Figure:
     desired impedance has a place of its own on the axis, which is no scale; its trials stand side by side there, open
     where doubtful. Thin bars: range of the fits to single amplitudes; thick bars: 95 % interval; a dash of the same
     colour: linear theory."""
-    parts, looks = placed_rows(table), looks_in(table)
-    names = [name for name, _ in parts for _ in range(2)]
-    figure, axes = style.panels(style.DOUBLE_COLUMN, 0.5 + 3.2 * len(parts), rows=2 * len(parts), names=names)
+    parts, looks = names.placed_rows(table), names.looks_in(table)
+    titles = [name for name, _ in parts for _ in range(2)]
+    figure, axes = style.panels(style.DOUBLE_COLUMN, 0.5 + 3.2 * len(parts), rows=2 * len(parts), names=titles)
     order = {controller: number for number, controller in enumerate(looks)}
     for (_, part), stiffness, damping in zip(parts, axes[::2], axes[1::2], strict=True):
         ranks = pl.Series("rank", [order[controller] for controller in part["controller"]])
@@ -153,7 +134,7 @@ def draw_quantity(ax: Axes, rows: pl.DataFrame, symbol: str, looks: dict[str | N
     # at this share of their usual size, and not below 0.3, the markers of neighbours do not touch
     share = float(np.clip(72 * ax.figure.figure.get_figwidth() / (last + 8) / 4.5, 0.3, 1.0))
     for controller, look in looks.items():
-        fits = of_controller(rows, controller)
+        fits = names.of_controller(rows, controller)
         style.draw_estimates(ax, fits, "x", symbol, symbol, look, share, zorder=3)
         ax.plot(fits["x"], fits[f"{symbol}_predicted"], "_", color=look.colour, markersize=7 * share, mew=0.7)
     ax.ticklabel_format(axis="y", useOffset=False)
@@ -195,19 +176,19 @@ def fig5_caption(table: pl.DataFrame) -> str:
         said.append("Thin bars are the range of the fits to single amplitudes.")
     widths = {symbol: (table[f"{symbol}_high"] - table[f"{symbol}_low"]).drop_nulls() for symbol in "KB"}
     if all(map(len, widths.values())):
-        ends = " and ".join(f"±{width.to_numpy().max() / 2:.2g} {UNIT_SIGN[s]}" for s, width in widths.items())
+        ends = " and ".join(f"±{width.to_numpy().max() / 2:.2g} {names.UNIT_SIGN[s]}" for s, width in widths.items())
         said.append(
             "Thick bars, where they are longer than the markers, are 95 % intervals, for another motion of this kind, "
             f"at most {ends}."
         )
-    parts = placed_rows(table)
+    parts = names.placed_rows(table)
     for _, part in parts:
         place = part.select("joint", "side").row(0) if len(parts) > 1 else ()
-        for controller, look in looks_in(part).items():
-            fits = of_controller(part, controller)
-            name = capital_text(*place, controller or look.label.lower())
+        for controller, look in names.looks_in(part).items():
+            fits = names.of_controller(part, controller)
+            name = names.capital_text(*place, controller or look.label.lower())
             said.append(f"{name} ($n$ = {len(fits)}): {errors_said(fits)}.")
-    return " ".join([*said, doubtful_said(table, "drawn open")])
+    return " ".join([*said, names.doubtful_said(table, "drawn open")])
 
 
 def errors_said(fits: pl.DataFrame) -> str:
@@ -222,15 +203,17 @@ def errors_said(fits: pl.DataFrame) -> str:
             continue
         sd = None if len(errors) == 1 else float(errors.std())  # type: ignore[arg-type]
         mean, low, high = (float(value) for value in (errors.mean(), errors.min(), errors.max()))  # type: ignore[arg-type]
-        digits = decimals_of(sd or 0.0, mean)
-        reach = f", {rounded_number(low, digits)} to {rounded_number(high, digits)}" if sd is not None else ""
-        some = f" of {count_of(len(errors), 'fit')}" if len(errors) < len(fits) else ""
-        said.append(f"{name}{some} is {with_sd(mean, sd, UNIT_SIGN[symbol])}{reach}")
+        digits = names.decimals_of(sd or 0.0, mean)
+        reach = (
+            f", {names.rounded_number(low, digits)} to {names.rounded_number(high, digits)}" if sd is not None else ""
+        )
+        some = f" of {names.count_of(len(errors), 'fit')}" if len(errors) < len(fits) else ""
+        said.append(f"{name}{some} is {names.with_sd(mean, sd, names.UNIT_SIGN[symbol])}{reach}")
     return ", ".join(said) + (" (mean ± SD, range)" if len(fits) > 1 else "")
 
 
 FIG6_NEEDS = ("trial", "controller", "K_d", "B_d", "amplitude_deg", "VAF")
-FIG6_COLUMNS = (*FIG6_NEEDS, *JOINT_SIDE, "look", "x", "x_centre", "median_VAF", "doubtful")
+FIG6_COLUMNS = (*FIG6_NEEDS, *names.JOINT_SIDE, "look", "x", "x_centre", "median_VAF", "doubtful")
 MARGIN_LEFT, MARGIN_RIGHT, MARGIN_BOTTOM, PANEL_HEIGHT = 0.66, 0.06, 0.26, 2.08
 """Margins and height [in] of the panel of Fig. 6: fixed, because the swarm's positions depend on its size."""
 MOST_BESIDE = 2  # swarms up to which the median stands beside each, in a single column; of more it stands below each
@@ -251,7 +234,7 @@ def vaf_limits(vaf: pl.Series) -> tuple[float, float]:
 
 def vaf_said(vaf: float) -> str:
     """A VAF [percent] with two or more digits behind the point, and two of the unexplained share."""
-    return f"{rounded_number(vaf, min(max(decimals_of(100 - vaf), 2), 6))} %"
+    return f"{names.rounded_number(vaf, min(max(names.decimals_of(100 - vaf), 2), 6))} %"
 
 
 def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
@@ -259,13 +242,13 @@ def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
     the panel. A trial that no stepped sine moved has one row, a fit without a VAF (a constant torque) none. Raises
     InputError: no fit of a single amplitude has a VAF."""
     single = (pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)) & pl.col("VAF").is_finite()
-    known = (*FIG6_NEEDS, *JOINT_SIDE, "doubtful")
-    table = completed(impedance.filter(single), known).select(known)
+    known = (*FIG6_NEEDS, *names.JOINT_SIDE, "doubtful")
+    table = names.completed(impedance.filter(single), known).select(known)
     if table.is_empty():
         raise InputError(
             "the impedance table has no VAF of a single amplitude, which Fig. 6 draws; fit the trials again"
         )
-    table = table.with_columns(look_numbers(table["controller"]))
+    table = table.with_columns(names.look_numbers(table["controller"]))
     low, high = vaf_limits(table["VAF"])
     groups = swarms_of(table)
     width, pitch = panel_width(len(groups)), 1 / len(groups)
@@ -280,8 +263,8 @@ def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
 
 
 def swarms_of(table: pl.DataFrame) -> list[pl.DataFrame]:
-    parts = table.partition_by(JOINT_SIDE, maintain_order=True)
-    found = (of_controller(part, controller) for part in parts for controller in looks_in(part))
+    parts = table.partition_by(names.JOINT_SIDE, maintain_order=True)
+    found = (names.of_controller(part, controller) for part in parts for controller in names.looks_in(part))
     return [rows for rows in found if len(rows)]
 
 
@@ -292,13 +275,13 @@ def panel_width(swarms: int) -> float:
 @style.paper_style()
 def draw_fig6(table: pl.DataFrame) -> Figure:
     """A swarm per controller of each joint and side, over an axis that is logarithmic in the unexplained variance."""
-    swarms, looks = swarms_of(table), looks_in(table)
-    several, beside = len(table.select(JOINT_SIDE).unique()) > 1, len(swarms) <= MOST_BESIDE
+    swarms, looks = swarms_of(table), names.looks_in(table)
+    several, beside = len(table.select(names.JOINT_SIDE).unique()) > 1, len(swarms) <= MOST_BESIDE
     # what stands below a swarm, in lines of the width that each has
     panel = panel_width(len(swarms))
     letters, written = max(int(17 * panel / len(swarms)), 6), []
     for rows in swarms:
-        place = place_name(rows["joint"][0], rows["side"][0]) if several or not beside else ""
+        place = names.place_name(rows["joint"][0], rows["side"][0]) if several or not beside else ""
         median = "" if beside else f"median {vaf_said(rows['median_VAF'][0])}"
         named = (looks[rows["controller"][0]].label.strip(), place, fits_and_trials(rows), median)
         written.append("\n".join(part for line in named if line for part in textwrap.wrap(line, letters)))
@@ -341,8 +324,8 @@ def vaf_of_height(height: Array) -> Array:
 
 
 def fits_and_trials(rows: pl.DataFrame) -> str:
-    trials = count_of(rows["trial"].n_unique(), "trial")
-    return trials if len(rows) == rows["trial"].n_unique() else f"{count_of(len(rows), 'fit')} of {trials}"
+    trials = names.count_of(rows["trial"].n_unique(), "trial")
+    return trials if len(rows) == rows["trial"].n_unique() else f"{names.count_of(len(rows), 'fit')} of {trials}"
 
 
 def fig6_caption(table: pl.DataFrame) -> str:
@@ -351,15 +334,15 @@ def fig6_caption(table: pl.DataFrame) -> str:
         "axis is logarithmic in 100 − VAF, the share of the variance that the system leaves unexplained. Black bars "
         "are medians; the place across a swarm has no meaning."
     ]
-    several = len(table.select(JOINT_SIDE).unique()) > 1
+    several = len(table.select(names.JOINT_SIDE).unique()) > 1
     for rows in swarms_of(table):
-        place = rows.select(JOINT_SIDE).row(0) if several else ()
-        name = capital_text(*place, rows["controller"][0] or NO_CONTROLLER.label.lower())
+        place = rows.select(names.JOINT_SIDE).row(0) if several else ()
+        name = names.capital_text(*place, rows["controller"][0] or names.NO_CONTROLLER.label.lower())
         low, median, high = (vaf_said(np.quantile(rows["VAF"], share)) for share in (0, 0.5, 1))
         said.append(f"{name} ({fits_and_trials(rows)}): median {median}, {low} to {high}.")
     if len(table.filter(pl.col("VAF") > LARGEST_VAF)):
         said.append(f"Larger VAFs than {LARGEST_VAF} % are drawn there.")
-    return " ".join([*said, doubtful_said(table, "drawn open")])
+    return " ".join([*said, names.doubtful_said(table, "drawn open")])
 
 
 FIG4 = style.Drawing(

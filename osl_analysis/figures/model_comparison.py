@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
-from osl_analysis.figures import style
-from osl_analysis.figures.names import JOINT_SIDE, MARKERS, capital_text, completed, count_of, place_name
+from osl_analysis.figures import names, style
 from osl_analysis.trial import Array
 
 HELD_OUT_COLUMNS = ("experiment", "controller", "trial", "model", "VAF_held_out")
@@ -23,11 +22,11 @@ RIVALS = {
     ),
 }
 """Names of each experiment and of its models, the draft's model first."""
-CONDITION = (*JOINT_SIDE, "controller")
+CONDITION = (*names.JOINT_SIDE, "controller")
 
 
 def scores_points(scores: pl.DataFrame) -> pl.DataFrame:
-    table = completed(scores, JOINT_SIDE).select(*JOINT_SIDE, *HELD_OUT_COLUMNS)
+    table = names.completed(scores, names.JOINT_SIDE).select(*names.JOINT_SIDE, *HELD_OUT_COLUMNS)
     table = table.filter(pl.col("VAF_held_out").is_finite())
     if table.is_empty():
         raise InputError(
@@ -47,10 +46,10 @@ def models_caption(table: pl.DataFrame) -> str:
         where = "" if experiment in drawn_experiments(table) else " (no panel: two models alone)"
         rows = table.filter(pl.col("experiment") == experiment)
         for trials in rows.partition_by(CONDITION, maintain_order=True):
-            names, means = (name.replace("\n", " ") for name in models.values()), shares_left(trials, models)[2]
-            told = "; ".join(f"{name} {share:.2g} %" for name, share in zip(names, means, strict=True) if share > 0)
-            named = capital_text(title, *trials.select(CONDITION).row(0))
-            said.append(f"{named}{where}, mean of {count_of(trials['trial'].n_unique(), 'trial')}: {told}.")
+            called, means = (name.replace("\n", " ") for name in models.values()), shares_left(trials, models)[2]
+            told = "; ".join(f"{name} {share:.2g} %" for name, share in zip(called, means, strict=True) if share > 0)
+            named = names.capital_text(title, *trials.select(CONDITION).row(0))
+            said.append(f"{named}{where}, mean of {names.count_of(trials['trial'].n_unique(), 'trial')}: {told}.")
     return " ".join(said)
 
 
@@ -65,7 +64,7 @@ def draw_models(table: pl.DataFrame) -> Figure:
     """A panel per experiment with three models or more, the draft's model on the left: each line is a trial, each bar
     the geometric mean, over the logarithm of the share of the variance of held-out torque that a model does not account
     for."""
-    several = len(table.select(JOINT_SIDE).unique()) > 1
+    several = len(table.select(names.JOINT_SIDE).unique()) > 1
     present = drawn_experiments(table)
     shares = [len(RIVALS[experiment][1]) for experiment in present]
     width = style.SINGLE_COLUMN if len(present) == 1 else style.DOUBLE_COLUMN
@@ -74,14 +73,14 @@ def draw_models(table: pl.DataFrame) -> Figure:
         name, models = RIVALS[experiment]
         rows = table.filter(pl.col("experiment") == experiment)
         conditions = rows.partition_by(CONDITION, maintain_order=True)
-        places = rows.select(JOINT_SIDE).unique(maintain_order=True).rows()
+        places = rows.select(names.JOINT_SIDE).unique(maintain_order=True).rows()
         for k, trials in enumerate(conditions):
             shift = min(0.36, 0.72 / len(conditions)) * (k - (len(conditions) - 1) / 2)
             look = style.LOOKS.get(trials["controller"][0], style.Look(style.GREY, "o", 2.6, "Repeat"))
             if several:
-                place = trials.select(JOINT_SIDE).row(0)
-                marker = MARKERS[places.index(place) % len(MARKERS)]
-                look = replace(look, label=f"{look.label}, {place_name(*place)}", marker=marker)
+                place = trials.select(names.JOINT_SIDE).row(0)
+                marker = names.MARKERS[places.index(place) % len(names.MARKERS)]
+                look = replace(look, label=f"{look.label}, {names.place_name(*place)}", marker=marker)
             draw_trials(ax, trials, models, shift, look)
         ax.set_title(f"{ax.get_title(loc='left')} {name}".strip(), loc="left")
         ax.set_yscale("log")
@@ -109,7 +108,7 @@ def draw_trials(ax: Axes, rows: pl.DataFrame, models: dict[str, str], shift: flo
 def shares_left(rows: pl.DataFrame, models: dict[str, str]) -> tuple[list[str], Array, Array]:
     """The trials (n,), the share [percent] of held-out variance that each model (m,) leaves of them, (n, m), and its
     geometric mean over trials (m,), NaN for a model that no trial has. The smallest share on the axis is 1e-6."""
-    wide = completed(rows.pivot("model", index="trial", values="VAF_held_out"), models)
+    wide = names.completed(rows.pivot("model", index="trial", values="VAF_held_out"), models)
     left = np.maximum(100 - wide.select(models.keys()).to_numpy(), 1e-6)
     seen, means = np.isfinite(left).any(axis=0), np.full(len(models), np.nan)
     means[seen] = np.exp(np.nanmean(np.log(left[:, seen]), axis=0))
@@ -117,5 +116,5 @@ def shares_left(rows: pl.DataFrame, models: dict[str, str]) -> tuple[list[str], 
 
 
 MODEL_COMPARISON = style.Drawing(
-    (*JOINT_SIDE, *HELD_OUT_COLUMNS), draw_models, models_caption, scores_points, needs=HELD_OUT_COLUMNS
+    (*names.JOINT_SIDE, *HELD_OUT_COLUMNS), draw_models, models_caption, scores_points, needs=HELD_OUT_COLUMNS
 )

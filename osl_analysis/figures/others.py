@@ -8,8 +8,7 @@ import polars as pl
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator, PercentFormatter
 
-from osl_analysis.figures import style
-from osl_analysis.figures.names import as_text, drawn_name, figure_title, with_glyphs
+from osl_analysis.figures import names, style
 
 FIG8_COLUMNS = ("phase", "trajectory", "K_d", "B_d", "K_1_joint", "B_1_joint")
 NO_GAINS = "There are no gains, because the configuration names no parameter file."
@@ -27,7 +26,7 @@ def draw_fig8(table: pl.DataFrame) -> Figure:
     figure, axes = style.panels(style.SINGLE_COLUMN, 3.0, rows=2)
     kind = table["trajectory"][0]
     if kind is not None:
-        axes[0].set_title(f"(a) Trajectory: {drawn_name(kind)}", loc="left")
+        axes[0].set_title(f"(a) Trajectory: {names.drawn_name(kind)}", loc="left")
     for ax, symbol, name in zip(axes, "KB", ("Stiffness (N·m/rad)", "Damping (N·m·s/rad)"), strict=True):
         ax.plot(table["phase"], table[f"{symbol}_d"], color=style.BLACK, label=f"Desired ${symbol}_d$")
         gains = table[f"{symbol}_1_joint"]
@@ -50,7 +49,7 @@ def fig8_caption(table: pl.DataFrame) -> str:
     whose = {
         None: "The trajectory's file does not say of what kind it is.",
         "synthetic": "The trajectory is synthetic: neither measured nor that of a published walking controller.",
-    }.get(kind, f"Kind of the trajectory: {as_text(kind or '')}.")
+    }.get(kind, f"Kind of the trajectory: {names.as_text(kind or '')}.")
     K_d, B_d, K_1, B_1 = (
         f"{values.min():.3g} to {values.max():.3g}".replace("-", "−")  # type: ignore[str-bytes-safe]
         if (values := table[column].drop_nulls()).len()
@@ -112,10 +111,10 @@ def draw_reasons(table: pl.DataFrame) -> Figure:
         lines += textwrap.wrap(cause, int(style.DOUBLE_COLUMN * 17))  # letters per inch
     figure = Figure(figsize=(style.DOUBLE_COLUMN, 0.6 + 0.16 * len(lines)))
     figure.text(
-        0.02, 0.95, f"{figure_title(table['figure'][0])} is not drawn", color=style.BLACK, fontsize=11, va="top"
+        0.02, 0.95, f"{names.figure_title(table['figure'][0])} is not drawn", color=style.BLACK, fontsize=11, va="top"
     )
     below = 1 - 0.4 / figure.get_figheight()
-    figure.text(0.02, below, with_glyphs("\n".join(lines)), color=style.GREY, va="top", parse_math=False)
+    figure.text(0.02, below, names.with_glyphs("\n".join(lines)), color=style.GREY, va="top", parse_math=False)
     return figure
 
 
@@ -143,7 +142,9 @@ def draw_study(table: pl.DataFrame) -> Figure:
     for key in table.select("experiment", "estimator", "interval_method").unique(maintain_order=True).iter_rows():
         keys += [key] if keys and keys[-1][0] == key[0] else [key[:1], key]
     figure, axes = style.panels(style.DOUBLE_COLUMN, 0.9 + 0.155 * len(keys), columns=3)
-    looks = {name: (colour, marker, below) for colour, marker, below, _, names in STUDY_LOOKS for name in names}
+    looks = {
+        name: (colour, marker, below) for colour, marker, below, _, quantities in STUDY_LOOKS for name in quantities
+    }
     table = table.with_columns(
         pl.col("coverage") * 100, pl.col("coverage_mc") * 100, quantity=pl.col("quantity").str.split(",").list.first()
     )
@@ -173,8 +174,8 @@ def draw_study(table: pl.DataFrame) -> Figure:
         text.set_fontweight("bold" if len(key) == 1 else "normal")
     handles = [
         style.key(said, color=colour, marker=marker)
-        for colour, marker, _, said, names in STUDY_LOOKS
-        if table["quantity"].is_in(names).any()
+        for colour, marker, _, said, quantities in STUDY_LOOKS
+        if table["quantity"].is_in(quantities).any()
     ]
     handles.append(style.key("Beyond the panel", color=style.GREY, marker=">", markersize=3))
     figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))

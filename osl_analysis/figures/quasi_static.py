@@ -9,18 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from osl_analysis.figures import style
-from osl_analysis.figures.names import (
-    JOINT_SIDE,
-    UNIT_SIGN,
-    as_text,
-    completed,
-    count_of,
-    doubtful_said,
-    drawn_name,
-    placed_rows,
-    with_interval,
-)
+from osl_analysis.figures import names, style
 
 MOST_LOOPS = 12  # trials of a panel of Fig. 3 that have their names at the ends of their loops
 MEAN_SLOPE = "mean slope"  # name that takes the place of the trial in the two rows that carry the mean slope
@@ -37,23 +26,25 @@ def fig3_caption(table: pl.DataFrame) -> str:
         "mean slope while loading, dashed. Below, what each trial's torque differs by from the mean slope, solid while "
         "loading and dashed while unloading: the width of a loop is its hysteresis."
     ]
-    if max(part["trial"].n_unique() for _, part in placed_rows(table)) <= MOST_LOOPS + 1:
+    if max(part["trial"].n_unique() for _, part in names.placed_rows(table)) <= MOST_LOOPS + 1:
         said.append("The names of the trials stand at the ends of their loops.")
-    for name, part in placed_rows(table):
+    for name, part in names.placed_rows(table):
         for row in part.filter(pl.col("trial") == MEAN_SLOPE).head(1).iter_rows(named=True):
             K_s, loop = (
-                with_interval(row[name], row[f"{name}_low"], row[f"{name}_high"], unit)
+                names.with_interval(row[name], row[f"{name}_low"], row[f"{name}_high"], unit)
                 for name, unit in (("K_s", "N·m/rad"), ("hysteresis_area", "J"))
             )
-            number = count_of(part["trial"].n_unique() - 1, "trial")
-            said.append(f"{as_text(name)} ({number}): the mean stiffness $K_s$ is {K_s}, and a loop loses {loop}.")
-    return " ".join([*said, doubtful_said(fits, "drawn dotted")])
+            number = names.count_of(part["trial"].n_unique() - 1, "trial")
+            said.append(
+                f"{names.as_text(name)} ({number}): the mean stiffness $K_s$ is {K_s}, and a loop loses {loop}."
+            )
+    return " ".join([*said, names.doubtful_said(fits, "drawn dotted")])
 
 
 @style.paper_style()
 def draw_fig3(table: pl.DataFrame) -> Figure:
     """Above, torque over deflection, the mean slope dashed; below, torque minus that of the mean slope."""
-    parts = placed_rows(table)
+    parts = names.placed_rows(table)
     across = min(len(parts), 2)
     rows = 2 * -(-len(parts) // across)
     width = style.SINGLE_COLUMN if across == 1 else style.DOUBLE_COLUMN
@@ -80,7 +71,7 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
     figure.legend(handles=entries, loc="outside upper center", ncols=2 if len(figure.axes) == 2 else len(entries))
     for loops, ends in named:
         if len(ends) <= MOST_LOOPS:
-            style.name_ends(loops, [(name, drawn_name(name, 12), colour, end) for name, colour, end in ends])
+            style.name_ends(loops, [(name, names.drawn_name(name, 12), colour, end) for name, colour, end in ends])
     return figure
 
 
@@ -136,15 +127,15 @@ MOST_CURVES = 16  # largest number of trials of a panel that are named
 
 
 def torque_angle_points(curves: pl.DataFrame, table: pl.DataFrame) -> pl.DataFrame:
-    facts = completed(table, JOINT_SIDE).select("trial", *JOINT_SIDE, "doubtful")
+    facts = names.completed(table, names.JOINT_SIDE).select("trial", *names.JOINT_SIDE, "doubtful")
     joined = curves.select(CURVE_COLUMNS).join(facts, on="trial", how="left", maintain_order="left")
-    return joined.select(*JOINT_SIDE, *CURVE_COLUMNS, "doubtful")
+    return joined.select(*names.JOINT_SIDE, *CURVE_COLUMNS, "doubtful")
 
 
 def torque_angle_caption(table: pl.DataFrame) -> str:
     said = [
-        f"Torque against angle of {count_of(table['trial'].n_unique(), 'trial')}, moved slowly. (a) Torque, thick "
-        "while loading and thin while unloading. (b) Slope of torque over angle while loading; shaded: its 95 % "
+        f"Torque against angle of {names.count_of(table['trial'].n_unique(), 'trial')}, moved slowly. (a) Torque, "
+        "thick while loading and thin while unloading. (b) Slope of torque over angle while loading; shaded: its 95 % "
         "interval."
     ]
     if table["desired_torque"].count():
@@ -153,18 +144,18 @@ def torque_angle_caption(table: pl.DataFrame) -> str:
         loading = trial.filter(pl.col("branch") == "loading")
         torque = loading.drop_nulls("torque").sort("angle_deg")["torque"]
         (low, high), slopes = (torque[0], torque[-1]), loading["stiffness"].drop_nulls().to_numpy()
-        steepest = f", steepest {np.max(slopes):.4g} {UNIT_SIGN['K']}" if len(slopes) else ""
-        said.append(f"{as_text(trial['trial'][0])}: {low:.3g} to {high:.3g} N·m{steepest}.".replace("-", "−"))
+        steepest = f", steepest {np.max(slopes):.4g} {names.UNIT_SIGN['K']}" if len(slopes) else ""
+        said.append(f"{names.as_text(trial['trial'][0])}: {low:.3g} to {high:.3g} N·m{steepest}.".replace("-", "−"))
     fits = table.unique("trial", maintain_order=True)
-    return " ".join([*said, doubtful_said(fits, "drawn dotted", fit="trial")])
+    return " ".join([*said, names.doubtful_said(fits, "drawn dotted", fit="trial")])
 
 
 @style.paper_style()
 def draw_torque_angle(table: pl.DataFrame) -> Figure:
     """(a) Torque against angle, desired curves dashed; (b) stiffness while loading with its 95 % interval."""
-    parts, colours = placed_rows(table), curve_colours(table)
-    names = [name for name, _ in parts for _ in range(2)]
-    figure, axes = style.panels(style.DOUBLE_COLUMN, 3.0 * len(parts) + 0.3, rows=len(parts), columns=2, names=names)
+    parts, colours = names.placed_rows(table), curve_colours(table)
+    titles = [name for name, _ in parts for _ in range(2)]
+    figure, axes = style.panels(style.DOUBLE_COLUMN, 3.0 * len(parts) + 0.3, rows=len(parts), columns=2, names=titles)
     for number, (_, part) in enumerate(parts):
         draw_curves(axes[2 * number], axes[2 * number + 1], part, colours)
     entries = [
@@ -185,7 +176,7 @@ def draw_torque_angle(table: pl.DataFrame) -> Figure:
             style.name_ends(
                 ax,
                 [
-                    (name, drawn_name(name.replace("_", " "), 18), colours[name], (x, y))
+                    (name, names.drawn_name(name.replace("_", " "), 18), colours[name], (x, y))
                     for name, x, y in last.iter_rows()
                 ],
             )
@@ -243,7 +234,7 @@ FIG3 = style.Drawing(
     fig3_caption,
 )
 TORQUE_ANGLE = style.Drawing(
-    (*JOINT_SIDE, *CURVE_COLUMNS, "doubtful"),
+    (*names.JOINT_SIDE, *CURVE_COLUMNS, "doubtful"),
     draw_torque_angle,
     torque_angle_caption,
     torque_angle_points,

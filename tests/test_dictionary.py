@@ -56,12 +56,9 @@ def test_the_table_of_overground_trials_is_described():
     assert set(described("tables/ankle_moment")) - {"joint", "data"} == set(row)
 
 
-def test_columns_that_are_read_as_text_are_described_as_text():
+def test_columns_that_are_read_as_text_are_described_as_text_and_tables_of_trials_by_those_that_gather_them():
     text = {column.name for table in described_tables() for column in table.columns.values() if column.unit == "text"}
     assert set(TEXT_COLUMNS) <= text
-
-
-def test_a_table_of_a_single_trial_is_described_by_the_table_that_gathers_it():
     assert [t.place for t in described_tables() if t.describes("fits/walking/walking_01.csv")] == ["tables/walking"]
     assert not any(t.describes("fits/unknown/walking_01.csv") for t in described_tables())
     assert pl.Series([t.place for t in described_tables()]).is_unique().all()

@@ -61,9 +61,6 @@ def test_the_simulated_protocol_and_walk_are_those_of_the_configuration(tmp_path
     assert walking.impedance == other
     assert walking.gain_weight.weight == Weight(3, 1)
     assert other in settings_files(Path("config/simulation/default.yaml"), followed)
-
-
-def test_the_walking_leg_selects_its_damping_with_the_weight():
     p, path = read_parameters(ROOT / "config/parameters/default.yaml"), Path("config/impedance/synthetic_walking.csv")
     paper, other = (compensated_damping(path, p, Weight(f, 3))[1] for f in (1.0, 4.0))
     assert abs(other / paper - 1).max() > 0.01

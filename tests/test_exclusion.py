@@ -21,6 +21,7 @@ from osl_analysis.trial import Trial
 RULES = read_section(ROOT / "config/config.yaml", "quality", QualityRules)
 ACCEPT = {"plate_3": ["unzeroed_plate"]}
 JUDGE = Judge(RULES, ACCEPT)
+COLUMNS = ["trial", "check", "value", "unit", "threshold", "remark"]
 
 
 @pytest.fixture
@@ -38,10 +39,8 @@ def checked(tmp_path: Path) -> list[Path]:
 def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked: list[Path]) -> None:
     files = [f"fits/{name}.parquet" for name in ("plate_1", "plate_2", "plate_3")]
     inputs = {"trials": files, "table": "tables/plate_2.csv", "quality": list(map(str, checked))}
-    assert without_excluded(inputs, exclusions(JUDGE.verdicts(checked))) == {
-        "trials": [files[0], files[2]],
-        "table": "tables/plate_2.csv",
-    }
+    used = {"trials": [files[0], files[2]], "table": "tables/plate_2.csv"}
+    assert without_excluded(inputs, exclusions(JUDGE.verdicts(checked))) == used
     alone = {"trial": "trials/plate_1.parquet", "motion": ["trials/plate_2.parquet"], "quality": checked}
     assert without_excluded(alone, exclusions(JUDGE.verdicts(checked))) == {"trial": alone["trial"], "motion": []}
     assert exclusion_report(JUDGE.verdicts(checked[:1]), {}) == ""
@@ -67,7 +66,6 @@ def test_who_was_left_out_is_listed_and_told_with_value_threshold_and_remedy(che
     told = exclusion_report(JUDGE.verdicts([*checked, folder / "missing.csv"]), {"b_2": "stumbled"})
     assert "excluded by the sample sheet: b_2 (stumbled)" in told
     assert re.search(r"plate_2 \(unzeroed_plate (80\.0|79\.9)\S* N, threshold 20\.0: plate1 -(80\.0|79\.9) N\)", told)
-    assert "threshold 20" in told
     assert "`accept`" in told
 
 
@@ -76,14 +74,12 @@ def test_a_trial_that_could_not_be_judged_is_in_both_lists_with_reason_and_remed
     folder = checked[0].parent
     for judged, n in (([], 0), (checked, 3)):
         judge(judged, RULES, ACCEPT, folder / "quality.csv", [lost])
-        table = read_table(
-            folder / "quality.csv", ["trial", "check", "value", "unit", "threshold", "verdict", "remark"]
-        )
+        table = read_table(folder / "quality.csv", [*COLUMNS, "verdict"])
         assert table["trial"].n_unique() == n + 1
         (row,) = table.filter(pl.col("verdict") == "refused").to_dicts()
         assert (row["trial"], row["check"], row["value"]) == ("plate_9", "refused", None)
         list_excluded(folder / "quality.csv", {}, folder / "excluded.csv", [lost])
-        listed = read_table(folder / "excluded.csv", ["trial", "check", "value", "unit", "threshold", "remark"])
+        listed = read_table(folder / "excluded.csv", COLUMNS)
         assert listed["remark"][0] == "p.c3d: truncated; export it again"
         assert listed["trial"].to_list() == ["plate_9", "plate_2"][: 1 + (n > 0)]
 
@@ -96,8 +92,5 @@ def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(
     checked: list[Path], name: str, files: str | list[str]
 ) -> None:
     beside = {"motion": ["trials/plate_1.parquet"]} if files == "trials/plate_2.csv" else {}
-    with pytest.raises(
-        InputError, match=r"excludes every trial .*: plate_2 \(unzeroed_plate .*; record again"
-    ) as caught:
+    with pytest.raises(InputError, match=r"^[^\n]*excludes every trial .*: plate_2 \(unzeroed_plate .*; record again"):
         without_excluded({name: files, "quality": checked} | beside, exclusions(JUDGE.verdicts(checked)))
-    assert "\n" not in str(caught.value)

@@ -53,13 +53,12 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     protocol = {"amplitudes_deg": [2, 4], "frequencies_hz": [1, 2, 3], "cycles": 8}
     ours = {
         "campaign": "knee", "raw_data": str(folder), "sheet": str(folder / "trials.csv"),
-        "results": str(folder / "out"),
-        "simulation": None, "parameters": None, "data": "simulated", "recorded": "2026-03-14",
+        "results": str(folder / "out"), "simulation": None, "parameters": None, "data": "simulated", "recorded": "2026-03-14",
         "dynamometer": protocol | {"time_base": {"highest_hz": 3}},
     }  # fmt: skip
     (folder / "ours.yaml").write_text(yaml.safe_dump(ours))
-    ours = ["--configfile", str(folder / "ours.yaml"), "--snakefile", str(ROOT / "Snakefile"), "--directory", str(ROOT)]
-    done = run_snakemake(ours, folder)
+    options = {"configfile": folder / "ours.yaml", "snakefile": ROOT / "Snakefile", "directory": ROOT}
+    done = run_snakemake([word for name, path in options.items() for word in (f"--{name}", str(path))], folder)
     assert done.returncode == 0, done.stdout
     return folder / "out"
 
@@ -74,9 +73,8 @@ def test_every_trial_is_analysed_and_nothing_is_predicted(results: Path) -> None
     assert table["K_predicted"].null_count() == table["K_over_K_s"].null_count() == len(SHEET)
     assert table["not_checked"].str.contains("parameter file").all()
     assert dict(table.select("trial", "controller").iter_rows())["k_hostile"] == HOSTILE
-    assert set(table.select("joint", "side").iter_rows()) == {
-        ("knee", "left"), ("knee", "right"), ("exoskeleton hip", None),
-    }  # fmt: skip
+    places = {("knee", "left"), ("knee", "right"), ("exoskeleton hip", None)}
+    assert set(table.select("joint", "side").iter_rows()) == places
 
 
 def test_all_figures_are_drawn_and_say_what_is_simulated(results: Path) -> None:
@@ -103,10 +101,8 @@ def test_headline_numbers_and_their_macros_are_told_apart(results: Path) -> None
 
 def test_every_table_is_plain_csv_that_says_what_its_data_are(results: Path) -> None:
     listed = {one["url"] for one in json.loads((results / "csv-metadata.json").read_text(encoding="utf-8"))["tables"]}
-    written = {
-        str(path.relative_to(results)) for part in ("tables", "figures") for path in (results / part).glob("*.csv")
-    }
-    assert listed == written
+    written = (*(results / "tables").glob("*.csv"), *(results / "figures").glob("*.csv"))
+    assert listed == {str(path.relative_to(results)) for path in written}
     for name in listed:
         table = pl.read_csv(results / name, infer_schema_length=None)
         assert table.columns[-1] == "data", name

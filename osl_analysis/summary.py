@@ -301,25 +301,7 @@ WALKWAY: dict[str, OfTable] = {
     "walking": lambda table, _: over_fits(LABELS["walking"]["VAF"], table["VAF"]),
 }
 """Those of the walkway, which follow."""
-IN_SUMMARY = "quantity n mean low high"
-NEEDED = {
-    **dict.fromkeys(("belt_summary", "transmission_summary", "actuator_summary"), IN_SUMMARY),
-    "transmission": "amplitude_deg VAF",
-    "impedance": "controller K_d B_d amplitude_deg K K_low K_high K_amplitudes_low K_amplitudes_high B B_low B_high "
-    "B_amplitudes_low B_amplitudes_high VAF",
-    "torque_angle": "trial cycles K K_low K_high energy_stored energy_stored_low energy_stored_high energy_returned "
-    "energy_returned_low energy_returned_high energy_lost energy_lost_low energy_lost_high",
-    "model_comparison_summary": "experiment controller model trials VAF_gain VAF_gain_low VAF_gain_high",
-    "walking_summary": f"group estimator {IN_SUMMARY}",
-    "walking": "VAF",
-}
-"""The columns that the headline numbers of a table need."""
-
-
-def needed_columns(table: str) -> tuple[str, ...] | None:
-    """Columns of a result table that the summary needs, the doubts among them; None for one that it does not read."""
-    judged = (DOUBTFUL,) if table in judged_tables() else ()
-    return (*NEEDED.get(table, "").split(), *judged) or None
+READ = {*BENCH, *WALKWAY, *judged_tables()}  # the tables that the summary reads
 
 
 def headline_numbers(tables: Mapping[str, pl.DataFrame], example: Example = DRAFT_EXAMPLE) -> list[Headline]:

@@ -53,7 +53,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     protocol = {"amplitudes_deg": [2, 4], "frequencies_hz": [1, 2, 3], "cycles": 8}
     ours = {
         "campaign": "knee", "raw_data": str(folder), "sheet": str(folder / "trials.csv"),
-        "results": str(folder / "out"), "simulation": None, "parameters": None, "data": "simulated", "recorded": "2026-03-14",
+        "results": str(folder / "out"), "simulation": None, "parameters": None, "data": "simulated",
+        "recorded": "2026-03-14",
         "dynamometer": protocol | {"time_base": {"highest_hz": 3}},
     }  # fmt: skip
     (folder / "ours.yaml").write_text(yaml.safe_dump(ours))

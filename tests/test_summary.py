@@ -245,11 +245,6 @@ def test_files_are_written_from_the_tables_that_exist_and_read_back(tmp_path):
     assert said[0]["line"] in format_results_table(summary)
     assert summary == written(headline_numbers(all_tables())) | complete
     assert (tmp_path / "numbers.tex").read_text() == to_tex(MADE, headline_numbers(all_tables()))
-    write_table(summary_rows(K_s=686.2).drop("low"), tmp_path / "belt.csv")
-    files = {"summary_json": tmp_path / "s.json", "numbers_tex": tmp_path / "n.tex"}
-    with pytest.raises(InputError, match=r"belt\.csv: no column 'low'"):
-        write_summary(about=MADE, table_paths={"belt_summary": tmp_path / "belt.csv"}, **files)
-    assert not any(path.exists() for path in files.values())
 
 
 def test_missing_trials_are_counted_and_named_with_the_reason_in_every_form_of_the_summary(tmp_path):

@@ -23,10 +23,10 @@ from osl_analysis.judge.table import Doubt, QualityRules
 from osl_analysis.spectral.periods import Realisation, pooled, realisations_from
 from osl_analysis.summary import (
     DRAFT_EXAMPLE,
+    READ,
     Example,
     headline_numbers,
     missing_lines,
-    needed_columns,
     to_columns,
     to_json,
     to_markdown,
@@ -184,8 +184,7 @@ def write_summary(
     experiment, `excluded` is the table of those that are not used, `verdicts` is `quality.csv`, `refused` are the
     causes of missing tables.
     """
-    needed = {name: needed_columns(name) for name in table_paths}
-    tables = {name: read_table(table_paths[name], required=columns) for name, columns in needed.items() if columns}
+    tables = {name: read_table(path) for name, path in table_paths.items() if name in READ}
     headlines = headline_numbers(tables, example or DRAFT_EXAMPLE)
     of_excluded = ("trial", "check", "value", "unit", "threshold", "remark")
     used = trials_content(trials or {}, read_table(excluded, of_excluded)) if excluded else {}

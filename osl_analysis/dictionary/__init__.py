@@ -1,16 +1,12 @@
 """The data dictionary: meaning and unit of every column of every table that the pipeline writes.
 
-The descriptions stand in the YAML files beside this module and in `figures/figures.yaml`: a section per table, in it a
-line per column, `name: unit | meaning`. Three short forms keep them true and short:
-
-* `K, _se, _low: N*m/rad | ...` describes K, K_se and K_low; what the endings mean stands in `shared.yaml`;
-* `cov K B I:` describes the covariances cov_K_B, cov_K_I and cov_B_I, whose units are the products of the columns';
-* `include GROUP:` takes a group of columns, and a name without a description a column, from `shared.yaml`.
+The YAML files beside this module and `figures/figures.yaml` have a section per table, and in it a line per column,
+`name: unit | meaning`, in three short forms: `K, _se, _low: N*m/rad | ...` describes K, K_se and K_low, by the endings
+in `shared.yaml`; `cov K B I:` the covariances cov_K_B, cov_K_I and cov_B_I, whose units are the products of the
+columns'; `include GROUP:` takes a group of columns, and a name without a description a column, from `shared.yaml`.
 
 Two things stand in no section: a result table with the column `trial` has `joint` and `side` behind it, and the last
-column of every table is `data`.
-
-A new column is its line of code and its line here; a test fails where one is missing.
+column of every table is `data`. A new column is its line of code and its line here; a test fails where one is missing.
 """
 
 from collections.abc import Iterator, Mapping
@@ -22,8 +18,6 @@ from pathlib import Path
 from osl_analysis.config.yaml_settings import read_mapping
 
 HERE = Path(__file__).parent
-DICTIONARY_FILES = [HERE / f"{name}.yaml" for name in ("bench", "walking", "campaign", "../figures/figures")]
-"""The YAML files with tables, in the order of the page."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +41,10 @@ class DescribedTable:
 
 @cache
 def described_tables() -> tuple[DescribedTable, ...]:
+    """All tables, in the order of the page."""
     found = []
-    for place, table in (one for path in DICTIONARY_FILES for one in read_mapping(path).items()):
+    files = [HERE / f"{name}.yaml" for name in ("bench", "walking", "campaign", "../figures/figures")]
+    for place, table in (one for path in files for one in read_mapping(path).items()):
         described: dict[str, DescribedColumn] = {}
         for key, text in [*table["columns"].items(), ("data", None)]:
             described |= {column.name: column for column in described_columns(key, text, described)}

@@ -4,7 +4,7 @@ at the end of their range, that stand, wrap or do not read zero, force plates; a
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -490,18 +490,9 @@ def travel(points: Array) -> float:
 # What a recording of a bench cannot be is refused, before a fit.
 
 
-class BenchLimits(Protocol):
-    """What the configuration says of the bench."""
-
-    @property
-    def largest_angle(self) -> float: ...
-    @property
-    def load_cell_range(self) -> float | None: ...
-
-
-def check_recording(trial: Trial, limits: BenchLimits, torque: str = "torque", angle: str | None = "theta") -> None:
-    """Refuse an angle that no leg's joint turns by, a torque beyond the load cell's range of the configuration or one
-    that never changes while the joint turns, and samples so close that the unit of time must be wrong (InputError)."""
+def check_recording(trial: Trial, limits: Any, torque: str = "torque", angle: str | None = "theta") -> None:
+    """Refuse an angle beyond `largest_angle` [rad] of the settings `limits`, a torque beyond `load_cell_range` [N*m] or
+    one that never changes while the joint turns, and samples so close that the unit of time must be wrong."""
     who = f"trial {trial.name}:"
     time = trial.arrays()[0]
     # stamps of a late host come in clusters, most of them microseconds apart, of which the mean step knows nothing

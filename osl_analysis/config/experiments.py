@@ -81,118 +81,72 @@ class Experiment:
 
 on_dynamometer = partial(Experiment, place="bench", motion="theta", torque="torque", log="dynamometer")
 
+# fmt: off
 EXPERIMENTS: dict[str, Experiment] = {
     "belt": on_dynamometer(
-        "input shaft locked, joint moved and back: belt stiffness",
-        signals=("theta_m",),
-        tables=(
-            ResultTable("belt", derived={"belt_summary": "bench.summarise"}),
-            ResultTable("belt_curves", judged=False, published=False),
-            *OF_ALL,
-        ),
+        "input shaft locked, joint moved and back: belt stiffness", signals=("theta_m",),
+        tables=(ResultTable("belt", derived={"belt_summary": "bench.summarise"}),
+            ResultTable("belt_curves", judged=False, published=False), *OF_ALL),
         fit=FitJob("bench.fit_belt_trial", {"settings": ("dynamometer", "BeltAnalysis")}, parameters=True),
         impedance=("K_s", "", ""),
     ),
     "transmission": on_dynamometer(
-        "motor detached, stepped sine: B_j and J_j",
-        stepped_sine=True,
+        "motor detached, stepped sine: B_j and J_j", stepped_sine=True,
         tables=(ResultTable("transmission", derived={"transmission_summary": "bench.summarise"}), *OF_ALL),
-        fit=FitJob(
-            "bench.fit_transmission_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")}, parameters=True
-        ),
+        fit=FitJob("bench.fit_transmission_trial", {"settings": ("dynamometer", "SteppedSineAnalysis")},
+            parameters=True),
         impedance=("", "B_j", "J_j"),
     ),
     "actuator": Experiment(
-        "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m",
-        place="bench",
-        motion="theta_m",
-        torque="torque_m",
-        signals=("current",),
-        log="actuator",
+        "actuator alone, driven at a velocity and a current: k_tau n_m, f_C, f_G, B_m and J_m", place="bench",
+        motion="theta_m", torque="torque_m", signals=("current",), log="actuator",
         tables=(ResultTable("actuator", derived={"actuator_summary": "bench.summarise"}), *OF_ALL),
         fit=FitJob("bench.fit_actuator_trial", {"settings": ("actuator", "ActuatorAnalysis")}, parameters=True),
         impedance=("", "B_m", "J_m"),
     ),
     "impedance": on_dynamometer(
         "stepped sine or any other motion against the controller: K, B, I and the frequency response",
-        stepped_sine=True,
-        any_motion=True,
-        tables=(
-            ResultTable("impedance", derived={"impedance_repeats": "bench.average_over_trials"}),
-            ResultTable(
-                "phasors", doubts_of="impedance", derived={"frequency_response": "bench.average_over_amplitudes"}
-            ),
-            ResultTable("response", doubts_of="impedance"),
-            ResultTable("response_models", doubts_of="impedance"),
-            ResultTable("response_lines", judged=False, published=False),
-            *OF_ALL,
-        ),
+        stepped_sine=True, any_motion=True,
+        tables=(ResultTable("impedance", derived={"impedance_repeats": "bench.average_over_trials"}),
+            ResultTable("phasors", doubts_of="impedance",
+                derived={"frequency_response": "bench.average_over_amplitudes"}),
+            ResultTable("response", doubts_of="impedance"), ResultTable("response_models", doubts_of="impedance"),
+            ResultTable("response_lines", judged=False, published=False), *OF_ALL),
         further_tables=("response_pooled", "response_models_pooled"),
-        fit=FitJob(
-            "bench.fit_impedance_trial",
+        fit=FitJob("bench.fit_impedance_trial",
             {"settings": ("dynamometer", "ImpedanceAnalysis"), "weight": ("gain_weight", "WeightSettings")},
-            parameters=True,
-            windows=True,
-            sheet=("controller", "K_d", "B_d"),
-        ),
+            parameters=True, windows=True, sheet=("controller", "K_d", "B_d")),
     ),
     "torque_angle": on_dynamometer(
         "slow cycles of a passive foot, spring or elastic element: stiffness over angle, energy, hysteresis",
-        tables=(
-            ResultTable("torque_angle"),
-            ResultTable("torque_angle_curves", judged=False),
-            ResultTable("torque_angle_cycles", judged=False),
-            *OF_ALL,
-        ),
-        fit=FitJob(
-            "bench.fit_torque_angle_trial", {"settings": ("torque_angle", "TorqueAngleAnalysis")}, sheet=("desired",)
-        ),
+        tables=(ResultTable("torque_angle"), ResultTable("torque_angle_curves", judged=False),
+            ResultTable("torque_angle_cycles", judged=False), *OF_ALL),
+        fit=FitJob("bench.fit_torque_angle_trial", {"settings": ("torque_angle", "TorqueAngleAnalysis")},
+            sheet=("desired",)),
     ),
     "static": Experiment(
-        "standing still: rest pose of the marker clusters and the ankle axis",
-        place="walkway",
-        walker=True,
-        mocap="vicon",
-    ),
+        "standing still: rest pose of the marker clusters and the ankle axis", place="walkway", walker=True,
+        mocap="vicon"),
     "plate": Experiment(
-        "platform moved without a foot on it: the force plate's own inertia",
-        place="walkway",
-        bare_plate=True,
-        mocap="vicon",
-    ),
+        "platform moved without a foot on it: the force plate's own inertia", place="walkway", bare_plate=True,
+        mocap="vicon"),
     "walking": Experiment(
-        "one crossing of the walkway, perturbed or not",
-        place="walkway",
-        sheet=("perturbed", "mocap"),
-        bare_plate=True,
-        walker=True,
-        log="leg",
-        mocap="vicon",
+        "one crossing of the walkway, perturbed or not", place="walkway", sheet=("perturbed", "mocap"),
+        bare_plate=True, walker=True, log="leg", mocap="vicon",
         tables=(ResultTable("walking", perturbed_only=True),),
-        further_tables=(
-            "walking_summary",
-            "walking_groups",
-            "impedance_over_stance",
-            "walking_crossings",
-            "walking_excluded",
-            "plate",
-            "platform",
-        ),
+        further_tables=("walking_summary", "walking_groups", "impedance_over_stance", "walking_crossings",
+            "walking_excluded", "plate", "platform"),
         judged_further=("walking_groups",),
     ),
     "overground": Experiment(
-        "overground gait with a reference ankle moment in the file",
-        place="walkway",
-        bare_plate=True,
-        walker=True,
+        "overground gait with a reference ankle moment in the file", place="walkway", bare_plate=True, walker=True,
         tables=(ResultTable("ankle_moment", judged=False),),
-        fit=FitJob(
-            "walking.compare_ankle_moment", {"settings": ("overground", "OvergroundAnalysis")}, sheet=("body_mass_kg",)
-        ),
+        fit=FitJob("walking.compare_ankle_moment", {"settings": ("overground", "OvergroundAnalysis")},
+            sheet=("body_mass_kg",)),
     ),
     "ingest_only": Experiment("any recording: ingested and checked, not analysed", place=None),
 }
-
+# fmt: on
 RENAMED = {"gait": "overground", "recording": "ingest_only"}
 """New names of renamed experiments, by old name. The sheet refuses an old name and states the new one."""
 

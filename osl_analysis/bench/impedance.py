@@ -43,9 +43,7 @@ from osl_analysis.judge.doubts import (
     check_told,
     counted,
     doubtful_row,
-    not_checked,
     plausible_impedance,
-    told_by,
 )
 from osl_analysis.measured import usual_size
 from osl_analysis.model.compensator import CONTROLLERS, Gains, predicted_impedance, select_gains
@@ -185,10 +183,9 @@ def motion_in(record: Record) -> Array:
 
 def check_band(record: Record, fit: GroupFit, largest_inertia_error: float | None) -> None:
     """Refuse a motion whose band cannot tell K from I; the message names the band that is missing."""
-    X = motion_in(record)
-    theta, omega, alpha = (X - X.mean(axis=0)).T
-    change = told_by(theta, omega, alpha, float(np.std(record.part(record.filtered_torque))))
-    check_told(f"trial {record.name}", record.band_hz, change, (fit["K"], fit.se("K")), largest_inertia_error)
+    X, torque = motion_in(record), float(np.std(record.part(record.filtered_torque)))
+    K = fit["K"], fit.se("K")
+    check_told(f"trial {record.name}", record.band_hz, (X - X.mean(axis=0)).T, torque, K, largest_inertia_error)
 
 
 def jumps(record: Record) -> tuple[NDArray[np.intp], Array]:
@@ -600,7 +597,9 @@ def judged_impedance(
     rendered = rendered_impedance(record, expected)
     table = plausible_impedance(impedance_table(rendered), rails, p, predicted[0] if predicted else None)
     if asked is None:
-        table = table.with_columns(not_checked("" if p else f"{OF_BELT}: no parameter file is named"))
+        table = table.with_columns(
+            not_checked=pl.lit(None if p else f"{OF_BELT}: no parameter file is named", pl.String)
+        )
     else:
         known = table.with_columns(**asked.desired.columns(), **prediction_columns(predicted))
         table = known.with_columns(asked.left_unchecked(p))

@@ -29,7 +29,7 @@ from osl_analysis.design.precision import (
     precision,
 )
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.judge.doubts import check_told, told_by
+from osl_analysis.judge.doubts import check_told
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.response import DETECTION, ENOUGH_REALISATIONS, REALISATIONS
 from osl_analysis.table import finite_or_null, read_table, write_table
@@ -95,13 +95,14 @@ def designed(request: DesignRequest, config: Config) -> Design:
         n = len(sines.w)
         fitted_s = float(np.sum(sines.duration_s) if sines.alone.all() else np.max(sines.duration_s))
         share = np.sqrt(n * fit.weight * sines.duration_s / fitted_s)
-        theta, omega, alpha = np.concatenate([fit.columns.real, fit.columns.imag], axis=1) * np.tile(share, 2)
+        motion = np.concatenate([fit.columns.real, fit.columns.imag], axis=1) * np.tile(share, 2)
         torque = float(np.sqrt(np.sum(np.abs(Z * sines.size * share) ** 2) / (2 * n)))
         band = float(sines.frequency_hz.min()), highest
         check_told(
             "the analysis would refuse this protocol",
             band,
-            told_by(theta, omega, alpha, torque),
+            motion,
+            torque,
             (request.joint.K, float(found.se[0])),
             config.dynamometer.largest_inertia_error,
         )

@@ -10,7 +10,6 @@ doubt of its own.
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -356,11 +355,6 @@ def check_resists(trial: str, symbol: str, value: float, high: float | None = No
         )
 
 
-def not_checked(reason: str) -> pl.Expr:
-    """The column `not_checked`: what could not be checked and why; null where all was."""
-    return pl.lit(reason or None, pl.String).alias("not_checked")
-
-
 def plausible(table: pl.DataFrame, rails: pl.Expr, p: DrivetrainParameters | None, *names: str) -> pl.DataFrame:
     """Rows of belt, transmission or actuator with `saturated_samples`, each named estimate's ratio to the parameter
     file's, null without one or where that is 0, and `not_checked`, which says so. Raises InputError: the first of the
@@ -375,8 +369,8 @@ def plausible(table: pl.DataFrame, rails: pl.Expr, p: DrivetrainParameters | Non
         )
     known = {name: p.k_tau * p.n_m if name == "k_tau_n_m" else getattr(p, name) for name in names} if p else {}
     ratios = [(pl.col(name) / pl.lit(known.get(name) or None, pl.Float64)).alias(f"{name}_ratio") for name in names]
-    why = "" if p else "estimates against those of a parameter file: the configuration names none"
-    return table.with_columns(rails, *ratios, not_checked(why))
+    why = None if p else "estimates against those of a parameter file: the configuration names none"
+    return table.with_columns(rails, *ratios, not_checked=pl.lit(why, pl.String))
 
 
 def plausible_impedance(
@@ -403,51 +397,38 @@ def plausible_impedance(
     return table.with_columns(rails, of_belt, of_gains)
 
 
-@dataclass(frozen=True)
-class Tellable:
-    """What a small error of the torque in its most harmful shape does to the estimates."""
-
-    stiffness: float  # change of K [N*m/rad]
-    inertia: float  # change of I [kg*m^2]
-    amplified: float  # change of K over that of torque over angle: 1 where angle and acceleration are not alike
-
-
-def told_by(theta: Array, omega: Array, alpha: Array, torque_rms: float) -> Tellable:
-    """The change of K and I by an error of 0.1 % of the torque's RMS, which calibrations and models leave, that has the
-    shape of their own parts of the motion. Angle [rad], velocity and acceleration are filtered and without their means,
-    shape (n,) each; `torque_rms` [N*m] is that of the filtered torque. The own part of the acceleration is what angle
-    and velocity do not explain. A slow motion has little of it."""
+def check_told(
+    what: str,
+    band_hz: tuple[float, float],
+    motion: Array,
+    torque_rms: float,
+    stiffness: tuple[float, float],
+    largest_inertia_error: float | None,
+) -> None:
+    """Refuse a motion whose band [Hz] cannot tell K from I; the message begins with `what` and names the band that is
+    missing (IdentifiabilityError). It is judged by what an error of 0.1 % of the torque's RMS does, which calibrations
+    and models leave, if it has the shape of the part of a column that the others do not explain: a slow motion has
+    little of it. `motion` is angle [rad], velocity and acceleration, filtered and without means, (3, n), `torque_rms`
+    [N*m] that of the filtered torque, `stiffness` K with its standard error."""
+    theta, omega, alpha = motion
 
     def own_part(column: Array, *others: Array) -> float:
         X = np.column_stack(others)
         return max(rms(column - X @ np.linalg.lstsq(X, column, rcond=None)[0]), float(np.finfo(float).tiny))
 
-    error, of_theta, of_alpha = 1e-3 * torque_rms, own_part(theta, omega, alpha), own_part(alpha, omega, theta)
-    return Tellable(error / of_theta, error / of_alpha, rms(theta) / of_theta)
-
-
-def check_told(
-    what: str,
-    band_hz: tuple[float, float],
-    change: Tellable,
-    stiffness: tuple[float, float],
-    largest_inertia_error: float | None,
-) -> None:
-    """Refuse a motion whose band [Hz] cannot tell K from I, with K and its standard error; the message begins with
-    `what` and names the band that is missing (IdentifiabilityError)."""
+    of_K, of_I = (1e-3 * torque_rms / own_part(*x) for x in ((theta, omega, alpha), (alpha, omega, theta)))
     (low, high), (K, K_se) = band_hz, stiffness
     cannot = f"{what}: a motion of {low:.2g} to {high:.2g} Hz cannot tell K from I: an error of 0.1 % of the torque"
-    if largest_inertia_error is not None and change.inertia > largest_inertia_error:
-        needed = max(high * np.sqrt(change.inertia / (0.5 * largest_inertia_error)), 1.5 * high)
+    if largest_inertia_error is not None and of_I > largest_inertia_error:
+        needed = max(high * np.sqrt(of_I / (0.5 * largest_inertia_error)), 1.5 * high)
         raise IdentifiabilityError(
-            f"{cannot} changes I by {change.inertia:.2g} kg*m^2, more than the {largest_inertia_error:g} of "
+            f"{cannot} changes I by {of_I:.2g} kg*m^2, more than the {largest_inertia_error:g} of "
             f"`largest_inertia_error` in the configuration; the band from {high:.2g} to about {needed:.2g} Hz is "
             "missing, excite it as well, or take the stiffness alone by experiment 'torque_angle'"
         )
     # K by a tenth, and three times what the error is of torque over angle: without stiffness there is no share of K. It
     # is 1.6 from 0.5 to 6 Hz.
-    if change.stiffness > max(0.1 * abs(K), K_se) and change.amplified > 3:
+    if of_K > max(0.1 * abs(K), K_se) and rms(theta) > 3 * own_part(theta, omega, alpha):
         raise IdentifiabilityError(
-            f"{cannot} changes K by {change.stiffness:.2g} N*m/rad; the band below {low:.2g} Hz is missing, excite it "
-            "as well"
+            f"{cannot} changes K by {of_K:.2g} N*m/rad; the band below {low:.2g} Hz is missing, excite it as well"
         )

@@ -194,14 +194,6 @@ def test_a_configuration_that_snakemake_would_answer_with_a_traceback_is_refused
     assert f"error: {broken.name}: not YAML: mapping values are not allowed here in line 2" in said.output
 
 
-def test_a_folder_that_cannot_be_written_to_is_refused_by_the_command(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "config.yaml").write_text("campaign: mine\n")
-    monkeypatch.setattr("osl_analysis.files.os.access", lambda *_: False)
-    with pytest.raises(InputError, match="cannot be written to; copy the campaign"):
-        snakemake_arguments([])
-
-
 def test_a_file_of_the_campaign_goes_before_the_shipped_one(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert shipped("config/parameters/default.yaml") == ROOT / "config/parameters/default.yaml"
@@ -249,10 +241,3 @@ def test_wherever_a_source_file_states_a_unit_an_editor_flags_a_wrong_one(name):
         texts = [one for one in field.get("anyOf", ()) if one.get("type") == "string"] or [field]
         assert not Draft202012Validator({"anyOf": texts}).is_valid("degre")
     assert fields
-
-
-def test_an_editor_knows_the_units_of_parameters(validators):
-    content = yaml.safe_load((ROOT / "config/parameters/default.yaml").read_text())
-    assert validators["parameters"].is_valid(content)
-    content["parameters"]["J_m"]["unit"] = "kg*m"
-    assert not validators["parameters"].is_valid(content)

@@ -231,14 +231,6 @@ def test_windows_are_fitted_alone(short):
     assert not whole.table.equals(part.table)
 
 
-def test_a_frequency_response_refuses_an_angle_in_degrees_as_the_fit_does(short):
-    trial = bench_trial("any motion")
-    degrees = replace(trial, samples=trial.samples.with_columns(np.rad2deg(1) * pl.col("theta")))
-    for function in (osl.frequency_response, osl.fit_impedance):
-        with pytest.raises(osl.InputError, match="is it recorded in deg"):
-            function(degrees, config=short)
-
-
 def test_without_parameter_file_nothing_is_compared_with_a_belt(short):
     trial = bench_trial("any motion")
     assert "no parameter file" in osl.fit_impedance(trial, config=short, parameters=None).not_checked

@@ -60,10 +60,6 @@ def test_a_record_reads_back_whatever_the_reason_holds(tmp_path: Path) -> None:
     assert refused_trials([LOST, replace(LOST, reason="later"), KILLED]) == {"b_1": LOST, "b_2": KILLED}
 
 
-def test_results_folders_and_missing_files_are_no_records(tmp_path: Path) -> None:
-    assert not any(map(is_refused, (result(tmp_path / "b.csv"), tmp_path, tmp_path / "nowhere")))
-
-
 @pytest.mark.parametrize("read", [read_trial, read_table, lambda path: read_model(path, StaticCalibration)])
 def test_who_reads_a_record_for_a_result_is_told_the_reason(tmp_path: Path, read) -> None:
     with pytest.raises(InputError, match=r"no result: trial b_1: raw/b_1\.mcap: no such file; copy it there"):
@@ -138,12 +134,6 @@ def test_a_trial_stands_without_a_verdict_and_no_verdict_without_its_trial(
     assert outcome == "refused"
     assert [is_refused(trial), is_refused(quality)] == [refuses == "ingest", True]
     assert (cause.trial, cause.file, cause.remedy) == ("b_1", "raw/b_1.mcap", "record it again")
-
-
-def test_a_table_is_made_of_the_trials_that_are_left(tmp_path: Path) -> None:
-    rows = [record(tmp_path / "b_1.csv", LOST), result(tmp_path / "b_2.csv")]
-    assert ended(job(tmp_path, "tables.gather", {"rows": rows})) == ("done", ())
-    assert read_table(tmp_path / "tables/belt.csv")["trial"].to_list() == ["b_2"]
 
 
 def test_the_report_at_the_end_of_a_run_has_warnings_and_times_and_passes_over_what_is_no_log(tmp_path: Path) -> None:

@@ -92,7 +92,7 @@ def in_one_sentence(what: str = "") -> Iterator[None]:
     """Whatever the libraries come across in a damaged file, as one refusal."""
     try:
         yield
-    except InputError:
+    except (InputError, MemoryError):
         raise
     except Exception as error:
         reason = " ".join(str(error).split())[:160]

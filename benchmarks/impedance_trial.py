@@ -28,8 +28,8 @@ from osl_analysis.bench.impedance import (
     AskedImpedance,
     DesiredImpedance,
     judged_impedance,
-    rendered_phasors,
 )
+from osl_analysis.bench.phasors import phasor_table
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.commands.simulate import row_of_trial, simulate_trial
@@ -112,7 +112,7 @@ def job(path: Path, s: DynamometerAnalysis, p: DrivetrainParameters) -> None:
     rails = saturated(read, "torque", "theta")
     asked = AskedImpedance(CONDITION, PAPER_WEIGHT, s.frequencies_hz)
     rendered, table = judged_impedance(record_of_trial(read, s), rails, p, asked)
-    tables = [table, rendered_phasors(rendered), rendered.analysis.time_base(QUANTITIES)]
+    tables = [table, phasor_table(NAME, rendered.phasors), rendered.analysis.time_base(QUANTITIES)]
     tables.append(rendered.analysis.series().table())
     for table in tables:
         write_table(table, path.with_suffix(".csv"))

@@ -17,10 +17,9 @@ from osl_analysis.bench.impedance import (
     AskedImpedance,
     DesiredImpedance,
     judged_impedance,
-    rendered_phasors,
     repeated_trials_table,
 )
-from osl_analysis.bench.phasors import frequency_response_table
+from osl_analysis.bench.phasors import frequency_response_table, phasor_table
 from osl_analysis.bench.record import record_of_trial, sine_record
 from osl_analysis.bench.response_tables import response_tables
 from osl_analysis.bench.settings import (
@@ -97,7 +96,7 @@ def fit_impedance_trial(
     stated = condition.columns() if condition else {}
 
     def further() -> dict[str, pl.DataFrame]:
-        frames = {"phasors": rendered_phasors(rendered), **response_tables(rendered.record, p)}
+        frames = {"phasors": phasor_table(trial.name, rendered.phasors), **response_tables(rendered.record, p)}
         of_condition = {name: frame.with_columns(**stated) for name, frame in frames.items()}
         return of_condition | {"timebase": rendered.analysis.time_base(QUANTITIES)}
 

@@ -1,5 +1,6 @@
 """Bags of ROS 1 and ROS 2 give what the library `rosbags` wrote, through ingest to canonical columns."""
 
+import re
 import sys
 from functools import partial
 from pathlib import Path
@@ -121,22 +122,19 @@ def test_a_split_recording_of_ros_1_whose_first_bags_were_deleted_says_so(tmp_pa
 @pytest.mark.parametrize(
     ("names", "said"),
     [
-        (["rec_0.bag", "rec_1.bag", "rec_3.bag"], "the file rec_2.bag of the recording cannot be found"),
-        (["rec_0.bag", "rec_1.orig.bag"], "rec_1.orig.bag cannot be a file of a split recording"),
-        (["a_0.bag", "b_1.bag"], "files of several recordings (a_0.bag, b_1.bag)"),
+        (["rec_0.bag", "rec_1.bag", "rec_3.bag"], "NAME_1.bag (rec_2.bag cannot be found); copy what is missing"),
+        (["rec_0.bag", "rec_1.orig.bag"], "rec_0.bag, rec_1.orig.bag are not the files of one split recording"),
+        (["a_0.bag", "b_1.bag"], "a_0.bag, b_1.bag are not the files of one split recording of ROS 1"),
     ],
 )
 def test_bags_of_ros_1_that_are_not_one_recording_are_refused_without_a_remedy_of_ros_2(
     tmp_path: Path, names: list[str], said: str
 ) -> None:
-    folder = write_split1(tmp_path / "bag", names)
-    text = refused(folder)
+    text = refused(folder := write_split1(tmp_path / "bag", names))
     assert said in text
-    assert "name one bag as the trial's log" in text
     assert "ros2" not in text
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=re.escape(text)):
         inspect_file(folder)
-    assert str(caught.value) == text
 
 
 def test_one_part_of_a_split_recording_is_read_with_a_warning(tmp_path: Path) -> None:
@@ -172,17 +170,11 @@ def test_without_its_description_a_database_is_read_and_the_losses_are_unknown(t
     assert "ros2 bag reindex" in refused(bag)
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("a: [", "no YAML"),
-        ("rosbag2_bagfile_information: {version: 9}", "not the description of a ROS 2 bag"),
-    ],
-)
-def test_a_description_that_is_none_is_refused(tmp_path: Path, text: str, reason: str) -> None:
+@pytest.mark.parametrize("text", ["a: [", "rosbag2_bagfile_information: {version: 9}"])
+def test_a_description_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
     bag = write_bag2(tmp_path / "bag")
     (bag / "metadata.yaml").write_text(text)
-    assert reason in refused(bag)
+    assert "metadata.yaml: not the description of a ROS 2 bag" in refused(bag)
 
 
 def test_a_recording_of_which_a_part_is_missing_or_packed_is_refused(tmp_path: Path) -> None:
@@ -204,12 +196,11 @@ def test_a_database_that_is_cut_off_or_not_closed_is_refused(tmp_path: Path) -> 
 
 
 def test_a_database_that_is_no_bag_is_refused(tmp_path: Path) -> None:
-    with edited(tmp_path / "a.db3") as connection:
-        connection.execute("CREATE TABLE topics (id INTEGER, name TEXT)")
-    assert "its table 'topics' lacks serialization_format, type" in refused(tmp_path / "a.db3")
-    with edited(tmp_path / "b.db3") as connection:
-        connection.execute("CREATE TABLE topics (id INTEGER, name, type, serialization_format)")
-    assert "table 'messages'" in refused(tmp_path / "b.db3")
+    for columns, lacks in (("id INTEGER, name TEXT", "column: type"), ("id, name, type, serialization_format", "")):
+        with edited(tmp_path / "a.db3") as connection:
+            connection.execute("DROP TABLE IF EXISTS topics")
+            connection.execute(f"CREATE TABLE topics ({columns})")
+        assert f"(no such {lacks or 'table: messages'}): no bag of ROS 2" in refused(tmp_path / "a.db3")
 
 
 def test_rows_that_are_no_messages_are_refused_and_strangers_are_counted(tmp_path: Path) -> None:
@@ -281,9 +272,8 @@ def test_a_ros_1_bag_that_is_cut_or_whose_recorder_was_killed_is_refused_with_th
         assert "the recorder did not finish, or the bag is damaged; run `rosbag reindex` on a copy" in refused(path)
 
 
-@pytest.mark.parametrize("fault", ["a stretch of zeros", "the length of a message"])
-def test_a_damaged_chunk_of_a_ros_1_bag_is_lost_as_a_whole_and_counted(tmp_path: Path, fault: str) -> None:
-    zeros = fault == "a stretch of zeros"
+@pytest.mark.parametrize("zeros", [True, False])
+def test_a_damaged_chunk_of_a_ros_1_bag_is_lost_as_a_whole_and_counted(tmp_path: Path, zeros: bool) -> None:
     path = write_bag1(tmp_path / "a.bag", range(2000), "LZ4" if zeros else "", 500)
     content = bytearray(path.read_bytes())
     if zeros:

@@ -48,15 +48,11 @@ class DamagedChunkError(Exception):
 class Walk(NamedTuple):
     """The records that follow each other in a buffer."""
 
-    heads: NDArray[Any]  # heads of the messages, of the type MESSAGE
-    starts: Indices  # where their records begin [bytes]
+    block: MessageBlock
+    places: Indices  # where the records of the messages begin [bytes]
     others: list[tuple[int, bytes]]  # opcode and content of the schemas and channels among them
     end: int  # end of the walk [bytes]: the end of the buffer, or the first bytes that are not a record
-    unknown: int = 0  # records of opcodes that the format does not define, which were skipped
-
-    def counts(self) -> Counter[int]:
-        """How many messages each channel has."""
-        return Counter(self.heads["channel"].tolist())
+    unknown: int  # records of opcodes that the format does not define, which were skipped
 
 
 class ChunkHead(NamedTuple):
@@ -274,31 +270,26 @@ class McapFile(MessageFile):
             self.take_declarations(self.described)
         untrusted = self.data_crc == "wrong" and not any(section.lost for section in self.sections)
         for section in self.sections:
-            buffer, found, covered = self.data, section.walk, False
+            walk, covered = section.walk, False
             if section.head is not None:
                 try:
-                    buffer, found = self.walk_of(section, section.head)
-                    covered = section.head.crc != 0
+                    walk, covered = self.walk_of(section, section.head), section.head.crc != 0
                 except DamagedChunkError as error:
                     self.lose(section, f"the chunk at byte {section.start} is damaged: it {error}")
                     continue
-            if found is None:
-                self.lose(
-                    section, f"{section.end - section.start} bytes from byte {section.start} on are {section.lost}"
-                )
+            if walk is None:
+                size = section.end - section.start
+                self.lose(section, f"{size} bytes from byte {section.start} on are {section.lost}")
                 continue
+            block = walk.block
             if untrusted and not covered:
                 text = f"the checksum of the data section does not match, and no other covers byte {section.start} on"
-                self.lose(section, text, found.counts())
+                self.lose(section, text, block.counts)
                 continue
-            heads, starts = found.heads, found.starts + MESSAGE.itemsize
-            lengths, logged = (heads[name].astype(np.int64) for name in ("length", "log_time"))
-            channel, sequence = heads["channel"].astype(np.uint16), heads["sequence"].astype(np.uint32)
-            block = MessageBlock(buffer, channel, sequence, logged, starts, lengths - MESSAGE_HEAD)
             damage.chunks += section.is_chunk
             damage.read.update(block.counts)
-            damage.verified += starts.size if covered or self.data_crc == "right" else 0
-            self.take_declarations(found.others)
+            damage.verified += block.starts.size if covered or self.data_crc == "right" else 0
+            self.take_declarations(walk.others)
             if not block.counts.keys() <= self.channels.keys():  # the content of other messages is unknown
                 known = np.isin(block.channel, list(self.channels))
                 strangers = block.channel[~known]
@@ -310,8 +301,8 @@ class McapFile(MessageFile):
         is_missed = (damage.declared_chunks or 0) > damage.chunks + damage.chunks_lost
         damage.uncounted |= damage.declared_messages is None and is_missed
 
-    def walk_of(self, section: Section, head: ChunkHead) -> tuple[bytes, Walk]:
-        """The content of a chunk and its records; raises DamagedChunkError."""
+    def walk_of(self, section: Section, head: ChunkHead) -> Walk:
+        """The records of a chunk; raises DamagedChunkError."""
         listed = [places for _, places in section.index]
         offsets = np.sort(np.concatenate([np.empty(0, np.int64), *listed]), kind="stable")
         content = unpacked(self.data[head.begin : head.end], head)
@@ -321,13 +312,13 @@ class McapFile(MessageFile):
         if walk.end != len(content):
             raise DamagedChunkError(f"holds no record at byte {walk.end} of its {len(content)} bytes")
         cut_off = section is self.sections[-1] and not self.damage.finished  # so is its index
-        if section.index and not np.array_equal(offsets, walk.starts) and not cut_off:
+        if section.index and not np.array_equal(offsets, walk.places) and not cut_off:
             self.damage.remarks.append(f"the index of the chunk at byte {section.start} is wrong; the chunk was walked")
-        lost = section.indexed() - walk.counts() if not head.crc and walk.unknown else Counter()
+        lost = section.indexed() - walk.block.counts if not head.crc and walk.unknown else Counter()
         if lost:  # without a checksum a flipped opcode passes for a private one
             text = f"{lost.total()} messages of the chunk at byte {section.start} are records of unknown opcodes"
             self.damage.lose(text, 0, lost, 0)
-        return content, walk
+        return walk
 
     def lose(self, section: Section, remark: str, messages: Counter[int] | None = None) -> None:
         """Count a section as lost, with as many messages as its index lists."""
@@ -396,8 +387,13 @@ def walk_records(buffer: bytes, begin: int, listed: Indices | None = None) -> Wa
         else:
             break
         position = start + length
-    starts = np.concatenate([*found, np.array(messages, np.int64)])
-    return Walk(message_heads(buffer, starts), starts, others, position, unknown)
+    places = np.concatenate([*found, np.array(messages, np.int64)])
+    heads = message_heads(buffer, places)
+    lengths, logged = (heads[name].astype(np.int64) for name in ("length", "log_time"))
+    channel, sequence = heads["channel"].astype(np.uint16), heads["sequence"].astype(np.uint32)
+    starts = places + MESSAGE.itemsize
+    block = MessageBlock(buffer, channel, sequence, logged, starts, lengths - MESSAGE_HEAD)
+    return Walk(block, places, others, position, unknown)
 
 
 def message_heads(buffer: bytes, starts: Indices) -> NDArray[Any]:

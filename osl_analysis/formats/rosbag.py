@@ -112,34 +112,25 @@ def read_bag1(path: Path) -> Bag1:
     return bag
 
 
-SPLIT_NAME = re.compile(r"(?P<name>.*)_(?P<number>\d+)\.bag(\.active)?")
-"""How `rosbag record --split` names its files; the one that it was writing when it was killed is still `active`."""
-
-
 def bags_in(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.name.endswith((".bag", ".bag.active")))
 
 
 def split_parts(folder: Path) -> list[Path]:
     """The bags of one recording of ROS 1 in order; `rosbag record --max-splits` may have deleted earlier ones."""
-    one_bag = "keep the files of one recording in the folder, or name one bag as the trial's log"
-    bags = {path.name: SPLIT_NAME.fullmatch(path.name) for path in bags_in(folder)}
-    parts = {name: part for name, part in bags.items() if part}
-    if strangers := [name for name in bags if name not in parts]:
-        raise InputError(
-            f"{folder}: {listing(strangers)} cannot be a file of a split recording of ROS 1, which are called "
-            f"NAME_0.bag, NAME_1.bag; {one_bag}"
-        )
-    numbered = {int(part["number"]): folder / name for name, part in parts.items()}
+    # as `rosbag record --split` names its files; the one that it was writing when it was killed is still `active`
+    found = [(path, re.fullmatch(r"(.*)_(\d+)\.bag(\.active)?", path.name)) for path in bags_in(folder)]
+    numbered = {int(part[2]): path for path, part in found if part}
     # a date in the name is when the file was begun: each has its own
-    names = {re.sub(r"\d{4}(-\d\d){5}", "DATE", part["name"]) for part in parts.values()}
-    if len(names) > 1 or len(numbered) < len(bags):
-        raise InputError(f"{folder}: files of several recordings ({listing([*bags])}); {one_bag}")
-    missing = [f"{min(names)}_{one}.bag" for one in range(min(numbered), max(numbered)) if one not in numbered]
-    if missing:
+    names = {re.sub(r"\d{4}(-\d\d){5}", "DATE", part[1]) for _, part in found if part}
+    missing = [f"{min(names)}_{n}.bag" for n in range(min(numbered, default=0), max(numbered, default=0))]
+    missing = [name for n, name in enumerate(missing, min(numbered, default=0)) if n not in numbered]
+    if len(numbered) < len(found) or len(names) != 1 or missing:
+        lacking = f" ({listing(missing)} cannot be found)" * bool(missing)
         raise InputError(
-            f"{folder}: the file{'s' * (len(missing) > 1)} {listing(missing)} of the recording cannot be found; copy "
-            "what is missing there, or name one bag as the trial's log"
+            f"{folder}: {listing([path.name for path, _ in found])} are not the files of one split recording of ROS 1, "
+            f"which are called NAME_0.bag, NAME_1.bag{lacking}; copy what is missing there, keep the files of one "
+            "recording in the folder, or name one bag as the trial's log"
         )
     return [numbered[one] for one in sorted(numbered)]
 
@@ -190,10 +181,9 @@ def read_description(folder: Path, *, whole: bool = True) -> Description:
             counts[str(topic["topic_metadata"]["name"])] += int(topic["message_count"])
         mode = str(said.get("compression_mode") or "").lower() if said.get("compression_format") else ""
         distribution = str(said.get("ros_distro") or "")
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: no YAML ({' '.join(str(error).split())[:120]}); {REINDEX}") from error
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{path}: not the description of a ROS 2 bag ({error!s:.80}); {REINDEX}") from error
+    except (yaml.YAMLError, RecursionError, KeyError, TypeError, ValueError, AttributeError) as error:
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(f"{path}: not the description of a ROS 2 bag ({reason}); {REINDEX}") from error
     missing = [name for name in names if not (folder / name).is_file()]
     if whole and (mode == "file" or any(name.endswith(".zstd") for name in names)):
         raise InputError(
@@ -295,6 +285,10 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
             yield connection
     except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
         said = " ".join(str(error).split())[:120]
+        if "no such" in said:
+            raise InputError(
+                f"{path}: a database of something else ({said}): no bag of ROS 2; name the bag itself"
+            ) from error
         raise InputError(f"{path}: the database is damaged or cut off ({said}); {RECOVER}") from error
 
 
@@ -311,19 +305,8 @@ def read_database(path: Path, described: Description | None = None) -> Database:
             )
     description, remark = siblings(path) if described is None else (described, "")
     bag, own = Database(path, path.stat().st_size), dict[str, tuple[str, str]]()
-    needed = {
-        "topics": {"id", "name", "type", "serialization_format"},
-        "messages": {"id", "topic_id", "timestamp", "data"},
-    }
     with opened(path) as connection:
-        tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")}
-        for table, columns in needed.items():
-            lacking = columns - {str(row[1]) for row in connection.execute(f"PRAGMA table_info({table})")}
-            what = f"its table '{table}' lacks {', '.join(sorted(lacking))}"
-            if lacking:
-                what = what if table in tables else f"a database without the table '{table}'"
-                raise InputError(f"{path}: {what}: no bag of ROS 2; name the bag itself")
-        if "message_definitions" in tables:
+        if connection.execute("SELECT 1 FROM sqlite_schema WHERE name = 'message_definitions'").fetchone():
             query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
             own = {str(kind): (str(encoding), str(text)) for kind, encoding, text in connection.execute(query)}
         for topic in connection.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id"):

@@ -7,10 +7,7 @@ from osl_analysis.errors import InputError
 
 
 def optional_module(name: str, extra: str, what: str) -> Any:
-    """The module `name` of a library that the extra `extra` of the package installs, such as `nptdms` of `tdms`.
-
-    what: what cannot be read without it, for the message: "a TDMS file".
-    """
+    """The module `name` of a library that an extra of the package installs; `what` cannot be read without it."""
     library = name.partition(".")[0]
     try:
         return import_module(name)

@@ -24,11 +24,9 @@ Parameters = dict[str, "Array | list[str]"]
 
 
 def parse_parameters(data: bytes, position: int, end: int, processor: str) -> tuple[Parameters, str]:
-    """The parameters by `GROUP:NAME`, and a remark where the section has no end mark.
+    """The parameters by `GROUP:NAME`, and a remark where the section, which ends before `end`, has no end mark.
 
-    The section begins at `position` and ends before `end`, where the data begin. Some writers leave the mark at its end
-    out, and some the description of a parameter: the section then ends where no record follows. Groups may follow their
-    parameters.
+    Some writers leave that mark out, and some the description of a parameter. Groups may follow their parameters.
     """
     groups, found, name, step = dict[int, str](), list[tuple[int, str, Array | list[str]]](), "", 0
     while data[position] != 0:
@@ -134,10 +132,8 @@ class C3DHeader:
     samples_per_frame: int  # samples of each analog channel per frame
     channels: int
     data_start: int  # where the data section begins [bytes]
-    scale: float
-    """Units of length per count where positions are stored as 16-bit integers; negative where they are reals."""
-    parameters: Parameters
-    """By `GROUP:NAME` an array of float64 in the file's dimensions (first index fastest) or a list of texts."""
+    scale: float  # of positions stored as 16-bit integers; negative where they are reals
+    parameters: Parameters  # by `GROUP:NAME`, numbers in the file's dimensions (first index fastest) or texts
     remark: str = ""  # oddity of the parameter section; empty if there is none
 
     @property
@@ -313,8 +309,7 @@ def read_c3d(path: Path, counts: Counts = "refuse") -> C3DRecording:
 def physical(analogs: NDArray[Any], header: C3DHeader) -> Array:
     """Analog values (samples, channels): (raw - OFFSET) * SCALE * GEN_SCALE; without these parameters the raw values.
 
-    NaN where SCALE holds values for some channels only, and everywhere where GEN_SCALE is 0. ANALOG:FORMAT says whether
-    16-bit samples and offsets are signed.
+    NaN where SCALE holds values for some channels only, and everywhere where GEN_SCALE is 0.
     """
     raw = analogs.astype(np.float64)
     offset, scale, general = (header.numbers(f"ANALOG:{name}") for name in ("OFFSET", "SCALE", "GEN_SCALE"))

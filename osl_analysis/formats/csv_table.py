@@ -56,8 +56,7 @@ def is_text(begin: bytes) -> bool:
 def delimiter_of(lines: TextLines, given: str) -> str:
     """The delimiter that is given, or for `auto` the first of tab, `;`, `|`, `,` and blank that every line has.
 
-    The comma comes late because it may be the decimal sign, the blank last because it may stand in names; it is taken
-    only where no line has a comma.
+    The comma may be the decimal sign, the blank may stand in names: the blank is taken where no line has a comma.
     """
     if given != "auto":
         return DELIMITERS.get(given, given)
@@ -146,8 +145,7 @@ class CsvTable:
     """The rows of a log in CSV, as text."""
 
     names: list[str]  # names of the columns, as in the header
-    units: list[str]
-    """Units of the columns, from a row of units or from brackets behind the name; empty where none is given."""
+    units: list[str]  # of the columns, from a row of units or from brackets behind the name; empty where there is none
     lines: NDArray[np.int64]  # number of each row's line in the file, (rows,)
     body: pl.DataFrame  # the cells as text, a column each; null in rows in which the logger omitted the column
     comments: list[str]  # the comment lines without their sign
@@ -156,10 +154,7 @@ class CsvTable:
     complete: bool  # whether its last line is whole
 
     def column(self, name: str) -> int:
-        """Place of a column by its name, with or without its unit, by a pattern with `*`, or by its number from 1.
-
-        A name goes before a pattern, a pattern before a number.
-        """
+        """Place of a column by its name, with or without its unit, a pattern with `*`, or its number from 1, in this order."""
         places = places_of(name, self.names)
         if len(places) == 1:
             return places[0]
@@ -343,9 +338,8 @@ def fitting_rows(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[Omitti
 def dropped_variables(rows: Rows, width: int, layout: CsvLayout) -> tuple[list[Omitting], list[str]]:
     """The rows of a logger that omits failed variables, with None from there on: those missing in the row before.
 
-    The logger of `opensourceleg` writes the header with the first thousand rows. It lacks the names of variables that
-    failed before that: their cells, those that are missing in the last row that has them, are left out.
-    Refused is a row of which this does not tell the columns.
+    The logger of `opensourceleg` writes the header with the first thousand rows: variables that failed before have no
+    name there, and their cells, those missing in the last row that has them, are left out.
     """
     notes, columns, filled = list[str](), list(range(width)), list[Omitting]()
     first = next((place for place, (_, cells) in enumerate(rows) if len(cells) == width), 0)

@@ -15,7 +15,7 @@ from osl_analysis.formats.csv_table import UTF_16_MARKS
 from osl_analysis.formats.message_fields import (
     Columns,
     Indices,
-    ObjectReader,
+    Reader,
     array_labels,
     is_array,
     json_object,
@@ -26,10 +26,7 @@ MOST_ELEMENTS = 64  # of an array that are listed: longer ones are images or who
 
 
 def addresses_in(value: Any, path: str, beside: Mapping[str, Any], cut: dict[str, int]) -> Iterator[str]:
-    """The addresses of the numbers in one value; `beside` are the arrays of text in the object that holds it.
-
-    Elements have the labels of an array of text beside their own one, or else indices.
-    """
+    """The addresses of the numbers in a value, by label or index; `beside` are the arrays of text in its object."""
     if isinstance(value, dict):
         inner = {path_to(path, name): one for name, one in value.items()}
         texts = {name: one for name, one in inner.items() if is_array(one, str)}
@@ -93,7 +90,7 @@ def is_whole(text: bytes) -> bool:
 
 def decode_lines(lines: JsonLines, paths: Sequence[str]) -> Columns:
     """The fields at `paths` (`variables.ankle_angle`, `position[0]`) of all lines."""
-    reader = ObjectReader([*dict.fromkeys(paths)], json_object, lines.numbers)
+    reader = Reader([*dict.fromkeys(paths)], json_object, lines.numbers)
     reader.take(lines.texts)
     found = reader.columns()
     remedy = "name a number as `field` in the source file; for time, or state the rate: `time: {rate: 1000}`"
@@ -101,7 +98,7 @@ def decode_lines(lines: JsonLines, paths: Sequence[str]) -> Columns:
         raise InputError(f"{found.misfit}; {remedy}")
     for path, there in found.present.items():
         if not there.any():
-            alone = ObjectReader([path], json_object)
+            alone = Reader([path], json_object)
             alone.take(lines.texts)
             if found.misfit and alone.columns().present[path].any():  # only lines that cannot be used have it
                 raise InputError(

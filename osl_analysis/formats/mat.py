@@ -1,8 +1,6 @@
 """MATLAB files of version 5 (by scipy) and 7.3 (HDF5, by h5py), and the addresses of numbers in them.
 
-An address is written as in MATLAB: `Test.Slow(2).data(:,3)`, `runs{2}.torque`. An element of an array of structs is
-chosen by its number, counted from 1, or by the value of a field: `runs(name=slow).torque`.
-
+An address is written as in MATLAB: `Test.Slow(2).data(:,3)`, `runs{2}.torque`, or by a field: `runs(name=slow).torque`.
 MATLAB writes into HDF5 arrays transposed, text as 16-bit numbers, and the elements of cells and of struct arrays as
 references; the attribute `MATLAB_class` says what a dataset or group is.
 """

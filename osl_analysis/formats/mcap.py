@@ -34,8 +34,7 @@ MESSAGE = np.dtype(
 MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # within the content
 CHUNK_HEAD = struct.Struct("<QQQII")  # times of first and last message, size, checksum, length of the name
 STATISTICS = struct.Struct("<Q14xI16xI")  # messages, chunks, bytes of the map of messages by channel
-NUMBERED = range(Opcode.HEADER, Opcode.DATA_END + 1)
-"""Opcodes that the format defines. Records of higher ones are private or of a later version, and are skipped."""
+NUMBERED = range(Opcode.HEADER, Opcode.DATA_END + 1)  # higher opcodes are private or of a later version: skipped
 RESUME = re.compile(rb"[\x03-\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL)
 """Beginnings of records at which reading can go on after damage."""
 LOOSE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)  # records within a chunk, or in a file without chunks
@@ -74,8 +73,7 @@ class Section:
     head: ChunkHead | None = None  # what a chunk declares of itself
     walk: Walk | None = None  # the messages outside of chunks
     lost: str = ""  # what the bytes are, if they cannot be read
-    index: list[tuple[int, Indices]] = field(default_factory=list)
-    """Channel and places in the chunk of the messages that each message index behind it lists."""
+    index: list[tuple[int, Indices]] = field(default_factory=list)  # channel and places of messages, by each index
 
     @property
     def is_chunk(self) -> bool:
@@ -98,9 +96,7 @@ class McapFile(MessageFile):
     sections: list[Section] = field(default_factory=list)  # the parts of the data section, in order
     data_end: int = 0  # where the data section ends; 0 until that is known
     data_crc: Literal["", "right", "wrong"] = ""  # whether the checksum of the data section is right, if there is one
-    described: list[tuple[int, bytes]] = field(
-        default_factory=list
-    )  # schemas and channels in the summary, as in a Walk
+    described: list[tuple[int, bytes]] = field(default_factory=list)  # as `Walk.others`, in the summary
     chunked: bool = False
     indexed_chunks: int = 0  # how many chunks the index of chunks in the summary has; a file may have none
     summary_begin: int = 0  # where the summary begins: after the record that ends the data
@@ -186,10 +182,9 @@ class McapFile(MessageFile):
         return int(end)
 
     def take_footer(self, start: int, end: int) -> None:
-        """Check the summary, and that nothing follows.
+        """Check that nothing follows, and the summary by its checksum and by the place where the footer says it is.
 
-        The footer tells where the summary begins, and has its checksum unless that is 0. If the summary stands
-        elsewhere, bytes are missing before it, or were inserted. It then still tells what the recorder wrote.
+        If it stands elsewhere, bytes are missing before it, or were inserted; it still tells what the recorder wrote.
         """
         data, after = self.data, end + len(MAGIC)
         self.damage.finished = data[end:after] == MAGIC
@@ -214,8 +209,7 @@ class McapFile(MessageFile):
     def take_lost(self, position: int) -> int:
         """Note that nothing can be read at `position`; returns the place of the next sound record or of the end.
 
-        In a file with chunks, messages found outside of them are not used: they belong to a damaged chunk, whose
-        checksum cannot be checked.
+        In a file with chunks, messages found outside of them belong to a damaged chunk, and nothing checks them.
         """
         data = self.data
         resume = self.resume_at(position + 1, loose=False)
@@ -242,10 +236,7 @@ class McapFile(MessageFile):
         return len(self.data)
 
     def is_sound(self, opcode: int, start: int, end: int, *, exact: bool = False) -> bool:
-        """Whether the content of a record fits its opcode. If this is uncertain, another record must follow.
-
-        A record may be longer than this version of the format says, unless `exact` is asked for.
-        """
+        """Whether the content of a record fits its opcode, `exact`ly or as in a later version; else a record must follow."""
         if opcode == Opcode.CHUNK:
             return chunk_head(self.data, start, end) is not None
         if opcode == Opcode.MESSAGE_INDEX:
@@ -358,8 +349,7 @@ def read_mcap(path: Path) -> McapFile:
 def walk_records(buffer: bytes, begin: int, listed: Indices | None = None) -> Walk:
     """Walk from record to record to what is no record; in a chunk past opcodes that the format does not define.
 
-    In a chunk, `listed` is where messages may be, in order. Where they follow each other without a gap, the walk leaps
-    over them.
+    In a chunk, `listed` is where messages may be, in order: the walk leaps over those that follow each other.
     """
     leap, others, unknown, position, end = 0, list[tuple[int, bytes]](), 0, begin, len(buffer)
     if listed is not None and listed.size and listed[0] >= 0 and listed[-1] <= end - MESSAGE.itemsize:
@@ -403,10 +393,7 @@ def message_heads(buffer: bytes, starts: Indices) -> NDArray[Any]:
 
 
 def chunk_head(data: bytes, start: int, end: int) -> ChunkHead | None:
-    """The head of the chunk that is the content of a record; None if what it declares does not fit in.
-
-    A later version of the format may add fields at the end of a record (MCAP specification, "Records").
-    """
+    """The head of the chunk that is the content of a record, maybe of a later version; None if it does not fit in."""
     if end - start < CHUNK_HEAD.size + 8:
         return None
     _, _, size, crc, length = CHUNK_HEAD.unpack_from(data, start)

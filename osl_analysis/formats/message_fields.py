@@ -1,12 +1,11 @@
 """Fields of messages as columns of numbers, by the messages' shapes, in every encoding: CDR, ROS 1, JSON, protobuf.
 
-A walk through one ROS message finds where its numbers stand. They stand in the same places in all messages of its
-*shape*: of the same length and with the same bytes where it says how long its strings and sequences are (its *guards*).
-JSON and protobuf become objects one by one; those with numbers in the same fields are of one shape.
+A walk through one ROS message finds where its numbers stand: in the same places in all messages of its *shape*, of the
+same length and the same bytes where strings and sequences tell their lengths (its *guards*). JSON and protobuf become
+objects one by one; those with numbers in the same fields are of one shape.
 
-A path is dotted: `variables.ankle_angle`, `position[0]`, `position[name=ankle]` (the element at the place of `ankle` in
-the array `name` beside it). A name that has a dot or a bracket in it stands in brackets and double quotes, written as
-JSON writes a text: `functions["loadcell.mz"]`.
+A path is dotted: `position[0]`, `position[name=ankle]` (the element at the place of `ankle` in the array `name` beside
+it). A name with a dot or a bracket stands in brackets, written as JSON writes a text: `functions["loadcell.mz"]`.
 """
 
 import json
@@ -52,10 +51,7 @@ PATH_PART = re.compile(
 
 @cache
 def steps_of(path: str) -> tuple[tuple[str | int | tuple[str, str], str], ...]:
-    """The steps to a field, each with the way that leads to it.
-
-    A step is a name, an index, or the array of names beside an array with the wanted one of them.
-    """
+    """The steps to a field (a name, an index, or an array of names with the wanted one), each with the way to it."""
     steps: list[tuple[str | int | tuple[str, str], str]] = []
     for part in PATH_PART.finditer(path):
         way = path[: part.start()].rstrip(".")
@@ -120,21 +116,74 @@ class Reader:
     """Reads the wanted fields of a channel's messages, block by block."""
 
     paths: Sequence[str]  # each once
-    kind: Any  # what the messages are: a MessageType, or a function that makes objects of them
+    kind: Any  # a MessageType, or a function that makes objects of messages and raises ValueError if one does not fit
     lines: Indices | None = None  # number of the line in which each message stands, in a file of lines
     count: int = 0  # messages so far
     misfit: str = ""  # what is wrong with the first message that is not what its type says
     no_numbers: int = 0  # messages that are lost since they have something else than a number
     one_by_one: int = 0  # messages that were read one by one
-    parts: list[tuple[Indices, Values]] = field(default_factory=list)
-    """Places of messages of one shape, ascending, and the numbers that they have, by path."""
+    parts: list[tuple[Indices, Values]] = field(default_factory=list)  # places and numbers of messages of one shape
+    shapes: dict[int, list["Shape"]] = field(default_factory=lambda: defaultdict(list))  # of ROS, by length
 
     def place(self, row: int) -> str:
+        """A message, for the user."""
         return f"message {row + 1}" if self.lines is None else f"line {self.lines[row]}"
 
     def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
-        """Take in messages that begin at `starts` [bytes]; NoNumberError if a wanted field is a number in none."""
-        raise NotImplementedError
+        """Take in messages that begin at `starts` [bytes]; NoNumberError if a wanted field of ROS is no number."""
+        if not isinstance(self.kind, MessageType):
+            ends = (starts + lengths).tolist()
+            return self.take(buffer[start:end] for start, end in zip(starts.tolist(), ends, strict=True))
+        alike = not lengths.size or bool((lengths == lengths[0]).all())
+        for length in lengths[:1].tolist() if alike else np.unique(lengths).tolist():
+            mine = np.flatnonzero(lengths == length)
+            rest, known, tried = messages_at(buffer, starts[mine], length), self.shapes[length], 0
+            while mine.size:
+                if tried == len(known):  # the first message of a shape tells it
+                    try:
+                        known.append(shape_of(self.kind, rest[0].tobytes(), self.paths))
+                    except (InputError, RecursionError) as error:
+                        self.misfit = self.misfit or str(error)
+                        mine, rest = mine[1:], rest[1:]
+                        continue
+                same = known[tried].fits(rest)
+                if same.all():
+                    self.parts.append((self.count + mine, known[tried].read(rest)))
+                    break
+                if same.any():
+                    self.parts.append((self.count + mine[same], known[tried].read(rest[same])))
+                    mine, rest = mine[~same], rest[~same]
+                tried += 1
+        self.count += starts.size
+        return None
+
+    def take(self, payloads: Iterable[bytes]) -> None:
+        """Take in messages that become objects; those with numbers, or truth values, in the same fields are alike."""
+        by_shape: dict[tuple[bool | None, ...], tuple[list[int], list[list[Any]]]] = defaultdict(lambda: ([], []))
+        for payload in payloads:
+            self.count += 1
+            try:
+                message = self.kind(payload)
+                found = [number_at(message, path) for path in self.paths]
+            except NoNumberError as error:
+                self.no_numbers += 1
+                self.misfit = self.misfit or f"{error}, in {self.place(self.count - 1)}"
+            except (ValueError, RecursionError) as error:
+                self.misfit = self.misfit or str(error)
+            else:
+                rows, numbers = by_shape[tuple(None if one is None else one.__class__ is bool for one in found)]
+                self.one_by_one += 1
+                rows.append(self.count - 1)
+                numbers.append(found)
+        for shape, (rows, numbers) in by_shape.items():
+            values = {}
+            for path, is_bool, column in zip(self.paths, shape, zip(*numbers, strict=True), strict=False):
+                if is_bool is not None:
+                    unsigned = all(one.__class__ is int for one in column) and min(column) >= 0 and max(column) < 2**64
+                    large = unsigned and max(column) >= 2**63  # numpy would make floats of these beside small ones
+                    array = np.array(column, np.uint64 if large else None)
+                    values[path] = array.astype(np.float64) if array.dtype == object else array
+            self.parts.append((np.array(rows, np.int64), values))
 
     def columns(self, rank: Indices | None = None) -> Columns:
         """What was read, in the order of `rank`, which all messages have, (count,); without it as it was read.
@@ -178,11 +227,11 @@ def reader_of(channel: Channel, schema: Schema | None, paths: Sequence[str]) -> 
     """A reader of the fields at `paths`; InputError if the channel's encoding or schema cannot be read."""
     check_encoding(channel, schema)
     if channel.message_encoding == "json" or schema is None:
-        return ObjectReader(paths, json_object)
+        return Reader(paths, json_object)
     try:
         if channel.message_encoding == "protobuf":
-            return ObjectReader(paths, protobuf_decoder(schema))
-        return ShapeReader(paths, message_type(schema, ros1=channel.message_encoding == "ros1"))
+            return Reader(paths, protobuf_decoder(schema))
+        return Reader(paths, message_type(schema, ros1=channel.message_encoding == "ros1"))
     except InputError as error:
         raise InputError(
             f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions that its "
@@ -190,8 +239,7 @@ def reader_of(channel: Channel, schema: Schema | None, paths: Sequence[str]) -> 
         ) from error
 
 
-NOT_DEFINED = "not defined"
-"""Key in a channel's metadata under which a reader says why the channel has no schema, and what to do."""
+NOT_DEFINED = "not defined"  # key in a channel's metadata: why the channel has no schema, and what to do
 
 
 def check_encoding(channel: Channel, schema: Schema | None) -> None:
@@ -215,8 +263,8 @@ def describe_message(channel: Channel, schema: Schema | None, payload: bytes | N
         return list(described(protobuf_decoder(schema)(payload or b"")))
     shape = shape_of(message_type(schema, ros1=channel.message_encoding == "ros1"), payload)
     texts: dict[str, list[str]] = defaultdict(list)
-    for path in shape.texts:
-        texts[path.rpartition("[")[0]].append(shape.text_at(path).decode(errors="replace"))
+    for path, (_, text) in shape.texts.items():
+        texts[path.rpartition("[")[0]].append(text)
     return [
         FieldDescription(path, np.dtype(leaf.dtype).name, leaf.length, array_labels(path, leaf.length, texts))
         for path, leaf in shape.leaves.items()
@@ -313,12 +361,9 @@ class Shape:
 
     payload: bytes  # the message
     leaves: dict[str, Leaf] = field(default_factory=dict)  # its numbers by path
-    texts: dict[str, slice] = field(default_factory=dict)  # extents of the strings in arrays of strings, by path
+    texts: dict[str, tuple[slice, str]] = field(default_factory=dict)  # strings in arrays: extent and text, by path
     guards: list[slice] = field(default_factory=list)  # extents of the bytes that another message must share
     wanted: dict[str, Leaf] = field(default_factory=dict)  # the numbers to read, by path
-
-    def text_at(self, path: str) -> bytes:
-        return self.payload[self.texts[path]].rstrip(b"\0")
 
     def leaf_at(self, path: str) -> Leaf | None:
         """The single number at `path`; None where the message lacks the field or its array is too short."""
@@ -331,8 +376,8 @@ class Shape:
         if isinstance(key, tuple):
             names = f"{way.rpartition('.')[0]}.{key[0]}[".removeprefix(".")
             for text in [one for one in self.texts if one.startswith(names)]:
-                self.guards.append(self.texts[text])  # in another message this element may have another name
-                if self.text_at(text) == key[1].encode():
+                self.guards.append(self.texts[text][0])  # in another message this element may have another name
+                if self.texts[text][1] == key[1]:
                     return self.leaf_at(f"{way}[{text.removeprefix(names)}")
         array = self.leaves.get(way)
         if not isinstance(key, int) or array is None or array.length is None or key >= array.length:
@@ -360,10 +405,9 @@ class Shape:
 
 
 def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()) -> Shape:
-    """The shape of one message, to read the fields at `paths`, as far as it has them.
+    """The shape of one message, to read the fields at `paths`, as far as it has them; without a message that of zeros.
 
-    Without a message, the shape of zeros, whose strings and sequences are empty. InputError if the message is not what
-    its type says, NoNumberError if a field is no single number.
+    InputError if the message is not what its type says, NoNumberError if a field is no single number.
     """
     begin = 0 if kind.ros1 else 4
     data = bytes((0, not kind.ros1)) + bytes(1 << 16) if payload is None else payload
@@ -413,7 +457,8 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
                     continue
                 size = length()
                 if item.array is not None:
-                    shape.texts[own] = slice(position, position + size)
+                    text = data[position : position + size].rstrip(b"\0").decode(errors="replace")
+                    shape.texts[own] = slice(position, position + size), text
                 position += size
 
     walk(kind.name, "")
@@ -458,81 +503,11 @@ def members_at(messages: Messages, offset: int, kind: np.dtype[Any]) -> NDArray[
     return messages.view(record)["it"]
 
 
-@dataclass
-class ShapeReader(Reader):
-    """Reads messages of ROS by their shapes; it learns one from the first message of each."""
-
-    shapes: dict[int, list[Shape]] = field(default_factory=lambda: defaultdict(list))  # by length of the message
-
-    def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
-        alike = not lengths.size or bool((lengths == lengths[0]).all())
-        for length in lengths[:1].tolist() if alike else np.unique(lengths).tolist():
-            mine = np.flatnonzero(lengths == length)
-            rest, known, tried = messages_at(buffer, starts[mine], length), self.shapes[length], 0
-            while mine.size:
-                if tried == len(known):
-                    try:
-                        known.append(shape_of(self.kind, rest[0].tobytes(), self.paths))
-                    except (InputError, RecursionError) as error:
-                        self.misfit = self.misfit or str(error)
-                        mine, rest = mine[1:], rest[1:]
-                        continue
-                same = known[tried].fits(rest)
-                if same.all():
-                    self.parts.append((self.count + mine, known[tried].read(rest)))
-                    break
-                if same.any():
-                    self.parts.append((self.count + mine[same], known[tried].read(rest[same])))
-                    mine, rest = mine[~same], rest[~same]
-                tried += 1
-        self.count += starts.size
-
-
 # --- JSON and protobuf, message by message
 
 
-@dataclass
-class ObjectReader(Reader):
-    """Reads messages of which a library makes objects; it raises ValueError if one does not fit its type."""
-
-    def read(self, buffer: bytes, starts: Indices, lengths: Indices) -> None:
-        ends = (starts + lengths).tolist()
-        self.take(buffer[start:end] for start, end in zip(starts.tolist(), ends, strict=True))
-
-    def take(self, payloads: Iterable[bytes]) -> None:
-        """Take in messages; those with numbers, or truth values, in the same fields are of one shape."""
-        by_shape: dict[tuple[bool | None, ...], tuple[list[int], list[list[Any]]]] = defaultdict(lambda: ([], []))
-        for payload in payloads:
-            self.count += 1
-            try:
-                message = self.kind(payload)
-                found = [number_at(message, path) for path in self.paths]
-            except NoNumberError as error:
-                self.no_numbers += 1
-                self.misfit = self.misfit or f"{error}, in {self.place(self.count - 1)}"
-            except (ValueError, RecursionError) as error:
-                self.misfit = self.misfit or str(error)
-            else:
-                rows, numbers = by_shape[tuple(None if one is None else one.__class__ is bool for one in found)]
-                self.one_by_one += 1
-                rows.append(self.count - 1)
-                numbers.append(found)
-        for shape, (rows, numbers) in by_shape.items():
-            values = {}
-            for path, is_bool, column in zip(self.paths, shape, zip(*numbers, strict=True), strict=False):
-                if is_bool is not None:
-                    unsigned = all(one.__class__ is int for one in column) and min(column) >= 0 and max(column) < 2**64
-                    large = unsigned and max(column) >= 2**63  # numpy would make floats of these beside small ones
-                    array = np.array(column, np.uint64 if large else None)
-                    values[path] = array.astype(np.float64) if array.dtype == object else array
-            self.parts.append((np.array(rows, np.int64), values))
-
-
 def number_at(message: Any, path: str) -> float | bool | None:
-    """The number at a path of an object; None where a field is absent, `null` or not written, or an array too short.
-
-    Raises NoNumberError where something else stands.
-    """
+    """The number at a path of an object, None where there is none; NoNumberError where something else stands."""
     value, parent = message, None
     for key, way in steps_of(path):
         if value is None:
@@ -572,10 +547,7 @@ def is_array(value: Any, of: Any = None) -> bool:
 
 
 def member(record: Any, name: str, way: str = "") -> Any:
-    """A field of an object of JSON or a message of protobuf, which stands at the path `way`.
-
-    None where it is absent, or optional and not written; raises NoNumberError where there is no object.
-    """
+    """A field of an object at the path `way`, None where it is not written; NoNumberError where there is no object."""
     if record.__class__ is dict:
         return record.get(name)
     descriptor = getattr(record, "DESCRIPTOR", None)

@@ -97,10 +97,7 @@ class Damage:
         return self.read.total()
 
     def messages_lost(self, channels: Collection[int] | None = None) -> int | None:
-        """Lost messages of some channels, of all if none are named; None where the file does not tell how many.
-
-        A file that was not closed never tells. Else its statistics tell, or the message indexes do.
-        """
+        """Lost messages of some channels, else of all; None where the file, as one that was not closed, does not tell."""
         if not self.finished:
             return None
         if self.declared_messages is not None and channels is None:
@@ -132,10 +129,7 @@ class Damage:
         return "mixed" if self.verified else "absent"
 
     def report(self, topics: dict[str, Collection[int]]) -> dict[str, Any]:
-        """The provenance's `damage`, with the channels of each topic that is used; null is what the file does not tell.
-
-        `complete`: the recorder finished the file, and it holds all that it declares and no more.
-        """
+        """The provenance's `damage`, with the channels of each topic that is used; null is what nobody knows."""
         lost = self.messages_lost()
         chunks = max(self.chunks_lost, (self.declared_chunks or 0) - self.chunks) if self.finished else None
         contradicted = self.declared is not None and +self.declared != +self.read
@@ -212,10 +206,8 @@ class SplitLog(MessageFile):
     """The files of one recording, one after the other. A topic has one channel in all of them."""
 
     parts: Sequence[MessageFile] = ()  # the files, in the order of recording
-    counts: Counter[str] | None = None
-    """Messages of each topic in all of them, as a description says; None where each part counts its own."""
-    numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
-    """Channel by what it means: topic, encoding and definition of its messages."""
+    counts: Counter[str] | None = None  # messages of each topic in all of them; None where each part counts its own
+    numbers: dict[tuple[object, ...], int] = field(default_factory=dict)  # channel by topic, encoding and definition
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages of all parts. Call it once; raises InputError if a part cannot be read."""
@@ -267,8 +259,7 @@ class ChannelReader:
     channel: Channel
     schema: Schema | None
     reader: Reader
-    blocks: list[tuple[Indices, NDArray[np.uint32]]] = field(default_factory=list)
-    """Log times [ns] and sequence numbers of the messages of each block."""
+    blocks: list[tuple[Indices, NDArray[np.uint32]]] = field(default_factory=list)  # log times [ns], sequence numbers
     first: bytes = b""  # the first message, to list its fields
     columns: Columns = field(init=False)  # the wanted fields, once all messages were read, in the order of recording
     log_time: Indices = field(init=False)  # when these messages were logged [ns]
@@ -327,17 +318,13 @@ class Decoded:
     channel: NDArray[np.uint16]  # number of each message's channel
     values: Values  # numbers by path of the field, in the type of the message
     present: dict[str, NDArray[np.bool_]]  # whether the message has the field, by path
-    how: list[dict[str, Any]] = field(default_factory=list)
-    """How the messages of each channel were decoded, for the provenance."""
+    how: list[dict[str, Any]]  # how the messages of each channel were decoded, for the provenance
 
 
 def decode_topics(
     file: MessageFile, wanted: Mapping[str, Sequence[str]], optional: Collection[str] = ()
 ) -> dict[str, Decoded]:
-    """The wanted fields of each topic, from all its channels; InputError if a topic or a field cannot be read.
-
-    Fields of `optional` may be absent.
-    """
+    """The wanted fields of each topic, from all channels; InputError if one that is not `optional` is not there."""
     by_topic: dict[str, dict[int, ChannelReader]] = {topic: {} for topic in wanted}
     for block in file.blocks():
         for number in block.counts:
@@ -398,10 +385,10 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
 
 
 def rank_of(log_time: Indices, sequence: NDArray[np.uint32]) -> Indices:
-    """The rank of each of a channel's messages in the order of recording, (n,).
+    """The rank of each of a channel's messages in the order of recording, (n,): that of the file.
 
-    That of the file, unless a tool has sorted or merged it by log time since and the clock was set back while
-    recording: the sequence numbers decide if each is its own and they go back often, or explain times that go back.
+    A tool may have sorted it by log time, and the clock was set back before: then the sequence numbers decide, if each
+    is its own and they go back often, or explain times that go back.
     """
     rank, numbers = np.arange(sequence.size), sequence.astype(np.int64)
     backwards = int((np.diff(numbers) < 0).sum())

@@ -1,7 +1,6 @@
-"""Bags of ROS 1 (read by the library `rosbags`) and of ROS 2 (a database of sqlite3), and the folders of recordings.
+"""Bags of ROS 1 (by the library `rosbags`) and of ROS 2 (a database of sqlite3), and the folders of recordings.
 
-The library gives messages in the order of their times, so that a clock that was set back would not be seen. Its index
-tells where they are: they are taken from there in the order of the file.
+The library sorts messages by their times, which would hide a clock that was set back; its index tells their places.
 """
 
 import re
@@ -161,10 +160,7 @@ class Description(NamedTuple):
 
 
 def read_description(folder: Path, *, whole: bool = True) -> Description:
-    """The description in a folder; raises InputError if there is none, or it is not what ROS 2 writes.
-
-    A recording that must be `whole` is refused where files are missing or compressed as a whole.
-    """
+    """The description in a folder; InputError if it is none, or not of a `whole` recording that can be read."""
     path = folder / DESCRIPTION
     if not path.is_file():
         raise InputError(
@@ -331,8 +327,7 @@ def read_database(path: Path, described: Description | None = None) -> Database:
 def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: str) -> tuple[bytes, str]:
     """The definition of messages of type `kind` (`package/msg/Name`), or why there is none and what to do.
 
-    own: encoding and text of the definitions in the bag, which has them since ROS 2 Iron, by type. Without one,
-    `rosbags` has those of the standard types.
+    own: encoding and text by type, as bags have them since ROS 2 Iron. `rosbags` has those of the standard types.
     """
     convert = (
         "convert it with `ros2 bag convert` to MCAP where the type is installed, or record with ROS 2 Iron or later"

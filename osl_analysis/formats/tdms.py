@@ -96,10 +96,7 @@ def is_tdms(begin: bytes) -> bool:
 
 @contextmanager
 def library() -> Iterator[tuple[Any, list[str]]]:
-    """npTDMS's `TdmsFile`, and what npTDMS says meanwhile, in place of lines on the terminal.
-
-    Its many errors on damaged bytes become one.
-    """
+    """npTDMS's `TdmsFile`, and what npTDMS says meanwhile; its many errors on damaged bytes become one."""
     said: list[str] = []
 
     def keep(record: logging.LogRecord) -> bool:

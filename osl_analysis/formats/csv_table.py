@@ -154,7 +154,7 @@ class CsvTable:
     complete: bool  # whether its last line is whole
 
     def column(self, name: str) -> int:
-        """Place of a column by its name, with or without its unit, a pattern with `*`, or its number from 1, in this order."""
+        """Place of a column by its name, with or without its unit, by a pattern with `*`, or by its number from 1."""
         places = places_of(name, self.names)
         if len(places) == 1:
             return places[0]
@@ -173,11 +173,9 @@ class CsvTable:
 def places_of(name: str, names: Sequence[str]) -> list[int]:
     """Places of the columns that a name, a pattern with `*` for any text, or a number from 1 means."""
     plain = [name_and_unit(title)[0] for title in names]
-    exact = [i for i, title in enumerate(names) if title == name] or [
-        i for i, title in enumerate(plain) if title == name
-    ]
-    if exact:
-        return exact
+    for titles in (names, plain):
+        if name in titles:
+            return [i for i, title in enumerate(titles) if title == name]
     if "*" in name:
         pattern = re.compile(re.escape(name).replace(r"\*", ".*"), re.DOTALL)
         return [i for i in range(len(names)) if pattern.fullmatch(names[i]) or pattern.fullmatch(plain[i])]
@@ -216,10 +214,11 @@ def read_csv_table(path: Path, layout: CsvLayout) -> CsvTable:
 
 def table_of(lines: TextLines, layout: CsvLayout) -> CsvTable:
     sign = layout.comment
-    comments: TextLines = [
-        (n, t.strip()[len(sign) :].strip()) for n, t in lines if sign and t.lstrip().startswith(sign)
+    marked = [bool(sign) and text.lstrip().startswith(sign) for _, text in lines]
+    comments = [
+        (n, text.strip()[len(sign) :].strip()) for (n, text), is_one in zip(lines, marked, strict=True) if is_one
     ]
-    content = [(n, text) for n, text in lines if not (sign and text.lstrip().startswith(sign))]
+    content = [line for line, is_one in zip(lines, marked, strict=True) if not is_one]
     delimiter = delimiter_of(content, layout.delimiter)
     rows = split_rows(content, delimiter)
     names = header_of(rows, comments, delimiter, layout)
@@ -265,10 +264,7 @@ def header_of(rows: Rows, comments: TextLines, delimiter: str, layout: CsvLayout
 
 
 def check_header_place(header: tuple[int, list[str]], rows: Rows) -> None:
-    """Refuse a table below lines of other text, whose first line is taken for the names of its columns: most rows have
-    more cells, and the first such row holds no number. One cell more in the next row may be a row of units below a
-    header that lacks a name.
-    """
+    """Refuse a table below other text: most rows have more cells than the first, and the first of them no number."""
     names = unpadded(header[1], 0)
     (width, count), *_ = Counter(len(cells) for _, cells in rows).most_common(1) or [(0, 0)]
     wide = next(((line, cells) for line, cells in rows if len(cells) == width), None)
@@ -280,7 +276,7 @@ def check_header_place(header: tuple[int, list[str]], rows: Rows) -> None:
         raise InputError(
             f"line {header[0]} separates the names by '{sign}', the rows below it do not; write the same sign in all"
         )
-    far = rows[0][0] != line or width > len(names) + 1
+    far = rows[0][0] != line or width > len(names) + 1  # else maybe units below a header that lacks a name
     if far and not any(is_number_cell(cell.replace(",", ".")) for cell in cells):
         raise InputError(
             f"line {header[0]} has {len(names)} cells and most rows have {width}: the names of the columns "

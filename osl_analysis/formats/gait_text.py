@@ -54,9 +54,8 @@ class NexusSection:
     def column(self, name: str, component: str) -> tuple[Array, str]:
         """Values (rows,) and unit of the component of a name, with or without its subject."""
         wanted = [i for i, c in enumerate(self.components) if c.casefold() == component.casefold()]
-        found = [i for i in wanted if self.names[i] == name] or [
-            i for i in wanted if without_subject(self.names[i]) == name
-        ]
+        exact = [i for i in wanted if self.names[i] == name]
+        found = exact or [i for i in wanted if without_subject(self.names[i]) == name]
         if len(found) != 1:
             have = sorted({f"{n} {c}" for n, c in zip(self.names, self.components, strict=True) if n})
             count = f"occurs {len(found)} times" if found else "is missing"
@@ -111,9 +110,9 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
         (line, titles), (_, rates), (_, names), (_, components) = rows[start : start + 4]
         title, rate = titles[0], rates[0]
         samples, width = rows[start + 5 : end], max(i + 1 for i, cell in enumerate(components) if cell)
-        if not is_number_cell(rate.replace(",", ".")):
+        if not is_number_cell(rate := rate.replace(",", ".")):
             raise InputError(f"line {line + 1}: '{rate[:40]}' is not a rate; export the trial again")
-        hertz = float(rate.replace(",", "."))
+        hertz = float(rate)
         if not samples or not hertz > 0:
             raise InputError(f"section {title[:40]} at {hertz:g} Hz has no samples; export without it")
         if title in found:
@@ -124,9 +123,6 @@ def read_sections(path: Path, delimiter: str = "auto", decimal: str = ".") -> di
         units = (rows[start + 4][1] + [""] * width)[:width]
         found[title] = NexusSection(title, hertz, full[1:], components[:width], units, samples, decimal)
     return found
-
-
-EXPORT = "export it again, or correct the header"
 
 
 @dataclass(frozen=True)

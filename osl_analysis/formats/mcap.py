@@ -66,25 +66,22 @@ class ChunkHead(NamedTuple):
 
 @dataclass
 class Section:
-    """One part of a file's data section: a chunk, messages outside of chunks, or lost bytes."""
+    """One part of a file's data section: a chunk, messages outside of chunks, or neither, if it is lost."""
 
     start: int  # first byte: of the content of a chunk, else of the section
     end: int
+    is_chunk: bool = False
     head: ChunkHead | None = None  # what a chunk declares of itself
     walk: Walk | None = None  # the messages outside of chunks
-    lost: str = ""  # what the bytes are, if they cannot be read
     index: list[tuple[int, Indices]] = field(default_factory=list)  # channel and places of messages, by each index
 
     @property
-    def is_chunk(self) -> bool:
-        return self.head is not None or self.lost == LOST_CHUNK
+    def lost(self) -> bool:
+        return self.head is None and self.walk is None
 
     def indexed(self) -> Counter[int]:
         """How many messages of each channel its message indexes list."""
         return sum((Counter({channel: places.size}) for channel, places in self.index), Counter())
-
-
-LOST_CHUNK = "a damaged chunk"
 
 
 @dataclass
@@ -159,7 +156,7 @@ class McapFile(MessageFile):
             if self.data_end:  # a chunk after the end of the data shows that this was not the end
                 self.data_end, self.data_crc, self.summary_damaged = 0, "", True
             self.chunked = True
-            self.sections.append(Section(start, end, chunk_head(data, start, end)))
+            self.sections.append(Section(start, end, is_chunk=True, head=chunk_head(data, start, end)))
         elif opcode == Opcode.MESSAGE_INDEX and not self.data_end:
             chunk = next((one for one in reversed(self.sections) if one.is_chunk), None)
             if chunk is not None and (index := message_index(data, start, end)):
@@ -220,8 +217,7 @@ class McapFile(MessageFile):
         if self.data_end:
             self.summary_damaged = True
         else:
-            lost = LOST_CHUNK if data[position] == Opcode.CHUNK else "not a readable record"
-            self.sections.append(Section(position, resume, lost=lost))
+            self.sections.append(Section(position, resume, is_chunk=data[position] == Opcode.CHUNK))
         return resume
 
     def resume_at(self, begin: int, *, loose: bool) -> int:
@@ -236,7 +232,7 @@ class McapFile(MessageFile):
         return len(self.data)
 
     def is_sound(self, opcode: int, start: int, end: int, *, exact: bool = False) -> bool:
-        """Whether the content of a record fits its opcode, `exact`ly or as in a later version; else a record must follow."""
+        """Whether the content of a record fits its opcode, `exact`ly or as in a later version, or a record follows."""
         if opcode == Opcode.CHUNK:
             return chunk_head(self.data, start, end) is not None
         if opcode == Opcode.MESSAGE_INDEX:
@@ -269,8 +265,8 @@ class McapFile(MessageFile):
                     self.lose(section, f"the chunk at byte {section.start} is damaged: it {error}")
                     continue
             if walk is None:
-                size = section.end - section.start
-                self.lose(section, f"{size} bytes from byte {section.start} on are {section.lost}")
+                what = "a damaged chunk" if section.is_chunk else "not a readable record"
+                self.lose(section, f"{section.end - section.start} bytes from byte {section.start} on are {what}")
                 continue
             block = walk.block
             if untrusted and not covered:
@@ -330,8 +326,6 @@ class McapFile(MessageFile):
 def read_mcap(path: Path) -> McapFile:
     """Scan a file; its messages are read by `blocks`. InputError if it is empty or no MCAP file."""
     data = path.read_bytes()
-    if not data:
-        raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial")
     if data[:8] != MAGIC and (len(data) < 64 or data[-8:] != MAGIC):
         raise InputError(
             f"{path}: not an MCAP file (it begins with {data[:8]!r}); check the path and the source's format"

@@ -597,9 +597,7 @@ def protobuf_decoder(schema: Schema) -> Callable[[bytes], Any]:
     from mcap_protobuf.decoder import DecoderFactory
 
     try:
-        decode = DecoderFactory().decoder_for("protobuf", schema)
-        if decode is None:
-            raise TypeError(f"its encoding is '{schema.encoding}'")
+        decode: Any = DecoderFactory().decoder_for("protobuf", schema)
         decode(b"")
     except (McapError, DecodeError, TypeError, KeyError, ValueError, RecursionError) as error:
         raise InputError(f"schema {schema.name}: cannot be read: {' '.join(str(error).split())}") from error

@@ -97,7 +97,7 @@ class Damage:
         return self.read.total()
 
     def messages_lost(self, channels: Collection[int] | None = None) -> int | None:
-        """Lost messages of some channels, else of all; None where the file, as one that was not closed, does not tell."""
+        """Lost messages of some channels, else of all; None where the file, as one not closed, does not tell."""
         if not self.finished:
             return None
         if self.declared_messages is not None and channels is None:
@@ -275,12 +275,20 @@ class ChannelReader:
     def settle(self, damage: Damage) -> None:
         """Make the columns, count what does not fit, and remark on what is missing, once all messages were read."""
         log_time, sequence = (np.concatenate(one) for one in zip(*self.blocks, strict=True))
-        found, topic = self.reader.columns(rank_of(log_time, sequence)), f"topic '{self.channel.topic}'"
+        rank, numbers = np.arange(sequence.size), sequence.astype(np.int64)
+        backwards, by_number = int((np.diff(numbers) < 0).sum()), np.argsort(numbers, kind="stable")
+        steps = np.diff(numbers[by_number])
+        if backwards and (steps > 0).all():
+            # a tool may have sorted the file by log time since, and the clock was set back while recording: the numbers
+            # tell the order if they go back often (a publisher that was restarted goes back, a few times) or explain it
+            explained = (np.diff(log_time) < 0).any() and (np.diff(log_time[by_number]) >= 0).all()
+            if backwards > 10 or explained:
+                rank[by_number] = np.arange(sequence.size)
+        found, topic = self.reader.columns(rank), f"topic '{self.channel.topic}'"
         self.columns, self.log_time = found, log_time[found.rows]
         if found.misfits:
             damage.misfits[self.channel.id] += found.misfits
             damage.remarks.append(f"{found.misfits} of {sequence.size} messages of {topic} are lost: {found.misfit}")
-        steps = np.diff(np.sort(sequence.astype(np.int64), kind="stable"))
         if (steps > 0).all() and (steps > 1).any() and np.median(steps) == 1:  # they count messages
             missing = int((steps - 1).sum())  # the recorder dropped them, or a chunk was removed
             damage.remarks.append(
@@ -382,22 +390,6 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
         for one in readers
     ]
     return Decoded(np.concatenate([one.log_time for one in used]), channel, first.values, first.present, how)
-
-
-def rank_of(log_time: Indices, sequence: NDArray[np.uint32]) -> Indices:
-    """The rank of each of a channel's messages in the order of recording, (n,): that of the file.
-
-    A tool may have sorted it by log time, and the clock was set back before: then the sequence numbers decide, if each
-    is its own and they go back often, or explain times that go back.
-    """
-    rank, numbers = np.arange(sequence.size), sequence.astype(np.int64)
-    backwards = int((np.diff(numbers) < 0).sum())
-    if backwards and np.unique(numbers).size == numbers.size:
-        by_number = np.argsort(numbers, kind="stable")
-        explained = (np.diff(log_time) < 0).any() and (np.diff(log_time[by_number]) >= 0).all()
-        if backwards > 10 or explained:  # a publisher that was restarted goes back, a few times
-            rank[by_number] = np.arange(sequence.size)
-    return rank
 
 
 @dataclass

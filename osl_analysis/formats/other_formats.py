@@ -12,52 +12,29 @@ from osl_analysis.formats.json_lines import is_json_lines
 
 FIRST_BYTES = 1 << 16  # bytes of a file that `refuse_others` needs
 AS_C3D = "export the trial as C3D"
+LVM = "delete its lines down to the last `***End_of_Header***` and save the rest as CSV"
+JSON = r"\A\s*(\{\s*[\"'}]|\[\s*\{|\[[^\[\]]*\d\s*\]\s*$)"  # or a dictionary as Python prints it
+EXCEL = r"(?s)\A(\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1|PK\x03\x04.*(xl/|\[Content_Types\]\.xml))"
+HDF5 = r"(?s)\A(?!MATLAB 7\.)(.{512}|.{1024}|.{2048})?\x89HDF\r\n\x1a\n"
+PACKED = r"\A(PK\x03\x04|\x1f\x8b|BZh|\xfd7zXZ\0|\x28\xb5\x2f\xfd|7z\xbc\xaf\x27\x1c|Rar!)"
 OTHERS = (
-    ("text", "an export of Qualisys Track Manager in TSV", r"\A\s*NO_OF_(FRAMES|SAMPLES|CAMERAS)\b", AS_C3D),
-    ("text", "an export of OptiTrack Motive in CSV", r'\A"?Format Version"?,"?\d', AS_C3D),
-    (
-        "text",
-        "a LabVIEW measurement (.lvm)",
-        r"\A\s*LabVIEW Measurement",
-        "delete its lines down to the last `***End_of_Header***` and save the rest as CSV",
-    ),
-    (  # or a dictionary as Python prints it
-        "text",
-        "a document of JSON",
-        r"\A\s*(\{\s*[\"'}]|\[\s*\{|\[[^\[\]]*\d\s*\]\s*$)",
-        "write JSON lines, an object per line and sample",
-    ),
-    ("binary", "nothing but zero bytes", r"\A\0+\Z", "copy or record it again"),
-    (
-        "binary",
-        "an Excel workbook",
-        r"(?s)\A(\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1|PK\x03\x04.*(xl/|\[Content_Types\]\.xml))",
-        "save its sheet as 'CSV UTF-8'",
-    ),
-    (  # none that MATLAB wrote
-        "binary",
-        "an HDF5 file",
-        r"(?s)\A(?!MATLAB 7\.)(.{512}|.{1024}|.{2048})?\x89HDF\r\n\x1a\n",
-        "export its table as CSV in UTF-8",
-    ),
-    (
-        "binary",
-        "compressed (such as ZIP or gzip)",
-        r"\A(PK\x03\x04|\x1f\x8b|BZh|\xfd7zXZ\0|\x28\xb5\x2f\xfd|7z\xbc\xaf\x27\x1c|Rar!)",
-        "unpack it and name the recording inside",
-    ),
+    ("an export of Qualisys Track Manager in TSV", r"\A\s*NO_OF_(FRAMES|SAMPLES|CAMERAS)\b", AS_C3D),
+    ("an export of OptiTrack Motive in CSV", r'\A"?Format Version"?,"?\d', AS_C3D),
+    ("a LabVIEW measurement (.lvm)", r"\A\s*LabVIEW Measurement", LVM),
+    ("a document of JSON", JSON, "write JSON lines, an object per line and sample"),
+    ("nothing but zero bytes", r"\A\0+\Z", "copy or record it again"),
+    ("an Excel workbook", EXCEL, "save its sheet as 'CSV UTF-8'"),
+    ("an HDF5 file", HDF5, "export its table as CSV in UTF-8"),
+    ("compressed (such as ZIP or gzip)", PACKED, "unpack it and name the recording inside"),
 )
-"""Whether it is text, what the file is, how it begins, and what to do. What is more special comes first."""
+"""What a file is, how it begins, and what to do; what is more special comes first."""
 
 
 def refuse_others(path: Path, begin: bytes) -> None:
     """Refuse a file of a format that is not read."""
-    is_text = CONTROL.search(begin[:FIRST_BYTES]) is None or begin[:2] in UTF_16_MARKS
-    text = decoded_text(begin[:FIRST_BYTES]) if is_text else begin[:FIRST_BYTES].decode("latin-1")
-    found = [
-        f"{name}, which is not read; {remedy}"
-        for kind, name, pattern, remedy in OTHERS
-        if (kind == "text") == is_text and re.search(pattern, text, re.MULTILINE | re.IGNORECASE)
-    ]
-    if found and not (is_text and is_json_lines(begin)):
-        raise InputError(f"{path}: {found[0]}")
+    begin = begin[:FIRST_BYTES]
+    is_text = begin[:2] in UTF_16_MARKS or not CONTROL.search(begin)
+    text = decoded_text(begin) if is_text else begin.decode("latin-1")
+    for name, pattern, remedy in OTHERS:
+        if re.search(pattern, text, re.MULTILINE | re.IGNORECASE) and not is_json_lines(begin):
+            raise InputError(f"{path}: {name}, which is not read; {remedy}")

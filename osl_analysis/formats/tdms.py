@@ -60,9 +60,8 @@ class TdmsFile:
 
     def channel(self, address: str) -> TdmsChannel:
         """A channel by group and name, or by its name alone where one group only has it."""
-        found = [one for one in self.channels if one.address == address] or [
-            one for one in self.channels if one.name == address
-        ]
+        exact = [one for one in self.channels if one.address == address]
+        found = exact or [one for one in self.channels if one.name == address]
         if len(found) == 1:
             return found[0]
         names = [one.address for one in self.channels]

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
-from test_walking_response import crossing
+from walking_crossings import crossing
 from walking_synthetic import FOOT, SHANK, settings
 
 from osl_analysis.errors import InputError
@@ -18,9 +18,6 @@ from osl_analysis.walking.groups import crossing_features, selection_rows
 from osl_analysis.walking.plate import Load
 
 RULE = settings().outliers
-
-
-# The encoder
 
 
 def gait(time: Array) -> Array:
@@ -46,22 +43,17 @@ def test_offset_and_delay_of_the_encoder_come_out_whatever_its_rate(delay: float
     assert check.rms < 2e-5
 
 
-def test_what_offset_and_delay_leave_is_the_noise() -> None:
+def test_what_offset_and_delay_leave_is_the_noise_and_an_encoder_of_another_joint_is_refused() -> None:
     """White noise of 1e-3 rad at 500 Hz, of which a 20 Hz low-pass leaves about 40/500 of the power."""
     noise = 1e-3 * np.random.default_rng(4).standard_normal(1000)
     check = compared(gait(time), own, gait(own) + noise)
     assert check is not None
     assert check.rms == pytest.approx(1e-3 * np.sqrt(40 / 500), rel=0.3)
-
-
-def test_an_encoder_of_another_joint_is_refused_and_one_that_was_off_is_none() -> None:
     with pytest.raises(InputError, match="does not follow the angle from markers within 50 ms"):
         compared(gait(time), own, gait(own - 0.2))
-    for count in (200, 0):
+    for count in (200, 0):  # one that was off is none
         assert compared(gait(time), own[:count], gait(own[:count])) is None
 
-
-# The hinge
 
 AXIS = np.array([0.06, 0.99, -0.05]) / np.linalg.norm([0.06, 0.99, -0.05])
 CENTRE = np.array([0.012, -0.1, 0.095])
@@ -112,14 +104,8 @@ def test_the_functional_hinge_stands_noise_gaps_and_a_joint_that_yields() -> Non
     assert hinge.frames == 370
     both = functional_hinge([hinged_motion(across=0.04, upward=0.03)], ANATOMICAL)
     assert both.off_axis == pytest.approx(0.05 / np.sqrt(2), rel=0.05)  # of 0.04 and 0.03 rad about two axes
-
-
-def test_a_joint_that_hardly_turned_has_no_functional_axis() -> None:
     with pytest.raises(InputError, match=r"the ankle turned by 0\.\d deg RMS, expected 5 deg"):
         functional_hinge([hinged_motion(size=0.01)], ANATOMICAL)
-
-
-# Crossings that are unlike the others
 
 
 def session(**changed: object) -> list[Crossing]:
@@ -143,6 +129,9 @@ def test_a_foot_beside_its_place_a_long_stance_and_another_gait_are_named_with_t
     beside = reasons(session(quality=CrossingQuality({}, None, (0.0, 0.3), None)))
     assert list(beside) == ["w10"]
     assert "foot to the left 0.3 m lies" in beside["w10"]
+    assert "hidden" not in beside["w10"]
+    gone = reasons(session(quality=CrossingQuality({}, None, (0.0, 0.3), None), bridged=0.16))
+    assert "markers were hidden for 16% of it: fill the gaps in Nexus" in gone["w10"]
     long = session()[-1]
     assert "stance 1 s lies" in reasons(session(stance=replace(long.stance, toe_off=1.3)))["w10"]
     stiff = reasons(session(theta=long.theta + 0.3 * np.sin(9 * long.time)))
@@ -150,12 +139,17 @@ def test_a_foot_beside_its_place_a_long_stance_and_another_gait_are_named_with_t
 
 
 def test_the_load_and_a_second_foot_on_the_plate_are_named_and_what_is_not_known_is_not_compared() -> None:
-    def loads(**last: float) -> list[Crossing]:
-        return [loaded(c, seed=k, **(last if k == 10 else {})) for k, c in enumerate(session())]
+    """And four of twelve with less load do not hide in the scatter that they make."""
 
-    assert reasons(loads()) == reasons([*loads()[:-1], session()[-1]]) == {}
-    assert "load" in reasons(loads(share=0.7))["w10"]
-    assert "pressure beside the ankle" in reasons(loads(left=0.06))["w10"]
+    def loads(of: dict[str, float], **last: float) -> list[Crossing]:
+        some = [loaded(c, share=of.get(c.name, 1.0), seed=k) for k, c in enumerate(session())]
+        return [*some[:-1], loaded(session()[-1], seed=10, **last)]
+
+    assert reasons(loads({})) == reasons([*loads({})[:-1], session()[-1]]) == {}
+    assert "load" in reasons(loads({}, share=0.7))["w10"]
+    assert "pressure beside the ankle" in reasons(loads({}, left=0.06))["w10"]
+    bad = {"w0": 0.7, "w2": 0.72, "w4": 0.78, "w8": 0.6}
+    assert set(reasons(loads(bad))) == set(bad)
 
 
 def test_a_crossing_is_not_judged_by_its_perturbation() -> None:
@@ -169,9 +163,6 @@ def test_a_crossing_is_not_judged_by_its_perturbation() -> None:
     assert stance.distance.max() < 5
 
 
-# The load
-
-
 def loaded(
     crossing: Crossing, share: float = 1.0, left: float = 0.01, mass: float | None = None, seed: int = 0
 ) -> Crossing:
@@ -181,20 +172,6 @@ def loaded(
     force = share * (1 + 0.02 * noise[0]) * 9.81 * 70 * np.clip(np.sin(np.pi * np.clip(phase, 0, 1)) * 1.15, 0, 0.95)
     load = Load(force, np.full_like(force, left + 0.002 * noise[1]))
     return replace(crossing, load=load, torque=share * crossing.torque, body_mass=mass)
-
-
-def test_four_of_twelve_with_less_load_do_not_hide_in_the_scatter_that_they_make() -> None:
-    bad = {"w0": 0.7, "w2": 0.72, "w4": 0.78, "w8": 0.6}
-    crossings = [loaded(c, share=bad.get(c.name, 1.0), seed=k) for k, c in enumerate(session())]
-    assert set(reasons(crossings)) == set(bad)
-
-
-def test_hidden_markers_are_named_beside_an_outlier() -> None:
-    one = session(quality=CrossingQuality({}, None, (0.0, 0.3), None))
-    hidden = [*one[:-1], replace(one[-1], bridged=0.16)]
-    rows = [selection_rows(some, [], settings())["w10"]["reason"] for some in (one, hidden)]
-    assert "hidden" not in str(rows[0])
-    assert "markers were hidden for 16% of it: fill the gaps in Nexus" in str(rows[1])
 
 
 def test_a_load_far_from_the_weight_where_the_mass_is_known_and_a_foot_beside_the_plate_are_excluded() -> None:

@@ -24,6 +24,7 @@ from osl_analysis.walking.plate import Stance
 
 LEAD, RISE, TURN = 0.045, 0.018, 0.087
 """The turn is an error function, at rest to 0.02 % at the onset, `LEAD` [s] before its middle; its size is 5 deg."""
+QUALITY = CrossingQuality({}, None, (0.0, 0.0), None)
 
 
 @dataclass(frozen=True)
@@ -39,26 +40,40 @@ class Walk:
     noise: float = 0.4  # size [N*m] of the slow deviations of the torque
 
 
+def crossing(
+    name: str,
+    onset: float | None = None,
+    stance: float = 0.72,
+    impedance: tuple[float, float, float] = (340.0, 5.0, 0.03),
+    rise: float = RISE,
+    turn: float = TURN,
+    gait: float = 1.0,
+) -> Crossing:
+    """A crossing by formula, the same wherever its name is another one."""
+    time = 0.3 + np.arange(-30, round(stance * RATE) + 30) / RATE
+    phase = (time - 0.3) / stance
+    theta = gait * (0.2 * np.sin(5 * phase) - 0.1 * phase**2)
+    torque = gait * 90 * np.sin(np.pi * phase) ** 2 * (1 + phase)
+    if onset is not None:
+        d, v, a = (turn * part for part in bump(time, onset + LEAD, rise))
+        theta, torque = theta + d, torque + impedance[0] * d + impedance[1] * v + impedance[2] * a
+    span, no_plate = Stance(0.3, 0.3 + stance), np.zeros((0, len(time)))
+    turned = None if onset is None else turn
+    return Crossing(name, time, theta, torque, 0 * time, span, onset, 0.0, QUALITY, no_plate, turn=turned)
+
+
 def walked(name: str, walk: Walk) -> Crossing:
     """A crossing with its own slow deviations, which its name determines."""
     random = np.random.default_rng(zlib.crc32(name.encode()))
     stance = walk.stance * (1 + 0.01 * random.standard_normal())
-    time = 0.3 + np.arange(-30, round(stance * RATE) + 30) / RATE
-    phase = (time - 0.3) / stance
-    theta = walk.gait * (0.2 * np.sin(5 * phase) - 0.1 * phase**2)
-    torque = walk.gait * 90 * np.sin(np.pi * phase) ** 2 * (1 + phase)
-    onset = None
-    if walk.phase is not None:
-        onset = 0.3 + walk.phase * walk.stance + 0.003 * random.standard_normal()
-        steps = bump(time, onset + LEAD, RISE)
-        d, v, a = (walk.sign * TURN * part for part in steps)
-        K, B, I = walk.impedance
-        theta, torque = theta + d, torque + K * d + B * v + I * a + walk.common * steps[0]
-    slow = walk.noise * random.standard_normal() * np.sin(2 * np.pi * (2 * time + random.random()))
-    quality = CrossingQuality({}, None, tuple(0.003 * random.standard_normal(2)), None)
-    turn = None if onset is None else walk.sign * TURN
-    span, no_plate = Stance(0.3, 0.3 + stance), np.zeros((0, len(time)))
-    return Crossing(name, time, theta, torque + slow, 0 * time, span, onset, 0.0, quality, no_plate, turn=turn)
+    onset = None if walk.phase is None else 0.3 + walk.phase * walk.stance + 0.003 * random.standard_normal()
+    plain = crossing(name, onset, stance, walk.impedance, turn=walk.sign * TURN, gait=walk.gait)
+    torque = plain.torque.copy()
+    if onset is not None:
+        torque += walk.common * bump(plain.time, onset + LEAD, RISE)[0]
+    torque += walk.noise * random.standard_normal() * np.sin(2 * np.pi * (2 * plain.time + random.random()))
+    place = tuple(0.003 * random.standard_normal(2))
+    return replace(plain, torque=torque, quality=replace(QUALITY, placement=place))
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from osl_analysis.commands.walking import (
 from osl_analysis.errors import InputError
 from osl_analysis.judge.table import Doubt
 from osl_analysis.table import read_table
-from osl_analysis.trial import Trial, read_trial, write_trial
+from osl_analysis.trial import read_trial, write_trial
 from osl_analysis.walking.bodies import StaticCalibration
 from osl_analysis.walking.crossing import Crossing, RefusedCrossing
 from osl_analysis.walking.gait import unperturbed_gait
@@ -361,27 +361,27 @@ def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real: 
 
 
 @pytest.mark.parametrize(
-    ("which", "claimed", "lost", "choices", "reason"),
+    ("which", "claimed", "choices", "reason"),
     [
-        ("perturbed", False, "", {}, "the platform .* sheet says perturbed = false"),
-        ("unperturbed", True, "", {}, "the platform .* sheet says perturbed = true"),
-        ("unperturbed", False, "column", {}, "no column 'marker_FOOT3_x'"),
-        ("unperturbed", False, "calibration", {}, "marker FOOT2 is not in the static calibration"),
-        ("perturbed", True, "", {"window_s": 0.6}, "baseline and window, .* leave stance"),
+        ("perturbed", False, {}, "the platform .* sheet says perturbed = false"),
+        ("unperturbed", True, {}, "the platform .* sheet says perturbed = true"),
+        ("unperturbed", False, {"lost": "column"}, "no column 'marker_FOOT3_x'"),
+        ("unperturbed", False, {"lost": "calibration"}, "marker FOOT2 is not in the static calibration"),
+        ("perturbed", True, {"window_s": 0.6}, "baseline and window, .* leave stance"),
     ],
 )
 def test_what_contradicts_sheet_markers_calibration_or_stance_is_refused_by_name(
-    ideal: Session, tmp_path: Path, which: str, claimed: bool, lost: str, choices: dict[str, Any], reason: str
+    ideal: Session, tmp_path: Path, which: str, claimed: bool, choices: dict[str, Any], reason: str
 ) -> None:
-    name, path, output = getattr(ideal, which)[0], tmp_path / "t.parquet", tmp_path / "c.parquet"
+    name, path, output, lost = getattr(ideal, which)[0], tmp_path / "t.parquet", tmp_path / "c.parquet", {**choices}
     source, content = read_trial(ideal.trial(name)), json.loads(ideal.calibration.read_text())
-    samples = source.samples.drop("marker_FOOT3_x") if lost == "column" else source.samples
-    write_trial(Trial(name, samples, source.provenance), path)
-    if lost == "calibration":
+    what = lost.pop("lost", "")
+    write_trial(replace(source, samples=source.samples.drop("marker_FOOT3_x" if what == "column" else [])), path)
+    if what == "calibration":
         del content["foot"]["FOOT2"]
     (tmp_path / "calibration.json").write_text(json.dumps(content))
     with refused(output, f"trial {name}: {reason}"):
-        analyse(path, tmp_path / "calibration.json", ideal.plate, claimed, settings(**choices), output)
+        analyse(path, tmp_path / "calibration.json", ideal.plate, claimed, settings(**lost), output)
 
 
 def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Session, tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from osl_analysis.config.configuration import campaign_config, overriding
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL, judged_tables
 from osl_analysis.config.yaml_settings import read_mapping
 from osl_analysis.errors import OslAnalysisError
-from osl_analysis.figures import FIGURES, drawn_figures
+from osl_analysis.figures import FIGURES
 from osl_analysis.files import check_working_folder, default_config
 from osl_analysis.jobs.refusal import is_refused, refusal_report
 from osl_analysis.jobs.request import Requests

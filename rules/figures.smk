@@ -4,9 +4,9 @@ SUFFIXES = ("pdf", "svg", "png")
 
 
 def drawn_names() -> list[str]:
-    """The names of the figures that the campaign's tables and settings give."""
+    """The names of the figures that the campaign's tables give."""
     tables = {path.stem for path in result_tables()} - ({"model_comparison"} if not IS_PREDICTED else set())
-    return [figure.name for figure in drawn_figures(tables, setting)]
+    return [name for name, figure in FIGURES.items() if figure.table in tables]
 
 
 def drawn_files() -> list[Path]:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from osl_analysis.commands.figure import draw_figure, draw_table, plot_numbers
 from osl_analysis.errors import InputError
-from osl_analysis.figures import FIGURES, drawing_of, drawn_figures, others
+from osl_analysis.figures import FIGURES, drawing_of, others
 from osl_analysis.figures.frequency import DESIRED, LINEAR_MODEL, OBSERVED, response_curve
 from osl_analysis.figures.impedance import LARGEST_VAF
 from osl_analysis.figures.names import write_footer
@@ -868,13 +868,3 @@ def test_plotted_numbers_are_written_from_the_result_table_that_the_list_names(n
     write_table(TABLES[FIGURES[name].table]().drop(module.needs[-1]), tmp_path / "table.csv")
     with pytest.raises(InputError, match=rf"table\.csv: no column '{module.needs[-1]}'"):
         plot_numbers(name, tmp_path / "table.csv", tmp_path / f"{name}.csv")
-
-
-def test_a_figure_is_drawn_where_its_table_is_there():
-    def drawn(tables, **settings):
-        return [figure.name for figure in drawn_figures(tables, settings.get)]
-
-    assert drawn({"belt"}) == ["fig3"]
-    assert drawn({"impedance"}) == ["fig4", "fig5", "fig6"]
-    assert drawn({"impedance", "frequency_response"}) == ["fig4", "fig5", "fig6", "fig7"]
-    assert drawn({"walking_summary"}) == ["fig9"]

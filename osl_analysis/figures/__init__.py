@@ -4,7 +4,6 @@ A new figure is a `style.Drawing` in a module here, an object of its name in cap
 its test. Captions are said by the words of `names.py`.
 """
 
-from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -22,7 +21,6 @@ class CampaignFigure:
     name: str  # name of its files
     table: str
     module: str
-    setting: str | None
     option: str | None
     beside: list[str]
     own_rule: bool
@@ -33,7 +31,6 @@ FIGURES = {
         name,
         one["from"],
         one.get("module", name),
-        one.get("setting"),
         one.get("option"),
         one.get("beside", []),
         one.get("own_rule", False),
@@ -49,12 +46,3 @@ def drawing_of(name: str) -> Any:
         raise InputError(f"no figure '{name}'; there are {', '.join((*FIGURES, *OTHER_DRAWINGS))}")
     module = FIGURES[name].module if name in FIGURES else "others"
     return getattr(import_module(f"osl_analysis.figures.{module}"), name.upper())
-
-
-def drawn_figures(tables: Collection[str], setting: Callable[[str], Any]) -> list[CampaignFigure]:
-    """The figures that a campaign with these result tables gives; `setting` returns a setting by its dotted name."""
-    return [
-        figure
-        for figure in FIGURES.values()
-        if figure.table in tables and (figure.setting is None or setting(figure.setting) is not None)
-    ]

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import polars as pl
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from osl_analysis.errors import InputError
@@ -81,7 +80,15 @@ def draw_models(table: pl.DataFrame) -> Figure:
                 place = trials.select(names.JOINT_SIDE).row(0)
                 marker = names.MARKERS[places.index(place) % len(names.MARKERS)]
                 look = replace(look, label=f"{look.label}, {names.place_name(*place)}", marker=marker)
-            draw_trials(ax, trials, models, shift, look)
+            x = np.arange(len(models)) + shift
+            tested, left, mean = shares_left(trials, models)
+            ax.plot(x, left.T, "-", color=look.colour, alpha=0.35, linewidth=0.5)
+            drawn = ax.scatter(
+                np.tile(x, len(tested)), left.ravel(), look.size**2, marker=look.marker, facecolors="none",
+                edgecolors=look.colour, linewidths=0.6, label=look.label,
+            )  # fmt: skip
+            drawn.set_urls([style.place_in_report(trial) for trial in tested for _ in models])
+            ax.hlines(mean, x - 0.11, x + 0.11, color=style.BLACK, linewidth=1.4, zorder=3, label="Geometric mean")
         ax.set_title(f"{ax.get_title(loc='left')} {name}".strip(), loc="left")
         ax.set_yscale("log")
         ax.set_xticks(range(len(models)), list(models.values()))
@@ -91,18 +98,6 @@ def draw_models(table: pl.DataFrame) -> Figure:
     axes[0].set_ylabel("Held-out variance\nnot accounted for (%)")
     style.legend_above(figure, style.legend_entries(axes), 4)
     return figure
-
-
-def draw_trials(ax: Axes, rows: pl.DataFrame, models: dict[str, str], shift: float, look: style.Look) -> None:
-    x = np.arange(len(models)) + shift
-    trials, left, mean = shares_left(rows, models)
-    ax.plot(x, left.T, "-", color=look.colour, alpha=0.35, linewidth=0.5)
-    drawn = ax.scatter(
-        np.tile(x, len(trials)), left.ravel(), look.size**2, marker=look.marker, facecolors="none",
-        edgecolors=look.colour, linewidths=0.6, label=look.label,
-    )  # fmt: skip
-    drawn.set_urls([style.place_in_report(trial) for trial in trials for _ in models])
-    ax.hlines(mean, x - 0.11, x + 0.11, color=style.BLACK, linewidth=1.4, zorder=3, label="Geometric mean")
 
 
 def shares_left(rows: pl.DataFrame, models: dict[str, str]) -> tuple[list[str], Array, Array]:

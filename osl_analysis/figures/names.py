@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.transforms import Bbox
 
-from osl_analysis.figures.style import DRAWN_OPEN, GREY, LOOKS, PAPER, Dash, Look, paper_style
-from osl_analysis.judge.doubts import reasons_in
+from osl_analysis.figures.style import GREY, LOOKS, PAPER, Dash, Look, paper_style
+from osl_analysis.judge.doubts import IS_DOUBTFUL, reasons_in
 
 COLOURS = ("#3F8FBF", "#6B3A0A", "#2F5555", "#B98860", "#2B46F0")
 """Colours of controllers other than those of the draft: with these two and black 20 or more apart (CIE 1976) for
@@ -161,7 +161,7 @@ def count_of(n: int, one: str, several: str = "") -> str:
 def doubtful_said(table: pl.DataFrame, look: str, fit: str = "fit") -> str:
     """Which of the drawn fits are doubtful, how they `look`, and why, as `Doubtful, drawn open: 2 of 32 fits (a, b),
     for friction.`"""
-    found = table.filter(DRAWN_OPEN)
+    found = table.filter(IS_DOUBTFUL)
     if found.is_empty():
         return f"No {fit} is doubtful."
     causes = dict.fromkeys(one.cause for cell in found["doubtful"] for one in reasons_in(cell))

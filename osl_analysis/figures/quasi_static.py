@@ -10,6 +10,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from osl_analysis.figures import names, style
+from osl_analysis.judge.doubts import IS_DOUBTFUL
 
 MOST_LOOPS = 12  # trials of a panel of Fig. 3 that have their names at the ends of their loops
 MEAN_SLOPE = "mean slope"  # name that takes the place of the trial in the two rows that carry the mean slope
@@ -63,7 +64,7 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
     trials = table.filter(pl.col("trial") != MEAN_SLOPE)
     entries = [style.key(f"Trials ($n$ = {trials['trial'].n_unique()})", color=GREY_TRIAL["color"])]
     if style.has_doubtful(trials):
-        doubtful = trials.filter(style.DRAWN_OPEN)["trial"].n_unique()
+        doubtful = trials.filter(IS_DOUBTFUL)["trial"].n_unique()
         entries.append(style.key(f"Doubtful fit ($n$ = {doubtful})", **DOUBTFUL_TRIAL))
     entries.append(style.key("Mean slope while loading", **MEAN_LINE))
     for branch, dash in BRANCHES.items():

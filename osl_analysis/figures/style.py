@@ -21,6 +21,7 @@ from matplotlib.textpath import TextPath
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 from scipy.optimize import isotonic_regression
 
+from osl_analysis.judge.doubts import IS_DOUBTFUL
 from osl_analysis.trial import Array
 
 SINGLE_COLUMN, DOUBLE_COLUMN = 3.5, 7.16  # widths [in] of one column and of the text block of an IEEE two-column page
@@ -36,9 +37,6 @@ OPEN_MARKER = Line2D(
 SIZE_OF_TEXT = 8  # size [pt] of all lettering
 THIN, THICK = 0.7, 1.8  # widths [pt] of bars over amplitudes, and of intervals
 DOTTED, DASHED = (0, (1, 1.5)), (0, (3, 2))  # line styles of doubtful fits, and of means and what is desired
-
-DRAWN_OPEN = pl.col("doubtful").fill_null("") != ""
-"""Rows whose fit is doubtful: a number is beyond a limit of the configuration."""
 
 PAPER: dict[Any, Any] = {
     # Times-like, and for the letters that it lacks another: both are shipped with matplotlib, the same on every machine
@@ -171,7 +169,7 @@ def legend_above(figure: Figure, entries: Mapping[str, Any], most: int, width: f
 
 
 def has_doubtful(table: pl.DataFrame) -> bool:
-    return not table.filter(DRAWN_OPEN).is_empty()
+    return not table.filter(IS_DOUBTFUL).is_empty()
 
 
 def draw_fits(
@@ -179,7 +177,7 @@ def draw_fits(
 ) -> None:
     """A marker in a share of the look's size per row at (x, y), open where its fit is doubtful. It leads to its
     trial."""
-    fill = [WHITE if doubtful else look.colour for doubtful in rows.select(DRAWN_OPEN).to_series()]
+    fill = [WHITE if doubtful else look.colour for doubtful in rows.select(IS_DOUBTFUL).to_series()]
     looks |= {"facecolors": fill, "edgecolors": look.colour, "linewidths": linewidths}
     drawn = ax.scatter(x, y, (share * look.size) ** 2, marker=look.marker, label=look.label, **looks)
     drawn.set_urls([place_in_report(trial) for trial in rows["trial"]])

@@ -109,7 +109,7 @@ def draw_fig9(table: pl.DataFrame) -> Figure:
         ax.set_ylabel(AXIS_LABELS[quantity])
     found = style.legend_entries(axes[:1])
     labels = {name: found[name] for name in LEGEND if name in found}
-    if len(table.filter(style.DRAWN_OPEN)):
+    if style.has_doubtful(table):
         labels[str(style.OPEN_MARKER.get_label())] = style.OPEN_MARKER
     figure.legend(list(labels.values()), list(labels), loc="outside upper center", ncols=2 if single else 5)
     return figure
@@ -213,7 +213,7 @@ def draw_isolated(ax: Axes, table: pl.DataFrame, panel: str) -> None:
     """Every perturbation thin, their mean, and the fit."""
     every = curve(table, panel, "each")
     trials = every.partition_by("trial", maintain_order=True)
-    doubtful = [one for one in trials if len(one.filter(style.DRAWN_OPEN))]
+    doubtful = [one for one in trials if style.has_doubtful(one)]
     thin, dotted = {"alpha": 0.45, "linewidth": 0.5}, {"linewidth": 0.7, "linestyle": style.DOTTED}
     for drawn, colour, label, look in (
         (trials, style.GREY, "Each perturbation", thin),

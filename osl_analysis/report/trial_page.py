@@ -11,7 +11,7 @@ import polars as pl
 
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import DescribedTable
-from osl_analysis.judge.doubts import not_checked_of, reasons_in
+from osl_analysis.judge.doubts import IS_DOUBTFUL, not_checked_of, reasons_in
 from osl_analysis.judge.findings import exclusion_said
 from osl_analysis.judge.recording import CHECKS
 from osl_analysis.report.panels import Pictures
@@ -71,8 +71,7 @@ class ReportedTrial:
     @property
     def doubtful(self) -> pl.DataFrame:
         """Those of these rows that are doubtful."""
-        judged = "doubtful" in self.main.columns
-        return self.main.filter(pl.col("doubtful").fill_null("") != "") if judged else self.main.clear()
+        return self.main.filter(IS_DOUBTFUL) if "doubtful" in self.main.columns else self.main.clear()
 
     @property
     def flags(self) -> list[str]:

@@ -42,19 +42,15 @@ class ResidualCorrelation:
     """How the residuals of a fit are correlated, which decides on the covariance of the estimates: here by their own
     autocorrelation (HAC)."""
 
-    @property
-    def method(self) -> str:
-        """Source of the covariance, as the tables name it."""
-        return "HAC"
-
     def window(self, residual: Array) -> int:
         """Number of samples over which a residual (n,) may be correlated."""
         return correlation_samples(residual)
 
     def covariance(self, X: Array, inverse: Array, residual: Array) -> tuple[Array, Array, str]:
-        """Covariance of the estimates, its degrees of freedom, and where it comes from. X (n, p) times `inverse` (p, p)
-        is by how much each estimate changes with each sample of y; `residual` (n,) is what is left."""
-        return *moving_sums(X @ inverse * residual[:, None], self.window(residual)), self.method
+        """Covariance of the estimates, its degrees of freedom, and where it comes from, as the tables name it. X (n, p)
+        times `inverse` (p, p) is by how much each estimate changes with each sample of y; `residual` (n,) is what is
+        left."""
+        return *moving_sums(X @ inverse * residual[:, None], self.window(residual)), "HAC"
 
 
 NO_REPEATS = ResidualCorrelation()

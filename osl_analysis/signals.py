@@ -112,11 +112,9 @@ def sampling_rate(time: Array) -> float:
 
 def differentiate(time: Array, theta: Array) -> Motion:
     """Angle [rad] at times [s] with its derivatives, from the quintic spline through the (already filtered) samples.
-
     Central differences lose 3 % of a velocity at 20 Hz sampled at 300 Hz; the spline loses less than 0.1 %.
 
-    Raises InputError: Fewer than six samples, times that do not go forward, or a value that is not finite.
-    """
+    Raises InputError: Fewer than six samples, times that do not go forward, or a value that is not finite."""
     check_finite("time", time)
     check_finite("the angle", theta)
     if len(time) <= DEGREE or not (np.diff(time) > 0).all():
@@ -153,12 +151,10 @@ def seven_point_motion(time: Array, theta: Array, rate_hz: float) -> Motion:
 
 def run_at_extreme(values: Array) -> slice:
     """Longest run of a noisy channel (n,) at its lowest or highest value, away from zero, where a sensor is unloaded,
-    and from the median, where the channel mostly is. Empty for a channel that is not finite.
-
-    Every noisy channel has one sample at its extreme; a clipped one has many in a row. The peak of a slow signal also
-    repeats a value for as long as it stays within one step of its converter. It is not clipped: the parabola that has
-    the slopes at the ends of the plateau rises by less than 3 steps.
-    """
+    and from the median, where the channel mostly is. Empty for a channel that is not finite. Every noisy channel has
+    one sample at its extreme; a clipped one has many in a row. The peak of a slow signal also repeats a value for as
+    long as it stays within one step of its converter. It is not clipped: the parabola that has the slopes at the ends
+    of the plateau rises by less than 3 steps."""
     if not values.size or not np.isfinite(values).all():
         return slice(0, 0)
     low, high = float(values.min()), float(values.max())

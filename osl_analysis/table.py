@@ -58,10 +58,8 @@ def tables_of(data: str) -> Iterator[None]:
 
 
 def write_table(frame: pl.DataFrame, path: Path) -> None:
-    """Write a table as CSV that reads back to the same numbers; null becomes an empty field, NaN stays `NaN`.
-
-    The path may be that of a part of an archive (`archive`).
-    """
+    """Write a table as CSV that reads back to the same numbers; null becomes an empty field, NaN stays `NaN`. The path
+    may be that of a part of an archive (`archive`)."""
     if data := OF_DATA.get():
         frame = frame.select(pl.exclude("data"), pl.lit(data, pl.String).alias("data"))
     if path.parent.suffix == SUFFIX:  # a table in an archive, which is written at the end of the block `archives`
@@ -78,10 +76,8 @@ Places = Mapping[str, Mapping[str, str | None]]  # `joint` and `side` by the nam
 
 
 def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.DataFrame:
-    """A table with the columns `joint` and `side` behind its column `by`; one without that column stays as it is.
-
-    A trial that is not in `places` has none. A side that the table has already stays.
-    """
+    """A table with the columns `joint` and `side` behind its column `by`; one without that column stays as it is. A
+    trial that is not in `places` has none. A side that the table has already stays."""
     if by not in table.columns:
         return table
     added = [name for name in ("joint", "side") if name not in table.columns]
@@ -92,13 +88,12 @@ def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.Da
 
 
 def read_table(path: Path, required: Sequence[str] = (), of: str = "") -> pl.DataFrame:
-    """Read a table. A column without any entry is read as Float64 null, `TEXT_COLUMNS` as text.
+    """Read a table. A column without any entry is read as Float64 null, `TEXT_COLUMNS` as text. Columns that are
+    `required` must be there and, unless they are among `TEXT_COLUMNS`, hold numbers. `of`: name of the table where
+    `path` is an archive of several; a path to one table has it already.
 
-    Columns that are `required` must be there and, unless they are among `TEXT_COLUMNS`, hold numbers. `of`: name of the
-    table where `path` is an archive of several; a path to one table has it already.
-
-    Raises InputError where the file is missing, empty or no CSV table, or a required column is missing or not numeric.
-    """
+    Raises InputError where the file is missing, empty or no CSV table, or a required column is missing or not
+    numeric."""
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such table; run the step that writes it, or check the path")

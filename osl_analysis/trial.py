@@ -50,11 +50,9 @@ def marker_columns(label: str) -> tuple[str, str, str]:
 
 
 def plate_columns(plate: int, quantity: str) -> tuple[str, str, str]:
-    """Columns of one force plate, counted from 1: ground reaction `force` [N] or `moment` [N*m].
-
-    Both act on the foot, are expressed in the laboratory axes of the plate's resting pose, and the moment is
-    about the centre of the plate's surface (the mean of its four corners).
-    """
+    """Columns of one force plate, counted from 1: ground reaction `force` [N] or `moment` [N*m]. Both act on the foot,
+    are expressed in the laboratory axes of the plate's resting pose, and the moment is about the centre of the plate's
+    surface (the mean of its four corners)."""
     name = f"plate{plate}_{quantity}"
     return f"{name}_x", f"{name}_y", f"{name}_z"
 
@@ -76,13 +74,11 @@ PROVENANCE_KEY = "osl_analysis.provenance"
 
 @dataclass(frozen=True)
 class Trial:
-    """Samples of one trial in canonical columns (`COLUMNS`), a row per time stamp.
+    """Samples of one trial in canonical columns (`COLUMNS`), a row per time stamp. A *null* means that the column has
+    no sample at that time (another recorder's rate). A *NaN* means that it was sampled and nothing was seen (a hidden
+    marker).
 
-    A *null* means that the column has no sample at that time (another recorder's rate). A *NaN* means that it was
-    sampled and nothing was seen (a hidden marker).
-
-    Raises InputError: No rows, no `time`, time that goes back or is not finite.
-    """
+    Raises InputError: No rows, no `time`, time that goes back or is not finite."""
 
     name: str
     samples: pl.DataFrame
@@ -171,8 +167,7 @@ def read_provenance(path: Path) -> dict[str, Any]:
 def read_trial(path: Path) -> Trial:
     """Read what `write_trial` wrote.
 
-    Raises InputError: The file is missing, is not Parquet, or is Parquet that ingest did not write.
-    """
+    Raises InputError: The file is missing, is not Parquet, or is Parquet that ingest did not write."""
     name, provenance = metadata_of(path)
     with told_as_parquet(path):
         return Trial(name, pl.read_parquet(path), provenance)

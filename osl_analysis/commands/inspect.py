@@ -83,10 +83,8 @@ def off_desired(estimates: pl.DataFrame, row: Mapping[str, Any]) -> str:
 
 
 def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> Fit:
-    """The fit of a trial in memory, by what its row of a sheet says, drafted or not, as in the workflow.
-
-    `device` is its parameter file. Raises as `fit_request` and `fit_trial`.
-    """
+    """The fit of a trial in memory, by what its row of a sheet says, drafted or not, as in the workflow. `device` is
+    its parameter file. Raises as `fit_request` and `fit_trial`."""
     experiment = str(row["experiment"])
     condition: Any = {column: row.get(column) for column in job_of(experiment).sheet}
     if experiment == "impedance":
@@ -216,11 +214,9 @@ class Draft:
 def new_campaign(
     folder: Path, recorders: Sequence[str] = (), recordings: Path | None = None, example: bool = False
 ) -> Draft:
-    """Make a folder with a campaign, and say what was drafted. The folder is whole or not there.
-
-    recorders: names of shipped source files to begin from. recordings: a folder of recordings, for which sheet and
-    source files are drafted; they stay where they are. example: a small simulated campaign instead.
-    """
+    """Make a folder with a campaign, and say what was drafted. The folder is whole or not there. recorders: names of
+    shipped source files to begin from. recordings: a folder of recordings, for which sheet and source files are
+    drafted; they stay where they are. example: a small simulated campaign instead."""
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
         what = "exists and is not empty" if folder.is_dir() else "is a file"
         raise InputError(f"{folder}: {what}; name a new folder, nothing is overwritten")
@@ -489,10 +485,8 @@ def device_of_row(row: Mapping[str, Any], config: Config) -> Path | None:
 def row_of_recording(
     path: Path, folder: Path, bench: WatchedBench, place: Path
 ) -> tuple[Mapping[str, Any], Path, list[str]]:
-    """A row for a recording, the folder of its source file, and what of it is a guess.
-
-    The sheet decides; else the stated source file; else one of the campaign's that fits; else a draft in `place`.
-    """
+    """A row for a recording, the folder of its source file, and what of it is a guess. The sheet decides; else the
+    stated source file; else one of the campaign's that fits; else a draft in `place`."""
     for named in bench.campaign.rows.values() if bench.campaign else ():
         if named["log"] and (bench.config.raw_data / named["log"]).resolve() == path.resolve():
             return {**named, "log": path.name}, bench.config.sources, []

@@ -46,11 +46,9 @@ class PlateLoad:
 
     def channel_facts(self) -> list[dict[str, Any]]:
         """What each raw channel shows, for the provenance: after the rotation a clipped or dead sensor cannot be seen.
-
         `clipped_samples` is the length of the longest run at an extreme, `clipped_at` its value in the unit of the
         file. `stands_samples` is the length of the longest run of one value while the plate's force changes.
-        `..._from_s` and `..._to_s` are the times of a run's first and last sample.
-        """
+        `..._from_s` and `..._to_s` are the times of a run's first and last sample."""
         load = np.linalg.norm(self.force, axis=1)
         # where the force changes by a fifth of its range every channel should; below 50 N the plate was not used
         least = max(0.2 * float(np.ptp(load)), 50.0) if load.size else 50.0
@@ -100,16 +98,12 @@ def captured(
     facts: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
 ) -> Recording:
-    """The columns that the source file asks for, in SI units and our axes.
-
-    Markers and model outputs have a sample per frame, plates and analogs several: a row per analog sample, and null
-    where a frame has none. A marker that was not seen is NaN.
-
-    timing: number of frames (frame 0 and analog sample 0 are at 0 s), frame rate [Hz], samples per frame, and number of
-    the first frame, as the laboratory counts. markers: label, name that the columns have, positions (frames, 3) and
-    their unit. outputs: the model output's component, (frames,). analogs: the channel, (samples,), and the unit that
-    the file states. All are in the axes of the file, outputs and analogs by canonical column.
-    """
+    """The columns that the source file asks for, in SI units and our axes. Markers and model outputs have a sample per
+    frame, plates and analogs several: a row per analog sample, and null where a frame has none. A marker that was not
+    seen is NaN. timing: number of frames (frame 0 and analog sample 0 are at 0 s), frame rate [Hz], samples per frame,
+    and number of the first frame, as the laboratory counts. markers: label, name that the columns have, positions
+    (frames, 3) and their unit. outputs: the model output's component, (frames,). analogs: the channel, (samples,), and
+    the unit that the file states. All are in the axes of the file, outputs and analogs by canonical column."""
     frames, rate, samples_per_frame, first_frame = timing
     slow, origins = dict[str, Array](), Origins()
     for label, name, positions, unit in markers:
@@ -260,11 +254,9 @@ class ForcePlate:
 
     def wrench(self, channels: Array) -> tuple[Array, Array]:
         """Force [N] and moment [N*m] about the surface's centre, (n, 3) each, in laboratory axes, on the foot.
-
-        `channels` (n, channels) are in [N], [N*m] and for type 1 [m]; for type 4 in the units of the calibration.
-        They are in the plate's axes, whose z points down, with a negative Fz under load; in the laboratory's axes this
-        is the ground reaction.
-        """
+        `channels` (n, channels) are in [N], [N*m] and for type 1 [m]; for type 4 in the units of the calibration. They
+        are in the plate's axes, whose z points down, with a negative Fz under load; in the laboratory's axes this is
+        the ground reaction."""
         # from the plate's origin to the surface's centre: the origin lies under the surface and z points down, so z is
         # negative; a file with a positive z stores the opposite vector
         centre = -self.origin if self.origin[2] > 0 else self.origin
@@ -395,10 +387,8 @@ def baseline_frames(recording: C3DRecording, source: Source) -> tuple[int, int] 
 
 
 def plate_parameter(recording: C3DRecording, name: str, number: int, shape: tuple[int, ...] = ()) -> Array:
-    """One plate's part, of the given shape (0: any), of a FORCE_PLATFORM parameter.
-
-    The last dimension counts plates. Some writers omit it if there is a single plate.
-    """
+    """One plate's part, of the given shape (0: any), of a FORCE_PLATFORM parameter. The last dimension counts plates.
+    Some writers omit it if there is a single plate."""
     table = recording.header.table(f"FORCE_PLATFORM:{name}")
     whole = table[..., None] if table.ndim == len(shape) else table
     fits = whole.ndim == len(shape) + 1 and all(
@@ -491,9 +481,7 @@ def read_trc_capture(path: Path, source: Source) -> Recording:
 
 def vertical_axis(positions: Array) -> str:
     """The axis along which the markers, (frames, markers, 3), keep their order: up, for somebody who stands or walks.
-
-    Empty where the file does not tell: there are few markers, or they stay where they are.
-    """
+    Empty where the file does not tell: there are few markers, or they stay where they are."""
     seen = positions[:, ~np.isnan(positions).any(axis=(0, 2))]
     if seen.shape[1] < 4:
         return ""
@@ -505,11 +493,8 @@ def vertical_axis(positions: Array) -> str:
 
 
 def exported_plates(table: Table, recording: Recording, source: Source) -> Recording:
-    """A recording of a table of OpenSim with the plates that the source file names.
-
-    OpenSim's files of ground reactions have, per plate, the force on the foot, the point at which it acts, and the
-    moment about this point.
-    """
+    """A recording of a table of OpenSim with the plates that the source file names. OpenSim's files of ground reactions
+    have, per plate, the force on the foot, the point at which it acts, and the moment about this point."""
     time = recording.samples["time"].to_numpy()
     if time.size != table.rows:
         raise InputError(

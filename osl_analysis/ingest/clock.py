@@ -29,8 +29,7 @@ class ClockFit:
     drift_error: float = 0.0  # standard error of the drift [1]
     residual: float = 0.0  # RMS of the residuals [s]
     edges: int = 0  # pairs of edges that were used; by correlation, sections of the recording
-    excluded_edges: int = 0
-    """Edges of the slave, during the time that both recorded, that match no edge of the master."""
+    excluded_edges: int = 0  # Edges of the slave, during the time that both recorded, that match no edge of the master.
     method: str = "edges"
     """What was matched: `edges` of a pulse train, or by `correlation` a signal that both recorded; nothing where both
     files have `common` times."""
@@ -50,11 +49,9 @@ class Edges:
 
 
 def find_edges(time: Array, level: Array) -> Edges:
-    """Edges of a two-level signal: where it crosses its mid-level, interpolated between two samples.
-
-    A rising edge counts only if the signal then passes three quarters of its range, a falling one if it passes one
-    quarter, so that noise at the mid-level makes no edges.
-    """
+    """Edges of a two-level signal: where it crosses its mid-level, interpolated between two samples. A rising edge
+    counts only if the signal then passes three quarters of its range, a falling one if it passes one quarter, so that
+    noise at the mid-level makes no edges."""
     low, high = float(level.min()), float(level.max())
     swing = high - low
     step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
@@ -68,10 +65,8 @@ def find_edges(time: Array, level: Array) -> Edges:
 
 
 def fit_clock(slave: Edges, master: Edges) -> ClockFit:
-    """Match the edges by the pattern of their intervals, and fit offset and drift without outliers.
-
-    The error of an edge is that of sampling, uniform within one interval.
-    """
+    """Match the edges by the pattern of their intervals, and fit offset and drift without outliers. The error of an
+    edge is that of sampling, uniform within one interval."""
     for edges, who in ((slave, "the log"), (master, "motion capture")):
         if edges.time.size < MINIMUM_EDGES:
             raise InputError(
@@ -91,10 +86,8 @@ def fit_clock(slave: Edges, master: Edges) -> ClockFit:
 
 
 def first_pairs(slave: Edges, master: Edges) -> tuple[Array, Array]:
-    """Times of some edges on both clocks, (n,) each, from the part of the slave's recording that fits best.
-
-    Every pair of edges votes for an offset. The part is short enough that drift does not spread the votes.
-    """
+    """Times of some edges on both clocks, (n,) each, from the part of the slave's recording that fits best. Every pair
+    of edges votes for an offset. The part is short enough that drift does not spread the votes."""
     best, rival, chosen = 0, 0, (slave.time[:0], master.time[:0])
     for begin in range(0, slave.time.size, 40):
         time, rising = slave.time[begin : begin + 40], slave.rising[begin : begin + 40]
@@ -141,13 +134,10 @@ def extended(slave: Edges, master: Edges, first: Array, second: Array, noise: fl
 
 
 def robust_line(first: Array, second: Array, noise: float) -> tuple[ClockFit, NDArray[np.bool_]]:
-    """Line through pairs of times (n,), and which of them were used, (n,).
-
-    `noise` [s] is the standard deviation of one pair. A prior of that of two crystal clocks, 100 ppm, keeps the drift
-    plausible in a short recording; in a long one the pairs outweigh it. The differences of the times are fitted, so
-    that large times lose no digits. Outliers, beyond 3.5 standard deviations, are found by their distance from the
-    median.
-    """
+    """Line through pairs of times (n,), and which of them were used, (n,). `noise` [s] is the standard deviation of one
+    pair. A prior of that of two crystal clocks, 100 ppm, keeps the drift plausible in a short recording; in a long one
+    the pairs outweigh it. The differences of the times are fitted, so that large times lose no digits. Outliers, beyond
+    3.5 standard deviations, are found by their distance from the median."""
     if first.size < MINIMUM_EDGES:
         raise InputError(f"{first.size} sync edges fit together, at least {MINIMUM_EDGES} are needed; record longer")
     difference = second - first
@@ -194,10 +184,8 @@ class Course:
 
 
 def correlate_clocks(slave: Course, master: Course) -> ClockFit:
-    """Offset from the highest peak of the correlation, drift from the lags of twelve sections of the recording.
-
-    In the result `edges` counts the sections that were used, `excluded_edges` those that were quiet or did not fit.
-    """
+    """Offset from the highest peak of the correlation, drift from the lags of twelve sections of the recording. In the
+    result `edges` counts the sections that were used, `excluded_edges` those that were quiet or did not fit."""
     if min(slave.time.size, master.time.size) < 4 * SECTIONS:
         raise InputError(f"fewer than {4 * SECTIONS} samples of the shared signal; record longer")
     step, limit = min(slave.step, master.step), max(slave.step, master.step)
@@ -258,11 +246,9 @@ def whole_lag(ours: Array, theirs: Array) -> int:
 
 
 def section_lags(ours: Array, theirs: Array, lag: int) -> tuple[Array, Array]:
-    """Middles of the sections of `ours`, and where they are in `theirs` [samples], (sections,) each.
-
-    A section that is quiet, or fits best at an end of its range, is not used. A parabola through three samples gives
-    the peak between samples.
-    """
+    """Middles of the sections of `ours`, and where they are in `theirs` [samples], (sections,) each. A section that is
+    quiet, or fits best at an end of its range, is not used. A parabola through three samples gives the peak between
+    samples."""
     begin, end = max(0, -lag), min(ours.size, theirs.size - lag)
     length = (end - begin) // SECTIONS
     reach = int(np.ceil(LARGEST_DRIFT * ours.size)) + 8
@@ -285,11 +271,9 @@ def section_lags(ours: Array, theirs: Array, lag: int) -> tuple[Array, Array]:
 
 
 def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) -> tuple[ClockFit, list[str]]:
-    """The clock fit, and a warning if the edges of the sync channels could not be used.
-
-    In this case the clocks are aligned by correlation: of the angle that motion capture's source file names under
-    `shared`, or else of the two sync voltages. A log that says `clock: common` has the times of that file.
-    """
+    """The clock fit, and a warning if the edges of the sync channels could not be used. In this case the clocks are
+    aligned by correlation: of the angle that motion capture's source file names under `shared`, or else of the two sync
+    voltages. A log that says `clock: common` has the times of that file."""
     if log.facts.get("clock") == "common":
         starts = [one.facts.get("time", {}).get("start") for one in (log, mocap)]
         if None in starts:

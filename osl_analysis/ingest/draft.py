@@ -46,10 +46,8 @@ OTHER = rf"\b(ground|battery|supply|imu|roll|pitch|yaw|phase|current|{ANGLE}|{SP
 
 
 def likely_column(channel: RecordedChannel) -> str:
-    """The canonical column that a channel may be; empty where name and unit tell none.
-
-    A stated or likely unit must be one of the column's.
-    """
+    """The canonical column that a channel may be; empty where name and unit tell none. A stated or likely unit must be
+    one of the column's."""
     words = words_of(" ".join(value for key, value in channel.address.items() if key != "topic"))
     unit = channel.unit or channel.likely_unit
     measured = base_units(normalised(unit)) if unit else None
@@ -74,10 +72,8 @@ PLAIN = {
 
 
 def is_certain(channel: RecordedChannel, column: str) -> bool:
-    """Whether the name of a channel has no word that could make it another quantity than `column`.
-
-    The words of its unit do not count.
-    """
+    """Whether the name of a channel has no word that could make it another quantity than `column`. The words of its
+    unit do not count."""
     name = " ".join(value for key, value in channel.address.items() if key != "topic")
     words, unit = words_of(name).split(), words_of(channel.likely_unit).split()
     if unit and not channel.unit and words[-len(unit) :] == unit:
@@ -92,11 +88,9 @@ def words_of(name: str) -> str:
 
 
 def draft_source(overview: Overview, name: str, named: bool = False) -> str:
-    """A source file for the file `name`, in which the user still has to name the channels.
-
-    named: a channel that is the only one like a canonical column, and whose unit is known, has this column's name.
-    Those that are like none are comments.
-    """
+    """A source file for the file `name`, in which the user still has to name the channels. named: a channel that is the
+    only one like a canonical column, and whose unit is known, has this column's name. Those that are like none are
+    comments."""
     lines = [
         f"format: {overview.format}",
         f"description: {json.dumps(f'Drafted from {name}; complete it.')}",
@@ -143,10 +137,8 @@ def log_lines(overview: Overview, named: bool) -> Iterator[str]:
 
 def channel_lines(channels: Sequence[RecordedChannel], named: bool = False) -> Iterator[str]:
     """An entry per channel. Of more than eight, those that are like no canonical column by name and unit are comments.
-
     named: an entry has its column's name where only this channel is like it and its name leaves no doubt. One that may
-    be another quantity, as a command or another joint's angle, is left to the user.
-    """
+    be another quantity, as a command or another joint's angle, is left to the user."""
     guesses = [likely_column(channel) for channel in channels]
     times = Counter(guesses)
     comment_others = any(guesses) and (named or len(channels) > 8)
@@ -169,10 +161,8 @@ def channel_line(number: int, channel: RecordedChannel, guess: str = "", sure: b
 
 
 def draft_walking(overview: Overview) -> list[str]:
-    """Lines of YAML, which stand as comments below the draft of a source file. What names do not tell is UNKNOWN.
-
-    None unless markers are named as a platform's and as a foot's or shank's.
-    """
+    """Lines of YAML, which stand as comments below the draft of a source file. What names do not tell is UNKNOWN. None
+    unless markers are named as a platform's and as a foot's or shank's."""
 
     def containing(word: str, among: Sequence[str]) -> list[str]:
         """The labels that contain a pattern; the name of the subject before a colon does not count."""
@@ -279,10 +269,8 @@ def draft_trials(recordings: Sequence[Recorded]) -> list[DraftedTrial]:
 
 
 def drafted(name: str, files: Sequence[Recorded]) -> DraftedTrial:
-    """The trial of the files, by what the words of the first one's name tell.
-
-    A stated stiffness tells an impedance trial, but for one who walks. `k1` states none: it is a number of a file.
-    """
+    """The trial of the files, by what the words of the first one's name tell. A stated stiffness tells an impedance
+    trial, but for one who walks. `k1` states none: it is a number of a file."""
     path = files[0].path
     cells, said, still_open = {"trial": name}, path.stem if path.suffix else path.name, list[str]()
     for one in files:

@@ -55,11 +55,9 @@ Tables = Sequence[tuple[float, Table]]
 
 
 def read_table_log(path: Path, source: Source) -> Recording:
-    """The columns that the source file maps, in SI units; time [s] counts from the first row.
-
-    Rows of another timing, as TDMS may have, are null in the columns of the others.
-    Raises InputError: the recording is not what the source file says, or holds no numbers where it should.
-    """
+    """The columns that the source file maps, in SI units; time [s] counts from the first row. Rows of another timing,
+    as TDMS may have, are null in the columns of the others. Raises InputError: the recording is not what the source
+    file says, or holds no numbers where it should."""
     tables = TABLE_FORMATS[source.format](path, source)
     parts = [(start, table_recording(table, source, path.name)) for start, table in tables]
     if len(parts) == 1:
@@ -219,10 +217,8 @@ def csv_tables(path: Path, source: Source) -> Tables:
 
 
 def cells_of(text: CsvTable, place: int, source: Source, level: bool, is_time: bool) -> NDArray[Any]:
-    """Numbers of one column, (rows,), NaN where they are missing.
-
-    In a `level` the words `True` and `False`, in any capitals, are 1 and 0, as Python's loggers write them.
-    """
+    """Numbers of one column, (rows,), NaN where they are missing. In a `level` the words `True` and `False`, in any
+    capitals, are 1 and 0, as Python's loggers write them."""
     cells: Any = text.body.to_series(place)
     if is_time:
         whole = cells.cast(pl.Int64, strict=False)
@@ -433,12 +429,10 @@ FILES: Mapping[str, Callable[[Path], MessageFile]] = {
 
 
 def read_message_log(path: Path, source: Source) -> Recording:
-    """The columns that the source file maps, in SI units; time [s] counts from the first stamp.
-
-    Topics with different stamps have rows of their own, null in the columns of the other topics. The losses of the file
-    are in the facts under `damage` (`formats/messages.py`). Refused is what cannot be decoded, a loss above
-    `source.largest_loss`, a value that is infinite, and stamps that contradict each other or go back.
-    """
+    """The columns that the source file maps, in SI units; time [s] counts from the first stamp. Topics with different
+    stamps have rows of their own, null in the columns of the other topics. The losses of the file are in the facts
+    under `damage` (`formats/messages.py`). Refused is what cannot be decoded, a loss above `source.largest_loss`, a
+    value that is infinite, and stamps that contradict each other or go back."""
     file = FILES[source.format](path)
     if source.format == "mcap" and (remark := siblings(path)[1]):
         file.damage.remarks.append(remark)
@@ -567,9 +561,7 @@ def in_order(
 ) -> tuple[pl.DataFrame, dict[str, int]]:
     """The topic's rows, given channel by channel in the order of recording, sorted by increasing `stamp` [ns]; and how
     many messages came after one of a later stamp, have the stamp of an earlier one, and other values than that.
-
-    `channel` is the number of each row's channel, (n,); `advice` says what to do where the clock was set.
-    """
+    `channel` is the number of each row's channel, (n,); `advice` says what to do where the clock was set."""
     ordering = {"late": 0, "repeated": 0, "contradicted": 0}
     channels = np.unique(channel)
     for number in channels:
@@ -597,11 +589,9 @@ def in_order(
 
 
 def rounded(stamp: Indices) -> bool:
-    """Whether stamps [ns] repeat because they are rounded to a step that is not shorter than the sampling step.
-
-    Every tick of the rounding then has a message, and none has two more than another. The messages are kept: the time
-    base finds when they were sampled, as in a CSV log.
-    """
+    """Whether stamps [ns] repeat because they are rounded to a step that is not shorter than the sampling step. Every
+    tick of the rounding then has a message, and none has two more than another. The messages are kept: the time base
+    finds when they were sampled, as in a CSV log."""
     ticks, messages = np.unique(stamp, return_counts=True)
     if ticks.size < 2:
         return False
@@ -613,11 +603,9 @@ def rounded(stamp: Indices) -> bool:
 
 
 def check_not_set(topic: str, table: pl.DataFrame, advice: str) -> int:
-    """Refuse a clock that was set back, in one channel's rows; returns how many of them are merely late.
-
-    It was set back by more than a second, or many messages in a row fall among those before. Messages that are merely
-    late fill the gap that they left; those that repeat others do not count.
-    """
+    """Refuse a clock that was set back, in one channel's rows; returns how many of them are merely late. It was set
+    back by more than a second, or many messages in a row fall among those before. Messages that are merely late fill
+    the gap that they left; those that repeat others do not count."""
     stamp, many = table["stamp"].to_numpy(), 10
     by = np.maximum.accumulate(stamp) - stamp
     if (by > SECOND).any():
@@ -641,10 +629,8 @@ def check_not_set(topic: str, table: pl.DataFrame, advice: str) -> int:
 
 
 def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
-    """One table with a row per stamp of any of the tables, which are sorted by it.
-
-    Where stamps are rounded and equal, the tables have rows of their own.
-    """
+    """One table with a row per stamp of any of the tables, which are sorted by it. Where stamps are rounded and equal,
+    the tables have rows of their own."""
     if len(tables) == 1:
         return tables[0].clone()
     if any((np.diff(table["stamp"].to_numpy()) == 0).any() for table in tables):

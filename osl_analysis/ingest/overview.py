@@ -91,10 +91,8 @@ class Overview:
 
 
 def likely_unit(name: str) -> str:
-    """The unit that the end of a column's name tells, as `deg` in `ankle_deg`; empty if it tells none.
-
-    `_m` is none: `theta_m` is the motor's angle.
-    """
+    """The unit that the end of a column's name tells, as `deg` in `ankle_deg`; empty if it tells none. `_m` is none:
+    `theta_m` is the motor's angle."""
     plain = ("deg", "rad", "rev", "rpm", "Nm", "N", "A", "mA", "V", "mV", "s", "ms", "us", "ns", "Hz", "mm")
     spelled = {"deg_s": "deg/s", "deg_per_s": "deg/s", "rad_s": "rad/s", "rad_per_s": "rad/s", "sec": "s"}
     endings = [end for end in (*plain, *spelled) if name.endswith(f"_{end}")]
@@ -123,10 +121,8 @@ def is_clock(title: str) -> bool:
 
 def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") -> tuple[str | None, list[str]]:
     """The clock that a draft names, and what the user has to decide, from the readings (n,) of all that are called so.
-
     The first of several, if they span the same time in s, ms, us or ns. None if they contradict each other, as then B
-    and I depend on the choice. What does not run, as the duration of each loop, is no clock beside one that does.
-    """
+    and I depend on the choice. What does not run, as the duration of each loop, is no clock beside one that does."""
     clocks = {name: values.astype(np.float64) for name, values in readings.items()}
     spans = {name: span_of(values) for name, values in clocks.items()}
     running = [name for name, span in spans.items() if span > 0] or list(readings)
@@ -564,10 +560,8 @@ def channels_of(survey: ChannelSurvey, fields: list[FieldDescription]) -> Iterat
 
 
 def inspect_c3d(path: Path) -> Overview:
-    """Markers with the share of frames in which they were seen, model outputs, analog channels and plates.
-
-    Where header and parameters contradict each other, the file is read by the counts that fit its size.
-    """
+    """Markers with the share of frames in which they were seen, model outputs, analog channels and plates. Where header
+    and parameters contradict each other, the file is read by the counts that fit its size."""
     settings, remarks = dict[str, object](), list[str]()
     try:
         recording = read_c3d(path)

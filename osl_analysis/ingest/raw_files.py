@@ -122,8 +122,7 @@ class NamedFormat(Settings):
 
     model_config = ConfigDict(extra="ignore")
 
-    format: str
-    """A name of `FORMATS`."""
+    format: str  # A name of `FORMATS`.
 
     @field_validator("format")
     @classmethod
@@ -182,13 +181,11 @@ def formats_of(path: Path) -> tuple[bytes, list[str]]:
 
 
 def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path) -> Trial:
-    """The trial whose raw files, relative to `raw_folder`, one row of the sample sheet names.
-
-    `row` has the sheet's columns (`config/sheet.py`). A value that is not text (None, NA) counts as empty.
+    """The trial whose raw files, relative to `raw_folder`, one row of the sample sheet names. `row` has the sheet's
+    columns (`config/sheet.py`). A value that is not text (None, NA) counts as empty.
 
     Raises InputError: A file is missing, empty or not what its source file says, changes while it is read, holds values
-    that nothing can reach, or the recordings do not fit together.
-    """
+    that nothing can reach, or the recordings do not fit together."""
     said = {column: value.strip() for column, value in row.items() if isinstance(value, str)}
     name, files = said.get("trial", ""), {role: said[role] for role in ("log", "mocap") if said.get(role)}
     if not files:
@@ -300,11 +297,8 @@ def assemble(
     shared: SharedAngle | None = None,
 ) -> Trial:
     """A trial of the recordings `log`, `mocap` or both; with both, the log's clock is fitted to motion capture's.
-
-    `files` identifies the file of each recording, `shared` an angle that aligns the clocks without sync
-    edges. The log's rows before and after motion capture are counted and not used. The column `sync` is motion
-    capture's.
-    """
+    `files` identifies the file of each recording, `shared` an angle that aligns the clocks without sync edges. The
+    log's rows before and after motion capture are counted and not used. The column `sync` is motion capture's."""
     in_order = [(role, recordings[role]) for role in ("log", "mocap") if role in recordings]
     own_keys = ("plates", "damage")  # facts that have a key of their own
     provenance: dict[str, Any] = {

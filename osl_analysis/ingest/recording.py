@@ -21,8 +21,7 @@ class Recording:
     samples: pl.DataFrame
     """`time` [s] on the recorder's own clock, and canonical columns in SI units; null where a column has no sample."""
     columns: Mapping[str, Mapping[str, Any]]  # source channel and conversion of each column
-    facts: Mapping[str, Any] = field(default_factory=dict)
-    """Further facts: rates, source of time, plates, damage."""
+    facts: Mapping[str, Any] = field(default_factory=dict)  # Further facts: rates, source of time, plates, damage.
     warnings: Sequence[str] = ()  # warnings, a sentence each
 
     def __post_init__(self) -> None:
@@ -36,18 +35,15 @@ class Recording:
                 )
 
 
-LEVEL_UNIT = "V"
-"""Of the columns that may be read from truth values: levels of `sync` and `trigger`."""
+LEVEL_UNIT = "V"  # Of the columns that may be read from truth values: levels of `sync` and `trigger`.
 
 
 def canonical_column(
     what: str, column: str, channel: Channel, table: Table, time: Array, most_missing: float, place: str
 ) -> pl.Series:
     """A channel of a table with times (rows,) [s] in SI units: NaN where a reading failed, null where it has no value.
-
     Refused are truth values that are no level, infinity, and a share of failed readings above `most_missing`. `what` is
-    the channel and `place` that of its unit in the source file, for messages.
-    """
+    the channel and `place` that of its unit in the source file, for messages."""
     raw, lacking = table.columns[channel.name], np.ma.getmaskarray(table.columns[channel.name])
     if raw.dtype == bool and unit_of(column) != LEVEL_UNIT:
         row = int(np.argmin(lacking))

@@ -101,10 +101,8 @@ class Conversion(Settings):
             return np.asarray(self.sign * self.scale * factor * (raw + self.offset))
 
     def origin(self, column: str, unit_of_file: str = "") -> dict[str, Any]:
-        """Where a canonical column comes from, how it was converted, and what is stated of its sensor in SI units.
-
-        For the trial's provenance. `range` is what the column can reach, after `sign` and `offset`.
-        """
+        """Where a canonical column comes from, how it was converted, and what is stated of its sensor in SI units. For
+        the trial's provenance. `range` is what the column can reach, after `sign` and `offset`."""
         unit, si_unit = unit_of_file if self.unit is None else self.unit, unit_of(column)
         factor, stated = si_factor(unit, si_unit), dict[str, Any]()
         if self.delay is not None:

@@ -63,11 +63,8 @@ NAME = re.compile(r"[^\W\d_]\w{0,30}|°|%|1")
 
 
 def si_factor(unit: str, expected: str) -> float:
-    """Factor from `unit` to the SI unit `expected`, a key of `EXAMPLES`.
-
-    A middle dot, a full stop or a blank is read as the multiplication sign, both micro signs as `u`. An angle is a
-    dimension: N*m/rad is not N*m.
-    """
+    """Factor from `unit` to the SI unit `expected`, a key of `EXAMPLES`. A middle dot, a full stop or a blank is read
+    as the multiplication sign, both micro signs as `u`. An angle is a dimension: N*m/rad is not N*m."""
     advice, spelling = ", ".join(EXAMPLES[expected]), normalised(unit)
     quoted = f"unit '{unit[:40]}{'...' * (len(unit) > 40)}'"
     if not spelling:

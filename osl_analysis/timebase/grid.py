@@ -53,11 +53,9 @@ class SensorLowPass:
     order: int
 
     def __call__(self, values: Array, rate_hz: float) -> Array:
-        """Samples (n,), taken at `rate_hz`, after the filter. The filter starts at rest at the first sample.
-
-        The bilinear transform without prewarping: at frequency f it is the analogue filter at f (1 + (pi f/rate)^2/3),
-        8e-5 too high for 5 Hz at 1 kHz. The cut-off may lie above half the rate.
-        """
+        """Samples (n,), taken at `rate_hz`, after the filter. The filter starts at rest at the first sample. The
+        bilinear transform without prewarping: at frequency f it is the analogue filter at f (1 + (pi f/rate)^2/3), 8e-5
+        too high for 5 Hz at 1 kHz. The cut-off may lie above half the rate."""
         unwarped = rate_hz / np.pi * np.arctan(np.pi * self.cutoff_hz / rate_hz)
         sections = scipy.signal.butter(self.order, unwarped, fs=rate_hz, output="sos")
         filtered, _ = scipy.signal.sosfilt(sections, values, zi=scipy.signal.sosfilt_zi(sections) * values[0])
@@ -118,13 +116,11 @@ def on_one_grid(
     low_passes: Mapping[str, SensorLowPass] | None = None,
     devices: Mapping[str, str] | None = None,
 ) -> UniformSignals:
-    """All signals of a trial on one uniform grid at the fastest stream's rate, over what all streams cover.
+    """All signals of a trial on one uniform grid at the fastest stream's rate, over what all streams cover. True
+    stamps: cubic spline through the samples at their stamps. Even device: the same at the times of its own clock; where
+    these are the grid, the samples themselves. Nothing is extrapolated.
 
-    True stamps: cubic spline through the samples at their stamps. Even device: the same at the times of its own clock;
-    where these are the grid, the samples themselves. Nothing is extrapolated.
-
-    Raises InputError: The streams do not overlap; a gap is too long; no row is usable.
-    """
+    Raises InputError: The streams do not overlap; a gap is too long; no row is usable."""
     late = max(taken, key=lambda part: part.samples[0][0])
     early = min(taken, key=lambda part: part.samples[0][-1])
     first, last, step = float(late.samples[0][0]), float(early.samples[0][-1]), min(part.step for part in taken)
@@ -234,9 +230,7 @@ ON_GRID = 1e-6  # distance, in steps, at which a sample counts as lying on the g
 
 def resampled(times: Array, values: Mapping[str, Array], grid: Array, step: float) -> dict[str, Array]:
     """Values (m,) of each signal at the grid's times (m,) [s]: the samples where they lie on it, else a cubic spline.
-
-    Nothing is extrapolated: a last row that rounding put behind the last sample has its value.
-    """
+    Nothing is extrapolated: a last row that rounding put behind the last sample has its value."""
     row = int(np.searchsorted(times, grid[0] - ON_GRID * step))
     there = times[row : row + len(grid)]
     # from 1e6 rows on the rounding of a step, which is known to 1e-13 of itself, adds up
@@ -250,12 +244,10 @@ def uniform_signals(
     trial: Trial, columns: Sequence[str], limits: GapLimits, computed: Sequence[str] = ()
 ) -> UniformSignals:
     """The columns of a trial on one uniform grid: stated delays taken out, sensors' low-pass filters made alike.
-
     `computed` are columns without a sensor, such as a command. They are named where they have the stamps of one of the
     others, and say nothing about these.
 
-    Raises InputError: A column is missing, or its stamps cannot be brought on a grid; the message names the trial.
-    """
+    Raises InputError: A column is missing, or its stamps cannot be brought on a grid; the message names the trial."""
     also = [column for column in computed if column in trial.columns]
     devices = {c: device for c, device in devices_of(trial, [*columns, *also]).items() if device in columns}
     try:

@@ -104,10 +104,8 @@ def lower_edge(x: Array, y: Array) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class StampEvidence:
-    """What one signal says: g, 1 where the stamps are true and 0 where the device is even, and its standard error.
-
-    Of 1730 cases that these bounds call firm, 1727 are right, and none is wrong.
-    """
+    """What one signal says: g, 1 where the stamps are true and 0 where the device is even, and its standard error. Of
+    1730 cases that these bounds call firm, 1727 are right, and none is wrong."""
 
     g: float
     se: float
@@ -125,15 +123,12 @@ NO_MATTER = 0.001  # residual, in steps, below which both answers are the same s
 
 
 def evidence_of(values: Array, clock: DeviceClock) -> StampEvidence:
-    """g and its standard error of one signal (n,), by the regression of D6 x on D6(x' delta) through the origin.
-
-    The slope x' is that of a cubic over 40 ms. The slow part of delta is subtracted first: sixth differences remove it,
-    but not its product with the noise of x'. A difference needs seven consecutive samples; others are left out.
-
-    The error, from the scatter of 20 chunks of equal shares of D6(x' delta)^2, is infinite, so that the signal decides
-    nothing, where delta does not scatter, where a few samples carry everything, or where more than a fifth of the mean
-    square of x' is noise: noise in the regressor would pull g towards 0.
-    """
+    """g and its standard error of one signal (n,), by the regression of D6 x on D6(x' delta) through the origin. The
+    slope x' is that of a cubic over 40 ms. The slow part of delta is subtracted first: sixth differences remove it, but
+    not its product with the noise of x'. A difference needs seven consecutive samples; others are left out. The error,
+    from the scatter of 20 chunks of equal shares of D6(x' delta)^2, is infinite, so that the signal decides nothing,
+    where delta does not scatter, where a few samples carry everything, or where more than a fifth of the mean square of
+    x' is noise: noise in the regressor would pull g towards 0."""
     there = ~np.isnan(values)
     x, late, count = values[there], clock.residual[there] / clock.step, clock.count[there]
     window = max(2 * round(0.02 / clock.step) + 1, 7)
@@ -238,8 +233,7 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
     missing values.
 
     Raises InputError: As `places_of_samples`; or one of several streams has a host's latency *and* missing samples and
-    no counter, so that nothing tells which of its samples is which.
-    """
+    no counter, so that nothing tells which of its samples is which."""
     taken: list[Taken] = []
     for stream in streams:
         fresh = stream.without_repeats()
@@ -265,11 +259,9 @@ def take(streams: Sequence[Stream]) -> list[Taken]:
 
 def decide(stream: Stream, clock: DeviceClock) -> list[Taken]:
     """One decision for all signals of a stream; two where one signal is firmly true and one firmly even, which was held
-    by its own device: all others then take the stamps.
-
-    A stated choice stands. A residual that does not matter, below a thousandth of a step, leaves the device even. Where
-    no signal moves enough to tell, stamps that wander slowly are kept, stamps that only scatter are not.
-    """
+    by its own device: all others then take the stamps. A stated choice stands. A residual that does not matter, below a
+    thousandth of a step, leaves the device even. Where no signal moves enough to tell, stamps that wander slowly are
+    kept, stamps that only scatter are not."""
     names = tuple(stream.signals)
     if stream.choice != "auto":
         return [Taken(stream, clock, names, stream.choice == "even", True, True, f"stated: {stream.choice}")]

@@ -29,8 +29,7 @@ class Stream:
     """Signals sampled at shared stamps, as recorded.
 
     Raises InputError: Too few samples, a stamp that is not finite, an infinite value, stamps that run backwards or
-    stand still.
-    """
+    stand still."""
 
     name: str  # device, topic or column, for messages
     stamps: Array  # (n,) [s], on the clock that all streams of the trial share

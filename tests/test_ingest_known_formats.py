@@ -89,7 +89,7 @@ def test_an_entry_in_the_table_makes_a_format_known_to_ingest_inspect_draft_and_
 ) -> None:
     """A new format touches its decoder in formats/, its keys, reader and overview in ingest/, the table and a test."""
     keys = Keys("channels", "key", kinds={"channel.key": (str, ...)})
-    toy = KnownFormat("toy", lambda begin: begin.startswith(b"TOY1"), (".toy",), read_toy, inspect_toy, keys)
+    toy = KnownFormat("toy", keys, lambda begin: begin.startswith(b"TOY1"), (".toy",), read_toy, inspect_toy)
     monkeypatch.setitem(FORMATS, "toy", toy)
     (tmp_path / "a.dat").write_bytes(b'TOY1{"angle": [0, 90, 180]}')
     drafted = draft_source(inspect_file(tmp_path / "a.dat"), "a.dat")

@@ -22,23 +22,13 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.csv_table import (
-    CsvLayout,
-    CsvTable,
-    UnreadableCellError,
-    name_and_unit,
-    numbers,
-    read_csv_table,
-    share_above,
-    without_brackets,
-)
+from osl_analysis.formats import csv_table
 from osl_analysis.formats.gait_text import read_opensim
 from osl_analysis.formats.json_lines import JsonLines, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import find, no_variable, open_mat, parsed, vector
-from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.message_fields import Columns, Indices
 from osl_analysis.formats.messages import Decoded, MessageFile, RefusedFileError, WrongFieldError, decode_topics
-from osl_analysis.formats.rosbag import read_rosbag1, read_rosbag2, siblings
+from osl_analysis.formats.rosbag import siblings
 from osl_analysis.formats.table import Loss, Table
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest.captures import exported_columns, exported_plates
@@ -54,11 +44,11 @@ Tables = Sequence[tuple[float, Table]]
 """The tables of a recording, each with the time [s] by which it begins after the first."""
 
 
-def read_table_log(path: Path, source: Source) -> Recording:
+def read_table_log(tables_of: Callable[[Path, Source], Tables], path: Path, source: Source) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first row. Rows of another timing,
     as TDMS may have, are null in the columns of the others. Raises InputError: the recording is not what the source
     file says, or holds no numbers where it should."""
-    tables = TABLE_FORMATS[source.format](path, source)
+    tables = tables_of(path, source)
     parts = [(start, table_recording(table, source, path.name)) for start, table in tables]
     if len(parts) == 1:
         table, recording = tables[0][1], parts[0][1]
@@ -195,14 +185,18 @@ TRUTHS = {"true": "1", "false": "0"}
 
 
 def csv_tables(path: Path, source: Source) -> Tables:
-    layout = CsvLayout(**{one.name: getattr(source, one.name) for one in fields(CsvLayout)})
-    text = read_csv_table(path, layout)
+    layout = csv_table.CsvLayout(**{one.name: getattr(source, one.name) for one in fields(csv_table.CsvLayout)})
+    text = csv_table.read_csv_table(path, layout)
     places = {name: text.column(name) for name in wanted(source)}
     levels = {places[one.name] for column, one in source.channels.items() if unit_of(column) == LEVEL_UNIT}
     clock = places.get(source.time.name)
     values = {place: cells_of(text, place, source, place in levels, place == clock) for place in {*places.values()}}
     full = {name: text.names[place] for name, place in places.items()}
-    found = {name: {"found": one} for name, one in full.items() if name_and_unit(one)[0] != name_and_unit(name)[0]}
+    found = {
+        name: {"found": one}
+        for name, one in full.items()
+        if csv_table.name_and_unit(one)[0] != csv_table.name_and_unit(name)[0]
+    }
     table = Table(
         len(text.lines),
         {name: values[place] for name, place in places.items()},
@@ -216,7 +210,7 @@ def csv_tables(path: Path, source: Source) -> Tables:
     return [(0.0, table)]
 
 
-def cells_of(text: CsvTable, place: int, source: Source, level: bool, is_time: bool) -> NDArray[Any]:
+def cells_of(text: csv_table.CsvTable, place: int, source: Source, level: bool, is_time: bool) -> NDArray[Any]:
     """Numbers of one column, (rows,), NaN where they are missing. In a `level` the words `True` and `False`, in any
     capitals, are 1 and 0, as Python's loggers write them."""
     cells: Any = text.body.to_series(place)
@@ -227,8 +221,8 @@ def cells_of(text: CsvTable, place: int, source: Source, level: bool, is_time: b
     if level:
         cells = [TRUTHS.get(cell.casefold(), cell) if cell is not None else None for cell in cells]
     try:
-        return numbers(cells, source.missing, source.decimal)
-    except UnreadableCellError as error:
+        return csv_table.numbers(cells, source.missing, source.decimal)
+    except csv_table.UnreadableCellError as error:
         cell = str(cells[error.place])
         raise InputError(
             f"line {text.lines[error.place]}, column '{text.names[place]}': '{cell[:40]}' is not "
@@ -250,7 +244,7 @@ def remedy_for(text: str, name: str, source: Source, is_time: bool, first: bool)
         return 'write `decimal: ","` in the source file if the comma is the decimal sign'
     if first and source.header == "none":
         return "write `header: row` in the source file if this line holds the columns' names"
-    if first and is_unit(without_brackets(text)):
+    if first and is_unit(csv_table.without_brackets(text)):
         return "write `units_row: true` in the source file if this line holds units"
     if is_time:
         return "correct the cell, or delete the line"
@@ -271,7 +265,7 @@ def json_tables(path: Path, source: Source) -> Tables:
     count, total = decoded.misfits, len(lines.texts)
     if count and (count > source.most_missing * total or source.time.rate is not None):
         # with a rate, a line that is left out moves the rest
-        advice = f", or write `most_missing: {share_above(count, total):g}` in the source file"
+        advice = f", or write `most_missing: {csv_table.share_above(count, total):g}` in the source file"
         raise InputError(
             f"{count} of {total} lines cannot be used: {decoded.misfit}; repair the log"
             f"{advice if source.time.rate is None else ''}"
@@ -412,28 +406,12 @@ def opensim_tables(path: Path, source: Source) -> Tables:
     return [(0.0, Table(len(table.rows), columns, facts=facts))]
 
 
-TABLE_FORMATS: Mapping[str, Callable[[Path, Source], Tables]] = {
-    "csv": csv_tables,
-    "json_lines": json_tables,
-    "mat": mat_tables,
-    "tdms": tdms_tables,
-    "opensim": opensim_tables,
-}
-
-
-FILES: Mapping[str, Callable[[Path], MessageFile]] = {
-    "mcap": read_mcap,
-    "rosbag1": read_rosbag1,
-    "rosbag2": read_rosbag2,
-}
-
-
-def read_message_log(path: Path, source: Source) -> Recording:
+def read_message_log(opened: Callable[[Path], MessageFile], path: Path, source: Source) -> Recording:
     """The columns that the source file maps, in SI units; time [s] counts from the first stamp. Topics with different
     stamps have rows of their own, null in the columns of the other topics. The losses of the file are in the facts
     under `damage` (`formats/messages.py`). Refused is what cannot be decoded, a loss above `source.largest_loss`, a
     value that is infinite, and stamps that contradict each other or go back."""
-    file = FILES[source.format](path)
+    file = opened(path)
     if source.format == "mcap" and (remark := siblings(path)[1]):
         file.damage.remarks.append(remark)
     by_topic: dict[str, dict[str, Channel]] = defaultdict(dict)

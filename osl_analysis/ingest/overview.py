@@ -5,7 +5,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,30 +16,17 @@ import polars as pl
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError, listing, printable
+from osl_analysis.formats import csv_table
 from osl_analysis.formats.c3d import C3DRecording, CountsError, read_c3d
-from osl_analysis.formats.csv_table import (
-    DELIMITERS,
-    Rows,
-    check_header_place,
-    delimiter_of,
-    is_number_cell,
-    name_and_unit,
-    places_of,
-    read_lines,
-    split_rows,
-    unpadded,
-    without_brackets,
-)
 from osl_analysis.formats.gait_text import read_opensim, read_sections, read_trc
 from osl_analysis.formats.json_lines import MOST_ELEMENTS, addresses_of, decode_lines, read_json_lines
 from osl_analysis.formats.mat import Value, open_mat
 from osl_analysis.formats.message_fields import FieldDescription, describe_message, last_name
-from osl_analysis.formats.messages import ChannelSurvey, survey_channels
+from osl_analysis.formats.messages import ChannelSurvey, MessageFile, survey_channels
 from osl_analysis.formats.table import Loss
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest.captures import analog_rates, plate_count, plate_loads, plate_parameter, vertical_axis
 from osl_analysis.ingest.logs import (
-    FILES,
     RATE,
     SECOND,
     check_not_set,
@@ -115,7 +102,7 @@ CLOCKS = (
 
 def is_clock(title: str) -> bool:
     """Whether a column is called like a clock: `time`, `t_s`, `loop_time [ms]`."""
-    name = name_and_unit(title)[0].strip()
+    name = csv_table.name_and_unit(title)[0].strip()
     return name.casefold() in CLOCKS or re.sub(r"_(s|sec|ms|us|ns)$", "", name).casefold() in CLOCKS
 
 
@@ -217,19 +204,19 @@ def time_setting(key: str, clock: RecordedChannel | None) -> dict[str, str]:
     return {key: clock.address[key], "unit": clock.unit or clock.likely_unit or UNKNOWN}
 
 
-def guessed_csv(rows: Rows) -> tuple[list[str], list[str], Rows, bool]:
+def guessed_csv(rows: csv_table.Rows) -> tuple[list[str], list[str], csv_table.Rows, bool]:
     """Titles of the columns (their numbers, counted from 1, without a header), units in a row below (or none), rows,
     and whether there is a header; refused is text that is no table: more than half of its rows hold no number."""
     if not rows:
         raise InputError("holds no rows; check that it is a recording")
     headed = not all(seems_number(cell) for cell in rows[0][1] if cell)
-    first = unpadded(rows[0][1], 0)
+    first = csv_table.unpadded(rows[0][1], 0)
     titles = first if headed else [str(place + 1) for place in range(len(first))]
-    body = [(line, unpadded(cells, len(titles))) for line, cells in (rows[1:] if headed else rows)]
+    body = [(line, csv_table.unpadded(cells, len(titles))) for line, cells in (rows[1:] if headed else rows)]
     if headed:
-        check_header_place(rows[0], body)
+        csv_table.check_header_place(rows[0], body)
     below = body[0][1] if headed and body else []
-    known = [bool(cell) and is_unit(without_brackets(cell)) and cell != "1" for cell in below]
+    known = [bool(cell) and is_unit(csv_table.without_brackets(cell)) and cell != "1" for cell in below]
     has_units = not any(map(seems_number, below)) and sum(known) > len(below) / 2
     below, body = (below, body[1:]) if has_units else ([], body)
     if not body:
@@ -244,31 +231,33 @@ def guessed_csv(rows: Rows) -> tuple[list[str], list[str], Rows, bool]:
 
 
 def seems_number(cell: str) -> bool:
-    return is_number_cell(cell.replace(",", "."))
+    return csv_table.is_number_cell(cell.replace(",", "."))
 
 
 def inspect_csv(path: Path) -> Overview:
-    lines = read_lines(path)
+    lines = csv_table.read_lines(path)
     comments = [text for _, text in lines if text.lstrip().startswith("#")]
     content = [(line, text) for line, text in lines if not text.lstrip().startswith("#")]
-    delimiter = delimiter_of(content, "auto")
-    titles, units, body, has_header = guessed_csv(split_rows(content, delimiter))
+    delimiter = csv_table.delimiter_of(content, "auto")
+    titles, units, body, has_header = guessed_csv(csv_table.split_rows(content, delimiter))
     columns = []
     for place, title in enumerate(titles):
         cells = pl.Series([row[place] if place < len(row) else "" for _, row in body], dtype=pl.String)
         values = cells.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
-        unit = name_and_unit(title)[1] or (without_brackets(units[place]) if place < len(units) else "")
+        unit = csv_table.name_and_unit(title)[1] or (
+            csv_table.without_brackets(units[place]) if place < len(units) else ""
+        )
         words = Counter(cells.filter(values.is_null()).to_list()).most_common(5)
         also = "".join(f", {count} x '{word}'" for word, count in words)
         columns.append(Numbers(title, title, values.drop_nulls().to_numpy(), unit, also=also))
     clock, left_open = clock_among("columns", columns)
     channels = []
     for column in columns:
-        name = name_and_unit(column.name)[0]
+        name = csv_table.name_and_unit(column.name)[0]
         # of an object without a name Python prints its number, which changes from run to run; the pattern fits the next
         # recording too, where only this column of the file fits it
         pattern = re.sub(r"<[^<>]* object at 0x[0-9a-fA-F]+>", "*", name)
-        lasting = pattern if pattern != name and len(places_of(pattern, titles)) == 1 else name
+        lasting = pattern if pattern != name and len(csv_table.places_of(pattern, titles)) == 1 else name
         channels.append(replace(column, name=lasting).listed("column", column.name == clock))
     remarks = []
     for length, count in Counter(len(row) for _, row in body).items():
@@ -277,7 +266,7 @@ def inspect_csv(path: Path) -> Overview:
             remarks.append(f"{count} rows have {length} cells under {len(titles)} names, the first in line {line}")
     settings = {
         "clock": "master",
-        "delimiter": {sign: word for word, sign in DELIMITERS.items()}.get(delimiter, delimiter),
+        "delimiter": {sign: word for word, sign in csv_table.DELIMITERS.items()}.get(delimiter, delimiter),
         **({} if has_header else {"header": "none"}),
         **({"units_row": True} if units else {}),
         **({"decimal": ","} if delimiter != "," and any("," in c for _, row in body[:5] for c in row) else {}),
@@ -498,9 +487,9 @@ ROS_UNITS = {
 """Units of standard messages of ROS (REP 103), by the beginning of the field. A joint that slides has other ones."""
 
 
-def inspect_messages(name: str, path: Path) -> Overview:
+def inspect_messages(name: str, opened: Callable[[Path], MessageFile], path: Path) -> Overview:
     """Topics with schema, encoding, rate and gaps by log time, every field of each, and what is damaged."""
-    file = FILES[name](path)
+    file = opened(path)
     surveys = survey_channels(file)
     remarks = list(file.damage.all_remarks())
     for survey in surveys:

@@ -24,25 +24,14 @@ from osl_analysis.formats.csv_table import is_text
 from osl_analysis.formats.gait_text import is_nexus, is_opensim, is_trc
 from osl_analysis.formats.json_lines import is_json_lines
 from osl_analysis.formats.mat import is_mat
-from osl_analysis.formats.mcap import MAGIC
+from osl_analysis.formats.mcap import MAGIC, read_mcap
+from osl_analysis.formats.messages import MessageFile
 from osl_analysis.formats.other_formats import FIRST_BYTES, refuse_others
-from osl_analysis.formats.rosbag import ANY_BAG1, SQLITE, files_in, folder_format
+from osl_analysis.formats.rosbag import ANY_BAG1, SQLITE, files_in, folder_format, read_rosbag1, read_rosbag2
 from osl_analysis.formats.tdms import is_tdms
+from osl_analysis.ingest import logs, overview
 from osl_analysis.ingest.captures import read_c3d_capture, read_nexus_capture, read_trc_capture
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
-from osl_analysis.ingest.logs import read_message_log, read_table_log
-from osl_analysis.ingest.overview import (
-    Overview,
-    inspect_c3d,
-    inspect_csv,
-    inspect_json,
-    inspect_mat,
-    inspect_messages,
-    inspect_nexus,
-    inspect_opensim,
-    inspect_tdms,
-    inspect_trc,
-)
 from osl_analysis.ingest.recording import Recording, check_sizes
 from osl_analysis.ingest.source import KEYS, Keys, SharedAngle, Source, model_of, refuse_draft
 from osl_analysis.trial import Trial
@@ -59,21 +48,17 @@ def named(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: {error}") from error
 
 
-def begins_with(mark: bytes) -> Callable[[bytes], bool]:
-    return lambda begin: begin.startswith(mark)
-
-
 @dataclass(frozen=True)
 class KnownFormat:
     """One format of logs or captures."""
 
     name: str  # its name in source files
+    keys: Keys  # of its source files
     begins: Callable[[bytes], bool]  # whether a file that begins with these bytes is of this format
     suffixes: tuple[str, ...]
     """Endings of files of this format, for files that are not recognised by their first bytes."""
     reader: Callable[[Path, Source], Recording]  # reads a file by its source file
-    lister: Callable[[Path], Overview]  # lists what a file holds, without a source file
-    keys: Keys  # of its source files
+    lister: Callable[[Path], overview.Overview]  # lists what a file holds, without a source file
     source: type[Source] = field(init=False)  # the model of its source files
 
     def __post_init__(self) -> None:
@@ -89,28 +74,36 @@ class KnownFormat:
         with named(path):
             return self.reader(path, source)
 
-    def inspect(self, path: Path) -> Overview:
+    def inspect(self, path: Path) -> overview.Overview:
         """What a file holds. Raises InputError, which names the file."""
         with named(path):
             return self.lister(path)
 
 
-FORMATS = {
-    name: KnownFormat(name, begins, suffixes, reader, lister, KEYS[name])
-    for name, begins, suffixes, reader, lister in (
-        ("mcap", begins_with(MAGIC), (".mcap",), read_message_log, partial(inspect_messages, "mcap")),
-        ("rosbag1", begins_with(ANY_BAG1), (".bag",), read_message_log, partial(inspect_messages, "rosbag1")),
-        ("rosbag2", begins_with(SQLITE), (".db3",), read_message_log, partial(inspect_messages, "rosbag2")),
-        ("c3d", is_c3d, (".c3d",), read_c3d_capture, inspect_c3d),
-        ("nexus_csv", is_nexus, (), read_nexus_capture, inspect_nexus),
-        ("mat", is_mat, (".mat",), read_table_log, inspect_mat),
-        ("tdms", is_tdms, (".tdms",), read_table_log, inspect_tdms),
-        ("trc", is_trc, (".trc",), read_trc_capture, inspect_trc),
-        ("opensim", is_opensim, (".mot", ".sto"), read_table_log, inspect_opensim),
-        ("json_lines", is_json_lines, (".jsonl", ".ndjson"), read_table_log, inspect_json),
-        ("csv", is_text, (".csv",), read_table_log, inspect_csv),
-    )
+def of_messages(name: str, mark: bytes, suffix: str, opened: Callable[[Path], MessageFile]) -> tuple[Any, ...]:
+    """A format of messages by topic, whose files begin with a mark."""
+    lister = partial(overview.inspect_messages, name, opened)
+    return lambda begin: begin.startswith(mark), (suffix,), partial(logs.read_message_log, opened), lister
+
+
+def of_rows(tables: Callable[[Path, Source], logs.Tables]) -> Callable[[Path, Source], Recording]:
+    return partial(logs.read_table_log, tables)
+
+
+KNOWN: Mapping[str, tuple[Any, ...]] = {
+    "mcap": of_messages("mcap", MAGIC, ".mcap", read_mcap),
+    "rosbag1": of_messages("rosbag1", ANY_BAG1, ".bag", read_rosbag1),
+    "rosbag2": of_messages("rosbag2", SQLITE, ".db3", read_rosbag2),
+    "c3d": (is_c3d, (".c3d",), read_c3d_capture, overview.inspect_c3d),
+    "nexus_csv": (is_nexus, (), read_nexus_capture, overview.inspect_nexus),
+    "mat": (is_mat, (".mat",), of_rows(logs.mat_tables), overview.inspect_mat),
+    "tdms": (is_tdms, (".tdms",), of_rows(logs.tdms_tables), overview.inspect_tdms),
+    "trc": (is_trc, (".trc",), read_trc_capture, overview.inspect_trc),
+    "opensim": (is_opensim, (".mot", ".sto"), of_rows(logs.opensim_tables), overview.inspect_opensim),
+    "json_lines": (is_json_lines, (".jsonl", ".ndjson"), of_rows(logs.json_tables), overview.inspect_json),
+    "csv": (is_text, (".csv",), of_rows(logs.csv_tables), overview.inspect_csv),
 }
+FORMATS = {name: KnownFormat(name, KEYS[name], *one) for name, one in KNOWN.items()}
 SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)
 """Endings of recordings that are read."""
 NOT_READ = (".h5", ".tsv", ".xlsx")

@@ -33,7 +33,7 @@ from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
 from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
 from osl_analysis.stats.covariance import FEWEST_CYCLES, products_between
 from osl_analysis.stats.rounding import noise_before_rounding, visible_step
-from osl_analysis.timebase.grid import GapLimits, UniformSignals, origin, regridded, uniform_signals
+from osl_analysis.timebase.grid import GapLimits, UniformSignals, on_one_grid, origin, uniform_signals
 from osl_analysis.trial import Array, Trial
 
 Kind = Literal["cycles", "periods", "stretches"]
@@ -488,7 +488,8 @@ def motion_parts(
     band = band_of(motion, rate, joined_pieces(pieces, inside))
     if not signals.usable.all() or any(stream["bridged"] for stream in signals.streams):
         highest = min(band[1], settings.cutoff_hz)
-        signals = regridded(signals, GapLimits(highest, settings.cutoff_hz, settings.time_base.longest_gap_s))
+        limits = GapLimits(highest, settings.cutoff_hz, settings.time_base.longest_gap_s)
+        signals = on_one_grid(signals.taken, limits, signals.trial, signals.low_passes, signals.devices)
         pieces = fitted_pieces(signals, low_pass, stated)
     rows = np.zeros(len(signals.time), dtype=bool)
     for piece in pieces:

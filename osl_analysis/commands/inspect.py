@@ -63,7 +63,17 @@ def first_look(folder: Path) -> Iterator[str]:
             row = campaign.row(trial)
             first.setdefault((row["experiment"], row["log_source"] or row["mocap_source"]), trial)
         for (experiment, _), trial in first.items():
-            is_sound, said = look(campaign, trial, CAMPAIGN)
+            row, is_sound = campaign.row(trial), False
+            try:
+                recorded = checked_trial(campaign.recording(trial), config.raw_data, config.sources)
+                fitted = fit_of_row(recorded, row, campaign.device(trial), CAMPAIGN).table
+                far = off_desired(fitted, row)
+                is_sound = not far and not ("doubtful" in fitted and any(fitted["doubtful"].to_list()))
+                said = "\n".join([far] * bool(far) + [estimates_text(fitted)])
+            except OslAnalysisError as error:
+                said = str(error)
+            except Exception as fault:  # a fault of the program in one recording must not hide the others
+                said = unexpected(fault)
             title = f"first trial of experiment {experiment}, {trial}: {'ok' if is_sound else 'LOOK AT IT'}"
             yield "\n  ".join([title, *said.splitlines()])
 
@@ -91,22 +101,6 @@ def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config
         K_d, B_d = (None if row[name] is None else float(row[name]) for name in ("K_d", "B_d"))
         condition = DesiredImpedance(row["controller"], K_d, B_d)
     return fit_trial(experiment, trial, device, fit_request(experiment, config, condition, row.get("windows")))
-
-
-def look(campaign: Campaign, name: str, config: Path) -> tuple[bool, str]:
-    """Ingest and fit one trial: whether it was fitted without a doubt, and the estimates, or why there are none."""
-    row, folders = campaign.row(name), campaign.config
-    try:
-        trial = checked_trial(campaign.recording(name), folders.raw_data, folders.sources)
-        fitted = fit_of_row(trial, row, campaign.device(name), config)
-    except OslAnalysisError as error:
-        return False, str(error)
-    except Exception as fault:  # a fault of the program in one recording must not hide the others
-        return False, unexpected(fault)
-    far, doubts = off_desired(fitted.table, row), []
-    if "doubtful" in fitted.table:
-        doubts = [text for text in fitted.table["doubtful"].to_list() if text]
-    return not (far or doubts), "\n".join([far] * bool(far) + [estimates_text(fitted.table)])
 
 
 def inspect_file(path: Path) -> Overview:

@@ -425,7 +425,19 @@ def read_nexus_capture(path: Path, source: Source) -> Recording:
         column: section_of(sections, "Devices").column(analog.device, analog.component)
         for column, analog in source.analogs.items()
     }
-    plates = [nexus_plate(section_of(sections, "Devices"), number, plate) for number, plate in source.plates.items()]
+    plates, millimetre = [], 1e-3
+    for number, plate in source.plates.items():  # force and moment about the centre of the plate, on the foot
+        devices, exported, names = section_of(sections, "Devices"), [], []
+        for kind, si_unit in (("Force", "N"), ("Moment", "N*m")):
+            columns = [devices.column(f"{plate.device} - {kind}", f"{kind[0]}{axis}") for axis in AXES]
+            exported.append(np.column_stack([plate.sign * si_factor(unit, si_unit) * one for one, unit in columns]))
+            names += [f"{plate.device} {kind[0]}{axis}" for axis in AXES]
+        about = np.mean(plate.corners, axis=0) if plate.moment_about is None else np.array(plate.moment_about)
+        arm = (about - np.mean(plate.corners, axis=0)) * millimetre
+        origin, corners = {"device": plate.device, "sign": plate.sign}, np.array(plate.corners) * millimetre
+        moment = exported[1] + np.cross(arm, exported[0])
+        raw = np.hstack(exported)
+        plates.append(PlateLoad(number, 2, corners, exported[0], moment, origin, names, raw, devices.rate))
     slow = [title for title in ("Trajectories", "Model Outputs") if (markers or outputs) and title in sections]
     used = [sections[title] for title in [*slow, *["Devices"] * bool(analogs or plates)]]
     if not used:
@@ -450,20 +462,6 @@ def section_of(sections: Sections, title: str) -> NexusSection:
     if title not in sections:
         raise InputError(f"no section {title}; the file has {', '.join(sections)}; export it too")
     return sections[title]
-
-
-def nexus_plate(devices: NexusSection, number: int, plate: Plate) -> PlateLoad:
-    """Force and moment about the centre of the plate, on the foot."""
-    exported, labels = [], []
-    for kind, si_unit in (("Force", "N"), ("Moment", "N*m")):
-        columns = [devices.column(f"{plate.device} - {kind}", f"{kind[0]}{axis}") for axis in AXES]
-        exported.append(np.column_stack([plate.sign * si_factor(unit, si_unit) * values for values, unit in columns]))
-        labels += [f"{plate.device} {kind[0]}{axis}" for axis in AXES]
-    force, centre, millimetre = exported[0], np.mean(plate.corners, axis=0), 1e-3
-    about = centre if plate.moment_about is None else np.array(plate.moment_about)
-    moment = exported[1] + np.cross((about - centre) * millimetre, force)
-    origin, corners = {"device": plate.device, "sign": plate.sign}, np.array(plate.corners) * millimetre
-    return PlateLoad(number, 2, corners, force, moment, origin, labels, np.hstack(exported), devices.rate)
 
 
 def read_trc_capture(path: Path, source: Source) -> Recording:

@@ -5,7 +5,6 @@ recorded: a joint's encoder and the angle between markers, or two sync voltages 
 sign may differ between the recorders.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -298,7 +297,19 @@ def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) 
     try:
         advice = "log; map the channel in its source file"
         ours = Course(*values_of(log, shared.column if shared else "sync", advice))
-        theirs = marker_angle(mocap, shared.markers) if shared else Course(*values_of(mocap, "sync", advice))
+        if shared is None:
+            theirs = Course(*values_of(mocap, "sync", advice))
+        else:  # the angle [rad] at the second of three markers, where all of them are seen
+            names = [name for label in shared.markers for name in marker_columns(label)]
+            absent = [label for label in shared.markers if marker_columns(label)[0] not in mocap.samples.columns]
+            if absent:
+                told = "which `shared` names; correct the source file of motion capture"
+                raise InputError(f"no marker '{absent[0]}', {told}")
+            seen = mocap.samples.select("time", *names).fill_nan(None).drop_nulls()
+            first, vertex, last = seen.select(names).to_numpy().reshape(-1, 3, 3).transpose(1, 0, 2)
+            one, other = first - vertex, last - vertex
+            angle = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
+            theirs = Course(seen["time"].to_numpy(), np.asarray(angle))
         fit = correlate_clocks(ours, theirs)
     except InputError as error:
         raise InputError(f"{refused}; cross-correlation of {what} does not align them either: {error}") from error
@@ -311,16 +322,3 @@ def values_of(recording: Recording, column: str, advice: str) -> tuple[Array, Ar
         raise InputError(f"no column '{column}' from {advice}")
     rows = recording.samples.select("time", column).drop_nulls()
     return rows["time"].to_numpy(), rows[column].to_numpy()
-
-
-def marker_angle(mocap: Recording, labels: Sequence[str]) -> Course:
-    """Angle [rad] at the second of three markers, where all of them are seen."""
-    columns = [marker_columns(label) for label in labels]
-    absent = [label for label, three in zip(labels, columns, strict=True) if three[0] not in mocap.samples.columns]
-    if absent:
-        raise InputError(f"no marker '{absent[0]}', which `shared` names; correct the source file of motion capture")
-    seen = mocap.samples.select("time", *(name for three in columns for name in three)).fill_nan(None).drop_nulls()
-    first, vertex, last = (seen.select(three).to_numpy() for three in columns)
-    one, other = first - vertex, last - vertex
-    angle = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
-    return Course(seen["time"].to_numpy(), np.asarray(angle))

@@ -71,16 +71,6 @@ PLAIN = {
 """By column: the words of a name that leave no doubt. `theta_d` may be a command, `knee_angle` is another joint's."""
 
 
-def is_certain(channel: RecordedChannel, column: str) -> bool:
-    """Whether the name of a channel has no word that could make it another quantity than `column`. The words of its
-    unit do not count."""
-    name = " ".join(value for key, value in channel.address.items() if key != "topic")
-    words, unit = words_of(name).split(), words_of(channel.likely_unit).split()
-    if unit and not channel.unit and words[-len(unit) :] == unit:
-        words = words[: -len(unit)]
-    return bool(words) and set(words) <= set(PLAIN.get(column, "").split())
-
-
 def words_of(name: str) -> str:
     """The words of a name in small letters: `JointAngle_deg` is `joint angle deg`."""
     parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name)
@@ -143,7 +133,12 @@ def channel_lines(channels: Sequence[RecordedChannel], named: bool = False) -> I
     times = Counter(guesses)
     comment_others = any(guesses) and (named or len(channels) > 8)
     for number, (channel, guess) in enumerate(zip(channels, guesses, strict=True), start=1):
-        line = channel_line(number, channel, guess, named and times[guess] == 1 and is_certain(channel, guess))
+        name = " ".join(value for key, value in channel.address.items() if key != "topic")
+        words, unit = words_of(name).split(), words_of(channel.likely_unit).split()
+        if unit and not channel.unit and words[-len(unit) :] == unit:  # the words of its unit do not count
+            words = words[: -len(unit)]
+        certain = bool(words) and set(words) <= set(PLAIN.get(guess, "").split())
+        line = channel_line(number, channel, guess, named and times[guess] == 1 and certain)
         yield f"# {line}" if comment_others and not guess else line
 
 
@@ -180,11 +175,26 @@ def draft_walking(overview: Overview) -> list[str]:
     }
     if not clusters["platform"] or not (clusters["foot"] or clusters["shank"]):
         return []
+    # the plate on the platform: with load, on which somebody stepped; of several with load the nearest to the markers
+    plates, plate = [channel for channel in overview.channels if channel.kind == "plate"], "1"
+    loaded = [one for one in plates if (one.load or 0.0) > 100.0]
+    own = [
+        c for c in overview.channels if c.kind == "marker" and c.address["label"] in clusters["platform"] and c.centre
+    ]
+    if len(plates) != 1:
+        plate = f"{UNKNOWN}  # of {len(plates)} force plates in this file: the one on the platform"
+    if len(plates) > 1 and loaded:
+        guess, why = max(loaded, key=lambda one: one.load or 0.0), "the one with the load"
+        if own and len(loaded) > 1:
+            place = np.mean([marker.centre for marker in own], axis=0)
+            guess = min(loaded, key=lambda one: float(np.linalg.norm(np.asarray(one.centre) - place)))
+            why = "with load the one that is nearest to the platform's markers"
+        plate = f"{guess.address['plate']}  # a guess, to be confirmed: of {len(plates)} force plates {why}"
     lines = [
         "Draft of the section `walking` of the configuration, guessed from the names of markers. Check every line.",
         "walking:",
         "  side: UNKNOWN  # left or right: the leg that steps on the platform",
-        f"  plate: {plate_text(overview, clusters['platform'])}",
+        f"  plate: {plate}",
         "  markers:",
     ]
     for key, names in clusters.items():
@@ -193,24 +203,6 @@ def draft_walking(overview: Overview) -> list[str]:
         several = f"one of {', '.join(json.dumps(name) for name in names)}" if names else "named in the static trial"
         lines.append(f"    {key}: {json.dumps(names[0]) if len(names) == 1 else f'UNKNOWN  # {several}'}")
     return lines
-
-
-def plate_text(overview: Overview, platform: Sequence[str]) -> str:
-    """The number of the plate on the platform in YAML; of several a guess that is said to be one, or UNKNOWN: the plate
-    with load, on which somebody stepped; of several with load the one nearest to the platform's markers."""
-    plates = [channel for channel in overview.channels if channel.kind == "plate"]
-    if len(plates) == 1:
-        return "1"
-    loaded = [plate for plate in plates if (plate.load or 0.0) > 100.0]
-    if not loaded:
-        return f"{UNKNOWN}  # of {len(plates)} force plates in this file: the one on the platform"
-    own = [c for c in overview.channels if c.kind == "marker" and c.address["label"] in platform and c.centre]
-    guess, why = max(loaded, key=lambda plate: plate.load or 0.0), "the one with the load"
-    if own and len(loaded) > 1:
-        place = np.mean([marker.centre for marker in own], axis=0)
-        guess = min(loaded, key=lambda plate: float(np.linalg.norm(np.asarray(plate.centre) - place)))
-        why = "with load the one that is nearest to the platform's markers"
-    return f"{guess.address['plate']}  # a guess, to be confirmed: of {len(plates)} force plates {why}"
 
 
 WORDS_OF_EXPERIMENTS = {

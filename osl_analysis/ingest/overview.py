@@ -498,9 +498,8 @@ def inspect_messages(name: str, opened: Callable[[Path], MessageFile], path: Pat
             check_not_set(survey.channel.topic, table, "its log times cannot be used")
         except InputError as error:
             remarks.append(str(error))
-    described = [(survey, fields_of(survey, remarks)) for survey in surveys]
-    channels = [channel for survey, fields in described for channel in channels_of(survey, fields)]
-    stamped = any(field.path.startswith("header.stamp") for _, fields in described for field in fields)
+    described = [topic_channels(survey, remarks) for survey in surveys]
+    channels, stamped = [one for some, _ in described for one in some], any(has_stamps for _, has_stamps in described)
     settings = {"clock": "master", "time": {"source": "header" if stamped else "log"}}
     damage, lost = file.damage, file.damage.messages_lost()
     facts = {
@@ -513,39 +512,36 @@ def inspect_messages(name: str, opened: Callable[[Path], MessageFile], path: Pat
     return Overview(name, facts, channels, remarks, settings)
 
 
-def fields_of(survey: ChannelSurvey, remarks: list[str]) -> list[FieldDescription]:
-    """The fields of a channel's first message, or else of its schema; what cannot be described is remarked."""
-    reason = ""
+def topic_channels(survey: ChannelSurvey, remarks: list[str]) -> tuple[list[RecordedChannel], bool]:
+    """A topic's numbers, one by one as a source file names them, by the first message or else the schema; the topic
+    alone where there are none. And whether it has stamps. What cannot be described is remarked."""
+    reason, fields = "", list[FieldDescription]()
     for message in dict.fromkeys([survey.first, None]):
         try:
             fields = describe_message(survey.channel, survey.schema, message)
             if fields or not reason:  # JSON has no schema to tell what a message does not
-                return fields
+                break
         except (ValueError, RecursionError) as error:
             reason = reason or " ".join(str(error).split())
-    remarks.append(f"topic '{survey.channel.topic}': its fields cannot be listed: {reason}")
-    return []
-
-
-def channels_of(survey: ChannelSurvey, fields: list[FieldDescription]) -> Iterator[RecordedChannel]:
-    """A topic's numbers, one by one as a source file names them; the topic alone where there are none."""
+    else:
+        remarks.append(f"topic '{survey.channel.topic}': its fields cannot be listed: {reason}")
     topic, kind, units = survey.channel.topic, survey.channel.message_encoding, dict[str, str]()
     if survey.schema:
         kind, units = f"{survey.schema.name} ({kind})", ROS_UNITS.get(survey.schema.name.replace("/msg/", "/"), {})
     count, stamps = survey.log_time.size, (survey.log_time - survey.log_time[:1].sum()) / SECOND
-    rate, timing = rate_of(stamps), gaps_text(stamps) or "empty" * (not count)
+    rate, timing, most, channels = rate_of(stamps), gaps_text(stamps) or "empty" * (not count), 500, []
     # every message of ROS has a header, and no signal is in it
     numbers = [(path, one) for one in fields if not one.path.startswith("header.") for path in one.addresses()]
-    most = 500
     for path, one in numbers[:most]:
         unit = next((unit for begin, unit in units.items() if path.startswith(begin)), "")
         samples = 0 if one.length == 0 else count
         type_ = one.type if one.length is None else f"{one.type}[{one.length}]"
         address = {"topic": topic, "field": path}
-        yield RecordedChannel(kind, address, "", samples, rate if samples else None, timing, type_, unit)
+        channels.append(RecordedChannel(kind, address, "", samples, rate if samples else None, timing, type_, unit))
     if len(numbers) > most or not numbers:
         more = f"and {len(numbers) - most} more numbers" if numbers else ""
-        yield RecordedChannel(kind, {"topic": topic}, "", count, rate, timing, more)
+        channels.append(RecordedChannel(kind, {"topic": topic}, "", count, rate, timing, more))
+    return channels, any(one.path.startswith("header.stamp") for one in fields)
 
 
 def inspect_c3d(path: Path) -> Overview:

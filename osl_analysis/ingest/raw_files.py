@@ -136,8 +136,6 @@ def read_source(path: Path) -> Source:
 
 def recognise(path: Path) -> str:
     """Name of a file's format, by what it begins with, or else by its ending; other text is CSV."""
-    if path.is_dir():
-        return folder_format(path)
     begin, found = formats_of(path)
     found += [name for name, known in FORMATS.items() if path.suffix.lower() in known.suffixes]
     found += ["csv"] * is_text(begin)
@@ -150,23 +148,19 @@ def recognise(path: Path) -> str:
 
 def check_format(path: Path, source: Source) -> None:
     """Refuse a file whose content is of another format than its source file says."""
-    if path.is_dir():
-        found_in = folder_format(path)
-        if source.format != found_in:
-            raise InputError(
-                f"{path}: a folder with a recording in {found_in}, its source file says {source.format}; write "
-                f"`format: {found_in}` in a source file for it, or name a file in it"
-            )
-        return
     begin, found = formats_of(path)
     if (found and source.format not in found) or (source.format == "csv" and not is_text(begin)):
         what = f"is {found[0]}" if found else f"is no text (it begins with {begin[:8]!r})"
         remedy = f"write `format: {found[0]}` in a source file for it" if found else "name the recording itself"
+        if path.is_dir():
+            what, remedy = f"a folder with a recording in {found[0]}", f"{remedy}, or name a file in it"
         raise InputError(f"{path}: {what}, its source file says {source.format}; {remedy}")
 
 
 def formats_of(path: Path) -> tuple[bytes, list[str]]:
     """What a file begins with, and the formats that it has by that; none for text that only its name can tell."""
+    if path.is_dir():
+        return b"", [folder_format(path)]
     with path.open("rb") as file:
         begin = file.read(FIRST_BYTES)
     refuse_others(path, begin)  # first: a PNG image begins like C3D

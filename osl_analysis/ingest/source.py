@@ -333,11 +333,6 @@ class SourceFile(Settings):
                     raise misplaced(f"{value!r} is not allowed: {error}", column, key) from None
         return channels
 
-    @field_validator("log_part", check_fields=False)
-    @classmethod
-    def _is_part(cls, text: str) -> str:
-        return checked_address(text, inside=False) if text else text
-
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         has, stated = type(self).model_fields, cast(Source, self)
@@ -371,7 +366,7 @@ class Source(SourceFile):
     a channel has a lower rate than the rows."""
     largest_loss: SampleShare = 0.01
     """Largest share of a topic's messages that may be lost; a log that has lost more is refused."""
-    log_part: str = ""
+    log_part: Annotated[str, AfterValidator(lambda text: checked_address(text, inside=False) if text else text)] = ""
     """Address of the struct or cell that holds the trial, where the file holds several. That of the sample
     sheet replaces it."""
     delimiter: Literal["auto", ",", ";", "tab", "space", "|"] = "auto"

@@ -61,9 +61,6 @@ class SensorLowPass:
         filtered, _ = scipy.signal.sosfilt(sections, values, zi=scipy.signal.sosfilt_zi(sections) * values[0])
         return np.asarray(filtered)
 
-    def __str__(self) -> str:
-        return f"{self.cutoff_hz:g} Hz, order {self.order}"
-
 
 @dataclass(frozen=True)
 class UniformSignals:
@@ -191,7 +188,9 @@ def stream_row(
     ratio = rate / ((len(time) - 1) / float(time[-1] - time[0])) - 1
     known = [said for said in part.evidence.values() if np.isfinite(said.se)]
     best = min(known, key=lambda said: said.se, default=None)
-    filters = [f"{name}: {one}" for name, one in low_passes.items() if name in part.signals]
+    filters = [
+        f"{name}: {one.cutoff_hz:g} Hz, order {one.order}" for name, one in low_passes.items() if name in part.signals
+    ]
     return {
         "signals": ", ".join(part.signals),
         "rate_hz": rate,
@@ -257,11 +256,6 @@ def uniform_signals(
         return on_one_grid(taken, limits, trial.name, low_passes, devices)
     except InputError as error:
         raise InputError(f"trial {trial.name}: {error}") from error
-
-
-def regridded(signals: UniformSignals, limits: GapLimits) -> UniformSignals:
-    """The same signals with other limits of their gaps; raises as `uniform_signals`, without the trial's name."""
-    return on_one_grid(signals.taken, limits, signals.trial, signals.low_passes, signals.devices)
 
 
 def devices_of(trial: Trial, columns: Sequence[str]) -> dict[str, str]:

@@ -48,9 +48,8 @@ class Stream:
                 f"{self.name}: {len(stamps)} samples are too few for a time base; "
                 f"record at least {FEWEST_STAMPS}, or exclude the trial in the sheet"
             )
-        for name, values in {"stamps": stamps, **self.signals}.items():
-            bad = ~np.isfinite(values) if name == "stamps" else np.isinf(values)
-            there = np.count_nonzero(~np.isnan(values))
+        for name, values in self.signals.items():
+            bad, there = np.isinf(values), np.count_nonzero(~np.isnan(values))
             if bad.any():
                 row = int(np.argmax(bad))
                 raise InputError(
@@ -62,12 +61,6 @@ class Stream:
                     f"{self.name}: {name} has {there} values in {len(values)} rows; at least {FEWEST_STAMPS} are "
                     "needed: repair the log or exclude the trial"
                 )
-        if (stamps[1:] < stamps[:-1]).any():
-            row = int(np.argmin(np.diff(stamps)))
-            raise InputError(
-                f"{self.name}: time runs backwards from {stamps[row]:.6f} s to {stamps[row + 1]:.6f} s "
-                f"at row {row + 1}; the recorder's clock was set back: cut the log there, or take another time source"
-            )
         if not stamps[-1] > stamps[0]:
             raise InputError(
                 f"{self.name}: time stands still at {stamps[0]:.6f} s for {len(stamps)} samples; "
@@ -199,33 +192,25 @@ def line_through(count: SampleCount, stamps: Array) -> tuple[float, float]:
 def missing_by_rhythm(stamps: Array) -> int | None:
     """Samples missing between the ends of a record, by its stamps (n,) [s]; None where no line stands out. Steps of the
     device between the promptest samples at both ends, less the samples between them."""
-    # of each block only the promptest sample is used: it waited least; longer blocks are for waits of several steps
-    step = next(filter(None, (device_step(stamps, block) for block in (16, 128))), None)
-    if step is None:
-        return None
-    late = stamps / step - np.arange(len(stamps))
-    ends = min(200, len(stamps) // 4)  # whose promptest shows how many ticks have passed
-    return max(round(float(late[-ends:].min() - late[:ends].min())), 0)
-
-
-def device_step(stamps: Array, block: int) -> float | None:
-    """Step [s] of the device, by the promptest stamp of each `block` of them; None where no line stands out."""
-    n, blocks, duration = len(stamps), len(stamps) // block, float(stamps[-1] - stamps[0])
-    above = stamps[: blocks * block] - (stamps[-1] - stamps[0]) / (n - 1) * np.arange(blocks * block)
-    prompt = stamps[np.arange(blocks) * block + above.reshape(blocks, block).argmin(axis=1)] - stamps[0]
-    if len(prompt) < 60:
-        return None
+    n, duration, bins = len(stamps), float(stamps[-1] - stamps[0]), 6  # bins per step, for the spectrum
     rate = (n - 1) / duration
-    bins = 6  # per step into which stamps are sorted; the line is refined from the stamps themselves
-    size = scipy.fft.next_fast_len(int(2 * duration * rate * bins) + 2)
-    histogram = np.bincount((prompt * rate * bins).astype(np.intp), minlength=size)
-    frequency = np.arange(size // 2 + 1) * bins * rate / size
-    near = (frequency > 0.998 * rate) & (frequency < 1.1 * rate)  # up to one sample in ten is lost
-    height = np.abs(scipy.fft.rfft(histogram.astype(np.float64)))[near]
-    if height.max() < 6 * float(np.median(height)):  # of 100 000 frequencies of noise the highest reaches 4
-        return None
-    line = float(frequency[near][np.argmax(height)])
-    for width in (0.5, 0.1, 0.02):  # of three searches around the line, in cycles over the record
-        tried = line + width / duration * np.linspace(-1, 1, 11)
-        line = float(tried[np.argmax([abs(np.exp(2j * np.pi * f * prompt).sum()) for f in tried])])
-    return 1 / line
+    for block in (16, 128):  # of each only the promptest sample is used: it waited least; 128 for waits of many steps
+        blocks = n // block
+        above = stamps[: blocks * block] - (stamps[-1] - stamps[0]) / (n - 1) * np.arange(blocks * block)
+        prompt = stamps[np.arange(blocks) * block + above.reshape(blocks, block).argmin(axis=1)] - stamps[0]
+        if len(prompt) < 60:
+            return None
+        size = scipy.fft.next_fast_len(int(2 * duration * rate * bins) + 2)
+        histogram = np.bincount((prompt * rate * bins).astype(np.intp), minlength=size)
+        frequency = np.arange(size // 2 + 1) * bins * rate / size
+        near = (frequency > 0.998 * rate) & (frequency < 1.1 * rate)  # up to one sample in ten is lost
+        height = np.abs(scipy.fft.rfft(histogram.astype(np.float64)))[near]
+        if height.max() < 6 * float(np.median(height)):  # of 100 000 frequencies of noise the highest reaches 4
+            continue
+        line = float(frequency[near][np.argmax(height)])
+        for width in (0.5, 0.1, 0.02):  # refined from the stamps themselves, in cycles over the record
+            tried = line + width / duration * np.linspace(-1, 1, 11)
+            line = float(tried[np.argmax([abs(np.exp(2j * np.pi * f * prompt).sum()) for f in tried])])
+        late, ends = stamps * line - np.arange(n), min(200, n // 4)  # whose promptest shows how many ticks have passed
+        return max(round(float(late[-ends:].min() - late[:ends].min())), 0)
+    return None

@@ -35,7 +35,15 @@ def belt_response(theta: Array, rate_hz: float, gains: Gains, p: DrivetrainParam
     actuator starts in equilibrium with the first angle. Friction has the true sign of the velocity and can hold the
     actuator at rest. If the gains cancel friction, the current includes the feedforward of Eq. 5, with its smoothed
     sign."""
-    transition, push = discretised(gains, p, rate_hz)
+    # N(s) theta_m = K_s/n_T theta + e over one sample, e a torque [N*m] constant in between: the next state (theta_m,
+    # omega_m) is transition (2, 4) @ (theta_m, omega_m, theta, next theta) + push (2,) e
+    step, continuous = 1 / rate_hz, np.zeros((5, 5))
+    continuous[0, 1] = continuous[2, 3] = 1.0
+    continuous[1] = (-(gains.K_1 + p.K_s / p.n_T**2), -(p.B_m + gains.B_1), p.K_s / p.n_T, 0.0, 1.0)
+    continuous[1] /= p.J_m
+    exact = expm(continuous * step)[:2]
+    slope = exact[:, 3] / step
+    transition = np.column_stack([exact[:, :2], exact[:, 2] - slope, slope])
     loop = (
         gains.K_1, gains.B_1, p.k_tau * p.n_m, p.f_C, p.f_G, friction.scale, gains.cancels_friction,
         friction.sign_width, p.n_T, p.K_s2,
@@ -43,20 +51,8 @@ def belt_response(theta: Array, rate_hz: float, gains: Gains, p: DrivetrainParam
     start = p.K_s / p.n_T * theta[0] / (gains.K_1 + p.K_s / p.n_T**2)
     theta = np.ascontiguousarray(theta, dtype=float)
     theta_m = np.empty_like(theta)
-    actuator_path(theta, theta_m, float(start), transition, push, loop)
+    actuator_path(theta, theta_m, float(start), transition, np.ascontiguousarray(exact[:, 4]), loop)
     return belt_torque(belt_deflection(theta, theta_m, p), p)
-
-
-def discretised(gains: Gains, p: DrivetrainParameters, rate_hz: float) -> tuple[Array, Array]:
-    """The solution of N(s) theta_m = K_s/n_T theta + e over one sample, e a torque [N*m] constant in between. The next
-    state (theta_m, omega_m) is transition (2, 4) @ (theta_m, omega_m, theta, next theta) + push (2,) e."""
-    step, continuous = 1 / rate_hz, np.zeros((5, 5))
-    continuous[0, 1] = continuous[2, 3] = 1.0
-    continuous[1] = (-(gains.K_1 + p.K_s / p.n_T**2), -(p.B_m + gains.B_1), p.K_s / p.n_T, 0.0, 1.0)
-    continuous[1] /= p.J_m
-    exact = expm(continuous * step)[:2]
-    slope = exact[:, 3] / step
-    return np.column_stack([exact[:, :2], exact[:, 2] - slope, slope]), np.ascontiguousarray(exact[:, 4])
 
 
 @compiled

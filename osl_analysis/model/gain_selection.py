@@ -24,11 +24,6 @@ from osl_analysis.trial import Array
 HIGHEST_ORDER_OF_W = 10
 SLOWEST_HZ, FASTEST_HZ = 1e-3, 1e4
 """Lowest and highest accepted cut-off of W [Hz]. Both lie far outside the frequencies at which a leg moves."""
-SEARCH_FROM, SEARCH_TO = 1e-9, 1e9
-"""Ends of the search for x = B_m + B_1, as multiples of (K_1 J_m)^1/2, the scale of the actuator's damping."""
-POINTS = 73
-"""Points of the search, a factor of 1.8 apart. The closest two minima that were found are a factor of 4 apart."""
-PAIRS_AT_ONCE = 10_000  # Pairs whose grids are in memory at once, 6 MB for each of some 50 arrays
 
 Affine = tuple[Sequence[Array], Sequence[Array]]
 """Coefficients c = c0 + x c1 of a polynomial in s, highest power first; those of all pairs in one array each."""
@@ -77,25 +72,17 @@ def optimal_damping(
 ) -> OptimalDamping:
     """Minimise ||W (Y - Y_d)||_2 over B_1 with B_m + B_1 > 0 (Eq. 14), for K_d, B_d of shape (pairs,). The paper
     neglects the joint's inertia; `J_j` [kg*m^2] includes it. The requests are not checked; `compensator.check_request`
-    refuses impossible ones."""
-    K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_d, B_d)))
-    parts = [slice(first, first + PAIRS_AT_ONCE) for first in range(0, len(K_d), PAIRS_AT_ONCE)]
-    found = [lowest_minima(K_d[part], B_d[part], p, weight, J_j) for part in parts]
-    x, J, minima, end = (np.concatenate(each) for each in zip(*found, strict=True))
-    unbounded = end > 0
-    return OptimalDamping(np.where(unbounded, np.inf, x - p.B_m), np.sqrt(J), minima, end < 0, unbounded)
+    refuses impossible ones.
 
-
-def lowest_minima(
-    K_d: Array, B_d: Array, p: DrivetrainParameters, weight: Weight, J_j: float
-) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
-    """For each pair the x of the lowest squared norm, the squared norm there, the number of minima, and the end at x.
-    The last result is -1 if x is the first point of the search, 1 if it is the last one, and 0 otherwise."""
+    The search for x = B_m + B_1 spans 1e-9 to 1e9 times (K_1 J_m)^1/2, the scale of the actuator's damping, in points a
+    factor of 1.8 apart. The closest two minima that were found are a factor of 4 apart.
+    """
     from scipy.optimize.elementwise import find_root  # 0.2 s, for the few that select gains
 
+    K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_d, B_d)))
     a, b = admittance_error(K_d, B_d, p, weight, J_j)
-    scale = np.sqrt(K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d)) * p.J_m)
-    x = scale[:, None] * np.geomspace(SEARCH_FROM, SEARCH_TO, POINTS)
+    scale, points = np.sqrt(K_d * p.K_s / (p.n_T**2 * (p.K_s - K_d)) * p.J_m), 73
+    x = scale[:, None] * np.geomspace(1e-9, 1e9, points)
     J, slope = squared_norm(x, *([c[:, None] for c in each] for each in (*a, *b)))
     falls = (slope[:, :-1] < 0) & (slope[:, 1:] >= 0)
     pair, k = np.nonzero(falls)
@@ -107,15 +94,14 @@ def lowest_minima(
         parts = [[coefficients[i] for i in part] for part in np.split(np.arange(len(coefficients)), sizes)]
         return squared_norm(at, *parts)[1]
 
-    ends = x[pair, k], x[pair, k + 1]
-    candidates, norms = np.full((2, len(x), POINTS + 1), np.inf)
-    candidates[pair, k] = find_root(slope_at, ends, args=tuple(c for each in own for c in each)).x
+    candidates, norms = np.full((2, len(x), points + 1), np.inf)
+    candidates[pair, k] = find_root(slope_at, (x[pair, k], x[pair, k + 1]), args=tuple(c for e in own for c in e)).x
     norms[pair, k] = squared_norm(candidates[pair, k], *own)[0]
     candidates[:, -2:], norms[:, -2:] = x[:, [0, -1]], J[:, [0, -1]]
-    best = np.argmin(norms, axis=1)
-    own_best = np.arange(len(x)), best
-    end = np.select([best == POINTS - 1, best == POINTS], [-1, 1], 0)
-    return candidates[own_best], norms[own_best], falls.sum(axis=1), end
+    best = np.argmin(norms, axis=1)  # of the minima, and the two ends of the search
+    lowest, unbounded = (np.arange(len(x)), best), best == points
+    B_1 = np.where(unbounded, np.inf, candidates[lowest] - p.B_m)
+    return OptimalDamping(B_1, np.sqrt(norms[lowest]), falls.sum(axis=1), best == points - 1, unbounded)
 
 
 def admittance_error(

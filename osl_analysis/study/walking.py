@@ -28,7 +28,7 @@ from osl_analysis.simulator.vicon import vicon_recording, write_c3d
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.study.bench import STUDIED_QUANTITIES, StudyInputs, StudyRow
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Trial
 from osl_analysis.walking.bodies import StaticCalibration, static_calibration
 from osl_analysis.walking.crossing import Crossing, CrossingQuality, analyse_crossing
 from osl_analysis.walking.gait import unperturbed_gait
@@ -37,21 +37,12 @@ from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platfor
 from osl_analysis.walking.response import Ensemble, common_errors, fit_response, fit_without_offset, isolate_response
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
 
-LEVER_M = 0.1
-"""Lever [m] of the noise: distance from the middle of a cluster to its markers, and from the plate to the ankle. It
-converts marker noise to noise of the angle, and noise of forces to noise of the moment."""
 UNCHECKED = CrossingQuality(residuals={}, zero=None, placement=(0.0, 0.0), encoder=None)
 """Quality of a crossing that is simulated without markers and plate."""
 Made = TypeVar("Made")
-
-
-@dataclass(frozen=True)
-class PerturbedCrossing:
-    """A perturbed crossing as it is analysed, through the sensors, and the truth about its impedance."""
-
-    crossing: Crossing
-    exact: ImpedanceFit  # the same estimator's fit to the perturbation alone, through ideal sensors
-    rendered: Mapping[str, float]  # the impedance that the leg rendered, by name
+PerturbedCrossing = tuple[Crossing, ImpedanceFit, Mapping[str, float]]
+"""A perturbed crossing as it is analysed, through the sensors; the same estimator's fit to the perturbation alone,
+through ideal sensors; and the impedance that the leg rendered, by name."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +67,7 @@ class StudyLaboratory:
         # the same crossing's stance without the perturbation, whatever the perturbation does to it
         ideal = isolate_response(walked_ideally, alone, analysis, "unperturbed")
         exact = fit_without_offset(ideal.fitted_motion, ideal.fitted_torque)
-        return PerturbedCrossing(self.seen(name, walked, noisy=True), exact, impedance_of_leg(walked, unperturbed))
+        return self.seen(name, walked, noisy=True), exact, impedance_of_leg(walked, unperturbed)
 
     def sharing(self, names: Sequence[str]) -> "StudyLaboratory":
         """The laboratory that knows what the platform's motions share in the perturbed crossings of these names. Ideal
@@ -91,26 +82,20 @@ class StudyLaboratory:
         return simulate_crossing(time, step, perturbed, True, self.gait, effects, self.p)
 
     def seen(self, name: str, walked: SimulatedCrossing, noisy: bool) -> Crossing:
-        """Filtered angle and torque of a crossing at the markers' rate."""
+        """Filtered angle and torque of a crossing at the markers' rate. Noise of markers and forces acts on a lever of
+        0.1 m: from the middle of a cluster to its markers, and from the plate to the ankle."""
         every, rate = self.gait.rates.motion_hz // self.gait.rates.points_hz, float(self.gait.rates.points_hz)
-        signals = {"angle_noise": walked.motion.theta[::every], "torque_noise": walked.torque[::every]}
-        theta, torque = (
-            self.analysis.low_pass(signal + noisy * self.noise(name, effect, len(signal)), rate)
-            for effect, signal in signals.items()
-        )
+        effects, lever_m, found = self.gait.effects, 0.1, []
+        for effect, size, signal in (
+            ("angle_noise", 1e-3 * effects.marker_noise.value / lever_m, walked.motion.theta),
+            ("torque_noise", np.hypot(effects.moment_noise.value, lever_m * effects.force_noise.value), walked.torque),
+        ):
+            noise = float(size) * stream(self.settings.seed, name, effect).standard_normal(len(signal[::every]))
+            found.append(self.analysis.low_pass(signal[::every] + noisy * noise, rate))
         step, platform = walked.step, walked.motion.platform
-        stance = Stance(step.heel_strike, step.toe_off)
-        seen = walked.time[::every], theta, torque, platform.angle[::every]
-        return Crossing(name, *seen, stance, platform.onset, 0.0, UNCHECKED, np.zeros((0, len(theta))))
-
-    def noise(self, name: str, effect: str, samples: int) -> Array:
-        """Noise of the angle [rad] from markers, or of the torque [N*m] from the plate, shape (samples,)."""
-        effects = self.gait.effects
-        sizes = {
-            "angle_noise": 1e-3 * effects.marker_noise.value / LEVER_M,
-            "torque_noise": float(np.hypot(effects.moment_noise.value, LEVER_M * effects.force_noise.value)),
-        }
-        return np.asarray(sizes[effect] * stream(self.settings.seed, name, effect).standard_normal(samples))
+        seen = walked.time[::every], found[0], found[1], platform.angle[::every]
+        stance, none = Stance(step.heel_strike, step.toe_off), np.zeros((0, len(found[0])))
+        return Crossing(name, *seen, stance, platform.onset, 0.0, UNCHECKED, none)
 
 
 @dataclass(frozen=True)
@@ -199,32 +184,30 @@ def campaign_rows(number: int, crossings: int, laboratory: StudyLaboratory) -> l
     analysis, laboratory = laboratory.analysis, laboratory.sharing(names[1::2])
     gait = unperturbed_gait(usable(laboratory.unperturbed, names[::2]), analysis.fewest_unperturbed)
     perturbed = usable(laboratory.perturbed, names[1::2])
-    responses = [isolate_response(one.crossing, gait, analysis, analysis.perturbed_stance) for one in perturbed]
+    responses = [isolate_response(one, gait, analysis, analysis.perturbed_stance) for one, *_ in perturbed]
     fits = [fit_response(response) for response in responses]
     joined = Ensemble(responses)
     resampled, ensemble = joined.resampled(300), joined.fitted().fit
     common = common_errors(responses)
     rows: list[StudyRow] = []
     for quantity in STUDIED_QUANTITIES:
-        truths = np.array([getattr(one.exact, quantity) for one in perturbed])
-        rendered = np.array([one.rendered[f"{quantity}_rendered"] for one in perturbed])
+        truths = np.array([getattr(exact, quantity) for _, exact, _ in perturbed])
+        rendered = np.array([leg[f"{quantity}_rendered"] for *_, leg in perturbed])
         estimates = [getattr(fit, quantity) for fit in fits]
         single, mean = fits[0].fit, over_repeats(estimates, common[quantity])
-        first, every = slice(1), slice(None)
-        made: list[tuple[str, str, slice, float, float, tuple[float, float]]] = [
-            ("single perturbation", single.interval_method, first, single[quantity], single.se(quantity),
-             single.interval(quantity)),
-            ("mean of perturbations", "Student", every, mean.mean, mean.se, (mean.low, mean.high)),
-            ("ensemble", "bootstrap", every, getattr(ensemble, quantity), resampled.se(quantity),
-             resampled.interval(quantity)),
+        of_all = getattr(ensemble, quantity), resampled.se(quantity), *resampled.interval(quantity)
+        made: list[tuple[str, str, int, Sequence[float]]] = [
+            ("single perturbation", single.interval_method, 1,
+             (single[quantity], single.se(quantity), *single.interval(quantity))),
+            ("mean of perturbations", "Student", len(fits), (mean.mean, mean.se, mean.low, mean.high)),
+            ("ensemble", "bootstrap", len(fits), of_all),
         ]  # fmt: skip
-        for estimator, method, which, value, se, (low, high) in made:
-            truth = float(np.mean(truths[which]))
-            error = float(np.mean(truths[which] - rendered[which]))
+        for estimator, method, first, numbers in made:
+            truth = float(np.mean(truths[:first]))
             row: StudyRow = {"trial": f"study_{number:05d}", "quantity": quantity, "bound": None}
-            row |= {"truth": truth, "model_truth": truth, "model_error": error}
-            row |= {"estimator": estimator, "interval_method": method, "value": value, "se": se}
-            rows.append(row | {"low": low, "high": high})
+            row |= {"truth": truth, "model_truth": truth, "model_error": truth - float(np.mean(rendered[:first]))}
+            row |= {"estimator": estimator, "interval_method": method}
+            rows.append(row | dict(zip(("value", "se", "low", "high"), numbers, strict=True)))
     return rows
 
 

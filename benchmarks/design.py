@@ -22,7 +22,6 @@ from osl_analysis.design.precision import (
     Joint,
     PeriodicMultisine,
     Sensors,
-    Spread,
     SteppedSine,
     precision,
 )
@@ -66,7 +65,7 @@ def studied(experiment: str, inputs: StudyInputs, trials: int) -> Iterator[str]:
         drift=effects.load_cell_drift.value / 60,
     )
     plan = SteppedSine(amplitudes, bench.frequencies_hz, cycles, bench.settle_cycles)
-    predicted = precision(plan, JOINT, sensors, bench.low_pass).se
+    predicted = precision(plan, JOINT, sensors, bench.low_pass).column("se")
     for name, expected in zip(KBI, predicted, strict=True):
         row = found.filter(pl.col("quantity") == name)
         yield line(experiment, name, float(expected), (row["value"] - row["truth"]).to_numpy())
@@ -123,7 +122,7 @@ def seen_before(torque_of: Torque, low_pass: LowPass) -> dict[str, Distortion]:
     return {
         "no distortion stated": Distortion(),
         "level of another trial": Distortion(earlier=density),
-        "spread of another trial": Distortion(spread=Spread(variance, (float(band[0]), float(band[1])), PLAN.rms)),
+        "spread of another trial": Distortion(spread=(variance, (float(band[0]), float(band[1])), PLAN.rms)),
     }
 
 
@@ -132,7 +131,7 @@ def multisines(inputs: StudyInputs, trials: int) -> Iterator[str]:
     low_pass = LowPass(15.0, 4)
     for friction in (0.0, 0.02, 0.5):
         found = multisine_trials(rubbing(friction), trials, 1)
-        predicted = precision(PLAN, JOINT, SENSORS, low_pass, Distortion(coulomb=friction)).se
+        predicted = precision(PLAN, JOINT, SENSORS, low_pass, Distortion(coulomb=friction)).column("se")
         for k, name in enumerate(KBI):
             yield line(f"exact joint, friction {friction:g} N·m stated", name, predicted[k], found[:, k])
     gains = compensated_gains(inputs.study.K_d, inputs.study.B_d, inputs.p)
@@ -145,7 +144,7 @@ def multisines(inputs: StudyInputs, trials: int) -> Iterator[str]:
 
     found = multisine_trials(drivetrain, trials, 1)
     for words, stated in seen_before(drivetrain, low_pass).items():
-        predicted = precision(PLAN, JOINT, SENSORS, low_pass, stated).se
+        predicted = precision(PLAN, JOINT, SENSORS, low_pass, stated).column("se")
         for k, name in enumerate(KBI):
             yield line(f"drivetrain, {words}", name, predicted[k], found[:, k])
 

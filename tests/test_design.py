@@ -31,6 +31,11 @@ DRAFT = SteppedSine(tuple(np.deg2rad([2, 4, 6])), (1.0, 2.0, 3.0, 4.0, 5.0), (20
 MULTISINE = PeriodicMultisine(8.0, (0.5, 6.0), float(np.deg2rad(2)), 4, 4)
 
 
+def cause(found, name):
+    """Variances of K, B and I by one cause."""
+    return np.array([row["variance"][name] for row in found.rows.values()])
+
+
 def estimates(motion, torque):
     """K, B, I and offset of theta, omega, alpha (n,) and torque (n, trials), by numpy alone."""
     X = np.column_stack([*motion, np.ones(len(motion[0]))])
@@ -46,11 +51,15 @@ def test_two_sines_have_the_errors_that_one_computes_by_hand():
     apart = e**2 * (w1**2 - w2**2) ** 2
     by_hand = [e * (w1**4 + w2**4) / apart, 1 / (e * (w1**2 + w2**2)), 2 * e / apart]
     found = precision(plan, JOINT, Sensors(rate, sigma), OPEN)
-    np.testing.assert_allclose(found.se, sigma * np.sqrt(by_hand), rtol=1e-9)
+    np.testing.assert_allclose(found.column("se"), sigma * np.sqrt(by_hand), rtol=1e-9)
     assert found.fit.correlation == pytest.approx((w1**2 + w2**2) / np.sqrt(2 * (w1**4 + w2**4)))
     assert found.method == "repeats"  # of two frequencies
-    np.testing.assert_allclose(found.half_width, student.ppf(0.975, found.degrees_of_freedom) * found.se)
-    np.testing.assert_allclose(found.noise_half_width, found.half_width)  # no distortion is stated
+    np.testing.assert_allclose(
+        found.column("half_width"), student.ppf(0.975, found.column("degrees_of_freedom")) * found.column("se")
+    )
+    np.testing.assert_allclose(
+        found.column("half_width_of_noise"), found.column("half_width")
+    )  # no distortion is stated
 
 
 def test_a_narrow_filter_costs_what_weighted_least_squares_cost():
@@ -65,12 +74,12 @@ def test_a_narrow_filter_costs_what_weighted_least_squares_cost():
     inverse = np.linalg.inv(X.T @ (W[:, None] * X))
     by_hand = inverse @ (X.T @ ((W**2)[:, None] * X)) @ inverse * 2 * 0.3**2 / (1000 * 10)
     found = precision(plan, JOINT, Sensors(1000.0, 0.3), low_pass)
-    np.testing.assert_allclose(found.se, np.sqrt(np.diag(by_hand)), rtol=1e-9)
+    np.testing.assert_allclose(found.column("se"), np.sqrt(np.diag(by_hand)), rtol=1e-9)
 
 
 def test_noise_in_a_quarter_of_the_band_has_a_quarter_of_the_variance_where_its_density_is_the_same():
     white, limited = (precision(MULTISINE, JOINT, Sensors(100.0, *noise), OPEN) for noise in ((0.2,), (0.1, 12.5)))
-    np.testing.assert_allclose(limited.se, white.se, rtol=1e-12)
+    np.testing.assert_allclose(limited.column("se"), white.column("se"), rtol=1e-12)
 
 
 def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equivalent_damping():
@@ -83,13 +92,15 @@ def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equiva
         found.append(estimates((theta, omega, alpha), np.sign(omega)))
     found = np.array(found)
     predicted = precision(MULTISINE, JOINT, Sensors(1000.0, 0.0), OPEN, friction)
-    np.testing.assert_allclose(found.std(axis=0, ddof=1) / 2 / predicted.se, 1, atol=0.2)
+    np.testing.assert_allclose(found.std(axis=0, ddof=1) / 2 / predicted.column("se"), 1, atol=0.2)
     error = found[:, 1].std(ddof=1) / np.sqrt(200)
     assert found[:, 1].mean() == pytest.approx(friction.added_damping(MULTISINE)["in all"], abs=4 * error + 0.005)
-    np.testing.assert_array_equal(predicted.degrees_of_freedom, 3)
+    np.testing.assert_array_equal(predicted.column("degrees_of_freedom"), 3)
     assert predicted.method == "realisations"
-    assert np.all(predicted.noise_half_width == 0)
-    np.testing.assert_allclose(predicted.half_width, 3.1824463 * predicted.se)  # Student, 3 degrees of freedom
+    assert np.all(predicted.column("half_width_of_noise") == 0)
+    np.testing.assert_allclose(
+        predicted.column("half_width"), 3.1824463 * predicted.column("se")
+    )  # Student, 3 degrees of freedom
 
 
 def test_the_fit_of_noise_scatters_by_friction_as_predicted():
@@ -106,7 +117,7 @@ def test_the_fit_of_noise_scatters_by_friction_as_predicted():
         predicted = precision(
             Continuous((1.0, 6.0), rms, 20.0, False), JOINT, Sensors(1000.0, 0.0), OPEN, Distortion(coulomb=friction)
         )
-        np.testing.assert_allclose(friction * np.std(found, axis=0, ddof=1) / predicted.se, 1, atol=0.24)
+        np.testing.assert_allclose(friction * np.std(found, axis=0, ddof=1) / predicted.column("se"), 1, atol=0.24)
 
 
 def test_longer_records_do_not_average_friction_out_but_realisations_do():
@@ -115,10 +126,10 @@ def test_longer_records_do_not_average_friction_out_but_realisations_do():
         precision(plan, JOINT, sensors, OPEN, stated)
         for plan in (MULTISINE, replace(MULTISINE, periods=16), replace(MULTISINE, realisations=16))
     )
-    np.testing.assert_allclose(periods.causes["distortion"], one.causes["distortion"])
-    np.testing.assert_allclose(periods.causes["torque noise"], one.causes["torque noise"] / 4)
-    for cause in ("distortion", "torque noise"):
-        np.testing.assert_allclose(realisations.causes[cause], one.causes[cause] / 4)
+    np.testing.assert_allclose(cause(periods, "distortion"), cause(one, "distortion"))
+    np.testing.assert_allclose(cause(periods, "torque noise"), cause(one, "torque noise") / 4)
+    for name in ("distortion", "torque noise"):
+        np.testing.assert_allclose(cause(realisations, name), cause(one, name) / 4)
 
 
 def test_one_realisation_has_the_interval_of_its_detection_lines():
@@ -130,14 +141,14 @@ def test_one_realisation_has_the_interval_of_its_detection_lines():
     by_level = precision(plan, JOINT, Sensors(1000.0, 0.0), OPEN, stated)
     variance = 0.08 * 2 / 8  # of a band as wide as two odd lines are apart
     white = Sensors(1000.0, np.sqrt(variance * 32 * 500))  # S/T, T = 32 s, S over half the rate
-    np.testing.assert_allclose(by_level.se, precision(plan, JOINT, white, OPEN).se, rtol=1e-9)
+    np.testing.assert_allclose(by_level.column("se"), precision(plan, JOINT, white, OPEN).column("se"), rtol=1e-9)
     assert by_level.method == "detection lines"
-    lines, freedom = len(plan.first.detection), by_level.degrees_of_freedom
+    lines, freedom = len(plan.first.detection), by_level.column("degrees_of_freedom")
     assert np.all((freedom > 2) & (freedom <= 2 * lines))
     assert freedom[0] > lines  # of the two at each line; the stiffness is told by most of them
     two = precision(replace(plan, realisations=2), JOINT, Sensors(1000.0, 0.0), OPEN, stated)
-    np.testing.assert_allclose(two.degrees_of_freedom, 2 * freedom)
-    np.testing.assert_allclose(two.se, by_level.se / np.sqrt(2))
+    np.testing.assert_allclose(two.column("degrees_of_freedom"), 2 * freedom)
+    np.testing.assert_allclose(two.column("se"), by_level.column("se") / np.sqrt(2))
 
 
 @pytest.mark.parametrize("rate", [50.0, 2000.0])
@@ -167,7 +178,7 @@ def test_rounding_changes_k_at_all_frequencies_alike_and_cycles_repeat_it():
         for cycles in (8.0, 80.0):
             plan = SteppedSine((amplitude,), (1.0, 2.0), (cycles, cycles), 2)
             predicted = precision(plan, Joint(300.0, 0.0, 0.02), Sensors(rate, 0.0, encoder_step=q), OPEN)
-            ratios.append((found[0].std() / predicted.se[0]) ** 2)
+            ratios.append((found[0].std() / predicted.column("se")[0]) ** 2)
     assert np.sqrt(np.mean(ratios)) == pytest.approx(1, rel=0.16)
 
 
@@ -186,20 +197,22 @@ def test_noise_of_half_a_step_cures_rounding():
         precision(DRAFT, JOINT, Sensors(1000.0, 0.0, encoder_step=q, angle_noise=s), OPEN) for s in (0.0, q / 2)
     )
     noise = precision(DRAFT, JOINT, Sensors(1000.0, 0.0, angle_noise=np.hypot(q / 2, q / np.sqrt(12))), OPEN)
-    np.testing.assert_allclose(cured.se, noise.se, rtol=0.02)
-    assert np.all(cured.se < 0.7 * repeated.se)
+    np.testing.assert_allclose(cured.column("se"), noise.column("se"), rtol=0.02)
+    assert np.all(cured.column("se") < 0.7 * repeated.column("se"))
 
 
 def test_angle_noise_counts_as_torque_noise_through_the_impedance():
     """Z = 300 at 1 and 2 Hz, without damping and inertia."""
     plan, joint = SteppedSine((0.05,), (1.0, 2.0), (11.0, 11.0), 0), Joint(300.0, 0.0, 0.0)
     of_angle = precision(plan, joint, Sensors(1000.0, 0.0, angle_noise=1e-4), OPEN)
-    np.testing.assert_allclose(of_angle.se, precision(plan, joint, Sensors(1000.0, 0.03), OPEN).se)
+    np.testing.assert_allclose(of_angle.column("se"), precision(plan, joint, Sensors(1000.0, 0.03), OPEN).column("se"))
 
 
 def test_the_load_cell_s_step_counts_as_noise_of_a_step_over_the_root_of_twelve():
     rounded, noisy = Sensors(1000.0, 0.03, torque_step=0.1), Sensors(1000.0, float(np.hypot(0.03, 0.1 / np.sqrt(12))))
-    np.testing.assert_allclose(precision(DRAFT, JOINT, rounded, OPEN).se, precision(DRAFT, JOINT, noisy, OPEN).se)
+    np.testing.assert_allclose(
+        precision(DRAFT, JOINT, rounded, OPEN).column("se"), precision(DRAFT, JOINT, noisy, OPEN).column("se")
+    )
 
 
 def test_drift_that_is_not_seen_changes_a_sine_by_two_slopes_over_its_frequency():
@@ -222,8 +235,8 @@ def test_friction_shifts_the_damping_of_a_stepped_sine_and_leaves_a_misfit_that_
     for cycles in (20.0, 200.0):
         plan = replace(DRAFT, cycles=(cycles,) * 5)
         found = precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN, friction)
-        assert np.sqrt(found.causes["distortion"][1]) == pytest.approx(by_hand, rel=1e-9)
-        np.testing.assert_allclose(found.causes["distortion"][[0, 2]], 0, atol=1e-15)
+        assert np.sqrt(cause(found, "distortion")[1]) == pytest.approx(by_hand, rel=1e-9)
+        np.testing.assert_allclose(cause(found, "distortion")[[0, 2]], 0, atol=1e-15)
     added = friction.added_damping(DRAFT)
     assert list(added) == ["2 deg", "4 deg", "6 deg"]
     w, a = 2 * np.pi * np.array(DRAFT.frequencies_hz), DRAFT.amplitudes[1]
@@ -235,7 +248,7 @@ def test_the_degrees_of_freedom_of_cycles_are_those_of_welch_and_satterthwaite()
     plan = SteppedSine((0.05, 0.05), (1.0, 2.0), (11.0, 11.0), 0)
     found = precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN)
     share = np.array([10 * 1.0, 5 * 4.0]) / 2  # variance by each: a^2 w^2 T
-    assert found.degrees_of_freedom[1] == pytest.approx(9 * (2 * share.sum()) ** 2 / (2 * np.sum(share**2)))
+    assert found.column("degrees_of_freedom")[1] == pytest.approx(9 * (2 * share.sum()) ** 2 / (2 * np.sum(share**2)))
 
 
 def test_a_record_that_is_long_enough_is_the_shortest_one():
@@ -248,7 +261,7 @@ def test_a_record_that_is_long_enough_is_the_shortest_one():
     ):
 
         def enough(p):
-            return precision(p, JOINT, sensors, LowPass(15.0, 4)).reaches(JOINT, within)
+            return precision(p, JOINT, sensors, LowPass(15.0, 4)).reaches(within)
 
         found, _ = long_enough(plan, enough)
         assert enough(found)
@@ -303,6 +316,8 @@ def test_a_chirp_and_noise_carry_what_their_bands_carry():
     by_hand = np.sqrt(unit * np.array([m4 / (m4 - m2**2), 1 / m2, 1 / (m4 - m2**2)]))
     for chirp in (True, False):
         found = precision(Continuous((f1, f2), rms, seconds, chirp), JOINT, Sensors(1000.0, 0.05), OPEN)
-        np.testing.assert_allclose(found.se, by_hand, rtol=1e-3)
+        np.testing.assert_allclose(found.column("se"), by_hand, rtol=1e-3)
         assert found.method == "units"
-        np.testing.assert_allclose(found.degrees_of_freedom, 60 / 1.5 - 2.5)  # stretches of a second, five columns
+        np.testing.assert_allclose(
+            found.column("degrees_of_freedom"), 60 / 1.5 - 2.5
+        )  # stretches of a second, five columns

@@ -22,7 +22,6 @@ from osl_analysis.design.precision import (
     Plan,
     Precision,
     Sensors,
-    Spread,
     SteppedSine,
     long_enough,
     planned_fit,
@@ -103,19 +102,17 @@ def designed(request: DesignRequest, config: Config) -> Design:
             band,
             motion,
             torque,
-            (request.joint.K, float(found.se[0])),
+            (request.joint.K, found.rows["K"]["se"]),
             config.dynamometer.largest_inertia_error,
         )
     lag = fit.fitted(Z * np.exp(-1j * sines.w * request.lag_s)) - fit.fitted(Z)
     said, recommended = list(warnings(request, found, config)), None
     if request.within:
-        best, longest = long_enough(
-            request.plan, lambda plan: request.judged(plan).reaches(request.joint, request.within)
-        )
+        best, longest = long_enough(request.plan, lambda plan: request.judged(plan).reaches(request.within))
         if best is not None:
             recommended = best, request.judged(best)
         else:
-            rows = request.judged(longest).rows(request.joint)
+            rows = request.judged(longest).rows
             reached = []
             for name in (name for name in KBI if name in request.within):
                 row, tiny = rows[name], np.finfo(float).tiny
@@ -135,7 +132,7 @@ def warnings(request: DesignRequest, found: Precision, config: Config) -> Iterat
     plan, sensors, low_pass, bench = request.plan, request.sensors, request.low_pass, config.dynamometer
     I, correlation, f = request.joint.I, found.fit.correlation, plan.sines.frequency_hz
     low, high = float(f.min()), float(f.max())
-    wide = I != 0 and found.half_width[2] > 0.5 * abs(I)
+    wide = I != 0 and found.rows["I"]["half_width"] > 0.5 * abs(I)
     if correlation > 0.9 or wide:  # from there on the intervals of K and I are 2.3 times as wide as alone
         tried = {}  # an octave below or above
         for words, band in {
@@ -162,8 +159,10 @@ def warnings(request: DesignRequest, found: Precision, config: Config) -> Iterat
         yield "no step of the encoder is stated: the interval is without its rounding"
     elif smallest < 10 * sensors.encoder_step:
         yield f"the smallest amplitude has {smallest / sensors.encoder_step:.2g} steps of the encoder; take 10 or more"
-    total = np.sum(list(found.causes.values()), axis=0)
-    largest = {name: float(np.max(own / np.where(total > 0, total, 1))) for name, own in found.causes.items()}
+    shares = [
+        {c: v / (sum(r["variance"].values()) or 1) for c, v in r["variance"].items()} for r in found.rows.values()
+    ]
+    largest = {cause: max(share[cause] for share in shares) for cause in shares[0]}
     if (share := largest["encoder rounding"]) > 0.25:
         noise = isinstance(plan, Continuous) and not plan.chirp
         stays = "" if noise else "; it repeats, so that longer records do not average it out"
@@ -326,7 +325,7 @@ def earlier_distortion(path: Path, trial: str | None) -> Distortion:
         known = of_motions.select(pl.col(of_spread).cast(pl.Float64)).drop_nulls()
         if len(known):
             count, low, high, rms_deg, *errors = known.row(0)
-            return Distortion(spread=Spread(count * np.array(errors) ** 2, (low, high), float(np.deg2rad(rms_deg))))
+            return Distortion(spread=(count * np.array(errors) ** 2, (low, high), float(np.deg2rad(rms_deg))))
     whole = rows.filter(pl.col("amplitude_deg").is_null())  # over all amplitudes, or a single row
     value = (whole if len(whole) else rows)["coulomb_torque"].cast(pl.Float64)[0]
     if value is None or not np.isfinite(value):
@@ -352,7 +351,7 @@ def design_text(made: Design) -> str:
         f"  torque noise {sensors.torque_noise:.3g} N·m SD ({band}) at {sensors.rate_hz:g} Hz, {step}, load cell drift "
         f"{60 * sensors.drift:.3g} N·m/min; filter {low_pass.cutoff_hz:g} Hz, order {low_pass.order}",
         "",
-        *interval_lines(request, made.found),
+        *interval_lines(made.found),
         "",
         f"not in the interval: torque later than the angle by {1e3 * request.lag_s:g} ms adds {lag}",
     ]
@@ -368,7 +367,7 @@ def design_text(made: Design) -> str:
         else:
             best, found = made.recommended
             lines += [f"  {best.words}", f"  record {seconds(best.record_s)}"]
-            lines += ["  " + line for line in interval_lines(request, found)]
+            lines += ["  " + line for line in interval_lines(found)]
     return "\n".join([*lines, *(f"warning: {said}" for said in made.warnings)])
 
 
@@ -377,11 +376,11 @@ def seconds(value: float) -> str:
     return f"{value:.4g} s" + (f" ({value / 60:.1f} min)" if value >= 120 else "")
 
 
-def interval_lines(request: DesignRequest, found: Precision) -> Iterator[str]:
+def interval_lines(found: Precision) -> Iterator[str]:
     """A line per parameter, with what the variance is made of, and a line on the interval."""
     yield f"{'':4}{'expected':>10}{'95 % interval ±':>18}{'in %':>10}{'by noise alone ±':>18}   variance by"
     units = ("N·m/rad", "N·m·s/rad", "kg·m²")
-    for (name, row), unit in zip(found.rows(request.joint).items(), units, strict=True):
+    for (name, row), unit in zip(found.rows.items(), units, strict=True):
         value, total = row["expected"], row["se"] ** 2
         percent = f"{100 * row['half_width'] / abs(value):.3g}" if value else "-"
         shares = {cause: 100 * part / total for cause, part in row["variance"].items() if total > 0}
@@ -390,7 +389,7 @@ def interval_lines(request: DesignRequest, found: Precision) -> Iterator[str]:
             f"{name:4}{value:>10.4g}{row['half_width']:>18.3g}{percent:>10}{row['half_width_of_noise']:>18.3g}"
             f"   {made_of} [{unit}]"
         )
-    freedom = ", ".join("∞" if np.isinf(d) else f"{d:.0f}" for d in found.degrees_of_freedom)
+    freedom = ", ".join("∞" if np.isinf(d) else f"{d:.0f}" for d in found.column("degrees_of_freedom"))
     table = "impedance.csv" if found.method in (BY_UNITS, BY_REPEATS) else "response_models.csv"
     yield (
         f"interval from {found.method}, as {table} will name it, {freedom} degrees of freedom; correlation of K and I "
@@ -407,7 +406,7 @@ def design_json(made: Design) -> str:
             "protocol": plan.words,
             "record_s": plan.record_s,
             "peak_angle": plan.peak[0],
-            "estimates": found.rows(request.joint),
+            "estimates": dict(found.rows),
             "interval_method": found.method,
             "correlation_K_I": found.fit.correlation,
             "condition_number": found.fit.condition_number,

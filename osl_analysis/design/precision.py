@@ -278,13 +278,9 @@ class Joint:
 
 @dataclass(frozen=True)
 class PlannedFit:
-    """Least squares on filtered signals: what each sine tells on K, B and I.
-
-    Over whole cycles a sine is a complex row: its amplitude in phase with the angle, and i times that in phase with the
-    velocity. Offset and drift are orthogonal to it. The products of the columns, each times its duration and 1/S, are
-    Fisher's information for white noise of the one-sided density S. The filter weighs the sines, and errors are not the
-    same at all of them: the covariance is that of weighted least squares.
-    """
+    """Least squares on filtered signals, which weigh the sines. Over whole cycles a sine is a complex row: its size in
+    phase with the angle, and i times that in phase with the velocity; offset and drift are orthogonal to it. The
+    products of the columns, each times its duration and 1/S, are Fisher's information for white noise of density S."""
 
     sines: Sines
     weight: Array  # squared gain of the zero-phase filter at each sine, (n,)
@@ -342,9 +338,8 @@ class Sensors:
         """Variances (2, n) [(N*m)^2] of the torque's amplitudes by cause, for impedances Z (n,) [N*m/rad] at the sines
         and a record of `record_s` [s].
 
-        The rounding of the load cell is noise of variance step^2/12. The analysis takes off the slope that it finds in
-        the record: of a drift is left what the slope's own error by noise, 6 S/T^3, and what is known of the drift
-        leave together. A slope s changes the amplitude of a sine over whole cycles by 2 s/w (the integral of t sin wt).
+        The rounding of the load cell is noise of variance step^2/12. The analysis takes off the slope that it finds,
+        whose own error by noise is 6 S/T^3. A slope s changes the amplitude of a sine over whole cycles by 2 s/w.
         """
 
         def through(angle: Array) -> Array:
@@ -364,16 +359,15 @@ class Sensors:
         }
 
     def rounding(self, sines: Sines) -> Array:
-        """Variance (2, n) [rad^2] of the angle's amplitudes by rounding to steps q, independent from sine to sine.
+        """Variance (2, n) [rad^2] of the angle's amplitudes by rounding to steps q, independent from sine to sine, over
+        all zeros of the encoder.
 
-        Averaged over all zeros of the encoder. Of N samples that lie at different places of the motion each has an
-        error of variance q^2/12, and the amplitude 2/N of it. Later cycles repeat these errors, if motion and samples
-        have one clock, which is assumed: rounding does not average out. Where there are many samples per step, only one
-        sample at each step is by chance on one side or the other, with the same variance: the steps of a sine are even
-        in its angle, so that a third of it is in phase. The errors between steps are alike. That of a sine is then in
-        `rounded_gain`. Of a random motion its density at low frequencies is zeta(3) q^3/(pi^2 (2 pi)^(1/2) v), v being
-        the RMS velocity (Woodward's theorem on each harmonic of the rounding), and it repeats in every period. The part
-        that does not repeat (`repeating`) averages out as noise of variance q^2/12 does.
+        Each of N samples at different places of the motion has an error of variance q^2/12, and the amplitude 2/N of
+        it. Later cycles repeat these errors if motion and samples have one clock, which is assumed. Where there are
+        many samples per step, one sample at each step is by chance on one side or the other, with the same variance, a
+        third of it in phase: the steps of a sine are even in its angle. The errors between steps are alike
+        (`precision`). Of a random motion their density at low frequencies is zeta(3) q^3/(pi^2 (2 pi)^(1/2) v), v being
+        the RMS velocity (Woodward's theorem), and they repeat in every period. What does not repeat is noise.
         """
         q = self.encoder_step
         if not q:
@@ -388,28 +382,12 @@ class Sensors:
         thirds = np.where(sines.alone, np.array([[2 / 3], [4 / 3]]), 1)
         return np.asarray(self.repeating * white / pattern_s * np.minimum(1, thirds * steps) + others)
 
-    def rounded_gain(self, sines: Sines) -> Array:
-        """Variance of the share by which rounding to steps q changes the amplitude of single sines, (n,); 0 for others.
-        The error of rounding is a sum of sines of 2 pi k theta/q, and its fundamental 2 q/(pi k) J_1(2 pi k a/q) in
-        phase with theta = a sin (Bennett, 1948), the same at every frequency. Its variance is zeta(3) q^3/(pi^4 a)."""
-        share = zeta(3) / np.pi**4 * (self.encoder_step / sines.size) ** 3
-        return np.asarray(np.where(sines.alone, self.repeating * share, 0.0))
-
     @property
     def repeating(self) -> float:
         """Share of the variance of rounding that every cycle repeats: noise s before the rounding to steps q leaves
         exp(-(2 pi s/q)^2) of it (Widrow and Kollar, Quantization Noise, 2008, ch. 5)."""
         step = self.encoder_step
         return float(np.exp(-((2 * np.pi * self.angle_noise / step) ** 2))) if step else 0.0
-
-
-@dataclass(frozen=True)
-class Spread:
-    """How far the estimates of one realisation of an earlier multisine were from those of another."""
-
-    variance: Array  # of K, B and I of one realisation, shape (3,)
-    band_hz: tuple[float, float]  # of the motion
-    rms: float  # root mean square of the angle [rad]
 
 
 @dataclass(frozen=True)
@@ -421,26 +399,27 @@ class Distortion:
     earlier: tuple[Array, Array] | None = None
     """Frequencies [Hz], rising, and the mean square per Hz [(N*m)^2/Hz] of the torque's distortion in an earlier trial.
     Beyond the ends it is that of the end. That of friction hardly depends on the size of the motion."""
-    spread: Spread | None = None  # of the realisations of an earlier trial, the noise in it too
+    spread: tuple[Array, tuple[float, float], float] | None = None
+    """Variances of K, B and I (3,) from one realisation of an earlier multisine to the next, the noise in it too, its
+    band [Hz] and the RMS of its angle [rad]."""
 
     def variances(self, plan: Plan, fit: PlannedFit, Z: Impedances) -> Array:
         """Variances (3,) of K, B and I by the distortion; `Z` (n,) is the impedance [N*m/rad] at the sines.
 
-        A level is taken for independent from line to line, as the analysis takes that at detection lines. Estimates
-        scatter by less, as of friction by 0.65 (K) and 0.4 (B, I): at given amplitudes the velocity has a given RMS, so
-        that errors at its lines depend on one another. The interval of four realisations or more, from their spread,
-        has it. Of friction this scatter is drawn. Of an earlier spread a torque that stays when the motion grows counts
-        for less; bands whose ends differ by up to a fifth count as one.
+        A level counts as independent from line to line, as in the analysis of detection lines. By friction estimates
+        scatter less (0.65 of it for K, 0.4 for B and I), because at given amplitudes the velocity has a given RMS. From
+        four realisations on the analysis sees this scatter, which is drawn. Of an earlier spread a torque that stays
+        when the motion grows counts for less; bands whose ends differ by up to a fifth count as one.
         """
         of_spread, f = np.zeros(3), fit.sines.frequency_hz
         if self.spread:
-            low, high = self.spread.band_hz
+            variance, (low, high), rms = self.spread
             if not isinstance(plan, PeriodicMultisine) or not np.allclose([f.min(), f.max()], (low, high), rtol=0.2):
                 raise InputError(
                     "the spread of realisations of an earlier trial says nothing on another motion than a multisine "
                     f"from {low:.3g} to {high:.3g} Hz; give its response.csv, or --friction"
                 )
-            of_spread = self.spread.variance * (self.spread.rms / plan.rms) ** 2 / plan.realisations
+            of_spread = variance * (rms / plan.rms) ** 2 / plan.realisations
         few = isinstance(plan, PeriodicMultisine) and plan.realisations < ENOUGH_REALISATIONS
         if few or plan.spacing_hz is None or not self.coulomb:
             return np.asarray(of_spread + fit.share(self.at_sines(plan, fit, Z)).sum(axis=1))
@@ -450,10 +429,8 @@ class Distortion:
         return np.asarray(of_spread + self.coulomb**2 * scatter / plan.independent + levels)
 
     def at_sines(self, plan: Plan, fit: PlannedFit, Z: Impedances) -> Array:
-        """Variance (2, n) [(N*m)^2] of the amplitudes of the torque's sines by what the fit of Eq. 15 cannot follow.
-        `Z` (n,) is the joint's impedance [N*m/rad] at the sines. In single sines it is no scatter: it is the same in
-        every repetition of the protocol, and differs from frequency to frequency. It then says how far the estimates
-        depend on the choice of frequencies and amplitudes."""
+        """Variance (2, n) [(N*m)^2] of the amplitudes of the torque's sines by what the fit of Eq. 15 cannot follow. In
+        single sines it is no scatter: it differs from frequency to frequency, and every repetition has it."""
         sines = fit.sines
         if isinstance(plan, Continuous) and plan.chirp and (self.level or self.earlier):
             raise InputError(
@@ -505,10 +482,9 @@ def scatter_of_friction(
     spacing_hz: float,
     periodic: bool,
 ) -> Array:
-    """Variances (3,) of K, B and I by Coulomb friction of 1 N*m, from one set of random phases to another. Eq. 15 is
-    fitted to 400 of them (whose scatter has a standard error of 3.5 %), with a seed, for sines of these frequencies
-    [Hz], amplitudes [rad] and squared filter gains, multiples of `spacing_hz`. Where they are not `periodic` but noise,
-    amplitudes are random too."""
+    """Variances (3,) of K, B and I by Coulomb friction of 1 N*m over 400 sets of random phases (their scatter has a
+    standard error of 3.5 %), of sines with these frequencies, amplitudes [rad] and squared filter gains. Where they are
+    not `periodic` but noise, amplitudes are random too."""
     number, rng, w = 400, np.random.default_rng(1), 2 * np.pi * np.asarray(frequency_hz)
     line = np.rint(np.asarray(frequency_hz) / spacing_hz).astype(np.intp)
     n = 1 << int(np.ceil(np.log2(64 * line[-1])))
@@ -529,38 +505,22 @@ def scatter_of_friction(
 
 @dataclass(frozen=True)
 class Precision:
-    """What a plan will give, for K, B and I: shape (3,) each."""
+    """What a plan will give."""
 
     fit: PlannedFit
-    causes: Mapping[str, Array]  # variances of the estimates by cause; their sum is the squared standard error
-    noise_half_width: Array  # half of the 95 % interval without distortion
-    half_width: Array  # half of the 95 % interval
-    degrees_of_freedom: Array  # of the standard errors
+    rows: Mapping[str, Mapping[str, Any]]
+    """Of K, B and I by name, in SI units: `expected`, `half_width` of the 95 % interval, `half_width_of_noise` without
+    distortion, `se`, its `degrees_of_freedom`, and the `variance` by its cause."""
     method: str  # source of the interval that the analysis will give, as its column `interval_method` names it
 
-    @property
-    def se(self) -> Array:
-        return np.asarray(np.sqrt(np.sum(list(self.causes.values()), axis=0)))
+    def column(self, name: str) -> Array:
+        """One of these of K, B and I, (3,)."""
+        return np.array([row[name] for row in self.rows.values()])
 
-    def rows(self, joint: Joint) -> dict[str, dict[str, Any]]:
-        """What is expected of K, B and I, by name, in SI units; `variance` by its cause."""
-        columns = {
-            "expected": np.array([joint.K, joint.B, joint.I]),
-            "half_width": self.half_width,
-            "half_width_of_noise": self.noise_half_width,
-            "se": self.se,
-            "degrees_of_freedom": self.degrees_of_freedom,
-        }
-        return {
-            name: {column: float(values[k]) for column, values in columns.items()}
-            | {"variance": {cause: float(values[k]) for cause, values in self.causes.items()}}
-            for k, name in enumerate(KBI)
-        }
-
-    def reaches(self, joint: Joint, within: Mapping[str, float]) -> bool:
+    def reaches(self, within: Mapping[str, float]) -> bool:
         """Whether the half widths are within these shares of K, B, I, as far as there are any."""
-        rows = self.rows(joint)
-        return all(rows[name]["half_width"] <= share * abs(rows[name]["expected"]) for name, share in within.items())
+        half = {name: (row["half_width"], abs(row["expected"])) for name, row in self.rows.items()}
+        return all(half[name][0] <= share * half[name][1] for name, share in within.items())
 
 
 def precision(
@@ -569,18 +529,19 @@ def precision(
     """The intervals that a plan will give, by the means of the fit (`interval_method`). Raises as `planned_fit`;
     InputError as `Distortion.variances`.
 
-    `units` are those of `bench.gram`: a frequency at an amplitude, or a stretch. The noise has the freedom of the
-    cycles at each unit, or of the stretches; the distortion, which is in the units' scatter, that of one unit less than
-    there are; rounding and drift count as known. Of a multisine the interval is that of the fits to its spectra
-    (`response_models.csv`), whose sources are the spread of four realisations or more, or the level at detection lines,
-    two degrees of freedom at each, which serves the excited lines around it.
+    Units are those of `bench.gram`, a frequency at an amplitude or a stretch. The noise has the freedom of cycles,
+    or of the stretches; the distortion, which is in the units' scatter, that of one less than there are; rounding and
+    drift count as known. Of a multisine the interval is that of the fits to its spectra (`response_models.csv`): by the
+    spread of realisations, or by the level at detection lines, each of which serves the excited lines around it.
     """
     fit, stated = planned_fit(plan, low_pass), distortion or Distortion()
     sines = fit.sines
     Z, size = joint.impedance(sines.w), sines.size
     errors = sensors.variances(sines, Z, plan.record_s)
     causes = {name: fit.share(error).sum(axis=1) for name, error in errors.items()}
-    gain = sensors.rounded_gain(sines)  # changes the amplitudes at every frequency by the same share
+    # rounding a single sine is a sum of sines of 2 pi k theta/q, whose fundamental 2 q/(pi k) J_1(2 pi k a/q) is in
+    # phase with theta = a sin (Bennett, 1948): amplitudes change by the same share at every frequency
+    gain = sensors.repeating * zeta(3) / np.pi**4 * np.where(sines.alone, sensors.encoder_step / size, 0.0) ** 3
     for a in np.unique(np.round(size[gain > 0], 9)):
         alike = np.isclose(size, a)
         causes["encoder rounding"] += gain[alike].mean() * fit.fitted(np.where(alike, Z, 0)) ** 2
@@ -611,5 +572,15 @@ def precision(
         of_noise = welch_satterthwaite([seen, known], [of_seen, infinite])
         freedom = welch_satterthwaite([seen, known, scatter], [of_seen, infinite, np.full(3, max(units - 1, 1.0))])
         of_noise, freedom = (np.where(each < 1e5, each, np.inf) for each in (of_noise, freedom))
-    half_widths = (stdtrit(of_noise, 0.975) * np.sqrt(noise), stdtrit(freedom, 0.975) * np.sqrt(total))
-    return Precision(fit, causes | {"distortion": scatter}, *half_widths, freedom, method)
+    causes["distortion"] = scatter
+    columns = {
+        "expected": np.array([joint.K, joint.B, joint.I]),
+        "half_width": stdtrit(freedom, 0.975) * np.sqrt(total),
+        "half_width_of_noise": stdtrit(of_noise, 0.975) * np.sqrt(noise),
+        "se": np.sqrt(total),
+        "degrees_of_freedom": freedom,
+    }
+    rows: dict[str, dict[str, Any]] = {n: {c: float(v[k]) for c, v in columns.items()} for k, n in enumerate(KBI)}
+    for k, row in enumerate(rows.values()):
+        row["variance"] = {cause: float(values[k]) for cause, values in causes.items()}
+    return Precision(fit, rows, method)

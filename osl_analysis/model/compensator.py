@@ -43,11 +43,8 @@ def motor_current(u: ArrayLike, direction: ArrayLike, p: DrivetrainParameters) -
 def check_request(K_d: ArrayLike, B_d: ArrayLike, p: DrivetrainParameters) -> None:
     """Refuse a desired stiffness [N*m/rad] or damping [N*m*s/rad], any shape, that no gains can render.
 
-    Raises
-    ------
-    UnreachableImpedanceError
-        A K_d is not between 0 and K_s: the belt is in series, so no positive K_1 renders it. Or a B_d is negative or
-        not finite. Or a value other than B_d = 0 lies outside 1e-9 to 1e6.
+    Raises UnreachableImpedanceError: A K_d is not between 0 and K_s: the belt is in series, so no positive K_1 renders
+    it. Or a B_d is negative or not finite, or a value other than B_d = 0 lies outside 1e-9 to 1e6.
     """
     least, most = 1e-9, 1e6
     K_d, B_d = (np.ravel(np.asarray(values, dtype=float)) for values in (K_d, B_d))
@@ -79,11 +76,7 @@ def stiffness_gain(K_d: ArrayLike, p: DrivetrainParameters) -> Array:
 def compensated_gains(K_d: float, B_d: float, p: DrivetrainParameters, weight: Weight = PAPER_WEIGHT) -> Gains:
     """Gains that render stiffness K_d [N*m/rad] and damping B_d [N*m*s/rad] best (Eqs. 13-14).
 
-    Raises
-    ------
-    UnreachableImpedanceError
-        As `check_request`, or the error of Eq. 14 decreases for every increase of B_1, so that no finite B_1 minimises
-        it.
+    Raises UnreachableImpedanceError: as `check_request`, or no finite B_1 minimises the error of Eq. 14.
     """
     check_request(K_d, B_d, p)
     damping = optimal_damping([K_d], [B_d], p, weight)

@@ -33,10 +33,8 @@ Affine = tuple[Sequence[Array], Sequence[Array]]
 class Weight:
     """W of Eq. 14: a Butterworth low-pass of the given cut-off [Hz] and order (the paper's: 1 Hz = 2 pi rad/s, 3).
 
-    Raises
-    ------
-    UnreachableImpedanceError
-        The order is not a whole number from 1 to 10, or the cut-off not from 0.001 to 10000 Hz.
+    Raises UnreachableImpedanceError: The order is not a whole number from 1 to 10, or the cut-off not from 0.001 to
+    10000 Hz.
     """
 
     cutoff_hz: float

@@ -6,7 +6,7 @@ and Euler for the foot. Axes: x forward, y left, z up, in metres.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -89,14 +89,14 @@ class LegMotion:
 
 @dataclass(frozen=True)
 class SimulatedCrossing:
-    """The truth about a crossing."""
+    """The truth about a crossing. Commands and drivetrain are at the rate of the leg's controller."""
 
-    time: Array  # Time [s], shape (n,), at the rate of the motion
-    step: gait.Step  # What was drawn
-    motion: LegMotion  # Motion of leg and platform
-    commands: ControlCommands  # Commands to the leg's controller, at its own rate
-    drivetrain: DrivetrainMotion  # Motion of the leg's drivetrain, at the controller's rate
-    drivetrain_torque: Array  # Resisting torque [N*m] of the drivetrain, shape (n,)
+    time: Array  # time [s], shape (n,), at the rate of the motion
+    step: gait.Step
+    motion: LegMotion
+    commands: ControlCommands
+    drivetrain: DrivetrainMotion
+    drivetrain_torque: Array  # resisting torque [N*m] of the drivetrain, shape (n,)
     torque: Array
     """Resisting torque [N*m] of the joint, shape (n,): from 8 % to 92 % of stance that of the drivetrain, and in swing
     the torque that the swinging foot needs."""
@@ -113,7 +113,7 @@ def simulate_crossing(
     p: DrivetrainParameters,
 ) -> SimulatedCrossing:
     """The crossing of one step, with or without the perturbation, on a regular grid at the motion's rate."""
-    step = step.as_walked(perturbed)
+    step = step if perturbed else replace(step, hurry=0.0)  # which the perturbation alone brings
     motion = move(time, step, perturbed, walking)
     stride = walking.rates.motion_hz // walking.rates.controller_hz
     commands = walking_commands(step, time, walking, compensates, p)
@@ -325,8 +325,9 @@ def simulate_walking_trial(
             f"trial {trial}: experiment '{row['experiment']}' is not one of the gait laboratory; "
             "use walking, plate or static"
         )
+    every = walking.rates.motion_hz // walking.rates.analogs_hz
     facts |= {"effects": settings.effects.model_dump(), "gait_laboratory": walking.model_dump(mode="json")}
-    write_truth(folder, trial, facts, {name: c[:: walking.rates.analog_stride] for name, c in curves.items()})
+    write_truth(folder, trial, facts, {name: curve[::every] for name, curve in curves.items()})
     if row["experiment"] == "walking":
         write_leg_log(folder / "leg" / f"{trial}.mcap", walked, clock, settings, walking)
     vicon.write_c3d(folder / "vicon" / f"{trial}.c3d", vicon.vicon_recording(trial, seed, scene, walking))

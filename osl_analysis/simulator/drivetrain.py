@@ -10,20 +10,18 @@ file, because numba's disk cache does not notice changes in other files.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from osl_analysis.compiled import fused
-from osl_analysis.config.parameters import PARAMETER_UNITS, DrivetrainParameters
+from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.settings import PassiveFoot, SecondOrderJoint
 from osl_analysis.trial import Array
-
-LARGEST_ANGLE = 100.0  # Largest angle [rad] of the actuator's output, 16 turns. Beyond it the control loop is unstable
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ class DrivetrainMotion:
 
 
 class Device(NamedTuple):
-    """`DrivetrainParameters` as compiled functions take them."""
+    """`DrivetrainParameters` as compiled functions take them: `Device(**asdict(p))`."""
 
     k_tau: float
     n_m: float
@@ -84,10 +82,6 @@ class Device(NamedTuple):
     K_s2: float
     B_j: float
     J_j: float
-
-
-def compiled_device(p: DrivetrainParameters) -> Device:
-    return Device(**{name: float(getattr(p, name)) for name in PARAMETER_UNITS})
 
 
 def simulate_drivetrain(
@@ -107,10 +101,11 @@ def simulate_drivetrain(
     columns, gains = np.empty((4, len(theta))), np.vstack([commands.K_1, commands.B_1, commands.theta_eq]).astype(float)
     theta, omega = np.ascontiguousarray(theta, dtype=float), np.ascontiguousarray(omega, dtype=float)
     cancels = bool(commands.cancels_friction and effects.friction)
-    integrate(theta, omega, gains, float(theta_m_start), float(rate_hz), cancels, effects, compiled_device(p), columns)
-    if not np.abs(columns[0]).max(initial=0.0) <= LARGEST_ANGLE:  # NaN is none either
+    integrate(theta, omega, gains, float(theta_m_start), float(rate_hz), cancels, effects, Device(**asdict(p)), columns)
+    largest = 100.0  # of the actuator's output, 16 turns [rad]: beyond it the control loop is unstable
+    if not np.abs(columns[0]).max(initial=0.0) <= largest:  # NaN is none either
         raise InputError(
-            f"the simulated actuator runs away, beyond {LARGEST_ANGLE:g} rad: its loop is unstable with K_1 up to "
+            f"the simulated actuator runs away, beyond {largest:g} rad: its loop is unstable with K_1 up to "
             f"{np.max(commands.K_1):.4g} N*m/rad, B_1 down to {np.min(commands.B_1):.4g} N*m*s/rad; lower "
             "effects.control_delay, raise effects.velocity_filter or control_updates, or ask for more damping"
         )
@@ -209,7 +204,7 @@ def integrate(
 
 def simulate_belt_torque(theta_s: Array, effects: DrivetrainEffects, p: DrivetrainParameters) -> Array:
     """Torque [N*m] of the belt along a path of deflections theta_s [rad], shape (n,), with hysteresis."""
-    return belt_path(np.ascontiguousarray(theta_s, dtype=float), effects, compiled_device(p))
+    return belt_path(np.ascontiguousarray(theta_s, dtype=float), effects, Device(**asdict(p)))
 
 
 @fused

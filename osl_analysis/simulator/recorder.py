@@ -64,16 +64,6 @@ class Jumping:
 TrueSignal = Array | Jumping
 
 
-@dataclass(frozen=True)
-class Sampling:
-    """When a node takes its samples and what it writes of them."""
-
-    instants: Array  # time [s] of each sample by the bench's clock, from 0
-    even: bool  # whether they are the instants of the simulation
-    stamps: Array  # what the node's clock says of it [s]
-    rows: NDArray[np.intp] | slice  # samples that are written, in order, or a slice of all; a repeated one is twice
-
-
 def recording_of(
     trial: str, signals: Mapping[str, TrueSignal], settings: SimulationSettings
 ) -> tuple[BenchLog, dict[str, float]]:
@@ -114,15 +104,17 @@ class Bench:
     ) -> tuple[Array, dict[str, Array]]:
         """The stamps [s] and the channels, (n,) each, that one node writes."""
         duration = len(next(iter(signals.values()))) / self.settings.dynamometer.rate_hz
-        sampling = self.sampling(name, node, duration)
-        channels = {channel: self.reading(channel, true, sampling)[sampling.rows] for channel, true in signals.items()}
-        time = self.drawn["clock_start_s"] + sampling.stamps
+        instants, even, stamps = self.sampling(name, node, duration)
+        rows = self.written(name, node, len(instants))
+        channels = {channel: self.reading(channel, true, instants, even)[rows] for channel, true in signals.items()}
+        time = self.drawn["clock_start_s"] + stamps
         if node.decimals.enabled:
             time = np.round(time, int(node.decimals.size))
-        return time[sampling.rows], channels
+        return time[rows], channels
 
-    def sampling(self, name: str, node: NodeSettings, duration: float) -> Sampling:
-        """When a node takes its samples within `duration` [s], what its stamps say, and which it writes."""
+    def sampling(self, name: str, node: NodeSettings, duration: float) -> tuple[Array, bool, Array]:
+        """When a node takes its samples within `duration` [s], whether these are the instants of the simulation, and
+        what its clock says of them [s]."""
         simulated_hz = self.settings.dynamometer.rate_hz
         rate = node.rate.value or simulated_hz
         instants, scatters = np.arange(round(duration * rate)) / rate, node.phase.enabled or node.jitter.enabled
@@ -137,8 +129,7 @@ class Bench:
             queue = 5e-6 * np.arange(len(instants))  # a host stamps one of several waiting messages in 5 us
             stamps = np.maximum.accumulate(instants + late - queue) + queue
         stamps = node.clock_offset.value + (1 + 1e-6 * node.clock_drift.value) * stamps
-        even = rate == simulated_hz and not scatters
-        return Sampling(instants, even, stamps, self.written(name, node, len(instants)))
+        return instants, rate == simulated_hz and not scatters, stamps
 
     def scatter(self, name: str, effect: Scatter, n: int) -> Array:
         """A number per sample, (n,) [s], as the effect is distributed; 0 where it is off."""
@@ -168,21 +159,21 @@ class Bench:
                 copies[first : min(first + burst, n - 1)] = 0
         return np.repeat(np.arange(n), copies)
 
-    def reading(self, channel: str, true: TrueSignal, sampling: Sampling) -> Array:
+    def reading(self, channel: str, true: TrueSignal, sampled: Array, even: bool) -> Array:
         """What the sensor of a channel reads at the sampled instants: dynamics, errors, noise, range and steps."""
-        effects, sensor, n = self.settings.effects, self.settings.recorder.sensor(channel), len(sampling.instants)
+        effects, sensor, n = self.settings.effects, self.settings.recorder.sensor(channel), len(sampled)
         rate, late = self.settings.dynamometer.rate_hz, sensor.delay.value
         if sensor.low_pass.enabled:
             true = low_passed(true.samples if isinstance(true, Jumping) else true, rate, sensor.low_pass)
-        instants = np.maximum(sampling.instants - late, 0.0) if late else sampling.instants
+        instants = np.maximum(sampled - late, 0.0) if late else sampled
         if isinstance(true, Jumping):
             reading = true.at(instants)
-        elif sampling.even and not late:
+        elif even and not late:
             reading = true
         else:
             reading = np.asarray(CubicSpline(np.arange(len(true)) / rate, true)(instants))
         if channel in TORQUES:
-            reading = reading + self.torque_errors(sampling.instants)
+            reading = reading + self.torque_errors(sampled)
         if channel in NOISES:
             noise = self.random(NOISES[channel]).standard_normal(n)
             reading = reading + getattr(effects, NOISES[channel]).value * noise

@@ -8,7 +8,7 @@ Cycle phase c: 0 at heel strike, 1 at the next one, any real number; stance phas
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -129,22 +129,12 @@ def wandering(random: np.random.Generator, time: Array, band: tuple[float, float
     return np.asarray(np.cos(2 * np.pi * np.outer(time, pitches) + phases) @ sizes)
 
 
-@dataclass(frozen=True)
-class Servo:
-    """What is random in a motion of the platform."""
-
-    slowness: float  # factor of the duration of the ramp
-    shiver: Array  # deviation [rad] of the angle, shape (n,), before it is limited to the motion
-
-    def shivering(self, time: Array, onset: float, rise: float) -> Array:
-        """Deviation [rad] of the angle, shape (n,): from the onset [s] until shortly after the rise [s]."""
-        return self.shiver * pulse(time, onset, 0.05, onset + rise + 0.1, 0.05)
-
-
-def draw_servo(trial: str, seed: int, time: Array, walking: WalkingSettings) -> Servo:
+def draw_servo(trial: str, seed: int, time: Array, walking: WalkingSettings) -> tuple[float, Array]:
+    """What is random in a motion of the platform: factor of the duration of the ramp, and deviation [rad] of the angle,
+    shape (n,), which the platform has from the onset until shortly after the ramp."""
     shiver = wandering(stream(seed, trial, "servo_shiver"), time, (8.0, 20.0))
     size = np.radians(walking.effects.servo_shiver.value)
-    return Servo(1 + deviate(trial, seed, walking, "rise_scatter", 0.01), size * shiver)
+    return 1 + deviate(trial, seed, walking, "rise_scatter", 0.01), size * shiver
 
 
 RENDERED_S = 0.1  # time [s] after the onset in which the rendered impedance is fitted
@@ -168,7 +158,7 @@ class Step:
     timing: tuple[float, float]
     """Deviation of the phase of stance in its middle, and of one half of it against the other."""
     body_mass: float  # Body mass [kg]
-    servo: Servo  # What is random in the platform's motion
+    servo: tuple[float, Array]  # As `draw_servo` gives it
     change: StepChange  # What makes this crossing differ from others
     condition: Condition  # What the crossing is by plan
 
@@ -196,10 +186,6 @@ class Step:
     def cycle_phase(self, time: Array) -> Array:
         """Phase of the gait cycle at times [s]: 0 at the heel strike on the platform, 1 at the next."""
         return STANCE_FRACTION * self.stance_phase(time)
-
-    def as_walked(self, perturbed: bool) -> "Step":
-        """This step with or without the perturbation, which alone changes stance after the window."""
-        return self if perturbed or not self.hurry else replace(self, hurry=0.0)
 
 
 def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings, condition: Condition | None = None) -> Step:
@@ -275,11 +261,11 @@ def nominal_ankle(walking: WalkingSettings) -> Array:
 
 def perturbed_platform(time: Array, step: Step, walking: WalkingSettings) -> PlatformMotion:
     """The ramp under a walking foot, held until after toe-off."""
-    ramp, servo = walking.perturbation, step.servo
-    rise = servo.slowness * ramp.rise_s
+    ramp, (slowness, shiver) = walking.perturbation, step.servo
+    rise = slowness * ramp.rise_s
     held = pulse(time, step.onset, rise, step.toe_off + ramp.hold_s, ramp.return_s)
     angle, shift = ramp_motion(held, step.condition, walking)
-    angle = angle + servo.shivering(time, step.onset, rise)
+    angle = angle + shiver * pulse(time, step.onset, 0.05, step.onset + rise + 0.1, 0.05)
     return PlatformMotion(angle, shift, displaced(angle, shift, walking), step.command, step.onset)
 
 
@@ -307,14 +293,14 @@ def unloaded_platform(
     """The perturbation of an unloaded platform: the ramp, with small random variations, and its return. Every
     `full_motion_every`-th trial (by the number at the end of its name) then also shifts along all three axes and tilts
     slowly about the walking direction. A regression can then estimate all inertial parameters of the plate."""
-    ramp, servo = walking.perturbation, draw_servo(trial, seed, time, walking)
+    ramp, (factor, shiver) = walking.perturbation, draw_servo(trial, seed, time, walking)
     command, size, slowness = 0.5, 1.0, 1.0
     onset = command + ramp.latency_s + deviate(trial, seed, walking, "trigger_scatter", 1e-3)
     if not ramp.same_unloaded:
         size, slowness = stream(seed, trial, "unloaded_ramp").uniform([0.85, 0.9], [1.15, 1.3])
-    back, rise = onset + 0.5, slowness * servo.slowness * ramp.rise_s
+    back, rise = onset + 0.5, slowness * factor * ramp.rise_s
     angle, shift = ramp_motion(pulse(time, onset, rise, back, ramp.return_s), condition or Condition(), walking)
-    angle, shift = size * angle + servo.shivering(time, onset, rise), size * shift
+    angle, shift = size * angle + shiver * pulse(time, onset, 0.05, onset + rise + 0.1, 0.05), size * shift
     pose = displaced(angle, shift, walking)
     number, every = re.search(r"\d+$", trial), walking.plate.full_motion_every
     if number and every and int(number.group()) % every == 0:

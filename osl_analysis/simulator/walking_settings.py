@@ -41,13 +41,14 @@ class CaptureSettings(Settings):
 
 
 Percent = Annotated[float, Field(gt=-50, lt=100)]
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class StepChange(Settings):
     """A change of some crossings, by name or by chance. What is left out stays as it is."""
 
     of: Literal["all", "perturbed", "unperturbed"] | tuple[str, ...] = "all"  # a kind, or a list of names
-    share: Annotated[float, Field(ge=0, le=1)] = 1.0  # of these, drawn for each crossing
+    share: Share = 1.0  # of these, drawn for each crossing
     load: Positive = 1.0
     """Factor of the ground reaction and of the ankle's torque, at the same angle: the leg's equilibrium follows."""
     amplitude: Positive = 1.0  # factor of the ankle's angle, its torque and the ground reaction
@@ -55,11 +56,6 @@ class StepChange(Settings):
     after_window_percent: Percent = 0.0  # extension of stance 100 ms after the onset, if perturbed
     second_foot_percent: NotNegative = 0.0  # largest load [% of body weight] of the other foot, at mid-stance
     overhang_mm: Annotated[float, Field(ge=0, lt=90)] = 0.0  # of the foot's 90 mm, carried by the floor beside
-
-    @property
-    def factors(self) -> dict[str, float]:
-        """The factors by name."""
-        return {"load": self.load, "amplitude": self.amplitude}
 
     def concerns(self, trial: str, perturbed: bool) -> bool:
         """Whether a crossing can have the change."""
@@ -73,7 +69,6 @@ Millimetres = Annotated[Effect, sized("mm")]
 Milliseconds = Annotated[Effect, sized("ms")]
 Angle = Annotated[Effect, sized("deg")]
 Newtons = Annotated[Effect, sized("N")]
-Kilograms = Annotated[Effect, sized("kg")]
 
 
 class WalkingEffects(SwitchedEffects):
@@ -101,8 +96,10 @@ class WalkingEffects(SwitchedEffects):
     servo_shiver: Angle = off("deg")
     """Vibration of the platform's angle at 8 to 20 Hz, while it moves and 0.1 s longer, another one in each trial."""
     platform_heave: Millimetres = off("mm")  # height in the middle of the ramp, as of a hexapod
-    foot_inertia: Kilograms  # of foot and shoe below the ankle
-    plate_inertia: Kilograms  # of the plate above its sensors; off: the reading is the ground reaction
+    foot_inertia: Annotated[Effect, sized("kg")]  # of foot and shoe below the ankle
+    plate_inertia: Annotated[
+        Effect, sized("kg")
+    ]  # of the plate above its sensors; off: the reading is the ground reaction
     marker_noise: Millimetres  # white, each axis
     marker_gaps: Annotated[Effect, sized("1/trial")]  # mean number of gaps in which a marker is hidden
     force_noise: Newtons  # white, each axis
@@ -121,9 +118,7 @@ class WalkingEffects(SwitchedEffects):
 
 
 Rate = Annotated[int, Field(ge=1, le=1_000_000)]
-Vector = tuple[float, float, float]
 PositiveVector = tuple[Positive, Positive, Positive]
-Phase = Annotated[float, Field(ge=0, le=1)]
 
 
 class Rates(Settings):
@@ -147,11 +142,6 @@ class Rates(Settings):
     def motion_hz(self) -> int:
         """Rate [Hz] at which the motion is computed."""
         return math.lcm(self.points_hz, self.analogs_hz, self.controller_hz)
-
-    @property
-    def analog_stride(self) -> int:
-        """Samples of the motion per analog sample."""
-        return self.motion_hz // self.analogs_hz
 
 
 class Gait(Settings):
@@ -178,7 +168,7 @@ class Perturbation(Settings):
     angle_deg: Degrees
     rise_s: Positive
     latency_s: NotNegative  # from the command to the start of the ramp
-    stance_phase: tuple[Phase, Phase]  # first and last at which the ramp is commanded, drawn evenly
+    stance_phase: tuple[Share, Share]  # first and last at which the ramp is commanded, drawn evenly
     hold_s: NotNegative  # after toe-off, when the platform starts to return
     return_s: Positive
     axis_depth_m: float | None = None  # below the plate's surface; null: the axis passes through the nominal ankle
@@ -192,14 +182,14 @@ class Perturbation(Settings):
 class Body(Settings):
     """The inertia of a body. Its mass is the size of an effect (`foot_inertia` or `plate_inertia`)."""
 
-    centre_of_mass_m: Vector  # in the body's axes
+    centre_of_mass_m: tuple[float, float, float]  # in the body's axes
     gyration_m: PositiveVector  # principal radii about the centre of mass
 
 
 class MovingPlate(Body):
     """The force plate. Its centre of mass is given from the centre of its surface."""
 
-    centre_m: Vector  # of the surface at rest, in laboratory axes
+    centre_m: tuple[float, float, float]  # of the surface at rest, in laboratory axes
     size_m: tuple[Positive, Positive]  # of the surface along the plate's x and y
     sensor_depth_m: Positive  # of the sensor origin below the surface
     sensor_offset_m: tuple[float, float]  # sensor origin from the surface's centre, along laboratory x and y

@@ -6,17 +6,8 @@ take about as long. Rules read it, so that nothing is imported that simulates.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
-
-
-@dataclass(frozen=True)
-class RecordedAs:
-    """How a trial is recorded, where this differs from the simulated campaign."""
-
-    recorder: Mapping[str, Any] = field(default_factory=dict)  # its nodes, as in the settings of a simulation
-    rate_hz: float = 1000.0
-    bits: int | None = None  # of the joint's encoder; None: those of the simulated campaign
 
 
 def on(size: float, unit: str) -> Mapping[str, Any]:
@@ -25,19 +16,20 @@ def on(size: float, unit: str) -> Mapping[str, Any]:
 
 
 LATER = on(3e-4, "s")  # how much later the node of the torque samples
-RECORDINGS = {
-    "jitter of 1 us": RecordedAs({"node": {"jitter": on(1e-6, "s")}}),
-    "jitter of 50 us": RecordedAs({"node": {"jitter": on(50e-6, "s")}}),
-    "four decimals at 300 Hz": RecordedAs({"node": {"decimals": on(4, "decimal")}}, rate_hz=300.0),
-    "four decimals at 1024 Hz": RecordedAs({"node": {"decimals": on(4, "decimal")}}, rate_hz=1024.0),
-    "missing samples": RecordedAs({"node": {"dropped": on(1e-3, "1")}}),
-    "two nodes": RecordedAs({"node": {}, "torque_node": {"phase": LATER}}),
-    "333 Hz and 1 kHz": RecordedAs({"node": {"rate": on(333, "Hz")}, "torque_node": {"phase": LATER}}),
-    "14 bits": RecordedAs(bits=14),
-    "14 bits and 50 us": RecordedAs({"node": {"jitter": on(50e-6, "s")}}, bits=14),
-    "250 Hz": RecordedAs(rate_hz=250.0),
+RECORDINGS: Mapping[str, tuple[Mapping[str, Any], float, int | None]] = {
+    "jitter of 1 us": ({"node": {"jitter": on(1e-6, "s")}}, 1000, None),
+    "jitter of 50 us": ({"node": {"jitter": on(50e-6, "s")}}, 1000, None),
+    "four decimals at 300 Hz": ({"node": {"decimals": on(4, "decimal")}}, 300, None),
+    "four decimals at 1024 Hz": ({"node": {"decimals": on(4, "decimal")}}, 1024, None),
+    "missing samples": ({"node": {"dropped": on(1e-3, "1")}}, 1000, None),
+    "two nodes": ({"node": {}, "torque_node": {"phase": LATER}}, 1000, None),
+    "333 Hz and 1 kHz": ({"node": {"rate": on(333, "Hz")}, "torque_node": {"phase": LATER}}, 1000, None),
+    "14 bits": ({}, 1000, 14),
+    "14 bits and 50 us": ({"node": {"jitter": on(50e-6, "s")}}, 1000, 14),
+    "250 Hz": ({}, 250, None),
 }
-"""Recordings of the joint that is exactly Eq. 15, each an experiment of its own."""
+"""Recordings of the joint that is exactly Eq. 15, each an experiment of its own: the recorder's nodes, as in a
+simulation's settings; the bench's rate [Hz]; and the bits of the joint's encoder, None for those of the campaign."""
 BENCH_EXPERIMENTS = {
     "second order": "second_order",
     **{f"second order, {name}": "second_order" for name in RECORDINGS},

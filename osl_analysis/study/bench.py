@@ -301,11 +301,11 @@ def studied(experiment: str, inputs: StudyInputs) -> StudyBench:
     """An experiment on a bench, ready to be repeated, with the recorder, rate and encoder of its name."""
     if recording := RECORDINGS.get(experiment.partition(", ")[2]):
         simulation = inputs.simulation
-        bench = simulation.dynamometer.model_copy(update={"rate_hz": recording.rate_hz})
-        recorder = RecorderSettings.model_validate(recording.recorder)
-        changes: dict[str, object] = {"dynamometer": bench, "recorder": recorder}
-        if recording.bits is not None:
-            encoder = Effect(enabled=True, size=recording.bits, unit="bit")
+        nodes, rate_hz, bits = recording
+        bench = simulation.dynamometer.model_copy(update={"rate_hz": float(rate_hz)})
+        changes: dict[str, object] = {"dynamometer": bench, "recorder": RecorderSettings.model_validate(nodes)}
+        if bits is not None:
+            encoder = Effect(enabled=True, size=bits, unit="bit")
             changes["effects"] = simulation.effects.model_copy(update={"joint_encoder": encoder})
         inputs = replace(inputs, simulation=simulation.model_copy(update=changes))
     ready: StudyBench = globals()[BENCH_EXPERIMENTS[experiment]](shortened(inputs))

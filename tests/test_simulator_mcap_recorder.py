@@ -16,7 +16,7 @@ from osl_analysis.simulator.mcap_writer import (
     joint_states,
     wrenches,
     write_mcap,
-    write_recording,
+    write_topics,
 )
 
 MIXED = "std_msgs/Header header\nbool flag\nfloat64 wide\nuint8 level\nfloat32 narrow # unit\n" + DEPENDENCIES
@@ -75,8 +75,8 @@ def test_a_file_is_the_one_that_the_mcap_package_writes_of_the_same_messages(tmp
         "/joint", "bench", np.round(end * rng.random(counts[0]), 1), {"a": position, "bc": position}, {}
     )
     cell = wrenches("/cell", "f", np.sort(np.round(end / 3 * rng.random(counts[1]), 1)), torque)
-    metadata = Metadata("recording", {"origin": "test"})
-    write_recording(tmp_path / "ours.mcap", [joints, cell], metadata)
+    metadata = Metadata("recording", {"origin": "simulated", "topic": "/joint, /cell", "time": "header stamp"})
+    write_topics(tmp_path / "ours.mcap", [joints, cell])
     written_by_the_mcap_package(tmp_path / "theirs.mcap", [joints, cell], metadata)
     assert (tmp_path / "ours.mcap").read_bytes() == (tmp_path / "theirs.mcap").read_bytes()
 

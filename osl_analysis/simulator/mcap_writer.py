@@ -176,16 +176,10 @@ def write_mcap(path: Path, topic: LogTopic, time: Array, columns: Mapping[str, A
 
 
 def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
-    """Write several topics, their messages in the order of their stamps. The file appears whole or not at all."""
+    """Write the messages of all topics, in the order of their stamps, after a metadata record; last the summary, its
+    offsets, and the footer with the CRC of both. The file appears whole or not at all."""
     names = ", ".join(topic.name for topic in topics)
     metadata = Metadata("recording", {"origin": "simulated", "topic": names, "time": "header stamp"})
-    with atomic_path(path) as temporary:
-        write_recording(temporary, topics, metadata)
-
-
-def write_recording(path: Path, topics: Sequence[LogTopic], metadata: Metadata) -> None:
-    """Write the messages of all topics, in the order of their stamps, after a metadata record; last the summary, its
-    offsets, and the footer with the CRC of both."""
     schemas, channels = list[McapRecord](), list[McapRecord]()
     for number, topic in enumerate(topics, 1):
         schemas.append(Schema(number, topic.schema_text.encode(), "ros2msg", topic.schema_name))
@@ -193,7 +187,7 @@ def write_recording(path: Path, topics: Sequence[LogTopic], metadata: Metadata) 
     defined = encoded(one for pair in zip(schemas, channels, strict=True) for one in pair)
     data, starts, channel = in_order_of_stamps(topics, defined)
     ends, indexes, first, begin = np.append(starts[1:], len(data)), list[ChunkIndex](), 0, 0
-    with path.open("wb") as file:
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
         head, described = MCAP0_MAGIC + encoded([Header("ros2", LIBRARY)]), encoded([metadata])
         file.write(head + described)
         while first < len(starts):

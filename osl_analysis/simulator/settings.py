@@ -113,15 +113,11 @@ class Conditions(Settings):
     directions: Annotated[tuple[RampDirection, ...], Field(min_length=1)] = ("up",)  # up: toes up, dorsiflexion
     K_d: tuple[Positive, ...] = ()  # largest desired stiffness [N*m/rad]; the whole trajectory is scaled
     B_d: tuple[NotNegative, ...] = ()  # largest desired damping [N*m*s/rad]; the whole trajectory is scaled
-    stance_phases: tuple[Annotated[float, Field(ge=0, lt=1)], ...] = ()
-    """Mean phase of stance at which the ramp is commanded. It scatters as `perturbation.stance_phase` does."""
+    stance_phases: tuple[Annotated[float, Field(ge=0, lt=1)], ...] = ()  # mean phase at which the ramp is commanded
     subjects: tuple[Subject, ...] = ()
-    sessions: Annotated[int, Field(ge=1)] = 1
-    """Number of sessions of each person. In each the markers of the leg are attached anew (`marker_placement`)."""
-    side: Literal["left", "right"] = "right"
-    """Side that the sheet states if `stated` has it. The simulated leg is the right one, whatever is stated."""
-    stated: tuple[StatedColumn, ...] = ()
-    """Columns of the sample sheet that state the condition of a crossing. Without them the sheet leaves it unsaid."""
+    sessions: Annotated[int, Field(ge=1)] = 1  # of each person, with markers attached anew (`marker_placement`)
+    side: Literal["left", "right"] = "right"  # that the sheet states; the simulated leg is the right one
+    stated: tuple[StatedColumn, ...] = ()  # columns of the sheet that state the condition of a crossing
 
 
 class SwitchedEffects(Settings):
@@ -138,8 +134,7 @@ class Effects(SwitchedEffects):
 
     friction: Ratio  # true friction over the parameter file's, which the controller cancels; off: none at all
     control_delay: Annotated[Effect, sized("update", whole=True)]
-    """Delay from a measurement to the current computed from it [updates of the controller]. With size 0 the current is
-    still held between two updates. Off: a continuous controller."""
+    """From a measurement to its current [updates of the controller]. 0: held for one update; off: continuous."""
     velocity_filter: Hertz  # low-pass over the differentiated encoder; off: the controller gets the true velocity
     actuator_encoder: AngleStep  # resolution, at the actuator's output
     joint_encoder: AngleStep  # resolution
@@ -274,10 +269,10 @@ class NodeSettings(Settings):
 
     rate: Hertz = off("Hz", 1.0)  # off: dynamometer.rate_hz
     phase: Seconds = off("s")  # how much later than the other node it takes each sample; the stamps say so
-    jitter: Annotated[Scatter, sized("s")] = off("s")
-    """True jitter: each sample is taken so much off the even instant. The stamps are those of the samples."""
-    latency: Annotated[Scatter, sized("s")] = off("s")
-    """False jitter: samples are taken at even instants, and the host stamps each so much later."""
+    jitter: Annotated[Scatter, sized("s")] = off("s")  # true: samples are taken off the even instants, and stamped so
+    latency: Annotated[Scatter, sized("s")] = off(
+        "s"
+    )  # false: samples are even, and the host stamps each so much later
     clock_offset: Annotated[SignedEffect, sized("s")] = off("s")  # what the node's clock shows when the bench's shows 0
     clock_drift: Annotated[SignedEffect, sized("ppm")] = off("ppm")  # how much faster than the bench's it runs
     decimals: Annotated[Effect, sized("decimal", whole=True)] = off("decimal")  # of stamps in s
@@ -299,12 +294,10 @@ class SensorSettings(Settings):
 
     low_pass: Annotated[LowPassEffect, sized("Hz", above_0=True)] = off("Hz", 1)
     delay: Seconds = off("s")  # how old a value is at the instant at which it is sampled
-    clipping: Annotated[Effect, sized("N*m", "rad", "A", above_0=True)] = off("N*m", 1.0)
-    """Largest value in size that the sensor gives, noise and offset included."""
+    clipping: Annotated[Effect, sized("N*m", "rad", "A", above_0=True)] = off("N*m", 1)  # largest value in size
     adc: Annotated[Effect, sized("bit", whole=True)] = off("bit")  # from minus to plus `clipping`
     failed: ShareEffect = off("1")  # share of the readings that fail, at drawn places: the log has NaN there
-    gain: Annotated[SignedEffect, sized("1")] = off("1", 1)
-    """What the recorder multiplies a value with by mistake: a wrong unit or sign."""
+    gain: Annotated[SignedEffect, sized("1")] = off("1", 1)  # of the recorder by mistake: a wrong unit or sign
 
     @model_validator(mode="after")
     def _converter_has_a_range(self) -> Self:
@@ -340,8 +333,7 @@ class Excitation(Settings):
     duration_s: Positive = 60.0  # at full size; of a multisine see `periods`
     period_s: Positive = 8.0  # of a multisine
     periods: Annotated[int, Field(ge=1, le=1000)] = 5  # of each realisation of a multisine
-    realisations: Annotated[int, Field(ge=1, le=100)] = 1
-    """Motions in one recording, one after the other with a rest between, each of other random numbers."""
+    realisations: Annotated[int, Field(ge=1, le=100)] = 1  # motions in one recording, each of other random numbers
     trials: Annotated[int, Field(ge=1, le=1000)] = 1
     clock_s: Positive = 0.1  # between two changes of a binary sequence, or of the velocity of ramps
     smoothing_hz: Positive | None = None  # cut-off of the low-pass over a binary sequence; null: it jumps

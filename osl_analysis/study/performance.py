@@ -1,7 +1,5 @@
 """How well the estimates of the study do: the performance of each estimator, and the table of docs/study.md."""
 
-from dataclasses import asdict, dataclass
-
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
@@ -9,39 +7,29 @@ from numpy.typing import NDArray
 from osl_analysis.trial import Array
 
 
-@dataclass(frozen=True)
-class Performance:
-    """Performance of an estimator over n simulated trials. Names in `_mc` are Monte Carlo standard errors."""
+def performance(error: Array, se: Array, covered: NDArray[np.bool_], bound: Array) -> dict[str, float]:
+    """Performance of an estimator over n trials, from errors about the truth, stated standard errors, whether the 95 %
+    interval contains the truth, and the smallest possible standard errors, shape (n,) each.
 
-    n: int
-    bias: float  # mean error divided by the standard deviation of the estimates
-    bias_mc: float
-    rmse: float  # root mean square error, in the unit of the estimate
-    rmse_over_bound: float  # divided by the Cramer-Rao bound
-    rmse_over_bound_mc: float
-    se_over_sd: float  # stated standard error (root mean square) over the standard deviation of the estimates
-    coverage: float  # share of the 95 % intervals that contain the truth
-    coverage_mc: float
-
-
-def performance(error: Array, se: Array, covered: NDArray[np.bool_], bound: Array) -> Performance:
-    """Performance from errors about the truth, stated standard errors, coverage and bounds, shape (n,) each. `covered`
-    says whether the interval contains the truth. `bound` is the smallest possible standard error."""
+    bias: mean error over the standard deviation of the estimates. rmse: root mean square error, also over the bound.
+    se_over_sd: stated standard error (root mean square) over the standard deviation. coverage: share of the intervals
+    that contain the truth. Names in `_mc` are Monte Carlo standard errors.
+    """
     n, sd = len(error), float(np.std(error, ddof=1))
     ratio = float(np.sqrt(np.mean((error / bound) ** 2)))
     kurtosis = float(np.mean(error**4) / np.mean(error**2) ** 2)
     share = (float(np.sum(covered)) + 2) / (n + 4)  # Agresti and Coull: no error of zero where all are covered
-    return Performance(
-        n=n,
-        bias=float(np.mean(error)) / sd,
-        bias_mc=1 / float(np.sqrt(n)),
-        rmse=float(np.sqrt(np.mean(error**2))),
-        rmse_over_bound=ratio,
-        rmse_over_bound_mc=ratio * float(np.sqrt(max(kurtosis - 1, 0.0) / (4 * n))),
-        se_over_sd=float(np.sqrt(np.mean(se**2))) / sd,
-        coverage=float(np.mean(covered)),
-        coverage_mc=float(np.sqrt(share * (1 - share) / (n + 4))),
-    )
+    return {
+        "n": n,
+        "bias": float(np.mean(error)) / sd,
+        "bias_mc": 1 / float(np.sqrt(n)),
+        "rmse": float(np.sqrt(np.mean(error**2))),
+        "rmse_over_bound": ratio,
+        "rmse_over_bound_mc": ratio * float(np.sqrt(max(kurtosis - 1, 0.0) / (4 * n))),
+        "se_over_sd": float(np.sqrt(np.mean(se**2))) / sd,
+        "coverage": float(np.mean(covered)),
+        "coverage_mc": float(np.sqrt(share * (1 - share) / (n + 4))),
+    }
 
 
 def performance_table(estimates: pl.DataFrame) -> pl.DataFrame:
@@ -57,7 +45,7 @@ def performance_table(estimates: pl.DataFrame) -> pl.DataFrame:
             "model_coverage": float(np.mean((low <= model_truth) & (model_truth <= high))),
             "model_error": group["model_error"].cast(pl.Float64).mean(),
         }
-        rows.append({**dict(zip(keys, key, strict=True)), **asdict(judged), **model})
+        rows.append({**dict(zip(keys, key, strict=True)), **judged, **model})
     return pl.DataFrame(rows, infer_schema_length=None).fill_nan(None)
 
 

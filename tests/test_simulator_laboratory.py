@@ -17,7 +17,7 @@ from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.simulator import step as gait
-from osl_analysis.simulator.crossing import impedance_of_leg, motion_grid, simulate_walking_trial
+from osl_analysis.simulator.crossing import impedance_of_leg, motion_grid
 from osl_analysis.simulator.plan import condition_of, plan_trials
 from osl_analysis.simulator.rigid_body import Pose, RigidBody, rotation_about
 from osl_analysis.simulator.settings import Conditions, Subject
@@ -580,13 +580,6 @@ def test_the_late_plate_lags_by_half_a_millisecond(shipped, tmp_path):
     prompt = shipped.lacking("plate_lag", *off).record(tmp_path / "prompt", PERTURBED)["analogs"][0, 2]
     slope = np.gradient(prompt, 1 / 1500)
     assert slope @ (prompt - late) / (slope @ slope) == pytest.approx(0.5e-3, rel=0.01)
-
-
-def test_an_experiment_of_the_bench_is_refused(shipped, tmp_path):
-    with pytest.raises(InputError, match=r"belt_01.*'belt'.*walking, plate or static"):
-        simulate_walking_trial(
-            {"trial": "belt_01", "experiment": "belt"}, shipped.settings, shipped.walking, shipped.p, tmp_path
-        )
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ from osl_analysis.study import (
     study_batches,
 )
 from osl_analysis.study import walking as study_of_walking
-from osl_analysis.study.bench import actuator, regression_bound, studied, study_rows
+from osl_analysis.study.bench import regression_bound, studied, study_rows
 from osl_analysis.study.performance import performance, study_page
 from osl_analysis.table import read_table
 from osl_analysis.walking.settings import WalkingAnalysis
@@ -169,7 +169,7 @@ def test_the_page_has_a_line_for_each_interval_and_names_what_covers_too_little(
 def test_an_actuator_without_a_schedule_is_refused():
     without = inputs().simulation.model_copy(update={"actuator": None})
     with pytest.raises(InputError, match="no 'actuator' schedule"):
-        actuator(replace(inputs(), simulation=without))
+        studied("actuator", replace(inputs(), simulation=without))
 
 
 def batch(experiment, first, count, output, **changes):

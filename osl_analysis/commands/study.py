@@ -51,7 +51,7 @@ def study_inputs(
         assert isinstance(found, FitTables)
         return found
 
-    analysis: dict[str, DynamometerAnalysis | ActuatorAnalysis] = {
+    analysis = {
         "dynamometer": dynamometer,
         "actuator": actuator_analysis,
     }

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from osl_analysis.config.parameters import DrivetrainParameters
-from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import check_request, stiffness_gain
 from osl_analysis.model.gain_selection import Weight, optimal_damping
 from osl_analysis.simulator import step as gait
@@ -302,7 +301,7 @@ def simulate_walking_trial(
         facts |= found | {"leg_clock": {"offset_s": clock[0], "drift": clock[1]}}
         facts |= impedance_of_leg(walked, unperturbed)
         scene = scene_of(walked, walking, seed)
-    elif row["experiment"] in ("plate", "static"):
+    else:
         if row["experiment"] == "plate":
             platform = gait.unloaded_platform(time, trial, seed, walking, condition)
             nothing = np.zeros((len(time), 3))
@@ -320,11 +319,6 @@ def simulate_walking_trial(
         centre = platform.pose.point(np.array(walking.plate.centre_m))
         curves = {"time": time, "platform_angle": platform.angle} | components("plate_centre", centre)
         facts |= {"command_s": platform.command, "onset_s": platform.onset}
-    else:
-        raise InputError(
-            f"trial {trial}: experiment '{row['experiment']}' is not one of the gait laboratory; "
-            "use walking, plate or static"
-        )
     every = walking.rates.motion_hz // walking.rates.analogs_hz
     facts |= {"effects": settings.effects.model_dump(), "gait_laboratory": walking.model_dump(mode="json")}
     write_truth(folder, trial, facts, {name: curve[::every] for name, curve in curves.items()})

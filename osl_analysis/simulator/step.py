@@ -106,11 +106,11 @@ def ankle_path(c: Array, stride: float) -> Array:
 
 def drawn_change(trial: str, seed: int, perturbed: bool, changes: Iterable[StepChange]) -> StepChange:
     """All changes of one crossing in one: factors multiply, the rest adds up."""
-    found = [
-        change
-        for i, change in enumerate(changes)
-        if change.concerns(trial, perturbed) and stream(seed, trial, f"change{i}").random() < change.share
-    ]
+    found, kinds = [], ("all", "perturbed" if perturbed else "unperturbed")
+    for i, one in enumerate(changes):
+        concerned = trial in one.of if isinstance(one.of, tuple) else one.of in kinds
+        if concerned and stream(seed, trial, f"change{i}").random() < one.share:
+            found.append(one)
     fields = {name: math.prod(getattr(c, name) for c in found) for name in ("load", "amplitude")}
     for name in ("slower_percent", "after_window_percent", "second_foot_percent", "overhang_mm"):
         fields[name] = sum(getattr(c, name) for c in found)

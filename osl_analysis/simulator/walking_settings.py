@@ -57,12 +57,6 @@ class StepChange(Settings):
     second_foot_percent: NotNegative = 0.0  # largest load [% of body weight] of the other foot, at mid-stance
     overhang_mm: Annotated[float, Field(ge=0, lt=90)] = 0.0  # of the foot's 90 mm, carried by the floor beside
 
-    def concerns(self, trial: str, perturbed: bool) -> bool:
-        """Whether a crossing can have the change."""
-        if isinstance(self.of, tuple):
-            return trial in self.of
-        return self.of == "all" or (self.of == "perturbed") == perturbed
-
 
 Percentage = Annotated[Effect, sized("%")]
 Millimetres = Annotated[Effect, sized("mm")]

@@ -30,19 +30,19 @@ RECORDINGS: Mapping[str, tuple[Mapping[str, Any], float, int | None]] = {
 }
 """Recordings of the joint that is exactly Eq. 15, each an experiment of its own: the recorder's nodes, as in a
 simulation's settings; the bench's rate [Hz]; and the bits of the joint's encoder, None for those of the campaign."""
-BENCH_EXPERIMENTS = {
-    "second order": "second_order",
-    **{f"second order, {name}": "second_order" for name in RECORDINGS},
-    "linear drivetrain": "linear_drivetrain",
-    "drivetrain": "drivetrain",
-    "frequency response": "response_bench",
-    "transmission": "transmission",
-    "repeated transmission": "repeated_transmission",
-    "belt": "belt",
-    "repeated belt": "repeated_belt",
-    "actuator": "actuator",
-}
-"""Experiments on a bench, each with the function of `study/bench.py` that turns the study's inputs into it."""
+BENCH_EXPERIMENTS = (
+    "second order",
+    *(f"second order, {name}" for name in RECORDINGS),
+    "linear drivetrain",
+    "drivetrain",
+    "frequency response",
+    "transmission",
+    "repeated transmission",
+    "belt",
+    "repeated belt",
+    "actuator",
+)
+"""Experiments on a bench, which `study/bench.py` prepares."""
 REPEATED = {"repeated transmission": 20, "repeated belt": 20}
 """Experiments on a bench whose estimate is a mean over the trials of a campaign, and how many means one job takes."""
 WALKING_EXPERIMENTS = {"walking": ("campaigns", 10), "walking recorded": ("recorded", 5)}

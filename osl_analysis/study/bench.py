@@ -11,7 +11,6 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.analysis import FitTables
-from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.config.configuration import StudySettings
 from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
@@ -22,7 +21,7 @@ from osl_analysis.simulator.recorder import BenchLog, TrueSignal, recording_of
 from osl_analysis.simulator.settings import Effect, RecorderSettings, SecondOrderJoint, SimulationSettings, stream
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.repeats import over_repeats
-from osl_analysis.study import BENCH_EXPERIMENTS, RECORDINGS
+from osl_analysis.study import RECORDINGS
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.settings import WalkingAnalysis
 
@@ -49,17 +48,11 @@ class StudyInputs:
     simulation: SimulationSettings
     gait: WalkingSettings | None  # the simulated gait laboratory; None where the simulation has none
     p: DrivetrainParameters  # that make the trials
-    analysis: Mapping[str, DynamometerAnalysis | ActuatorAnalysis]  # by section of the configuration
+    analysis: Mapping[str, Any]  # settings of the fits, by section of the configuration
     walking: WalkingAnalysis
     sources: Path  # folder of the source files
     fit: Callable[[str, Trial, Mapping[str, Any]], FitTables]
     """The fit of a trial of an experiment, as a campaign, the command line and notebooks have it, by these settings."""
-
-    @property
-    def dynamometer(self) -> DynamometerAnalysis:
-        found = self.analysis["dynamometer"]
-        assert isinstance(found, DynamometerAnalysis)
-        return found
 
 
 def recorded_trial(name: str, log: BenchLog) -> Trial:
@@ -193,12 +186,11 @@ class StudyBench:
 def prepared(
     inputs: StudyInputs,
     experiment: str,
-    names: tuple[str, ...],
     exact: Mapping[str, float],
-    theory: Mapping[str, float] | None = None,
+    theory: Mapping[str, float],
     gains: Gains | None = None,
 ) -> StudyBench:
-    """A bench whose trials are of an experiment of a campaign. Theory is the exact parameters unless it says else."""
+    """A bench whose trials are of an experiment of a campaign."""
     motion, signals = true_signals({"trial": "study", "experiment": experiment}, inputs.simulation, inputs.p, gains)
     one = np.ones_like(motion.theta)
     if experiment == "belt":
@@ -214,102 +206,73 @@ def prepared(
         columns |= {"B_m": -motion.omega, "J_m": -motion.alpha, "offset": one, "drift": late}
     if experiment != "actuator":
         signals.pop("motor_current")
-    return StudyBench(inputs, experiment, signals, columns, names, exact, exact if theory is None else theory)
-
-
-def second_order(inputs: StudyInputs) -> StudyBench:
-    """A joint that is exactly Eq. 15."""
-    exact = {"K": inputs.study.K_d, "B": inputs.study.B_d, "I": inputs.study.I}
-    joint = inputs.simulation.model_copy(update={"joint": SecondOrderJoint.model_validate(exact)})
-    return prepared(replace(inputs, simulation=joint), "impedance", STUDIED_QUANTITIES, exact)
-
-
-def drivetrain(inputs: StudyInputs) -> StudyBench:
-    """The joint of a compensated controller, with every effect of the simulation settings."""
-    gains = compensated_gains(inputs.study.K_d, inputs.study.B_d, inputs.p)
-    predicted = predicted_impedance(gains, inputs.p, inputs.dynamometer.frequencies_hz)
-    theory = dict(zip(STUDIED_QUANTITIES, predicted, strict=True))
-    return prepared(inputs, "impedance", STUDIED_QUANTITIES, {}, theory, gains)
-
-
-def linear_drivetrain(inputs: StudyInputs) -> StudyBench:
-    """The joint of a compensated controller, without friction and hysteresis."""
-    effects = inputs.simulation.effects.without("friction", "belt_hysteresis")
-    return drivetrain(replace(inputs, simulation=inputs.simulation.model_copy(update={"effects": effects})))
-
-
-def response_bench(inputs: StudyInputs) -> StudyBench:
-    """Angle and torque of the compensated drivetrain at the first of the study's amplitudes. A drivetrain with friction
-    has no exact value, and linear theory does not describe it."""
-    single = inputs.study.model_copy(update={"amplitudes_deg": inputs.study.amplitudes_deg[:1]})
-    return replace(drivetrain(shortened(replace(inputs, study=single))), response=True, theory={})
-
-
-def transmission(inputs: StudyInputs) -> StudyBench:
-    """The joint with the motor detached."""
-    return prepared(inputs, "transmission", ("B_j", "J_j"), {"B_j": inputs.p.B_j, "J_j": inputs.p.J_j})
-
-
-def repeated_transmission(inputs: StudyInputs) -> StudyBench:
-    """The campaign's transmission trials. They differ in their noise alone."""
-    return replace(transmission(inputs), repeats=inputs.simulation.experiments.transmission)
-
-
-def belt(inputs: StudyInputs) -> StudyBench:
-    """The belt of a locked actuator, with its hysteresis. K_s is the slope while loading."""
-    return prepared(inputs, "belt", ("K_s",), {"K_s": inputs.p.K_s})
-
-
-def repeated_belt(inputs: StudyInputs) -> StudyBench:
-    """The campaign's belt trials. K_s scatters from trial to trial."""
-    scatter, seed = inputs.simulation.effects.belt_scatter.value, inputs.simulation.seed
-
-    def scattered(trial: str) -> StudyBench:
-        ratio = 1 + scatter * stream(seed, trial, "belt_scatter").standard_normal()
-        return belt(replace(inputs, p=replace(inputs.p, K_s=inputs.p.K_s * float(ratio))))
-
-    count, deviation = inputs.simulation.experiments.belt, {"K_s": inputs.p.K_s * scatter}
-    return replace(belt(inputs), repeats=count, scatter=deviation, own=scattered)
-
-
-def actuator(inputs: StudyInputs) -> StudyBench:
-    """The campaign's schedule, with every effect of the simulation settings, its friction too."""
-    if inputs.simulation.actuator is None:
-        raise InputError(
-            f"{inputs.study.simulation}: has no 'actuator' schedule, which the study needs; add one as in "
-            "config/simulation/default.yaml"
-        )
-    friction = inputs.simulation.effects.friction.value
-    p = replace(inputs.p, f_C=friction * inputs.p.f_C, f_G=friction * inputs.p.f_G)
-    exact = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": p.f_C, "f_G": p.f_G, "B_m": p.B_m, "J_m": p.J_m}
-    return prepared(replace(inputs, p=p), "actuator", tuple(exact), exact)
-
-
-def shortened(inputs: StudyInputs) -> StudyInputs:
-    """The inputs with the study's short protocol, simulated and expected."""
-    study, analysis = inputs.study, inputs.dynamometer
-    short = {"cycles": study.cycles, "amplitudes_deg": study.amplitudes_deg, "frequencies_hz": analysis.frequencies_hz}
-    schedule = inputs.simulation.protocol.model_copy(update=short)
-    return replace(
-        inputs,
-        simulation=inputs.simulation.model_copy(update={"protocol": schedule}),
-        analysis={**inputs.analysis, "dynamometer": analysis.model_copy(update=short)},
-    )
+    return StudyBench(inputs, experiment, signals, columns, tuple(theory), exact, theory)
 
 
 def studied(experiment: str, inputs: StudyInputs) -> StudyBench:
-    """An experiment on a bench, ready to be repeated, with the recorder, rate and encoder of its name."""
-    if recording := RECORDINGS.get(experiment.partition(", ")[2]):
-        simulation = inputs.simulation
-        nodes, rate_hz, bits = recording
-        bench = simulation.dynamometer.model_copy(update={"rate_hz": float(rate_hz)})
-        changes: dict[str, object] = {"dynamometer": bench, "recorder": RecorderSettings.model_validate(nodes)}
+    """An experiment on a bench, ready to be repeated: with the study's short protocol, simulated and expected, and the
+    recorder, rate and encoder of its name.
+
+    `second order` is a joint that is exactly Eq. 15, `drivetrain` that of a compensated controller with every effect of
+    the simulation settings (`linear` without friction and hysteresis), and `frequency response` its angle and torque at
+    the first of the study's amplitudes: it has no exact value, and linear theory does not describe it. `repeated` is
+    the mean over the trials of a campaign, of which belts scatter in K_s.
+    """
+    kind, _, recording = experiment.partition(", ")
+    study, p, analysis, simulation = inputs.study, inputs.p, inputs.analysis["dynamometer"], inputs.simulation
+    amplitudes = study.amplitudes_deg[:1] if kind == "frequency response" else study.amplitudes_deg
+    short = {"cycles": study.cycles, "amplitudes_deg": amplitudes, "frequencies_hz": analysis.frequencies_hz}
+    changes: dict[str, object] = {"protocol": simulation.protocol.model_copy(update=short)}
+    if recording:
+        nodes, rate_hz, bits = RECORDINGS[recording]
+        changes["dynamometer"] = simulation.dynamometer.model_copy(update={"rate_hz": float(rate_hz)})
+        changes["recorder"] = RecorderSettings.model_validate(nodes)
         if bits is not None:
             encoder = Effect(enabled=True, size=bits, unit="bit")
             changes["effects"] = simulation.effects.model_copy(update={"joint_encoder": encoder})
-        inputs = replace(inputs, simulation=simulation.model_copy(update=changes))
-    ready: StudyBench = globals()[BENCH_EXPERIMENTS[experiment]](shortened(inputs))
-    return ready
+    if kind == "linear drivetrain":
+        changes["effects"] = simulation.effects.without("friction", "belt_hysteresis")
+    exact = {"K": study.K_d, "B": study.B_d, "I": study.I}
+    if kind == "second order":
+        changes["joint"] = SecondOrderJoint.model_validate(exact)
+    simulation = simulation.model_copy(update=changes)
+    sections = {**inputs.analysis, "dynamometer": analysis.model_copy(update=short)}
+    inputs = replace(inputs, simulation=simulation, analysis=sections)
+    if kind == "second order":
+        return prepared(inputs, "impedance", exact, exact)
+    if kind in ("linear drivetrain", "drivetrain", "frequency response"):
+        gains = compensated_gains(study.K_d, study.B_d, p)
+        predicted = predicted_impedance(gains, p, analysis.frequencies_hz)
+        found = prepared(inputs, "impedance", {}, dict(zip(STUDIED_QUANTITIES, predicted, strict=True)), gains)
+        return replace(found, response=True, theory={}) if kind == "frequency response" else found
+    if kind == "actuator":
+        if simulation.actuator is None:
+            raise InputError(
+                f"{study.simulation}: has no 'actuator' schedule, which the study needs; add one as in "
+                "config/simulation/default.yaml"
+            )
+        friction = simulation.effects.friction.value
+        p = replace(p, f_C=friction * p.f_C, f_G=friction * p.f_G)
+        exact = {"k_tau_n_m": p.k_tau * p.n_m, "f_C": p.f_C, "f_G": p.f_G, "B_m": p.B_m, "J_m": p.J_m}
+        return prepared(replace(inputs, p=p), "actuator", exact, exact)
+    if kind.endswith("transmission"):
+        exact, repeats = {"B_j": p.B_j, "J_j": p.J_j}, simulation.experiments.transmission
+        found = prepared(inputs, "transmission", exact, exact)
+        return replace(found, repeats=repeats) if kind.startswith("repeated") else found
+
+    def belt(stiffness: float) -> StudyBench:
+        return prepared(replace(inputs, p=replace(p, K_s=stiffness)), "belt", {"K_s": stiffness}, {"K_s": stiffness})
+
+    if not kind.startswith("repeated"):
+        return belt(p.K_s)
+    scatter = simulation.effects.belt_scatter.value
+
+    def scattered(trial: str) -> StudyBench:
+        draw = stream(simulation.seed, trial, "belt_scatter").standard_normal()
+        return belt(p.K_s * float(1 + scatter * draw))
+
+    deviation = {"K_s": p.K_s * scatter}
+    return replace(belt(p.K_s), repeats=simulation.experiments.belt, scatter=deviation, own=scattered)
 
 
 def study_rows(bench: StudyBench, trials: Sequence[str]) -> list[StudyRow]:

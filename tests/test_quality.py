@@ -13,12 +13,9 @@ import yaml
 from c3d_builder import REAL_DATA
 from conftest import ROOT
 
-from osl_analysis.bench.components import actuator_trial, belt_trial
-from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.config.campaign import check_campaign, open_campaign
 from osl_analysis.config.configuration import campaign_config, read_section
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.judge.recording import CHECKS, examine, quality_table, validate_rules
@@ -228,20 +225,6 @@ def test_the_torque_of_every_experiment_is_checked_for_rails_and_for_standing_st
     assert (dead["stuck"].remark, railed["saturation"].remark) == (torque, torque)
     if experiment == "actuator":
         assert [failed(f) for f in (results(sound, "actuator"), railed, dead)] == [set(), {"saturation"}, {"stuck"}]
-
-
-@pytest.mark.parametrize("level", [0.0, 3.0])
-def test_the_fits_of_belt_and_actuator_refuse_a_dead_load_cell_by_trial_and_channel(
-    level: float, parameters: DrivetrainParameters
-) -> None:
-    time = np.arange(3000) / RATE
-    moved, dead = 0.0873 * np.sin(np.pi * time / 3), np.full(3000, level)
-    belt = pl.DataFrame({"time": time, "theta": moved, "theta_m": 0.0, "torque": dead})
-    with pytest.raises(InputError, match=f"trial made: torque stays at {level:g} throughout; check its sensor"):
-        belt_trial(Trial("made", belt), parameters, read_section(CONFIG, "dynamometer", DynamometerAnalysis))
-    actuator = pl.DataFrame({"time": time, "theta_m": 9 * moved, "current": moved, "torque_m": dead})
-    with pytest.raises(InputError, match=f"trial made: torque_m stays at {level:g} throughout; check its sensor"):
-        actuator_trial(Trial("made", actuator), read_section(CONFIG, "actuator", ActuatorAnalysis))
 
 
 def test_the_rest_of_a_load_cell_ends_where_the_joint_first_moves_also_on_a_node_of_its_own() -> None:

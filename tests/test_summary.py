@@ -147,11 +147,12 @@ def test_doubtful_fits_are_counted_by_table_and_rows_without_a_fit_are_none():
     assert (found["doubtful_impedance"].value, found["doubtful_impedance"].n) == (2, 6)
     assert (found["doubtful_walking"].value, found["doubtful_walking"].n) == (0, 2)
     assert "doubtful_belt" not in found
-    said = format_results_table(written(found.values()))
-    assert "| doubtful trials in impedance.csv, whose column says why | 2 trials |  | 6 |  |" in said
-
-
-def test_a_table_that_shares_the_doubts_of_another_counts_trials_with_a_cause_of_their_own():
+    lines = format_results_table(written(found.values())).splitlines()
+    assert "| doubtful trials in impedance.csv, whose column says why | 2 trials |  | 6 |  |" in lines
+    interval = "679.3 to 693.1, 95 % of the mean (Student)"
+    assert f"| belt stiffness while loading, mean of trials | 686.2 N*m/rad | {interval} | 10 | 685.6 |" in lines
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines[2:] if line.startswith("|")} == {6}
+    # a table that shares the doubts of another counts trials with a cause of their own
     shared, own = "impedance.csv: friction: x", "distorted motion: x"
     phasors = {"trial": ["a", "a", "b"], "doubtful": [shared, "friction: y", f"{own}; {shared}"]}
     fits = pl.DataFrame({"trial": ["a", "b"], "doubtful": ["friction: x"] * 2})
@@ -301,18 +302,6 @@ def test_a_missing_or_broken_summary_is_refused(tmp_path, content, message):
         (tmp_path / "summary.json").write_text(content)
     with pytest.raises(InputError, match=message):
         read_summary(tmp_path / "summary.json")
-
-
-def test_the_table_for_people_has_a_row_per_number_and_no_stray_bars():
-    table = format_results_table(written(headline_numbers(all_tables())))
-    lines = table.splitlines()
-    assert lines[0].startswith("Simulated data: campaign made, osl-analysis 1.2.3, configuration 0a1b2c3d, made with")
-    lines = lines[2:]
-    numbers = [h for h in headline_numbers(all_tables()) if not h.name.startswith("doubtful_") or h.value]
-    assert len(lines) == 2 + len(numbers)
-    assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {6}
-    interval = "679.3 to 693.1, 95 % of the mean (Student)"
-    assert f"| belt stiffness while loading, mean of trials | 686.2 N*m/rad | {interval} | 10 | 685.6 |" in lines
 
 
 def test_headline_means_say_how_many_doubtful_trials_they_leave_out_or_contain():

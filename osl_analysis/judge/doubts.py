@@ -82,16 +82,7 @@ def shown(name: str, value: float, row: AnyRow) -> str:
 
 def known_factor(ratio: float) -> str:
     """The factor between two units that may make a number `ratio` times too large, in words; empty if none is near."""
-    factors = {
-        "between peak and RMS current": math.sqrt(2),
-        "between lbf*ft and N*m": 1.3558,
-        "between lbf and N": 4.4482,
-        "between lbf*in and N*m": 8.8507,
-        "between kgf*m and N*m": 9.8067,
-        "between degrees and radians": 180 / math.pi,
-        "between N*cm and N*m": 100.0,
-        "between N*mm and N*m, or mA and A": 1000.0,
-    }
+    factors: Mapping[str, float] = TABLE["factors"]
     size = max(abs(ratio), 1 / abs(ratio)) if ratio else math.inf
     name = min(factors, key=lambda known: abs(math.log(size / factors[known])))
     return f"{factors[name]:.3g} is the factor {name}" if abs(size / factors[name] - 1) < 0.08 else ""
@@ -228,19 +219,7 @@ OF_INERTIA = (
     "whether {} is an inertia: it is certainly negative, as no mass is, because a drivetrain behind its gains, or a "
     "torque that is late, takes more off it than the joint has, use the other estimates"
 )
-EFFECTS = {
-    "T_C": "Coulomb friction of {} N*m",
-    "T_G": "friction that grows with the angle, by {} N*m per rad",
-    "hysteresis": "friction of {} N*m that gives way like a spring before it slides, over 5 % of the motion",
-    "hysteresis_2": "friction of {} N*m that gives way like a spring before it slides, over 15 % of the motion",
-    "hysteresis_3": "friction of {} N*m that gives way like a spring before it slides, over 40 % of the motion",
-    "cubic": "a spring whose torque grows faster than the angle, by {} N*m/rad^3 times its cube",
-    "gap": "play, which takes {} N*m off the torque",
-    "linear": "{} times the torque of the drivetrain with its gains, beside K, B and I",
-    "lag_s": "a torque that is late by {} s",
-    "K_change": "a stiffness that changes by {} N*m/rad while the trial is recorded",
-}
-"""What an effect of `bench.effects` is, with its size, for the column `explained_by`."""
+EFFECTS: Mapping[str, str] = TABLE["effects"]  # what an effect of `bench.effects` is, for the column `explained_by`
 
 
 def sized(row: AnyRow) -> str | None:

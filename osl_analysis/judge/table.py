@@ -88,8 +88,8 @@ class Judgement:
         return not (value >= limit - slack if self.fails == "below" else value <= limit + slack)
 
 
-TABLE: dict[str, dict[str, dict[str, Any]]] = read_mapping(Path(__file__).with_suffix(".yaml"))
-"""The words of the table: `checks` of recordings, `columns` of result tables, and the `causes` of these."""
+TABLE: dict[str, dict[str, Any]] = read_mapping(Path(__file__).with_suffix(".yaml"))
+"""The words of the table: `checks` of recordings, `columns` of result tables with their `causes`, and others."""
 
 
 class Rule(Settings):

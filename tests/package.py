@@ -25,13 +25,7 @@ use rule * from osl as osl_*
 
 
 def call(*arguments: object, folder: Path = ROOT, exit_code: int = 0) -> str:
-    """Run a command as a stranger does, without a trace of this project's environment; its output.
-
-    Raises
-    ------
-    SystemExit
-        It ended with another exit code.
-    """
+    """Run a command as a stranger does, without a trace of this project's environment; its output."""
     clean = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "VIRTUAL_ENV"))}
     done = subprocess.run([*map(str, arguments)], cwd=folder, env=clean, text=True, capture_output=True, check=False)
     if done.returncode != exit_code:
@@ -72,23 +66,11 @@ def check_campaigns(commands: Path, folder: Path) -> None:
     assert "stiffness" in call(osl, "results", folder=made)
     again = call(osl, "run", folder=made)
     assert "Nothing to be done" in again, again
-    snakefile = call(
-        commands / "python",
-        "-c",
-        "from osl_analysis.files import shipped; print(shipped('Snakefile'))",
-        folder=folder,
-    )
+    code = "from osl_analysis.files import shipped; print(shipped('Snakefile'))"
+    snakefile = call(commands / "python", "-c", code, folder=folder)
     (made / "Snakefile").write_text(MODULE.format(snakefile=snakefile.strip()), encoding="utf-8")
-    planned = call(
-        commands / "snakemake",
-        "results/figures/fig3.pdf",
-        "--cores",
-        "1",
-        "--dry-run",
-        "--forcerun",
-        "osl_ingest",
-        folder=made,
-    )
+    again = ("--cores", "1", "--dry-run", "--forcerun", "osl_ingest")
+    planned = call(commands / "snakemake", "results/figures/fig3.pdf", *again, folder=made)
     assert "osl_ingest" in planned, planned
     assert "no campaign here" in call(osl, "run", folder=folder, exit_code=1)
     assert "nothing is overwritten" in call(osl, "init", "Übungs Kampagne", folder=folder, exit_code=1)

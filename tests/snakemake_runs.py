@@ -1,8 +1,7 @@
 """A small campaign for the tests, and runs of Snakemake, in processes forked from one with the imports of every run.
 
-A run that starts Python anew takes 3 s more, and the tests run Snakemake some forty times. Their jobs have one server,
-for all runs. The first run of the campaign, and those that need another start, are started
-as a user starts them.
+A run that starts Python anew takes 3 s more. Their jobs have one server, for all runs. The first run of the campaign,
+and those that need another start, are started as a user starts them.
 """
 
 import atexit

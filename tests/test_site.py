@@ -16,13 +16,9 @@ PAGE = "<html><body><h1 id='top'>{title}</h1><a href='{link}'>a</a>{more}</body>
 def site():
     """The modules of the site."""
     sys.path.insert(0, str(ROOT / "docs/site"))
-    try:
-        import check
-        import commands
-        import pages
-    finally:
-        sys.path.pop(0)
-    return {"check": check, "commands": commands, "pages": pages}
+    found = {name: import_module(name) for name in ("check", "commands", "pages")}
+    sys.path.pop(0)
+    return found
 
 
 @pytest.mark.parametrize(
@@ -49,10 +45,8 @@ def test_a_page_without_a_link_to_it_and_a_font_of_a_network_are_found(site, tmp
     (tmp_path / "index.html").write_text(PAGE.format(title="first", link="#top", more=""))
     (tmp_path / "lonely.html").write_text(PAGE.format(title="second", link="lonely.html", more=""))
     (tmp_path / "site.css").write_text("@font-face { src: url('https://fonts.example/x.woff'); }")
-    assert list(site["check"].faults(tmp_path)) == [
-        "lonely.html: no link leads to this page",
-        "site.css: loads something from a network",
-    ]
+    said = ["lonely.html: no link leads to this page", "site.css: loads something from a network"]
+    assert list(site["check"].faults(tmp_path)) == said
 
 
 def test_the_page_of_the_command_line_has_every_command_and_option(site):

@@ -94,10 +94,9 @@ def step(command: str, output, log: str = "", name: str = "", **constraints):
     arguments with which `command` takes them; texts are below the results. `log` is below the logs, without suffix, and
     that of the output where it is not given. The parts may name another `command`.
     """
-    files = output if isinstance(output, list) else [] if isinstance(output, dict) else [output]
-    files = [RESULTS / file if isinstance(file, str) else file for file in files]
-    named = output if isinstance(output, dict) else {}
-    named = {key: RESULTS / file if isinstance(file, str) else file for key, file in named.items()}
+    placed = lambda file: RESULTS / file if isinstance(file, str) else file
+    named = {key: placed(file) for key, file in output.items()} if isinstance(output, dict) else {}
+    files = [] if named else [placed(file) for file in (output if isinstance(output, list) else [output])]
 
     def made(parts) -> None:
         rule_name = name or parts.__name__
@@ -105,8 +104,7 @@ def step(command: str, output, log: str = "", name: str = "", **constraints):
         def job(wildcards) -> dict[str, object]:
             return REQUESTS.job(getattr(rules, rule_name), wildcards, **{"command": command, **parts(wildcards)})
 
-        own = [*files, *named.values()][0]
-        place = log or own.relative_to(RESULTS).with_suffix("")
+        place = log or [*files, *named.values()][0].relative_to(RESULTS).with_suffix("")
         make_rule(rule_name, job, files, named, place, constraints)
 
     return made

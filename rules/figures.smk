@@ -71,13 +71,10 @@ def plot_numbers(wildcards):
 
 @step("figure.draw_figure", [f"figures/{{figure}}.{suffix}" for suffix in SUFFIXES])
 def draw_figure(wildcards):
-    name = wildcards.figure
-    return {
-        "modules": ("figures.names", f"figures.{FIGURES[name].module}"),
-        "input": {"table_csv": RESULTS / f"figures/{name}.csv"},
-        "read": {"fitted": shown_rows(name)},
-        "settings": {"name": name, "footer": ABOUT.of_figure()},
-    }
+    name, settings = wildcards.figure, {"name": wildcards.figure, "footer": ABOUT.of_figure()}
+    modules, table_csv = ("figures.names", f"figures.{FIGURES[name].module}"), RESULTS / f"figures/{name}.csv"
+    inputs = {"input": {"table_csv": table_csv}, "read": {"fitted": shown_rows(name)}}
+    return {"modules": modules, **inputs, "settings": settings}
 
 
 @step("figure.write_captions", "figures/captions.md")

@@ -1,11 +1,9 @@
 """`snakemake validate`, or `study`: the Monte Carlo study of bias, efficiency and coverage of the estimators."""
 
 STUDY = CONFIG.study
-STUDIED = (
-    {name: (STUDY.trials, STUDY.batch) for name in BENCH_EXPERIMENTS}
-    | {name: (STUDY.campaigns, batch) for name, batch in STUDY_OF_REPEATS.items()}
-    | {name: (getattr(STUDY, number), batch) for name, (number, batch) in WALKING_EXPERIMENTS.items()}
-)
+STUDIED = {name: (STUDY.trials, STUDY.batch) for name in BENCH_EXPERIMENTS}
+STUDIED |= {name: (STUDY.campaigns, batch) for name, batch in STUDY_OF_REPEATS.items()}
+STUDIED |= {name: (getattr(STUDY, number), batch) for name, (number, batch) in WALKING_EXPERIMENTS.items()}
 """Trials or campaigns of each experiment, and how many of them one job takes at least."""
 STUDIED_BY_FILE = {name.replace(",", "").replace(" ", "_"): name for name in STUDIED}
 FILE_OF = {name: file for file, name in STUDIED_BY_FILE.items()}
@@ -31,31 +29,22 @@ def study_batch(wildcards):
     settings |= {"dynamometer": setting("dynamometer"), "actuator_analysis": setting("actuator")}
     settings |= {"walking": setting("walking"), "first": wildcards.first, "number": wildcards.number}
     settings |= {"experiment": STUDIED_BY_FILE[wildcards.experiment], "sources": CONFIG.sources}
-    return {
-        "modules": ("commands.study",),
-        "made_of": settings_files(STUDY.simulation),
-        "settings": settings,
-    }
+    return {"modules": ("commands.study",), "made_of": settings_files(STUDY.simulation), "settings": settings}
 
 
-@step("study.summarise", "study/study.csv", "study/table")
-def study_table(_):
-    return {"input": {"batches": [RESULTS / f"study/batches/{name}.csv" for name in STUDY_JOBS]}}
-
-
-@step("study.write_page", "study/study.md", "study/page")
-def study_page(_):
-    return {"input": {"table": RESULTS / "study/study.csv"}}
+step("study.summarise", "study/study.csv", "study/table", "study_table")(
+    lambda _: {"input": {"batches": [RESULTS / f"study/batches/{name}.csv" for name in STUDY_JOBS]}}
+)
+step("study.write_page", "study/study.md", "study/page", "study_page")(
+    lambda _: {"input": {"table": RESULTS / "study/study.csv"}}
+)
 
 
 @step("figure.draw_figure", [f"study/study.{suffix}" for suffix in SUFFIXES], "study/figure")
 def study_figure(_):
     footer = f"Simulated data: Monte Carlo study with seed {STUDY.seed}, osl-analysis {ABOUT.version}"
-    return {
-        "modules": ("figures.names", "figures.others"),
-        "input": {"table_csv": RESULTS / "study/study.csv"},
-        "settings": {"name": "study", "footer": footer},
-    }
+    settings = {"modules": ("figures.names", "figures.others"), "settings": {"name": "study", "footer": footer}}
+    return {"input": {"table_csv": RESULTS / "study/study.csv"}, **settings}
 
 
 rule study:

@@ -15,11 +15,7 @@ PER_TRIAL = {
     table.name: [trial for name, one in TABLES if one.name == table.name for trial in CAMPAIGN.rows_of(name, one)]
     for _, table in TABLES
 }
-PER_TRIAL |= {
-    "model_comparison": [*REPEATS, *AMPLITUDES],
-    "quality": CAMPAIGN.trials(),
-    "hinge": list(CALIBRATED),
-}
+PER_TRIAL |= {"model_comparison": [*REPEATS, *AMPLITUDES], "quality": CAMPAIGN.trials(), "hinge": list(CALIBRATED)}
 """Per table, the trials (or comparisons) that have rows in it. `hinge` has the static trials."""
 DOUBTS_OF = {table.name: table.doubts_of for _, table in TABLES if table.doubts_of}
 """Per table, the table of the same trials whose doubts its rows share."""
@@ -97,46 +93,39 @@ for kind, section in (("belt", "Belt"), ("transmission", "SteppedSine"), ("imped
             read = {"trial": trial_file(trials[0])}
             settings |= {"weight": setting("gain_weight"), "windows": CAMPAIGN.row(trials[0])["windows"]}
             settings |= condition(trials[0], ("controller", "K_d", "B_d"))
-        return {
-            "input": {"fitted": rows(kind, trials)},
-            "read": read,
-            "files": {} if kind == "transmission" else {"parameters": device(trials[0])},
-            "settings": settings,
-        }
+        files = {} if kind == "transmission" else {"parameters": CAMPAIGN.device(trials[0]) or []}
+        return {"input": {"fitted": rows(kind, trials)}, "read": read, "files": files, "settings": settings}
 
 
 @step("tables.gather", tabled("{table}"), table="|".join(PER_TRIAL.keys() - {"quality"}))
 def table(wildcards):
     of, judged = wildcards.table, DOUBTS_OF.get(wildcards.table, "")
     fits = {"fits": rows(judged)} if judged else {}
-    return {
-        "after": behind(of),
-        "read": {"rows": rows(of), "quality": verdicts_on(of), **fits},
-        "settings": {"limits": limits_of(of), "limits_of_fits": limits_of(judged), "places": PLACES},
-    }
+    settings = {"limits": limits_of(of), "limits_of_fits": limits_of(judged), "places": PLACES}
+    read = {"rows": rows(of), "quality": verdicts_on(of), **fits}
+    return {"after": behind(of), "read": read, "settings": settings}
 
 
-@step("", tabled("{derived}"), derived="|".join(DERIVED))
-def derived_table(wildcards):
-    source, command = DERIVED[wildcards.derived]
-    return {"command": command, "input": {"table": tabled(source)}}
+step("", tabled("{derived}"), name="derived_table", derived="|".join(DERIVED))(
+    lambda one: {"command": DERIVED[one.derived][1], "input": {"table": tabled(DERIVED[one.derived][0])}}
+)
 
 
 @step("tables.pool_responses", {n: tabled(n) for n in ("response_pooled", "response_models_pooled")})
 def pool_responses(_):
-    conditions = {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL["response_lines"]}
+    settings = {"conditions": {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL["response_lines"]}}
     return {
         "files": {"parameters": CONFIG.parameters or []},
         "after": behind("response_lines"),
         "read": {"lines": rows("response_lines"), "quality": verdicts_on("response_lines")},
-        "settings": {"conditions": conditions, "settings": CONFIG.dynamometer.part("FilterSettings")},
+        "settings": settings | {"settings": CONFIG.dynamometer.part("FilterSettings")},
     }
 
 
-@step("gains.select_trajectory", tabled("gains"))
-def gains_table(_):
-    files = {"trajectory": CONFIG.impedance_trajectory or [], "parameters": CONFIG.parameters or []}
-    return {"files": files, "settings": {"weight": setting("gain_weight")}}
+OF_GAINS = {"trajectory": CONFIG.impedance_trajectory or [], "parameters": CONFIG.parameters or []}
+step("gains.select_trajectory", tabled("gains"), name="gains_table")(
+    lambda _: {"files": OF_GAINS, "settings": {"weight": setting("gain_weight")}}
+)
 
 
 @step("tables.list_excluded", tabled("excluded"))

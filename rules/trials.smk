@@ -15,11 +15,6 @@ def checked(trials) -> list[Path]:
     return [RESULTS / f"quality/{trial}.csv" for trial in trials]
 
 
-def device(trial: str):
-    """The parameter file of a trial's device; none where there is none for its joint."""
-    return CAMPAIGN.device(trial) or []
-
-
 if CONFIG.simulation:
 
     @step("simulate.write_sheet", {"sheet": CONFIG.sheet}, "simulate/sheet")
@@ -86,12 +81,10 @@ for experiment, facts in EXPERIMENTS.items():
         places = {table.name: fit_file(experiment, table.name, trial) for table in facts.tables}
         settings = {name: getattr(CONFIG, section).part(model) for name, (section, model) in fit.settings.items()}
         settings |= condition(trial, fit.sheet) | ({"windows": CAMPAIGN.row(trial)["windows"]} if fit.windows else {})
-        return {
-            "input": {"trial": trial_file(trial)},
-            "files": {"parameters": device(trial)} if fit.parameters else {},
-            "settings": settings,
-            "output": {"tables": {n: f / f"{n}.csv" if f.suffix == ".zip" else f for n, f in places.items()}},
-        }
+        files = {"parameters": CAMPAIGN.device(trial) or []} if fit.parameters else {}
+        tables = {name: file / f"{name}.csv" if file.suffix == ".zip" else file for name, file in places.items()}
+        inputs = {"input": {"trial": trial_file(trial)}, "files": files}
+        return {**inputs, "settings": settings, "output": {"tables": tables}}
 
 
 def fitted(*experiments: str) -> list[Path]:

@@ -50,9 +50,9 @@ def calibrate_markers(wildcards):
     }
 
 
-@step("walking.identify_plate", {"output": PLATE, "comparison": tabled("plate")}, "walking/plate")
-def identify_plate(_):
-    return of_crossings(CAMPAIGN.plate_trials(), settings=CONFIG.walking.part("PlateModelSettings"))
+step("walking.identify_plate", {"output": PLATE, "comparison": tabled("plate")}, "walking/plate", "identify_plate")(
+    lambda _: of_crossings(CAMPAIGN.plate_trials(), settings=CONFIG.walking.part("PlateModelSettings"))
+)
 
 
 @step("walking.measure_platform", {"output": PLATFORM, "comparison": tabled("platform")}, "walking/platform")
@@ -63,23 +63,17 @@ def measure_platform(_):
 
 @step("walking.analyse", "crossings/{trial}.parquet")
 def analyse_crossing(wildcards):
-    trial, row = trial_file(wildcards.trial), CAMPAIGN.row(wildcards.trial)
+    trial, row = wildcards.trial, CAMPAIGN.row(wildcards.trial)
     stated = {column: row[column] for column in ("perturbed", "direction", "body_mass_kg")}
-    calibrated = calibration(CAMPAIGN.static(wildcards.trial))
-    return {
-        "input": {"trial": trial, "calibration": calibrated, "plate": PLATE, "platform": PLATFORM},
-        "settings": {"settings": CONFIG.walking.part("CrossingSettings"), **stated},
-    }
+    inputs = {"trial": trial_file(trial), "calibration": calibration(CAMPAIGN.static(trial))}
+    inputs |= {"plate": PLATE, "platform": PLATFORM}
+    return {"input": inputs, "settings": {"settings": CONFIG.walking.part("CrossingSettings"), **stated}}
 
 
 @step("walking.select_crossings", SELECTION, "walking/selection")
 def select_crossings(_):
-    settings = {"sheet": CAMPAIGN.conditions(), "places": WALKED}
-    return {
-        "input": {"crossings": crossings(WALKED)},
-        "read": {"quality": checked(WALKED)},
-        "settings": {"settings": CONFIG.walking.part("SelectionSettings"), **settings},
-    }
+    settings = {"sheet": CAMPAIGN.conditions(), "places": WALKED, "settings": CONFIG.walking.part("SelectionSettings")}
+    return {"input": {"crossings": crossings(WALKED)}, "read": {"quality": checked(WALKED)}, "settings": settings}
 
 
 @step("walking.average_unperturbed", UNPERTURBED, "walking/unperturbed")
@@ -90,12 +84,9 @@ def average_unperturbed(_):
 
 @step("walking.fit_perturbation", "fits/walking/{trial}.csv", "walking/{trial}")
 def fit_perturbation(wildcards):
-    (crossing,) = crossings([wildcards.trial])
-    return {
-        "input": {"crossing": crossing, "unperturbed": UNPERTURBED},
-        "read": {"selection": SELECTION},
-        "settings": {"settings": CONFIG.walking.part("ResponseSettings")},
-    }
+    inputs = {"crossing": crossings([wildcards.trial])[0], "unperturbed": UNPERTURBED}
+    settings = {"settings": CONFIG.walking.part("ResponseSettings")}
+    return {"input": inputs, "read": {"selection": SELECTION}, "settings": settings}
 
 
 SUMMARIES = {"output": "summary", "responses": "responses", "excluded": "excluded", "groups": "groups"}
@@ -105,21 +96,19 @@ SUMMARIES = {name: tabled(f"walking_{table}") for name, table in SUMMARIES.items
 @step("walking.summarise_perturbations", SUMMARIES, "walking/summary")
 def summarise_walking(_):
     settings = {"sheet": CAMPAIGN.conditions(), "places": WALKED, "limits": limits_of("walking_groups")}
-    return {
-        "input": {"table": tabled("walking"), "selection": SELECTION, "unperturbed": UNPERTURBED},
-        "read": crossed(perturbed=True),
-        "settings": {"settings": CONFIG.walking.part("EnsembleSettings"), **settings},
-    }
+    settings["settings"] = CONFIG.walking.part("EnsembleSettings")
+    inputs = {"table": tabled("walking"), "selection": SELECTION, "unperturbed": UNPERTURBED}
+    return {"input": inputs, "read": crossed(perturbed=True), "settings": settings}
 
 
 def over_stance() -> dict[str, dict[str, object]]:
     """File and settings of what shows the commanded impedance over stance, if there is one."""
-    return {
-        "files": {"trajectory": [CONFIG.impedance_trajectory] if CONFIG.impedance_trajectory else []},
-        "settings": {"stance_share": CONFIG.figures.stance_share, "data": CAMPAIGN.data},
-    }
+    trajectory = [CONFIG.impedance_trajectory] if CONFIG.impedance_trajectory else []
+    settings = {"stance_share": CONFIG.figures.stance_share, "data": CAMPAIGN.data}
+    return {"files": {"trajectory": trajectory}, "settings": settings}
 
 
-@step("walking.tabulate_over_stance", tabled("impedance_over_stance"), "walking/over_stance")
-def impedance_over_stance(_):
-    return {"input": {"summary": tabled("walking_summary"), "groups": tabled("walking_groups")}, **over_stance()}
+OVER_STANCE = tabled("impedance_over_stance")
+step("walking.tabulate_over_stance", OVER_STANCE, "walking/over_stance", "impedance_over_stance")(
+    lambda _: {"input": {"summary": tabled("walking_summary"), "groups": tabled("walking_groups")}, **over_stance()}
+)

@@ -6,7 +6,7 @@ They call what the jobs of a campaign call: their numbers are those of its table
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
@@ -59,17 +59,29 @@ def config_of(config: File | None) -> Path:
     return config_here() if config is None else Path(config)
 
 
+def asked(
+    experiment: str,
+    trial: Trial | File,
+    config: File | None,
+    parameters: File | None = OF_CONFIG,
+    condition: Any = None,
+    windows: str | None = None,
+) -> tuple[str, Trial, Path | None, FitRequest]:
+    """The arguments of `fit_trial`, from those of the functions below. Without a desired impedance nothing is known of
+    what the leg was asked to render.
+    """
+    path = config_of(config)
+    if experiment == "impedance":
+        if not isinstance(condition, DesiredImpedance | None):
+            raise InputError(f"desired: {condition!r} is none; write DesiredImpedance(controller, K_d, B_d)")
+        condition = condition or DesiredImpedance(None, None, None)
+    return experiment, as_trial(trial), device_of(parameters, path), fit_request(experiment, path, condition, windows)
+
+
 def device_of(parameters: File | None, config: Path) -> Path | None:
     if parameters == OF_CONFIG:
         return campaign_parameters(config)
     return None if parameters is None else Path(parameters)
-
-
-def impedance_request(desired: DesiredImpedance | None, windows: str | None, config: Path) -> FitRequest:
-    """Without `desired` nothing is known of what the leg was asked to render."""
-    if not isinstance(desired, DesiredImpedance | None):
-        raise InputError(f"desired: {desired!r} is none; write DesiredImpedance(controller, K_d, B_d)")
-    return fit_request("impedance", config, desired or DesiredImpedance(None, None, None), windows)
 
 
 def fit_impedance(
@@ -99,9 +111,7 @@ def fit_impedance(
     valid. Raises IdentifiabilityError: the motion cannot tell K, B and I apart. Raises UnreachableImpedanceError:
     The device has no gains for the desired impedance.
     """
-    path = config_of(config)
-    request = impedance_request(desired, windows, path)
-    return fit_trial("impedance", as_trial(trial), device_of(parameters, path), request)
+    return fit_trial(*asked("impedance", trial, config, parameters, desired, windows))
 
 
 def fit_belt(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
@@ -110,7 +120,7 @@ def fit_belt(trial: Trial | File, config: File | None = None, parameters: File |
     The trial has `theta` and `theta_m` [rad] and `torque` [N*m]; the row is that of `belt.csv`. `config`, `parameters`
     and what is raised as in `fit_impedance`; a belt trial needs a parameter file, for n_T.
     """
-    return fitted_alone("belt", trial, config, parameters)
+    return fit_trial(*asked("belt", trial, config, parameters))
 
 
 def fit_transmission(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
@@ -119,7 +129,7 @@ def fit_transmission(trial: Trial | File, config: File | None = None, parameters
     The trial has `theta` [rad] and `torque` [N*m]; the rows are those of `transmission.csv`. `config`, `parameters`
     and what is raised as in `fit_impedance`.
     """
-    return fitted_alone("transmission", trial, config, parameters)
+    return fit_trial(*asked("transmission", trial, config, parameters))
 
 
 def fit_actuator(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
@@ -128,7 +138,7 @@ def fit_actuator(trial: Trial | File, config: File | None = None, parameters: Fi
     The trial has `current` [A], `torque_m` [N*m], and `theta_m` [rad] or `omega_m` [rad/s]; the row is that of
     `actuator.csv`. `config`, `parameters` and what is raised as in `fit_impedance`.
     """
-    return fitted_alone("actuator", trial, config, parameters)
+    return fit_trial(*asked("actuator", trial, config, parameters))
 
 
 def fit_torque_angle(trial: Trial | File, curve: str | None = None, config: File | None = None) -> Fit:
@@ -138,13 +148,7 @@ def fit_torque_angle(trial: Trial | File, curve: str | None = None, config: File
     `torque_angle_curves.csv`. `curve` names the curve of the configuration that the device was designed for. `config`
     and what is raised as in `fit_impedance`; there may be no such curve.
     """
-    path = config_of(config)
-    return fit_trial("torque_angle", as_trial(trial), None, fit_request("torque_angle", path, {"desired": curve}))
-
-
-def fitted_alone(experiment: str, trial: Trial | File, config: File | None, parameters: File | None) -> Fit:
-    path = config_of(config)
-    return fit_trial(experiment, as_trial(trial), device_of(parameters, path), fit_request(experiment, path))
+    return fit_trial(*asked("torque_angle", trial, config, None, {"desired": curve}))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -188,10 +192,9 @@ def frequency_response(
     from osl_analysis.commands.tables import pooled_schema
     from osl_analysis.figures.names import JOINT_SIDE, completed
 
-    path, read = config_of(config), as_trial(trial)
-    device = device_of(parameters, path)
-    request = impedance_request(desired, windows, path)
-    tables, found, limits = fit_tables("impedance", read, device, request), {}, request.limits
+    arguments = asked("impedance", trial, config, parameters, desired, windows)
+    _, read, device, request = arguments
+    tables, found, limits = fit_tables(*arguments), {}, request.limits
     for name in ("phasors", "response", "response_models"):
         own = marked(tables[name], limits.of(name), name)
         found[name] = with_doubts_of(own, tables["impedance"], limits.of("impedance"), "impedance")
@@ -200,8 +203,8 @@ def frequency_response(
         return Response(read.name, "response", found["response"], found["response_models"], plotted)
     table = frequency_response_table(found["phasors"])
     joint = pl.lit(joint_of(device) if device else None, pl.String)
-    weight = read_section(path, "gain_weight", WeightSettings).weight
-    plotted = beside_theory(completed(table.with_columns(joint=joint), JOINT_SIDE), device, weight)
+    responses = completed(table.with_columns(joint=joint), JOINT_SIDE)
+    plotted = beside_theory(responses, device, request.settings["weight"])
     return Response(read.name, "fig7", table, found["response_models"], plotted)
 
 
@@ -209,9 +212,7 @@ def read_trial(path: File) -> Trial:
     """A trial from the Parquet file of `osl-analysis ingest` or of a campaign (`results/trials/NAME.parquet`).
 
     `trial.samples` is a polars data frame in SI units with a row per time stamp, `trial.provenance` says where each
-    column comes from.
-
-    Raises InputError: the file is missing, is not Parquet, or is Parquet that ingest did not write.
+    column comes from. Raises InputError: the file is missing, or is not Parquet that ingest wrote.
     """
     return as_trial(path)
 

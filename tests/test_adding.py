@@ -138,15 +138,14 @@ import json
 from pathlib import Path
 from click.testing import CliRunner
 from osl_analysis.cli import main
-from osl_analysis.commands.inspect import look
-from osl_analysis.commands.inspect import bench_of, recording_line
-from osl_analysis.notebook import fitted_alone
+from osl_analysis.commands.inspect import bench_of, look, recording_line
+from osl_analysis.notebook import asked, fit_trial
 
 trial, ours, bench = "results/trials/holding_2.parquet", Path("ours.yaml"), bench_of(Path("ours.yaml"), None, Path())
 fit = [CliRunner().invoke(main, ["fit", trial, "--model", "holding", "--config", "ours.yaml", *more]).output
        for more in ([], ["--json"])]
 first, watched = look(bench.campaign, "holding_2", ours)[1], recording_line(Path("holding_2.csv"), Path(), bench)
-print(json.dumps([*fit, first, watched, repr(fitted_alone("holding", trial, ours, None))]))
+print(json.dumps([*fit, first, watched, repr(fit_trial(*asked("holding", trial, ours, None)))]))
 """
 
 

@@ -93,9 +93,8 @@ digest_of = cache(digest)  # many jobs use the same file
 
 
 class Requests:
-    """The requests of a workflow, in the folder `requests` of its results; `judge` decides which trials are used.
-
-    In the process of a single job, as on a cluster, they stay as they are.
+    """The requests of a workflow, among its results; `judge` decides which trials are used. In the process of a single
+    job, as on a cluster, they stay as they are.
     """
 
     def __init__(self, results: Path, data: str, judge: Judge, workflow: Any) -> None:

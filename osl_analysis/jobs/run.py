@@ -185,10 +185,16 @@ def at_end_of_run(
 
     `said` writes the report, from the names of the refusal records among the files that the run was to bring up to
     date. `accept`: refusals do not count. A dry run ends with what `expected` says of the jobs that it would run.
-
-    Snakemake's own `onsuccess` and `onerror` are not called where nothing is left to do, as in the run after a refusal.
+    Snakemake's `onsuccess` and `onerror` are not called where nothing is left to do, as in the run after a refusal.
     """
-    interrupted = noticed_interrupt()
+    pressed, before = threading.Event(), signal.getsignal(signal.SIGINT)
+
+    def interrupt(number: int, frame: Any) -> Any:
+        pressed.set()
+        return before(number, frame) if callable(before) else None  # Snakemake goes on to handle it as it does
+
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, interrupt)
 
     def end() -> None:
         if workflow.scheduler is None or not workflow.is_main_process:  # an unknown target, another run's lock
@@ -205,7 +211,7 @@ def at_end_of_run(
         lost = [file for file in files if not Path(file).exists()]  # as of a job that was killed with Snakemake
         not_made = f"not made: {listing(lost, MOST_TOLD)}; run again, what is finished stays" if lost else ""
         texts = [run_report(read_logs(logs, STARTED)), not_made, said(records)]
-        if interrupted.is_set():
+        if pressed.is_set():
             texts = ["interrupted: what had begun was brought to its end; run again to go on from here"]
         print("\n".join(filter(None, texts)), file=sys.stderr, flush=True)
         if records and not accept:
@@ -213,17 +219,3 @@ def at_end_of_run(
             os._exit(1)  # at the exit of Python there is no other way
 
     atexit.register(end)
-
-
-def noticed_interrupt() -> threading.Event:
-    """What is set when the user ends the run by Ctrl-C. Snakemake goes on to handle it as it does."""
-    pressed, before = threading.Event(), signal.getsignal(signal.SIGINT)
-    if callable(before) and threading.current_thread() is threading.main_thread():
-        go_on: Callable[[int, Any], Any] = before
-
-        def interrupt(number: int, frame: Any) -> Any:
-            pressed.set()
-            return go_on(number, frame)
-
-        signal.signal(signal.SIGINT, interrupt)
-    return pressed

@@ -296,7 +296,7 @@ def test_two_bags_in_one_file_and_other_versions_are_refused(tmp_path: Path) -> 
     path.write_bytes(whole + whole)
     assert "two bags were joined" in refused(path)
     path.write_bytes(b"#ROSBAG V1.2\n" + whole[13:])
-    assert "not with version 2.0" in refused(path)
+    assert "not a ROS 1 bag of version 2.0 (it begins with b'#ROSBAG V1.2'); convert it" in refused(path)
 
 
 @pytest.mark.parametrize("write", [write_bag1, write_bag2])

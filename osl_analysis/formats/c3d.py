@@ -33,9 +33,7 @@ def parse_parameters(data: bytes, position: int, end: int, processor: str) -> tu
         length, group = struct.unpack_from("bb", data, position)
         name_end = position + 2 + abs(length)
         name = data[position + 2 : name_end].decode("latin-1").strip().upper()
-        (step,) = struct.unpack_from(
-            f"{ENDIAN[processor]}h", data, name_end
-        )  # to the next record; 0 after the last one
+        (step,) = struct.unpack_from(f"{ENDIAN[processor]}h", data, name_end)  # to the next record; 0 after the last
         if step < 0 or group == 0:
             raise InputError(f"the parameter section is damaged after {name!r}")
         value_end = name_end + 2

@@ -67,20 +67,6 @@ class Value:
         return "save `real(x)`" if self.is_complex else REMEDIES.get(self.kind, "save its numbers in a struct")
 
 
-def real_numbers(place: str, value: Value) -> Array:
-    """The real numbers of a value, of its shape; refused if it is empty or something else. `place` is for messages."""
-    is_a = f"{place} is a {value.described()}, not"
-    if value.kind == "struct":
-        raise InputError(f"{is_a} numbers; name one of its fields ({listing(value.fields, 8)})")
-    if value.kind == "cell":
-        raise InputError(f"{is_a} numbers; name one of its cells, as `{{1}}`")
-    if value.numbers is None:
-        raise InputError(f"{is_a} real numbers; {value.remedy()}")
-    if not value.size:
-        raise InputError(f"{place} is empty ({value.described()}); name another variable, or record the trial again")
-    return value.numbers
-
-
 def is_mat(begin: bytes) -> bool:
     return begin.startswith((b"MATLAB 5.0 MAT", b"MATLAB 7.")) and b"\0" in begin[:128]
 
@@ -360,8 +346,19 @@ def parts_of(value: Value) -> dict[str, Value]:
 
 
 def vector(address: Address, value: Value) -> Array:
-    """The numbers (n,) of a signal."""
-    numbers = real_numbers(address.text, value)
+    """The real numbers (n,) of a signal; refused if it is empty or something else."""
+    is_a = f"{address.text} is a {value.described()}, not"
+    if value.kind == "struct":
+        raise InputError(f"{is_a} numbers; name one of its fields ({listing(value.fields, 8)})")
+    if value.kind == "cell":
+        raise InputError(f"{is_a} numbers; name one of its cells, as `{{1}}`")
+    numbers = value.numbers
+    if numbers is None:
+        raise InputError(f"{is_a} real numbers; {value.remedy()}")
+    if not value.size:
+        raise InputError(
+            f"{address.text} is empty ({value.described()}); name another variable, or record the trial again"
+        )
     if numbers.ndim > 2:
         raise InputError(f"{address.text} is a {value.described()}; save each of its matrices as a variable of its own")
     if max(numbers.shape) != numbers.size:

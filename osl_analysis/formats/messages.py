@@ -183,8 +183,8 @@ class MessageFile:
         """Take in a channel or a schema. A number means one thing throughout a file."""
         what, known_ones = ("channel", self.channels) if isinstance(one, Channel) else ("schema", self.schemas)
         known = known_ones.setdefault(one.id, one)  # type: ignore[arg-type]
-        if meaning_of(known) != meaning_of(one):
-            names = meaning_of(known)[0], meaning_of(one)[0]
+        if known != one:
+            names = [getattr(each, "topic" if what == "channel" else "name") for each in (known, one)]
             raise RefusedFileError(
                 f"{what} {one.id} is {names[0]!a} in one part of the file and {names[1]!a} in another: two logs "
                 "were joined, or the file is damaged; record again, or give each log a file of its own"
@@ -192,13 +192,6 @@ class MessageFile:
 
     def channels_of(self, topic: str) -> list[int]:
         return [channel.id for channel in self.channels.values() if channel.topic == topic]
-
-
-def meaning_of(one: Channel | Schema) -> tuple[object, ...]:
-    """What the numbers in messages mean by a record; the first entry is its name."""
-    if isinstance(one, Channel):
-        return one.topic, one.message_encoding, one.schema_id
-    return one.name, one.encoding, one.data
 
 
 @dataclass
@@ -244,7 +237,7 @@ class SplitLog(MessageFile):
         """The channel, in all parts, of a part's own channel."""
         channel = part.channels[own]
         schema = part.schemas.get(channel.schema_id)
-        meaning = channel.topic, channel.message_encoding, meaning_of(schema) if schema else ()
+        meaning = channel.topic, channel.message_encoding, schema and (schema.name, schema.encoding, schema.data)
         number = self.numbers.setdefault(meaning, len(self.numbers))
         if schema:
             self.schemas[number + 1] = replace(schema, id=number + 1)

@@ -72,14 +72,10 @@ def read_bag1(path: Path) -> Bag1:
     """Read the index of a ROS 1 bag; its messages are read by `blocks`. InputError if it has none or cannot be read."""
     data = path.read_bytes()
     if not data.startswith(BAG1):
-        begin = data[: len(BAG1)].decode("latin1").strip()
-        if data.startswith(ANY_BAG1):
-            raise InputError(
-                f"{path}: a bag that begins with {begin!a}, not with version 2.0; convert it with `rosbag fix`"
-            )
-        raise InputError(
-            f"{path}: not a ROS 1 bag (it begins with {data[:8]!r}); check the path and the source's format"
+        remedy = (
+            "convert it with `rosbag fix`" if data.startswith(ANY_BAG1) else "check the path and the source's format"
         )
+        raise InputError(f"{path}: not a ROS 1 bag of version 2.0 (it begins with {data[:12]!r}); {remedy}")
     if (second := data.find(BAG1, 1)) > 0:
         raise InputError(f"{path}: two bags were joined: a second one begins at byte {second}; give each a file")
     library = optional_module("rosbags.rosbag1", "ros", "a bag of ROS 1")

@@ -124,7 +124,16 @@ def read_tdms(path: Path) -> TdmsFile:
     if data[:4] != b"TDSm":
         raise InputError(f"no TDMS file (it begins with {data[:8]!r}); check the path and the source's format")
     with library() as (tdms, said), tdms.read_metadata(BytesIO(data)) as file:
-        channels = [channel_of(one) for group in file.groups() for one in group.channels()]
+        channels = []
+        for one in (one for group in file.groups() for one in group.channels()):
+            about, step = one.properties, one.properties.get("wf_increment")
+            since = about.get("wf_start_time")
+            begin = int(since.astype("datetime64[us]").astype(np.int64)) if isinstance(since, np.datetime64) else 0
+            unit = str(about.get("unit_string") or about.get("NI_UnitDescription") or "")
+            timed = isinstance(step, float | int) and np.isfinite(step) and step > 0
+            kind, offset = np.dtype("V" if one.dtype is None else one.dtype), float(about.get("wf_start_offset", 0.0))
+            own = (one.group_name, one.name, len(one), kind, unit, float(step) if timed else None, begin, offset)
+            channels.append(TdmsChannel(*own))
         status = file.file_status
         about = {str(key): str(value)[:200] for key, value in list(file.properties.items())[:20]}
     odd = [text for text in said if "not a multiple" in text]
@@ -142,14 +151,3 @@ def read_tdms(path: Path) -> TdmsFile:
         count = f"{max(lost)} values of each channel are missing" if any(lost) else "how much is missing is not known"
         notes = (f"the last segment is not complete: the recorder did not finish, or the end is lost; {count}",)
     return TdmsFile(data, channels, about, notes)
-
-
-def channel_of(one: Any) -> TdmsChannel:
-    properties = one.properties
-    step = properties.get("wf_increment")
-    since, offset = properties.get("wf_start_time"), float(properties.get("wf_start_offset", 0.0))
-    begin = int(since.astype("datetime64[us]").astype(np.int64)) if isinstance(since, np.datetime64) else 0
-    unit = str(properties.get("unit_string") or properties.get("NI_UnitDescription") or "")
-    timed = isinstance(step, float | int) and np.isfinite(step) and step > 0
-    kind = np.dtype("V" if one.dtype is None else one.dtype)
-    return TdmsChannel(one.group_name, one.name, len(one), kind, unit, float(step) if timed else None, begin, offset)

@@ -70,12 +70,10 @@ def read_json_lines(path: Path) -> JsonLines:
     """The lines of a file. A last line that breaks off, as a killed logger leaves it, is left out."""
     every, notes = as_utf8(path.read_bytes()).split(b"\n"), list[str]()
     numbered = [(number, text) for number, text in enumerate(every, 1) if text.strip(b" \t\r\n")]
-    if not numbered:
-        raise InputError("holds no lines; record it again, or exclude the trial")
-    if every[-1] and not is_whole(numbered[-1][1]):
+    if numbered and every[-1] and not is_whole(numbered[-1][1]):
         notes.append(f"the last line, {numbered.pop()[0]}, breaks off and was left out")
     if not numbered:
-        raise InputError("its only line breaks off; record it again, or exclude the trial")
+        raise InputError("holds no whole line; record it again, or exclude the trial")
     return JsonLines([text for _, text in numbered], np.array([number for number, _ in numbered]), notes)
 
 

@@ -226,20 +226,19 @@ class McapFile(MessageFile):
             opcode, length = RECORD.unpack_from(self.data, match.start())
             end = match.end() + length
             is_whole = end <= len(self.data) and (loose or opcode not in LOOSE)
-            if is_whole and self.is_sound(opcode, match.end(), end, exact=True):
+            if is_whole and self.is_sound(opcode, match.end(), end):
                 return match.start()
             begin = match.start() + 1
         return len(self.data)
 
-    def is_sound(self, opcode: int, start: int, end: int, *, exact: bool = False) -> bool:
-        """Whether the content of a record fits its opcode, `exact`ly or as in a later version, or a record follows."""
+    def is_sound(self, opcode: int, start: int, end: int) -> bool:
+        """Whether the content of a record fits its opcode; where nothing tells, another record must follow."""
         if opcode == Opcode.CHUNK:
             return chunk_head(self.data, start, end) is not None
         if opcode == Opcode.MESSAGE_INDEX:
-            return message_index(self.data, start, end, exact=exact) is not None
+            return message_index(self.data, start, end) is not None
         if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-            more = end - start - (4 if opcode == Opcode.DATA_END else 20)
-            return more == 0 or (not exact and more > 0)
+            return end - start >= (4 if opcode == Opcode.DATA_END else 20)  # a later version may have more in a record
         if opcode == 0 or (opcode == Opcode.STATISTICS and end - start < STATISTICS.size):
             return False
         if end == len(self.data) or self.data[end] in NUMBERED:
@@ -425,12 +424,11 @@ def unpacked(packed: bytes, head: ChunkHead) -> bytes:
     return content
 
 
-def message_index(data: bytes, start: int, end: int, *, exact: bool = False) -> tuple[int, Indices] | None:
-    """Channel and places of the messages of an index, the content of a record; None if they do not fit in, or fill it
-    if `exact`."""
+def message_index(data: bytes, start: int, end: int) -> tuple[int, Indices] | None:
+    """Channel and places of the messages of an index, the content of a record; None if they do not fit in."""
     if end - start < 6:
         return None
     channel, size = struct.unpack_from("<HI", data, start)
-    if size % 16 or size > end - start - 6 or (exact and size < end - start - 6):
+    if size % 16 or size > end - start - 6:
         return None
     return channel, np.frombuffer(data, "<i8", size // 8, start + 6)[1::2]  # log time and place of each message

@@ -292,22 +292,20 @@ class ChannelReader:
     def wrong_field(self, what: str) -> WrongFieldError:
         """The error for a field that is no number in any message; it names those that are."""
         return WrongFieldError(
-            f"topic '{self.channel.topic}': {what} (it has {self.names_of_fields('')}); name a number, or one element "
+            f"topic '{self.channel.topic}': {what} (it has {self.names_of_fields()}); name a number, or one element "
             "of an array, as `field` in the source file"
         )
 
-    def names_of_fields(self, path: str) -> str:
-        """The fields of the first message, or the names in the array in which `path` chooses an element by name."""
+    def names_of_fields(self) -> str:
+        """The fields of the first message."""
         try:
             fields = describe_message(self.channel, self.schema, self.first)
         except (ValueError, RecursionError):
             fields = []
-        array, bracket, name = path.rpartition("[")
-        chosen = [one for one in fields if bracket and "=" in name and one.path == array and one.labels]
         words: list[str] = []
-        for one in chosen or fields:
+        for one in fields:
             as_whole = one.path if one.length is None else f"{one.path}[0..{one.length - 1}]"
-            words += [] if one.length == 0 else one.addresses() if chosen or one.labels else [as_whole]
+            words += [] if one.length == 0 else one.addresses() if one.labels else [as_whole]
         return listing(words)
 
 
@@ -346,7 +344,7 @@ def decode_topics(
             if path not in optional and not decoded[topic].present[path].any():
                 first = next(iter(by_topic[topic].values()))
                 raise InputError(
-                    f"topic '{topic}' has no field '{path}' (it has {first.names_of_fields(path)}); "
+                    f"topic '{topic}' has no field '{path}' (it has {first.names_of_fields()}); "
                     "correct `field` in the source file, or exclude the trial if its log is not the right one"
                 )
     return decoded

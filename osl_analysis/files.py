@@ -14,11 +14,9 @@ from osl_analysis.errors import InputError, WriteError
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Yield a path beside `path`, with the same suffix, that becomes `path` when the block succeeds, closed.
-
-    Parent folders are created. When the block raises, what it wrote is deleted and an older `path` stays as it was.
-    Raises as `check_target`, and WriteError where its folder cannot be made, or the disk is full or fails.
-    """
+    """Yield a path beside `path`, with the same suffix, that becomes `path` when the block succeeds, closed. When the
+    block raises, what it wrote is deleted and an older `path` stays as it was. Raises as `check_target`, and WriteError
+    where its folder cannot be made, or the disk is full or fails."""
     check_target(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -110,8 +108,7 @@ PACKAGE = Path(__file__).parent
 
 def root() -> Path:
     """The folder of the shipped files."""
-    installed = PACKAGE / "shipped"
-    return installed if installed.is_dir() else PACKAGE.parent
+    return PACKAGE / "shipped" if (PACKAGE / "shipped").is_dir() else PACKAGE.parent
 
 
 def shipped(path: Path | str) -> Path:

@@ -9,10 +9,9 @@ from osl_analysis.errors import InputError
 from osl_analysis.trial import Array
 
 LARGEST_SIGNAL, SMALLEST_SIGNAL = 1e30, 1e-30
-"""Largest size of a value, and smallest size of the largest value of a signal that is not 0 throughout, in SI units.
-
-No signal of a bench or gait laboratory comes near these. Within them the fourth power of a quotient of two signals, the
-largest that any estimate needs (a squared variance), neither overflows nor vanishes."""
+"""Largest size of a value, and smallest size of the largest value of a signal that is not 0 throughout, in SI units. No
+signal of a laboratory comes near these, and within them a squared variance of a quotient of two signals, the largest
+power that any estimate needs, neither overflows nor vanishes."""
 LARGEST_VARIANCE = 1e150  # its square is finite
 EXACT_FIT_SHARE = 1e-24
 """Mean square of the rounding error of an exact fit, as a share of that of y. Whether an exact fit leaves 0 or 1e-16

@@ -119,8 +119,8 @@ def of_group(label: Labelled, group: str) -> Labelled:
 
 
 def letters(text: str) -> str:
-    """Text as letters only, for the name of a macro: `K_d 200, timing 41 %` gives `KdTwoZeroZeroTimingFourOne`. A sign
-    beyond the Latin letters gives the last word of its name: `PD α` gives `PDAlpha`; an accent gives nothing."""
+    """Text as letters only, for a macro: `K_d 200, timing 41 %` gives `KdTwoZeroZeroTimingFourOne`. A sign that is not
+    Latin gives the last word of its name, `PD α` gives `PDAlpha`; an accent gives nothing."""
     spelled = ""
     for sign in unicodedata.normalize("NFKD", text.replace("_", "")):
         if sign.isascii():
@@ -280,16 +280,15 @@ def walking_headlines(table: pl.DataFrame) -> Iterator[Headline]:
             yield from summary_means(rows.filter(pl.col("estimator") == estimator), own, BOOTSTRAP)
 
 
-def transmission_vaf(table: pl.DataFrame) -> list[Headline]:
-    whole = table.filter(pl.col("amplitude_deg").is_null())
-    return over_fits(LABELS["transmission"]["VAF"], whole["VAF"], np.mean, whole)
-
-
 OfTable = Callable[[pl.DataFrame, Example], Iterable[Headline]]
 BENCH: dict[str, OfTable] = {
     "belt_summary": lambda table, _: summary_means(table, LABELS["belt_summary"]),
     "transmission_summary": lambda table, _: summary_means(table, LABELS["transmission_summary"]),
-    "transmission": lambda table, _: transmission_vaf(table),
+    "transmission": lambda table, _: [
+        number
+        for whole in [table.filter(pl.col("amplitude_deg").is_null())]
+        for number in over_fits(LABELS["transmission"]["VAF"], whole["VAF"], np.mean, whole)
+    ],
     "actuator_summary": lambda table, _: summary_means(table, LABELS["actuator_summary"]),
     "impedance": impedance_headlines,
     "torque_angle": lambda table, _: torque_angle_headlines(table),

@@ -81,10 +81,8 @@ class Campaign:
         return {static: found[static] for static in self.trials("static") if static in found}
 
     def calibration_settings(self, static: str) -> dict[str, Any]:
-        """Settings for the calibration by a static trial: those of the configuration, with the side of the sheet.
-
-        A static trial of plate trials alone has no ankle that moves: its axis stays the anatomical one.
-        """
+        """Settings for the calibration by a static trial: those of the configuration, with the side of the sheet. That
+        of plate trials alone has no ankle that moves: its axis stays the anatomical one."""
         served = {trial: self.row(trial) for trial in self.statics.get(static, [])}
         with self.named():
             side = side_of(static, self.row(static), served, self.config.walking.side)
@@ -121,8 +119,7 @@ class Campaign:
 
     @property
     def data(self) -> str:
-        """What the data are: `simulated` or `measured`, as the configuration says, or where the simulator's truth lies
-        beside the recordings."""
+        """`simulated` or `measured`, as the configuration says, or where the simulator's truth lies beside the data."""
         made = self.config.simulation is not None or (self.config.raw_data / "truth").is_dir()
         return self.config.data or (SIMULATED if made else MEASURED)
 
@@ -262,11 +259,8 @@ def response_example(campaign: Campaign) -> FrequencyResponseFigure | None:
 
 
 def matching(campaign: Campaign, asked: dict[str, Any], figure: str = "") -> list[str]:
-    """The impedance trials whose cells are these; None matches an empty cell.
-
-    Of a figure's example that is not in the campaign it is refused, unless the default configuration asks for it: every
-    configuration overrides the default one, whose examples are those of the default campaign.
-    """
+    """The impedance trials whose cells are these; None matches an empty cell. An example of a `figure` that is not in
+    the campaign is refused, but for that of the default configuration, which every configuration overrides."""
     trials = campaign.trials("impedance")
     found = [name for name in trials if all(campaign.row(name)[cell] == value for cell, value in asked.items())]
     default = read_mapping(default_config())["figures"].get(figure) or {}
@@ -293,7 +287,7 @@ ABOUT_MACROS = {name: name.capitalize() for name in ABOUT_MEANING}  # Their LaTe
 
 @dataclass(frozen=True)
 class About:
-    """What results are made of: the fields are those of `ABOUT_MEANING`."""
+    """What results are made of, as `ABOUT_MEANING` says."""
 
     campaign: str
     data: str
@@ -311,11 +305,8 @@ class About:
 
 
 def about(campaign: Campaign, simulation: list[Path]) -> About:
-    """What the results of a campaign are made of; `simulation` are the files of its simulation's settings.
-
-    The data were recorded when the configuration says so, else they have the seed of the simulation, else the dates of
-    the recordings' files (UTC).
-    """
+    """What the results of a campaign are made of; `simulation` are the files of its simulation's settings. The data
+    have the date of the configuration, else the seed of the simulation, else the dates of the recordings (UTC)."""
     config = campaign.config
     files = {path for path in (config.parameters, config.impedance_trajectory, *simulation) if path is not None}
     # these say where files are, how a run ends, or what stands beside the hash: others give the same results

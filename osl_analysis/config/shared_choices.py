@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
+from osl_analysis.config.sheet import numbered_rows
 from osl_analysis.config.yaml_settings import Positive, Settings
 from osl_analysis.errors import InputError
 from osl_analysis.model.gain_selection import FASTEST_HZ, HIGHEST_ORDER_OF_W, SLOWEST_HZ, Weight
@@ -89,11 +90,7 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     if not path.is_file():
         remedy = "correct its path in the configuration or the walking settings"
         raise InputError(f"{path}: no such impedance trajectory; {remedy}")
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text ({error.reason}); save it as CSV in UTF-8") from error
-    rows = [line.split(",") for line in text.splitlines() if line.strip() and line[0] != "#"]
+    rows = [row for _, row in numbered_rows(path)]
     names = [name.strip() for name in rows[0]] if rows else []
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise InputError(f"{path}: column '{twice}' stands twice; rename or remove one")
@@ -103,8 +100,8 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
         problem = f"no column '{absent[0]}'" if absent else "fewer than two rows"
         raise InputError(f"{path}: {problem}; it needs a header with {', '.join(required)} and a row per phase")
     if uneven := next((row for row in rows[1:] if len(row) != len(names)), None):
-        said = f"row '{','.join(uneven)[:60]}' has {len(uneven)} entries for {len(names)} columns"
-        raise InputError(f"{path}: {said}; write one in each")
+        said = f"row '{','.join(uneven)[:60]}' has {len(uneven)} entries for {len(names)} columns; write one in each"
+        raise InputError(f"{path}: {said}")
     try:
         columns = dict(zip(names, np.array(rows[1:], dtype=float).T, strict=True))
     except ValueError as error:
@@ -115,6 +112,6 @@ def read_impedance_trajectory(path: Path) -> ImpedanceTrajectory:
     phase = columns["phase"]
     if phase[0] != 0 or phase[-1] != 1 or not (np.diff(phase) > 0).all():
         raise InputError(f"{path}: column phase runs from {phase[0]:g} to {phase[-1]:g}; it must rise from 0 to 1")
-    kind = re.search(r"^#\s*kind:\s*(\S.*?)\s*$", text, re.MULTILINE)
+    kind = re.search(r"^#\s*kind:\s*(\S.*?)\s*$", path.read_text(encoding="utf-8"), re.MULTILINE)
     theta_eq = columns.get("theta_eq_rad")
     return ImpedanceTrajectory(phase, columns["K_d"], columns["B_d"], theta_eq, kind[1] if kind else None)

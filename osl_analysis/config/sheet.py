@@ -25,10 +25,8 @@ OUTER_BLANKS = re.compile(r"^[\s\u200b-\u200f\u2060\ufeff]+|[\s\u200b-\u200f\u20
 
 
 def read_sheet(path: Path) -> SheetRows:
-    """Read and validate a sample sheet, CSV in UTF-8, with or without byte order mark.
-
-    Empty lines and lines that begin with `#` are skipped; elsewhere `#` is text. `NA` is text, too. An empty cell says
-    nothing, nor do blanks around one.
+    """Read and validate a sample sheet, CSV in UTF-8. Empty lines and lines that begin with `#` are skipped; elsewhere
+    `#` is text, and so is `NA`. An empty cell says nothing, nor do blanks around one.
 
     trial: its name, of letters, digits, `_`, `.` and `-`.
     experiment: one of `EXPERIMENTS`.

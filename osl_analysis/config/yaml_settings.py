@@ -78,19 +78,14 @@ Model = TypeVar("Model", bound=Settings)
 
 
 def read_yaml(path: Path, model: type[Model]) -> Model:
-    """Read a YAML file into a validated model.
-
-    Raises InputError where it is missing, is not YAML, or a field is unknown, absent or of a wrong value.
-    """
+    """Read a YAML file into a model. Raises InputError as `read_mapping`, and where a field is unknown, absent or of a
+    wrong value."""
     return validated(read_mapping(path), model, path)
 
 
 def read_mapping(path: Path, by_snakemake: bool = False) -> dict[str, Any]:
-    """The top level of a YAML file, which must be a mapping. It is shared by all who read the file: do not change it.
-
-    by_snakemake: Snakemake reads the file too, as YAML 1.1; then numbers that it counts otherwise are refused.
-    Raises InputError where the file is missing, is not YAML, or is not a mapping.
-    """
+    """The top level of a YAML file, shared by all who read the file: do not change it. Raises InputError where it is
+    missing, is not YAML, or is not a mapping; `by_snakemake`, which reads YAML 1.1, also where numbers differ there."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; check the path, which is relative to the working directory")
     try:
@@ -210,10 +205,8 @@ def validated(
 
 def explain(error: ValidationError, model: type[BaseModel], content: Any, above: Place) -> tuple[str, Place]:
     """The first problem of a validation error as one sentence with field, value and remedy, and the field's place.
-
-    `above` are the keys that lead to `content` in its file. A field that is renamed or gone is reported before all
-    other problems, and a name like that of a field before the rest: both also cause that the right name is missing.
-    """
+    `above` are the keys that lead to `content` in its file. A field that is renamed or gone comes before all other
+    problems, and a name like that of a field before the rest: both also cause that the right name is missing."""
     # by place; where a field may have several kinds of values, pydantic finds a problem for each
     found: dict[Place, list[Mapping[str, Any]]] = {}
     for one in error.errors():

@@ -1,6 +1,3 @@
-"""The table of judgements: what is measured on a recording or a fit, its limit, what is said beyond it.
-
-table.yaml has its words, `table` its row and the limits of the configuration; `recording` measures the rows that are of
-recordings, `doubts` judges those that are columns of result tables; `findings` tells jobs which trials they use, and
-the reader which causes concern which trials.
-"""
+"""The table of judgements on recordings and fits: table.yaml has its words, `table` its row and the configured limits;
+`recording` measures checks, `doubts` judges columns of result tables; `findings` tells jobs which trials they use, and
+readers which causes concern which trials."""

@@ -32,8 +32,7 @@ EVIDENCE = {
 """The rows of result tables, by column. Any other column may have a limit: its name is then all that is known of it."""
 DOUBTFUL = "doubtful"  # column with the reasons: empty text if the fit is not doubtful, null in a row without a fit
 IS_DOUBTFUL = pl.col(DOUBTFUL).fill_null("") != ""
-EXCLUDED = "excluded"
-"""Column with the reason why a row has no fit, in tables that have such rows; null in rows with a fit."""
+EXCLUDED = "excluded"  # column of some tables with the reason why a row has no fit; null in rows with a fit
 Found = dict[str, tuple[float, str]]  # what is beyond its limit: value, and how, by column
 
 
@@ -284,8 +283,8 @@ def causes_by_trial(table: pl.DataFrame, of: pl.DataFrame | None = None) -> dict
 
 
 def counted(table: pl.DataFrame) -> pl.DataFrame:
-    """The rows, one per trial, that count in a mean: the sound ones if they are half or more. With fewer all count: the
-    doubt is then about the campaign, and the rest would be a selection."""
+    """The rows, one per trial, that count in a mean: the sound ones if they are half or more, else all, as the doubt is
+    then about the campaign."""
     if DOUBTFUL not in table.columns:
         return table
     doubtful, n = doubtful_count(table)

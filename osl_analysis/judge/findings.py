@@ -59,10 +59,9 @@ def without_refused(inputs: Mapping[str, Any], unnamed: Sequence[str] = ()) -> U
 
 @dataclass(frozen=True)
 class Judge:
-    """What decides which trials are used: the configured rules of quality control, and what the sheet accepts by trial.
-    A job that measures knows neither: a changed threshold judges again what was measured, and measures nothing again. A
-    job over several trials finds it in a file, whose change alone runs no job again: its request names the trials that
-    are excluded."""
+    """What decides which trials are used: the configured rules, and what the sheet accepts by trial. A job that
+    measures knows neither: a changed threshold measures nothing again. A job over several trials finds it in a file,
+    whose change alone runs no job again: its request names the trials that are excluded."""
 
     rules: QualityRules
     accept: Mapping[str, Collection[str]]
@@ -105,9 +104,8 @@ def exclusions(verdicts: pl.DataFrame) -> dict[str, str]:
 
 
 def without_excluded(inputs: Mapping[str, Any], reasons: Mapping[str, str]) -> dict[str, Any]:
-    """The named inputs of a job without the files of excluded trials (`exclusions`). Of the trials in the input
-    `quality`, files with the name of an excluded one are removed from every list. The inputs `JUDGES` are not passed
-    on. An excluded input `trial` is refused, and so are lists of excluded trials alone."""
+    """The named inputs of a job without the files of excluded trials (`exclusions`) among those in the input `quality`,
+    and without `JUDGES`. An excluded input `trial` is refused, and so are lists of excluded trials alone."""
     judged = {Path(path).stem for path in inputs.get("quality", ())}
     lists = {name: files for name, files in inputs.items() if isinstance(files, list) and name not in JUDGES}
     needed = {Path(file).stem for files in lists.values() for file in files} & judged
@@ -211,15 +209,14 @@ def unchecked_in(tables: Mapping[str, pl.DataFrame]) -> Iterator[Finding]:
 
 
 def findings_report(verdicts: pl.DataFrame, tables: Iterable[Path]) -> str:
-    """The findings of a campaign for the end of a run, a line each; empty without any. Tables may be refusal records or
-    not be there."""
+    """The findings of a campaign for the end of a run, a line each; tables may be refusal records or not be there."""
     written = {path.stem: read_table(path) for path in tables if path.is_file() and not is_refused(path)}
     return "\n".join(one.line() for one in findings(verdicts, written))
 
 
 def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str:
-    """Excluded trials with reasons, in the sample sheet or by the `verdicts`, for the end of a run, also of a failed
-    run; empty without any. Trials that fail the same check are one line."""
+    """Excluded trials with reasons, by the sample sheet or the `verdicts`, for the end of a run; empty without any.
+    Trials that fail the same check are one line."""
     failed = verdicts.filter(pl.col("verdict") == "exclude").unique("trial", keep="first", maintain_order=True)
     reasons, lines = exclusions(verdicts), []
     for (check,), rows in failed.group_by("check", maintain_order=True):
@@ -233,8 +230,7 @@ def exclusion_report(verdicts: pl.DataFrame, by_sheet: Mapping[str, str]) -> str
 
 
 def left_behind_report(stored: Iterable[Path], trials: Collection[str]) -> str:
-    """A line on trials that are not among those of the sheet, as after a renaming, whose files are still `stored` among
-    the results; empty without such files."""
+    """A line on trials whose files are `stored` though the sheet has them not, as after a renaming; empty without."""
     unknown = sorted({path.stem for path in stored} - set(trials))
     if not unknown:
         return ""

@@ -1,5 +1,6 @@
 """The configuration: an old name is refused with the new one, and the shipped file is valid."""
 
+import json
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
@@ -9,10 +10,17 @@ from conftest import ROOT
 from pydantic import Field
 
 from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.commands.simulate import laboratory_of, read_simulation, settings_files, simulate_trial
 from osl_analysis.config.campaign import check_files
-from osl_analysis.config.configuration import campaign_config, read_section
+from osl_analysis.config.configuration import campaign_config, read_config, read_section
+from osl_analysis.config.experiments import EXPERIMENTS
+from osl_analysis.config.parameters import read_parameters
+from osl_analysis.config.shared_choices import FOLLOWED, SharedChoices
 from osl_analysis.config.yaml_settings import Settings, read_mapping, read_yaml
 from osl_analysis.errors import InputError
+from osl_analysis.model.compensator import select_gains
+from osl_analysis.model.gain_selection import Weight
+from osl_analysis.simulator.crossing import compensated_damping
 
 SHIPPED_FILE = ROOT / "config/config.yaml"
 SHIPPED = yaml.safe_load(SHIPPED_FILE.read_text())
@@ -69,9 +77,7 @@ TRUTH = "write a number; YAML reads true, yes and on, false, no and off as truth
          " with a full stop as decimal sign (and 2 more problems)"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_in_a_file_is_one_line_with_line_field_value_and_remedy_in_our_words(
-    tmp_path: Path, text: str, said: str
-) -> None:
+def test_what_is_wrong_in_a_file_is_one_line_with_line_field_value_and_remedy_in_our_words(tmp_path, text, said):
     (tmp_path / "a.yaml").write_text(f"first: 1\n{text}")
     with pytest.raises(InputError) as refusal:
         read_yaml(tmp_path / "a.yaml", Outer)
@@ -107,17 +113,10 @@ def test_a_stepped_sine_has_cycles_for_each_frequency_enough_to_settle_and_no_ke
         campaign_config(SHIPPED | {"dynamometer": SHIPPED["dynamometer"] | changed}, [SHIPPED_FILE])
 
 
-@pytest.mark.parametrize(
-    ("changed", "cycles"),
-    [
-        ({}, (20, 20, 20, 20, 20)),
-        ({"cycles": [10, 15, 20, 25, 30]}, (10, 15, 20, 25, 30)),
-        ({"seconds_per_frequency": 10}, (10, 20, 30, 40, 50)),
-    ],
-)
-def test_a_time_per_frequency_replaces_the_cycles(changed, cycles):
-    config = campaign_config(SHIPPED | {"dynamometer": SHIPPED["dynamometer"] | changed}, [SHIPPED_FILE])
-    assert config.dynamometer.protocol.cycles_at == cycles
+def test_a_time_per_frequency_replaces_the_cycles():
+    for changed, cycles in (({}, (20,) * 5), ({"seconds_per_frequency": 10}, (10, 20, 30, 40, 50))):
+        config = campaign_config(SHIPPED | {"dynamometer": SHIPPED["dynamometer"] | changed}, [SHIPPED_FILE])
+        assert config.dynamometer.protocol.cycles_at == cycles
 
 
 @pytest.mark.parametrize(
@@ -174,8 +173,7 @@ def test_a_number_that_yaml_1_1_counts_is_text_or_plain_and_refused_where_snakem
     assert read_mapping(path, by_snakemake=True) == yaml.safe_load(text)
 
 
-def test_a_section_that_is_wrong_is_named_with_its_key_and_line_where_it_alone_is_read(tmp_path, monkeypatch):
-    monkeypatch.chdir(ROOT)
+def test_a_section_that_is_wrong_is_named_with_its_key_and_line_where_it_alone_is_read(tmp_path, in_root):
     path = tmp_path / "own.yaml"
     for text, said in (
         (
@@ -187,3 +185,123 @@ def test_a_section_that_is_wrong_is_named_with_its_key_and_line_where_it_alone_i
         path.write_text(text)
         with pytest.raises(InputError, match=said):
             read_section(path, "dynamometer", DynamometerAnalysis)
+
+
+# Parameter files: what ships is valid, and a mistake is one line that names it.
+
+PARAMETERS = ROOT / "config/parameters"
+
+
+def edited(tmp_path, **changes):
+    content = yaml.safe_load((PARAMETERS / "default.yaml").read_text())
+    for name, value in changes.items():
+        if value is None:
+            del content["parameters"][name]
+        else:
+            content["parameters"].setdefault(name, {"value": 1.0, "unit": "1", "source": "test"}).update(value)
+    path = tmp_path / "edited.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def test_the_shipped_files_have_the_numbers_of_hardware_text_table_and_later_publication():
+    default, later = (read_parameters(PARAMETERS / f"{name}.yaml") for name in ("default", "osl-v2-published"))
+    assert (default.n_T, default.n_m * default.n_T, default.K_s) == pytest.approx((83 / 18, 41.5, 685.6))
+    assert default.n_T**2 * default.J_m == pytest.approx(0.196, abs=5e-4)  # reflected, as the design states
+    with pytest.warns(UserWarning, match="83/11 contradicts the hardware"):
+        printed = read_parameters(PARAMETERS / "table1-as-printed.yaml")
+    assert printed.n_T**2 * printed.J_m == pytest.approx(0.52, abs=5e-3)
+    assert (later.K_s, later.K_s2, later.B_m) == (876, 14913, 6.06e-2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"K_s": None}, "K_s .* is missing"),
+        ({"K_s": {"unit": "N*mm/rad"}}, r"line \d+: parameters\.K_s\.unit: K_s has unit 'N\*mm/rad', expected 'N\*m/r"),
+        ({"K_s": {"value": -3}}, r"line \d+: parameter K_s = -3.* must be positive"),
+        ({"K_s": {"value": True}}, r"line \d+: parameters\.K_s\.value: true is not allowed: write a number"),
+        ({"B_j": {"value": -0.1}}, "B_j = -0.1 .* zero or positive"),
+        ({"J_m": {"value": 1e-300}}, r"J_m = 1e-300 kg\*m\^2 must be positive, 1e-09 to 1e\+09; correct"),
+        ({"B_j": {"value": 1e16}}, r"B_j = 1e\+16 .* zero or positive, 1e-09 to 1e\+09"),
+        ({"n_T": {"value": "83/0"}}, "ratio such as 83/18"),
+        ({"k_tau": {"value": float("nan")}}, "k_tau"),
+        ({"mass": {"value": 1.0}}, r"line \d+: parameters\.mass: unknown parameter mass.*; remove it"),
+        ({"K_s": {"value": "1e400"}}, "ratio such as 83/18|K_s"),
+        ({"f_G": {"value": 2}}, "f_G = 2.0 N\\*m/A is not below k_tau n_m"),
+    ],
+)
+def test_a_wrong_quantity_is_named_with_its_file(tmp_path, changes, message):
+    with pytest.raises(InputError, match=f"edited.yaml.*{message}") as caught:
+        read_parameters(edited(tmp_path, **changes))
+    assert "\n" not in str(caught.value)
+    with pytest.raises(InputError, match=r"nowhere\.yaml: no such file"):
+        read_parameters(Path("nowhere.yaml"))
+
+
+# The simulator follows the configuration in what both use: device, gains, protocol, desired impedance.
+
+TINY = Path("tests/tiny_simulation.yaml")
+TRIAL = "impedance_K300_B5.0_compensated"
+OTHER = "config/parameters/osl-v2-published.yaml"
+
+
+@pytest.fixture
+def in_root(monkeypatch):
+    monkeypatch.chdir(ROOT)
+
+
+def configured(tmp_path, **changes):
+    """What the simulator follows, from the default configuration with changes."""
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(changes))
+    return read_config(tmp_path / "config.yaml")
+
+
+def test_the_simulated_leg_has_the_gains_that_the_configuration_says(tmp_path, in_root):
+    """The truth beside the log, against the gains of Eq. 14 for the other weight and the other device."""
+    protocol = {"amplitudes_deg": [3], "frequencies_hz": [4], "cycles": 2, "settle_cycles": 1}
+    changes = {"gain_weight": {"cutoff_hz": 4, "order": 2}, "parameters": OTHER, "dynamometer": protocol}
+    followed = configured(tmp_path, **changes).shared("impedance")
+    simulate_trial(TINY, tmp_path / "raw", TRIAL, followed)
+    truth = json.loads((tmp_path / f"raw/truth/{TRIAL}.json").read_text())
+    expected = select_gains("compensated", 300, 5, read_parameters(Path(OTHER)), Weight(4, 2))
+    assert truth["gains"]["B_1"] == pytest.approx(expected.B_1)
+    assert truth["gains"]["K_1"] == pytest.approx(expected.K_1)
+    usual = select_gains("compensated", 300, 5, read_parameters(ROOT / "config/parameters/default.yaml"))
+    assert abs(expected.B_1 / usual.B_1 - 1) > 0.01
+
+
+def test_the_simulated_protocol_and_walk_are_those_of_the_configuration(tmp_path, in_root):
+    other = tmp_path / "other.csv"
+    other.write_text((ROOT / "config/impedance/synthetic_rising.csv").read_text())
+    protocol = {"amplitudes_deg": [3, 1], "frequencies_hz": [4, 2.5], "cycles": 7, "seconds_per_frequency": 2}
+    changes = {"dynamometer": protocol, "gain_weight": {"cutoff_hz": 3, "order": 1}, "impedance_trajectory": str(other)}
+    followed = configured(tmp_path, **changes).shared()
+    settings = read_simulation(Path("config/simulation/default.yaml"), followed)
+    stepped = settings.protocol
+    assert (stepped.amplitudes_deg, stepped.frequencies_hz, stepped.cycles) == ((3, 1), (4, 2.5), None)
+    assert (stepped.seconds, stepped.lead_s) == (2, 1)
+    walking = laboratory_of(settings, followed)
+    assert walking.impedance == other
+    assert walking.gain_weight.weight == Weight(3, 1)
+    assert other in settings_files(Path("config/simulation/default.yaml"), followed)
+    p, path = read_parameters(ROOT / "config/parameters/default.yaml"), Path("config/impedance/synthetic_walking.csv")
+    paper, other = (compensated_damping(path, p, Weight(f, 3))[1] for f in (1.0, 4.0))
+    assert abs(other / paper - 1).max() > 0.01
+
+
+def test_each_experiment_follows_what_it_uses_and_no_more(tmp_path, in_root):
+    """A belt has no controller: another weight does not simulate it anew."""
+    one, other = (configured(tmp_path, gain_weight={"cutoff_hz": f, "order": 3}) for f in (1, 2))
+    same = [name for name in EXPERIMENTS if one.shared(name) == other.shared(name)]
+    assert {"impedance", "walking"} == EXPERIMENTS.keys() - same
+    assert FOLLOWED.keys() <= EXPERIMENTS.keys()
+    assert one.shared("static") == SharedChoices()
+
+
+def test_a_protocol_that_the_simulated_log_cannot_hold_is_refused(tmp_path, in_root):
+    followed = configured(tmp_path, dynamometer={"frequencies_hz": [1, 200], "cycles": 20}).shared()
+    with pytest.raises(InputError, match=r"tiny_simulation.yaml: .*dynamometer.rate_hz = 1000 Hz takes 5 samples"):
+        read_simulation(TINY, followed)
+    alone = read_simulation(TINY, SharedChoices())  # without a configuration the settings decide
+    assert (alone.protocol.frequencies_hz, alone.gain_weight.weight) == ((2, 5), Weight(1, 3))

@@ -1,7 +1,6 @@
 """Trials that quality control excludes are always named."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -25,7 +24,7 @@ COLUMNS = ["trial", "check", "value", "unit", "threshold", "remark"]
 
 
 @pytest.fixture
-def checked(tmp_path: Path) -> list[Path]:
+def checked(tmp_path):
     """What was measured on three plate trials: a slow one, which flags it, two with a plate that was not zeroed."""
     paths = []
     for name, offset, rate in (("plate_1", 1.0, 50), ("plate_2", -80.0, 1000), ("plate_3", -90.0, 1000)):
@@ -36,7 +35,7 @@ def checked(tmp_path: Path) -> list[Path]:
     return paths
 
 
-def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked: list[Path]) -> None:
+def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked):
     files = [f"fits/{name}.parquet" for name in ("plate_1", "plate_2", "plate_3")]
     inputs = {"trials": files, "table": "tables/plate_2.csv", "quality": list(map(str, checked))}
     used = {"trials": [files[0], files[2]], "table": "tables/plate_2.csv"}
@@ -46,7 +45,7 @@ def test_an_excluded_trial_is_left_out_and_an_accepted_one_is_not(checked: list[
     assert exclusion_report(JUDGE.verdicts(checked[:1]), {}) == ""
 
 
-def test_a_changed_threshold_judges_anew_what_was_measured(checked: list[Path]) -> None:
+def test_a_changed_threshold_judges_anew_what_was_measured(checked):
     content = RULES.model_dump(mode="json")
     wider = QualityRules.model_validate(content | {"unzeroed_plate": {"threshold": "85 N", "on_failure": "exclude"}})
     excluding = [exclusions(Judge(rules, {}).verdicts(checked)) for rules in (RULES, wider)]
@@ -54,7 +53,7 @@ def test_a_changed_threshold_judges_anew_what_was_measured(checked: list[Path]) 
     assert not {"threshold", "verdict"} & set(read_table(checked[0]).columns)
 
 
-def test_who_was_left_out_is_listed_and_told_with_value_threshold_and_remedy(checked: list[Path]) -> None:
+def test_who_was_left_out_is_listed_and_told_with_value_threshold_and_remedy(checked):
     folder = checked[0].parent
     judge(checked, RULES, ACCEPT, folder / "quality.csv")
     list_excluded(folder / "quality.csv", {"b_2": "stumbled"}, folder / "excluded.csv")
@@ -69,7 +68,7 @@ def test_who_was_left_out_is_listed_and_told_with_value_threshold_and_remedy(che
     assert "`accept`" in told
 
 
-def test_a_trial_that_could_not_be_judged_is_in_both_lists_with_reason_and_remedy(checked: list[Path]) -> None:
+def test_a_trial_that_could_not_be_judged_is_in_both_lists_with_reason_and_remedy(checked):
     lost = Refusal("plate_9", "p.c3d", "ingest.ingest_trial", "refused", "p.c3d: truncated", "export it again")
     folder = checked[0].parent
     for judged, n in (([], 0), (checked, 3)):
@@ -88,9 +87,7 @@ def test_a_trial_that_could_not_be_judged_is_in_both_lists_with_reason_and_remed
     ("name", "files"),
     [("rows", ["fits/plate_2.csv"]), ("trial", "trials/plate_2.parquet"), ("trial", "trials/plate_2.csv")],
 )
-def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(
-    checked: list[Path], name: str, files: str | list[str]
-) -> None:
+def test_where_nothing_is_left_the_reason_is_one_line_with_a_remedy(checked, name, files):
     beside = {"motion": ["trials/plate_1.parquet"]} if files == "trials/plate_2.csv" else {}
     with pytest.raises(InputError, match=r"^[^\n]*excludes every trial .*: plate_2 \(unzeroed_plate .*; record again"):
         without_excluded({name: files, "quality": checked} | beside, exclusions(JUDGE.verdicts(checked)))

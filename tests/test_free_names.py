@@ -2,7 +2,6 @@
 
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -22,7 +21,7 @@ SHEET = (
 """Trial, controller, K_d, B_d, joint, side, and by how much its impedance exceeds K, B and I."""
 
 
-def recording(share: float, seed: int) -> pl.DataFrame:
+def recording(share, seed):
     """A stepped sine of 1 to 3 Hz at 2 and 4 deg against an exact second-order joint, in the columns of `bench_csv`."""
     rate, pieces = 250, []
     for amplitude in np.deg2rad([2, 4]):
@@ -42,7 +41,7 @@ def recording(share: float, seed: int) -> pl.DataFrame:
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def results(tmp_path_factory):
     """The results of one run of the workflow."""
     folder = tmp_path_factory.mktemp("free")
     rows = ["trial,experiment,controller,K_d,B_d,joint,side,log,log_source"]
@@ -64,7 +63,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
-def test_every_trial_is_analysed_and_nothing_is_predicted(results: Path) -> None:
+def test_every_trial_is_analysed_and_nothing_is_predicted(results):
     """K and B are those of the exact joint, times the share of each."""
     table = pl.read_csv(results / "tables/impedance.csv").filter(pl.col("amplitude_deg").is_null())
     shares = {trial: share for trial, *_, share in SHEET}
@@ -78,7 +77,7 @@ def test_every_trial_is_analysed_and_nothing_is_predicted(results: Path) -> None
     assert set(table.select("joint", "side").iter_rows()) == places
 
 
-def test_all_figures_are_drawn_and_say_what_is_simulated(results: Path) -> None:
+def test_all_figures_are_drawn_and_say_what_is_simulated(results):
     drawn = {path.stem for path in (results / "figures").glob("*.svg")}
     assert {"fig4", "fig5", "fig6", "fig7"} <= drawn
     for path in (results / "figures").glob("*.svg"):
@@ -86,7 +85,7 @@ def test_all_figures_are_drawn_and_say_what_is_simulated(results: Path) -> None:
     assert pl.read_csv(results / "figures/fig4.csv")["chosen"][0].startswith("the first impedance trial of the sheet")
 
 
-def test_headline_numbers_and_their_macros_are_told_apart(results: Path) -> None:
+def test_headline_numbers_and_their_macros_are_told_apart(results):
     summary = json.loads((results / "summary.json").read_text(encoding="utf-8"))
     assert (summary["data"], summary["recorded"]) == ("simulated", "recorded 2026-03-14")
     assert summary["numbers"]["K_example_pd (knee, left)"]["value"] == pytest.approx(1.2 * K, rel=0.01)
@@ -100,7 +99,7 @@ def test_headline_numbers_and_their_macros_are_told_apart(results: Path) -> None
     assert tex.startswith("% Simulated data: campaign knee")
 
 
-def test_every_table_is_plain_csv_that_says_what_its_data_are(results: Path) -> None:
+def test_every_table_is_plain_csv_that_says_what_its_data_are(results):
     listed = {one["url"] for one in json.loads((results / "csv-metadata.json").read_text(encoding="utf-8"))["tables"]}
     written = (*(results / "tables").glob("*.csv"), *(results / "figures").glob("*.csv"))
     assert listed == {str(path.relative_to(results)) for path in written}

@@ -1,10 +1,7 @@
 """Quality control: every check sees the fault it is for, and nothing in a sound recording."""
 
 import re
-from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -21,7 +18,7 @@ from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.judge.recording import CHECKS, examine, quality_table, validate_rules
 from osl_analysis.judge.table import CheckResult, Commanded, QualityRules
 from osl_analysis.signals import longest_at_extreme, longest_run
-from osl_analysis.trial import Array, Trial
+from osl_analysis.trial import Trial
 
 CONFIG = ROOT / "config/config.yaml"
 COMMANDED = Commanded((2.0, 4.0), (2.0, 5.0), 6)
@@ -29,7 +26,7 @@ RULES = read_section(CONFIG, "quality", QualityRules)
 RATE = 1000.0
 
 
-def stepped_sine(commanded: Commanded = COMMANDED) -> Array:
+def stepped_sine(commanded=COMMANDED):
     """The joint's angle [rad]: half a second of rest, then each amplitude at every frequency, rests between."""
     rest = np.zeros(500)
     pieces = [rest]
@@ -43,7 +40,7 @@ def stepped_sine(commanded: Commanded = COMMANDED) -> Array:
 ANGLE = stepped_sine()
 
 
-def bench(theta: Array = ANGLE, **changed: Array) -> pl.DataFrame:
+def bench(theta=ANGLE, **changed):
     """A sound recording of the dynamometer, with columns changed or added."""
     rng = np.random.default_rng(5)
     torque = 300 * theta + 0.5 + 0.05 * rng.standard_normal(theta.size)
@@ -55,7 +52,7 @@ def bench(theta: Array = ANGLE, **changed: Array) -> pl.DataFrame:
 TORQUE = bench()["torque"].to_numpy()
 
 
-def laboratory(**changed: Array | pl.Series) -> pl.DataFrame:
+def laboratory(**changed):
     """A sound crossing: a plate at 1000 Hz that is stepped on, a marker at 200 Hz."""
     time, rng = np.arange(2000) / RATE, np.random.default_rng(6)
     load = 800 * np.clip(np.minimum(time - 0.7, 1.4 - time) / 0.02, 0, 1)
@@ -63,42 +60,42 @@ def laboratory(**changed: Array | pl.Series) -> pl.DataFrame:
     return pl.DataFrame({"time": time, **plate, "marker_A_x": every_fifth(0.1 * time[::5]), **changed})
 
 
-def every_fifth(values: Array) -> pl.Series:
+def every_fifth(values):
     """A marker's column beside one that is sampled five times as often."""
     column = pl.Series("marker_A_x", [None] * (5 * values.size), pl.Float64)
     return column.scatter(np.arange(values.size) * 5, values)
 
 
-def actuator_bench(**changed: Array) -> pl.DataFrame:
+def actuator_bench(**changed):
     """A sound recording of the actuator's own bench: two seconds of a slow sine."""
     time, noise = np.arange(2000) / RATE, np.random.default_rng(8).standard_normal((2, 2000))
     columns = {"theta_m": np.sin(3 * time), "current": 5 * np.sin(3 * time) + 0.01 * noise[0]}
     return pl.DataFrame({"time": time, **columns, "torque_m": 5 * np.sin(3 * time) + 0.01 * noise[1], **changed})
 
 
-def with_piece(values: Array, first: int, last: int, new: float | None = None) -> Array:
+def with_piece(values, first, last, new=None):
     """The values with one value from `first` to `last`, that which they have there or another one."""
     made = values.copy()
     made[first:last] = made[first] if new is None else new
     return made
 
 
-def results(samples: pl.DataFrame, experiment: str = "impedance", **provenance: Any) -> dict[str, CheckResult]:
+def results(samples, experiment="impedance", **provenance):
     return examine(Trial("t", samples, provenance), experiment, COMMANDED)
 
 
-def failed(found: Mapping[str, CheckResult]) -> set[str]:
+def failed(found):
     """Names of the checks that the shipped thresholds do not pass."""
     return {name for name, result in found.items() if CHECKS[name].failed(result.value, RULES.by_check[name].limit)}
 
 
-def test_a_sound_recording_passes_every_check() -> None:
+def test_a_sound_recording_passes_every_check():
     assert failed(results(bench())) == set()
     assert failed(results(laboratory(), "walking")) == set()
     assert set(results(bench())) == set(CHECKS)
 
 
-def jump(turn: float) -> Array:
+def jump(turn):
     return ANGLE + turn * ((np.arange(ANGLE.size) > 2000) & (np.arange(ANGLE.size) < 2500))
 
 
@@ -144,9 +141,7 @@ STOOD_ON = 800 + np.random.default_rng(1).standard_normal(2000)
         ("damage", bench(), "impedance", None, "not applicable: no damage report"),
     ],
 )  # fmt: skip
-def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
-    check: str, samples: pl.DataFrame, experiment: str, value: float | None, remark: str | None
-) -> None:
+def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(check, samples, experiment, value, remark):
     found = results(samples, experiment)
     assert found[check].value == pytest.approx(
         value, abs={"unzeroed_plate": 0.5, "unzeroed_load_cell": 0.05}.get(check, 1e-9)
@@ -158,7 +153,7 @@ def test_a_fault_is_measured_where_it_is_and_fails_its_own_check_alone(
         assert failed(found) - {"protocol"} == ({check} if fails else set())
 
 
-def test_jitter_passes_where_the_signals_decide_and_a_gap_is_not_jitter() -> None:
+def test_jitter_passes_where_the_signals_decide_and_a_gap_is_not_jitter():
     samples = bench()
     noise = np.sort(samples["time"].to_numpy() + 0.3 / RATE * np.random.default_rng(2).standard_normal(samples.height))
     found = results(samples.with_columns(time=pl.Series(noise)))
@@ -169,7 +164,7 @@ def test_jitter_passes_where_the_signals_decide_and_a_gap_is_not_jitter() -> Non
     assert failed(late) >= {"gap"}
 
 
-def test_jitter_is_the_wander_of_stamps_about_which_nothing_decides() -> None:
+def test_jitter_is_the_wander_of_stamps_about_which_nothing_decides():
     resting = bench(1e-5 * np.random.default_rng(3).standard_normal(10_000))
     resting = resting.with_columns(torque=0.05 * np.random.default_rng(4).standard_normal(10_000))
     wander = 0.5 / RATE * np.sin(2 * np.pi * np.arange(10_000) / 3000)
@@ -178,7 +173,7 @@ def test_jitter_is_the_wander_of_stamps_about_which_nothing_decides() -> None:
     assert "undecided, true" in found.remark
 
 
-def test_an_extreme_at_zero_or_where_the_channel_mostly_is_is_no_rail() -> None:
+def test_an_extreme_at_zero_or_where_the_channel_mostly_is_is_no_rail():
     time = np.arange(2000) / RATE
     load = 800 * np.clip(np.minimum(time - 0.7, 1.4 - time) / 0.02, 0, 1) * (1 + 0.01 * np.sin(300 * time))
     assert (
@@ -202,9 +197,7 @@ def test_an_extreme_at_zero_or_where_the_channel_mostly_is_is_no_rail() -> None:
     ],
     ids=["small noisy torque", "start with a jump", "coarse load cell"],
 )
-def test_a_joint_at_rest_is_not_stuck_though_nothing_is_commanded(
-    moved: Array, K: float, noise: float, step: float
-) -> None:
+def test_a_joint_at_rest_is_not_stuck_though_nothing_is_commanded(moved, K, noise, step):
     theta = np.concatenate([np.zeros(2000), moved])
     torque = K * theta + noise * np.random.default_rng(3).standard_normal(theta.size)
     torque = np.round(torque / step) * step if step else torque
@@ -217,7 +210,7 @@ def test_a_joint_at_rest_is_not_stuck_though_nothing_is_commanded(
 
 
 @pytest.mark.parametrize("experiment", [name for name, facts in EXPERIMENTS.items() if facts.torque])
-def test_the_torque_of_every_experiment_is_checked_for_rails_and_for_standing_still(experiment: str) -> None:
+def test_the_torque_of_every_experiment_is_checked_for_rails_and_for_standing_still(experiment):
     torque = str(EXPERIMENTS[experiment].torque)
     sound = actuator_bench() if experiment == "actuator" else bench()
     changed = (sound.with_columns(x.alias(torque)) for x in (pl.lit(0.0), pl.col(torque).clip(None, 4.0)))
@@ -227,7 +220,7 @@ def test_the_torque_of_every_experiment_is_checked_for_rails_and_for_standing_st
         assert [failed(f) for f in (results(sound, "actuator"), railed, dead)] == [set(), {"saturation"}, {"stuck"}]
 
 
-def test_the_rest_of_a_load_cell_ends_where_the_joint_first_moves_also_on_a_node_of_its_own() -> None:
+def test_the_rest_of_a_load_cell_ends_where_the_joint_first_moves_also_on_a_node_of_its_own():
     theta = np.radians(5) * np.clip((np.arange(4000) - 1000) / 2000, 0, 1)
     found = results(bench(theta), "belt")["unzeroed_load_cell"]
     assert found.value == pytest.approx(0.5, abs=0.05)
@@ -239,8 +232,8 @@ def test_the_rest_of_a_load_cell_ends_where_the_joint_first_moves_also_on_a_node
     assert results(both)["unzeroed_load_cell"].value == pytest.approx(alone)
 
 
-def test_a_persons_weight_with_the_wrong_sign_is_told_from_an_offset() -> None:
-    def remark(level: float, experiment: str) -> str:
+def test_a_persons_weight_with_the_wrong_sign_is_told_from_an_offset():
+    def remark(level, experiment):
         force = level + np.random.default_rng(1).standard_normal(2000)
         return results(laboratory(plate1_force_z=force), experiment)["unzeroed_plate"].remark
 
@@ -250,7 +243,7 @@ def test_a_persons_weight_with_the_wrong_sign_is_told_from_an_offset() -> None:
     assert "sign" not in remark(-735.7, "plate")  # nobody stands on it
 
 
-def test_the_plate_at_minus_713_n_of_a_real_recording_is_caught() -> None:
+def test_the_plate_at_minus_713_n_of_a_real_recording_is_caught():
     path = REAL_DATA / "c3d/qtm_JH_01_300_1200_plate_offset.c3d"
     if not path.is_file():
         pytest.skip("no real data")
@@ -260,7 +253,7 @@ def test_the_plate_at_minus_713_n_of_a_real_recording_is_caught() -> None:
     assert "unzeroed_plate" in failed(found)
 
 
-def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance() -> None:
+def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance():
     clock = {"offset": 0.0, "drift": 5e-5, "drift_error": 1e-6, "residual": 2.5e-3, "edges": 20, "excluded_edges": 1}
     damage = {"complete": False, "crc": "checked", "chunks_lost": 2, "messages_lost": 130, "share_lost": 0.04}
     found = results(bench(), clock=clock, damage=damage | {"remarks": ["chunk 3: checksum"]})
@@ -281,15 +274,13 @@ def test_clocks_that_fit_badly_and_a_damaged_log_are_told_from_the_provenance() 
         (Commanded((2.0, 4.0), (2.01, 5.025), 6), 0, "found; frequencies are 0.5 % above the commanded ones"),
     ],
 )
-def test_the_protocol_in_the_log_is_held_against_the_configured_one(
-    really: Commanded, missing: int, remark: str
-) -> None:
+def test_the_protocol_in_the_log_is_held_against_the_configured_one(really, missing, remark):
     found = results(bench(stepped_sine(really)))["protocol"]
     assert found.value == missing
     assert remark in found.remark
 
 
-def test_a_time_per_frequency_may_be_commanded_in_place_of_cycles() -> None:
+def test_a_time_per_frequency_may_be_commanded_in_place_of_cycles():
     theta = stepped_sine(Commanded((2.0, 4.0), (2.0, 5.0), (6, 15)))
     seconds = examine(Trial("a", bench(theta)), "impedance", Commanded((2.0, 4.0), (2.0, 5.0), 6, 3.0))["protocol"]
     assert seconds == CheckResult(0.0, "4 commanded pairs of amplitude and frequency found")
@@ -298,7 +289,7 @@ def test_a_time_per_frequency_may_be_commanded_in_place_of_cycles() -> None:
     assert stated == CheckResult(0.0, "not compared: the configuration says that any motion moves the joint")
 
 
-def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_name() -> None:
+def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_name():
     found = {"gap": CheckResult(0.2, "theta"), "unzeroed_plate": CheckResult(700.0, "plate1 -700 N")}
     table = quality_table("w", found | {"rate": CheckResult(None)}, RULES, ())
     assert table["verdict"].to_list() == ["flag", "exclude", "pass"]
@@ -310,7 +301,7 @@ def test_a_failure_flags_or_excludes_by_its_rule_and_the_sheet_accepts_it_by_nam
 
 @pytest.mark.parametrize("rows", [1, 2, 3, 250])
 @pytest.mark.parametrize("experiment", ["impedance", "walking"])
-def test_a_trial_of_few_rows_or_empty_columns_is_judged_without_an_error(rows: int, experiment: str) -> None:
+def test_a_trial_of_few_rows_or_empty_columns_is_judged_without_an_error(rows, experiment):
     nothing = pl.lit(None, pl.Float64)
     samples = bench()[:rows].with_columns(plate1_force_z=nothing, marker_A_x=pl.lit(np.nan))
     found = results(samples, experiment)
@@ -323,7 +314,7 @@ def test_a_trial_of_few_rows_or_empty_columns_is_judged_without_an_error(rows: i
     ("name", "value", "failing"),
     [("rate", 99.0, True), ("rate", 100.0, False), ("gap", 0.05, False), ("gap", 0.051, True), ("gap", np.nan, True)],
 )
-def test_a_value_at_its_threshold_passes_and_no_number_fails(name: str, value: float, failing: bool) -> None:
+def test_a_value_at_its_threshold_passes_and_no_number_fails(name, value, failing):
     assert CHECKS[name].failed(value, RULES.by_check[name].limit) is failing
 
 
@@ -339,16 +330,14 @@ def test_a_value_at_its_threshold_passes_and_no_number_fails(name: str, value: f
          "the check 'unfinished' is now called 'truncated'"),
     ],
 )  # fmt: skip
-def test_rules_and_checks_are_the_same_list_and_a_threshold_has_the_unit_of_its_check(
-    changed: Mapping[str, Any], message: str
-) -> None:
+def test_rules_and_checks_are_the_same_list_and_a_threshold_has_the_unit_of_its_check(changed, message):
     validate_rules(RULES)
     content = yaml.safe_load(CONFIG.read_text())["quality"] | changed
     with pytest.raises(InputError, match=re.escape(message)):
         validate_rules(QualityRules.model_validate({name: rule for name, rule in content.items() if rule}))
 
 
-def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path: Path) -> None:
+def test_the_sheet_may_accept_only_checks_that_there_are(tmp_path):
     (tmp_path / "trials.csv").write_text("trial,experiment,log,log_source,accept\nb,belt,b.mcap,dynamometer,gap gaps\n")
     changes = {"sheet": tmp_path / "trials.csv", "simulation": None}
     config = campaign_config(yaml.safe_load(CONFIG.read_text()) | changes, [CONFIG])

@@ -135,7 +135,7 @@ def test_the_conditions_of_a_crossing_are_words_and_may_be_empty(tmp_path):
     assert {table["w2"][name] for name in ("group", "session", "direction")} == {None}
 
 
-def campaign(experiments: dict[str, str]) -> Campaign:
+def campaign(experiments):
     """A campaign of these trials, each with its experiment."""
     rows = {trial: {"experiment": experiment} for trial, experiment in experiments.items()}
     return Campaign(SimpleNamespace(sheet="trials.csv"), rows, {})

@@ -19,7 +19,6 @@ from scipy.interpolate import make_interp_spline
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
-from osl_analysis.formats.csv_table import MOST_CELLS
 from osl_analysis.ingest.clock import ClockFit
 from osl_analysis.ingest.raw_files import FORMATS, merged
 from osl_analysis.ingest.recording import LARGEST_MEASURED, Recording
@@ -217,13 +216,6 @@ def test_a_file_that_changes_while_it_is_read_is_refused(
     assert "the file changed while it was read; wait until it is recorded or copied" in message
 
 
-def test_one_recording_alone_is_a_trial(laboratory: Path) -> None:
-    assert "theta" not in ingested(laboratory, log="", log_source="").samples.columns
-    trial = ingested(laboratory, mocap=None, mocap_source=None)
-    assert set(trial.samples.columns) == {"time", "theta", "sync"}
-    assert trial.samples["time"][0] == 0
-
-
 BOTH = {**CAPTURE, "analogs": {"sync": {"channel": "A1"}, "theta": {"channel": "A1", "unit": "deg"}}}
 PERIODIC = [stamped(i * 2_000_000, angle=0.0, torque=0.0, sync=(i // 29) % 2 > 0) for i in range(2500)]
 
@@ -298,19 +290,6 @@ def test_a_real_plug_in_gait_trial_is_ingested_with_its_reference_moments(tmp_pa
     assert not any("Moment" in name or "*" in name for name in trial.samples.columns)
     assert [plate["plate"] for plate in trial.provenance["plates"]] == [1, 2, 3]
     assert trial.provenance["mocap"]["body_mass_kg"] == 74
-
-
-def test_a_column_that_is_not_there_is_answered_with_the_nearest_names_not_with_all():
-    markers = {f"marker_{label}_{axis}": [0.0] for label in ("FOOT1", "FOOT2", "SHANK1", "PLAT1") for axis in "xyz"}
-    trial = Trial("c", pl.DataFrame({"time": [0.0], **markers}))
-    with pytest.raises(InputError) as caught:
-        trial.signals("marker_FOOT3_x")
-    assert str(caught.value) == (
-        "trial c: no column 'marker_FOOT3_x'; map the channel in the source file (the nearest of 13 are "
-        "marker_FOOT2_x, marker_FOOT1_x, marker_FOOT2_z, marker_FOOT2_y, marker_FOOT1_z, marker_FOOT1_y)"
-    )
-    with pytest.raises(InputError, match=r"\(it has time, marker_FOOT1_x, .*marker_FOOT2_y, \.\.\.\)$"):
-        trial.signals("current")
 
 
 def test_a_trial_without_a_column_that_its_experiment_needs_is_refused_by_name(laboratory: Path) -> None:
@@ -401,30 +380,9 @@ def test_markers_that_were_never_seen_are_refused_where_they_are_needed_and_told
     assert capture_of(tmp_path, hidden, "walking").provenance["warnings"] == []
 
 
-def test_what_is_no_file_is_named_as_what_it_is(tmp_path: Path) -> None:
-    (tmp_path / "s.yaml").write_text(CSV_LOG.replace("UNIT", "rad"))
-    (tmp_path / "folder").mkdir()
-    for name, told in (("/dev/zero", "a device or a pipe"), ("folder", "a folder"), ("x", "no such file")):
-        with pytest.raises(InputError, match=rf"{name}: {told}.*; \w+"):
-            trial_of(tmp_path, log=name, log_source="s")
-
-
 def test_a_delay_longer_than_the_log_is_refused_with_the_file(tmp_path: Path) -> None:
     log_of(tmp_path, 0.1, 1.0)
     source = CSV_LOG.replace("UNIT", "rad").replace("N*m}", "N*m, delay: 2 s}")
     (tmp_path / "s.yaml").write_text(source)
     with pytest.raises(InputError, match=rf"^{tmp_path}/log\.csv: torque: a delay of 2 s is .*; correct `delay`"):
-        trial_of(tmp_path, log="log.csv", log_source="s")
-
-
-def test_a_long_name_does_not_fill_the_message_and_blank_lines_count_in_it(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text(f"t,{'a' * 5000}\n\n0,1\n \t\n1,2\n")
-    (tmp_path / "s.yaml").write_text(CSV_LOG.replace("UNIT", "rad"))
-    with pytest.raises(InputError, match=rf"the file has t, {'a' * 80}\.\.\.; correct the name"):
-        trial_of(tmp_path, log="log.csv", log_source="s")
-    (tmp_path / "log.csv").write_text("1," * (MOST_CELLS + 1))
-    with pytest.raises(InputError, match=r"log\.csv: line 1 has 16386 cells, at most 16384 are read; write a row per"):
-        trial_of(tmp_path, log="log.csv", log_source="s")
-    (tmp_path / "log.csv").write_text("t,a,m\n\n0,1,2\n \t\n1,2,x\n")
-    with pytest.raises(InputError, match="line 5, column 'm': 'x' is not a number"):
         trial_of(tmp_path, log="log.csv", log_source="s")

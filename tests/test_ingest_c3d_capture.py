@@ -153,10 +153,6 @@ def test_counts_that_contradict_the_header_are_refused_and_the_advice_reads_the_
     np.testing.assert_array_equal(recording.analogs, analogs(800))
     assert len(FORMATS["c3d"].read(path, source(counts="header")).samples) == 200
     assert "the file's size fits header: write `counts: header`" in refused(path, source(counts="parameters"))
-    short = write_c3d(tmp_path / "short.c3d", points(6), POINT__USED=np.array([2]))
-    assert "the file's size fits header and parameters" in refused(short)
-    assert read_c3d(short, "header").points.shape == (6, 3, 3)
-    assert read_c3d(short, "parameters").points.shape == (6, 2, 3)
     content = bytearray(write_c3d(path, points(200)).read_bytes())
     content[2] = 2  # of three points
     path.write_bytes(content)
@@ -200,15 +196,6 @@ def test_a_parameter_section_may_end_without_its_mark(tmp_path: Path, processor:
     assert found.header.remark == remark
     assert FORMATS["c3d"].read(path, source()).warnings == [f"a.c3d: {remark}"]
     assert remark in inspect_file(path).remarks
-
-
-def test_a_section_that_ends_before_what_the_samples_need_is_damage(tmp_path: Path) -> None:
-    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), **LAST)
-    content = bytearray(path.read_bytes())
-    place = content.index(b"GEN_SCALE", 512) - 2
-    content[place : read_c3d(path).header.data_start] = b"\xff" * (read_c3d(path).header.data_start - place)
-    path.write_bytes(content)
-    assert "has no end mark and ends after SCALE, before ANALOG:LABELS" in refused(path)
 
 
 @pytest.mark.parametrize(
@@ -272,17 +259,6 @@ def test_a_mirrored_laboratory_is_refused() -> None:
             source(axes=axes)
 
 
-def test_a_turned_plate_turns_with_its_laboratory(tmp_path: Path) -> None:
-    as_is, turned = (
-        FORMATS["c3d"].read(plate_file(tmp_path), source(axes=axes)).samples for axes in (list("xyz"), ["x", "-z", "y"])
-    )
-    for quantity in ("force", "moment"):
-        own = [as_is[f"plate1_{quantity}_{axis}"] for axis in "xyz"]
-        other = [turned[f"plate1_{quantity}_{axis}"] for axis in "xyz"]
-        for found, expected in zip(other, (own[0], -own[2], own[1]), strict=True):
-            np.testing.assert_allclose(found, expected, atol=1e-9)
-
-
 CORNERS_MM = np.array([[200, 300, 0], [-200, 300, 0], [-200, -300, 0], [200, -300, 0]], float)
 PLATE = {
     "FORCE_PLATFORM__USED": np.array([1]),
@@ -311,25 +287,6 @@ def test_the_baseline_that_is_asked_for_is_subtracted(tmp_path: Path, zero: obje
         np.testing.assert_allclose(zeroed[column], as_is[column] - baseline, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["TRIAL__ACTUAL_END_FIELD", "POINT__LONG_FRAMES"])
-def test_more_frames_than_the_header_can_count_are_read_where_a_parameter_counts_them(
-    tmp_path: Path, name: str
-) -> None:
-    raw = np.arange(65700 * 4, dtype=float).reshape(65700, 1, 4) % 1000 + 1.0
-    counts = {"TRIAL__ACTUAL_START_FIELD": np.array([1, 0]), name: np.array([65700 - 65536, 1])}
-    if name == "POINT__LONG_FRAMES":
-        counts = {name: np.array([65700.0])}
-    found = read_c3d(write_c3d(tmp_path / "a.c3d", raw, **counts)).points
-    np.testing.assert_array_equal(found, raw[:, :, :3])
-
-
-def test_labels_beyond_the_first_255_are_found(tmp_path: Path) -> None:
-    labels = [f"P{i}" for i in range(300)]
-    names = {"POINT__LABELS": labels[:255], "POINT__LABELS2": labels[255:]}
-    recording = read_c3d(write_c3d(tmp_path / "a.c3d", points(2, 300), **names))
-    assert recording.point_labels == labels
-
-
 @pytest.mark.parametrize("missing", [1, 12 * 16, 12 * 16 + 1, 9000])
 def test_a_truncated_file_is_refused_with_both_counts(tmp_path: Path, missing: int) -> None:
     path = write_c3d(tmp_path / "a.c3d", points(200, 12))
@@ -348,15 +305,6 @@ def test_an_analog_rate_slightly_off_is_reported_and_the_frames_hold(tmp_path: P
     assert recording.warnings == [
         "a.c3d: ANALOG:RATE is 401.0 Hz, the frames hold samples at 400.0 Hz; the latter is used"
     ]
-
-
-@pytest.mark.parametrize("broken", [{"ANALOG__SCALE": np.array([1.0])}, {"ANALOG__GEN_SCALE": np.array([0.0])}])
-def test_a_channel_without_a_scale_has_no_values_where_others_have_one(
-    tmp_path: Path, broken: dict[str, np.ndarray]
-) -> None:
-    path = write_c3d(tmp_path / "a.c3d", points(), analogs(), **broken)
-    assert np.isnan(read_c3d(path).analogs[:, 1]).all()
-    assert "nan in sample 1" in refused(path, source(analogs={"sync": {"channel": "A2"}}))
 
 
 REFERENCE = REAL_DATA / "reference" / "force_plate.csv"
@@ -402,18 +350,12 @@ def assert_wrench(plate: ForcePlate, channels: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("stored", [1, -1])
-def test_type_2_gives_the_wrench_back_whichever_way_origin_points(stored: int) -> None:
+def test_type_2_and_type_4_with_its_calibration_give_the_wrench_back_whichever_way_origin_points(stored: int) -> None:
     force, moment = IN_PLATE
     channels = np.hstack([force, about_origin(force, moment, SURFACE)])
     assert_wrench(ForcePlate(1, 2, CORNERS, stored * SURFACE), channels)
-
-
-def test_type_4_gives_the_wrench_back_through_its_calibration() -> None:
-    force, moment = IN_PLATE
     calibration = RANDOM.normal(size=(6, 6)) + 5 * np.eye(6)
-    outputs = np.hstack([force, about_origin(force, moment, SURFACE)])
-    channels = np.linalg.solve(calibration, outputs.T).T
-    assert_wrench(ForcePlate(1, 4, CORNERS, SURFACE, calibration), channels)
+    assert_wrench(ForcePlate(1, 4, CORNERS, SURFACE, calibration), np.linalg.solve(calibration, channels.T).T)
 
 
 @pytest.mark.parametrize("depth_sign", [1, -1])
@@ -437,16 +379,6 @@ def test_type_1_gives_force_pressure_point_and_free_moment_back() -> None:
     found = ForcePlate(1, 1, CORNERS, np.zeros(3)).wrench(np.column_stack([force, pressure, free]))
     np.testing.assert_allclose(found[0], FORCE, atol=1e-9)
     np.testing.assert_allclose(found[1], moment @ AXES.T, atol=1e-9)
-
-
-def test_a_weight_on_a_level_plate_pushes_back_up_and_turns_about_the_centre() -> None:
-    corners = np.array([[0.6, 0.0, 0], [0.0, 0.0, 0], [0.0, 0.4, 0], [0.6, 0.4, 0]])  # z down, centre (0.3, 0.2, 0)
-    fz, x, y = -700.0, 0.1, 0.05  # what Nexus stores under 700 N, 0.1 m along plate x and 0.05 m along plate y
-    channels = np.array([[0, 0, fz, y * fz, -x * fz, 0]])
-    force, moment = ForcePlate(1, 2, corners, np.zeros(3)).wrench(channels)
-    np.testing.assert_allclose(force, [[0, 0, 700]], atol=1e-12)
-    foot = np.array([0.3 + 0.1, 0.2 - 0.05, 0.0])  # plate y is the laboratory's -y
-    np.testing.assert_allclose(moment, np.cross(foot - [0.3, 0.2, 0], force), atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -524,14 +456,7 @@ def test_a_type_1_plate_is_read_with_the_units_that_its_refusal_says(tmp_path: P
     stated = wrench_of(path, plate_units=yaml.safe_load(advised[0]))
     moment = np.add(np.cross([4, 5, 0], [1, 2, 3]), [0, 0, 6])  # pressure 4000, 5000 mm, torque 6000 N*mm
     assert stated == pytest.approx([1, -2, -3, moment[0], -moment[1], -moment[2]])
-    twice = (
-        2.0,
-        4.0,
-        6.0,
-        4000.0,
-        5000.0,
-        12000.0,
-    )  # less the first frame: an unloaded plate has no centre of pressure
+    twice = (2.0, 4, 6, 4000, 5000, 12000)  # less the first frame: an unloaded plate has no centre of pressure
     path = level_plate(tmp_path / "b.c3d", twice, ANALOG__UNITS=[unit] * 6, FORCE_PLATFORM__TYPE=np.array([1]))
     assert wrench_of(path, -1, plate_units=yaml.safe_load(advised[0]), plate_zero=(1, 1)) == pytest.approx(stated)
 

@@ -33,6 +33,12 @@ def master_edges(changes: np.ndarray, duration: float, noise: float = 0.02) -> E
     return find_edges(time, voltage)
 
 
+def scattered(edges: Edges) -> Edges:
+    """Edges that are off by more than a sample."""
+    jitter = np.random.default_rng(3).normal(0, 0.004, edges.time.size)
+    return Edges(edges.time + jitter, edges.rising, edges.step)
+
+
 @pytest.mark.parametrize("duration", [3.0, 30.0, 300.0])
 def test_recovers_offset_and_drift_within_what_sampling_allows(duration: float) -> None:
     changes = irregular(duration)
@@ -48,7 +54,7 @@ def test_recovers_offset_and_drift_within_what_sampling_allows(duration: float) 
     assert fit.excluded_edges == 0
 
 
-@pytest.mark.parametrize("offset", [-812.3456, -3.2, 0.0, 0.00071, 59.9876, 4321.0])
+@pytest.mark.parametrize("offset", [-812.3456, 0.00071, 4321.0])
 def test_any_offset_and_drift_come_back_to_a_tenth_of_a_sample_with_a_twentieth_of_the_edges_bad(offset: float) -> None:
     duration, sample = 300.0, 1 / SLAVE_RATE
     changes, rng = irregular(duration), np.random.default_rng(7)
@@ -72,16 +78,6 @@ def spoilt(edges: Edges, rng: np.random.Generator) -> Edges:
     return Edges(time[order], rising[order], edges.step)
 
 
-def test_edges_that_are_late_by_little_more_than_a_sample_do_not_pull_the_fit() -> None:
-    changes = irregular(300.0)
-    slave, master = slave_edges(changes, 300.0), master_edges(changes, 300.0)
-    late = slave.time + 0.0045 * (np.arange(slave.time.size) % 20 == 7)
-    clean, fit = fit_clock(slave, master), fit_clock(Edges(late, slave.rising, slave.step), master)
-    middle = np.array([150.0])
-    assert fit.to_master(middle) == pytest.approx(clean.to_master(middle), abs=2e-5)  # all edges: 2e-4
-    assert fit.excluded_edges == pytest.approx(slave.time.size / 20, abs=1)
-
-
 def test_edges_of_a_slow_voltage_are_found_between_its_samples() -> None:
     time = np.arange(0, 1, 1e-3)
     edges = find_edges(time, np.clip((time - 0.4003) / 0.02 + 0.5, 0, 1) * 5)
@@ -98,31 +94,26 @@ def test_noise_at_the_mid_level_is_one_edge() -> None:
     assert edges.time[0] == pytest.approx(4 + 1 / 3)
 
 
-def test_pulses_of_one_period_are_refused_because_they_fit_anywhere() -> None:
-    changes = np.arange(0.5, 10, 0.25)
-    with pytest.raises(InputError, match="let the pulses vary in length"):
-        fit_clock(slave_edges(changes, 10.0), master_edges(changes, 10.0))
+PERIODIC, SHORT, LONG = np.arange(0.5, 10, 0.25), irregular(3.0), irregular(30.0)
 
 
-def test_trains_of_different_trials_are_refused() -> None:
-    with pytest.raises(InputError, match="sync edges agree on one offset"):
-        fit_clock(slave_edges(irregular(3.0, 4), 3.0), master_edges(irregular(3.0, 5), 3.0))
-
-
-def test_too_few_edges_are_refused_with_the_recorder_that_lacks_them() -> None:
-    changes = irregular(3.0)
-    with pytest.raises(InputError, match="4 sync edges in motion capture, at least 6 are needed"):
-        fit_clock(slave_edges(changes, 3.0), master_edges(changes[:4], 3.0))
-    with pytest.raises(InputError, match="0 sync edges in the log"):
-        fit_clock(slave_edges(changes[:0], 3.0), master_edges(changes, 3.0))
-
-
-def test_edges_that_scatter_more_than_a_sample_are_refused() -> None:
-    changes = irregular(30.0)
-    slave = slave_edges(changes, 30.0)
-    jitter = np.random.default_rng(3).normal(0, 0.004, slave.time.size)
-    with pytest.raises(InputError, match="the sync edges fit with a residual of"):
-        fit_clock(Edges(slave.time + jitter, slave.rising, slave.step), master_edges(changes, 30.0))
+@pytest.mark.parametrize(
+    ("in_log", "in_capture", "message"),
+    [
+        (slave_edges(PERIODIC, 10.0), master_edges(PERIODIC, 10.0), "let the pulses vary in length"),
+        (slave_edges(irregular(3.0, 4), 3.0), master_edges(irregular(3.0, 5), 3.0), "sync edges agree on one offset"),
+        (
+            slave_edges(SHORT, 3.0),
+            master_edges(SHORT[:4], 3.0),
+            "4 sync edges in motion capture, at least 6",
+        ),
+        (slave_edges(SHORT[:0], 3.0), master_edges(SHORT, 3.0), "0 sync edges in the log"),
+        (scattered(slave_edges(LONG, 30.0)), master_edges(LONG, 30.0), "the sync edges fit with a residual of"),
+    ],
+)
+def test_pulses_that_tell_no_one_clock_are_refused(in_log: Edges, in_capture: Edges, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        fit_clock(in_log, in_capture)
 
 
 SLAVE_RATE, CAMERA_RATE = 500.0, 300.0
@@ -143,7 +134,7 @@ def markers(duration: float, seed: int = 1) -> Course:
     return Course(time, MOVEMENT(time) + 0.01 * np.random.default_rng(seed).standard_normal(time.size))
 
 
-@pytest.mark.parametrize("offset", [-100.0, -3.2, 0.1234, 7.7711])
+@pytest.mark.parametrize("offset", [-100.0, 0.1234])
 def test_offset_and_drift_come_back_to_a_tenth_of_a_sample(offset: float) -> None:
     fit = correlate_clocks(encoder(offset, 300.0 - min(offset, 0)), markers(300.0))
     time = np.array([10.0, 150.0, 290.0]) - offset
@@ -153,52 +144,23 @@ def test_offset_and_drift_come_back_to_a_tenth_of_a_sample(offset: float) -> Non
     assert fit.method == "correlation"
 
 
-def test_a_bad_crystal_is_followed_over_a_long_recording() -> None:
-    fit = correlate_clocks(encoder(0.5, 300.0, 400e-6), markers(300.0))
-    assert fit.drift == pytest.approx(400e-6, abs=2e-6)
-    assert fit.edges >= 10
-
-
-def test_a_movement_that_repeats_itself_is_refused_as_ambiguous() -> None:
-    time = np.arange(0, 30, 1 / CAMERA_RATE)
-    with pytest.raises(InputError, match=r"fits in two places \(correlation 1.00 and 1.00\): it repeats itself"):
-        correlate_clocks(Course(time, np.sin(2 * np.pi * time)), Course(time, np.sin(2 * np.pi * time + 1)))
-
-
-def test_one_movement_that_does_not_repeat_makes_it_unambiguous() -> None:
-    time = np.arange(0, 30, 1 / CAMERA_RATE)
-
-    def gait(t: np.ndarray) -> np.ndarray:
-        return np.sin(2 * np.pi * t) + 0.25 * MOVEMENT(t)
-
-    stamp = Course(time, gait(time) + 8 * np.exp(-(((time - 7) / 0.3) ** 2)))
-    other = Course(time, gait(time + 2) + 8 * np.exp(-(((time - 5) / 0.3) ** 2)))
-    assert correlate_clocks(other, stamp).to_master(np.array([10.0])) == pytest.approx([12.0], abs=1e-3)
+WITHIN = np.arange(0, 30, 1 / CAMERA_RATE)
+ONCE = np.exp(-(((WITHIN - 10) / 1) ** 2)) * MOVEMENT(WITHIN)
 
 
 @pytest.mark.parametrize(
-    ("strange", "message"),
+    ("strange", "seen", "message"),
     [
-        (np.random.default_rng(3).standard_normal(9000), "correlates by 0.0. at best, 0.5 is needed"),
-        (np.zeros(9000), "is constant"),
-        (np.zeros(40), "fewer than 48 samples"),
+        (np.random.default_rng(3).standard_normal(9000), MOVEMENT(WITHIN), "correlates by 0.0. at best, 0.5 is needed"),
+        (np.zeros(9000), MOVEMENT(WITHIN), "is constant"),
+        (np.zeros(40), MOVEMENT(WITHIN), "fewer than 48 samples"),
+        (np.sin(2 * np.pi * WITHIN), np.sin(2 * np.pi * WITHIN + 1), r"fits in two places \(correlation 1.00 and 1.00"),
+        (ONCE, ONCE, r"moves in . of 12 sections of the recording, at least 6 are needed"),
+        (MOVEMENT(WITHIN + 0.02 * np.sin(WITHIN / 2)), MOVEMENT(WITHIN), "the lags of the shared signal scatter by"),
     ],
 )
-def test_a_signal_that_shows_something_else_is_refused(strange: np.ndarray, message: str) -> None:
-    time = np.arange(strange.size) / CAMERA_RATE
+def test_signals_that_do_not_show_the_same_movement_throughout_are_refused(
+    strange: np.ndarray, seen: np.ndarray, message: str
+) -> None:
     with pytest.raises(InputError, match=message):
-        correlate_clocks(Course(time, strange), markers(30.0))
-
-
-def test_movement_in_one_corner_of_the_recording_is_refused_because_it_says_nothing_about_drift() -> None:
-    time = np.arange(0, 60, 1 / CAMERA_RATE)
-    once = np.exp(-(((time - 20) / 2) ** 2)) * MOVEMENT(time)
-    with pytest.raises(InputError, match=r"moves in . of 12 sections of the recording, at least 6 are needed"):
-        correlate_clocks(Course(time, once), Course(time, once))
-
-
-def test_lags_that_scatter_more_than_a_sample_are_refused() -> None:
-    time = np.arange(0, 60, 1 / CAMERA_RATE)
-    jumpy = time + 0.02 * np.sin(time / 2)
-    with pytest.raises(InputError, match="the lags of the shared signal scatter by"):
-        correlate_clocks(Course(time, MOVEMENT(jumpy)), Course(time, MOVEMENT(time)))
+        correlate_clocks(Course(np.arange(strange.size) / CAMERA_RATE, strange), Course(WITHIN, seen))

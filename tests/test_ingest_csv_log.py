@@ -8,16 +8,13 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from recognised_files import refusal_by
 
 from osl_analysis.cli import main
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
-from osl_analysis.ingest.overview import likely_unit
-from osl_analysis.ingest.raw_files import FORMATS, read_source, trial_from_files
+from osl_analysis.ingest.raw_files import FORMATS, trial_from_files
 from osl_analysis.ingest.recording import Recording
 from osl_analysis.ingest.source import Source
 from osl_analysis.trial import Trial
@@ -143,20 +140,6 @@ def test_a_variable_that_the_logger_dropped_is_missing_from_there_on_and_the_oth
     assert recording.warnings[0] == "log.csv: from line 5 on, columns 2 are missing"
 
 
-@pytest.mark.parametrize(
-    "text",
-    [  # none was missing, two were missing, longer again
-        DROPPED.replace("2,ERROR,7", "2,3,7"),
-        DROPPED.replace("2,ERROR,7", "2,ERROR,ERROR"),
-        DROPPED.replace("4,9", "4,9,9"),
-    ],
-)
-def test_a_row_whose_columns_nothing_tells_is_refused_by_its_line(tmp_path: Path, text: str) -> None:
-    message = refused(tmp_path, text, source(missing=["ERROR"], most_missing=1.0, ragged="dropped_variable"))
-    assert "it is unknown which column was omitted" in message
-    assert f"line {6 if '4,9,9' in text else 5} has" in message
-
-
 def test_stray_rows_are_skipped_and_counted_where_the_source_allows_it(tmp_path: Path) -> None:
     text = LOG.replace("10.5,90,2", "10.2,1,2,3,4\n10.5,90,2")
     recording = read(tmp_path, text, source(ragged="skip", most_missing=0.3))
@@ -170,48 +153,6 @@ def test_a_last_line_that_is_cut_off_is_left_out_with_a_warning(tmp_path: Path) 
     assert recording.warnings == ["log.csv: the last line, 5, is cut off and was skipped"]
     assert recording.facts["damage"] == {"complete": False}
     assert "damage" not in read(tmp_path, LOG).facts
-
-
-cells = st.one_of(
-    st.floats(allow_nan=True).map(repr), st.text(max_size=6), st.sampled_from(["", "ERROR", "1,5", '"', "#", "\0", "t"])
-)
-
-
-@given(
-    rows=st.lists(st.lists(cells, max_size=5), max_size=8),
-    sign=st.sampled_from([",", ";", "\t", " "]),
-    fields=st.fixed_dictionaries(
-        {},
-        optional={
-            "header": st.sampled_from(["row", "none", "comment"]),
-            "ragged": st.sampled_from(["refuse", "skip", "dropped_variable"]),
-            "units_row": st.booleans(),
-            "most_missing": st.sampled_from([0.0, 0.5, 1.0]),
-            "time": st.just({"rate": 100.0}),
-            "decimal": st.sampled_from([".", ","]),
-        },
-    ),
-)
-@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_any_text_is_samples_or_a_sentence(
-    tmp_path: Path, rows: list[list[str]], sign: str, fields: dict[str, object]
-) -> None:
-    text = "\n".join(["t;angle;load".replace(";", sign), *(sign.join(row) for row in rows)])
-    path = tmp_path / "log.csv"
-    path.write_bytes(text.encode("utf-8", errors="replace"))
-    try:
-        csv_source = source(**fields)
-    except ValueError:
-        return
-    try:
-        recording = FORMATS["csv"].read(path, csv_source)
-    except InputError as error:
-        message = str(error)
-    else:
-        message = "read"
-        assert len(recording.samples) <= len(rows) + 1
-        assert recording.samples["time"].is_finite().all()
-    assert message.isprintable()
 
 
 def test_what_a_source_file_states_of_a_sensor_stands_in_si_units_in_the_provenance(tmp_path: Path) -> None:
@@ -326,21 +267,6 @@ def test_a_pattern_finds_the_column_whose_name_changes_from_run_to_run(tmp_path:
         origin = trial.provenance["columns"]["theta"]
         assert origin["column"] == "*.output_position"
         assert origin["found"] == f"<__main__.Joint object at {address}>.output_position"
-
-
-def test_a_pattern_of_several_columns_or_none_is_refused_with_the_columns(tmp_path: Path) -> None:
-    two = (LOGGER + ROWS).replace("0x7fe6c0>.current", "0x7fe6d0>.output_position")
-    pattern = {"theta": {"column": "*.output_position", "unit": "rad"}}
-    message = refusal(tmp_path, two, channels=pattern, time={"column": "time", "unit": "s"})
-    assert "column '*.output_position' occurs 2 times, as columns 2 ('<__main__.Joint object at 0x7fe6c0>" in message
-    assert "or its number" in message
-    by_number = {"theta": {"column": 2, "unit": "rad"}, "torque": {"column": 3, "unit": "Nm"}}
-    trial = ingested(tmp_path, two, channels=by_number, time={"column": 1, "unit": "s"})
-    assert_samples(trial)
-    none = {"theta": {"column": "*.velocity", "unit": "rad"}}
-    assert "column '*.velocity' is missing; the file has time, <__main__" in refusal(
-        tmp_path, two, channels=none, time={"column": "time", "unit": "s"}
-    )
 
 
 def test_the_draft_of_a_logger_with_addresses_fits_its_next_recording(tmp_path: Path) -> None:
@@ -482,32 +408,8 @@ def test_a_draft_that_was_not_edited_is_refused_with_the_places_and_reads_the_lo
     np.testing.assert_allclose(trial_from_files(row, tmp_path, tmp_path).samples["time"], [0, 0.01, 0.02])
 
 
-def test_a_file_without_a_clock_asks_for_one_or_for_the_rate(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text(BENCH.replace("loop_time", "n"))
-    drafted = draft_source(inspect_file(tmp_path / "a.csv"), "a.csv")
-    assert "state the rate of the rows instead, as {rate: 1000}" in drafted
-    named = drafted.replace('{"column": "NAME_OF_TIME", "unit": "UNKNOWN"}', "{rate: 1000}").replace("NAME_1", "theta")
-    kept = [line for line in named.splitlines() if not re.match(r"  NAME_", line)]
-    (tmp_path / "source.yaml").write_text("\n".join(kept).replace('"UNKNOWN"', "deg"))
-    assert read_source(tmp_path / "source.yaml").time.rate == 1000  # type: ignore[union-attr]
-
-
-def test_extra_cells_and_units_below_the_header_are_drafted(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("t,angle\n0,1,9\n1,2,9\n2,3,9\n")
-    assert yaml.safe_load(draft_source(inspect_file(tmp_path / "a.csv"), "a.csv"))["extra_cells"] == "UNKNOWN"
-    (tmp_path / "b.csv").write_text("t,angle\ns,deg\n0,1\n1,2\n")
-    source = yaml.safe_load(draft_source(inspect_file(tmp_path / "b.csv"), "b.csv"))
-    assert source["units_row"] is True
-    assert (source["time"]["unit"], source["channels"]["NAME_1"]["unit"]) == ("s", "deg")
-
-
 def test_nanoseconds_since_1970_keep_their_last_digit(tmp_path: Path) -> None:
     stamps = [1_700_000_000_000_000_001 + 1_000_003 * n for n in range(4)]
     rows = "".join(f"{stamp},{n},{n}\n" for n, stamp in enumerate(stamps))
     trial = ingested(tmp_path, f"t,angle,load\n{rows}", time={"column": "t", "unit": "ns"})
     np.testing.assert_allclose(trial.samples["time"], np.arange(4) * 1.000003e-3, rtol=1e-12)
-
-
-def test_the_longest_unit_at_the_end_of_a_name_counts() -> None:
-    names = ("ankle_deg_s", "motor_rad_per_s", "t_s", "load_Nm", "theta_m", "deg")
-    assert [likely_unit(name) for name in names] == ["deg/s", "rad/s", "s", "Nm", "", ""]

@@ -129,8 +129,3 @@ def test_real_exports_are_read_as_they_are_written(path: Path) -> None:
     samples = FORMATS["nexus_csv"].read(path, shipped).samples
     np.testing.assert_allclose(samples["marker_HV_x"], [0.209331, 0.209475])
     assert samples["marker_CL_E_z"].to_list() == pytest.approx([0.496721, 0.496729])
-
-
-def test_a_trajectory_of_a_subject_without_a_name_is_as_unlabelled_as_a_starred_one(tmp_path: Path) -> None:
-    samples = read(tmp_path, DEVICES + TRAJECTORIES.replace("Anna:HEEL", "Anna:") + MODEL)
-    assert {c for c in samples.columns if c.startswith("marker")} == {f"marker_TOE_{axis}" for axis in "xyz"}

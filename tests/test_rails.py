@@ -41,15 +41,6 @@ def test_a_rounded_sine_is_not_clipped_and_one_that_sticks_at_an_end_is(bits):
         assert clipped == pytest.approx(flat, rel=0.02, abs=2)
 
 
-def test_a_joint_that_rests_at_its_end_is_not_clipped():
-    """Out with a corner, rest for a second, and back with a corner: the torque rests, too, but for its noise."""
-    time = np.arange(2000) / RATE
-    theta = np.interp(time, [0, 1, 2, 3, 4], [0, 0.08, 0.08, 0, 0])
-    noise = 0.05 * np.random.default_rng(3).standard_normal(time.size)
-    assert longest_clipped_angle(time, theta, (time, 600 * theta + noise)) == 0
-    assert longest_clipped_angle(time, np.minimum(theta, 0.06), (time, 600 * theta + noise)) > 500
-
-
 def test_a_commanded_current_at_its_level_is_no_rail_and_a_measured_one_that_is_clipped_is():
     time = np.arange(2000) / RATE
     levels = np.repeat([3.0, -2.0, 3.0, 1.0], 500)

@@ -6,11 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from c3d_builder import REAL_DATA, write_c3d
-from click.testing import CliRunner
 from conftest import ROOT
 from mcap_builder import stamped, write_log
 
-from osl_analysis.cli import main
 from osl_analysis.commands.inspect import SUFFIXES, escaped, samples_table
 from osl_analysis.config.configuration import read_section
 from osl_analysis.errors import InputError
@@ -77,15 +75,6 @@ def test_a_capture_whose_plates_are_refused_is_tried_without_them_and_refused_on
 def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no recordings below it \(\..*\.mcap, \.bag, \.db3, .*\.csv\)"):
         samples_table(tmp_path, RULES)
-
-
-def test_the_command_writes_a_page_that_names_the_command(folder: Path) -> None:
-    page = folder / "page.md"
-    config = str(ROOT / "config/config.yaml")
-    result = CliRunner().invoke(main, ["samples", str(folder), "--output", str(page), "--config", config])
-    assert result.exit_code == 0, result.output
-    assert f"Made by `osl-analysis samples {folder} --output {page}`." in page.read_text()
-    assert samples_table(folder, RULES) in page.read_text()
 
 
 def test_the_page_in_the_documentation_names_every_real_sample() -> None:

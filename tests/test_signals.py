@@ -85,14 +85,6 @@ def test_its_derivatives_are_those_of_its_angle():
         np.testing.assert_allclose(DEFAULT.angle(time, k + 1), slope, atol=1e-4 * np.abs(slope).max())
 
 
-def test_another_realisation_has_the_same_lines_and_independent_phases():
-    again, other = (odd_multisine(8.0, (0.5, 6.0), np.deg2rad(2), seed=3, realisation=r) for r in (0, 1))
-    np.testing.assert_array_equal(again.angle(np.arange(9.0)), DEFAULT.angle(np.arange(9.0)))
-    np.testing.assert_array_equal(other.lines, DEFAULT.lines)
-    alike = np.corrcoef(other.one_period(1000), DEFAULT.one_period(1000))[0, 1]
-    assert abs(alike) < 4 / np.sqrt(2 * len(other.lines))  # of independent phases: 1/sqrt(2 n), four times
-
-
 @pytest.mark.parametrize(
     ("period", "band", "rms"), [(8, (6, 0.5), 0.1), (0.5, (0.5, 6), 0.1), (0, (1, 2), 0.1), (8, (0.5, 6), 0)]
 )

@@ -227,14 +227,6 @@ def test_host_latency_on_one_node_is_taken_away_with_its_mean(wait):
     assert_recovers_the_joint(grid)
 
 
-def test_the_clock_difference_of_two_nominally_equal_devices_is_stated_in_ppm():
-    a, b, random = clock(1000.0), clock(1000.05), np.random.default_rng(27)
-    first, second = one_time_base([joint(a, a), cell(b, b, random)]).streams
-    assert second["ppm"] - first["ppm"] == pytest.approx(50.0, abs=0.1)
-    c = clock(333.0)
-    assert one_time_base([joint(c, c), cell(a, a, random)]).streams[0]["ppm"] is None
-
-
 # ---- Missing, late, repeated
 
 
@@ -450,13 +442,6 @@ def test_late_hosts_that_lose_nothing_are_right_at_any_rates(rates):
     assert_recovers_the_joint(grid)
 
 
-@pytest.mark.parametrize("wait", [3e-3, 8e-3])
-def test_waits_of_many_steps_beside_a_device_of_almost_the_same_rate_are_refused(wait):
-    nodes = two_nodes(np.random.default_rng(6), (0.0, wait), (0, 300))
-    with pytest.raises(InputError, match=r"load cell: .* too late to see whether some of its 99\d\.\d\d samples per"):
-        one_time_base(nodes)
-
-
 # ---- Values that are missing from rows that are there
 
 
@@ -493,36 +478,6 @@ def test_values_that_are_missing_cost_nothing_and_split_no_device(kind, change):
     assert torque["error"] == pytest.approx(81 * angle["error"] if lower else angle["error"], rel=1e-4)
     assert {angle["stamps"], torque["stamps"]} == {"exact" if kind == "jitter" else "even"}
     assert_recovers_the_joint(grid)
-
-
-@pytest.mark.parametrize(("length", "bridged", "marked"), [(20, 1, 0), (21, 0, 1)])
-def test_missing_values_in_a_row_are_a_gap_of_their_own_length(length, bridged, marked):
-    def change(signals, _random):
-        signals["torque"][5000 : 5000 + length] = np.nan
-
-    grid = one_time_base([with_nan(np.random.default_rng(8), change)])
-    assert [(s["empty"], s["bridged"], s["marked"]) for s in grid.streams] == [(0, 0, 0), (length, bridged, marked)]
-    assert_recovers_the_joint(grid)
-
-
-def test_losses_behind_a_late_host_are_not_refused_where_one_device_has_channels_with_missing_values():
-    t, random = clock(RATE, SHORTER), np.random.default_rng(13)
-    kept = lost(len(t), 100, 3, random)
-    one = log(late(t, 2e-4, random)[kept], t[kept], random)
-    one.signals["torque"][::150] = np.nan
-    grid = one_time_base([one])
-    assert [stream["signals"] for stream in grid.streams] == ["theta", "torque"]
-    assert_recovers_the_joint(grid)
-
-
-def test_rows_written_twice_go_though_a_value_is_missing_in_both():
-    def twice(signals, _random):
-        signals["torque"][100] = np.nan
-
-    one = with_nan(np.random.default_rng(10), twice)
-    rows = np.sort(np.append(np.arange(len(one.stamps)), 100))
-    again = Stream("log", one.stamps[rows], {name: values[rows] for name, values in one.signals.items()})
-    assert one_time_base([again]).streams[0]["repeated"] == 1
 
 
 # ---- The page's example of sixth differences

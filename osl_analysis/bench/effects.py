@@ -9,6 +9,7 @@ the recording compete, and a fault is found only beside all of the physics.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -22,6 +23,7 @@ from osl_analysis.bench.gram import (
     GroupFit,
     Sums,
     combined,
+    estimated,
     fit_groups,
     gram_sums,
     solved,
@@ -29,7 +31,7 @@ from osl_analysis.bench.gram import (
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.judge.doubts import LARGEST_TURN
-from osl_analysis.signals import Motion, seven_point_motion
+from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import CONDITION_LIMIT
@@ -39,6 +41,8 @@ from osl_analysis.trial import Array
 Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
 """theta/torque [rad/(N*m)] of a model, for complex s [rad/s]."""
 Model = Mapping[str, str]  # column of the basis, by estimate
+Keep = NDArray[np.bool_] | Label
+"""Groups: those to keep (m,), those of a label, or all (None)."""
 IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "late"}
 TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "late"}
 NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk", "jerk": "snap", "linear": "linear_rate"}  # derivatives
@@ -48,23 +52,16 @@ PHYSICS = ("T_C", "T_G", *STOPS, "cubic", "gap", "linear")
 """What a joint may have beside the model: Coulomb friction, friction that grows with the angle, springs that slip, a
 spring that stiffens, play, the higher dynamics of the linear model with its gains."""
 FAULTS = ("lag_s", "K_change")  # what a recording may have
+COLUMN = {"T_C": "sign", "T_C_sharp": "sharp_sign", "T_G": "load_sign", "K_change": "u_theta"}
+"""Columns of effects that are not named alike."""
 FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
-COUNTS = 1e-3  # share of what is left that an effect takes at least
 SPACING = 5e-3  # between delays that are tried [s]; Gauss and Newton's steps go as far to each side
-CERTAINLY = 15.0  # standard errors from which a reader must know of such a lag: 5 ms make 30 to 70, sound joints 3
-ONLY_NOISE = 1.5  # what a fit leaves, over the noise, up to which it counts as noise
-LESS_NOISE = 2.0  # the same of a torque that a low-pass of its sensor may have made smoother
-LAG_STEPS = 6  # steps of Gauss and Newton to a lag
-EFFECTS_HZ = 250.0  # rate [Hz] from which on rows are left out where effects are asked for
-BEYOND = 3.0  # cut-offs of the filter up to which the linear model is taken into account
-LARGEST_YIELD = 0.5  # largest share of the joint's angle by which a frame may yield; beyond it the fit did not find one
-SWEEPS = 0.5  # correlation of the frequency with time beyond which a motion is a sweep
-FEWEST_REPEATS = 3  # repeats of one motion that tell a change beside their mean
 HIDDEN = 0.1  # share of I, or of B, by an effect that was not found, from which it is not known whether there is one
 POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found
 LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
 """Sizes of K, B [N*m*s/rad] and I [kg*m^2] below which their shares say little; added in quadrature to what a share is
 taken of."""
+CANNOT_TELL = (IdentifiabilityError, InputError, np.linalg.LinAlgError)  # a motion does not tell effects apart
 
 
 def basis(record: Record, expected: Admittance | None = None) -> tuple[dict[str, Array], float]:
@@ -74,39 +71,28 @@ def basis(record: Record, expected: Admittance | None = None) -> tuple[dict[str,
     used = record.part(motion.theta)
     centre, size = float(used.mean()), float(used.std())
     theta, omega, alpha = motion.theta - centre, motion.omega, motion.alpha
-    higher = higher_derivatives(record)
+    higher = seven_point_motion(time, alpha, record.rate_hz)
     late = time - time.mean()
-    duration = np.concatenate([record.time[[p.start, p.stop - 1]] for p in record.pieces])
+    duration = np.concatenate([time[[p.start, p.stop - 1]] for p in record.pieces])
     u = late / max(float(np.ptp(duration)), np.finfo(float).tiny)
     sign = np.tanh(omega / 0.01)  # rad/s: ten times the velocity noise of 14 bits
     shaped = {"sign": sign, "sharp_sign": np.tanh(omega / 0.001), "load_sign": np.abs(theta) * sign, "cubic": theta**3}
     shaped |= {name: spring_that_slips(theta, share * size) for name, share in STOPS.items()}
-    shaped["gap"] = -np.sign(first_torque(record, theta))
+    # play opens where the torque of Eq. 15 is 0, without its offset
+    parts = (theta, omega, alpha)
+    X = np.array([*(record.part(x) for x in parts), np.ones(record.samples)])
+    K, B, I, _ = np.linalg.lstsq(X @ X.T, X @ record.part(record.filtered_torque), rcond=1e-12)[0]
+    shaped["gap"] = -np.sign(K * theta + B * omega + I * alpha)
     smooth = low_pass(np.array(list(shaped.values())).T, record.rate_hz).T
     columns = {"theta": theta, "omega": omega, "alpha": alpha, "one": np.ones_like(theta), "late": late}
     columns |= {"jerk": higher.omega, "snap": higher.alpha, "u_theta": u * theta}
     if record.two_clocks and not record.groups.repeat:
-        columns |= {
-            f"late_{name}": late * x for name, x in (("omega", omega), ("alpha", alpha), ("jerk", higher.omega))
-        }
+        columns |= {f"late_{name}": late * columns[name] for name in ("omega", "alpha", "jerk")}
     columns |= dict(zip(shaped, smooth, strict=True))
     if expected is not None:
         linear = linear_torque(record, expected)
         columns |= {"linear": linear, "linear_rate": np.gradient(linear, 1 / record.rate_hz)}
     return columns, centre
-
-
-def higher_derivatives(record: Record) -> Motion:
-    """Acceleration (n,) with jerk and snap, as a motion."""
-    return seven_point_motion(record.time, record.motion.alpha, record.rate_hz)
-
-
-def first_torque(record: Record, theta: Array) -> Array:
-    """Torque (n,) [N*m] of Eq. 15 fitted to the rows of a record, without its offset: play opens where it is 0."""
-    parts = (theta, record.motion.omega, record.motion.alpha)
-    X = np.array([*(record.part(x) for x in parts), np.ones(record.samples)])
-    K, B, I, _ = np.linalg.lstsq(X @ X.T, X @ record.part(record.filtered_torque), rcond=1e-12)[0]
-    return np.asarray(K * parts[0] + B * parts[1] + I * parts[2])
 
 
 def spring_that_slips(x: Array, width: float) -> Array:
@@ -124,21 +110,15 @@ def spring_that_slips(x: Array, width: float) -> Array:
 
 
 def linear_torque(record: Record, expected: Admittance) -> Array:
-    """Torque (n,) [N*m] of the linear model of admittance `expected` for the filtered motion. The record is continued
-    by its mirror image, so that its ends fit together."""
+    """Torque (n,) [N*m] of the linear model of admittance `expected` for the filtered motion, up to three cut-offs. The
+    record is continued by its mirror image, so that its ends fit together."""
     n, theta = len(record.time), record.motion.theta - record.motion.theta.mean()
     mirrored = np.fft.rfft(np.concatenate([theta, theta[::-1]]))
     s = np.asarray(2j * np.pi * np.fft.rfftfreq(2 * n, 1 / record.rate_hz), dtype=np.complex128)
-    kept = (np.abs(s) < 2 * np.pi * BEYOND * record.low_pass.cutoff_hz) & (s != 0)
+    kept = (np.abs(s) < 2 * np.pi * 3.0 * record.low_pass.cutoff_hz) & (s != 0)
     response = np.zeros(len(s), dtype=np.complex128)
     response[kept] = 1 / expected(s[kept])
     return np.asarray(np.fft.irfft(response * mirrored, 2 * n)[:n])
-
-
-def noise_behind(record: Record, stiffness: float) -> float:
-    """Mean square [N^2 m^2] of the noise of torque, and of angle times a stiffness, behind the filter."""
-    of_angle, of_torque = record.noise
-    return (of_torque + stiffness**2 * of_angle) * record.low_pass.noise_bandwidth_hz
 
 
 def noise_of_angle(record: Record) -> tuple[float, float, float]:
@@ -151,8 +131,8 @@ def noise_of_angle(record: Record) -> tuple[float, float, float]:
 
 
 def sums_of(record: Record, model: Model, expected: Admittance | None = None) -> Sums:
-    """The sums of a record with all effects, from one of several rows: the signals have nothing fast."""
-    few = record.thinned(max(int(record.rate_hz / EFFECTS_HZ), 1))
+    """The sums of a record with all effects, at 250 Hz or more: the signals have nothing fast."""
+    few = record.thinned(max(int(record.rate_hz / 250.0), 1))
     columns, centre = basis(few, expected)
     rich = [*model.values(), "jerk", "snap", "u_theta", "sign", "load_sign", *STOPS, "cubic"]
     return gram_sums(few, columns, rich, centre)
@@ -167,35 +147,26 @@ def plain_sums(record: Record, model: Model) -> Sums:
     return gram_sums(record, columns, list(model.values()), centre)
 
 
-COLUMN = {"T_C": "sign", "T_C_sharp": "sharp_sign", "T_G": "load_sign", "K_change": "u_theta"}
-"""Columns of effects that are not named alike."""
-
-
 def with_effects(
-    s: Sums,
-    model: Model,
-    effects: Sequence[str] = (),
-    label: Label = None,
-    keep: NDArray[np.bool_] | None = None,
-    known: str | None = None,
+    s: Sums, model: Model, effects: Sequence[str] = (), keep: Keep = None, known: str | None = None
 ) -> GroupFit:
-    """Fit of a model with effects beside it, over a label or the groups to `keep` (m,).
+    """Fit of a model with effects beside it, over some groups.
 
     A late torque is m - d m' + d^2/2 m'': its columns hang on the estimates and on d, which is found by Gauss and
     Newton's steps. A `known` column is a part of this torque whose size is 1. Raises as `fit_groups`.
     """
     if "lag_s" in effects:
-        return told_lag(s, model, effects, label, keep, known)[0]
-    return fit_groups(s, with_columns(model, effects), label, keep, limit=EFFECTS_LIMIT if effects else CONDITION_LIMIT)
+        return told_lag(s, model, effects, keep, known)[0]
+    return fit_groups(s, with_columns(model, effects), keep, limit=EFFECTS_LIMIT if effects else CONDITION_LIMIT)
+
+
+def with_columns(model: Model, effects: Sequence[str]) -> Model:
+    """The columns of a model with effects, but for a lag's."""
+    return dict(model) | {effect: COLUMN.get(effect, effect) for effect in effects if effect != "lag_s"}
 
 
 def told_lag(
-    s: Sums,
-    model: Model,
-    effects: Sequence[str],
-    label: Label = None,
-    keep: NDArray[np.bool_] | None = None,
-    known: str | None = None,
+    s: Sums, model: Model, effects: Sequence[str], keep: Keep = None, known: str | None = None
 ) -> tuple[GroupFit, Sums]:
     """The fit with the lag that leaves least, and the sums that are about it; raises as `fit_groups`.
 
@@ -206,14 +177,19 @@ def told_lag(
     """
     base = with_columns(model, effects)
     fixed = {} if known is None else {known: 1.0}
-    near = near_lag(s, base, fixed, 0.0, label, keep)
+    near = near_lag(s, base, fixed, 0.0, keep)
     if not near.certain("lag_s", FALSE_ALARM) and possible_joint(near, model):
         return near, s
+    over = left_over_lags(s, base, fixed, keep)
+    delays = [entry for entry in over if entry[2].noise_gain == 1]
+    left = [entry[0] for entry in delays]
+    lowest = [k for k in range(1, len(left) - 1) if left[k] <= left[k - 1] and left[k] < left[k + 1]]
+    low_pass = min(over[len(delays) :], key=lambda entry: entry[0])
     tried = []
-    for lag, one in minima(left_over_lags(s, base, fixed, label, keep)):
+    for _, lag, one in (*(delays[k] for k in lowest), low_pass):
         try:
-            tried.append((near_lag(one, base, fixed, lag, label, keep), one))
-        except (IdentifiabilityError, InputError, np.linalg.LinAlgError):
+            tried.append((near_lag(one, base, fixed, lag, keep), one))
+        except CANNOT_TELL:
             continue
     tried.sort(key=lambda both: both[0].left)
     if not tried:
@@ -232,40 +208,28 @@ def possible_joint(fit: GroupFit, model: Model) -> bool:
 
 
 def left_over_lags(
-    s: Sums,
-    base: Model,
-    fixed: Mapping[str, float],
-    label: Label = None,
-    keep: NDArray[np.bool_] | None = None,
+    s: Sums, base: Model, fixed: Mapping[str, float], keep: Keep = None
 ) -> list[tuple[float, float, Sums]]:
     """What a model leaves of a late torque over all lags: the sum of squares, the lag [s], and sums that are about it.
     First of delays, then of low-passes."""
     found = []
+
+    @cache
+    def late_columns(lag: float) -> tuple[list[int], Array]:
+        return combined_columns(s, [late_by(lag, {column: 1.0}) for column in base.values()])
+
     for one in s.restored:
-        total = one.over(label if keep is None else keep)
-        few, is_delay = replace(one, gram=total[None]), one.noise_gain == 1
+        few, is_delay = replace(one, gram=one.over(keep)[None]), one.noise_gain == 1
         span = SPACING / 2 if is_delay else one.late / 3
-        for lag in np.linspace(-span, span, 5, endpoint=not is_delay):
-            left = least_left(
-                torque_without(few, late_by(lag, fixed)).gram[0], *late_columns(one, base, lag), one.torque
-            )
-            found.append((left / one.noise_gain, one.late + float(lag), one))
+        for lag in np.linspace(-span, span, 5, endpoint=not is_delay).tolist():
+            left = least_left(torque_without(few, late_by(lag, fixed)).gram[0], *late_columns(lag), one.torque)
+            found.append((left / one.noise_gain, one.late + lag, one))
     return found
 
 
-def minima(found: Sequence[tuple[float, float, Sums]]) -> list[tuple[float, Sums]]:
-    """The delays [s] at which less is left than beside them, and the low-pass that leaves least, with their sums."""
-    delays = [entry for entry in found if entry[2].noise_gain == 1]
-    left = [entry[0] for entry in delays]
-    lowest = [k for k in range(1, len(left) - 1) if left[k] <= left[k - 1] and left[k] < left[k + 1]]
-    low_pass = min(found[len(delays) :], key=lambda entry: entry[0])
-    return [entry[1:] for entry in (*(delays[k] for k in lowest), low_pass)]
-
-
-def late_columns(s: Sums, base: Model, lag: float) -> tuple[list[int], Array]:
-    """Columns, and the combinations of them (columns, p) that those of a model are, late by `lag` [s]."""
-    parts = [late_by(lag, {column: 1.0}) for column in base.values()]
-    used = list(dict.fromkeys(name for part in parts for name in part))
+def combined_columns(s: Sums, parts: Sequence[Mapping[str, float]]) -> tuple[list[int], Array]:
+    """Columns, and the combinations of them (columns, p) that some parts are, each by the weights of its columns."""
+    used = [name for name in s.names if any(name in part for part in parts)]
     return s.index(used), np.array([[part.get(name, 0.0) for part in parts] for name in used])
 
 
@@ -273,42 +237,47 @@ def least_left(total: Array, at: list[int], C: Array, q: int) -> float:
     """Sum of squares that combinations of columns leave of the torque."""
     A, b = C.T @ total[np.ix_(at, at)] @ C, C.T @ total[at, q]
     scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-    estimates = np.linalg.lstsq(A / np.outer(scale, scale), b / scale, rcond=1e-13)[0]
-    return float(total[q, q] - estimates @ (b / scale))
+    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
+    along = (b / scale) @ vectors
+    known = values > 1e-13 * values[-1]
+    return float(total[q, q] - np.sum(along[known] ** 2 / values[known]))
 
 
-def near_lag(
-    s: Sums,
-    base: Model,
-    fixed: Mapping[str, float],
-    start: float,
-    label: Label = None,
-    keep: NDArray[np.bool_] | None = None,
-) -> GroupFit:
-    """Gauss and Newton's steps from a lag of the torque [s], of which `late` has been taken off the sums already."""
-    lag = start - s.late
-    at, C = late_columns(s, base, lag)
-    names = [s.names[k] for k in at]
-    first = fit_groups(torque_without(s, late_by(lag, fixed)), base, label, keep, (names, C), EFFECTS_LIMIT)
-    found, fit = {name: first[name] for name in base}, first
-    for _ in range(LAG_STEPS):
-        parts = [late_by(lag, {column: 1.0}) for column in base.values()]
+def near_lag(s: Sums, base: Model, fixed: Mapping[str, float], start: float, keep: Keep = None) -> GroupFit:
+    """Gauss and Newton's steps from a lag of the torque [s], of which `late` has been taken off the sums already: to a
+    thousandth of its standard error, which the first step gives, by the sums of all groups; the last one is a fit."""
+    lag, model = start - s.late, {**base, "lag_s": "jerk"}
+    few = replace(s, gram=s.over(keep)[None])
+    at, C = combined_columns(s, [late_by(lag, {column: 1.0}) for column in base.values()])
+    estimates = estimated(torque_without(few, late_by(lag, fixed)).gram[0], at, s.torque, C)
+    first: GroupFit | None = None
+    for _ in range(6):
+        found = dict(zip(base, estimates, strict=False))
         slope: dict[str, float] = {}
         for column, weight in (*((c, found[n]) for n, c in base.items()), *fixed.items()):
             if column in NEXT and NEXT[column] in s.names:
                 slope[NEXT[column]] = slope.get(NEXT[column], 0.0) - weight
-        parts.append(late_by(lag, slope))
-        used = [name for name in s.names if any(name in part for part in parts)]
-        C = np.array([[part.get(name, 0.0) for part in parts] for name in used])
-        rest = torque_without(s, late_by(lag, fixed))
-        fit = fit_groups(rest, {**base, "lag_s": "jerk"}, label, keep, (used, C), EFFECTS_LIMIT)
-        found = {name: fit[name] for name in base}
-        before, lag = lag, float(np.clip(lag + fit["lag_s"], -SPACING, SPACING))
-        if abs(lag - before) < 1e-3 * fit.se("lag_s"):
+        at, C = combined_columns(s, [*(late_by(lag, {c: 1.0}) for c in base.values()), late_by(lag, slope)])
+        own = at, C, late_by(lag, fixed)
+        if first is None:
+            first, again = late_fit(s, model, own, keep), False
+            estimates = first.estimates
+        else:
+            estimates, again = estimated(torque_without(few, own[2]).gram[0], at, s.torque, C), True
+        before, lag = lag, float(np.clip(lag + estimates[-1], -SPACING, SPACING))
+        if abs(lag - before) < 1e-3 * first.se("lag_s"):
             break
+    assert first is not None
+    fit = late_fit(s, model, own, keep) if again else first
     estimates = fit.estimates.copy()
     estimates[-1] = s.late + lag
     return replace(fit, estimates=estimates, left=fit.left / s.noise_gain)
+
+
+def late_fit(s: Sums, model: Model, own: tuple[list[int], Array, Mapping[str, float]], keep: Keep) -> GroupFit:
+    """The fit of combinations of columns to the torque less a part of it."""
+    at, C, part = own
+    return fit_groups(torque_without(s, part), model, keep, ([s.names[k] for k in at], C), EFFECTS_LIMIT)
 
 
 def torque_without(s: Sums, part: Mapping[str, float]) -> Sums:
@@ -334,9 +303,7 @@ def late_by(lag: float, part: Mapping[str, float]) -> dict[str, float]:
 
 def taken_by(s: Sums, model: Model, column: str, label: Label = None) -> dict[str, float]:
     """What the estimates of a model take of a column of size 1 that it lacks."""
-    at, own = s.index(list(model.values())), s.names.index(column)
-    A = s.over(label)
-    estimates, _ = solved(A[np.ix_(at, at)], A[at, own])
+    estimates = estimated(s.over(label), s.index(list(model.values())), s.names.index(column))
     return dict(zip(model, estimates.tolist(), strict=True))
 
 
@@ -355,22 +322,26 @@ class Causes:
 
 def causes(record: Record, s: Sums, model: Model) -> Causes:
     """Physics of the joint and faults of the recording compete step by step: the one that leaves least is taken, as
-    long as it is certain. Of few units nothing is asked."""
+    long as it is certain, and takes a thousandth of what is left or more. Of few units nothing is asked."""
     physics = physics_of(s, model)
     effects = [*physics, *(fault for fault in FAULTS if fault != "K_change" or "theta" in model.values())]
     chosen: list[str] = []
     now, at, lag = with_effects(s, model), s, None
     wide = not (leaves_noise(record, now) and possible_joint(now, model))
+
+    def left_by(*asked: str) -> float:
+        """Sum of squares that the model with effects leaves, of a lag that of the column by which it is told."""
+        own = at.index([*model.values(), *("jerk" if e == "lag_s" else COLUMN.get(e, e) for e in asked)])
+        estimates = estimated(at.total, own, at.torque)
+        return float(at.total[at.torque, at.torque] - estimates @ at.total[own, at.torque])
+
     while len(chosen) < len(effects):
-        left = {e: left_by(at, model, (*chosen, e)) for e in effects if e not in chosen}
-        most = (1 - COUNTS) * left_by(at, model, chosen)
+        left = {e: left_by(*chosen, e) for e in effects if e not in chosen}
+        most = (1 - 1e-3) * left_by(*chosen)
         if wide and "lag_s" in left:
             left["lag_s"] = min(left["lag_s"], *(one for one, *_ in left_over_lags(s, with_columns(model, chosen), {})))
-        tried = (
-            (e, tried_fit(at, model, (*chosen, e), lag=lag))
-            for e in sorted(left, key=left.__getitem__)
-            if left[e] < most
-        )
+        likely = [e for e in sorted(left, key=left.__getitem__) if left[e] < most]
+        tried = ((e, tried_fit(at, model, (*chosen, e), lag=lag)) for e in likely)
         effect, fit = next(((e, fit) for e, fit in tried if fit and fit.certain(e, FALSE_ALARM)), ("", None))
         if fit is None:
             break
@@ -381,18 +352,13 @@ def causes(record: Record, s: Sums, model: Model) -> Causes:
     return Causes(tuple(chosen), now, leaves_noise(record, now))
 
 
-def left_by(s: Sums, model: Model, effects: Sequence[str]) -> float:
-    """Sum of squares that a model with effects leaves, of a lag that of the column by which it is told."""
-    names = [*model.values(), *("jerk" if e == "lag_s" else COLUMN.get(e, e) for e in effects)]
-    at, q = s.index(names), s.torque
-    estimates, _ = solved(s.total[np.ix_(at, at)], s.total[at, q])
-    return float(s.total[q, q] - estimates @ s.total[at, q])
-
-
-def leaves_noise(record: Record, fit: GroupFit, more: float = ONLY_NOISE) -> bool:
-    """Whether a fit leaves no more than the noise of torque and angle, by a factor that allows for its own error."""
+def leaves_noise(record: Record, fit: GroupFit, more: float = 1.5) -> bool:
+    """Whether a fit leaves no more than the noise of torque and angle behind the filter, by a factor that allows for
+    its own error."""
+    of_angle, of_torque = record.noise
     stiffness = float(abs(fit["K"])) if "K" in fit.names else 0.0
-    return fit.left < more**2 * noise_behind(record, stiffness) * fit.samples
+    noise = (of_torque + stiffness**2 * of_angle) * record.low_pass.noise_bandwidth_hz
+    return fit.left < more**2 * noise * fit.samples
 
 
 def physics_of(s: Sums, model: Model) -> tuple[str, ...]:
@@ -402,24 +368,15 @@ def physics_of(s: Sums, model: Model) -> tuple[str, ...]:
 
 
 def tried_fit(
-    s: Sums,
-    model: Model,
-    effects: Sequence[str],
-    keep: NDArray[np.bool_] | None = None,
-    lag: float | None = None,
+    s: Sums, model: Model, effects: Sequence[str], keep: Keep = None, lag: float | None = None
 ) -> GroupFit | None:
     """As `with_effects`, with a lag near a given one [s]; None where the motion does not tell the effects apart."""
     try:
         if lag is None:
-            return with_effects(s, model, effects, keep=keep)
-        return near_lag(s, with_columns(model, effects), {}, lag, keep=keep)
-    except (IdentifiabilityError, InputError, np.linalg.LinAlgError):
+            return with_effects(s, model, effects, keep)
+        return near_lag(s, with_columns(model, effects), {}, lag, keep)
+    except CANNOT_TELL:
         return None
-
-
-def with_columns(model: Model, effects: Sequence[str]) -> Model:
-    """The columns of a model with effects, but for a lag's."""
-    return dict(model) | {effect: COLUMN.get(effect, effect) for effect in effects if effect != "lag_s"}
 
 
 def competing(s: Sums, model: Model, fault: str, found: Causes) -> tuple[str, ...]:
@@ -463,47 +420,45 @@ def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None
     """By how much the torque lags the angle [s]; None where the motion does not tell it from the physics.
 
     It is found only in a joint of which the model, the physics and the lag leave no more than noise: what a drivetrain
-    leaves looks like a lag of 2 to 20 ms. Beyond `LARGEST_TURN` it may be one and must be as certain as `CERTAINLY`.
+    leaves looks like a lag of 2 to 20 ms. Beyond `LARGEST_TURN` it may be one, and must be 15 standard errors large,
+    from which a reader must know of it: 5 ms make 30 to 70, sound joints 3.
     """
+
+    def certain(fit: GroupFit) -> bool:
+        size, se = abs(fit["lag_s"]), fit.se("lag_s")
+        small = bool(2 * np.pi * record.band_hz[1] * size < LARGEST_TURN)
+        return fit.certain("lag_s", FALSE_ALARM) and (small or size > 15.0 * se)
+
     others = competing(s, model, "lag_s", found)
     if "linear" in s.names:  # of the linear model with its gains, and of none that is free, a lag is told sharply
-        exact = tried_lag(s, model, (*(e for e in others if e != "linear"), "lag_s"), known="linear")
+        exact = tried_fit_of_lag(s, model, (*(e for e in others if e != "linear"), "lag_s"), "linear")
         if exact and leaves_noise(record, exact[0]):
-            fit, size = exact[0], exact[0]["lag_s"]
-            sure = fit.certain("lag_s", FALSE_ALARM) and may_be_late(record, fit)
-            return Fault(size, fit.se("lag_s"), sure, abs(size) + POSSIBLE * fit.se("lag_s"))
-    tried = tried_lag(s, model, (*others, "lag_s"))
+            size, se = exact[0]["lag_s"], exact[0].se("lag_s")
+            return Fault(size, se, certain(exact[0]), abs(size) + POSSIBLE * se)
+    tried = tried_fit_of_lag(s, model, (*others, "lag_s"))
     if not tried:
         return None
     fit, about = tried
     size, se = fit["lag_s"], fit.se("lag_s")
-    asked = "lag_s" in found.chosen or not possible_joint(found.fit, model)
-    sure = asked and fit.certain("lag_s", FALSE_ALARM) and may_be_late(record, fit)
-    sure = sure and (leaves_noise(record, fit) or leaves_noise_behind_low_pass(record, fit, about, model, others))
+    sure = ("lag_s" in found.chosen or not possible_joint(found.fit, model)) and certain(fit)
+    if sure and not leaves_noise(record, fit):
+        # a low-pass of the torque's sensor may have taken off the part of the noise by which it is known: then little
+        # more is left, of which the richest model explains nothing
+        names = list(dict.fromkeys([*about.rich, *with_columns(model, others).values()]))
+        least = least_left(about.total, about.index(names), np.eye(len(names)), about.torque) / about.noise_gain
+        free = max(len(names) - len(fit.names), 1)
+        explained = fit.left - least > float(chdtri(free, FALSE_ALARM)) * fit.left / fit.samples * about.independent
+        sure = leaves_noise(record, fit, 2.0) and not explained
     return Fault(size, se, sure and is_alike(about, model, "lag_s", found, size), abs(size) + POSSIBLE * se)
 
 
-def leaves_noise_behind_low_pass(record: Record, fit: GroupFit, s: Sums, model: Model, others: Sequence[str]) -> bool:
-    """Whether a fit with a lag leaves no more than noise of which a low-pass of the sensor has taken off the part by
-    which it is known: little more, of which the richest model explains nothing."""
-    names = list(dict.fromkeys([*s.rich, *with_columns(model, others).values()]))
-    more = fit.left - least_left(s.total, s.index(names), np.eye(len(names)), s.torque) / s.noise_gain
-    free = max(len(names) - len(fit.names), 1)
-    explained = more > float(chdtri(free, FALSE_ALARM)) * fit.left / fit.samples * s.independent
-    return leaves_noise(record, fit, LESS_NOISE) and not explained
-
-
-def may_be_late(record: Record, fit: GroupFit) -> bool:
-    """Whether a lag is small enough for one, or so certain that a reader must know of it."""
-    turn = 2 * np.pi * record.band_hz[1] * abs(fit["lag_s"])
-    return bool(turn < LARGEST_TURN or abs(fit["lag_s"]) > CERTAINLY * fit.se("lag_s"))
-
-
-def tried_lag(s: Sums, model: Model, effects: Sequence[str], known: str | None = None) -> tuple[GroupFit, Sums] | None:
+def tried_fit_of_lag(
+    s: Sums, model: Model, effects: Sequence[str], known: str | None = None
+) -> tuple[GroupFit, Sums] | None:
     """As `told_lag`; None where the motion does not tell the effects apart."""
     try:
         return told_lag(s, model, effects, known=known)
-    except (IdentifiabilityError, InputError, np.linalg.LinAlgError):
+    except CANNOT_TELL:
         return None
 
 
@@ -513,9 +468,16 @@ def stiffness_change(s: Sums, model: Model, found: Causes) -> Fault | None:
     Repeats of one motion differ by what K changes alone, whatever the joint is. Where the model with the physics
     explains all others, too, the change from one frequency to the next tells more: the surer one of both counts.
     """
+
+    def beyond_noise(fit: GroupFit, name: str, sure: bool, duration: float = 1.0) -> Fault:
+        """A change in a `duration` of the estimate's unit of time; 0 if it is no more than noise."""
+        change, se = duration * fit[name], duration * fit.se(name)
+        noise = float(stdtrit(fit.freedom(name), 1 - FALSE_ALARM)) * se  # one-sided
+        return Fault(float(np.sign(change)) * (abs(change) - noise), se, sure and abs(change) > noise, noise)
+
     tried: list[Fault] = []
     if s.groups.repeat and (within := changes_of_repeats(s, model, {"K_within": {"theta": 1.0}})):
-        tried.append(change_of(within, "K_within", True, s.seconds))
+        tried.append(beyond_noise(within, "K_within", True, s.seconds))
     enough = len(s.groups.first) >= FEWEST_GROUPS
     full = tried_fit(s, model, (*competing(s, model, "K_change", found), "K_change")) if enough else None
     if full is not None:
@@ -523,39 +485,32 @@ def stiffness_change(s: Sums, model: Model, found: Causes) -> Fault | None:
         if sure and not found.only_noise:  # as after a step: no dynamics of higher order may make it
             others = (e for e in competing(s, model, "K_change", found) if e != "lag_s")
             rich = tried_fit(s, model, (*others, "jerk", "snap", "K_change"))
-            sure = rich is not None and rich.certain("K_change", FALSE_ALARM**2) and not sweeps(s)
-        tried.append(change_of(full, "K_change", sure and is_alike(s, model, "K_change", found)))
+            # in a sweep, whose frequency rises or falls with time, dynamics pass for a change over time
+            theta, omega = s.index(["theta", "omega"])
+            speed = s.gram[:, omega, omega] / np.maximum(s.gram[:, theta, theta], np.finfo(float).tiny)
+            sweeps = abs(float(spearmanr(s.groups.first, speed).statistic)) > 0.5
+            sure = rich is not None and rich.certain("K_change", FALSE_ALARM**2) and not sweeps
+        tried.append(beyond_noise(full, "K_change", sure and is_alike(s, model, "K_change", found)))
     return min(tried, key=lambda fault: fault.possible if not fault.found else fault.se, default=None)
-
-
-def sweeps(s: Sums) -> bool:
-    """Whether the frequency of a motion rises or falls with time, so that dynamics pass for a change over time."""
-    theta, omega = s.index(["theta", "omega"])
-    speed = s.gram[:, omega, omega] / np.maximum(s.gram[:, theta, theta], np.finfo(float).tiny)
-    return abs(float(spearmanr(s.groups.first, speed).statistic)) > SWEEPS
 
 
 def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str, float]]) -> GroupFit | None:
     """Sizes of effects that grow with time [1/s], by what repeats of one motion differ by: each stratum has a misfit
-    of its own, whatever the joint is. An effect is a combination of columns; None where no stratum has two repeats.
+    of its own, whatever the joint is. An effect is a combination of columns; None where no stratum has three repeats.
 
     The time is that of the group and not of the row. A score is the product of column and residual in a group, less
     the mean of its stratum.
     """
-    base, q = with_effects(s, model), s.torque
-    at = s.index(list(model.values()))
-    names = list(dict.fromkeys(name for part in effects.values() for name in part))
-    own = s.index(names)
-    C = np.array([[part.get(name, 0.0) for part in effects.values()] for name in names])
-    one = s.index(["one"])[0]
+    middle, kind = (s.groups.first + s.groups.stop) / 2 / s.rate_hz, s.groups.stratum
+    members = np.bincount(kind)
+    if members.max() < 3:
+        return None
+    base, q, one = with_effects(s, model), s.torque, s.index(["one"])[0]
+    at, (own, C) = s.index(list(model.values())), combined_columns(s, list(effects.values()))
     mean = s.gram[:, one] / s.gram[:, one, one][:, None]
     gram = s.gram - mean[:, :, None] * s.gram[:, one][:, None]  # a slow disturbance is an offset of a group
     products = C.T @ gram[:, own][:, :, own] @ C
     scores = (gram[:, own, q + 1] - gram[:, own][:, :, at] @ base.estimates) @ C
-    middle, kind = (s.groups.first + s.groups.stop) / 2 / s.rate_hz, s.groups.stratum
-    members = np.bincount(kind)
-    if members.max() < FEWEST_REPEATS:
-        return None
 
     def added(values: Array) -> Array:
         total = np.zeros((len(members), *values.shape[1:]))
@@ -577,13 +532,6 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
     return replace(base, names=tuple(effects), estimates=estimates, covariance=covariance, degrees_of_freedom=degrees)
 
 
-def change_of(fit: GroupFit, name: str, sure: bool, duration: float = 1.0) -> Fault:
-    """A change of K beyond noise, in a `duration` of the estimate's unit of time; 0 if it is no more."""
-    change, se = duration * fit[name], duration * fit.se(name)
-    noise = float(stdtrit(fit.freedom(name), 1 - FALSE_ALARM)) * se  # one-sided
-    return Fault(float(np.sign(change)) * (abs(change) - noise), se, sure and abs(change) > noise, noise)
-
-
 def clocks_row(record: Record, s: Sums, model: Model, found: Causes) -> Row:
     """Drift of the torque's clock against the angle's [ppm]; null where one device recorded both, or it is not seen.
 
@@ -600,9 +548,14 @@ def clocks_row(record: Record, s: Sums, model: Model, found: Causes) -> Row:
         if s.groups.repeat:
             seen = changes_of_repeats(s, model, {"K_within": {"theta": 1.0}, "ppm": slope})
         else:
-            chosen = [e for e in found.chosen if e not in (*FAULTS, "linear")]
-            tried = (with_clock(s, model, slope, effects) for effects in (chosen, physics_of(s, model)))
-            seen = next((fit for fit in tried if leaves_noise(record, fit)), None)
+            seen, drifting = None, {f"late_{name}": weight for name, weight in slope.items()}
+            for effects in ([e for e in found.chosen if e not in (*FAULTS, "linear")], physics_of(s, model)):
+                base = with_columns(model, effects)
+                at, C = combined_columns(s, [*({column: 1.0} for column in base.values()), drifting])
+                fit = late_fit(s, {**base, "ppm": "one"}, (at, C, {}), None)
+                if leaves_noise(record, fit):
+                    seen = fit
+                    break
         if seen is None:
             return drift_row(None)
         drift = ClockDrift(seen["ppm"], seen.se("ppm"), seen.freedom("ppm"))
@@ -614,19 +567,10 @@ def clocks_row(record: Record, s: Sums, model: Model, found: Causes) -> Row:
     return drift_row(drift)
 
 
-def with_clock(s: Sums, model: Model, slope: Mapping[str, float], effects: Sequence[str]) -> GroupFit:
-    """Fit of a model with effects and a drift between clocks [ppm], which changes the torque by `slope` times time."""
-    base = dict(model) | {effect: COLUMN.get(effect, effect) for effect in effects}
-    used = [*base.values(), *(f"late_{name}" for name in slope)]
-    C = np.zeros((len(used), len(base) + 1))
-    C[: len(base), : len(base)] = np.eye(len(base))
-    C[len(base) :, -1] = list(slope.values())
-    return fit_groups(s, {**base, "ppm": "one"}, transform=(used, C), limit=EFFECTS_LIMIT)
-
-
 def yielding_in(series: Mapping[str, float]) -> float | None:
     """Stiffness [N*m/rad] of a frame in series with a second-order joint of which K, B, I and J are measured.
-    1/measured = 1/joint + 1/stiffness, to the third power of s, where the joint has none. None if there is none."""
+    1/measured = 1/joint + 1/stiffness, to the third power of s, where the joint has none. None if there is none, or it
+    would yield by more than half of the joint's angle."""
     K, B, I, J = (series[name] for name in "KBIJ")
     if not abs(K) > np.finfo(float).tiny:
         return None
@@ -634,7 +578,7 @@ def yielding_in(series: Mapping[str, float]) -> float | None:
     first, second, third = -b, b**2 - i, 2 * b * i - b**3 - j
     left = np.roots([third, -2 * first * second, first**3])
     yielded = [1 - float(share.real) for share in left if abs(share.imag) < 1e-9]
-    return K / min(sound) if (sound := [share for share in yielded if 0 < share < LARGEST_YIELD]) else None
+    return K / min(sound) if (sound := [share for share in yielded if 0 < share < 0.5]) else None
 
 
 def frame_stiffness(s: Sums, model: Model, found: Causes) -> float | None:

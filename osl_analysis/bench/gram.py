@@ -16,13 +16,13 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 from scipy.special import stdtrit
 
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import check_all_measured, rounding_of
 from osl_analysis.stats.covariance import between_cycles, products_between, welch_satterthwaite
-from osl_analysis.stats.fit_row import Row, thinned_rows, whiteness_row
 from osl_analysis.stats.regression import (
     CONDITION_LIMIT,
     ROUNDED,
@@ -36,15 +36,9 @@ from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # strata from which on these are the units that are left out; below, each group is one
 FEWEST_GROUPS = 8  # groups that do not repeat from whose scores an interval comes
-MANY_UNITS = 10  # units that show the rounding that cycles repeat; of fewer its known size counts, if it is larger
-NEAR_PEAKS = 2.0
-"""Variance of what rounding does to an estimate over that of errors that are independent from row to row: where the
-joint turns round, many rows share a step. From 0.4 to 2.5, by how an amplitude lies between steps (simulated)."""
 EFFECTS_LIMIT = 1e5  # largest scaled condition number of a fit with effects, whose columns are alike at times
 BY_UNITS, BY_REPEATS = "units", "repeats"
 """Source of an interval: units that were left out, with the noise; repeats, of too few units."""
-DELAYS = tuple(5e-3 * k for k in (-3, -2, -1, 0, 1, 2, 3, 4))  # delays of the torque [s] about which a lag is told
-LOW_PASSES = (1.5e-3, 2.5e-3, 4e-3, 6e-3, 9e-3, 13e-3)  # the same of low-passes of first order, from 100 to 12 Hz
 
 
 @dataclass(frozen=True)
@@ -73,7 +67,7 @@ class Sums:
         """The sums of all groups."""
         return np.asarray(self.gram.sum(axis=0))
 
-    @cached_property
+    @property
     def torque(self) -> int:
         return len(self.names)
 
@@ -86,22 +80,28 @@ class Sums:
 
     @cached_property
     def restored(self) -> tuple["Sums", ...]:
-        """The sums of the torque before it came late, by each of the delays and low-passes of first order that are
-        tried: about these the series in the lag is short."""
-        n = self.torques.shape[1]
-        spectrum = np.fft.rfft(np.concatenate([self.torques, self.torques[:, ::-1]], axis=1))
-        s = 2j * np.pi * np.fft.rfftfreq(2 * n, 1 / self.rate_hz)
+        """The sums of the torque before it came late, by each of the delays [s] and low-passes of first order (100 to
+        12 Hz) that are tried: about these the series in the lag is short. The record is continued by its mirror image
+        and a constant, to a length that the transform is fast for."""
+        n, q = self.torques.shape[1], self.torque
+        N = next_fast_len(2 * n, real=True)
+        both_ways = np.concatenate([self.torques, self.torques[:, ::-1]], axis=1)
+        spectrum = rfft(np.pad(both_ways, ((0, 0), (0, N - 2 * n)), mode="edge"))
+        s = 2j * np.pi * rfftfreq(N, 1 / self.rate_hz)
         band_hz = self.rate_hz / (2 * self.independent)
-        ways = [(d, np.exp(s * d), 1.0) for d in DELAYS]
-        ways += [(d, 1 + s * d, 1 + (2 * np.pi * d * band_hz) ** 2 / 3) for d in LOW_PASSES]
-        X = np.array(list(self.columns.values())).T
+        ways = [(5e-3 * k, np.exp(5e-3 * k * s), 1.0) for k in range(-3, 5)]
+        for d in (1.5e-3, 2.5e-3, 4e-3, 6e-3, 9e-3, 13e-3):
+            ways.append((d, 1 + s * d, 1 + (2 * np.pi * d * band_hz) ** 2 / 3))
+        Y = np.concatenate([irfft(inverse * spectrum, N)[:, :n] for _, inverse, _ in ways]).T
+        Z = np.ascontiguousarray(np.column_stack([*self.columns.values(), Y]))
+        every = products_between(Z, Z[:, q:], self.groups.first, self.groups.stop)
         found = []
-        for late, inverse, noise_gain in ways:
-            Y = np.ascontiguousarray(np.fft.irfft(inverse * spectrum, 2 * n)[:, :n].T)
-            both = products_between(np.column_stack([X, Y]), Y, self.groups.first, self.groups.stop)
+        for k, (late, _, noise_gain) in enumerate(ways):
+            own = slice(2 * k, 2 * k + 2)
             gram = self.gram.copy()
-            gram[:, :, self.torque :] = both
-            gram[:, self.torque :, :] = np.swapaxes(both, 1, 2)
+            gram[:, :q, q:] = every[:, :q, own]
+            gram[:, q:, :q] = np.swapaxes(every[:, :q, own], 1, 2)
+            gram[:, q:, q:] = every[:, q:][:, own, own]
             found.append(replace(self, gram=gram, late=late, noise_gain=noise_gain))
         return tuple(found)
 
@@ -127,14 +127,12 @@ class GroupFit(LinearFit):
         return abs(self[name]) > float(stdtrit(self.freedom(name), 1 - once_in / 2)) * self.se(name)
 
 
-def gram_sums(
-    record: Record, columns: Mapping[str, Array], rich: Sequence[str], centre: float = 0.0, raw: Array | None = None
-) -> Sums:
-    """The sums of columns (n,) and of the record's torque; noise is that of the `raw` torque, before the filter.
+def gram_sums(record: Record, columns: Mapping[str, Array], rich: Sequence[str], centre: float = 0.0) -> Sums:
+    """The sums of columns (n,) and of the record's torque; noise is that of the raw torque, before the filter.
 
     Raises InputError: a column cannot be measured.
     """
-    Y = [record.filtered_torque, record.torque if raw is None else raw]
+    Y = [record.filtered_torque, record.torque]
     Z = np.array([*columns.values(), *Y])
     check_all_measured([*(f"column '{name}'" for name in columns), "column 'y'", "the torque"], Z)
     Z = np.ascontiguousarray(Z.T)
@@ -164,15 +162,20 @@ def solved(A: Array, b: Array) -> tuple[Array, Array]:
     return estimates + inverse @ (b - A @ estimates), inverse
 
 
+def estimated(total: Array, at: Sequence[int], q: int, C: Array | None = None) -> Array:
+    """Estimates (p,) of the torque, column q, alone: of the columns `at`, or of combinations C (columns, p) of them."""
+    A, b = total[np.ix_(at, at)], total[at, q]
+    return solved(A, b)[0] if C is None else solved(C.T @ A @ C, C.T @ b)[0]
+
+
 def fit_groups(
     s: Sums,
     model: Mapping[str, str],
-    label: Label = None,
-    keep: NDArray[np.bool_] | None = None,
+    keep: "NDArray[np.bool_] | Label" = None,
     transform: tuple[Sequence[str], Array] | None = None,
     limit: float = CONDITION_LIMIT,
 ) -> GroupFit:
-    """Least squares of the torque on a model, estimate -> column, over the groups of a label, or those to `keep` (m,).
+    """Least squares of the torque on a model, estimate -> column, over the groups of a label, or those to keep (m,).
 
     `transform` are columns and a matrix (columns, p): the columns of the estimates are combinations of these.
 
@@ -181,18 +184,18 @@ def fit_groups(
     names, q = tuple(model), s.torque
     used, C = (list(model.values()), np.eye(len(model))) if transform is None else (list(transform[0]), transform[1])
     at = s.index(used)
-    keep = s.groups.of(label) if keep is None else keep
-    G = s.gram if keep.all() else s.gram[keep]
+    keep = keep if isinstance(keep, np.ndarray) else s.groups.of(keep)
+    G, total = (s.gram, s.total) if keep.all() else (s.gram[keep], s.over(keep))
     one = s.index(["one"])[0]
-    n = float(G[:, one, one].sum())
+    n = float(total[one, one])
     if "late" in used:  # time about the middle of what is fitted: a drift and an offset are then told apart
         C = C.copy()
-        C[used.index("one")] -= G[:, one, s.names.index("late")].sum() / n * C[used.index("late")]
+        C[used.index("one")] -= total[one, s.names.index("late")] / n * C[used.index("late")]
     A_g, b_g = C.T @ G[:, at][:, :, at] @ C, G[:, at, q] @ C
     # noise is independent from row to row before the filter; but where nothing repeats, what the filter takes off the
     # signal itself would count as noise
     raw_g = G[:, at, q + 1] @ C if s.groups.repeat else b_g
-    A, b, total = A_g.sum(axis=0), b_g.sum(axis=0), G.sum(axis=0)
+    A, b = A_g.sum(axis=0), b_g.sum(axis=0)
     estimates, inverse = solved(A, b)
     varies = [k for k, column in enumerate(model.values()) if column != "one"]
     about_means = inverse[np.ix_(varies, varies)]
@@ -211,19 +214,24 @@ def fit_groups(
         left_free = max(n / s.independent - len(names), 1.0)
         noise, freedom = inverse * left / left_free, np.full(len(names), left_free)
     else:
-        rich = list(dict.fromkeys([*s.rich, *used]))
-        noise, freedom = noise_of_scores(rich_scores(s, G, at, C, inverse, raw_g, s.index(rich)), len(rich))
+        # what the richest model leaves is the noise
+        rich = s.index(list(dict.fromkeys([*s.rich, *used])))
+        coefficients = solved(G[:, rich][:, :, rich].sum(axis=0), G[:, rich, q].sum(axis=0))[0]
+        modelled = np.swapaxes(C.T @ G[:, at][:, :, rich], 1, 2) * coefficients[:, None]
+        noise, freedom = noise_of_scores(np.asarray((raw_g - modelled.sum(axis=1)) @ inverse), len(rich))
     unit = stratum if stratum.max() + 1 >= FEWEST_UNITS else np.arange(len(stratum))
     units = int(unit.max()) + 1
     told = repeats or unit is stratum or len(stratum) >= FEWEST_GROUPS
     misfit = jackknife(A_g, b_g, A, b, unit) if told else np.zeros_like(inverse)
     known = np.zeros(len(names))
-    if s.groups.kind == "cycles" and (unit is not stratum or units < MANY_UNITS) and any(s.rounding):
+    # ten units show the rounding that cycles repeat; of fewer its known size counts, if it is larger
+    if s.groups.kind == "cycles" and (unit is not stratum or units < 10) and any(s.rounding):
         of_theta, of_torque = s.rounding
         stiffness = estimates[names.index("K")] if "K" in names else 0.0
         repeated = np.tensordot(s.groups.alike[keep], A_g, axes=1) * (stiffness**2 * of_theta + of_torque)
-        repeated *= NEAR_PEAKS
-        known = np.diag(inverse @ repeated @ inverse)
+        # where the joint turns round, many rows share a step: the variance of what rounding does is 0.4 to 2.5 times
+        # that of errors that are independent from row to row, by how an amplitude lies between steps (simulated)
+        known = np.diag(inverse @ (2.0 * repeated) @ inverse)
     covariance, freedom = combined(noise, freedom, misfit, units, known)
     return GroupFit(
         names,
@@ -232,7 +240,7 @@ def fit_groups(
         accounted_for(left / n - level**2, square / n - (total[one, q] / n) ** 2, square / n),
         1 - left / max(float(square), np.finfo(float).tiny),
         condition,
-        s.groups.usual_length,
+        max(round(float(np.median(s.groups.stop - s.groups.first))), 1),
         round(float(n)),
         BY_UNITS if unit is stratum or not s.groups.repeat else BY_REPEATS,
         freedom,
@@ -299,29 +307,22 @@ def paired_errors(s: Sums, model: Mapping[str, str], small: Label, large: Label)
     """Half-widths (p,) of the 95 % intervals of the differences of the estimates of two amplitudes, whose frequencies
     are the same: each is left out of both, so that what the model misses at both alike is no error of the difference.
     None where the frequencies differ or are too few."""
-    hertz = [(one.label, round(one.frequency_hz, 1), k) for k, one in enumerate(s.groups.strata)]
-    of = [{hz: k for label, hz, k in hertz if label == x} for x in (small, large)]
+    strata = [(one.label, round(one.frequency_hz, 1), k) for k, one in enumerate(s.groups.strata)]
+    of = [{hz: k for label, hz, k in strata if label == x} for x in (small, large)]
     if of[0].keys() != of[1].keys() or len(of[0]) < FEWEST_UNITS:
         return None
-    whole = [fit_groups(s, model, label) for label in (small, large)]
-    if any(fit.repeat is None for fit in whole):
+    repeats = [fit_groups(s, model, label).repeat for label in (small, large)]
+    if repeats[0] is None or repeats[1] is None:
         return None
-    found = []
+    found, at = [], s.index(list(model.values()))
     for hz in of[0]:
         rest = [s.groups.of(x) & (s.groups.stratum != k[hz]) for x, k in zip((small, large), of, strict=True)]
-        without = [fit_groups(s, model, keep=keep).estimates for keep in rest]
-        found.append(without[1] - without[0])
+        less, more = (estimated(s.over(keep), at, s.torque) for keep in rest)
+        found.append(more - less)
     m, apart = len(found), np.array(found) - np.mean(found, axis=0)
-    noise = np.sum([fit.repeat for fit in whole if fit.repeat is not None], axis=0)
-    covariance, freedom = combined(noise, np.full(len(model), np.inf), apart.T @ apart * (m - 1) / m, m)
+    infinite = np.full(len(model), np.inf)
+    covariance, freedom = combined(repeats[0] + repeats[1], infinite, apart.T @ apart * (m - 1) / m, m)
     return np.asarray(stdtrit(freedom, 0.975) * np.sqrt(np.diag(covariance)))
-
-
-def rich_scores(s: Sums, G: Array, at: list[int], C: Array, inverse: Array, raw_g: Array, rich: list[int]) -> Array:
-    """Scores (m, p) of what the richest model leaves."""
-    coefficients, _ = solved(G[:, rich][:, :, rich].sum(axis=0), G[:, rich, s.torque].sum(axis=0))
-    modelled = np.swapaxes(C.T @ G[:, at][:, :, rich], 1, 2) * coefficients[:, None]
-    return np.asarray((raw_g - modelled.sum(axis=1)) @ inverse)
 
 
 def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
@@ -338,46 +339,31 @@ def noise_of_scores(scores: Array, columns: int) -> tuple[Array, Array]:
     return np.asarray(found), np.full(p, max(m / 1.5 - used / 2, 1.0))
 
 
-def vaf_of_groups(s: Sums, fit: LinearFit, model: Mapping[str, str], keep: NDArray[np.bool_]) -> float:
-    """VAF [percent] of a fit in groups (m,) that it may not have used; an offset of theirs does not count."""
-    at, q, one = s.index(list(model.values())), s.torque, s.index(["one"])[0]
-    total = s.over(keep)
-    estimates, n = np.array([fit[name] for name in model]), total[one, one]
-    left = total[q, q] - 2 * estimates @ total[at, q] + estimates @ total[np.ix_(at, at)] @ estimates
-    level = (total[one, q] - total[one, at] @ estimates) / n
-    return accounted_for(left / n - level**2, total[q, q] / n - (total[one, q] / n) ** 2, total[q, q] / n)
-
-
 def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None) -> float | None:
-    """Lowest VAF [percent] of groups that a fit did not use; None where there are none, or nothing can be fitted.
+    """Lowest VAF [percent] of groups that a fit did not use; None where there are none, or nothing can be fitted. An
+    offset of theirs does not count.
 
     Of a label: of the other labels, by its fit. Of all: of each label by the fit to the others, with one label of each
     third of the groups.
     """
-    labels = s.groups.labels
+    labels, at, q, one = s.groups.labels, s.index(list(model.values())), s.torque, s.index(["one"])[0]
     if label is not None:
-        held = [s.groups.of(other) for other in labels if other != label]
-        pairs = [(s.groups.of(label), own) for own in held]
+        pairs = [(s.groups.of(label), [s.groups.of(other) for other in labels if other != label])]
     elif len(labels) > 1:
-        pairs = [(~s.groups.of(x), s.groups.of(x)) for x in labels]
+        pairs = [(~s.groups.of(x), [s.groups.of(x)]) for x in labels]
     else:
         place = np.argsort(np.argsort(s.groups.first, kind="stable"), kind="stable")
         part = 3 * place // len(place)  # consecutive thirds
-        pairs = [(part != k, part == k) for k in np.unique(part)] if len(place) > 1 else []
-    try:
-        return min((vaf_of_groups(s, fit_groups(s, model, keep=rest), model, own) for rest, own in pairs), default=None)
-    except (IdentifiabilityError, InputError):
-        return None
-
-
-def residual_whiteness(record: Record, s: Sums, fit: LinearFit, model: Mapping[str, str], label: Label) -> Row:
-    """Whiteness of what a fit leaves of its rows."""
-    rows = record.rows(label)
-    kept = rows[thinned_rows(len(rows), record.rate_hz, record.low_pass)]
-    modelled = sum((fit[name] * s.columns[column][kept] for name, column in model.items()), np.zeros(len(kept)))
-    return whiteness_row(record.filtered_torque[kept] - modelled)
-
-
-def repeat_row(fit: GroupFit, *names: str) -> Row:
-    """`name_repeat_se`: what a repetition of the same motion would change; null where nothing repeats."""
-    return {f"{name}_repeat_se": fit.repeat_se(name) for name in names}
+        pairs = [(part != k, [part == k]) for k in np.unique(part)] if len(place) > 1 else []
+    found = []
+    for fitted, held in pairs:
+        try:
+            fit = fit_groups(s, model, fitted)
+        except (IdentifiabilityError, InputError):
+            return None
+        for total in map(s.over, held):
+            n, x, square = total[one, one], fit.estimates, total[q, q]
+            level = (total[one, q] - total[one, at] @ x) / n
+            left = square - 2 * x @ total[at, q] + x @ total[np.ix_(at, at)] @ x
+            found.append(accounted_for(left / n - level**2, square / n - (total[one, q] / n) ** 2, square / n))
+    return min(found, default=None)

@@ -1,7 +1,7 @@
 """One trial of a bench, the dynamometer's or the actuator's own: true motion and torque, recorded log, truth."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from osl_analysis.simulator.joint_motion import (
     there_and_back,
 )
 from osl_analysis.simulator.mcap_writer import ACTUATOR, DYNAMOMETER, joint_states, wrenches, write_mcap, write_topics
-from osl_analysis.simulator.recorder import BenchLog, Jumping, TrueSignal, bench_truth, recording_of
+from osl_analysis.simulator.recorder import BenchLog, Jumping, TrueSignal, recording_of
 from osl_analysis.simulator.settings import ActuatorBench, SimulationSettings, stream
 from osl_analysis.trial import Array
 
@@ -48,7 +48,18 @@ def simulate_bench_trial(
         weight = settings.gain_weight.weight
         gains = select_gains(str(row["controller"]), float(row["K_d"]), float(row["B_d"]), p, weight)
     log, drawn = recording_of(trial, true_signals(row, settings, p, gains)[1], settings)
-    return log, bench_truth(trial, settings, p, gains, drawn)
+    truth: dict[str, object] = {
+        "trial": trial,
+        "seed": settings.seed,
+        "parameters": asdict(p),  # with this trial's K_s
+        "gains": asdict(gains) if gains else None,
+        "joint": settings.joint.model_dump() if settings.joint else None,
+        **({"foot": settings.foot.model_dump()} if settings.foot else {}),
+        "effects": settings.effects.model_dump(),
+        "recorder": settings.recorder.model_dump(),
+        "drawn": drawn,
+    }
+    return log, truth
 
 
 def true_signals(

@@ -63,7 +63,9 @@ def walking_commands(
         K_1, B_1 = stiffness_gain(K_d, p), np.interp(np.mod(c, 1.0), *damping)
     else:
         K_1, B_1 = K_d / p.n_T**2, B_d / p.n_T**2
-    usual = step.body_mass * gait.nominal_ankle_moment(c)
+    # internal plantarflexion moment: 0.5 N*m/kg at midstance, 1.4 at push-off, 0 in swing
+    bumps = gait.periodic_bumps(c, gait.ANKLE_MOMENT)
+    usual = step.body_mass * (bumps * gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION))
     moment = step.load * usual + step.torque_wander[::stride]
     if desired.theta_eq is not None:
         theta_eq = desired.at(desired.theta_eq, c) - (moment - usual) / K_d

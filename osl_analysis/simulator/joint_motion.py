@@ -131,21 +131,19 @@ def excitation_motion(excitation: Excitation, trial: str, seed: int, rate_hz: fl
     """The commanded motion of one trial, from rest to rest, sampled at `rate_hz`: realisations with their fades."""
     rest, whole = np.zeros(round(excitation.rest_s * rate_hz)), excitation.full_s + 2 * excitation.fade_s
     time, parts = np.arange(round(whole * rate_hz)) / rate_hz, [(rest, rest, rest)]
-    made = {"multisine": multisine_motion, "chirp": chirp_motion, "prbs": prbs_motion, "ramps": ramps_motion}
+    made = {"chirp": chirp_motion, "prbs": prbs_motion, "ramps": ramps_motion}
     for number in range(excitation.realisations):
         draws = np.random.default_rng([seed, zlib.crc32(trial.encode()), zlib.crc32(b"excitation"), number])
-        one = made.get(excitation.kind, noise_motion)(excitation, time, draws)
+        if excitation.kind == "multisine":  # it goes on through the fades; a trial's realisations have the same lines
+            own, rms = int(draws.integers(2**31)), float(np.deg2rad(excitation.rms_deg))
+            lines = zlib.crc32(excitation.name.encode())
+            multisine = odd_multisine(excitation.period_s, excitation.band_hz, rms, lines, own)
+            one = JointMotion(*(multisine.angle(time, derivative) for derivative in range(3)))
+        else:
+            one = made.get(excitation.kind, noise_motion)(excitation, time, draws)
         one = ramped(time, whole, excitation.fade_s) * one
         parts += [(one.theta, one.omega, one.alpha), (rest, rest, rest)]
     return JointMotion(*(np.concatenate(signal) for signal in zip(*parts, strict=True)))
-
-
-def multisine_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:
-    """An odd random-phase multisine, which goes on through the fades; a trial's realisations have the same lines."""
-    number = int(draws.integers(2**31))
-    rms = float(np.deg2rad(excitation.rms_deg))
-    one = odd_multisine(excitation.period_s, excitation.band_hz, rms, zlib.crc32(excitation.name.encode()), number)
-    return JointMotion(*(one.angle(time, derivative) for derivative in range(3)))
 
 
 def chirp_motion(excitation: Excitation, time: Array, draws: np.random.Generator) -> JointMotion:

@@ -6,7 +6,7 @@ goes to the folder `truth`, which ingest never reads.
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi
 
-from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.files import atomic_path
-from osl_analysis.model.compensator import Gains
-from osl_analysis.simulator.settings import LowPassEffect, NodeSettings, Scatter, SimulationSettings, stream
+from osl_analysis.simulator.settings import NodeSettings, Scatter, SimulationSettings, stream
 from osl_analysis.trial import Array
 
 TORQUES = ("load_cell_torque", "output_torque")
@@ -164,7 +162,14 @@ class Bench:
         effects, sensor, n = self.settings.effects, self.settings.recorder.sensor(channel), len(sampled)
         rate, late = self.settings.dynamometer.rate_hz, sensor.delay.value
         if sensor.low_pass.enabled:
-            true = low_passed(true.samples if isinstance(true, Jumping) else true, rate, sensor.low_pass)
+            # causal and at rest at the first value, in eight steps per sample, its input being straight between them
+            signal = true.samples if isinstance(true, Jumping) else true
+            finer = CubicSpline(np.arange(len(signal)), signal)(np.arange((len(signal) - 1) * 8 + 1) / 8)
+            analogue = butter(sensor.low_pass.order, 2 * np.pi * sensor.low_pass.size, analog=True)
+            numerator, below, _ = cont2discrete(analogue, 1 / (8 * rate), method="foh")
+            above = np.ravel(numerator)
+            slow, _ = lfilter(above, below, finer, zi=lfilter_zi(above, below) * finer[0])
+            true = np.asarray(slow[::8])
         instants = np.maximum(sampled - late, 0.0) if late else sampled
         if isinstance(true, Jumping):
             reading = true.at(instants)
@@ -210,39 +215,6 @@ class Bench:
 def rounded_to(signal: Array, step: float) -> Array:
     """The signal rounded to the nearest multiple of `step` [unit of the signal]. With step 0 it is not rounded."""
     return np.rint(signal / step) * step if step else signal
-
-
-def low_passed(signal: Array, rate_hz: float, low_pass: LowPassEffect) -> Array:
-    """The signal (n,) behind a sensor's causal low-pass, which is at rest at the first value. It is computed in eight
-    steps per sample, its input being straight between them."""
-    fine = np.arange((len(signal) - 1) * 8 + 1) / 8
-    finer = CubicSpline(np.arange(len(signal)), signal)(fine)
-    analogue = butter(low_pass.order, 2 * np.pi * low_pass.size, analog=True)
-    numerator, below, _ = cont2discrete(analogue, 1 / (8 * rate_hz), method="foh")
-    above = np.ravel(numerator)
-    slow, _ = lfilter(above, below, finer, zi=lfilter_zi(above, below) * finer[0])
-    return np.asarray(slow[::8])
-
-
-def bench_truth(
-    trial: str,
-    settings: SimulationSettings,
-    p: DrivetrainParameters,
-    gains: Gains | None,
-    drawn: Mapping[str, float],
-) -> dict[str, object]:
-    """The truth of a bench trial: parameters (with this trial's K_s), gains, effects, recorder and `drawn` errors."""
-    return {
-        "trial": trial,
-        "seed": settings.seed,
-        "parameters": asdict(p),
-        "gains": asdict(gains) if gains else None,
-        "joint": settings.joint.model_dump() if settings.joint else None,
-        **({"foot": settings.foot.model_dump()} if settings.foot else {}),
-        "effects": settings.effects.model_dump(),
-        "recorder": settings.recorder.model_dump(),
-        "drawn": dict(drawn),
-    }
 
 
 def write_truth(

@@ -147,12 +147,10 @@ class Effects(SwitchedEffects):
     belt_hysteresis: Torque  # largest torque by which loading and unloading differ from the elastic belt
     belt_scatter: Ratio  # of K_s from trial to trial in the belt experiment
     dynamometer_bandwidth: Hertz  # natural frequency of the position loop; off: the command is followed exactly
-    mount_stiffness: Annotated[Effect, sized("N*m/rad", above_0=True)] = off("N*m/rad", 1.0)
-    """Stiffness of the bench's frame. The joint's encoder also measures the frame's deflection. Off: a rigid frame."""
+    mount_stiffness: Annotated[Effect, sized("N*m/rad", above_0=True)] = off("N*m/rad", 1)  # of the bench's frame
     load_cell_hum: Annotated[Hum, sized("N*m")] = off("N*m")  # of the mains
     load_cell_flicker: Torque = off("N*m")  # 1/f noise within each decade of frequency
-    encoder_zero: Annotated[Effect, sized("step")] = off("step")
-    """Largest distance of the zero of the joint's encoder, drawn for each trial, in steps of the encoder."""
+    encoder_zero: Annotated[Effect, sized("step")] = off("step")  # largest distance of the joint's, drawn per trial
 
 
 class SecondOrderJoint(Settings):
@@ -192,8 +190,7 @@ class SteppedSineSchedule(Settings):
     second_harmonic: ShareEffect = off("1")  # of the motion, as a share of the first
     third_harmonic: ShareEffect = off("1")
     decay: Annotated[Effect, sized("1/s")] = off("1/s")  # of the amplitude from the start of each frequency
-    clock_error: Annotated[SignedEffect, sized("ppm")] = off("ppm")
-    """Rate error of the clock that generates the motion. A positive error raises frequencies and shortens durations."""
+    clock_error: Annotated[SignedEffect, sized("ppm")] = off("ppm")  # a positive one raises frequencies
 
     @model_validator(mode="after")
     def _duration_is_stated_once(self) -> Self:
@@ -278,8 +275,9 @@ class NodeSettings(Settings):
     decimals: Annotated[Effect, sized("decimal", whole=True)] = off("decimal")  # of stamps in s
     dropped: ShareEffect = off("1")  # share of the samples that are missing, at drawn places; at least one gap
     burst: Annotated[Effect, sized("sample", whole=True, above_0=True)] = off("sample", 1)  # in a row; off: one
-    lost_every: Annotated[RegularGaps, sized("sample", whole=True, above_0=True)] = off("sample", 100)
-    """Interval between regular gaps of `burst` missing samples, from the beginning of one to that of the next."""
+    lost_every: Annotated[RegularGaps, sized("sample", whole=True, above_0=True)] = off(
+        "sample", 100
+    )  # of `burst` each
     duplicated: ShareEffect = off("1")  # share of the samples that are written twice, with the same stamp
 
     @model_validator(mode="after")

@@ -53,11 +53,6 @@ def nominal_ankle_angle(c: Array) -> Array:
     return np.radians(periodic_bumps(c, ANKLE_ANGLE))
 
 
-def nominal_ankle_moment(c: Array) -> Array:
-    """Internal plantarflexion moment [N*m/kg] against cycle phase: 0.5 at midstance, 1.4 at push-off, 0 in swing."""
-    return periodic_bumps(c, ANKLE_MOMENT) * stance_window(np.mod(c, 1.0) / STANCE_FRACTION)
-
-
 def stance_window(p: Array) -> Array:
     """1 from 8 % to 92 % of stance, 0 outside stance, smooth between."""
     return smooth_step(p / 0.08) * smooth_step((1.0 - p) / 0.08)

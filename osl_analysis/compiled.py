@@ -1,7 +1,5 @@
-"""Functions that numba compiles on their first call and keeps on disk.
-
-Numba is installed with the extra `simulator`. Without it the same functions run as plain Python.
-"""
+"""Functions that numba, of the extra `simulator`, compiles on their first call and keeps on disk; without it they run
+as plain Python."""
 
 from collections.abc import Callable
 from importlib import import_module

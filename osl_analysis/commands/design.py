@@ -52,8 +52,7 @@ class DesignRequest:
 
     @property
     def peak_torque(self) -> float:
-        """Largest torque [N*m]: of sines one at a time the largest, of many the same multiple of the RMS as the
-        angle."""
+        """Largest torque [N*m]: of one sine at a time; of many the same multiple of the RMS as the angle."""
         sines = self.plan.sines
         torque = np.abs(self.joint.impedance(sines.w)) * sines.size
         if sines.alone.all():
@@ -298,9 +297,8 @@ def earlier_distortion(path: Path, trial: str | None) -> Distortion:
     multisine's realisations, or a stepped sine's friction.
 
     A level is E|d|^2 of Z, times |theta|^2 twice the mean square of the torque that a line has; odd lines are as far
-    apart as the closest two. The analysis leaves out parts of the period of each realisation, not realisations: of the
-    drivetrain of the campaign `excitations` the standard errors are 1.3 times what K and I scatter by from one
-    realisation to the next, and 2 to 5 times what B does. A design by them is on the safe side.
+    apart as the closest two. The analysis leaves out parts of the period, not realisations: a design by its standard
+    errors is on the safe side (of the drivetrain of `excitations` 1.3 times for K and I, 2 to 5 times for B).
     """
     table = read_table(path)
     of_levels = ("frequency_hz", "angle_deg", "odd_level")

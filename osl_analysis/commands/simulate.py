@@ -34,11 +34,8 @@ def check_folder(folder: Path) -> None:
 
 
 def planned_sheet(settings_path: Path, sheet: Path) -> SheetRows | None:
-    """The plan of a simulated campaign, or None where the sheet on disk is to be read instead.
-
-    A sheet that is newer than the settings is kept, so that trials can be excluded or added by hand. Settings that
-    changed since then make a new one.
-    """
+    """The plan of a simulated campaign; None where the sheet on disk is newer than the settings and is to be read
+    instead, so that trials can be excluded or added by hand."""
     check_folder(sheet.parent)
     settings = read_yaml(settings_path, SimulationSettings)
     if sheet.is_file() and sheet.stat().st_mtime >= settings_path.stat().st_mtime:
@@ -94,10 +91,8 @@ def laboratory_of(settings: SimulationSettings, followed: SharedChoices) -> Walk
 
 
 def simulate_trial(settings_path: Path, campaign_folder: Path, trial: str, followed: SharedChoices = NOTHING) -> None:
-    """Simulate one trial of the plan: its logs where the sheet says, and `truth/<trial>.json`.
-
-    What the campaign's configuration decides (`followed`) replaces what the settings have.
-    """
+    """Simulate one trial of the plan: its logs where the sheet says, and `truth/<trial>.json`. What the campaign's
+    configuration decides (`followed`) replaces what the settings have."""
     check_folder(campaign_folder)
     settings = read_simulation(settings_path, followed)
     row = row_of_trial(settings, settings_path, trial)

@@ -1,5 +1,5 @@
 """Protocols that are planned, and the 95 % intervals that they will give for K, B and I, by the Fisher information of
-the columns that the fits use. docs/design_of_experiments.md has the formulas.
+the columns that the fits use. docs/design_of_experiments.md has the formulas and their sources.
 
 A plan says of which `sines` its motion consists and for how long each is fitted, its `record_s` (length [s], without
 rests), its `peak` (largest angle [rad], velocity [rad/s], acceleration [rad/s^2]) and its `words`. `spacing_hz` is the
@@ -8,13 +8,10 @@ number of independent values of a distortion at one sine. `lengths` are the smal
 realisations or seconds that are tried, `of_length` is the same plan with another one, `banded` with another band [Hz].
 
 A sine of the torque that is fitted for a time T beside white noise of the one-sided density S [(N*m)^2/Hz] has an
-amplitude with the variance S/T in phase with the angle, and S/T a quarter of a turn off. An error e of the angle acts
-as an error -Z e of the torque. Coulomb friction T sign(w) answers a sine of amplitude a by 4 T/pi in phase with the
-velocity (its describing function), and a Gaussian velocity of RMS v by the damping T (2/pi)^(1/2)/v (Bussgang, 1952).
-What is left then has the autocorrelation T^2 (2/pi) (arcsin r - r), r being that of the velocity (Van Vleck and
-Middleton, Proc. IEEE 54, 1966); an odd multisine has it at odd lines only.
-
-Variances of the amplitudes of n sines have the shape (2, n): in phase with the angle, and in phase with the velocity.
+amplitude with the variance S/T in phase with the angle, and S/T a quarter of a turn off: (2, n) for n sines. An error e
+of the angle acts as an error -Z e of the torque. Coulomb friction T sign(w) answers a sine of amplitude a by 4 T/pi in
+phase with the velocity, and a Gaussian velocity of RMS v by the damping T (2/pi)^(1/2)/v (Bussgang, 1952). What is left
+then has the autocorrelation T^2 (2/pi) (arcsin r - r), r being that of the velocity (Van Vleck and Middleton, 1966).
 """
 
 from collections.abc import Callable, Mapping

@@ -115,10 +115,9 @@ def rendering(
     delay_margin: smallest delay [s] in the control loop that makes the held actuator, J_m s^2 + B_m s + K_s/n_T^2 under
         K_1 + B_1 s, unstable; infinite if it is stable with any delay. The loop gain is 1 where v = w^2 solves
         J_m^2 v^2 + (B_m^2 - B_1^2 - 2 J_m k) v + k^2 - K_1^2 = 0, k = K_s/n_T^2.
-    positive_real: whether Re Y >= 0 at every frequency, so that Y itself, and not only s Y, is positive real: whether a
-        quadratic in w^2 is positive for every w^2 > 0. This can only hold where J_j is neglected.
-    faithful_to_hz: frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|, a root of a polynomial in w^2. It is infinite
-        where Z never leaves this range.
+    positive_real: whether Re Y >= 0 at every frequency, a quadratic in w^2, so that Y itself, and not only s Y, is
+        positive real. This can only hold where J_j is neglected.
+    faithful_to_hz: frequency [Hz] up to which |Z - Z_d| <= 0.1 |Z_d|; infinite where Z never leaves this range.
     """
     K_1, B_1, K_d, B_d = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (K_1, B_1, K_d, B_d)))
     k = p.K_s / p.n_T**2

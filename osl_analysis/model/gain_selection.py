@@ -4,10 +4,9 @@ In the letters of `drivetrain.joint_admittance`, with Q = B_d s + K_d and K_1 fr
 
     W (Y - Y_d) = b(s; x)/a(s; x),   a = W_den D Q,   b = W_num (N Q - D).
 
-Both a and b are affine in x = B_m + B_1. Astrom's recursion (Introduction to Stochastic Control Theory, 1970, ch. 5)
-turns the squared norm into a sum over the rows of a's Routh table, so that its slope in x is exact. The slope's changes
-of sign on a logarithmic grid bracket the minima. docs/gain_selection.md shows that the norm is not convex and how many
-minima it has.
+Both are affine in x = B_m + B_1. Astrom's recursion (Introduction to Stochastic Control Theory, 1970, ch. 5) turns the
+squared norm into a sum over the rows of a's Routh table, so that its slope in x is exact. Its changes of sign on a
+logarithmic grid bracket the minima, of which docs/gain_selection.md says how many there are.
 """
 
 from collections.abc import Sequence

@@ -66,7 +66,7 @@ def walking_commands(
     # internal plantarflexion moment: 0.5 N*m/kg at midstance, 1.4 at push-off, 0 in swing
     bumps = gait.periodic_bumps(c, gait.ANKLE_MOMENT)
     usual = step.body_mass * (bumps * gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION))
-    moment = step.load * usual + step.torque_wander[::stride]
+    moment = step.change.load * step.change.amplitude * usual + step.torque_wander[::stride]
     if desired.theta_eq is not None:
         theta_eq = desired.at(desired.theta_eq, c) - (moment - usual) / K_d
     else:
@@ -169,7 +169,14 @@ def react(
     phase = step.stance_phase(time)
     contact = gait.stance_window(phase)
     given = contact * (about_axis - answer)
-    force = step.load * step.force_factor * gait.ground_reaction(phase) * mass * -FREE_FALL[2]
+    force = (
+        step.change.load
+        * step.change.amplitude
+        * step.force_factor
+        * gait.ground_reaction(phase)
+        * mass
+        * -FREE_FALL[2]
+    )
     roll = 0.004 * force[:, 2]  # lever [m]
     spin = 0.03 * mass * contact * np.sin(2 * np.pi * phase)  # up to 0.03 N*m/kg
     moment = given[:, None] * axis + roll[:, None] * forward + spin[:, None] * upward
@@ -332,10 +339,9 @@ def simulate_walking_trial(
 def scene_of(walked: SimulatedCrossing, walking: WalkingSettings, seed: int = 0) -> vicon.Scene:
     """The quantities of a crossing that Vicon records. The seed decides where markers are in later sessions.
 
-    The load on the plate is about the ankle of the foot that walks; the pressure is even over the width of the foot.
-    What is beside the plate is carried by the floor, and the middle of the rest is half of that width further inward
-    (to the left). The other foot's load is a Gaussian curve about mid-stance, 0.15 m behind the nominal ankle and
-    0.18 m to the left.
+    The load on the plate is about the ankle of the foot that walks, its pressure even over the width of the foot. The
+    floor carries what is beside the plate; the middle of the rest is half of that further to the left. The other foot's
+    load is a Gaussian curve about mid-stance, 0.15 m behind the nominal ankle and 0.18 m to the left.
     """
     motion, step, reaction = walked.motion, walked.step, walked.reaction
     platform, phase, beside = motion.platform, step.stance_phase(walked.time), 1e-3 * step.change.overhang_mm

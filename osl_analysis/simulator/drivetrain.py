@@ -35,23 +35,18 @@ class ControlCommands:
 
 
 class DrivetrainEffects(NamedTuple):
-    """The difference between the simulated drivetrain with its controller and the linear model; as it stands here, no
-    difference but that of sampling."""
+    """The difference between the simulated drivetrain with its controller and the linear model; here of sampling."""
 
     friction: bool = False  # Whether there is friction. Without it the controller cancels none, and the loop is linear
-    friction_scale: float = 1.0
-    """Ratio of the true friction to the friction of the parameters, which the controller cancels."""
+    friction_scale: float = 1.0  # True friction over that of the parameters, which the controller cancels
     control_delay: int = 0  # Delay from a measurement to the current computed from it [updates of the controller]
     encoder_resolution: float = 0.0  # Resolution [rad] of the encoder at the actuator's output. 0: an ideal encoder
-    velocity_cutoff_hz: float = 0.0
-    """Cut-off [Hz] of the one-pole low-pass over the differentiated encoder. 0: the true velocity."""
+    velocity_cutoff_hz: float = 0.0  # Of the one-pole low-pass over the differentiated encoder. 0: the true velocity
     sign_width: float = 0.1  # Velocity [rad/s] over which the controller smooths its sign
     hysteresis_torque: float = 0.0  # Largest rate-independent torque [N*m] of the belt
     hysteresis_width: float = 1e-3  # Deflection [rad] over which the hysteresis torque changes sign after a reversal
     substeps: int = 20  # Integration steps per sample
-    control_updates: int = 1
-    """Updates of the controller per sample. The current is held between updates. A value equal to `substeps` gives the
-    continuous controller of linear theory."""
+    control_updates: int = 1  # Per sample; the current is held in between. As many as `substeps`: it is continuous
 
 
 IDEAL = DrivetrainEffects()

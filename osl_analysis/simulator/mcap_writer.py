@@ -1,8 +1,5 @@
-"""An MCAP recorder like those of laboratories: ROS 2 messages in CDR, zstd chunks with CRCs.
-
-All messages are known beforehand, so that the file is made chunk by chunk, not message by message. It equals the one
-that `mcap.writer.Writer` writes for the same messages.
-"""
+"""An MCAP recorder like those of laboratories: ROS 2 messages in CDR, zstd chunks with CRCs. All messages are known
+beforehand, so that the file is made chunk by chunk. It equals the one that `mcap.writer.Writer` writes."""
 
 import struct
 import zlib

@@ -50,9 +50,8 @@ class Condition:
 
 
 def condition_of(row: Mapping[str, Any], settings: SimulationSettings) -> Condition:
-    """The condition of a row of the sample sheet: by its name, and by what it states of direction, K_d and B_d. By name
-    a trial has a place in a random order of all combinations. Subjects and sessions share the trials of an
-    experiment."""
+    """The condition of a row of the sample sheet: what it states of direction, K_d and B_d, else by its name, which has
+    a place in a random order of all combinations. Subjects and sessions share the trials of an experiment."""
     trial, lists = str(row["trial"]), settings.experiments.conditions
     choices = (lists.directions, *(values or (None,) for values in (lists.K_d, lists.B_d, lists.stance_phases)))
     combinations = list(itertools.product(*choices))

@@ -1,8 +1,5 @@
-"""For the process from which jobs are forked: importing this loads what simulating jobs would each load anew.
-
-Compiled functions are among it. A new clone compiles them here, once, and not in each of its first jobs. All other runs
-find them on disk, and all jobs in memory.
-"""
+"""For the process from which jobs are forked: importing this loads what simulating jobs would each load anew, compiled
+functions too."""
 
 import numpy as np
 

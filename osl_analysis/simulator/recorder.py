@@ -1,7 +1,5 @@
-"""What recorders do to true signals: when each channel is sampled, what its sensor makes of it, what stamps it gets.
-
-With everything off a channel is sampled at the even instants of the simulation, and the stamps are those. The truth
-goes to the folder `truth`, which ingest never reads.
+"""What recorders do to true signals: when each channel is sampled, what its sensor makes of it, what stamps it gets;
+with everything off the even instants of the simulation. The truth goes to the folder `truth`, which ingest never reads.
 """
 
 import json
@@ -47,13 +45,10 @@ class BenchLog:
 
 @dataclass(frozen=True)
 class Jumping:
-    """A true signal that jumps, as Coulomb friction does: the curve through its samples is not what it is in between.
+    """A true signal that jumps, as friction does: the curve through its samples is not what it is in between."""
 
-    samples: (n,) at the even instants of the simulation. at: its values at any instants [s].
-    """
-
-    samples: Array
-    at: Callable[[Array], Array]
+    samples: Array  # (n,) at the even instants of the simulation
+    at: Callable[[Array], Array]  # its values at any instants [s]
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -65,9 +60,8 @@ TrueSignal = Array | Jumping
 def recording_of(
     trial: str, signals: Mapping[str, TrueSignal], settings: SimulationSettings
 ) -> tuple[BenchLog, dict[str, float]]:
-    """What the nodes of a bench write, and the errors that were drawn for this trial and are constant in it: clock
-    start [s], load-cell offset [N*m] and drift [N*m/min]; if enabled, also the zero of the joint's encoder [rad].
-    `signals` are the true ones by channel, (n,) each, at the even instants of the simulation."""
+    """What the nodes of a bench write of true signals (n,) by channel, and the errors that were drawn for this trial:
+    clock start [s], load-cell offset [N*m] and drift [N*m/min]; if enabled, also the joint encoder's zero [rad]."""
     effects, seed, recorder = settings.effects, settings.seed, settings.recorder
     drawn = {"clock_start_s": float(stream(seed, trial, "clock_start").integers(20, 2000))}
     for name, effect in (("load_cell_offset", effects.load_cell_offset), ("load_cell_drift", effects.load_cell_drift)):

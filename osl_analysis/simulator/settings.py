@@ -240,9 +240,8 @@ class Tone(Settings):
 
 
 class ActuatorBench(Settings):
-    """The schedule of the actuator's own bench, which turns the output while the current is commanded. Velocity and
-    current are sums of sines. Their frequencies must differ, so that the current both drives and brakes. Otherwise gear
-    friction and torque constant cannot be told apart."""
+    """The schedule of the actuator's own bench. Velocity and current have different frequencies, so that
+    the current both drives and brakes: else gear friction and torque constant cannot be told apart."""
 
     duration_s: Positive
     fade_s: Positive  # in which velocity and current fade in and out

@@ -1,8 +1,7 @@
 """One step on the platform: the nominal curves of gait, all that is random in it, and the motion of the platform.
 
-What is random is the same with and without the perturbation. The nominal curves resemble published ones of level
-walking with a prosthetic ankle. They have three or more continuous derivatives, so that every body has an acceleration.
-Cycle phase c: 0 at heel strike, 1 at the next one, any real number; stance phase p: 0 at heel strike, 1 at toe-off.
+The nominal curves resemble published ones of level walking with a prosthetic ankle, and have three or more continuous
+derivatives. Cycle phase c: 0 at heel strike, 1 at the next one; stance phase p: 0 at heel strike, 1 at toe-off.
 """
 
 import math
@@ -161,11 +160,6 @@ class Step:
     def toe_off(self) -> float:
         """Time [s] at which the foot leaves the platform."""
         return self.heel_strike + self.stance + self.hurry
-
-    @property
-    def load(self) -> float:
-        """Factor of the ground reaction and of the ankle's nominal torque."""
-        return self.change.load * self.change.amplitude
 
     def stance_phase(self, time: Array) -> Array:
         """Phase of stance at times [s]: 0 at heel strike, 1 at toe-off."""

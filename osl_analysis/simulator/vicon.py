@@ -1,8 +1,7 @@
 """The simulated Vicon recording: markers with noise and gaps, force plate, sync and trigger, as a C3D file of Nexus.
 
 The plate's axes are those of C3D force plates: x along laboratory +y, y along laboratory +x, z down, all turning with
-the platform. Corners 1-4 lie in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of these axes. The channels of
-types 1 to 4 are as the C3D manual has them, with Kistler's formulas solved.
+the platform. Channels of types 1 to 4 are as the C3D manual has them, with Kistler's formulas solved.
 """
 
 from collections.abc import Mapping
@@ -184,10 +183,9 @@ def sensor_reading(
 ) -> tuple[Array, Array]:
     """Force [N] and moment about the sensor origin [N*m] that the plate reads, shape (n, 3) each, in its moving axes.
 
-    Signs are as Vicon Nexus stores them: the reaction on the foot, so that a standing person reads Fz < 0 along z down.
-    The sensors carry the foot and the plate's own `mass` [kg] above them: force F + m (a - g), moment
-    M + dH/dt + r x m (a - g). The zero was set on the unloaded plate at rest, in the sensors' axes. The plate's weight
-    therefore appears only when it tilts.
+    Signs are as Vicon Nexus stores them: a standing person reads Fz < 0 along z down. The sensors carry the foot and
+    the plate's own `mass` [kg] above them: force F + m (a - g), moment M + dH/dt + r x m (a - g). The zero was set at
+    rest, in the sensors' axes, so that the plate's weight appears only when it tilts.
     """
     sensor = np.array(plate.centre_m) + sensor_from_centre(plate)
     turned = platform.rotation @ PLATE_AXES
@@ -218,11 +216,10 @@ def plate_channels(force: Array, moment: Array, walking: WalkingSettings) -> tup
     """The channels of the plate's type from force [N] and moment [N*m] about the sensor origin, shape (n, 3) each;
     ORIGIN [m]; and the calibration matrix of type 4, whose channels are voltages with crosstalk.
 
-    Type 1 has force, centre of pressure on the surface (0 below 20 N) and free moment, as computed by a plate that
-    knows no motion. Type 3 has the forces of four sensors in the corners (+a, +b), (-a, +b), (-a, -b), (+a, -b);
-    statics leave how the horizontal pairs share Mz, and a torsion of the four vertical forces: half each, and none.
-    ORIGIN of types 2 and 4 has the sign of Vicon Nexus: z > 0 for a sensor below the surface. The C3D manual defines
-    the opposite vector, and readers reverse it by the sign of z.
+    Type 1 computes its centre of pressure (0 below 20 N) as a plate that knows no motion. Type 3 has sensors in the
+    corners (+a, +b), (-a, +b), (-a, -b), (+a, -b); statics leave how the horizontal pairs share Mz, and a torsion of
+    the vertical forces: half each, and none. ORIGIN of types 2 and 4 has the sign of Vicon Nexus, z > 0 for a sensor
+    below the surface; that of the C3D manual is the opposite, and readers reverse it by the sign of z.
     """
     plate, capture = walking.plate, walking.capture
     origin = np.asarray(PLATE_AXES.T @ sensor_from_centre(plate))

@@ -1,8 +1,5 @@
-"""The Monte Carlo study: bias and efficiency of the estimators, and coverage of their intervals.
-
-Here stands which experiments it has, and how many trials each of its jobs takes, so that a large study is few jobs that
-take about as long. Rules read it, so that nothing is imported that simulates.
-"""
+"""The Monte Carlo study: bias and efficiency of the estimators, and coverage of their intervals. Here stands which
+experiments it has, and how many trials each of its jobs takes. Rules read it: it imports nothing that simulates."""
 
 import math
 from collections.abc import Mapping
@@ -77,9 +74,8 @@ class Batch:
 
 
 def study_batches(numbers: Mapping[str, tuple[int, int]]) -> list[Batch]:
-    """The jobs of a study with so many trials of each experiment, and so many of them at least in one job. There are at
-    most `MOST_JOBS` of them (or one for each experiment, if these are more): a job takes as many trials as are needed
-    for that, all jobs about as long."""
+    """The jobs of a study with so many trials of each experiment, and so many of them at least in one job. At most
+    `MOST_JOBS` (or one for each experiment, if these are more) take about as long each."""
     expected = sum(Batch(name, 0, number).seconds for name, (number, _) in numbers.items())
     longest = expected / max(MOST_JOBS - len(numbers), 1)
     found: list[Batch] = []

@@ -69,10 +69,9 @@ def recorded_trial(name: str, log: BenchLog) -> Trial:
 def regression_bound(columns: Mapping[str, Array], noise: float, drift: Array | None = None) -> dict[str, float]:
     """Smallest standard error of any unbiased estimate of y = X b + e, for exactly known columns, shape (n,) each.
 
-    The error e is Gaussian. It is white with standard deviation `noise`, plus a random multiple of `drift`, shape (n,),
-    which is the standard deviation of a drift in time. Cramer and Rao: cov(b) >= (X' V^-1 X)^-1 with
-    V = noise^2 1 + drift drift'. Its inverse is Sherman and Morrison's. A filter that passes the columns does not
-    change the bound: per frequency the information is |H X|^2/(|H|^2 noise^2), and H cancels.
+    The error e is Gaussian, white with standard deviation `noise`, plus a random multiple of `drift` (n,), the standard
+    deviation of a drift in time: cov(b) >= (X' V^-1 X)^-1 with V = noise^2 1 + drift drift' (Cramer and Rao), whose
+    inverse is Sherman and Morrison's. A filter that passes the columns does not change the bound.
     """
     X = np.column_stack(list(columns.values()))
     drift = np.zeros(len(X)) if drift is None else drift
@@ -103,9 +102,8 @@ class StudyBench:
     def trial(self, name: str, ideal: bool = False) -> Trial:
         """One trial, through noisy or ideal sensors, as ingest would give it.
 
-        Every trial repeats the motion. With samples at the same phases of it the rounding of an encoder would repeat
-        too: recorders start anywhere between two instants of the simulated motion, and the encoder's zero [rad] lies
-        anywhere between two steps.
+        Every trial repeats the motion. So that the rounding of an encoder does not, recorders start anywhere between
+        two instants of it, and the encoder's zero lies anywhere between two steps.
         """
         settings, signals = self.inputs.simulation, dict(self.signals)
         if ideal:  # the controller sees the actuator's encoder too, but its motion has been simulated before
@@ -159,12 +157,9 @@ class StudyBench:
 
     def bounds(self) -> dict[str, float]:
         """Cramer-Rao bounds of the torque sensor's noise, with its rounding, and drift, for the true motion in the rows
-        that are fitted; with the scatter, over the root of the number of trials. Noise in the columns would increase
-        those of the actuator slightly.
-
-        That of a phasor in white noise is 2 sigma^2/N per quadrature. Relative to the torque's amplitude it is the
-        bound of the magnitude, and in radian that of the phase (Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974).
-        """
+        that are fitted; with the scatter, over the root of the number of trials. That of a phasor in white noise is
+        2 sigma^2/N per quadrature: relative to the torque's amplitude the bound of the magnitude, and in radian that of
+        the phase (Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974)."""
         effects, rate = self.inputs.simulation.effects, self.inputs.simulation.dynamometer.rate_hz
         white = float(np.hypot(effects.load_cell_noise.value, effects.load_cell_quantisation.value / np.sqrt(12)))
         fitted, bounds = self.ideal.measured.fitted, {}

@@ -176,10 +176,9 @@ def walking_rows(inputs: StudyInputs, numbers: Iterable[int], recorded: bool) ->
 
 
 def campaign_rows(number: int, crossings: int, laboratory: StudyLaboratory) -> list[StudyRow]:
-    """Estimates of one campaign with as many perturbed as unperturbed `crossings`. The estimates are those of the first
-    perturbation, of the mean of all, and of the ensemble, each with its interval. The study is about gait and noise.
-    The truth is the estimate of the same estimator for the same perturbations without gait, with ideal sensors.
-    `model_error` is the truth minus the impedance that the leg rendered."""
+    """Estimates of a campaign with as many perturbed as unperturbed `crossings`: of the first perturbation, the mean of
+    all, and the ensemble. The truth is the estimate of the same estimator for the same perturbations without gait, with
+    ideal sensors. `model_error` is the truth minus the impedance that the leg rendered."""
     names = [f"study_{number:05d}_{i}" for i in range(2 * crossings)]
     analysis, laboratory = laboratory.analysis, laboratory.sharing(names[1::2])
     gait = unperturbed_gait(usable(laboratory.unperturbed, names[::2]), analysis.fewest_unperturbed)

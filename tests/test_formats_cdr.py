@@ -189,10 +189,3 @@ def test_a_message_with_more_than_its_schema_describes_is_refused_and_padding_is
             shape_of(kind, ONE + more)
     padded = shape_of(kind, ONE + bytes(4), ["a"])
     assert not padded.fits(alone(ONE + b"\0\0\0\7"))[0]  # zeros there do not let another with content pass
-
-
-def test_messages_of_equal_log_time_stay_in_the_order_of_the_file_whatever_their_shapes(tmp_path: Path) -> None:
-    log = [(i // 5, {"series": [float(i)] * (1 + i % 3)}) for i in range(20)]
-    path = write_log(tmp_path / "log.mcap", log, "float64[] series", "lab_msgs/msg/S")
-    decoded = decode_topics(read_mcap(path), {"/lab": ["series[0]"]})["/lab"]
-    assert decoded.values["series[0]"].tolist() == list(range(20))

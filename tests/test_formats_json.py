@@ -63,24 +63,19 @@ def ingested(path: Path, **channel: str) -> Any:
         ("v[n=b]", '{"v": [1, "c"], "n": ["a", "b"]}', "field 'v[n=b]' is \"c\", not a number, in message 2"),
     ],
 )
-@pytest.mark.parametrize("many", [1, 40])
 def test_a_message_without_a_number_in_a_field_is_lost_and_said(
-    tmp_path: Path, field: str, wrong: str, said: str, many: int
+    tmp_path: Path, field: str, wrong: str, said: str
 ) -> None:
     right = {"x": '{"x": 1.5, "on": true}', "z": '{"z": 1.5}', "x.y": '{"x": {"y": 1.5}}', "x[1]": '{"x": [0, 1.5]}'}
     sound = right.get(field, '{"v": [0, 1.5], "n": ["a", "b"]}')
-    path = write(tmp_path / "log.mcap", [sound, wrong, *[sound] * 9, *[wrong] * (many - 1)], chunk_size=100)
-    if many == 1:
-        recording = ingested(path, field=field)
-        assert recording.samples["theta"].to_list() == [1.5] * 10
-        assert recording.facts["damage"]["topics"]["/lab"] == {"messages": 11, "messages_lost": 1}
-        (remark,) = recording.facts["damage"]["remarks"][:1]
-        assert remark.startswith(f"1 of 11 messages of topic '/lab' are lost: {said}")
-    else:
-        with pytest.raises(InputError) as caught:
-            ingested(path, field=field)
-        assert "messages that cannot be used: 80 % of topic '/lab' is lost, at most 30 %" in str(caught.value)
-        assert f"40 of 50 messages of topic '/lab' are lost: {said}" in str(caught.value)
+    path = write(tmp_path / "log.mcap", [sound, wrong, *[sound] * 9], chunk_size=100)
+    recording = ingested(path, field=field)
+    assert recording.samples["theta"].to_list() == [1.5] * 10
+    assert recording.facts["damage"]["topics"]["/lab"] == {"messages": 11, "messages_lost": 1}
+    assert recording.facts["damage"]["remarks"][0].startswith(f"1 of 11 messages of topic '/lab' are lost: {said}")
+    with pytest.raises(InputError) as caught:
+        ingested(write(tmp_path / "log.mcap", [sound, *[wrong] * 9]), field=field)
+    assert "messages that cannot be used: 90 % of topic '/lab' is lost, at most 30 %" in str(caught.value)
 
 
 @pytest.mark.parametrize(

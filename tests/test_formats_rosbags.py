@@ -347,13 +347,3 @@ def test_a_ros_1_message_has_the_length_of_its_definition() -> None:
     for wrong in (payload + b"\0", payload[:-1]):
         with pytest.raises(InputError):
             shape_of(kind, wrong)
-
-
-def test_no_file_appears_beside_a_database_that_had_a_write_ahead_log(tmp_path: Path) -> None:
-    bag = write_bag2(tmp_path / "bag")
-    with edited(bag / "bag.db3") as connection:
-        connection.execute("PRAGMA journal_mode = WAL")
-    before, content = kept_files(bag), (bag / "bag.db3").read_bytes()
-    check_rows(read(bag))
-    assert kept_files(bag) == before
-    assert (bag / "bag.db3").read_bytes() == content

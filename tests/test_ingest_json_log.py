@@ -65,34 +65,27 @@ def test_arrays_names_and_levels_are_addressed_as_in_messages(tmp_path: Path) ->
 
 
 def test_a_name_with_a_dot_is_quoted_and_never_taken_for_a_level(tmp_path: Path) -> None:
+    k = np.arange(20)
     lines = [
-        {"t_s": k / 100, "f": {"cell.mz_Nm": k + 0.5, "cell": {"mz_Nm": -k}, 'a"[b]': [0, 3 * k]}, "x.y": k}
-        for k in range(20)
+        {"t_s": n / 100, "f": {"cell.mz_Nm": n + 0.5, "cell": {"mz_Nm": -n}, 'a"[b]': [0, 3 * n]}} for n in range(20)
     ]
     path = write(tmp_path / "a", lines)
     draft = yaml.safe_load(draft_source(inspect_file(path), "a"))
-    fields = {one["field"]: one["unit"] for one in draft["channels"].values()}
-    known = {'f["cell.mz_Nm"]': "Nm", "f.cell.mz_Nm": "Nm"}
-    assert fields == known | dict.fromkeys(('f["a\\"[b]"][0]', 'f["a\\"[b]"][1]', '["x.y"]'), "UNKNOWN")
-    channels = {
-        "torque": {"field": 'f["cell.mz_Nm"]', "unit": "N*m"},
-        "torque_m": {"field": "f.cell.mz_Nm", "unit": "N*m"},
-        "theta": {"field": 'f["a\\"[b]"][1]', "unit": "rad"},
-        "theta_m": {"field": '["x.y"]', "unit": "rad"},
-    }
-    time = {"field": "t_s", "unit": "s"}
-    k = np.arange(20)
-    samples = read(path, time=time, channels=channels).samples
-    for column, expected in (("torque", k + 0.5), ("torque_m", -k), ("theta", 3 * k), ("theta_m", k)):
-        np.testing.assert_array_equal(samples[column], expected)
+    assert {one["field"]: one["unit"] for one in draft["channels"].values()} == {
+        'f["cell.mz_Nm"]': "Nm", "f.cell.mz_Nm": "Nm", 'f["a\\"[b]"][0]': "UNKNOWN", 'f["a\\"[b]"][1]': "UNKNOWN",
+    }  # fmt: skip
+    expected = {
+        "torque": ('f["cell.mz_Nm"]', "N*m", k + 0.5), "torque_m": ("f.cell.mz_Nm", "N*m", -k),
+        "theta": ('f["a\\"[b]"][1]', "rad", 3 * k),
+    }  # fmt: skip
+    asked = {"time": {"field": "t_s", "unit": "s"}}
+    asked["channels"] = {name: {"field": field, "unit": unit} for name, (field, unit, _) in expected.items()}  # type: ignore[dict-item]
+    samples = read(path, **asked).samples
+    for column, (_, _, values) in expected.items():
+        np.testing.assert_array_equal(samples[column], values)
     for one in lines:
-        del one["f"]["cell"]
-    said = refused(write(tmp_path / "b", lines), time=time, channels=channels)
-    assert said.endswith("""did you mean 'f["cell.mz_Nm"]'?""")
-    lines[7]["f"]["cell.mz_Nm"] = "high"
-    del channels["torque_m"]
-    said = refused(write(tmp_path / "c", lines), time=time, channels=channels)
-    assert """field 'f["cell.mz_Nm"]' is "high", not a number, in line 8""" in said
+        del one["f"]["cell"]  # type: ignore[index]
+    assert refused(write(tmp_path / "b", lines), **asked).endswith("""did you mean 'f["cell.mz_Nm"]'?""")
 
 
 def test_every_element_of_a_list_is_listed_up_to_a_limit(tmp_path: Path) -> None:
@@ -108,15 +101,6 @@ def test_every_element_of_a_list_is_listed_up_to_a_limit(tmp_path: Path) -> None
     assert "long has 70 elements; only the first 64 are listed" in overview.remarks
 
 
-def test_a_field_that_only_unusable_lines_have_is_not_called_absent(tmp_path: Path) -> None:
-    lines: list[Any] = rust_lines()
-    for one in lines:
-        one["functions"]["torque"] = {"Nm": one["functions"]["torque"]}
-    said = refused(write(tmp_path / "a", [{"meta": 1}, *lines]))
-    assert "no line has" not in said
-    assert "field 'functions.torque' is {\"Nm\": 0.0}, not a number, in line 2; name a number" in said
-
-
 @pytest.mark.parametrize(
     ("step", "unit"),
     [(0.001, "s"), (0.02, "s"), (2.0, "ms"), (500, "us"), (1e6, "ns"), (1, "UNKNOWN"), (0.1, "UNKNOWN")],
@@ -124,16 +108,11 @@ def test_a_field_that_only_unusable_lines_have_is_not_called_absent(tmp_path: Pa
 def test_the_unit_of_a_clock_is_guessed_from_its_rate_and_never_for_a_count(
     tmp_path: Path, step: float, unit: str
 ) -> None:
-    path = write(tmp_path / "a", [{"time": 7 + step * k, "q": 0.5} for k in range(30)])
-    drafted = draft_source(inspect_file(path), "a")
+    drafted = draft_source(
+        inspect_file(write(tmp_path / "a", [{"time": 7 + step * k, "q": 0.5} for k in range(30)])), "a"
+    )
     assert yaml.safe_load(drafted)["time"] == {"field": "time", "unit": unit}
     assert ("# time: its unit is guessed" in drafted) == (unit != "UNKNOWN")
-    (tmp_path / "b.csv").write_text("".join(["time,q\n", *(f"{7 + step * k:.6f},0.5\n" for k in range(30))]))
-    overview = inspect_file(tmp_path / "b.csv")
-    assert overview.settings["time"] == {"column": "time", "unit": unit}
-    assert not overview.remarks
-    few = inspect_file(write(tmp_path / "c", [{"time": 7 + step * k} for k in range(5)]))
-    assert few.settings["time"] == {"field": "time", "unit": "UNKNOWN"}
 
 
 def stamped_lines(seconds: str, nanoseconds: str, rows: int = 50) -> list[Any]:
@@ -229,25 +208,22 @@ def test_nan_is_a_failed_reading_and_infinity_is_refused(tmp_path: Path) -> None
 
 
 def test_a_missing_field_and_a_time_that_is_none_are_refused(tmp_path: Path) -> None:
-    path = write(tmp_path / "a", rust_lines())
-    channels = {"theta": {"field": "variables.ankle_angel", "unit": "deg"}}
-    assert "did you mean 'variables.ankle_angle'?" in refused(path, channels=channels)
-    lines = rust_lines()
+    whole, lines = write(tmp_path / "a", rust_lines()), rust_lines()
+    for field, said in (
+        ("variables.ankle_angel", "did you mean 'variables.ankle_angle'?"),
+        ("variables.on", "a truth value and no number in rad"),
+    ):
+        assert said in refused(whole, channels={"theta": {"field": field, "unit": "deg"}})
     lines[4]["variables"]["time"] = 1.0
-    assert "the recorder's clock was set back" in refused(write(tmp_path / "a", lines))
+    assert "the recorder's clock was set back" in refused(write(tmp_path / "b", lines))
     del lines[4]["variables"]["time"]
-    assert "field 'variables.time': no time in line 5" in refused(write(tmp_path / "a", lines))
-    channels = {"theta": {"field": "variables.on", "unit": "deg"}}
-    assert "a truth value and no number in rad" in refused(write(tmp_path / "b", rust_lines()), channels=channels)
+    assert "field 'variables.time': no time in line 5" in refused(write(tmp_path / "b", lines))
     channels = {"theta": {"field": "functions.torque", "unit": "deg"}, "torque": CHANNELS["torque"]}
-    assert "is theta and torque in the source file" in refused(tmp_path / "b", channels=channels)
-    lines = [{"t": k, "angle": 0.5, **({} if k == 3 else {"n": k})} for k in range(9)]
+    assert "is theta and torque in the source file" in refused(whole, channels=channels)
+    counted = [{"t": k, "angle": 0.5, **({} if k == 3 else {"n": k})} for k in range(9)]
     channels = {"theta": {"field": "angle", "unit": "rad", "counter": "n"}}
-    assert "in line 4, at 3.000 s, is no count of samples" in refused(
-        write(tmp_path / "c", lines), time={"field": "t", "unit": "s"}, channels=channels
-    )
-    with pytest.raises(ValueError, match="state either the field that holds time or the rate"):
-        read(tmp_path / "b", time={})
+    said = refused(write(tmp_path / "c", counted), time={"field": "t", "unit": "s"}, channels=channels)
+    assert "in line 4, at 3.000 s, is no count of samples" in said
 
 
 def test_lines_are_counted_with_blank_ones_and_nanoseconds_are_exact(tmp_path: Path) -> None:

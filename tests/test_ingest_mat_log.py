@@ -4,11 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from c3d_builder import REAL_DATA
-from mat_builder import opaque, write_mat, write_mat73, write_parts
+from mat_builder import write_mat, write_mat73
 from recognised_files import refusal_by
-from test_formats_mat import RUNS, struct_array
 
 from osl_analysis.commands.inspect import inspect_file, overview_text
 from osl_analysis.errors import InputError
@@ -138,13 +136,6 @@ def test_a_draft_becomes_a_source_file_by_naming_two_signals_and_their_units(wri
     read = FORMATS["mat"].read(path, read_source(tmp_path / "mine.yaml").of_part("Fast"))
     np.testing.assert_allclose(read.samples["theta"], ANGLE)
     np.testing.assert_allclose(read.samples["time"], TIME, atol=1e-12)
-
-
-def test_a_single_part_is_named_in_the_draft_and_unreadable_variables_in_remarks(tmp_path):
-    path = write_mat(tmp_path / "a.mat", runs=struct_array([{**RUNS[0], "time": TIME[:12]}]))
-    assert yaml.safe_load(draft_source(inspect_file(path), "a.mat"))["log_part"] == "runs"
-    path = write_parts(tmp_path / "b.mat", opaque("results", "timetable"))
-    assert "! results is a 1x1 timetable, which is not read; save it as a struct" in overview_text(inspect_file(path))
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no real data here")

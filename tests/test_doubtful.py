@@ -9,7 +9,7 @@ from osl_analysis.commands.tables import gather
 from osl_analysis.config.configuration import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.jobs.job import reason_and_remedy
-from osl_analysis.judge.doubts import CAUSES, counted, doubtful_count, marked, summary_of_trials
+from osl_analysis.judge.doubts import CAUSES, counted, doubtful_count, marked, not_checked_line, summary_of_trials
 from osl_analysis.judge.findings import findings, findings_report
 from osl_analysis.judge.recording import CHECKS
 from osl_analysis.judge.table import Doubt, DoubtfulFits
@@ -59,6 +59,27 @@ def test_a_fault_of_the_recording_that_one_amplitude_alone_shows_accuses_nobody(
     said = marked(everywhere, limits, "impedance")["doubtful"].to_list()
     assert [text.partition(":")[0] for text in said] == ["late torque"] * 3
     assert "VAF 80 is below 90" in said[2]
+
+
+def test_what_was_not_checked_has_a_row_each_and_a_certainly_negative_inertia_has_one():
+    row = {"trial": "a", "K": 300.0, "B": 5.0, "I": -0.02, "I_high": -0.01}
+    row |= {"not_checked": "K: no file; frame: no file; whether the torque is late: unseen"}
+    line = not_checked_line(marked(pl.DataFrame([row]), Doubt(), "impedance"))
+    assert line.startswith(
+        "NOT CHECKED: K, frame (no file); whether the torque is late (unseen, each ms of delay would "
+    )
+    assert "0.3 N*m*s/rad off B = 5 and 0.005 kg*m^2 off I = -0.02" in line
+    assert "; whether I is an inertia (it is certainly negative, as no mass is" in line
+    assert "inertia" not in not_checked_line(marked(pl.DataFrame([row | {"I_high": 0.01}]), Doubt(), "impedance"))
+    assert not_checked_line(marked(pl.DataFrame([row | {"I_high": 1.0, "not_checked": None}]), Doubt(), "x")) == ""
+
+
+@pytest.mark.parametrize(("lag", "said"), [(-0.01, "by 10000 us or more would"), (0.0101, "by 10100 us would")])
+def test_a_lag_at_the_end_of_those_that_were_tried_is_said_as_a_bound(lag, said):
+    row = {"lag_s": lag, "lag_share": 0.5, "lag_inertia_share": None, "band_high_hz": 5.0}
+    assert f"a delay of the {'angle' if lag < 0 else 'torque'} {said} explain it" in doubts(
+        row, {"lag_share": 0.05}, {}
+    )
 
 
 def test_no_text_of_the_table_has_the_sign_that_separates_doubts_and_remedies_tell_what_to_do():

@@ -188,23 +188,18 @@ def test_an_extreme_at_zero_or_where_the_channel_mostly_is_is_no_rail():
     assert longest_at_extreme(np.where(np.arange(1000) % 100 < 20, 900.0, np.sin(np.arange(1000)))) == 20
 
 
-@pytest.mark.parametrize(
-    ("moved", "K", "noise", "step"),
-    [
+def test_a_joint_at_rest_is_not_stuck_though_nothing_is_commanded():
+    for moved, K, noise, step in (
         (np.round(ANGLE / 2.4e-5) * 2.4e-5, 2, 0.03, 0),  # at rest the noise is a part of the torque's range
         (0.07 * np.cos(2 * np.pi * np.arange(4000) / RATE), 300, 0.01, 0),  # the first moment of motion is no reference
-        (ANGLE, 300, 0, 0.5),
-    ],
-    ids=["small noisy torque", "start with a jump", "coarse load cell"],
-)
-def test_a_joint_at_rest_is_not_stuck_though_nothing_is_commanded(moved, K, noise, step):
-    theta = np.concatenate([np.zeros(2000), moved])
-    torque = K * theta + noise * np.random.default_rng(3).standard_normal(theta.size)
-    torque = np.round(torque / step) * step if step else torque
-    samples = pl.DataFrame({"time": np.arange(theta.size) / RATE, "theta": theta, "torque": torque})
-    assert results(samples)["stuck"].value < 0.1
-    if step:
-        assert results(samples.drop("theta"))["stuck"].value > 1.9  # nothing says that the joint rests
+        (ANGLE, 300, 0, 0.5),  # a coarse load cell
+    ):
+        theta = np.concatenate([np.zeros(2000), moved])
+        torque = K * theta + noise * np.random.default_rng(3).standard_normal(theta.size)
+        torque = np.round(torque / step) * step if step else torque
+        samples = pl.DataFrame({"time": np.arange(theta.size) / RATE, "theta": theta, "torque": torque})
+        assert results(samples)["stuck"].value < 0.1
+    assert results(samples.drop("theta"))["stuck"].value > 1.9  # nothing says that the joint rests
     breaks_loose = bench(torque=TORQUE + 40 * (np.arange(ANGLE.size) // 20 == 24)).drop("theta_command")
     assert results(breaks_loose)["stuck"].value < 0.1
 
@@ -310,12 +305,16 @@ def test_a_trial_of_few_rows_or_empty_columns_is_judged_without_an_error(rows, e
         assert quality_table("t", one, RULES, ())["check"].to_list() == list(CHECKS)
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "failing"),
-    [("rate", 99.0, True), ("rate", 100.0, False), ("gap", 0.05, False), ("gap", 0.051, True), ("gap", np.nan, True)],
-)
-def test_a_value_at_its_threshold_passes_and_no_number_fails(name, value, failing):
-    assert CHECKS[name].failed(value, RULES.by_check[name].limit) is failing
+def test_a_value_at_its_threshold_passes_and_no_number_fails():
+    cases = (
+        ("rate", 99.0, True),
+        ("rate", 100.0, False),
+        ("gap", 0.05, False),
+        ("gap", 0.051, True),
+        ("gap", np.nan, True),
+    )
+    for name, value, failing in cases:
+        assert CHECKS[name].failed(value, RULES.by_check[name].limit) is failing
 
 
 @pytest.mark.parametrize(

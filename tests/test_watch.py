@@ -167,6 +167,7 @@ def test_the_stated_source_file_decides(tmp_path):
     bench = bench_of(Path("config/config.yaml"), source, tmp_path / "pictures")
     said = recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
     assert "guessed" not in said
+    assert "NOT CHECKED: " in said
     assert float(re.search(r"\bK (\S+) ±", said)[1]) == pytest.approx(STIFFNESS, rel=0.01)
 
 

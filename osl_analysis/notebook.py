@@ -361,6 +361,6 @@ def plot_torque_angle(*fits: Fit) -> "NotebookFigure":
 
 
 def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":
-    from osl_analysis.figures.style import on_screen  # matplotlib takes half a second
+    from osl_analysis.figures.style import NotebookFigure  # matplotlib takes half a second
 
-    return on_screen(drawing_of(name).draw(table))
+    return NotebookFigure.of(drawing_of(name).draw(table))

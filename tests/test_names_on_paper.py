@@ -237,10 +237,14 @@ def test_responses_are_predicted_by_a_parameter_file_of_their_joint_alone(tmp_pa
     drawn = read_table(tmp_path / "fig7.csv")
     assert set(drawn["curve"]) == {"observed", "desired"} | ({"linear model"} if predicted else set())
     asked = []
-    monkeypatch.setattr(tables, "alike_groups", lambda *_: [{"a": []}])
+    monkeypatch.setattr(tables, "read_table", lambda *_, of: pl.DataFrame({"trial": ["a"]}))
+    monkeypatch.setattr(tables, "realisations_from", lambda _: [])
+    monkeypatch.setattr(tables, "pooled", lambda trials: [trials])
     monkeypatch.setattr(tables, "periodic_tables", lambda *given: asked.append(given[-1]) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        tables.pool_responses([], {"a": {"joint": joint}}, SimpleNamespace(low_pass=None), *[tmp_path] * 2, device)
+        tables.pool_responses(
+            [tmp_path], {"a": {"joint": joint}}, SimpleNamespace(low_pass=None), tmp_path, tmp_path, device
+        )
     assert [p is not None for p in asked] == [predicted]
 
 

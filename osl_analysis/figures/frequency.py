@@ -115,11 +115,8 @@ def draw_fig7(table: pl.DataFrame) -> Figure:
         magnitude.set_yscale("log")
         style.label_log_axis(magnitude.yaxis, magnitude.get_ylim(), most=6, scale=1e3)
         style.label_phase_axis(phase)
-        f = part["frequency_hz"].to_numpy()
         for ax in (magnitude, phase):
-            ax.set_xscale("log")
-            limits = style.with_margins(float(f.min()), float(f.max()))
-            style.label_log_axis(ax.xaxis, limits, most=8 if len(parts) == 1 else 5)
+            style.label_frequency_axis(ax, part["frequency_hz"], most=8 if len(parts) == 1 else 5)
         magnitude.tick_params(labelbottom=False)
         phase.set_xlabel("Frequency (Hz)")
     axes[0].set_ylabel("Magnitude\n" r"(10$^{-3}$ rad/(N·m))")

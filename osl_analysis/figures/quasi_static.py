@@ -76,17 +76,16 @@ def draw_fig3(table: pl.DataFrame) -> Figure:
     return figure
 
 
-def trials_of(table: pl.DataFrame) -> list[pl.DataFrame]:
-    return table.filter(pl.col("trial") != MEAN_SLOPE).partition_by("trial", maintain_order=True)
-
-
 def draw_belts(ax: Axes, table: pl.DataFrame) -> None:
-    trials = trials_of(table)
-    for drawn, look in ((trials, GREY_TRIAL), (filter(style.has_doubtful, trials), DOUBTFUL_TRIAL)):
-        for trial in drawn:
-            ax.plot(trial["theta_s_deg"], trial["torque"], **look)
     mean = table.filter(pl.col("trial") == MEAN_SLOPE)
-    ax.plot(mean["theta_s_deg"], mean["torque"], **MEAN_LINE)
+    trials = table.filter(pl.col("trial") != MEAN_SLOPE).partition_by("trial", maintain_order=True)
+    for drawn, look in (
+        (trials, GREY_TRIAL),
+        (filter(style.has_doubtful, trials), DOUBTFUL_TRIAL),
+        ([mean], MEAN_LINE),
+    ):
+        for rows in drawn:
+            ax.plot(rows["theta_s_deg"], rows["torque"], **look)
     ax.tick_params(labelbottom=False)
     ax.set_ylabel("Joint torque (N·m)")
     for K_s, low, high in mean.select("K_s", "K_s_low", "K_s_high").head(1).iter_rows():
@@ -101,7 +100,7 @@ def draw_loops(ax: Axes, table: pl.DataFrame) -> list[tuple[str, str, tuple[floa
     ax.axhline(0, **MEAN_LINE)
     ends = [
         (trial.select("theta_s_deg", "deviation").row(int(trial["theta_s_deg"].abs().arg_max() or 0)), trial)
-        for trial in trials_of(table)
+        for trial in table.filter(pl.col("trial") != MEAN_SLOPE).partition_by("trial", maintain_order=True)
     ]
     named, colours = [], (style.BLACK, "#3F8FBF", "#6B3A0A")
     for number, (end, trial) in enumerate(sorted(ends, key=lambda one: one[0][1])):
@@ -159,15 +158,10 @@ def draw_torque_angle(table: pl.DataFrame) -> Figure:
     figure, axes = style.panels(style.DOUBLE_COLUMN, 3.0 * len(parts) + 0.3, rows=len(parts), columns=2, names=titles)
     for number, (_, part) in enumerate(parts):
         draw_curves(axes[2 * number], axes[2 * number + 1], part, colours)
-    entries = [
-        ("Loading", LOADING_WIDTH, "-", True),
-        ("Unloading", UNLOADING_WIDTH, "-", True),
-        ("Desired", LOADING_WIDTH, style.DASHED, table["desired_torque"].count() > 0),
-        ("Doubtful trial", LOADING_WIDTH, style.DOTTED, style.has_doubtful(table)),
-    ]
-    handles = [
-        style.key(e, color=style.BLACK, linewidth=width, linestyle=dash) for e, width, dash, there in entries if there
-    ]
+    entries: list[tuple[str, float, Any]] = [("Loading", LOADING_WIDTH, "-"), ("Unloading", UNLOADING_WIDTH, "-")]
+    entries += [("Desired", LOADING_WIDTH, style.DASHED)] * (table["desired_torque"].count() > 0)
+    entries += [("Doubtful trial", LOADING_WIDTH, style.DOTTED)] * style.has_doubtful(table)
+    handles = [style.key(label, color=style.BLACK, linewidth=w, linestyle=dash) for label, w, dash in entries]
     figure.legend(handles=handles, loc="outside upper center", ncols=4)
     for number, ax in enumerate(axes):
         column = ("torque", "stiffness")[number % 2]

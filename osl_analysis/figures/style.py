@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import zip_longest
+from pathlib import Path
 from string import ascii_lowercase
 from typing import Any, Literal, cast
 from urllib.parse import quote
@@ -34,39 +35,10 @@ OPEN_MARKER = Line2D(
     [], [], linestyle="", marker="o", color=GREY, mfc=WHITE, markersize=3.8, mew=0.8, label="Open: doubtful"
 )
 """For the legend of markers that are open where the fit is doubtful."""
-SIZE_OF_TEXT = 8  # size [pt] of all lettering
 THIN, THICK = 0.7, 1.8  # widths [pt] of bars over amplitudes, and of intervals
 DOTTED, DASHED = (0, (1, 1.5)), (0, (3, 2))  # line styles of doubtful fits, and of means and what is desired
 
-PAPER: dict[Any, Any] = {
-    # Times-like, and for the letters that it lacks another: both are shipped with matplotlib, the same on every machine
-    "font.family": ["STIXGeneral", "DejaVu Sans"],
-    "mathtext.fontset": "stix",
-    **dict.fromkeys(("font.size", "axes.labelsize", "axes.titlesize", "legend.fontsize"), SIZE_OF_TEXT),
-    "text.hinting": "no_hinting",  # letters of a PNG keep the spacing that they have in the PDF
-    "axes.linewidth": 0.6,
-    "axes.labelpad": 2.5,
-    "axes.titlepad": 4,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    **{f"{axis}tick.labelsize": SIZE_OF_TEXT for axis in "xy"},
-    **{f"{axis}tick.{kind}.width": width for axis in "xy" for kind, width in (("major", 0.6), ("minor", 0.4))},
-    **{f"{axis}tick.{kind}.size": size for axis in "xy" for kind, size in (("major", 2.5), ("minor", 1.5))},
-    "hatch.linewidth": 0.5,
-    "lines.linewidth": 1.0,
-    "lines.markersize": 4,
-    "legend.frameon": False,
-    "legend.handlelength": 1.8,
-    "legend.borderaxespad": 0.2,
-    "legend.labelspacing": 0.3,
-    "figure.constrained_layout.h_pad": 0.03,
-    "figure.constrained_layout.w_pad": 0.03,
-    "savefig.dpi": 300,
-    "pdf.fonttype": 42,  # whole TrueType outlines: IEEE refuses Type 3
-    "svg.fonttype": "path",  # drawn letters: the SVG looks the same where the font is missing
-    "svg.hashsalt": "osl-analysis",  # identifiers that do not change from run to run
-}
+PAPER = mpl.rc_params_from_file(Path(__file__).with_suffix(".mplstyle"), use_default_template=False)
 
 
 Dash = Literal["-", ""] | tuple[float, tuple[float, ...]]  # A line style as matplotlib takes it
@@ -227,10 +199,12 @@ def label_log_axis(axis: Axis, limits: tuple[float, float], most: int, scale: fl
     axis.set_view_interval(*limits, ignore=True)
 
 
-def with_margins(low: float, high: float) -> tuple[float, float]:
-    """Limits of a logarithmic axis with 4 % of it free on either side."""
+def label_frequency_axis(ax: Axes, f: pl.Series, most: int) -> None:
+    """Frequencies [Hz] on a logarithmic axis, of which 4 % are free on either side."""
+    low, high = float(f.to_numpy().min()), float(f.to_numpy().max())
     factor = float(np.exp(0.04 * (np.log(high / low) if high > low else 1.0)))
-    return low / factor, high * factor
+    ax.set_xscale("log")
+    label_log_axis(ax.xaxis, (low / factor, high * factor), most)
 
 
 def label_phase_axis(ax: Axes) -> None:
@@ -263,7 +237,7 @@ def name_ends(ax: Axes, ends: Sequence[tuple[str, str, str, tuple[float, float]]
     figure = ax.figure.figure
     figure.draw_without_rendering()
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
-    height = 1.1 * SIZE_OF_TEXT / 72 * figure.dpi / ax.get_window_extent().height * (high - low)
+    height = 1.1 * 8 / 72 * figure.dpi / ax.get_window_extent().height * (high - low)
     places = moved_apart([end[1] for *_, end in ends], height, (low, high))
     for (trial, name, colour, end), place in zip(ends, places, strict=True):
         hair = {"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0, "shrinkB": 0, "relpos": (0, 0.5)}
@@ -293,6 +267,11 @@ def swarm_offsets(heights: Array, width: float, inches: float, reach: float) -> 
 class NotebookFigure(Figure):
     """A matplotlib `Figure` that a notebook shows without `pyplot`, and saves in the style of the paper."""
 
+    @classmethod
+    def of(cls, figure: Figure) -> "NotebookFigure":
+        figure.__class__ = cls
+        return cast(NotebookFigure, figure)
+
     def _repr_png_(self) -> bytes:
         page = BytesIO()
         self.savefig(page, format="png", dpi=150)
@@ -301,8 +280,3 @@ class NotebookFigure(Figure):
     def savefig(self, fname: Any, **kwargs: Any) -> None:
         with paper_style():
             super().savefig(fname, **kwargs)
-
-
-def on_screen(figure: Figure) -> NotebookFigure:
-    figure.__class__ = NotebookFigure
-    return cast(NotebookFigure, figure)

@@ -214,7 +214,7 @@ def sources(module: str) -> set[Path]:
     while waiting:
         path = waiting.pop()
         if path is not None and path not in files:
-            files |= {path, *path.parent.glob(f"{path.stem}.yaml")}
+            files |= {path, *path.parent.glob(f"{path.stem}.*")}
             waiting += [module_file(name) for name in imported_names(path)]
     return files
 

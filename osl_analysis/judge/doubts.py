@@ -19,7 +19,7 @@ from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.table import TABLE, Cause, Doubt, Judgement
 from osl_analysis.measured import check_measured, rms
-from osl_analysis.stats.repeats import summary_table
+from osl_analysis.stats.repeats import summary_row
 from osl_analysis.trial import Array
 
 AnyRow = Mapping[str, object]  # a row of a result table
@@ -302,11 +302,12 @@ def doubtful_count(table: pl.DataFrame) -> tuple[int, int]:
 
 
 def summary_of_trials(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:
-    """`summary_table` of the trials that count (`counted`), with `n_doubtful` and `n_left_out`: how many fits are
-    doubtful, and how many of these are not in the mean."""
+    """A row per quantity (a column of `table`): `summary_row` over the trials that count (`counted`), with `n_doubtful`
+    and `n_left_out`, how many fits are doubtful, and how many of these are not in the mean."""
     used = counted(table)
     numbers = {**doubtful_row(table), "n_left_out": len(table) - len(used)}
-    return summary_table(used, quantities).with_columns(**{name: pl.lit(value) for name, value in numbers.items()})
+    rows = pl.DataFrame([{"quantity": name, **summary_row(used[name])} for name in quantities])
+    return rows.with_columns(**{name: pl.lit(value) for name, value in numbers.items()})
 
 
 # What estimates cannot be, and what a motion cannot show. What is only unlikely is a column with a limit, as above.

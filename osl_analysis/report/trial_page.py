@@ -108,6 +108,20 @@ def trial_content(
     name = next(iter(tables), "")
     last = tables[name].row(-1, named=True) if tables else {}  # the fit to all of it
     experiment = trial.row["experiment"]
+    quality: Texts = []
+    for row in trial.quality.iter_rows(named=True) if trial.quality is not None else ():
+        value, threshold = (
+            f"{cell_text(row[key])} {'' if row[key] is None else printed(row['unit'] or '')}".strip()
+            for key in ("value", "threshold")
+        )
+        meaning, remark = checks.get(row["check"], ""), row["remark"] or ""
+        quality.append([row["check"], meaning, value, threshold, row["verdict"], remark])
+    time_base: Texts = []  # what the time base did to each group of signals: column, its values, its meaning
+    for column in trial.tables.get("timebase", pl.DataFrame()):
+        if column.name == "signals" or (column.name not in ("trial", "joint", "side", "data") and column.count()):
+            said = unit_and_meaning(column.name, described.get("timebase"))["meaning"]
+            time_base.append([column.name, *map(cell_text, column), "" if column.name == "signals" else said])
+    time_base.sort(key=lambda cells: cells[0] != "signals")
     return {
         "name": trial.name,
         "experiment": experiment,
@@ -125,8 +139,8 @@ def trial_content(
             for column, value in last.items()
             if value not in (None, "")
         ],
-        "quality": quality_rows(trial.quality, checks),
-        "time_base": time_base(trial.tables.get("timebase"), described.get("timebase")),
+        "quality": quality,
+        "time_base": time_base,
         "provenance": provenance_content(trial.provenance),
         "panels": trial.pictures.panels,
         "remark": trial.pictures.remark,
@@ -192,31 +206,6 @@ def doubts_of(tables: Mapping[str, pl.DataFrame], described: Mapping[str, Descri
                 where = f"{name}.csv, {place}" if number else place
                 found.append({"where": where, "of": of, "text": doubt.text, "meaning": said})
     return found
-
-
-def quality_rows(quality: pl.DataFrame | None, checks: Mapping[str, str]) -> Texts:
-    """Check, meaning, value, threshold, verdict and remark of every check."""
-    rows: Texts = []
-    for row in quality.iter_rows(named=True) if quality is not None else ():
-        value, threshold = (
-            f"{cell_text(row[key])} {'' if row[key] is None else printed(row['unit'] or '')}".strip()
-            for key in ("value", "threshold")
-        )
-        meaning, remark = checks.get(row["check"], ""), row["remark"] or ""
-        rows.append([row["check"], meaning, value, threshold, row["verdict"], remark])
-    return rows
-
-
-def time_base(table: pl.DataFrame | None, described: DescribedTable | None) -> Texts:
-    """What the time base did to each group of signals: column, its values, its meaning."""
-    if table is None:
-        return []
-    others = ("trial", "joint", "side", "data", "signals")
-    filled = [name for name in table.columns if name not in others and table[name].count()]
-    lines = [["signals", *map(cell_text, table["signals"].to_list()), ""]]
-    return lines + [
-        [name, *map(cell_text, table[name]), unit_and_meaning(name, described)["meaning"]] for name in filled
-    ]
 
 
 def provenance_content(provenance: Mapping[str, Any]) -> dict[str, Any]:

@@ -60,11 +60,6 @@ def over_repeats(values: ArrayLike, common: Sequence[CommonError] = (), kinds: A
     return Repeats(len(values), mean, sd, se, mean - half, mean + half)
 
 
-def summary_table(table: pl.DataFrame, quantities: Sequence[str]) -> pl.DataFrame:
-    """A row per quantity (a column of `table`): n, mean, sd, se and the 95 % interval of the mean over the trials."""
-    return pl.DataFrame([{"quantity": name, **summary_row(table[name])} for name in quantities])
-
-
 def summary_row(values: pl.Series) -> dict[str, float | str | None]:
     """n, mean, sd, se, low, high of one column, and the source of the interval. One trial gives only n and mean."""
     numbers = values.cast(pl.Float64).drop_nulls().drop_nans()

@@ -37,9 +37,7 @@ def __getattr__(name: str) -> Any:
     """A public name, imported when it is first used: the command line imports this package, and begins at once."""
     if name not in __all__:
         raise AttributeError(f"module 'osl_analysis' has no attribute '{name}'")
-    value = getattr(import_module(f"osl_analysis.{'errors' if name.endswith('Error') else 'notebook'}"), name)
-    globals()[name] = value
-    return value
+    return getattr(import_module(f"osl_analysis.{'errors' if name.endswith('Error') else 'notebook'}"), name)
 
 
 def __dir__() -> list[str]:

@@ -351,9 +351,11 @@ def run_campaign(arguments: tuple[str, ...]) -> None:
 
     The same as `snakemake --snakefile ... --configfile config.yaml`. Write files before options.
     """
-    from osl_analysis.commands.run import run_workflow
+    from snakemake.cli import main as snakemake
 
-    run_workflow(arguments)
+    from osl_analysis.commands.run import snakemake_arguments
+
+    snakemake(snakemake_arguments(arguments))
 
 
 @main.command(cls=click.Command, epilog="Example: osl-analysis doctor --look")

@@ -96,8 +96,6 @@ def fit_impedance(
     The rows are those of `impedance.csv`: one per amplitude of a stepped sine, and one over all of them; of any other
     motion one row.
 
-    Parameters
-    ----------
     trial: a trial with `theta` [rad] and the resisting `torque` [N*m], or its file.
     desired: what the leg was asked to render, `DesiredImpedance("compensated", K_d=300, B_d=5)`. With it the fit is
         judged by what the gains should give. Without it `not_checked` says what is not judged.
@@ -108,8 +106,8 @@ def fit_impedance(
         one, whose stiffness is not compared with a belt.
 
     Raises InputError: the trial lacks a signal, does not move, or follows a damaged stepped sine; or a file is not
-    valid. Raises IdentifiabilityError: the motion cannot tell K, B and I apart. Raises UnreachableImpedanceError:
-    The device has no gains for the desired impedance.
+    valid. IdentifiabilityError: the motion cannot tell K, B and I apart. UnreachableImpedanceError: the device has no
+    gains for the desired impedance.
     """
     return fit_trial(*asked("impedance", trial, config, parameters, desired, windows))
 
@@ -220,10 +218,8 @@ def read_trial(path: File) -> Trial:
 def read_recording(path: File, source: File, part: str | None = None, name: str | None = None) -> Trial:
     """A trial from the raw log, or the capture, of one recorder, converted to SI units by its source file.
 
-    Nothing is written. A trial of two recorders (walking) needs a campaign, or `osl-analysis ingest`.
+    A trial of two recorders (walking) needs a campaign, or `osl-analysis ingest`.
 
-    Parameters
-    ----------
     path: the recording, or the folder of a split ROS 2 bag.
     source: the source file (YAML) with channel, unit and sign of each signal, or the name of a shipped one, such as
         "opensourceleg". `osl-analysis inspect FILE --draft mine.yaml` drafts one.

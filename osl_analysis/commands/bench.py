@@ -10,7 +10,7 @@ from typing import Any
 
 import polars as pl
 
-from osl_analysis.bench import components, model_comparison
+from osl_analysis.bench import components, model_comparison, torque_angle
 from osl_analysis.bench.analysis import FitTables
 from osl_analysis.bench.impedance import (
     QUANTITIES,
@@ -28,12 +28,6 @@ from osl_analysis.bench.settings import (
     ImpedanceAnalysis,
     SteppedSineAnalysis,
     TorqueAngleAnalysis,
-)
-from osl_analysis.bench.torque_angle import (
-    curve_table,
-    cycle_table,
-    torque_angle_table,
-    torque_angle_trial,
 )
 from osl_analysis.config.configuration import Config, read_section
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
@@ -121,12 +115,12 @@ def fit_torque_angle_trial(
     desired = (condition or {}).get("desired")
     check_recording(trial, settings)
     rails = saturated(trial, "torque", "theta")
-    found = torque_angle_trial(trial, settings)
+    found = torque_angle.torque_angle_trial(trial, settings)
     return FitTables(
         found.series(),
-        lambda: {"torque_angle_cycles": cycle_table(found), "timebase": found.time_base()},
-        torque_angle=torque_angle_table(found, desired).with_columns(rails),
-        torque_angle_curves=curve_table(found, desired),
+        lambda: {"torque_angle_cycles": torque_angle.cycle_table(found), "timebase": found.time_base()},
+        torque_angle=torque_angle.torque_angle_table(found, desired).with_columns(rails),
+        torque_angle_curves=torque_angle.curve_table(found, desired),
     )
 
 
@@ -178,8 +172,7 @@ def compare_impedance_models(
     """Eq. 15 and the drivetrain of Eq. 9 on one trial, each amplitude predicted from the others.
 
     A motion that is no stepped sine has consecutive parts in place of amplitudes. `condition`, `weight` and `windows`
-    as in `fit_impedance_trial`; the drivetrain smooths the sign of the velocity over
-    `sign_width` [rad/s].
+    as in `fit_impedance_trial`; the drivetrain smooths the sign of the velocity over `sign_width` [rad/s].
     """
     p, record = read_parameters(parameters), record_of_trial(read_trial(trial), settings, windows)
     gains = condition.gains(p, weight)

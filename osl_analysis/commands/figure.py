@@ -23,7 +23,7 @@ from osl_analysis.figures import drawing_of, names
 from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve
 from osl_analysis.figures.names import completed, look_numbers
 from osl_analysis.files import atomic_path, digest
-from osl_analysis.jobs.refusal import Refusal, is_refused, read_refusals
+from osl_analysis.jobs.refusal import Refusal, read_refusals
 from osl_analysis.judge.doubts import DOUBTFUL, marked
 from osl_analysis.judge.table import Doubt
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
@@ -120,8 +120,7 @@ def write_captions(
 
 def caption_of(name: str, table_csv: Path, missing: Sequence[str] = ()) -> str:
     """The caption of one figure from its plotted numbers, with the trials that it lacks; or why it is not drawn."""
-    if is_refused(table_csv):
-        causes = (f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv))
+    if causes := [f"{cause.trial or cause.file}: {cause.reason}" for cause in read_refusals(table_csv)]:
         return f"This figure is not drawn. {names.listed_text(causes)}."
     figure = drawing_of(name)
     table = read_table(table_csv, required=figure.columns)

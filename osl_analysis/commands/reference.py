@@ -174,9 +174,7 @@ def explanations(model: type[BaseModel]) -> dict[str, str]:
     return texts
 
 
-def write_schemas(folder: Path) -> list[Path]:
-    texts = {folder / f"{name}.schema.json": schema for name, schema in schemas().items()}
-    for file, schema in texts.items():
-        with atomic_path(file) as path:
+def write_schemas(folder: Path) -> None:
+    for name, schema in schemas().items():
+        with atomic_path(folder / f"{name}.schema.json") as path:
             path.write_text(json.dumps(schema, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    return list(texts)

@@ -21,8 +21,6 @@ from osl_analysis.summary import COUNT
 from osl_analysis.table import read_table
 from osl_analysis.trial import read_provenance, read_trial, unit_of
 
-MOTIONS = {"belt": "Belt deflection", "actuator": "Motor motion"}  # what moves on a bench, where it is not the joint
-
 
 def write_report(
     *,
@@ -109,7 +107,8 @@ def pictures(experiment: str, tables: Mapping[str, pl.DataFrame], files: Mapping
     found = []
     if "series" in files:
         series = read_table(files["series"], of="series")
-        found.append(panels.bench_pictures(series, MOTIONS.get(experiment, "Joint angle"), experiment == "belt"))
+        motion = {"belt": "Belt deflection", "actuator": "Motor motion"}.get(experiment, "Joint angle")
+        found.append(panels.bench_pictures(series, motion, experiment == "belt"))
     elif "crossing" in files and len(crossing := pl.read_parquet(files["crossing"])):
         found.append(panels.crossing_pictures(crossing))
     elif "trial" in files:

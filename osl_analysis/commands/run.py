@@ -61,13 +61,6 @@ def with_shipped_profile(arguments: Sequence[str]) -> Iterator[str]:
             raise InputError(f"{PROFILE_OPTION} {named}: no such folder; {meant}")
 
 
-def run_workflow(arguments: Sequence[str]) -> None:
-    """Run Snakemake in this process, which ends with its exit code; raises as `snakemake_arguments`."""
-    from snakemake.cli import main
-
-    main(snakemake_arguments(arguments))
-
-
 def looked_at(folder: Path) -> Iterator[tuple[str, str, str]]:
     """What this machine has and lacks, and whether the campaign in a folder can be read: a line each of what was looked
     at, what was found, and what to do; empty: nothing.

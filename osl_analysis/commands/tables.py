@@ -253,15 +253,13 @@ def format_results_table(summary: Mapping[str, Any], markdown: bool = True) -> s
 
 def later_failures(summary_json: Path) -> str:
     """Whether jobs of a later run than that of a summary were refused, failed or killed; a line, empty if none were."""
-    made = summary_json.stat().st_mtime
-    logs = (path for path in (summary_json.parent / "logs").rglob("*.log") if path.stat().st_mtime > made)
-    read = ((path.stem, read_log(path)) for path in sorted(logs))
-    show = {"figure", "report"}  # modules of jobs that show numbers and make none: they run after the summary's own
-    ended = [(name, log) for name, log in read if log and log.outcome != "done" and log.job.split(".")[0] not in show]
-    if not ended:
-        return ""
-    name, first = ended[0]
-    return (
+    made, ended = summary_json.stat().st_mtime, []
+    show = ("figure.", "report.")  # jobs that show numbers and make none: they run after the summary's own
+    for path in sorted((summary_json.parent / "logs").rglob("*.log")):
+        log = read_log(path) if path.stat().st_mtime > made else None
+        if log and log.outcome != "done" and not log.job.startswith(show):
+            ended.append(f"{path.stem}: {log.error}")
+    said = (
         f"OLDER THAN A FAILED RUN: after these numbers were written, {len(ended)} jobs were refused or failed, first "
-        f"{name}: {first.error}; correct it and run again"
     )
+    return f"{said}{ended[0]}; correct it and run again" if ended else ""

@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+import json
 import re
 import signal
 import sys
@@ -16,11 +17,11 @@ from typing import Any
 from pydantic import ConfigDict, validate_call
 
 from osl_analysis.errors import OslAnalysisError, PartialResultError, WriteError, printable, unexpected
-from osl_analysis.files import temporary_path
+from osl_analysis.files import atomic_path, temporary_path
 from osl_analysis.jobs.job_log import JobLog, Outcome, write_log
 from osl_analysis.jobs.memory import limited_memory
 from osl_analysis.jobs.refusal import Refusal, write_refusals
-from osl_analysis.jobs.request import read_request, say_excluded
+from osl_analysis.jobs.request import read_request
 from osl_analysis.judge.findings import Judge, exclusions, without_excluded, without_refused
 from osl_analysis.table import archives, tables_of, write_table
 from osl_analysis.trial import read_trial
@@ -47,14 +48,6 @@ TO_DO = frozenset({
 """Verbs with which a remedy begins."""
 
 
-class MissingInputError(Exception):
-    """A job cannot run, because a result that it needs was refused or failed, for these `causes`."""
-
-    def __init__(self, causes: Sequence[Refusal]) -> None:
-        super().__init__("; ".join(f"{cause.trial or cause.file}: {cause.reason}" for cause in causes))
-        self.causes = causes
-
-
 def run(request: Path) -> int:
     """Run the job of a request; its exit code. Where there is no result, there are records: Snakemake goes on.
 
@@ -76,14 +69,15 @@ def perform(job: Job) -> None:
 
     An error of the input refuses; any other is a failure, so that the job is tried again.
     """
-    start, causes, unmade = time.perf_counter(), None, job["files"]
+    start, unmade = time.perf_counter(), job["files"]
+    causes: Sequence[Refusal] = ()
     ended = JobLog(job["command"], "done")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
         try:
-            call(job)
-        except MissingInputError as missing:
-            ended, causes = replace(ended, outcome="skipped", error=str(missing)), missing.causes
+            if causes := call(job):
+                said = "; ".join(f"{cause.trial or cause.file}: {cause.reason}" for cause in causes)
+                ended = replace(ended, outcome="skipped", error=said)
         except Exception as fault:
             cause: BaseException = fault
             if isinstance(fault, PartialResultError):
@@ -101,37 +95,43 @@ def perform(job: Job) -> None:
     end(job, replace(ended, seconds=time.perf_counter() - start, warnings=warned), unmade, causes)
 
 
-def call(job: Job) -> None:
+def call(job: Job) -> Sequence[Refusal]:
     """Call the command with the named values of its rule, each converted to the type that the command declares.
 
-    What was refused is told to a command that has an argument `refused`; another one that needs it cannot run. A fit
-    (`Fit.job` in `experiments.py`) takes the trial itself and gives its tables, which are written here.
+    What was refused is told to a command that has an argument `refused`; another one that needs it cannot run: its
+    causes are returned. A fit (`Fit.job` in `experiments.py`) takes the trial itself and gives its tables, which are
+    written here.
     """
     module, _, name = job["command"].partition(".")
     function = getattr(importlib.import_module(f"osl_analysis.commands.{module}"), name)
     reasons: dict[str, str] = {}
     if job["judge"]:
         reasons = exclusions(Judge.read(Path(job["judge"])).verdicts(map(Path, job["input"]["quality"])))
-        say_excluded(job["path"], list(reasons))
+        if job["excluded"] != list(reasons):
+            # Some were not measured yet when the request was written: the next run would take it for changed.
+            said = json.loads(job["path"].read_text(encoding="utf-8")) | {"excluded": list(reasons)}
+            with atomic_path(job["path"]) as temporary:
+                temporary.write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
     usable = without_refused(job["input"], job["needs"])
     told: dict[str, Any] = {}
     if "refused" in inspect.signature(function).parameters:
         told = {"refused": usable.refused}
     elif usable.missing:
-        raise MissingInputError(usable.missing)
+        return usable.missing
     convert = validate_call(config=ConfigDict(arbitrary_types_allowed=True))
     with tables_of(job["data"]), archives(), limited_memory(files_read(job)):
         inputs = without_excluded(usable.inputs, reasons)
         if (tables := job["output"].get("tables")) is None:
             convert(function)(**inputs, **job["output"], **job["settings"], **told)
-            return
+            return ()
         inputs["trial"] = read_trial(Path(inputs["trial"]))
         fitted = convert(function)(**inputs, **job["settings"])
         for table, file in tables.items():
             write_table(fitted[table], Path(file))
+    return ()
 
 
-def end(job: Job, ended: JobLog, unmade: Sequence[str], causes: Sequence[Refusal] | None = None) -> None:
+def end(job: Job, ended: JobLog, unmade: Sequence[str], causes: Sequence[Refusal] = ()) -> None:
     """Write the log of a job, and unless it is done a record for each of its files that is `unmade`.
 
     `causes` are those of a job that lacks an input; otherwise the job itself is the cause.

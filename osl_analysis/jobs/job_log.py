@@ -1,8 +1,5 @@
-"""The log of a job: its request, outcome, warnings and duration.
-
-The reports at the end of a run are read from the logs. They are therefore complete on a cluster too, where every job is
-a separate process.
-"""
+"""The log of a job: its request, outcome, warnings and duration. The report at the end of a run is read from the logs:
+so it is complete on a cluster too, where every job is a process apart."""
 
 import json
 from collections import Counter, defaultdict
@@ -66,9 +63,7 @@ def plain(value: Any) -> Any:
 
 
 def run_report(logs: Sequence[JobLog]) -> str:
-    """The report at the end of a run: each warning once, with the number of jobs that gave it, and the wall time of
-    the jobs of each stage, summed over the cores. Failures are in `refusal_report`.
-    """
+    """Each warning of a run once, with the number of jobs that gave it, and the wall time of the jobs by stage."""
     most = 10  # warnings
     counts = Counter(warning for log in logs for warning in log.warnings)
     lines = [f"warning: {text}" + (f" ({count} jobs)" if count > 1 else "") for text, count in counts.items()]

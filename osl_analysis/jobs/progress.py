@@ -125,15 +125,11 @@ class LogHandler(LogHandlerBase):
         elif is_terminal and spent > 0.1:
             running = {one for one, _ in self.jobs.values()} | {name}
             text = " | ".join(self.stages[one].text(one) for one in STAGES if one in running and one in self.stages)
-            self.write(f"{CLEARED}{text[: shutil.get_terminal_size().columns - 1]}")
+            self.line(text[: shutil.get_terminal_size().columns - 1], end="")
 
-    def line(self, text: str) -> None:
-        """A line that stays."""
-        self.write(f"{CLEARED if sys.stderr.isatty() else ''}{text}\n")
-
-    def write(self, text: str) -> None:
-        sys.stderr.write(text)
-        sys.stderr.flush()
+    def line(self, text: str, end: str = "\n") -> None:
+        """A line in place of the last one of a terminal; it stays where it has an end."""
+        print(f"{CLEARED if sys.stderr.isatty() else ''}{text}", file=sys.stderr, end=end, flush=True)
         self.last = time.monotonic()
 
 

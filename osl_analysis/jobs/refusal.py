@@ -14,8 +14,7 @@ from osl_analysis.errors import InputError, listing
 from osl_analysis.files import atomic_path
 
 RECORD_MARK = "osl_analysis_refused"  # First column of a record. No other file begins with it.
-TRIED_AGAIN = ("died", "failed")
-"""Outcomes after which a job is tried again in the next run. `refused` stays until inputs or settings change."""
+TRIED_AGAIN = ("died", "failed")  # outcomes after which the next run tries; `refused` stays until inputs change
 MOST_TOLD = 12  # trials, or results, that are named in one line
 
 

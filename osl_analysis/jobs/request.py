@@ -35,17 +35,6 @@ def read_request(path: Path) -> dict[str, Any]:
     return {**json.loads(text), "path": path}
 
 
-def say_excluded(path: Path, excluded: Sequence[str]) -> None:
-    """Let a request say which of its trials quality control excludes, as the job found when all were measured.
-
-    While the request was written some were not measured yet: without this the next run would take it for changed.
-    """
-    said = json.loads(path.read_text(encoding="utf-8"))
-    if said["excluded"] != list(excluded):
-        with atomic_path(path) as temporary:
-            temporary.write_text(json.dumps(said | {"excluded": list(excluded)}, indent=1) + "\n", encoding="utf-8")
-
-
 def write_request(path: Path, content: Mapping[str, Any]) -> None:
     """Write a request if it differs from the one in its place.
 
@@ -125,13 +114,11 @@ class Requests:
 
         `command` is "module.function" under `osl_analysis.commands`; its code counts, and that of the `modules` under
         `osl_analysis` that it imports by name. It is called with
-
         * the inputs by name: those of `input`, and those of `read`, which were made when `input` was. Snakemake's
           planning takes time with every file that it is told of;
         * the outputs of the rule by their names; without a name, one is `output` and several are `outputs`. Or with
           `output`, where the command finds the names of its files itself;
         * the `settings`.
-
         Each takes the type that the function's signature gives. What the job finds there that is refused or excluded is
         left out (`jobs.job.call`). Of the files in `needs` it must have every one, the files in `after` are not looked
         at. The small `files` are inputs by name that no job writes; of these and of those in `made_of` the content
@@ -180,7 +167,7 @@ def code(command: str, *modules: str) -> str:
     """
     module, _, function = command.partition(".")
     path = PACKAGE / f"commands/{module}.py"
-    top = statements(path)
+    top = parsed(path)
     defined = {getattr(node, "name", ""): node for node in top}
     if function not in defined:
         raise ValueError(f"no function {function} in commands.{module}; correct the name of the job in the rules")
@@ -196,16 +183,8 @@ def code(command: str, *modules: str) -> str:
     return hashlib.sha256(b"".join(map(content_of, sorted(files)))).hexdigest()[:16]
 
 
-@cache
-def content_of(path: Path) -> bytes:
-    """Content of a source file, as it was when it was asked for first."""
-    return path.read_bytes()
-
-
-@cache
-def statements(path: Path) -> list[ast.stmt]:
-    """The statements of a module."""
-    return ast.parse(content_of(path)).body
+content_of = cache(Path.read_bytes)  # as it was when it was asked for first
+parsed = cache(lambda path: ast.parse(content_of(path)).body)
 
 
 def sources(module: str) -> set[Path]:

@@ -38,17 +38,10 @@ OF_MOST_JOBS = (
 """Imported while no job waits, as when Snakemake plans."""
 USED_WITH = {
     "simulate": [f"osl_analysis.simulator.{name}" for name in ("bench", "crossing", "preloaded")],
-    "figure": [
-        "osl_analysis.figures.names",
-        "fontTools.subset",
-        *(f"matplotlib.backends.backend_{name}" for name in ("pdf", "svg", "agg")),
-    ],
+    "figure": ["osl_analysis.figures.names", "fontTools.subset"]
+    + [f"matplotlib.backends.backend_{name}" for name in ("pdf", "svg", "agg")],
 }
 """By module of a command: what its functions import when they are called."""
-
-
-class JobError(OslAnalysisError):
-    """A job could write neither a result nor a record of why there is none."""
 
 
 @cache
@@ -73,7 +66,7 @@ def job_server() -> tuple[socket.socket, subprocess.Popen[bytes]]:
 def run_job(request: str) -> None:
     """Have the job of a request done. A killed one leaves records, as one does that refuses its input.
 
-    Raises JobError where there is neither a result nor a record, as on a full disk; the job itself has said why.
+    Raises where there is neither a result nor a record, as on a full disk; the job itself has said why.
     """
     code, pid = -signal.SIGKILL, 0  # what stays of a server that was killed: its jobs die with it
     ours, theirs = socket.socketpair()
@@ -90,7 +83,7 @@ def run_job(request: str) -> None:
 
         died(Path(request), pid, -code)
     elif code:
-        raise JobError(f"{request}: this job could write no result; see above, and run again")
+        raise OslAnalysisError(f"{request}: this job could write no result; see above, and run again")
 
 
 def serve(number: int) -> NoReturn:

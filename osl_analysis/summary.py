@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import count
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -34,9 +34,6 @@ class Label:
     draft: float | None  # the value that the paper's draft prints; None if it prints none
     macro: str  # its LaTeX macro without the prefix, letters only
     meaning: str
-
-
-Labelled = TypeVar("Labelled", bound=Label)
 
 
 @dataclass(frozen=True)
@@ -101,21 +98,21 @@ def impedance_labels(controller: str | None, example: Example = DRAFT_EXAMPLE) -
     return {name: of_controller(Label(name, unit, None, *more), controller) for name, unit, *more in rows}
 
 
-def of_place(label: Labelled, joint: str | None, side: str | None, several: bool) -> Labelled:
-    """The label of one joint and side, told apart where there are `several`; the draft's is an ankle."""
+def of_place(number: Headline, joint: str | None, side: str | None, several: bool) -> Headline:
+    """The number of one joint and side, told apart where there are `several`; the draft's is an ankle."""
     where = ", ".join(filter(None, [joint or DRAFT_JOINT, side]))
-    draft = label.draft if (joint or DRAFT_JOINT) == DRAFT_JOINT else None
+    draft = number.draft if (joint or DRAFT_JOINT) == DRAFT_JOINT else None
     if several:
-        return replace(of_group(label, where), draft=draft)
-    return replace(label, draft=draft, meaning=label.meaning if where == DRAFT_JOINT else f"{label.meaning}, {where}")
+        return replace(of_group(number, where), draft=draft)
+    return replace(number, draft=draft, meaning=number.meaning + f", {where}" * (where != DRAFT_JOINT))
 
 
-def of_group(label: Labelled, group: str) -> Labelled:
-    """The label of one group, as of crossings; that of a campaign of one group, as the draft's, is unchanged."""
+def of_group(number: Headline, group: str) -> Headline:
+    """The number of one group, as of crossings; that of a campaign of one group, as the draft's, is unchanged."""
     if group == "all":
-        return label
-    name, macro = f"{label.name} ({group})", label.macro + letters(group)
-    return replace(label, name=name, draft=None, macro=macro, meaning=f"{label.meaning}, {group}")
+        return number
+    name, macro = f"{number.name} ({group})", number.macro + letters(group)
+    return replace(number, name=name, draft=None, macro=macro, meaning=f"{number.meaning}, {group}")
 
 
 def letters(text: str) -> str:
@@ -256,8 +253,8 @@ def torque_angle_headlines(table: pl.DataFrame) -> Iterator[Headline]:
     for row in table.iter_rows(named=True):
         for quantity, label in LABELS["torque_angle"].items():
             ends = row[f"{quantity}_low"], row[f"{quantity}_high"]
-            number = headline(of_group(label, row["trial"]), row[quantity], int(row["cycles"]), *ends, OF_CYCLES)
-            yield replace(number, doubt=row[DOUBTFUL] or None)
+            number = headline(label, row[quantity], int(row["cycles"]), *ends, OF_CYCLES)
+            yield replace(of_group(number, row["trial"]), doubt=row[DOUBTFUL] or None)
 
 
 def model_gain_headlines(table: pl.DataFrame) -> Iterator[Headline]:
@@ -276,8 +273,8 @@ the mean over perturbations does not."""
 def walking_headlines(table: pl.DataFrame) -> Iterator[Headline]:
     for rows in table.filter(pl.col("mean").is_not_null()).partition_by("group", maintain_order=True):
         for estimator, labels in ((HEADLINE_ESTIMATOR, LABELS["walking_summary"]), ("up minus down", SYMMETRY)):
-            own = {quantity: of_group(label, rows["group"][0]) for quantity, label in labels.items()}
-            yield from summary_means(rows.filter(pl.col("estimator") == estimator), own, BOOTSTRAP)
+            for number in summary_means(rows.filter(pl.col("estimator") == estimator), labels, BOOTSTRAP):
+                yield of_group(number, rows["group"][0])
 
 
 OfTable = Callable[[pl.DataFrame, Example], Iterable[Headline]]

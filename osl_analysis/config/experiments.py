@@ -31,7 +31,7 @@ OF_ALL = (ResultTable("timebase", judged=False), ResultTable("series", judged=Fa
 
 @dataclass(frozen=True)
 class FitJob:
-    """The fit of one trial, for the workflow, the command line, `watch` and notebooks alike.
+    """The fit of one trial, the same for all doors.
 
     job: `module.function` of `commands`. It takes `trial` and the arguments below, and returns its rows of each table
         of the experiment, by name; under `torque`, where it has them, time [s], measured and modelled torque [N*m].

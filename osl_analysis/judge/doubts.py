@@ -1,10 +1,9 @@
 """Doubtful fits: the columns of result tables that are evidence against a fit, by cause, and the words for a reader;
 what estimates cannot be, and what a motion cannot show, is refused.
 
-A doubt begins with its cause, then says what it does to the numbers and what to do; what is beyond its limit stands in
-brackets. A fault of the recording, such as a late torque, is named only where the fit to all of a trial shows
-it too: friction may pass for one at a single amplitude. What a known cause explains, as a low VAF under friction, is no
-doubt of its own.
+A doubt begins with its cause, what that does and what to do; the numbers stand in brackets. A fault of the recording,
+such as a late torque, is named only where the fit to all of a trial shows it, too: at a single amplitude friction may
+pass for one. What a known cause explains, as a low VAF under friction, is no doubt of its own.
 """
 
 import math
@@ -140,9 +139,8 @@ def explaining(row: AnyRow, found: Found) -> Cause | None:
 
 
 def doubts(row: AnyRow, found: Found, of_trial: Cause | None, single: bool) -> Iterator[str]:
-    """The doubts about a row for what was `found` in it, one per cause: the cause, what it does here, what to do, and
-    the numbers that show it. `of_trial` explains a misfit for which the row itself has no cause, `single`: there are
-    rows of single amplitudes. A column without a row in the table speaks for itself."""
+    """The doubts about a row for what was `found` in it, one per cause. `of_trial` explains a misfit for which the row
+    itself has no cause, `single`: there are rows of single amplitudes. An unknown column speaks for itself."""
     misfit_by = explaining(row, found) or of_trial
     by_cause: dict[Cause, list[str]] = {}
     for name, (value, _) in found.items():
@@ -196,11 +194,8 @@ def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
 
 
 def with_doubts_of(table: pl.DataFrame, fits: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
-    """The marked table with the reasons of another table, `name`, on the same trial and amplitude.
-
-    What makes a fit doubtful, as a clipped or late torque, concerns everything that comes from the same samples. A
-    table without amplitudes has the reasons of the row of `fits` over all amplitudes.
-    """
+    """The marked table with the reasons of another table, `name`, on the same trial and amplitude, or over all of them:
+    a clipped or late torque concerns everything that comes from the same samples."""
     judged = marked(fits, limits, name)
     of_fit = {(row["trial"], row["amplitude_deg"]): row[DOUBTFUL] for row in judged.iter_rows(named=True)}
     shared = []

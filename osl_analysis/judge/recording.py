@@ -218,10 +218,9 @@ def check_ranges(trial: Trial) -> None:
 
 
 def samples_at_rail(trial: Trial, column: str, torque: str | None = None) -> int:
-    """Longest run [samples] of a channel at an end of its range, stated or seen; 0 for a command, which has levels. A
-    channel with noise is at an end where it repeats its lowest or highest value. An angle also rests at an extreme: it
-    is clipped only where `torque` goes on to change meanwhile. This holds for an angle that a bench drives; a motor
-    behind a belt may stand by its own friction while the torque changes."""
+    """Longest run [samples] of a channel at an end of its range, stated or seen, where it repeats its lowest or highest
+    value; 0 for a command, which has levels. An angle that a bench drives also rests at an extreme: it is clipped only
+    where `torque` changes meanwhile. A motor behind a belt may stand by its own friction then."""
     time, values = recorded(trial, column)
     if not values.size or not np.isfinite(values).all():  # the fit refuses it
         return 0
@@ -308,10 +307,9 @@ SMOOTHED = 0.05  # s, over which a reference is averaged; a sine of 5 Hz keeps n
 
 
 def measure_stuck(examined: Examined) -> CheckResult:
-    """Longest time [s] that a noisy channel repeats one value, or that an angle stands while it should change. A load
-    cell whose steps are larger than its noise repeats a value while the joint rests, and Nexus writes 0 without load.
-    The angle should follow its command, or else the torque, averaged: while the joint rests, the noise of a small
-    torque is a part of its range. It may rest in static and plate trials."""
+    """Longest time [s] that a noisy channel repeats one value, or that an angle stands while its command, or else the
+    averaged torque, changes. A load cell whose steps are larger than its noise repeats a value while the joint rests,
+    and Nexus writes 0 without load. In static and plate trials the joint may rest."""
     trial, columns = examined.trial, examined.trial.samples.columns
     moving = examined.experiment.motion or ("theta" if examined.experiment.tables else "")
     angle = recorded(trial, moving if moving in columns else "theta")

@@ -35,15 +35,7 @@ from osl_analysis.errors import InputError, OslAnalysisError, listing, nearest, 
 from osl_analysis.files import CAMPAIGN, atomic_path, shipped
 from osl_analysis.formats.rosbag import DESCRIPTION as BAG_DESCRIPTION
 from osl_analysis.formats.rosbag import recorded_files
-from osl_analysis.ingest.draft import (
-    UNNAMED,
-    DraftedTrial,
-    Recorded,
-    draft_source,
-    draft_trials,
-    guessed_lines,
-    trial_name,
-)
+from osl_analysis.ingest import draft as drafts
 from osl_analysis.ingest.overview import Overview
 from osl_analysis.ingest.raw_files import FORMATS, NOT_READ, SUFFIXES, check_file, read_source, recognise
 from osl_analysis.ingest.source import open_places
@@ -199,10 +191,10 @@ class Draft:
     """What the recordings of a folder were taken for, and what the user has to decide."""
 
     sources: dict[str, str] = field(default_factory=dict)  # texts of the source files, by name
-    recordings: list[Recorded] = field(default_factory=list)
+    recordings: list[drafts.Recorded] = field(default_factory=list)
     open: list[tuple[Path, str]] = field(default_factory=list)  # file and question, as which of two clocks counts
     refused: list[str] = field(default_factory=list)  # files that are no recordings, or cannot be read, with the reason
-    trials: list[DraftedTrial] = field(default_factory=list)
+    trials: list[drafts.DraftedTrial] = field(default_factory=list)
 
 
 def new_campaign(
@@ -286,12 +278,14 @@ def draft_campaign(folder: Path) -> Draft:
         if source not in overviews or len(overview.channels) > len(overviews[source][0].channels):
             overviews[source] = (overview, path.name)
         draft.open += [(path.relative_to(folder), text) for text in overview.open]
-        draft.recordings.append(Recorded(path.relative_to(folder), source, is_capture))
+        draft.recordings.append(drafts.Recorded(path.relative_to(folder), source, is_capture))
     if not draft.recordings:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(SUFFIXES))})"
         raise InputError(f"{folder}: no recording in it that can be read{why}; name the folder of the recordings")
-    draft.sources = {name: draft_source(overview, file, named=True) for name, (overview, file) in overviews.items()}
-    draft.trials = draft_trials(draft.recordings)
+    draft.sources = {
+        name: drafts.draft_source(overview, file, named=True) for name, (overview, file) in overviews.items()
+    }
+    draft.trials = drafts.draft_trials(draft.recordings)
     return draft
 
 
@@ -330,7 +324,7 @@ def drafted_text(draft: Draft) -> str:
         files = [str(one.path) for one in draft.recordings if one.source == name]
         named = ", ".join(files[:4]) + ", ..." * (len(files) > 4)
         lines.append(f"sources/{name}.yaml: {len(files)} recordings, {named}")
-        lines += [f"    {line}" for line in guessed_lines(text)]
+        lines += [f"    {line}" for line in drafts.guessed_lines(text)]
     lines.append("trials.csv, from the names of the files:")
     for cells in (trial.cells for trial in draft.trials[:30]):
         more = [f"{name} {cells[name]}" for name in ("controller", "K_d", "B_d", "perturbed") if name in cells]
@@ -498,7 +492,7 @@ def row_of_recording(
                 continue
     if source is None:
         overview = inspect_file(path)
-        text, sources, source = draft_source(overview, path.name, named=True), place, "draft"
+        text, sources, source = drafts.draft_source(overview, path.name, named=True), place, "draft"
         (place / "draft.yaml").write_text(text, encoding="utf-8")
         still_open = [f"`{dotted(one)}`" for one in open_places(read_mapping(place / "draft.yaml"))]
         if still_open:
@@ -507,13 +501,13 @@ def row_of_recording(
                 f"{path}: its channels cannot be guessed: {questions}; edit the draft of `osl-analysis inspect`, and "
                 "name it by --source"
             )
-        guesses = [line.split("#")[0].strip() for line in guessed_lines(text)]
+        guesses = [line.split("#")[0].strip() for line in drafts.guessed_lines(text)]
         said = [f"channels are guessed: {listing(guesses, 4)}"] * bool(guesses)
         said += [printable(one) for one in overview.open]
-    (trial,) = draft_trials([Recorded(Path(path.name), source, is_capture=False)])
+    (trial,) = drafts.draft_trials([drafts.Recorded(Path(path.name), source, is_capture=False)])
     row = dict.fromkeys(("log_part", "mocap", "mocap_source", "K_d", "B_d", "controller")) | trial.cells
-    row["trial"] = trial_name(Path(path.relative_to(folder).as_posix().replace("/", "_")))
-    if row["experiment"] == UNNAMED:  # a recording with angle and torque whose name and sheet tell none
+    row["trial"] = drafts.trial_name(Path(path.relative_to(folder).as_posix().replace("/", "_")))
+    if row["experiment"] == drafts.UNNAMED:  # a recording with angle and torque whose name and sheet tell none
         row["experiment"], said = "impedance", [*said, "taken for an impedance trial"]
     return row, sources, said
 

@@ -25,16 +25,8 @@ from osl_analysis.formats.message_fields import FieldDescription, describe_messa
 from osl_analysis.formats.messages import ChannelSurvey, MessageFile, survey_channels
 from osl_analysis.formats.table import Loss
 from osl_analysis.formats.tdms import read_tdms
+from osl_analysis.ingest import logs
 from osl_analysis.ingest.captures import analog_rates, plate_count, plate_loads, plate_parameter, vertical_axis
-from osl_analysis.ingest.logs import (
-    RATE,
-    SECOND,
-    check_not_set,
-    lines_table,
-    nanoseconds,
-    notes_on,
-    stamps_among,
-)
 from osl_analysis.ingest.source import KEYS, NAME_OF_TIME, UNKNOWN, model_of
 from osl_analysis.ingest.units import is_unit
 from osl_analysis.trial import Array
@@ -52,10 +44,8 @@ class RecordedChannel:
     note: str = ""  # remark for the user
     type: str = ""  # type of the numbers and the length of the array that they stand in, such as `float64[4]`
     likely_unit: str = ""  # unit that the channel's name ends with; a guess, for the user to check
-    load: float | None = None
-    """Range of the force on a plate [N]; None for anything else, and where it cannot be computed."""
-    centre: tuple[float, ...] = ()
-    """Mean position of a marker, or of the corners of a plate, (3,) in the file's unit and axes; empty if unknown."""
+    load: float | None = None  # range of the force on a plate [N], where it can be computed
+    centre: tuple[float, ...] = ()  # mean position of a marker, or of a plate's corners, (3,); empty if unknown
     missing: float = 0.0  # share of the frames or rows in which nothing was recorded, 0 to 1
 
 
@@ -67,13 +57,9 @@ class Overview:
     facts: Mapping[str, str]  # facts about the whole file
     channels: Sequence[RecordedChannel]  # what it recorded, in the order of the file
     remarks: Sequence[str] = ()  # damage and oddities, a sentence each
-    settings: Mapping[str, object] = field(default_factory=dict)
-    """Fields of a source file that the format needs and the file tells."""
-    drafted: Sequence[RecordedChannel] | None = None
-    """The channels of the draft, where it has others than `channels`: those of one trial of several."""
-    open: Sequence[str] = ()
-    """What the file leaves open, as which of its clocks counts, a sentence each: the draft has a guess, or nothing, and
-    the user decides."""
+    settings: Mapping[str, object] = field(default_factory=dict)  # fields of a source file that the file tells
+    drafted: Sequence[RecordedChannel] | None = None  # those of the draft, where it has one trial of several
+    open: Sequence[str] = ()  # what the user decides, as which of its clocks counts, a sentence each
     draft_note: str = ""  # A remark that the draft has as a comment
 
 
@@ -289,7 +275,7 @@ def inspect_json(path: Path) -> Overview:
     decoded = dict.fromkeys(names, decode_lines(lines, names))
     if decoded[names[0]].misfits and len(names) <= 100:  # a line has something else than a number in one of them
         decoded = {name: decode_lines(lines, [name]) for name in names}
-    stamp, parts = next(iter(stamps_among(names).items()), ("", ("", "")))
+    stamp, parts = next(iter(logs.stamps_among(names).items()), ("", ("", "")))
     columns = []
     for name, one in decoded.items():
         numbers, total = one.values[name][one.present[name]], one.present[name].size
@@ -298,7 +284,7 @@ def inspect_json(path: Path) -> Overview:
     timing = [one for one in columns if one.name not in parts]
     clock, left_open = clock_among("fields", timing)
     channels = {one.name: one.listed("field", one.name == clock) for one in columns}
-    remarks = list(dict.fromkeys(note for one in decoded.values() for note in notes_on(lines, one)))
+    remarks = list(dict.fromkeys(note for one in decoded.values() for note in logs.notes_on(lines, one)))
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
     remarks += guesses({name: one.likely_unit for name, one in channels.items() if likely_unit(last_name(name))})
     time = time_setting("field", channels[clock] if clock else None)
@@ -306,10 +292,10 @@ def inspect_json(path: Path) -> Overview:
         time = {"field": stamp}
         try:
             of_parts = decode_lines(lines, parts)
-            table = lines_table(lines, of_parts, Loss(), np.ones(of_parts.rows.size, dtype=bool))
-            column = nanoseconds(table, parts, "field", f"name another time, or {RATE}")
+            table = logs.lines_table(lines, of_parts, Loss(), np.ones(of_parts.rows.size, dtype=bool))
+            column = logs.nanoseconds(table, parts, "field", f"name another time, or {logs.RATE}")
             there = np.ma.getdata(column)[~np.ma.getmaskarray(column)]
-            seconds = (there - there[:1].sum()) / SECOND
+            seconds = (there - there[:1].sum()) / logs.SECOND
             notes = ["a stamp of seconds and nanoseconds", gaps_text(seconds)]
             notes += [f"in {seconds.size} of {column.size} lines"] * bool(seconds.size < column.size)
             note, rate = ", ".join(filter(None, notes)), rate_of(seconds)
@@ -495,7 +481,7 @@ def inspect_messages(name: str, opened: Callable[[Path], MessageFile], path: Pat
     for survey in surveys:
         table = pl.DataFrame({"stamp": survey.log_time, "message": np.arange(survey.log_time.size)})
         try:  # what ingest will say of a channel's log times, if they go back
-            check_not_set(survey.channel.topic, table, "its log times cannot be used")
+            logs.check_not_set(survey.channel.topic, table, "its log times cannot be used")
         except InputError as error:
             remarks.append(str(error))
     described = [topic_channels(survey, remarks) for survey in surveys]
@@ -528,7 +514,7 @@ def topic_channels(survey: ChannelSurvey, remarks: list[str]) -> tuple[list[Reco
     topic, kind, units = survey.channel.topic, survey.channel.message_encoding, dict[str, str]()
     if survey.schema:
         kind, units = f"{survey.schema.name} ({kind})", ROS_UNITS.get(survey.schema.name.replace("/msg/", "/"), {})
-    count, stamps = survey.log_time.size, (survey.log_time - survey.log_time[:1].sum()) / SECOND
+    count, stamps = survey.log_time.size, (survey.log_time - survey.log_time[:1].sum()) / logs.SECOND
     rate, timing, most, channels = rate_of(stamps), gaps_text(stamps) or "empty" * (not count), 500, []
     # every message of ROS has a header, and no signal is in it
     numbers = [(path, one) for one in fields if not one.path.startswith("header.") for path in one.addresses()]

@@ -427,59 +427,40 @@ class Keys:
 OPTIONAL = (None, None)  # marks `time` and `channels` as keys that a source file may leave out
 NO_UNITS = {"channel.unit": (Unit, ...)}  # of formats that state no units
 OF_ROWS = "unit rate repeated stamps"
-MESSAGES = Keys(
-    "clock channels time largest_loss most_missing",
-    "field topic counter unit",
-    "source field stamps",
-    kinds={**NO_UNITS, "time.field": (str, "header.stamp")},
-)
+OF_TABLE = "clock channels most_missing time"
+STAMPED = {**NO_UNITS, "time.field": (str, "header.stamp")}
+MESSAGES = Keys(f"{OF_TABLE} largest_loss", "field topic counter unit", "source field stamps", kinds=STAMPED)
+DEVICES = "markers axes shared analogs outputs"
+OF_CSV = "delimiter decimal comment header units_row missing extra_cells ragged"
+OF_OPENSIM: Mapping[str, tuple[Any, Any]] = {
+    **NO_UNITS,
+    "clock": (Literal["master", "sync", "shared", "common"], "master"),
+    "channels": OPTIONAL,
+    "time": OPTIONAL,
+    "time.column": (ColumnName | None, "time"),
+    "time.unit": (TimeUnit | None, "s"),
+    "axes": (Axes, ("x", "-z", "y")),
+}
+OF_MAT = {**NO_UNITS, "channel.counter": (AddressText | None, None)}
+C3D_PLATES = {"plates": (Annotated[Literal["all"] | tuple[int, ...], Choice], "all")}
 KEYS: Mapping[str, Keys] = {
     "mcap": MESSAGES,
     "rosbag1": MESSAGES,
     "rosbag2": MESSAGES,
-    "csv": Keys(
-        "clock channels delimiter decimal comment header units_row missing most_missing extra_cells ragged time",
-        "column counter",
-        f"column {OF_ROWS}",
-    ),
-    "json_lines": Keys("clock channels most_missing time", "field counter unit", f"field {OF_ROWS}", kinds=NO_UNITS),
-    "mat": Keys(
-        "clock channels log_part most_missing time",
-        "variable counter unit",
-        f"variable {OF_ROWS}",
-        kinds={**NO_UNITS, "channel.counter": (AddressText | None, None)},
-    ),
-    "tdms": Keys(
-        "clock channels most_missing time",
-        "channel counter",
-        f"channel {OF_ROWS}",
-        kinds={"time": OPTIONAL},
-        time_in_file=True,
-    ),
+    "csv": Keys(f"{OF_TABLE} {OF_CSV}", "column counter", f"column {OF_ROWS}"),
+    "json_lines": Keys(OF_TABLE, "field counter unit", f"field {OF_ROWS}", kinds=NO_UNITS),
+    "mat": Keys(f"{OF_TABLE} log_part", "variable counter unit", f"variable {OF_ROWS}", kinds=OF_MAT),
+    "tdms": Keys(OF_TABLE, "channel counter", f"channel {OF_ROWS}", "", {"time": OPTIONAL}, time_in_file=True),
     "opensim": Keys(
-        "clock channels most_missing time plates axes",
+        f"{OF_TABLE} plates axes",
         "column counter unit",
         f"column {OF_ROWS}",
         "force point moment corners sign",
-        {
-            **NO_UNITS,
-            "clock": (Literal["master", "sync", "shared", "common"], "master"),
-            "channels": OPTIONAL,
-            "time": OPTIONAL,
-            "time.column": (ColumnName | None, "time"),
-            "time.unit": (TimeUnit | None, "s"),
-            "axes": (Axes, ("x", "-z", "y")),
-        },
+        OF_OPENSIM,
     ),
-    "c3d": Keys(
-        "markers axes shared analogs outputs counts point_unit plates plate_units plate_zero",
-        "channel",
-        kinds={"plates": (Annotated[Literal["all"] | tuple[int, ...], Choice], "all")},
-    ),
+    "c3d": Keys(f"{DEVICES} counts point_unit plates plate_units plate_zero", "channel", kinds=C3D_PLATES),
     "nexus_csv": Keys(
-        "markers axes shared analogs outputs delimiter decimal plates",
-        "device component",
-        plate="device corners moment_about sign",
+        f"{DEVICES} delimiter decimal plates", "device component", "", "device corners moment_about sign"
     ),
     "trc": Keys("markers axes shared point_unit"),
 }

@@ -18,42 +18,21 @@ REGISTRY: pint.UnitRegistry[float] = pint.UnitRegistry(cache_folder=None)
 
 # valid units that a message lists, by canonical unit
 EXAMPLES: dict[str, tuple[str, ...]] = {
-    "1": ("1", "%"),
-    "s": ("s", "ms", "us", "ns"),
-    "Hz": ("Hz", "kHz"),
-    "rad": ("rad", "mrad", "deg", "°", "rev"),
-    "rad/s": ("rad/s", "deg/s", "rpm"),
-    "m": ("m", "cm", "mm", "um"),
-    "A": ("A", "mA"),
-    "V": ("V", "mV", "uV"),
-    "N": ("N", "kN", "mN", "lbf"),
+    "1": ("1", "%"), "s": ("s", "ms", "us", "ns"), "Hz": ("Hz", "kHz"),
+    "rad": ("rad", "mrad", "deg", "°", "rev"), "rad/s": ("rad/s", "deg/s", "rpm"), "m": ("m", "cm", "mm", "um"),
+    "A": ("A", "mA"), "V": ("V", "mV", "uV"), "N": ("N", "kN", "mN", "lbf"),
     "N*m": ("N*m", "Nm", "N*cm", "N*mm", "Nmm", "mNm", "lbf*in", "lbf*ft"),
-    "N*m/rad": ("N*m/rad", "Nm/rad", "N*m/deg"),
-    "N*m*s/rad": ("N*m*s/rad", "Nms/rad", "N*m*s/deg"),
+    "N*m/rad": ("N*m/rad", "Nm/rad", "N*m/deg"), "N*m*s/rad": ("N*m*s/rad", "Nms/rad", "N*m*s/deg"),
     "N*m/kg": ("N*m/kg", "Nm/kg", "N*mm/kg"),
-}
+}  # fmt: skip
 
 # spellings that pint does not know, or reads as another unit: `Nm` as a textile count, `nt` as a nanotonne, `amps` as a
 # velocity, `rads` as a dose
 ALIASES = {
-    "Nm": "N*m",
-    "Nmm": "N*mm",
-    "Ncm": "N*cm",
-    "mNm": "mN*m",
-    "kNm": "kN*m",
-    "Nms": "N*m*s",
-    "Nmms": "N*mm*s",
-    "nt": "N",
-    "ntm": "N*m",
-    "ntmm": "N*mm",
-    "volts": "V",
-    "amps": "A",
-    "rads": "radian",
-    "°": "deg",
-    "rev": "revolution",
-    "%": "percent",
-    "1": "dimensionless",
-}
+    "Nm": "N*m", "Nmm": "N*mm", "Ncm": "N*cm", "mNm": "mN*m", "kNm": "kN*m", "Nms": "N*m*s", "Nmms": "N*mm*s",
+    "nt": "N", "ntm": "N*m", "ntmm": "N*mm", "volts": "V", "amps": "A", "rads": "radian", "°": "deg",
+    "rev": "revolution", "%": "percent", "1": "dimensionless",
+}  # fmt: skip
 # names whose case has no meaning, since they have no prefix that it could distinguish
 ANY_CASE = re.compile(
     r"(milli)?met(er|re)s?|volts?|deg(ree)?s?|rad(ian)?s?|newtons?|amp(ere)?s?|(milli|micro|nano)?seconds?|revolutions?|rpm",

@@ -100,14 +100,9 @@ def reals(content: bytes, processor: str) -> NDArray[np.float32]:
 BLOCK = 512
 MOST_FRAMES = 0xFFFF
 CONTINUATIONS = ("", *map(str, range(2, 10)))  # a parameter holds 255 values; more follow in NAME2, NAME3, ...
-ESSENTIAL = {
-    "POINT": ("USED", "LABELS"),
-    "ANALOG": ("USED", "LABELS", "SCALE", "OFFSET", "GEN_SCALE"),
-}
-"""Parameters without which points or analog samples would be read wrongly."""
-
-Counts = Literal["refuse", "header", "parameters"]
-"""Which counts of points and analog channels hold where header and parameters contradict each other."""
+# without which points or analog samples would be read wrongly
+ESSENTIAL = {"POINT": ("USED", "LABELS"), "ANALOG": ("USED", "LABELS", "SCALE", "OFFSET", "GEN_SCALE")}
+Counts = Literal["refuse", "header", "parameters"]  # which hold where header and parameters contradict each other
 
 
 class CountsError(InputError):
@@ -236,10 +231,9 @@ def with_counts(header: C3DHeader, size: int, counts: Counts) -> C3DHeader:
         "header": header,
         "parameters": replace(header, points=other["POINT"], channels=other["ANALOG"]),
     }
-    fitting = []
-    for name, one in choices.items():  # holds the frames that it declares, and at most two blocks more
-        if 0 <= size - one.data_start - one.frames * one.frame_bytes < 2 * BLOCK:
-            fitting.append(name)
+    # a file holds the frames that it declares, and at most two blocks more
+    left = {name: size - one.data_start - one.frames * one.frame_bytes for name, one in choices.items()}
+    fitting = [name for name in choices if 0 <= left[name] < 2 * BLOCK]
     group = next(group for group in stated if stated[group] != other[group])
     contradiction = f"the header counts {stated[group]}, {group}:USED is {other[group]}"
     says = f"the file's size fits {' and '.join(fitting) or 'neither'}"

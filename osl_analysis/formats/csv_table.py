@@ -19,7 +19,6 @@ from osl_analysis.trial import Array
 DELIMITERS = {"tab": "\t", "space": " "}
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # bytes that no text has
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
-MOST_CELLS = 16384  # most cells of a line, the most columns of a spreadsheet. A file with more has lost its line breaks
 TextLines = list[tuple[int, str]]  # number in the file, counted from 1, and text
 Rows = list[tuple[int, list[str]]]
 Omitting = tuple[int, list[str | None]]
@@ -54,14 +53,12 @@ def is_text(begin: bytes) -> bool:
 
 
 def delimiter_of(lines: TextLines, given: str) -> str:
-    """The delimiter that is given, or for `auto` the first of tab, `;`, `|`, `,` and blank that every line has.
-
-    The comma may be the decimal sign, the blank may stand in names: the blank is taken where no line has a comma.
-    """
+    """The delimiter that is given, or for `auto` the first of tab, `;`, `|`, `,` and blank that every line has."""
     if given != "auto":
         return DELIMITERS.get(given, given)
     sample = [text for _, text in lines if text.strip()][:50]
     everywhere = [sign for sign in "\t;|" if sample and all(sign in text for text in sample)]
+    # the comma may be the decimal sign, the blank may stand in names: it is taken where no line has a comma
     spaced = sample and not any("," in text for text in sample) and all(" " in text.strip() for text in sample)
     return everywhere[0] if everywhere else " " if spaced else ","
 
@@ -74,11 +71,6 @@ def split_rows(lines: TextLines, delimiter: str) -> Rows:
         for count, cells in enumerate(reader, start=1):
             if reader.line_num != count:
                 raise InputError(f"line {lines[count - 1][0]}: a quote is not closed; remove it")
-            if len(cells) > MOST_CELLS:
-                raise InputError(
-                    f"line {lines[count - 1][0]} has {len(cells)} cells, at most {MOST_CELLS} are read; write "
-                    "a row per sample, each on its own line"
-                )
             stripped = [cell.strip() for cell in cells]
             if any(stripped):
                 rows.append((lines[count - 1][0], stripped))

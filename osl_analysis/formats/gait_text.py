@@ -13,7 +13,6 @@ import numpy as np
 
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.csv_table import (
-    MOST_CELLS,
     Rows,
     UnreadableCellError,
     decoded_text,
@@ -243,10 +242,8 @@ def read_opensim(path: Path) -> OpenSimTable:
         header[key.strip().casefold()] = value.strip()
     if len(lines) < end + 3:
         raise InputError("holds no rows below its header; export it again, or exclude the trial")
-    (line, titles), rows = lines[end + 1], [(number, text.split()) for number, text in lines[end + 2 :]]
+    (_, titles), rows = lines[end + 1], [(number, text.split()) for number, text in lines[end + 2 :]]
     names = [name.strip() for name in titles.rstrip().split("\t")] if "\t" in titles.strip() else titles.split()
-    if len(names) > MOST_CELLS:
-        raise InputError(f"line {line} names {len(names)} columns, at most {MOST_CELLS} are read")
     for what, found in (("rows", len(rows)), ("columns", len(names))):
         keys = (f"n{what}", f"data{what}")  # of newer and older versions
         stated = next((key for key in keys if key in header), None)

@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -90,8 +91,9 @@ class MatFile:
     path: Path
     data: bytes  # its bytes, for version 5; the header alone for version 7.3
     version: str
-    classes: Mapping[str, str]
-    """The variables, in the order of the file: the class of one of version 5 that only MATLAB can read; else empty."""
+    classes: Mapping[
+        str, str
+    ]  # of the variables, in the order of the file, where only MATLAB can read them; else empty
 
     @property
     def header(self) -> str:
@@ -252,45 +254,41 @@ def holds_references(item: Any) -> bool:
 
 # --- addresses
 
-ADDRESS_STEP = re.compile(
-    r"\.?(?P<name>[A-Za-z]\w*)"
-    r"|\((?P<field>[A-Za-z]\w*)=(?P<value>[^()]*)\)"
-    r"|\((?P<number>[1-9]\d{0,8})\)|\{(?P<cell>[1-9]\d{0,8})\}"
-    r"|\(:,(?P<column>[1-9]\d{0,8})\)|\((?P<row>[1-9]\d{0,8}),:\)"
-)
+STEP = re.compile(r"\.?[A-Za-z]\w*|\{N\}|\((?:N|:,N|N,:|[A-Za-z]\w*=[^()]*)\)".replace("N", r"[1-9]\d{0,8}"))
 
 
 class Address(NamedTuple):
-    """An address, in the steps of `ADDRESS_STEP`."""
+    """An address and its steps: names, `(2)`, `{1}`, `(:,3)`, `(1,:)`, `(name=slow)`."""
 
     text: str  # as it was written
-    steps: tuple[re.Match[str], ...]
+    steps: tuple[str, ...]
 
     @property
     def variable(self) -> str:
-        return self.steps[0]["name"]
+        return self.steps[0]
 
     def below(self, part: "Address | None") -> "Address":
         """The same address within a part of the file; that itself if it begins with `/`, or without a part."""
         if part is None or self.text.startswith("/"):
             return self
-        joint = "." if self.steps[0]["name"] else ""
-        return Address(f"{part.text}{joint}{self.text}", (*part.steps, *self.steps))
+        return Address(joined(part.text, self.text), (*part.steps, *self.steps))
+
+
+def joined(place: str, step: str) -> str:
+    return f"{place}.{step}" if place and step[0] not in "({" else place + step
 
 
 def parsed(text: str, inside: bool = False) -> Address:
     """An address; `inside`: it is one within a part, which may also begin with a choice of a column, as `(:,2)`."""
-    plain, at = re.sub(r"\s*([(){}.,:=])\s*", r"\1", text.strip()).removeprefix("/"), 0
-    steps: list[re.Match[str]] = []
-    while (found := ADDRESS_STEP.match(plain, at)) and (not found["name"] or found[0].startswith(".") == (at > 0)):
-        steps.append(found)
-        at = found.end()
-    if at < len(plain) or not steps or not (steps[0]["name"] or inside):
+    plain = re.sub(r"\s*([(){}.,:=])\s*", r"\1", text.strip()).removeprefix("/")
+    steps = tuple(step.removeprefix(".") for step in STEP.findall(plain))
+    is_whole = steps and reduce(joined, steps, "") == plain
+    if not is_whole or not (inside or steps[0][0] not in "({"):
         raise InputError(
             f"'{text}' is no address in a MATLAB file; write it as in MATLAB, such as `Test.run(2).torque`, "
             "`Test.data(:,3)`, `runs{2}.torque`, or `runs(name=slow).torque`"
         )
-    return Address(text.strip(), tuple(steps))
+    return Address(text.strip(), steps)
 
 
 def checked_address(text: str, inside: bool = True) -> str:
@@ -312,15 +310,13 @@ def find(variables: Mapping[str, Value], names: Sequence[str], address: Address)
     """What stands at an address. `names` are those of all variables of the file, for messages."""
     value, place = Value("struct", elements=[variables]), ""
     for step in address.steps:
-        own = step["name"] or (f"({step['field']}={step['value'].strip()})" if step["field"] else step[0])
         below = parts_of(value)
-        if own not in below:
+        if step not in below:
             known = [*below] if place else names
-            has = f"it has {listing(known, 12)}{nearest(own, known)}" if known else value.remedy()
+            has = f"it has {listing(known, 12)}{nearest(step, known)}" if known else value.remedy()
             what = f"{place} is a {value.described()} and" if place else "the file"
-            raise InputError(f"{address.text}: {what} has no {own}; {has}")
-        value = below[own]
-        place += f".{own}" if place and step["name"] else own
+            raise InputError(f"{address.text}: {what} has no {step}; {has}")
+        value, place = below[step], joined(place, step)
     return value
 
 

@@ -35,8 +35,8 @@ MESSAGE_HEAD = MESSAGE.itemsize - RECORD.size  # within the content
 CHUNK_HEAD = struct.Struct("<QQQII")  # times of first and last message, size, checksum, length of the name
 STATISTICS = struct.Struct("<Q14xI16xI")  # messages, chunks, bytes of the map of messages by channel
 NUMBERED = range(Opcode.HEADER, Opcode.DATA_END + 1)  # higher opcodes are private or of a later version: skipped
+# beginnings of records at which reading can go on after damage
 RESUME = re.compile(rb"[\x03-\x07\x0b].{6}\0\0|\x0f\x04\0{7}|\x02\x14\0{7}", re.DOTALL)
-"""Beginnings of records at which reading can go on after damage."""
 LOOSE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)  # records within a chunk, or in a file without chunks
 
 
@@ -330,8 +330,7 @@ def read_mcap(path: Path) -> McapFile:
             f"{path}: not an MCAP file (it begins with {data[:8]!r}); check the path and the source's format"
         )
     opened = McapFile(path, len(data), data=data)
-    if data[:8] != MAGIC:
-        opened.damage.remarks.append("the magic at the beginning is damaged")
+    opened.damage.remarks += ["the magic at the beginning is damaged"] * (data[:8] != MAGIC)
     try:
         opened.scan()
     except InputError as error:

@@ -160,7 +160,7 @@ class Damage:
 
 
 def total_of(counts: Counter[int], channels: Collection[int] | None) -> int:
-    """The sum of the counts of some channels, of all if none are named."""
+    """The sum of the counts of some channels, else of all."""
     return counts.total() if channels is None else sum(counts[one] for one in channels)
 
 
@@ -338,19 +338,11 @@ def decode_topics(
     for readers in by_topic.values():
         for one in readers.values():
             one.settle(file.damage)
-    decoded = {topic: decoded_topic(file, topic, [*readers.values()]) for topic, readers in by_topic.items()}
-    for topic, paths in wanted.items():
-        for path in paths:
-            if path not in optional and not decoded[topic].present[path].any():
-                first = next(iter(by_topic[topic].values()))
-                raise InputError(
-                    f"topic '{topic}' has no field '{path}' (it has {first.names_of_fields()}); "
-                    "correct `field` in the source file, or exclude the trial if its log is not the right one"
-                )
-    return decoded
+    needed = {topic: [path for path in paths if path not in optional] for topic, paths in wanted.items()}
+    return {topic: decoded_topic(file, topic, [*by_topic[topic].values()], needed[topic]) for topic in wanted}
 
 
-def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader]) -> Decoded:
+def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader], needed: Sequence[str]) -> Decoded:
     if not file.channels_of(topic):
         topics = sorted({channel.topic for channel in file.channels.values()})
         raise InputError(
@@ -369,6 +361,11 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
     for path in first.values if others else ():
         first.values[path] = joined_numbers([one.columns.values[path] for one in used])
         first.present[path] = np.concatenate([one.columns.present[path] for one in used])
+    for path in [path for path in needed if not first.present[path].any()]:
+        raise InputError(
+            f"topic '{topic}' has no field '{path}' (it has {readers[0].names_of_fields()}); correct `field` in the "
+            "source file, or exclude the trial if its log is not the right one"
+        )
     channel = np.repeat(np.array([one.channel.id for one in used], np.uint16), [one.log_time.size for one in used])
     how = [
         {

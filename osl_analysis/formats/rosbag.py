@@ -28,8 +28,7 @@ from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFile
 BAG1 = b"#ROSBAG V2.0\n"
 ANY_BAG1 = b"#ROSBAG V"
 SQLITE = b"SQLite format 3\0"
-DESCRIPTION = "metadata.yaml"
-"""The file beside the parts of a ROS 2 bag, which lists them, with how many messages each topic should have."""
+DESCRIPTION = "metadata.yaml"  # beside the parts of a ROS 2 bag: lists them, and how many messages each topic has
 
 
 # --- ROS 1
@@ -41,8 +40,8 @@ class Bag1(MessageFile):
 
     counts: dict[int, Counter[int]] = field(default_factory=dict)  # messages by channel of the chunk at a byte
     chunks: dict[int, Any] = field(default_factory=dict)  # size, place and decompressor of the chunk at a byte
+    # place in the chunk, channel and time [ns] of each message of the chunk at a byte
     index: dict[int, list[tuple[int, int, int]]] = field(default_factory=lambda: defaultdict(list))
-    """Place in the chunk, channel and time [ns] of each message of the chunk at a byte."""
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages of every intact chunk, in the order of the file. Call it once."""
@@ -57,7 +56,7 @@ class Bag1(MessageFile):
                 lengths = numbers_at(content, bodies, np.dtype("<u4")).astype(np.int64)
                 if (bodies + 4 + lengths > len(content)).any():
                     raise ValueError(f"a message reaches beyond its {len(content)} bytes")
-            except (OSError, RuntimeError, ValueError, IndexError, EOFError, MemoryError) as error:
+            except (OSError, RuntimeError, ValueError, IndexError, EOFError) as error:
                 said = " ".join(str(error).split())[:160]
                 self.damage.lose(f"the chunk at byte {at} is damaged: {said}", size, self.counts[at], 1)
                 continue
@@ -93,6 +92,8 @@ def read_bag1(path: Path) -> Bag1:
             for one in reader.chunk_infos:
                 bag.counts[one.pos] = Counter({number_of[k]: n for k, n in one.connection_counts.items()})
             bag.chunks = {at: tuple(one) for at, one in reader.chunks.items()}
+    except MemoryError:
+        raise
     except Exception as error:  # on a damaged file the library raises whatever its parser comes across
         said = " ".join(str(error).split())[:160]
         remedy = "run `rosbag decrypt` first" if "encryption" in said else "run `rosbag reindex` on a copy"

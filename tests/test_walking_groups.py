@@ -22,7 +22,7 @@ from osl_analysis.walking.bodies import Poses
 from osl_analysis.walking.crossing import platform_turn
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.groups import label, places, selection_rows, split_keys, timings
-from osl_analysis.walking.response import fit_response, freedom_of, group_headline, joining_weights
+from osl_analysis.walking.response import fit_response, group_headline, joining_weights
 from osl_analysis.walking.tables import fitted_time
 
 NOT_ASKED = "ignore:.*(differ in|different phases):UserWarning"
@@ -59,9 +59,9 @@ def test_half_the_difference_of_directions_is_free_of_what_follows_either_turn()
 def test_directions_count_alike_however_many_crossings_each_has():
     np.testing.assert_allclose(joining_weights(np.array([1, 1, 1, -1])), [1 / 6, 1 / 6, 1 / 6, -1 / 2])
     np.testing.assert_allclose(joining_weights(np.array([1, 1, 1, 1])), 0.25)
-    assert freedom_of(np.ones(7)) == 6
-    assert freedom_of(np.array([1] * 5 + [-1] * 5)) == pytest.approx(8)  # Student's for two equal samples: 2 n - 2
-    assert 3 < freedom_of(np.array([1] * 30 + [-1] * 4)) < 4  # the few decide: 4 - 1, and a little
+    one, two = (several("p", n, MIDSTANCE, sign=sign) for n, sign in ((5, 1), (5, -1)))
+    for walks, freedom in ((one, 4), (one | {f"d{k}": walk for k, walk in two.items()}, 8)):  # Student's: 2 n - 2
+        assert headline(walks, 12, bootstrap_samples=100).resampled.degrees_of_freedom == pytest.approx(freedom)
 
 
 def test_the_bootstrap_draws_within_directions():

@@ -33,13 +33,12 @@ from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platfor
 from osl_analysis.walking.response import group_headline
 
 CURVES = ("theta", "torque", "platform")
-LOADS = ("load", "pressure_left")
-"""Columns with the vertical force [N] on the foot, and the centre of pressure to the left of the ankle [m]."""
-PLATE_ERROR = "plate_error_"  # prefix of the columns with the plate's errors
-EVENTS = ("stance", "onset", "bridged", "quality", "turn", "body_mass")
-"""What else a crossing has; its file says it in the provenance."""
+LOADS = ("load", "pressure_left")  # vertical force [N] on the foot, centre of pressure [m] to the left of the ankle
+PLATE_ERROR = "plate_error_"  # prefix of the columns with the plate's errors (m, rows) [N*m]
+PLATE_ERRORS = pl.col(f"^{PLATE_ERROR}.*$")
+EVENTS = ("stance", "onset", "bridged", "quality", "turn", "body_mass")  # in the provenance of a crossing's file
+# The step that writes each model
 WRITTEN_BY = {StaticCalibration: "calibrate", PlateModel: "identify-plate", PlatformModel: "measure-platform"}
-"""The step that writes each model."""
 Built = TypeVar("Built")
 Statics = Mapping[str, str]  # The static trial of each trial, which names the file of its calibration
 
@@ -130,15 +129,10 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     return Crossing(
         trial.name,
         **curves,
-        plate_errors=plate_error_columns(trial.samples).reshape(-1, len(trial.samples)),
+        plate_errors=trial.samples.select(PLATE_ERRORS).to_numpy().T.reshape(-1, len(trial.samples)),
         load=Load(*trial.signals(*LOADS)[1:]) if LOADS[0] in trial.samples.columns else None,
         **{name: built(types[name], trial.provenance[name]) for name in EVENTS},
     )
-
-
-def plate_error_columns(frame: pl.DataFrame) -> np.ndarray:
-    """The plate's errors (m, rows) [N*m] in a file's columns `plate_error_0`, ..."""
-    return frame.select(pl.col(f"^{PLATE_ERROR}.*$")).to_numpy().T
 
 
 def on_the_walkway(table: pl.DataFrame, places: Places | None, by: str = "trial") -> pl.DataFrame:
@@ -158,7 +152,7 @@ def read_unperturbed_gaits(path: Path) -> dict[str, UnperturbedGait]:
             names = frame["trial"].unique(maintain_order=True).to_list()
             columns = (frame[c].to_numpy().reshape(len(names), -1) for c in ("theta", "torque", "stance_s"))
             theta, torque, stance = columns
-            errors = plate_error_columns(frame).reshape(-1, *theta.shape)
+            errors = frame.select(PLATE_ERRORS).to_numpy().T.reshape(-1, *theta.shape)
             gaits[str(frame["gait"][0])] = UnperturbedGait(tuple(names), theta, torque, stance[:, 0], errors)
     except (pl.exceptions.PolarsError, OSError) as error:
         said = str(error).splitlines()[0]
@@ -221,8 +215,9 @@ def identify_plate(
     else:
         model = identify_plate_model(*calibrated_trials(trials, calibrations, statics), settings)
     write_model(model, output)
-    table = plate_table(model).fill_nan(None)
-    write_table(table.with_columns(plate_inertia=pl.lit(settings.plate_inertia)), comparison)
+    write_table(
+        plate_table(model).fill_nan(None).with_columns(plate_inertia=pl.lit(settings.plate_inertia)), comparison
+    )
 
 
 def measure_platform(
@@ -234,9 +229,8 @@ def measure_platform(
     comparison: Path,
     places: Places | None = None,
 ) -> None:
-    """The motion that the platform's perturbations share, from the perturbed crossings, to a JSON file. The table
-    `comparison` shows when each crossing's perturbation starts, and whether it follows the shared motion; `places` has
-    joint and side of each."""
+    """The motion that the platform's perturbations share, to a JSON file. The table `comparison` shows when each
+    crossing's perturbation starts, and whether it follows the shared motion; `places` has joint and side of each."""
     model = identify_platform(*calibrated_trials(trials, calibrations, statics), settings)
     write_model(model, output)
     write_table(on_the_walkway(platform_table(model), places), comparison)
@@ -253,9 +247,9 @@ def analyse(
     body_mass_kg: float | None = None,
     platform: Path | None = None,
 ) -> None:
-    """Angle and torque of one crossing, with its events, to a Parquet file. `perturbed`, `direction` and `body_mass_kg`
-    are entries of the sheet. Without the file `platform`, the crossing has its own motion and onset of the platform.
-    The file of a crossing that cannot be analysed has the reason instead of samples, and a warning states it."""
+    """Angle and torque of one crossing, with its events, to a Parquet file, or there, with a warning, why there are
+    none. `perturbed`, `direction` and `body_mass_kg` are the sheet's. Without `platform` it has its own motion and
+    onset."""
     static, model, walked = read_model(calibration, StaticCalibration), read_model(plate, PlateModel), read_trial(trial)
     shared = ALONE if platform is None else read_model(platform, PlatformModel)
     try:
@@ -275,7 +269,7 @@ def analyse(
         write_crossing(crossing, output)
 
 
-FEWEST_PERTURBED = 2  # Fewest perturbations of a result
+TOO_FEW = "perturbations can be used, expected 2 or more for a scatter; see the reasons in"
 NO_GAIT = (
     "no mean unperturbed gait under the same conditions: fewer unperturbed crossings than fewest_unperturbed are used; "
     "record more, or leave the condition empty in the sheet where unperturbed crossings serve every value"
@@ -289,18 +283,15 @@ def group_result(
     gait: UnperturbedGait | None,
     settings: choices.EnsembleSettings,
 ) -> tuple[list[dict[str, Any]], dict[str, Any], pl.DataFrame | None]:
-    """Rows of `walking_summary.csv` of a group, its row of `walking_groups.csv`, and its responses; without a result,
+    """Rows of `walking_summary.csv` of a group, its row of `walking_groups.csv`, and its responses. Without a result:
     rows with the reason, None, and a warning. `own` are its rows of `walking.csv`."""
     known = {"group": group.name}
     fact: dict[str, Any] = tables.group_row(group, gait, settings.window_s) | {"fitted_phase": None, "reason": None}
     try:
         if gait is None:
             raise InputError(NO_GAIT)
-        if len(own) < FEWEST_PERTURBED:
-            raise InputError(
-                f"{len(own)} perturbations can be used, expected {FEWEST_PERTURBED} or more for a scatter; see the "
-                "reasons in walking_excluded.csv, or record more"
-            )
+        if len(own) < 2:
+            raise InputError(f"{len(own)} {TOO_FEW} walking_excluded.csv, or record more")
         headline = group_headline([read_crossing(files[trial]) for trial in own["trial"]], gait, settings)
     except OslAnalysisError as error:
         warnings.warn(f"no result of {group.name}: {error}", stacklevel=2)
@@ -322,13 +313,12 @@ def select_crossings(
     sheet: Mapping[str, Mapping[str, Any]] | None = None,
     places: Places | None = None,
 ) -> None:
-    """One row per crossing, in the order of the files: its quality, its group and, if it is excluded, the reason.
-    `sheet` has the conditions of every crossing of the campaign, `places` joint and side of each. A warning says by
-    which conditions results are split although the configuration does not ask for it."""
+    """One row per crossing, in the order of the files: quality, group and, if it is excluded, the reason; joint and
+    side from `places`. A warning names the conditions of the `sheet` that split results although nobody asked for
+    it."""
     read = [read_crossing_file(path) for path in crossings]
-    analysed = [c for c in read if isinstance(c, Crossing)]
     refused = [c for c in read if isinstance(c, RefusedCrossing)]
-    rows = selection_rows(analysed, refused, settings, sheet)
+    rows = selection_rows([c for c in read if isinstance(c, Crossing)], refused, settings, sheet)
     table = pl.DataFrame([rows[path.stem] for path in crossings], infer_schema_length=None)
     sheet = sheet or {}
     said = [
@@ -385,23 +375,20 @@ def average_unperturbed(
 def fit_perturbation(
     crossing: Path, selection: Path, unperturbed: Path, settings: choices.ResponseSettings, output: Path
 ) -> None:
-    """Fit Eq. 15 to the isolated response of one perturbed crossing: one row of `walking.csv`. A crossing that is
-    excluded, or whose response cannot be fitted, has a row with the reason and no numbers."""
+    """The row of `walking.csv` of one perturbed crossing: Eq. 15, or the reason why it is excluded or has no fit."""
     gaits, columns = read_unperturbed_gaits(unperturbed), ("reason", "gait", "group", "direction")
     rows = read_table(selection, ["trial", *columns]).filter(pl.col("trial") == crossing.stem)
     place = dict.fromkeys(columns) if rows.is_empty() else rows.select(columns).row(0, named=True)
-    reason, gait = place["reason"], gaits.get(place["gait"] or ALL)
-    row: dict[str, object] = {}
-    if reason is None and gait is None:
-        reason = NO_GAIT
+    gait = gaits.get(place["gait"] or ALL)
+    reason = place["reason"] or (NO_GAIT if gait is None else None)
+    # a campaign in which no perturbation can be used keeps its other results
+    row: dict[str, object] = dict.fromkeys(tables.SUMMARISED)
     if reason is None and gait is not None:
         try:
             row = tables.perturbation_row(read_crossing(crossing), gait, settings)
         except OslAnalysisError as error:
             reason = str(error)
     known = {"trial": crossing.stem, "group": place["group"], "direction": place["direction"]}
-    # a campaign in which no perturbation can be used keeps its other results
-    row = row or dict.fromkeys(tables.SUMMARISED)
     write_table(pl.DataFrame([known | row | {EXCLUDED: reason}]), output)
 
 
@@ -430,11 +417,8 @@ def summarise_perturbations(
     left = left.select("trial", "perturbed", pl.coalesce("reason", EXCLUDED).alias("reason")).drop_nulls("reason")
     write_table(on_the_walkway(left, places), excluded)
     fitted = fits.filter(pl.col(EXCLUDED).is_null())
-    if len(fitted) < FEWEST_PERTURBED:
-        raise InputError(
-            f"{table}: {len(fitted)} of {len(fits)} perturbations can be used, expected {FEWEST_PERTURBED} or more for "
-            f"a scatter; see the reasons in {excluded.name}, or record more"
-        )
+    if len(fitted) < 2:
+        raise InputError(f"{table}: {len(fitted)} of {len(fits)} {TOO_FEW} {excluded.name}, or record more")
     gaits, files = read_unperturbed_gaits(unperturbed), {path.stem: path for path in crossings}
     sides, results = {}, []
     for group in tables.groups_of(chosen, sheet):
@@ -468,18 +452,15 @@ def selected_crossings(crossings: Sequence[Path], selection: Path) -> list[Cross
 def compare_ankle_moment(
     trial: Trial, settings: choices.OvergroundAnalysis, condition: Mapping[str, float | None] | None = None
 ) -> Mapping[str, pl.DataFrame]:
-    """One row per stance and plate of a trial: our ankle moment and the laboratory's. `condition` has the sheet's body
-    mass [kg] under `body_mass_kg`, if it states one."""
-    mass = (condition or {}).get("body_mass_kg")
-    return {"ankle_moment": pl.DataFrame(overground_rows(trial, settings, mass))}
+    """Our ankle moment and the laboratory's, per stance and plate; `condition` may state the sheet's `body_mass_kg`."""
+    return {"ankle_moment": pl.DataFrame(overground_rows(trial, settings, (condition or {}).get("body_mass_kg")))}
 
 
 def tabulate_over_stance(
     summary: Path, groups: Path, output: Path, stance_share: float, trajectory: Sequence[Path] = (), data: str = ""
 ) -> None:
-    """K, B and I of every group at the phase of stance that its fit reads, with interval and commanded value.
-    `trajectory` has the file of the commanded impedance over the gait cycle, if there is one; stance is the first
-    `stance_share` of it."""
+    """K, B and I of every group at the phase of stance that its fit reads, with interval and commanded value, from the
+    file of a `trajectory` over the gait cycle, if there is one; stance is the first `stance_share` of it."""
     needed = ("group", "quantity", "estimator", "n", "mean", "se", "low", "high", "commanded")
     table = tables.impedance_over_stance(read_table(summary, needed), read_table(groups, tables.FACTS))
     for curves in commanded_over_stance(trajectory, data, stance_share):
@@ -490,9 +471,9 @@ def tabulate_over_stance(
 def commanded_over_stance(
     trajectory: Sequence[Path], data: str, stance_share: float
 ) -> Iterator[tuple[Array, Array, Array]]:
-    """Phases of stance (n,) and the commanded K_d [N*m/rad] and B_d [N*m*s/rad] there, of each trajectory that the leg
-    was commanded; `data` are `simulated` or `measured`. A synthetic trajectory is made for the simulated leg: no
-    measured one was commanded it."""
+    """Phases of stance (n,), K_d [N*m/rad] and B_d [N*m*s/rad] of each trajectory that the leg was commanded; `data`
+    are `simulated` or `measured`: a synthetic trajectory is made for the simulated leg, no measured one was commanded
+    it."""
     phases = np.linspace(0, 1, 101)
     for path in trajectory:
         desired = read_impedance_trajectory(path)

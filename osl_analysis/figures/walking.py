@@ -26,8 +26,7 @@ AXIS_LABELS = {
     "B": r"Damping $\hat{B}$ (N·m·s/rad)",
     "I": r"Inertia $\hat{I}$ (kg·m$^2$)",
 }
-PER_PERTURBATION, BY_ENSEMBLE = "mean of perturbations", "ensemble"
-"""Estimators whose mean and scatter, and whose interval, are drawn."""
+PER_PERTURBATION, BY_ENSEMBLE = "mean of perturbations", "ensemble"  # estimators of mean and scatter, of interval
 LEGEND = ("One perturbation", "Mean ± SD", "Fit of mean response, 95 %", "Commanded")
 FROM_MIDDLE, MEAN_AT, ENSEMBLE_AT, GROUP_WIDTH = 0.32, 0.55, 0.85, 1.8
 """Distances on the axis: of single estimates from their middle, of the mean and of the ensemble's estimate from there,
@@ -116,8 +115,7 @@ def draw_fig9(table: pl.DataFrame) -> Figure:
 
 
 def draw_group(ax: Axes, at: float, row: dict[str, Any]) -> None:
-    """Mean and SD of one group, the fit to its mean response with its interval, and the commanded value, as far as they
-    are known. The interval's bounds are percentiles: the estimate may lie outside."""
+    """Mean and SD of one group, the fit to its mean response with its interval (percentiles), and the command."""
     if row["commanded"] is not None:
         ends = [at - FROM_MIDDLE - 0.1, at + ENSEMBLE_AT + 0.15]
         look: dict[str, Any] = {"color": style.BLACK, "linestyle": style.DASHED, "linewidth": 0.8, "zorder": 0}
@@ -272,8 +270,7 @@ def walking_page_caption(table: pl.DataFrame) -> str:
     return " ".join([*said, doubtful_said(fits, "dotted")])
 
 
-SERIES_LOOKS = ((style.PURPLE, "o"), (style.ORANGE, "D"), ("#3F8FBF", "s"), ("#6B3A0A", "^"))
-"""Colours and markers of the series."""
+SERIES_LOOKS = ((style.PURPLE, "o"), (style.ORANGE, "D"), ("#3F8FBF", "s"), ("#6B3A0A", "^"))  # colours and markers
 COMMANDED_SERIES = "commanded"  # series of the curve that the controller commands; all other series are estimates
 
 

@@ -167,8 +167,7 @@ class BodyMotion:
 
 
 def body_motion(time: Array, poses: Poses, point: Array) -> BodyMotion:
-    """Motion at times (n,) [s] of a body, low-passed and without NaN, and of its point that rests at `point` (3,) [m].
-    Angular velocity is the axial vector of (dR/dt) R^T."""
+    """Motion at times (n,) [s] of a low-passed body without NaN, and of its point that rests at `point` (3,) [m]."""
     turning = differentiate(time, poses.rotation.reshape(-1, 9)).omega.reshape(-1, 3, 3)
     omega = 0.5 * axial_vector(np.einsum("nij,nkj->nik", turning, poses.rotation))
     path = differentiate(time, poses.point(point))
@@ -196,8 +195,7 @@ class StaticCalibration:
     ankle_axis: Array  # unit vector (3,) to the subject's left, the same for foot and shank
 
 
-Calibrations = StaticCalibration | Mapping[str, StaticCalibration]
-"""One calibration of all trials, or that of each trial by its name."""
+Calibrations = StaticCalibration | Mapping[str, StaticCalibration]  # One of all trials, or of each by its name
 
 
 def calibration_of(calibrations: Calibrations, trial: str) -> StaticCalibration:
@@ -248,9 +246,9 @@ def ankle_angle(foot: Poses, shank: Poses, axis: Array) -> Array:
 
 
 def moment_of_foot(foot: BodyMotion, ankle: Array, axis: Array, mass: float, inertia: float) -> Array:
-    """Torque (n,) [N*m] of weight and inertia of all that moves with the foot: axis . ((c - a) x m (acceleration - g))
-    + I alpha . axis, with its centre of mass c, the point of `foot`, the ankle a, and I [kg*m^2] about the axis through
-    c."""
+    """Torque (n,) [N*m] of weight and inertia of what moves with the foot: axis . ((c - a) x m (acceleration - g)) +
+    I alpha . axis, with its centre of mass c, the point of `foot`, the ankle a, and I [kg*m^2] about the axis
+    through c."""
     lever = np.cross(foot.point - ankle, mass * (foot.acceleration - FREE_FALL))
     return np.asarray(np.sum(axis * (lever + inertia * foot.alpha), axis=1))
 

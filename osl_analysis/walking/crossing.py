@@ -95,9 +95,8 @@ def analyse_crossing(
     settings: CrossingSettings,
     shared: PlatformModel = ALONE,
 ) -> Crossing:
-    """Angle and torque of a crossing, from markers and wrench through the same low-pass at the same rate. `perturbed`
-    comes from the sheet and is checked against the platform's motion. `shared` is what the platform's motions share;
-    without it each crossing has its own motion and onset. Refused with the trial's name."""
+    """Angle and torque of a crossing, through one low-pass at one rate; refused with the trial's name. `perturbed` is
+    the sheet's. `shared` is what the platform's motions share; without it a crossing has its own motion and onset."""
     try:
         return crossing_from_trial(trial, calibration, unloaded, perturbed, settings, shared)
     except InputError as error:
@@ -211,14 +210,24 @@ def onset_of(
     settings: CrossingSettings,
     shared: PlatformModel,
 ) -> float | None:
-    """Onset [s] of the perturbation; None without one. Refused where it contradicts the sheet, where its baseline or
-    window leaves the stance, or by the plate's type and hidden markers."""
+    """Onset [s] of the perturbation, None without one; refused where sheet, stance, plate or markers forbid it."""
     turned = platform.rotation_from_rest(poses["platform"])
     onset = platform.find_onset(time, turned, float(np.deg2rad(settings.perturbation_deg)))
-    if onset is None:
-        check_translation(time, poses["platform"], stance, 1e-3 * settings.largest_shift_mm)
-    else:
+    seen, centre = poses["platform"].seen(), poses["platform"].position
+    inside = seen & (time >= stance.heel_strike) & (time <= stance.toe_off)
+    if onset is not None:
         onset = shared.onset(trial.name, onset)
+    elif inside.any():  # by how much it moved from its mean place just before, or, hidden there, at its start
+        before = seen & (time >= stance.heel_strike - 0.1) & (time < stance.heel_strike)
+        rest = centre[before].mean(axis=0) if before.any() else centre[inside][0]
+        shift = 1e3 * float(np.linalg.norm(centre[inside] - rest, axis=1).max())
+        if shift > settings.largest_shift_mm:
+            raise InputError(
+                f"the platform shifts by {shift:.0f} mm in stance without a turn, expected "
+                f"{settings.largest_shift_mm:g} mm or less: a translation is neither an unperturbed crossing nor a "
+                "turn of the ankle, and is not analysed; give the trial the experiment ingest_only, or correct "
+                "largest_shift_mm"
+            )
     if (onset is not None) != perturbed:
         motion = "does not turn" if onset is None else f"turns at {onset:.3f} s"
         raise InputError(
@@ -237,9 +246,9 @@ def onset_of(
             "exclude the trial"
         )
     plate.check_type_on_platform(trial, settings.plate)
-    inside = (time >= onset) & (time <= last)
+    window = (time >= onset) & (time <= last)
     for name in ("foot", "platform"):  # The shank carries the body and moves as in any stance
-        gap, longest = longest_run(poses[name].bridged & inside), settings.longest_fitted_gap_s
+        gap, longest = longest_run(poses[name].bridged & window), settings.longest_fitted_gap_s
         if bodies.gap_duration(time, gap) > longest:
             hidden = (gap.stop - gap.start) * (time[1] - time[0])
             raise InputError(
@@ -306,27 +315,8 @@ def check_side(phase: Array, shank_from_ankle: Array, axis: Array, torque: Array
         )
 
 
-def check_translation(time: Array, moved: Poses, stance: Stance, largest: float) -> None:
-    """Refuse a platform that does not turn, but shifts by more than `largest` [m] in stance, from its mean place just
-    before, or, hidden there, at its start: it is no unperturbed crossing, and the ankle turns late and little."""
-    seen, centre = moved.seen(), moved.position
-    inside = seen & (time >= stance.heel_strike) & (time <= stance.toe_off)
-    if not inside.any():
-        return
-    before = seen & (time >= stance.heel_strike - 0.1) & (time < stance.heel_strike)
-    rest = centre[before].mean(axis=0) if before.any() else centre[inside][0]
-    shift = float(np.linalg.norm(centre[inside] - rest, axis=1).max())
-    if shift > largest:
-        raise InputError(
-            f"the platform shifts by {1e3 * shift:.0f} mm in stance without a turn, expected {1e3 * largest:g} mm or "
-            "less: a translation is neither an unperturbed crossing nor a turn of the ankle, and is not analysed; give "
-            "the trial the experiment ingest_only, or correct largest_shift_mm"
-        )
-
-
 def platform_turn(time: Array, turned: Poses, axis: Array, window: tuple[float, float]) -> float:
-    """Largest turn [rad] of the platform about the ankle's axis (n, 3), toes up positive, within a `window` [s], from
-    the last of its n poses before it: where it stood in the static trial does not matter."""
+    """Largest turn [rad] of the platform about the ankle's axis (n, 3), toes up positive, within a `window` [s]."""
     start = max(int(np.searchsorted(time, window[0])) - 1, 0)
     rows = slice(start, int(np.searchsorted(time, window[1], side="right")))
     since = turned.rotation[rows] @ turned.rotation[start].T
@@ -364,8 +354,7 @@ def encoder_check(trial: Trial, time: Array, theta: Array, low_pass: LowPass) ->
 
 
 def body_mass(trial: Trial, sheet: float | None, configured: float | None = None) -> float | None:
-    """Body mass [kg] of a trial: the sheet's, else the recording's, else the campaign's configured one; None without
-    any. A recording that states 0 states none."""
+    """Body mass [kg] of a trial: the sheet's, else the recording's if not 0, else the configured one, else None."""
     recorded = trial.provenance.get("mocap", {}).get("body_mass_kg") or None
     if sheet and recorded and abs(sheet / recorded - 1) > 0.1:  # clothes, shoes and leg weigh something
         raise InputError(

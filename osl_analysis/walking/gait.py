@@ -125,7 +125,6 @@ def matched_scales(phase: Array, curves: Array, mean: Array) -> Array:
 
 
 BEFORE_ONSET_S = 0.03  # Time [s] before the onset at which the matching ends: the filter spreads the response into it
-FEWEST_PHASES = 20  # Fewest of the `PHASES` before the onset from which a pace is read: 5 % of stance
 
 
 @dataclass(frozen=True)
@@ -138,8 +137,6 @@ class AlignedGait:
 
     def curves(self, unperturbed: Array, phase: Array) -> Array:
         """The unperturbed curves (crossings, `PHASES`) at phases (k,) of the mean gait: (crossings, k)."""
-        if (self.scales == 1).all():
-            return at_phases(unperturbed, phase)
         own = np.clip(phase / self.scales[:, None], 0.0, 1.0)
         return np.array([at_phases(curve, there) for curve, there in zip(unperturbed, own, strict=True)])
 
@@ -150,7 +147,7 @@ def aligned_gait(crossing: Crossing, gait: UnperturbedGait, source: StanceSource
     onset, scale, others = crossing.onset, np.nan, np.full(len(gait.names), np.nan)
     last = crossing.stance.toe_off if onset is None else onset
     phase = PHASES[(last - BEFORE_ONSET_S - crossing.stance.heel_strike) / own >= PHASES]
-    if len(phase) >= FEWEST_PHASES:  # from heel strike to before the onset
+    if len(phase) >= 20:  # from heel strike to before the onset: 5 % of stance, from which a pace can be read
         theta = signal_at(crossing, crossing.theta, stance_times(crossing, phase))
         both = np.vstack([theta, gait.theta[:, : len(phase)]])[:, ::4]  # a low-pass of 20 Hz leaves no more
         found = matched_scales(phase[::4], both, gait.theta.mean(axis=0))

@@ -1,6 +1,6 @@
 """Which crossings are used, and with which result: conditions of the sheet, comparison with the others, groups."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError, listing
 from osl_analysis.measured import check_finite
 from osl_analysis.trial import Array
-from osl_analysis.walking.bodies import Mask
+from osl_analysis.walking.bodies import FREE_FALL, Mask
 from osl_analysis.walking.crossing import DOWN, UP, Crossing, RefusedCrossing
 from osl_analysis.walking.gait import PHASES, signal_at, stance_times
 from osl_analysis.walking.plate import SINGLE_SUPPORT
 from osl_analysis.walking.settings import GroupSettings, OutlierRule, SelectionSettings
 
+# Columns of the sheet that can split results. Each value has a mean unperturbed gait of its own.
 STATED = ("group", "subject", "session", "side", "speed", "K_d", "B_d")
-"""Columns of the sheet that can split results. Each value has a mean unperturbed gait of its own."""
 IS_PERTURBED = "perturbed"
 ALL = "all"  # Name of the group and of the gait of a campaign that is not split
 
@@ -54,7 +54,7 @@ def split_keys(sheet: Sheet, settings: GroupSettings) -> list[str]:
 def cells_said(values: Collection[object]) -> str:
     """Values in order, for a message; without None."""
     numbers = sorted(value for value in values if isinstance(value, int | float))
-    words = sorted(str(value) for value in values if value is not None and not isinstance(value, int | float))
+    words = sorted(value for value in values if isinstance(value, str))
     return ", ".join([*map(shown, numbers), *words])
 
 
@@ -67,13 +67,6 @@ def label(parts: Mapping[str, object]) -> str:
     """Name of a group or gait from its conditions, such as `K_d 200, timing 41 %`; `ALL` without any."""
     named = (shown(value) if key == "group" else f"{key} {shown(value)}" for key, value in parts.items())
     return ", ".join(named) or ALL
-
-
-def pooled_over(names: Iterable[str], sheet: Sheet) -> str:
-    """Conditions in which the crossings of one group differ, as text; empty if in none."""
-    members = list(names)
-    values = {key: {sheet[name].get(key) for name in members} - {None} for key in STATED}
-    return "; ".join(f"{key} {cells_said(some)}" for key, some in values.items() if len(some) > 1)
 
 
 def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
@@ -98,20 +91,14 @@ def static_of(trial: str, cells: Cells, statics: Mapping[str, Cells]) -> str:
         return best[0]
     said = ", ".join(f"{key} {shown(value)}" for key, value in stated.items())
     whose = f"trial '{trial}'" + (f" ({said})" if said else ", which states no subject, session or side")
-    if not best:
-        raise InputError(
-            f"{whose}: no static trial of the same conditions, the sheet has {listing(list(statics))}; "
-            "record one, or name one in the column static"
-        )
-    raise InputError(
-        f"{whose}: {len(best)} static trials could be its own ({listing(best)}); name one in the column "
-        "static, or state subject, session or side of all of them"
-    )
+    none = f"no static trial of the same conditions, the sheet has {listing(list(statics))}; record one, or name one in"
+    several = f"{len(best)} static trials could be its own ({listing(best)}); name one in"
+    more = ", or state subject, session or side of all of them" if best else ""
+    raise InputError(f"{whose}: {several if best else none} the column static{more}")
 
 
 def side_of(static: str, cells: Cells, served: Mapping[str, Cells], otherwise: str) -> str:
-    """Side of the leg that a static trial calibrates: of its own row, else of the trials that it serves, else
-    `otherwise`."""
+    """Side of the leg that a static trial calibrates: of its own row, of the trials that it serves, or `otherwise`."""
     sides = {row["side"]: name for name, row in served.items() if row.get("side") is not None}
     own = cells.get("side")
     wrong = [(side, name) for side, name in sides.items() if own is not None and side != own]
@@ -124,9 +111,8 @@ def side_of(static: str, cells: Cells, served: Mapping[str, Cells], otherwise: s
     return str(own or next(iter(sides), otherwise))
 
 
-ANGLE_BEFORE, TORQUE_BEFORE = "angle before the onset", "torque before the onset"
+ANGLE_BEFORE, TORQUE_BEFORE = "angle before the onset", "torque before the onset"  # features that have a column
 LOAD_BEFORE, PRESSURE = "load before the onset", "pressure beside the ankle"
-"""Names of the features that have a column."""
 
 
 @dataclass(frozen=True)
@@ -275,9 +261,23 @@ def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
     whose SD is still above `scatter` is cut into equal bins."""
     check_finite("the phase of an onset", phases)
     numbers, count = np.empty(len(phases), dtype=np.intp), 0
-    for rows in parted(phases, np.argsort(phases, kind="stable"), scatter):
+
+    def wide(rows: NDArray[np.intp]) -> bool:
+        return len(rows) > 1 and float(np.std(phases[rows], ddof=1)) > scatter
+
+    def parted(order: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+        """Parts between the largest gaps above 0.03 of stance. If their SD is that of one timing, a gap needs three
+        phases on either side: one timing with an SD of 0.02 has such a gap in about one campaign in a hundred."""
+        least = 1 if wide(order) else 3
+        gaps = np.diff(phases[order])[least - 1 : max(len(order) - least, 0)]
+        if not len(gaps) or gaps.max() <= 0.03:
+            return [order]
+        cut = int(np.argmax(gaps)) + least
+        return [*parted(order[:cut]), *parted(order[cut:])]
+
+    for rows in parted(np.argsort(phases, kind="stable")):
         bins = np.zeros(len(rows), dtype=np.intp)
-        if wide(phases[rows], scatter):
+        if wide(rows):
             low, span = phases[rows].min(), np.ptp(phases[rows])
             most = int(np.ceil(span / (2 * scatter)))
             raw = np.minimum(((phases[rows] - low) / span * most).astype(int), most - 1)
@@ -285,23 +285,6 @@ def timings(phases: Array, scatter: float) -> NDArray[np.intp]:
         numbers[rows] = count + bins
         count += int(bins.max(initial=-1)) + 1
     return numbers
-
-
-def parted(phases: Array, order: NDArray[np.intp], scatter: float) -> list[NDArray[np.intp]]:
-    """The parts of phases (n,), by their indices in `order` (k,), between the largest gaps above 0.03 of stance. If
-    their SD is that of one timing, a gap needs three phases on either side: one timing with an SD of 0.02 has such a
-    gap in about one campaign in a hundred."""
-    least = 1 if wide(phases[order], scatter) else 3
-    gaps = np.diff(phases[order])[least - 1 : max(len(order) - least, 0)]
-    if not len(gaps) or gaps.max() <= 0.03:
-        return [order]
-    cut = int(np.argmax(gaps)) + least
-    return [part for half in (order[:cut], order[cut:]) for part in parted(phases, half, scatter)]
-
-
-def wide(phases: Array, scatter: float) -> bool:
-    """Whether onset phases (n,) scatter by more than one timing does."""
-    return len(phases) > 1 and float(np.std(phases, ddof=1)) > scatter
 
 
 SEPARATOR = "; "  # Between the names of gaits in one cell; no name has a semicolon
@@ -324,22 +307,9 @@ def selection_rows(
         alike.setdefault(tuple(sheet[c.name].get(key) for key in keys), []).append(c)
     rows: dict[str, dict[str, object]] = {}
     for some in alike.values():
-        rule = settings.outliers
-        features = crossing_features(some, settings, rule) if rule else []
+        features = crossing_features(some, settings, settings.outliers) if settings.outliers else []
         for k, c in enumerate(some):
-            share = None  # of the weight; where the mass is known
-            if c.load is not None and c.body_mass is not None:
-                share = c.load.of_weight(c.stance.phase(c.time), c.body_mass)
-            reason, f = load_reason(c, share, settings), max(features, key=lambda f: float(f.distance[k]), default=None)
-            if not reason and rule and f is not None and f.distance[k] > rule.limit:
-                reason = (
-                    f"{f.name} {f.values[k]:.3g} {f.unit} lies {f.distance[k]:.1f} scatters of {f.scatter:.2g} "
-                    f"{f.unit} from the median {f.median[k]:.3g} {f.unit}, more than {rule.limit:g}"
-                )
-                if c.bridged >= 0.05:
-                    remedy = "fill the gaps in Nexus, or lower longest_gap_s"
-                    reason += f" (markers were hidden for {c.bridged:.0%} of it: {remedy})"
-            rows[c.name] = crossing_row(c, k, features, share, reason or None)
+            rows[c.name] = crossing_row(c, k, features, settings)
     used = [c for c in crossings if rows[c.name]["reason"] is None]
     for r in refused:
         rows[r.name] = {"trial": r.name, "perturbed": r.perturbed, "status": "refused", "reason": r.reason}
@@ -347,30 +317,40 @@ def selection_rows(
     return {name: row | found[name] for name, row in rows.items()}
 
 
-def load_reason(crossing: Crossing, share: float | None, settings: SelectionSettings) -> str:
-    """Why a crossing is excluded whatever the others are: its `share` of the weight, or a foot beside the plate."""
-    low, high = settings.load_of_weight
+def crossing_row(
+    crossing: Crossing, index: int, features: Sequence[Feature], settings: SelectionSettings
+) -> dict[str, object]:
+    """One row of `walking_crossings.csv`: angles in deg, residuals in mm, the encoder's delay in ms. A crossing is
+    excluded for its load or its foot's place, whatever the others are, or as an outlier among them."""
+    quality, encoder = crossing.quality, crossing.quality.encoder
+    values = {f.name: float(f.values[index]) for f in features}
+    share, reason, (low, high) = None, None, settings.load_of_weight
+    if crossing.load is not None and crossing.body_mass is not None:
+        phase = crossing.stance.phase(crossing.time)
+        middle = crossing.load.force[(phase >= SINGLE_SUPPORT[0]) & (phase <= SINGLE_SUPPORT[1])]
+        share = float(middle.mean() / (crossing.body_mass * np.linalg.norm(FREE_FALL)))
+    furthest = max(features, key=lambda f: float(f.distance[index]), default=None)
     if share is not None and not low <= share <= high:
-        return (
+        reason = (
             f"the plate carries {share:.2f} of the weight of {crossing.body_mass:g} kg in single support, expected "
             f"{low:g} to {high:g}: another foot stands on or beside the plate, somebody leans on a rail, or the body "
             "mass is wrong"
         )
-    outside, most = crossing.quality.outside, settings.largest_outside_m
-    if outside > most:
-        return (
-            f"a foot marker lies {100 * outside:.1f} cm outside the plate while the foot is flat, expected "
-            f"{100 * most:g} cm or less: the foot stands beside the plate, or its corners are wrong"
+    elif quality.outside > settings.largest_outside_m:
+        reason = (
+            f"a foot marker lies {100 * quality.outside:.1f} cm outside the plate while the foot is flat, expected "
+            f"{100 * settings.largest_outside_m:g} cm or less: the foot stands beside the plate, or its corners are "
+            "wrong"
         )
-    return ""
-
-
-def crossing_row(
-    crossing: Crossing, index: int, features: Sequence[Feature], share: float | None, reason: str | None
-) -> dict[str, object]:
-    """One row of `walking_crossings.csv`: angles in deg, residuals in mm, the encoder's delay in ms."""
-    quality, encoder = crossing.quality, crossing.quality.encoder
-    values = {f.name: float(f.values[index]) for f in features}
+    elif furthest and settings.outliers and (distance := furthest.distance[index]) > settings.outliers.limit:
+        unit, value, median = furthest.unit, furthest.values[index], furthest.median[index]
+        reason = (
+            f"{furthest.name} {value:.3g} {unit} lies {distance:.1f} scatters of {furthest.scatter:.2g} {unit} from "
+            f"the median {median:.3g} {unit}, more than {settings.outliers.limit:g}"
+        )
+        if crossing.bridged >= 0.05:
+            remedy = "fill the gaps in Nexus, or lower longest_gap_s"
+            reason += f" (markers were hidden for {crossing.bridged:.0%} of it: {remedy})"
     return {
         "trial": crossing.name,
         "perturbed": crossing.onset is not None,
@@ -386,7 +366,7 @@ def crossing_row(
         "pressure_deviation_m": values.get(PRESSURE),
         "load_of_weight": share,
         "foot_outside_m": quality.outside,
-        "furthest_scatters": max((float(f.distance[index]) for f in features), default=None),
+        "furthest_scatters": furthest and float(furthest.distance[index]),
         "bridged": crossing.bridged,
         **{f"{name}_residual_mm": 1e3 * size for name, size in quality.residuals.items()},
         "plate_zero_N": quality.zero,

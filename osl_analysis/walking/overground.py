@@ -56,8 +56,7 @@ def overground_rows(
 
 
 def rows_on_plate(trial: Trial, side: Side, plate: int, mass: float, load: float) -> Iterator[dict[str, object]]:
-    """The stances of one foot on one plate. Frames count while the plate carries more than `load` [N]. `slope` is that
-    of a regression of the laboratory's moment on this package's, through zero."""
+    """The stances of one foot on one plate, while it carries more than `load` [N]; `slope` is that through zero."""
     time, points = marker_tracks(trial, [f"{LETTERS_OF_SIDES[side]}TIO", f"{LETTERS_OF_SIDES[side]}TIL"])
     ankle, axis = points[:, 0], points[:, 1] - points[:, 0]
     wrench = plates.wrench_reader(*plates.recorded_wrench(trial, plate), time)(0.0)

@@ -85,9 +85,9 @@ def wrench_reader(time: Array, wrench: Array, frames: Array) -> Callable[[float]
 def zeroed_wrench(
     trial: Trial, frames: Array, settings: CrossingSettings
 ) -> tuple[Callable[[float], Array], float | None]:
-    """The `wrench_reader` of the plate minus its zero, and the zero's vertical force [N]; None if none is removed. The
-    zero is the mean over the `unloaded_s` before the largest vertical force in which that force varies least: gait is
-    never as constant, and after the step the platform may be tilted."""
+    """The `wrench_reader` of the plate minus its zero, and the zero's vertical force [N]; None if none is removed. It
+    is read before the largest force, where force varies least: gait is never as constant, and a later plate may be
+    tilted."""
     (time, wrench), removed = recorded_wrench(trial, settings.plate), None
     if settings.unloaded_s is not None:
         length, vertical = round(settings.unloaded_s * sampling_rate(time)), wrench[:, 2]
@@ -196,9 +196,9 @@ def check_type_on_platform(trial: Trial, plate: int) -> None:
 
 
 def ankle_torque(reaction: Array, plate_centre: Array, ankle: Array, axis: Array) -> Array:
-    """Internal plantarflexion moment tau (n,) [N*m] = -(M + (c - a) x F) . axis, with force and moment in laboratory
-    axes about the plate's centre c (n, 3) or (3,) [m], the reaction (n, 6) on the foot, the ankle a (n, 3) [m], and the
-    axis (n, 3) to the left. The centre of pressure is not used: an unloaded plate has none."""
+    """Internal plantarflexion moment tau (n,) [N*m] = -(M + (c - a) x F) . axis, about the plate's centre c (n, 3) or
+    (3,) [m] in laboratory axes, with the reaction (n, 6) on the foot, the ankle a (n, 3) [m], the axis (n, 3) to the
+    left."""
     about_ankle = reaction[:, 3:] + np.cross(plate_centre - ankle, reaction[:, :3])
     return np.asarray(-np.sum(about_ankle * axis, axis=1))
 
@@ -214,11 +214,6 @@ class Load:
     force: Array
     left: Array
 
-    def of_weight(self, phase: Array, body_mass: float) -> float:
-        """Mean vertical force in single support, as a share of the weight; at phases (n,) of stance."""
-        inside = (phase >= SINGLE_SUPPORT[0]) & (phase <= SINGLE_SUPPORT[1])
-        return float(self.force[inside].mean() / (body_mass * np.linalg.norm(bodies.FREE_FALL)))
-
 
 def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> Load:
     """Load from the reaction (n, 6) about the plate's centre (n, 3) [m], the ankle (n, 3) [m] and its axis (n, 3)."""
@@ -230,8 +225,7 @@ def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> L
 
 INERTIAL = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz")
 COMPONENTS = ("F_x", "F_y", "F_z", "M_x", "M_y", "M_z")
-PLANAR = ("m", "mc_x", "mc_z", "I_yy")
-"""Parameters that can be identified if the platform only turns about the mediolateral axis and shifts across it."""
+PLANAR = ("m", "mc_x", "mc_z", "I_yy")  # Identified if the platform only turns mediolaterally and shifts across it
 WEIGHT = np.array([0.1] * 3 + [1.0] * 3)  # Of forces [m] and moments: a force's lever about the ankle is about 0.1 m
 
 
@@ -314,8 +308,8 @@ def identify_plate_inertia(
 
 
 def stacked_columns(columns: Array, names: Sequence[str]) -> Array:
-    """Weighted columns (6 n, p) of the named parameters out of (n, 6, 10), component after component: residuals stay
-    correlated in time, as the regression assumes."""
+    """Weighted columns (6 n, p) of the named parameters out of (n, 6, 10), component by component, for their
+    correlation."""
     chosen = columns[:, :, [INERTIAL.index(name) for name in names]] * WEIGHT[:, None]
     return np.asarray(chosen.transpose(1, 0, 2).reshape(-1, len(names)))
 
@@ -379,8 +373,7 @@ class UnloadedRecording:
 
     def along(self, axes: Array) -> tuple[BodyMotion, Array]:
         """Motion of the plate's centre along the directions (r, 6), low-passed, and weighted squares (10, 10) of marker
-        noise in the columns of its regression: of frames at rest before `smooth`, which spreads the motions into
-        them."""
+        noise in its columns: of frames at rest before `smooth`, which spreads the motions into them."""
         motion, weights = self.track.own_motion(axes, self.centre)
         resting = [run for run in runs(weights == 0) if run.stop - run.start >= platform.FEWEST_FRAMES]
         columns = inertial_columns(motion)
@@ -495,7 +488,6 @@ NO_CORRECTION = PlateModel(
     lag_reason=f"not estimated: {NOT_REMOVED}",
 )
 """The model of a plate that is light or compensates its own inertia: nothing is removed from its wrench."""
-Motions = Sequence[tuple[BodyMotion, Array]]  # of each recording, with its noise, as of `UnloadedRecording.along`
 
 
 def identify_plate_model(
@@ -520,13 +512,13 @@ def identify_plate_model(
             raise InputError(f"trial {r.track.name}: {error}") from error
     reason = None if np.isfinite(lags).any() else "the unloaded plate is too light to show it"
     reason = reason if settings.correct_plate_lag else "not estimated: correct_plate_lag is false"
-    model = replace(plate_model(seen, motions, lags), lag_reason=reason)
+    model = replace(plate_model(seen, lags), lag_reason=reason)
     if len(seen) == 1:
         return model
     others = []
     for one in range(len(seen)):
         kept = seen[:one] + seen[one + 1 :]
-        others.append(plate_model(kept, shared_motions(kept), lags[:one] + lags[one + 1 :], model.inertia))
+        others.append(plate_model(kept, lags[:one] + lags[one + 1 :], model.inertia))
     # The regression's errors are blind to what all samples of a trial share: directions of the motion, bridged gaps.
     left = np.array([other.inertia.parameters for other in others])
     jackknife = np.sqrt((len(left) - 1) / len(left) * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
@@ -534,19 +526,20 @@ def identify_plate_model(
     return replace(model, inertia=inertia, leave_one_out=tuple(others))
 
 
-def shared_motions(recordings: Sequence[UnloadedRecording]) -> Motions:
-    """The motion of each recording along the directions that they share, and its noise."""
+def shared_motions(recordings: Sequence[UnloadedRecording]) -> list[tuple[BodyMotion, Array]]:
+    """The motion of each recording along the directions that they share, and its noise, as of `along`."""
     axes = platform.shared_directions([r.track for r in recordings])
     return [r.along(own) for r, own in zip(recordings, axes, strict=True)]
 
 
 def plate_model(
-    recordings: Sequence[UnloadedRecording], motions: Motions, lags: Sequence[float], whole: PlateInertia | None = None
+    recordings: Sequence[UnloadedRecording], lags: Sequence[float], whole: PlateInertia | None = None
 ) -> PlateModel:
     """The mean of the recordings' lags [s], NaN where one shows none, and one inertia from all recordings at that lag.
     Only what `whole`, from more recordings, identified is identified, and the rest stays as it is there."""
     known = np.array([lag for lag in lags if np.isfinite(lag)])
     lag = float(np.mean(known)) if len(known) else None
+    motions = shared_motions(recordings)
     pairs = [(motion, r.wrench_at(lag or 0.0)) for r, (motion, _) in zip(recordings, motions, strict=True)]
     noise = np.sum([squares for _, squares in motions], axis=0)
     limits = (None, noise, None) if whole is None else (whole.identified, noise, whole.parameters)

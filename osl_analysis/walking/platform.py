@@ -26,7 +26,6 @@ from osl_analysis.walking.settings import PlatformMotionSettings, PlatformSettin
 COORDINATES = 6
 STILL = 7.0  # A platform moves where its speed is above this multiple of its noise: 1 in 10^7 frames of a resting one
 FEWEST_FRAMES = 10  # Fewest frames from which a position at rest is read
-EVERY = slice(None)
 
 
 def rotation_from_rest(platform: Poses) -> Array:
@@ -52,15 +51,6 @@ def screw_scale(reference: Array) -> Array:
     return scale
 
 
-def screw_poses(reference: Array, coordinates: Array) -> Poses:
-    """Poses of scaled coordinates (n, 6) [m], the inverse of what `platform_track` does."""
-    screw: Array = np.linalg.solve(screw_scale(reference), coordinates.T).T.astype(float)
-    turn, n, origin = screw[:, :3], len(screw), reference.mean(axis=0)
-    position = np.einsum("nij,nj->ni", left_jacobian(turn), screw[:, 3:]) + origin
-    rotation = scipy.spatial.transform.Rotation.from_rotvec(turn).as_matrix()
-    return Poses(rotation, position, origin, np.full(n, np.nan), np.zeros(n, dtype=bool))
-
-
 def left_jacobian(turn: Array) -> Array:
     """Matrices (n, 3, 3) that map the translation of a screw to the shift of the origin, for rotation vectors (n, 3): I
     + (1 - cos a)/a^2 W + (a - sin a)/a^3 W^2 with angle a and cross-product matrix W (Sola et al., 2018, Eq. 145)."""
@@ -74,8 +64,7 @@ def left_jacobian(turn: Array) -> Array:
 
 
 def noise_gain(low_pass: LowPass, rate: float, derivative: int = 0) -> float:
-    """Variance of the `derivative`-th derivative [1/s^derivative, squared] of white unit noise through a low-pass. The
-    integral over frequency of (2 pi f)^(2 derivative) |H|^2, with H the gain of both runs."""
+    """Variance of a derivative [1/s^derivative, squared] of white unit noise through a low-pass, both runs."""
     f = np.linspace(0.0, rate / 2, 2001)
     return float(np.trapezoid((2 * np.pi * f) ** (2 * derivative) * low_pass.gain(f) ** 2, f) * 2 / rate)
 
@@ -94,9 +83,8 @@ def gate(time: Array, moves: Mask, spread: float) -> Array:
 
 
 def directions(coordinates: Sequence[Array], noise: float, low_pass: LowPass, rate: float) -> Array:
-    """Orthonormal directions (r, 6) of motions (n, 6) [m] from rest, filtered: one, and all whose mean square is above
-    the largest that filtered noise, of `noise` [m] in one frame before the low-pass, would show (Marchenko and Pastur).
-    """
+    """Orthonormal directions (r, 6) of filtered motions (n, 6) [m] from rest: one, and all whose mean square is above
+    the largest that noise, of `noise` [m] in one frame before the low-pass, would show (Marchenko and Pastur)."""
     stacked, gain = np.concatenate(list(coordinates)), noise_gain(low_pass, rate)
     _, size, axes = np.linalg.svd(stacked, full_matrices=False)
     largest = noise**2 * gain * (1 + np.sqrt(COORDINATES / max(len(stacked) * gain, 1.0))) ** 2
@@ -149,9 +137,8 @@ class PlatformTrack:
             before = self.time <= self.time[0] + self.spread
         return np.asarray(self.measured[before].mean(axis=0))
 
-    def own_motion(self, axes: Array, centre: Array, rows: slice = EVERY) -> tuple[BodyMotion, Array]:
-        """In `rows`, motion of the point that rests at `centre` (3,) [m], as measured along the directions (r, 6), and
-        weights that are 0 where the platform rests."""
+    def own_motion(self, axes: Array, centre: Array, rows: slice = slice(None)) -> tuple[BodyMotion, Array]:
+        """In `rows`, measured motion along directions (r, 6) of the point at `centre` (3,) [m], weights 0 at rest."""
         motion = self.motion_of(self.rest + (self.measured - self.rest) @ axes.T @ axes, centre, rows)
         return motion, gate(self.time, self.moves(axes), self.spread)[rows]
 
@@ -161,7 +148,12 @@ class PlatformTrack:
         spline depend on each further frame beside `rows` by a factor 0.43 less, by nothing at 60."""
         first, last, _ = rows.indices(len(self.time))
         start, stop = max(first - 60, 0), min(last + 60, len(self.time))
-        markers = self.low_pass(screw_poses(self.reference, coordinates).points(self.reference), self.rate)
+        screw: Array = np.linalg.solve(screw_scale(self.reference), coordinates.T).T.astype(float)
+        turn, origin = screw[:, :3], self.reference.mean(axis=0)
+        shift = np.einsum("nij,nj->ni", left_jacobian(turn), screw[:, 3:]) + origin
+        rotation = scipy.spatial.transform.Rotation.from_rotvec(turn).as_matrix()
+        points = np.einsum("nij,mj->nmi", rotation, self.reference - origin) + shift[:, None]
+        markers = self.low_pass(points, self.rate)
         poses = bodies.cluster_poses(self.reference, markers[start:stop])
         return bodies.body_motion(self.time[start:stop], poses, centre)[first - start : last - start]
 
@@ -254,9 +246,9 @@ def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
 LEAD_S = 0.15  # Time [s] before the middle of the rise at which the shape begins
 GRID_S = 0.002  # Step [s] of the shape as it is stored
 ROUNDS = 6  # Alternations of shape and alignment. A start that is 5 ms off is right to 1e-5 s after four.
-CHANCE = 1e-3
-"""The duration of the motion is free where noise alone would scatter it as much with this probability only;
-a trigger's latency is constant unless the starts' noise would scatter it as much with less."""
+CHANCE = (
+    1e-3  # A duration is free, and a latency not constant, if noise alone scatters it as much with less probability
+)
 
 
 @dataclass(frozen=True)
@@ -516,9 +508,8 @@ class PlatformModel:
     leave_out: tuple[PlatformTemplate, ...] = ()  # the shape without each of up to ten groups of crossings
 
     def onset(self, trial: str, own: float) -> float:
-        """Onset [s] of a trial's perturbation, `own` [s] if it shows it alone: from the trigger, where its latency is
-        constant and it is finer than the shape tells the start, or the trial does not follow the shape; else from the
-        shape."""
+        """Onset [s] of a trial's perturbation, `own` [s] if it shows it alone: by the trigger, if its latency is
+        constant and it is finer than the shape or the trial does not follow the shape; else by the shape."""
         a, late = self.followed(trial), self.latency
         if late is not None and late.used and trial in self.triggers and (not a or late.finer):
             return self.triggers[trial] + late.mean
@@ -538,18 +529,28 @@ def identify_platform(
 ) -> PlatformModel:
     """The shape that the platform's motions share in perturbed crossings; without one, each keeps its own motion. A
     crossing whose platform is hidden, or does not turn by `perturbation_deg`, has no part; its analysis says so."""
-    if moved := differing_clusters([calibration_of(calibrations, trial.name) for trial in trials], settings):
+    tracks, labels, limit = [], settings.markers.platform, settings.largest_residual_mm
+    # The coordinates of a motion are those of its cluster: of the place of each platform marker among the others
+    own = [calibration_of(calibrations, trial.name).platform for trial in trials]
+    clusters = [bodies.reference_positions(one, labels, "static") for one in own]
+    local = [cluster - cluster.mean(axis=0) for cluster in clusters]
+    apart = max((1e3 * float(np.sqrt(np.mean(np.sum((one - local[0]) ** 2, axis=1)))) for one in local), default=0.0)
+    if apart > limit:
+        moved = (
+            f"the platform markers {', '.join(labels)} stand {apart:.0f} mm (RMS) otherwise in one static trial than "
+            f"in another, expected {limit:g} mm or less; leave them in place between sessions, or analyse sessions "
+            "apart"
+        )
         warnings.warn(f"each crossing keeps its own motion of the platform: {moved}", stacklevel=2)
         return replace(ALONE, reason=moved)
-    tracks = []
     for trial in trials:
         try:
-            own = calibration_of(calibrations, trial.name)
-            time, poses = bodies.segment_poses(trial, settings.markers.platform, own.platform, settings)
+            static = calibration_of(calibrations, trial.name)
+            time, poses = bodies.segment_poses(trial, labels, static.platform, settings)
             turned = np.nan_to_num(rotation_from_rest(poses))
             if not len(turned) or turned.max() < np.deg2rad(settings.perturbation_deg):
                 raise InputError(f"the platform does not turn by {settings.perturbation_deg:g} deg")
-            tracks.append(track_about(trial.name, time, poses, own, settings, float(time[np.argmax(turned)])))
+            tracks.append(track_about(trial.name, time, poses, static, settings, float(time[np.argmax(turned)])))
         except InputError as error:
             warnings.warn(f"trial {trial.name}: has no part in the platform's shared motion: {error}", stacklevel=2)
     try:
@@ -581,21 +582,6 @@ def identify_platform(
         without.append(replace(template, time=shape.time, shape=shape.shape))
     triggers = {name: edge for name, (edge, _) in edges.items()}
     return PlatformModel(template, None, {a.name: a for a in alignments}, triggers, latency, tuple(without))
-
-
-def differing_clusters(calibrations: Sequence[StaticCalibration], settings: PlatformMotionSettings) -> str:
-    """Why motions measured with these calibrations cannot be compared, for a message; empty if they can. The
-    coordinates of a motion are those of its cluster: of the place of each platform marker among the others."""
-    labels, limit = settings.markers.platform, settings.largest_residual_mm
-    clusters = [bodies.reference_positions(c.platform, labels, "static") for c in calibrations]
-    local = [cluster - cluster.mean(axis=0) for cluster in clusters]
-    apart = [1e3 * float(np.sqrt(np.mean(np.sum((one - local[0]) ** 2, axis=1)))) for one in local]
-    if max(apart, default=0.0) <= limit:
-        return ""
-    return (
-        f"the platform markers {', '.join(labels)} stand {max(apart):.0f} mm (RMS) otherwise in one static trial than "
-        f"in another, expected {limit:g} mm or less; leave them in place between sessions, or analyse sessions apart"
-    )
 
 
 def inertial_motion(

@@ -30,8 +30,7 @@ from osl_analysis.walking.gait import BEFORE_ONSET_S, UnperturbedGait, aligned_g
 from osl_analysis.walking.settings import EnsembleSettings, StanceSource, TimingSettings
 
 MARGIN = 8  # Additional samples at both ends of a response. A spline's derivatives are less accurate at its ends.
-BEHAVIOUR = ("angle", "torque", "angle_slope", "torque_slope")
-"""What a crossing does before the onset, up to where the filter spreads the response: mean and slope of its curves."""
+BEHAVIOUR = ("angle", "torque", "angle_slope", "torque_slope")  # mean and slope of curves until the response begins
 
 
 @dataclass(frozen=True)
@@ -138,16 +137,14 @@ def fit_without_offset(motion: Motion, torque: Array) -> ImpedanceFit:
 
 
 def gait_torque(response: PerturbationResponse, impedance: ImpedanceFit) -> Array:
-    """Torque (crossings, k) [N*m] that each unperturbed crossing's deviation from their mean adds to a residual:
-    d_torque - K d_theta - B d_omega - I d_alpha."""
+    """Torque (crossings, k) [N*m] that each unperturbed crossing's deviation from their mean adds to a residual."""
     deviation = differentiate(response.time, (response.motion.theta - response.thetas).T)
     explained = impedance_torque(impedance.K, impedance.B, impedance.I, deviation)
     return np.asarray(((response.torque - response.torques).T - explained).T)
 
 
 def estimate_changes(torques: Array, response: PerturbationResponse) -> Array:
-    """Changes (m, 3) of K, B, I, to first order, when each of m torques (m, k) [N*m] is added to the response's own: of
-    `gait_torque`, or without one plate trial each."""
+    """Changes (m, 3) of K, B, I, to first order, when each of m torques (m, k) [N*m] is added to the response's own."""
     columns = motion_columns(response.fitted_motion)
     return np.asarray(np.linalg.lstsq(columns, torques.T[response.window])[0].T)
 
@@ -158,8 +155,8 @@ def motion_columns(motion: Motion) -> Array:
 
 
 def jackknife_covariance(changes: Array) -> Array:
-    """Tukey's covariance (p, p) from the changes (m, p) of estimates when each of m trials is omitted: (m - 1)/m times
-    the sum of squares about the mean; 0 with fewer than two trials."""
+    """Tukey's covariance (p, p) from the changes (m, p) of estimates without each of m trials; 0 with fewer than
+    two."""
     m, p = changes.shape
     return (m - 1) ** 2 / m * np.cov(changes, rowvar=False) if m > 1 else np.zeros((p, p))
 
@@ -217,7 +214,7 @@ class EnsembleResponse:
 @dataclass(frozen=True)
 class Bootstrap:
     """Estimates of resampled ensembles, one entry per sample, VAF in percent, and the degrees of freedom: the smaller
-    of those of the perturbations (`freedom_of`) and of the unperturbed crossings."""
+    of those of the perturbations and of the unperturbed crossings."""
 
     K: Array
     B: Array
@@ -250,14 +247,6 @@ def joining_weights(signs: NDArray[np.int_]) -> Array:
     """Weights (n,) of responses with `signs` (n,) in their mean, or in half the difference of two directions."""
     count = np.where(signs > 0, np.sum(signs > 0), np.sum(signs < 0))
     return np.asarray(signs / count / len(np.unique(signs)))
-
-
-def freedom_of(signs: NDArray[np.int_]) -> float:
-    """Degrees of freedom of a mean of perturbations, or of a difference of two means (Welch, equal variances)."""
-    counts = np.unique(signs, return_counts=True)[1].tolist()
-    if len(counts) == 1:
-        return float(counts[0] - 1)
-    return float(welch_satterthwaite([1 / n for n in counts], [n - 1 for n in counts]))
 
 
 def resampling_weights(random: np.random.Generator, samples: int, n: int) -> Array:
@@ -315,8 +304,7 @@ class Ensemble:
         return theta, torque
 
     def fitted(self, predictors: Predictors = (), sign: int = 0) -> EnsembleResponse:
-        """Mean response, or half the difference of two directions, and its fit in the common window. With a `sign` the
-        mean of that direction alone."""
+        """Mean response, or half the difference of two directions, or that of one `sign`, and its fit in the window."""
         crossings, own = self.theta.shape[1], self.signs == sign
         weights = own / own.sum() if sign else joining_weights(self.signs)
         theta, torque = self.joined(weights, np.full(crossings, 1 / crossings), predictors)
@@ -341,7 +329,9 @@ class Ensemble:
         for i, (w, unperturbed, unloaded) in enumerate(zip(weights, of_gait, of_plate, strict=True)):
             angles[:, i], torques[:, i] = self.joined(w, unperturbed, predictors)
             torques[:, i] += unloaded @ np.tensordot(w, self.influence, 1)
-        own = freedom_of(signs[signs == sign] if sign else signs)
+        # of a mean, or of a difference of two means (Welch, equal variances)
+        counts = np.unique(signs[signs == sign] if sign else signs, return_counts=True)[1].tolist()
+        own = float(welch_satterthwaite([1 / n for n in counts], [n - 1 for n in counts]))
         freedom = min(own, self.theta.shape[1] - 1 - len(predictors))
         # `fit_without_offset` of all samples at once, and their VAF as `variance_accounted_for`
         motion, y = differentiate(self.time, angles)[self.window], torques[self.window].T
@@ -388,8 +378,7 @@ def cross_validated(responses: Sequence[PerturbationResponse], impedance: Impeda
 
 
 def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[CommonError]]:
-    """Errors of K, B and I that all perturbations share, as variances: of a mean of n unperturbed crossings, and of the
-    plate's model, the jackknife's over the plate trials."""
+    """Variances of errors of K, B and I that all perturbations share: of mean gait, and of the plate."""
     shares, changes = np.abs(joining_weights(signs_of(responses))), []
     for r in responses:
         impedance = fit_without_offset(r.fitted_motion, r.fitted_torque)
@@ -402,17 +391,14 @@ def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[C
     }
 
 
-Direction = tuple[Mapping[str, float], Bootstrap, int]
-"""One direction of the platform, or up minus down: K, B and I, the same of resampled ones, number of perturbations."""
-
-
 @dataclass(frozen=True)
 class GroupHeadline:
     """Result of one group."""
 
     responses: Sequence[PerturbationResponse]
     common: Mapping[str, Sequence[CommonError]]  # errors that all single fits share, by quantity
-    directions: Mapping[str, Direction]  # `up`, `down` and `up minus down`; empty if there is one only
+    directions: Mapping[str, tuple[Mapping[str, float], Bootstrap, int]]
+    """Of `up`, `down` and `up minus down` K, B and I, resampled ones, perturbations; empty if there is one only."""
     share: float  # of the unperturbed crossings' deviations that their behaviour before the onset predicts
     ensemble: EnsembleResponse  # with the baseline that the settings name
     resampled: Bootstrap
@@ -431,20 +417,14 @@ def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, setting
         own, other, other_baseline = predicted, of_mean, "ensemble, mean gait"
     else:
         own, other, other_baseline = of_mean, predicted, "ensemble, predicted gait"
-    common, directions = common_errors(responses), compare_directions(ensemble, samples)
-    return GroupHeadline(responses, common, directions, share, *own, other, other_baseline)
-
-
-def compare_directions(ensemble: Ensemble, samples: int) -> dict[str, Direction]:
-    """Fits to the mean responses up and down, and their difference; empty if the platform always turned one way. Both
-    are resampled together: the error of the mean unperturbed gait does not cancel in the difference."""
-    found: dict[str, Direction] = {}
-    if len(np.unique(ensemble.signs)) < 2:
-        return found
-    for name, sign in ((UP, 1), (DOWN, -1)):
+    common, directions = common_errors(responses), dict[str, tuple[Mapping[str, float], Bootstrap, int]]()
+    for name, sign in ((UP, 1), (DOWN, -1)) if len(np.unique(ensemble.signs)) > 1 else ():
         mean = ensemble.fitted(sign=sign)
-        found[name] = {q: getattr(mean.fit, q) for q in "KBI"}, ensemble.resampled(samples, sign=sign), mean.n
-    (up, ups, n_up), (down, downs, n_down) = found.values()
-    K, B, I, VAF = (getattr(ups, name) - getattr(downs, name) for name in ("K", "B", "I", "VAF"))
-    difference = Bootstrap(K, B, I, VAF, min(ups.degrees_of_freedom, downs.degrees_of_freedom))
-    return found | {"up minus down": ({name: up[name] - down[name] for name in up}, difference, n_up + n_down)}
+        resampled = ensemble.resampled(samples, sign=sign)
+        directions[name] = {q: getattr(mean.fit, q) for q in "KBI"}, resampled, mean.n
+    if directions:  # resampled together: the error of the mean unperturbed gait does not cancel in the difference
+        (up, ups, n_up), (down, downs, n_down) = directions.values()
+        K, B, I, VAF = (getattr(ups, name) - getattr(downs, name) for name in ("K", "B", "I", "VAF"))
+        difference = Bootstrap(K, B, I, VAF, min(ups.degrees_of_freedom, downs.degrees_of_freedom))
+        directions["up minus down"] = {name: up[name] - down[name] for name in up}, difference, n_up + n_down
+    return GroupHeadline(responses, common, directions, share, *own, other, other_baseline)

@@ -59,14 +59,12 @@ class OutlierRule(Settings):
     limit: Positive  # Largest distance from the median, in scatters
     stance_s: Positive  # Smallest scatter [s] of the duration of stance
     placement_m: Positive  # Smallest scatter [m] of the foot's place on the plate
-    angle_deg: Positive
-    """Smallest scatter [deg] of the ankle angle's RMS deviation from the median gait, from heel strike to the end of
-    the earliest baseline."""
-    torque_nm: Positive
-    """Smallest scatter [N*m] of the ankle torque's RMS deviation from the median gait, over the same time."""
+    angle_deg: (
+        Positive  # The same [deg] of the angle's RMS deviation from the median gait until the earliest baseline ends
+    )
+    torque_nm: Positive  # The same [N*m] of the torque's, over the same time
     load_share: Positive  # Smallest scatter of the vertical force's RMS deviation, as a share of the usual load
-    pressure_m: Positive
-    """Smallest scatter [m] of the RMS deviation of the centre of pressure, to the left of the ankle."""
+    pressure_m: Positive  # The same [m] of the centre of pressure's, to the left of the ankle
 
 
 class MarkerSettings(Settings):
@@ -74,8 +72,9 @@ class MarkerSettings(Settings):
 
     markers: Markers  # Names of the markers
     longest_gap_s: NotNegative  # Longest gap [s] of hidden markers that is interpolated
-    largest_residual_mm: Positive
-    """Largest RMS distance [mm] of a cluster's markers from their rigid body; beyond it, a frame counts as hidden."""
+    largest_residual_mm: (
+        Positive  # Largest RMS distance [mm] of markers from their rigid body; beyond, a frame is hidden
+    )
 
 
 class WalkingFilter(Settings):
@@ -94,8 +93,7 @@ class TimingSettings(Settings):
 
     window_s: Positive  # Time [s] after the onset that is fitted
     baseline_s: Positive  # Length [s] of the interval before the onset whose mean is the response's zero
-    guard_s: NotNegative
-    """Time [s] between the end of the baseline and the onset: the zero-phase filter spreads the onset into it."""
+    guard_s: NotNegative  # Time [s] from the end of the baseline to the onset, which the zero-phase filter spreads
 
 
 class PlatformSettings(MarkerSettings, WalkingFilter):
@@ -104,18 +102,14 @@ class PlatformSettings(MarkerSettings, WalkingFilter):
     plate: Annotated[int, Field(ge=1)]  # Number of the force plate on the platform, counted from 1
     largest_zero_n: Positive  # Largest vertical force [N] of an unloaded plate. A plate that reads more is refused.
     perturbation_deg: Positive  # Smallest rotation [deg] of the platform that counts as a perturbation
-    longest_fitted_gap_s: NotNegative
-    """Longest gap [s] that is interpolated where the motion itself is fitted: after the onset of a perturbation, and
-    while the unloaded platform turns."""
+    longest_fitted_gap_s: NotNegative  # Longest gap [s] where the motion is fitted: after an onset, in an unloaded turn
 
 
 class CalibrationSettings(MarkerSettings):
     """How the ankle's centre and axis are calibrated."""
 
     side: Side  # Side of the subject that wears the prosthesis
-    hinge: Literal["anatomical", "functional"]
-    """Source of the ankle's axis: `anatomical`, the malleoli in the static trial; or `functional`, the relative motion
-    of foot and shank."""
+    hinge: Literal["anatomical", "functional"]  # Source of the axis: the malleoli, or the motion between foot and shank
 
 
 class PlateModelSettings(PlatformSettings):
@@ -147,20 +141,16 @@ class CrossingSettings(PlatformMotionSettings):
     largest_shift_mm: Positive = 10.0
     """Largest shift [mm] of a platform that does not turn. A platform that shifts further is refused: a translation is
     not analysed, and is no unperturbed crossing. A platform yields by a few mm under a person."""
-    unloaded_s: Positive | None
-    """Length [s] of the interval before the step from which the plate's zero is read; null: no zero is removed."""
-    foot: FootSettings | None = None
-    """Inertial parameters of the foot; null: its weight and inertia stay in the torque, so that I includes them."""
+    unloaded_s: Positive | None  # Length [s] before the step from which the plate's zero is read; null: none is removed
+    foot: FootSettings | None = None  # Null: the foot's weight and inertia stay in the torque, so that I includes them
 
 
 class SelectionSettings(TimingSettings, GroupSettings):
     """Which crossings are excluded, and to which group each belongs."""
 
     outliers: OutlierRule | None  # Rule by which crossings are compared and excluded; null: they are not compared
-    load_of_weight: tuple[Positive, Positive]
-    """Smallest and largest mean vertical force in single support, as a share of the weight, where the mass is known."""
-    largest_outside_m: NotNegative
-    """Largest distance [m] by which a foot marker may lie outside the plate while the foot is flat."""
+    load_of_weight: tuple[Positive, Positive]  # Bounds of the mean load in single support, as a share of the weight
+    largest_outside_m: NotNegative  # Largest distance [m] of a foot marker from the plate while the foot is flat
 
 
 class UnperturbedSettings(Settings):
@@ -199,7 +189,5 @@ class OvergroundAnalysis(Settings):
     """How the ankle moment of overground gait is compared with the one that a laboratory computed."""
 
     load_on_n: Positive  # Vertical force [N] above which a frame counts
-    body_mass_kg: Positive | None = None
-    """Body mass [kg] by which the moment of trials is divided for which neither sheet nor recording states one."""
-    largest_zero_n: Positive = 100
-    """Largest downward reading [N] of a plate in most of the recording; a plate that reads more is refused."""
+    body_mass_kg: Positive | None = None  # Body mass [kg] of trials for which neither sheet nor recording states one
+    largest_zero_n: Positive = 100  # Largest downward reading [N] of a plate in most of the recording; more is refused

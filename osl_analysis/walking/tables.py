@@ -26,7 +26,7 @@ from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import DOWN, Crossing
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
-from osl_analysis.walking.groups import ALL, STATED, Cells, Sheet, pooled_over
+from osl_analysis.walking.groups import ALL, STATED, Cells, Sheet, cells_said
 from osl_analysis.walking.response import (
     Bootstrap,
     EnsembleResponse,
@@ -42,8 +42,7 @@ from osl_analysis.walking.response import (
 )
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings
 
-SUMMARISED = ("K", "B", "I", "VAF")
-ENSEMBLE = "ensemble"
+SUMMARISED, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
 COMMANDED = "commanded"  # Series of the curve that the controller commands
 FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
 
@@ -73,7 +72,9 @@ def groups_of(selection: pl.DataFrame, sheet: Sheet | None) -> list[Group]:
         cells = {key: value.pop() if len(value) == 1 else None for key, value in values.items()}
         own = members if used else members.clear()
         trials, directions, phases = (tuple(own[column]) for column in ("trial", "direction", "onset_phase"))
-        found.append(Group(name, gait, trials, directions, phases, cells, pooled_over(trials, rows)))
+        differ = {key: {rows[trial].get(key) for trial in trials} - {None} for key in STATED}
+        pooled = "; ".join(f"{key} {cells_said(some)}" for key, some in differ.items() if len(some) > 1)
+        found.append(Group(name, gait, trials, directions, phases, cells, pooled))
 
     def order(group: Group) -> tuple[object, ...]:
         cells = [group.cells[key] for key in STATED]
@@ -91,8 +92,7 @@ def groups_of(selection: pl.DataFrame, sheet: Sheet | None) -> list[Group]:
 
 
 def group_row(group: Group, gait: UnperturbedGait | None, window: float) -> dict[str, object]:
-    """Row of `walking_groups.csv`: conditions, numbers of crossings, phases of onset and end of the `window` [s].
-    Phases are shares of the mean stance of the unperturbed gait; without one, they are null."""
+    """Row of `walking_groups.csv`: conditions, numbers, and phases of onset and end of the `window` [s]; else null."""
     phases, down = np.array(group.phases, dtype=float), sum(d == DOWN for d in group.directions)
     stances = np.zeros(0) if gait is None else gait.stance
     stance = float(np.mean(stances)) if len(stances) else None
@@ -180,6 +180,11 @@ def group_facts(headline: GroupHeadline) -> Facts:
         width = high - low + mean.high - mean.low
         if width > 1e-9 * abs(values[name]):  # intervals of crossings that are all equal have no width
             distances.append(2 * abs(values[name] - mean.mean) / width)
+    # Cochran's Q of single stiffnesses over its degrees of freedom; standard errors of at least 3 % of the mean
+    K, se = np.array([one.K for one in singles]), np.array([one.fit.se("K") for one in singles])
+    variance, heterogeneity = se**2 + (0.03 * K.mean()) ** 2, None
+    if np.isfinite(se).all() and (variance > 0).all():
+        heterogeneity = float(np.sum((K - np.average(K, weights=1 / variance)) ** 2 / variance) / (len(K) - 1))
     angles = np.array([r.sign * r.fitted_motion.theta for r in responses])
     # How far the stance by which phase is computed differs from the one that was to be expected, if that is certain
     known = np.array([(r.stance_change, r.stance_error) for r in responses if np.isfinite(r.stance_change)])
@@ -195,7 +200,7 @@ def group_facts(headline: GroupHeadline) -> Facts:
         "offset_share": offset_comparison(motion, torque, fit.K)["offset_share"],
         "outside_interval": float(sum(not low <= values[name] <= high for name, (low, high) in intervals.items())),
         "estimator_difference": max(distances),
-        "heterogeneity": heterogeneity(singles),
+        "heterogeneity": heterogeneity,
         "K": values["K"],
         "K_se_share": headline.resampled.se("K") / abs(values["K"]) if values["K"] else None,
         "B_high": intervals["B"][1],
@@ -207,22 +212,11 @@ def group_facts(headline: GroupHeadline) -> Facts:
 
 
 def residual_over_gait(motion: Motion, torque: Array, left: Array) -> float | None:
-    """RMS residual of Eq. 15 over the RMS residual of what ordinary gait leaves (crossings, k). Null if the residual is
-    below 3 % of the torque, or gait leaves none."""
+    """RMS residual of Eq. 15 over that of ordinary gait (crossings, k). Null below 3 % of the torque, or if gait leaves
+    0."""
     columns = motion_columns(motion)
     own, gait = (rms(y - (columns @ np.linalg.lstsq(columns, y.T, rcond=None)[0]).T) for y in (torque[None], left))
     return own / gait if own > 0.03 * rms(torque) and gait > 0 else None
-
-
-def heterogeneity(singles: Sequence[ImpedanceFit]) -> float | None:
-    """Scatter of single stiffnesses over that of their standard errors, at least 3 % of the mean each: Cochran's Q over
-    its degrees of freedom. None of fewer than two stiffnesses, or where all are 0."""
-    K, se = np.array([fit.K for fit in singles]), np.array([fit.fit.se("K") for fit in singles])
-    variance = se**2 + (0.03 * K.mean()) ** 2
-    if len(K) < 2 or not np.isfinite(se).all() or not (variance > 0).all():
-        return None
-    weight = 1 / variance
-    return float(np.sum(weight * (K - np.average(K, weights=weight)) ** 2) / (len(K) - 1))
 
 
 def headline_rows(headline: GroupHeadline, fits: pl.DataFrame, doubtful: Mapping[str, int]) -> list[dict[str, object]]:
@@ -253,8 +247,7 @@ def drawn_row(drawn: Bootstrap, quantity: str) -> dict[str, object]:
 def ensemble_rows(
     ensemble: EnsembleResponse, resampled: Bootstrap, estimator: str = ENSEMBLE
 ) -> list[dict[str, object]]:
-    """Estimates from the mean response; `se`, 95 % interval and covariances with K, B, I (`cov_K`, ...) from the
-    bootstrap. There is no `sd`."""
+    """Estimates from the mean response; `se`, 95 % interval and covariances with K, B, I from the bootstrap."""
     fit = ensemble.fit
     return [
         {"quantity": quantity, "estimator": estimator, "n": ensemble.n, "mean": estimate, "sd": None}
@@ -265,8 +258,7 @@ def ensemble_rows(
 
 
 def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
-    """Isolated responses of a group around the onset: trial (or 'ensemble'), time [s], angle [deg], torque [N*m] and
-    its fit, null outside the window."""
+    """Isolated responses of a group: trial (or 'ensemble'), time [s], angle [deg], torque [N*m], fit in the window."""
     window, frames = headline.responses[0].window, []
     fitted = [(r.name, r.motion, r.torque, fit_response(r)) for r in headline.responses]
     mean, time = headline.ensemble, headline.ensemble.time
@@ -341,8 +333,5 @@ def with_trajectory(table: pl.DataFrame, phase: Array, K_d: Array, B_d: Array) -
 
 def trajectory_points(phase: Array, K_d: Array, B_d: Array) -> pl.DataFrame:
     """The commanded trajectory as rows for the figure: series `commanded`, quantities K and B."""
-    frames = [
-        pl.DataFrame({"series": COMMANDED, "quantity": quantity, "phase": phase, COMMANDED: values})
-        for quantity, values in (("K", K_d), ("B", B_d))
-    ]
-    return pl.concat(frames)
+    curves, index = pl.DataFrame({"series": COMMANDED, "phase": phase, "K": K_d, "B": B_d}), ["series", "phase"]
+    return curves.unpivot(["K", "B"], index=index, variable_name="quantity", value_name=COMMANDED)

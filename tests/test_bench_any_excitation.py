@@ -242,7 +242,7 @@ def test_a_motion_that_repeats_itself_is_fitted_by_its_lines_with_its_period():
     assert row["periods"] >= 4
     assert row["period_s"] == pytest.approx(6.0, rel=1e-5)
     assert row["interval_method"] == "units"
-    assert row["K_repeat_se"] <= row["K_se"]
+    assert row["K_repeat_se"] < row["K_se"] * (1 + 1e-9)  # equal, but for rounding, where nothing is missed
     assert row["odd_harmonics"] < 0.01
 
 

@@ -1,9 +1,7 @@
 """C3D: header, parameters, points and analog samples of a motion capture recording.
 
-The data section is one table of numbers with a row per frame, which numpy reads. `ezc3d` is not used for reading: it
-misplaces every frame where ANALOG:RATE and the header disagree, drops frames beyond 65535, takes the absolute value of
-a negative OFFSET, returns fewer frames of a truncated file without an error, cannot read MIPS, and crashes on damaged
-headers. Tests compare this reader with `ezc3d` and `c3d`.
+`ezc3d` is not used: it misplaces frames where ANALOG:RATE and the header disagree, drops those beyond 65535 and those
+of a truncated file, takes the absolute value of a negative OFFSET, and crashes on damaged headers. Tests compare.
 """
 
 import math
@@ -163,9 +161,8 @@ def parse_file(data: bytes, counts: Counts = "refuse") -> C3DHeader:
     start = (data[0] - 1) * BLOCK
     processor = {84: "Intel", 85: "DEC", 86: "MIPS"}.get(data[start + 3]) if 0 < start < len(data) - 3 else None
     if processor is None:
-        raise InputError(
-            f"written for a processor of an unknown type; {', '.join(ENDIAN)} are read: export the trial again"
-        )
+        known = ", ".join(ENDIAN)
+        raise InputError(f"written for a processor of an unknown type; {known} are read: export the trial again")
     try:
         header = parse_header(data, start, processor)
         if header.scale == 0 or not math.isfinite(header.scale):

@@ -1,8 +1,7 @@
 """Recordings of gait laboratories as text: the CSV export of Vicon Nexus, markers in TRC, and tables of OpenSim.
 
-Nexus writes sections in any order, each with a rate, a row of names, a header, a row of units, and samples, with or
-without commas that pad every line to the longest one. A name is written above the first of its columns only. TRC has a
-header of five lines, and a row per frame. OpenSim (.mot, .sto) has a header down to `endheader`, and names of columns.
+Nexus writes sections in any order, each with a rate, a row of names, each above the first of its columns only, a
+header, a row of units, and samples. TRC has a header of five lines, OpenSim (.mot, .sto) one down to `endheader`.
 """
 
 import re

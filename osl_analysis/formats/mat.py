@@ -252,8 +252,6 @@ def holds_references(item: Any) -> bool:
     return isinstance(item, h5py.Dataset) and h5py.check_ref_dtype(item.dtype) is h5py.Reference
 
 
-# --- addresses
-
 STEP = re.compile(r"\.?[A-Za-z]\w*|\{N\}|\((?:N|:,N|N,:|[A-Za-z]\w*=[^()]*)\)".replace("N", r"[1-9]\d{0,8}"))
 
 

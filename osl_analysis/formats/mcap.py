@@ -1,7 +1,6 @@
-"""MCAP files: the records of the top level are walked from the front, also past damage; then its chunks are read.
+"""MCAP files: the records of the top level are walked, also past damage; then every intact chunk is read.
 
-The summary at the end is not needed to read: the file of a recorder that was killed is read in the same way. It is the
-evidence of what was lost, beside the message indexes behind each chunk. Every intact chunk is read.
+The summary at the end is not needed. It is the evidence of what was lost, beside the message indexes behind a chunk.
 """
 
 import re
@@ -100,8 +99,6 @@ class McapFile(MessageFile):
     summary_damaged: bool = False
     missing: int = 0  # bytes by which the summary stands before the place at which it was written; negative if after
 
-    # --- the top level, from record to record
-
     def scan(self) -> None:
         """Find the parts of the file, and note their damage; RefusedFileError if another log follows."""
         position, damage = len(MAGIC), self.damage
@@ -128,10 +125,10 @@ class McapFile(MessageFile):
             damage.declared_chunks = max(damage.declared_chunks or 0, self.indexed_chunks)
         if self.data_crc == "wrong":
             damage.remarks.append("the checksum of the data section does not match")
-        if self.missing > 0:
-            damage.lose(f"{self.missing} bytes are missing before the summary", self.missing, None, 0)
-        elif self.missing:
+        if self.missing < 0:
             damage.remarks.append(f"{-self.missing} bytes were inserted before the summary")
+        elif self.missing:
+            damage.lose(f"{self.missing} bytes are missing before the summary", self.missing, None, 0)
 
     def scan_record(self, position: int) -> int:
         """Take in the record at a position; returns the position of the next one."""
@@ -171,11 +168,11 @@ class McapFile(MessageFile):
         elif opcode == Opcode.CHUNK_INDEX:
             self.indexed_chunks += 1
         elif opcode == Opcode.STATISTICS:
-            messages, self.damage.declared_chunks, size = STATISTICS.unpack_from(data, start)
+            self.damage.declared_messages, self.damage.declared_chunks, size = STATISTICS.unpack_from(data, start)
             entries = data[start + STATISTICS.size : min(start + STATISTICS.size + size, end)]
-            by_channel = Counter(dict(struct.iter_unpack("<HQ", entries))) if len(entries) % 10 == 0 else Counter()
-            self.damage.declared_messages = messages
-            self.damage.declared = by_channel if by_channel.total() == messages else None  # the map may be left empty
+            by_channel = Counter(dict(struct.iter_unpack("<HQ", entries[: len(entries) // 10 * 10])))
+            if by_channel.total() == self.damage.declared_messages:  # the map may be left empty
+                self.damage.declared = by_channel
         return int(end)
 
     def take_footer(self, start: int, end: int) -> None:
@@ -246,8 +243,6 @@ class McapFile(MessageFile):
         if self.data[end] == 0 or end + RECORD.size > len(self.data):
             return False
         return bool(end + RECORD.size + RECORD.unpack_from(self.data, end)[1] <= len(self.data))
-
-    # --- the messages
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages of every intact chunk, and those outside of chunks, in the order of the file. Call it once."""

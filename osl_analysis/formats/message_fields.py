@@ -42,8 +42,6 @@ class Columns:
     misfit: str = ""  # what is wrong with the first of these
 
 
-# --- paths
-
 PATH_PART = re.compile(
     r"(?P<name>[^.\[\]]+)|\[(?P<quoted>\"(?:[^\"\\]|\\.)*\")\]|\[(?P<index>\d+)\]|\[(?P<names>\w+)=(?P<one>[^\]]+)\]|\."
 )
@@ -106,9 +104,6 @@ class FieldDescription:
         if self.length is None:
             return [self.path]
         return [f"{self.path}[{label}]" for label in self.labels] or [f"{self.path}[0]"]
-
-
-# --- readers of one channel
 
 
 @dataclass
@@ -272,8 +267,6 @@ def describe_message(channel: Channel, schema: Schema | None, payload: bytes | N
     ]
 
 
-# --- types of ROS
-
 PRIMITIVES = {
     "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
     "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
@@ -341,8 +334,6 @@ def message_type(schema: Schema, *, ros1: bool) -> MessageType:
                 raise InputError(f"schema {owner}: type '{one.type}' of field '{one.name}' is not defined")
     return MessageType(short_name(schema.name), definitions, ros1)
 
-
-# --- messages of ROS, by their shapes
 
 Messages = np.ndarray[tuple[int], np.dtype[np.void]]  # messages of one length, one after the other
 
@@ -501,9 +492,6 @@ def members_at(messages: Messages, offset: int, kind: np.dtype[Any]) -> NDArray[
     """A view of the numbers of one type at a place [bytes] in each message, (messages,)."""
     record = np.dtype({"names": ["it"], "formats": [kind], "offsets": [offset], "itemsize": messages.itemsize})
     return messages.view(record)["it"]
-
-
-# --- JSON and protobuf, message by message
 
 
 def number_at(message: Any, path: str) -> float | bool | None:

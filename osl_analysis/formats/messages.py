@@ -1,7 +1,6 @@
 """Recordings of messages by topic, whatever their container is: MCAP, or a bag of ROS.
 
-A container (`mcap.py`, `rosbag.py`) gives its messages in blocks, and counts what it lost (`Damage`). Here their fields
-become columns, from all channels of a topic, in the order of recording.
+A container gives its messages in blocks, and counts what it lost. Here their fields become columns, by topic.
 """
 
 from collections import Counter, defaultdict

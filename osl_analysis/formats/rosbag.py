@@ -31,9 +31,6 @@ SQLITE = b"SQLite format 3\0"
 DESCRIPTION = "metadata.yaml"  # beside the parts of a ROS 2 bag: lists them, and how many messages each topic has
 
 
-# --- ROS 1
-
-
 @dataclass
 class Bag1(MessageFile):
     """A ROS 1 bag whose index was read; `blocks` reads its messages. Every intact chunk is read."""
@@ -142,8 +139,6 @@ def read_rosbag1(path: Path) -> MessageFile:
         log.damage.remarks.append(f"the recording begins with '{begin}': its files before that are not here")
     return log
 
-
-# --- ROS 2
 
 REINDEX = "write it again with `ros2 bag reindex`, or name one file of the recording as the trial's log"
 
@@ -351,9 +346,6 @@ def definition_of(kind: str, own: Mapping[str, tuple[str, str]], distribution: s
     if own_distribution not in found and len(types) > 1:
         return b"", f"{lacking}, which differs between the distributions of ROS 2; {convert}"
     return found.get(own_distribution, next(iter(found.values()))).encode(), ""
-
-
-# --- a recording that is a folder
 
 
 def folder_format(folder: Path) -> str:

@@ -15,8 +15,7 @@ class Loss:
     """What a file says of values that are not there."""
 
     notes: Sequence[str] = ()  # what is missing or was repaired or left out, a sentence each
-    report: Mapping[str, Any] = field(default_factory=dict)
-    """The same for the trial's provenance, under `damage`; empty where nothing is lost."""
+    report: Mapping[str, Any] = field(default_factory=dict)  # the same for the provenance's `damage`
 
 
 @dataclass(frozen=True)
@@ -24,15 +23,13 @@ class Table:
     """A recording, or a part of one, that has one time."""
 
     rows: int
+    # by the address that asked for it: (rows,) in the type of the file, NaN where a reading failed, masked without one
     columns: Mapping[str, NDArray[Any]]
-    """By the address that asked for it, as a source file writes it: (rows,) in the type of the file. NaN where a
-    reading failed, masked where a row has no value."""
     units: Mapping[str, str] = field(default_factory=dict)  # units that the file states, by address
     time: Array | None = None  # time [s] of each row, (rows,), where the format itself tells it
     loss: Loss = Loss()
     facts: Mapping[str, Any] = field(default_factory=dict)  # what else the provenance says of the file
-    found: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """What the provenance says of a column besides its address, such as its full name in the file."""
+    found: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # what it says of a column, as its full name
     lines: NDArray[np.int64] | None = None  # line of each row in a file of text, counted from 1
     noun: str = "row"  # what messages call a row
     failed: str = "NaN"  # what messages call a reading that failed

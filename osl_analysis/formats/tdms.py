@@ -1,7 +1,4 @@
-"""LabVIEW's TDMS, read by npTDMS: groups of channels, each with properties that may tell when it was sampled.
-
-The file is given to the library as bytes, so that it does not look for an index beside it, which may be another file's.
-"""
+"""LabVIEW's TDMS, read by npTDMS from bytes, so that it looks at no index beside the file, maybe another's."""
 
 import logging
 import struct

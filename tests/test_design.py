@@ -77,11 +77,6 @@ def test_a_narrow_filter_costs_what_weighted_least_squares_cost():
     np.testing.assert_allclose(found.column("se"), np.sqrt(np.diag(by_hand)), rtol=1e-9)
 
 
-def test_noise_in_a_quarter_of_the_band_has_a_quarter_of_the_variance_where_its_density_is_the_same():
-    white, limited = (precision(MULTISINE, JOINT, Sensors(100.0, *noise), OPEN) for noise in ((0.2,), (0.1, 12.5)))
-    np.testing.assert_allclose(limited.column("se"), white.column("se"), rtol=1e-12)
-
-
 def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equivalent_damping():
     """200 realisations and 400 draws: 6 % in a ratio of standard deviations; B within 4 of its standard errors."""
     time, found, friction = 8.0 * np.arange(1000) / 1000, [], Distortion(coulomb=1.0)
@@ -101,23 +96,6 @@ def test_realisations_scatter_by_friction_as_predicted_and_shift_b_by_its_equiva
     np.testing.assert_allclose(
         predicted.column("half_width"), 3.1824463 * predicted.column("se")
     )  # Student, 3 degrees of freedom
-
-
-def test_the_fit_of_noise_scatters_by_friction_as_predicted():
-    """100 records of 20 s of Gaussian noise by numpy, and 400 draws: 8 % in a ratio, three times of it."""
-    n, rng, rms, found = 4000, np.random.default_rng(8), 0.03, []
-    lines = np.arange(20, 121)  # 1 to 6 Hz
-    for _ in range(100):
-        spectrum = np.zeros((3, n // 2 + 1), dtype=complex)
-        theta = rms * n / 2 / np.sqrt(len(lines)) * (rng.standard_normal(101) + 1j * rng.standard_normal(101))
-        spectrum[:, lines] = theta * (2j * np.pi * lines / 20) ** np.arange(3)[:, None]
-        motion = np.fft.irfft(spectrum, n, axis=1)
-        found.append(estimates(motion, np.sign(motion[1])))
-    for friction in (1.0, 0.5):
-        predicted = precision(
-            Continuous((1.0, 6.0), rms, 20.0, False), JOINT, Sensors(1000.0, 0.0), OPEN, Distortion(coulomb=friction)
-        )
-        np.testing.assert_allclose(friction * np.std(found, axis=0, ddof=1) / predicted.column("se"), 1, atol=0.24)
 
 
 def test_longer_records_do_not_average_friction_out_but_realisations_do():
@@ -201,18 +179,20 @@ def test_noise_of_half_a_step_cures_rounding():
     assert np.all(cured.column("se") < 0.7 * repeated.column("se"))
 
 
-def test_angle_noise_counts_as_torque_noise_through_the_impedance():
-    """Z = 300 at 1 and 2 Hz, without damping and inertia."""
-    plan, joint = SteppedSine((0.05,), (1.0, 2.0), (11.0, 11.0), 0), Joint(300.0, 0.0, 0.0)
-    of_angle = precision(plan, joint, Sensors(1000.0, 0.0, angle_noise=1e-4), OPEN)
-    np.testing.assert_allclose(of_angle.column("se"), precision(plan, joint, Sensors(1000.0, 0.03), OPEN).column("se"))
-
-
-def test_the_load_cell_s_step_counts_as_noise_of_a_step_over_the_root_of_twelve():
-    rounded, noisy = Sensors(1000.0, 0.03, torque_step=0.1), Sensors(1000.0, float(np.hypot(0.03, 0.1 / np.sqrt(12))))
-    np.testing.assert_allclose(
-        precision(DRAFT, JOINT, rounded, OPEN).column("se"), precision(DRAFT, JOINT, noisy, OPEN).column("se")
+@pytest.mark.parametrize(
+    ("errors", "torque_noise"),
+    [
+        ({"torque_noise": 0.1, "noise_band_hz": 12.5}, 0.1 * np.sqrt(500 / 12.5)),  # all of it where the joint moves
+        ({"torque_noise": 0.0, "angle_noise": 1e-4}, 0.03),  # through Z = 300
+        ({"torque_noise": 0.03, "torque_step": 0.1}, np.hypot(0.03, 0.1 / np.sqrt(12))),
+    ],
+)
+def test_each_error_of_a_sensor_counts_as_so_much_torque_noise(errors, torque_noise):
+    joint = Joint(300.0, 0.0, 0.0)
+    found, expected = (
+        precision(DRAFT, joint, s, OPEN) for s in (Sensors(1000.0, **errors), Sensors(1000.0, torque_noise))
     )
+    np.testing.assert_allclose(found.column("se"), expected.column("se"))
 
 
 def test_drift_that_is_not_seen_changes_a_sine_by_two_slopes_over_its_frequency():

@@ -7,7 +7,6 @@ import pytest
 from conftest import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.interpolate import CubicHermiteSpline
 
 from osl_analysis.config.parameters import read_parameters
 from osl_analysis.model.compensator import (
@@ -27,7 +26,6 @@ from osl_analysis.model.drivetrain_response import Friction, belt_response
 from osl_analysis.simulator.drivetrain import (
     IDEAL,
     ControlCommands,
-    DrivetrainEffects,
     simulate_belt_torque,
     simulate_drivetrain,
 )
@@ -216,20 +214,6 @@ def test_without_friction_the_controller_has_none_to_cancel():
     assert cancelling == joint_stiffness_at(2, replace(gains, cancels_friction=False), IDEAL)
 
 
-def test_stick_and_slip_do_not_depend_on_the_fine_step():
-    t = np.arange(6000) / RATE
-    theta, omega = 0.035 * np.sin(2 * np.pi * t), 0.035 * 2 * np.pi * np.cos(2 * np.pi * t)
-    gains = uncompensated_gains(200, 2.5, P)
-    coarse, fine = (
-        simulate_drivetrain(
-            RATE, theta, omega, constant(6000, gains.K_1, gains.B_1), IDEAL._replace(friction=True, substeps=n), P
-        )
-        for n in (20, 160)
-    )
-    assert np.mean(fine.omega_m == 0) > 0.02, "this motion sticks"
-    assert coarse.belt_torque == pytest.approx(fine.belt_torque, abs=0.02)
-
-
 def test_a_belt_without_hysteresis_is_the_models_belt():
     p, theta_s = replace(P, K_s2=14913.0), np.linspace(-0.05, 0.08, 50)
     assert simulate_belt_torque(theta_s, IDEAL, p) == pytest.approx(belt_torque(theta_s, p), rel=1e-14)
@@ -243,56 +227,6 @@ def test_hysteresis_costs_the_area_of_its_loop_whatever_the_speed():
         torque = simulate_belt_torque(path, effects, P)[len(cycle) - 1 :]
         area = np.trapezoid(torque, path[len(cycle) - 1 :])
         assert area == pytest.approx(2.0 * (4 * 0.05 - 4 * 0.002), rel=2e-3)
-
-
-def plainly_integrated(theta, omega, gains, effects, p):
-    """Half drift, kick, half drift, step by step: theta_m, omega_m, current, belt torque at the samples."""
-    rate, times = RATE * effects.control_updates, np.arange(len(theta)) / RATE
-    h, cut = 1 / (RATE * effects.substeps), -np.expm1(-2 * np.pi * effects.velocity_cutoff_hz / rate)
-    middles = CubicHermiteSpline(times, theta, omega)((np.arange((len(theta) - 1) * effects.substeps) + 0.5) * h)
-    theta_m = omega_m = estimate = z = seen = current = 0.0
-    states, queue, theta_s = [], [0.0] * effects.control_delay, theta[0]
-
-    def turned_to(new):
-        side = np.sign(new - theta_s)
-        return new, side - (side - z) * np.exp(-abs(new - theta_s) / effects.hysteresis_width)
-
-    for k in range(len(middles) + 1):
-        if k % (effects.substeps // effects.control_updates) == 0:
-            last, seen = seen, np.round(theta_m / effects.encoder_resolution) * effects.encoder_resolution
-            estimate += cut * ((seen - last) * rate - estimate)
-            sign = np.tanh(estimate / effects.sign_width)
-            queue.append(motor_current(-gains.K_1 * seen - gains.B_1 * estimate, sign, p))
-            current = queue.pop(0)
-        if k % effects.substeps == 0:
-            theta_s, z = turned_to(theta[k // effects.substeps] - theta_m / p.n_T)
-            states.append((theta_m, omega_m, current, belt_torque(theta_s, p) + effects.hysteresis_torque * z))
-        if k < len(middles):
-            theta_m += h / 2 * omega_m
-            theta_s, z = turned_to(middles[k] - theta_m / p.n_T)
-            belt = belt_torque(theta_s, p) + effects.hysteresis_torque * z
-            push = p.k_tau * p.n_m * current - p.B_m * omega_m / 2 + belt / p.n_T
-            free = (omega_m + h * push / p.J_m) / (1 + h * p.B_m / 2 / p.J_m)
-            lost = h * effects.friction_scale * motor_friction(1.0, current, p) / (p.J_m + h * p.B_m / 2)
-            omega_m = np.sign(free) * max(abs(free) - lost, 0.0)
-            theta_m += h / 2 * omega_m
-    return np.transpose(states)
-
-
-def test_the_kernel_takes_the_steps_of_the_scheme():
-    """All imperfections, and a joint that turns back four times."""
-    p, gains, t = replace(P, K_s2=14913.0), compensated_gains(300, 5, P), np.arange(200) / RATE
-    effects = DrivetrainEffects(
-        friction=True, control_delay=2, encoder_resolution=4.26e-5, velocity_cutoff_hz=100.0, sign_width=0.05,
-        hysteresis_torque=0.5, hysteresis_width=3e-4, friction_scale=1.1, control_updates=5,
-    )  # fmt: skip
-    theta, omega = 0.05 * np.sin(60 * t), 3.0 * np.cos(60 * t)
-    motion = simulate_drivetrain(
-        RATE, theta, omega, constant(1, gains.K_1, gains.B_1, cancels_friction=True), effects, p
-    )
-    plain = plainly_integrated(theta, omega, gains, effects, p)
-    for own, expected in zip((motion.theta_m, motion.omega_m, motion.current, motion.belt_torque), plain, strict=True):
-        assert own == pytest.approx(expected, rel=1e-9, abs=1e-10)  # rounding, where the largest are 0.2 to 40
 
 
 def test_a_command_holds_from_its_own_sample():

@@ -11,9 +11,8 @@ from osl_analysis.commands.simulate import simulate_campaign, simulate_trial, wr
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
-from osl_analysis.simulator.joint_motion import sine_command
 from osl_analysis.simulator.plan import plan_trials
-from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
+from osl_analysis.simulator.settings import SimulationSettings
 
 ROOT = Path(__file__).parents[1]
 DEFAULT = ROOT / "config" / "simulation" / "default.yaml"
@@ -108,13 +107,6 @@ def test_an_unstable_loop_is_refused_and_nothing_is_written(tmp_path, monkeypatc
     with pytest.raises(InputError, match=r"runs away, beyond 100 rad.* lower effects\.control_delay"):
         simulate_trial(path, tmp_path / "raw", "impedance_K300_B5.0_compensated")
     assert not (tmp_path / "raw").exists()
-
-
-@pytest.mark.parametrize("length", [{"cycles": (3, 5)}, {"seconds": 1.5}])
-def test_the_length_of_a_protocol_is_that_of_its_command(length):
-    rests = {"rest_s": 0.7, "lead_s": 1.1, "rest_between_s": 0.3, "ramp_s": 0.2}
-    protocol = SteppedSineSchedule(frequencies_hz=(1, 4), amplitudes_deg=(2, 4, 6), **rests, **length)
-    assert len(sine_command(protocol, 1000).theta) == pytest.approx(1000 * protocol.total_s, abs=1)
 
 
 @pytest.mark.parametrize("written", ["dynamometer/belt_01.mcap", "trials.csv"])

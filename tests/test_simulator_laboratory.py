@@ -210,13 +210,6 @@ def test_a_foot_partly_beside_the_plate_leaves_a_part_of_its_load_to_the_floor(s
     assert seen.pressure[middle, 1] == pytest.approx(0.030, abs=5e-3)
 
 
-def test_the_truth_says_what_was_simulated(setup, tmp_path):
-    stepping(setup, load=0.7).record(tmp_path, UNPERTURBED)
-    facts = truth_of(tmp_path)
-    assert facts["gait_laboratory"]["changes"][0]["load"] == 0.7
-    assert (facts["condition"]["direction"], facts["change"]["load"]) == ("up", 0.7)
-
-
 def response(setup, folder):
     """Largest angle [rad] and stiffness [N*m/rad] of what the perturbation adds within 100 ms of its onset.
 
@@ -346,11 +339,6 @@ def test_stance_changes_only_after_the_window(setup, tmp_path, percent):
 def test_an_impossible_stance_is_refused(setup, tmp_path):
     with pytest.raises(InputError, match="trial walking_01: after_window_percent 90 leaves"):
         decoded(stepping(setup, after_window_percent=90), tmp_path, True)
-
-
-@pytest.mark.parametrize("change", [{"after_window_percent": -8}, {"of": "perturbed", "load": 0.5}])
-def test_what_only_perturbed_crossings_change_leaves_the_others(setup, usual, tmp_path, change):
-    np.testing.assert_array_equal(decoded(stepping(setup, **change), tmp_path).force, usual.force)
 
 
 def test_other_timing_keeps_heel_strike_and_toe_off(setup, usual, tmp_path):
@@ -519,16 +507,6 @@ def test_the_leg_logs_its_joint(shipped, tmp_path):
     )
 
 
-def test_the_trigger_fires_only_for_a_perturbation_and_before_the_platform_moves(shipped, tmp_path):
-    assert not shipped.record(tmp_path / "calm", UNPERTURBED)["analogs"][0, 7].any()
-    analogs = shipped.record(tmp_path / "perturbed", PERTURBED)["analogs"][0]
-    fired = np.argmax(analogs[7] > 2.5) / 1500
-    facts = truth_of(tmp_path / "perturbed")
-    assert fired == pytest.approx(facts["command_s"], abs=1 / 1500)
-    assert facts["onset_s"] - facts["command_s"] == pytest.approx(shipped.walking.perturbation.latency_s)
-    assert truth_of(tmp_path / "calm")["onset_s"] is None
-
-
 def test_switching_one_effect_off_leaves_the_draws_of_the_others(shipped, tmp_path):
     noisy = shipped.record(tmp_path / "noisy", PERTURBED)
     clean = shipped.lacking("marker_noise").record(tmp_path / "clean", PERTURBED)
@@ -651,32 +629,6 @@ def test_a_turning_body_needs_what_its_six_point_masses_need():
         force, moment = force + share, moment + np.cross(r, share)
     np.testing.assert_allclose(wrench.force[4:-4], force[4:-4], atol=1e-4)
     np.testing.assert_allclose(wrench.moment_about(np.tile(pivot, (900, 1)))[4:-4], moment[4:-4], atol=1e-4)
-
-
-def test_the_ground_gives_the_foot_what_torque_weight_and_inertia_leave(walked, shipped):
-    """tau = N - u . M_a, with N of the foot's mass written out as a point mass and a gyration about the axis."""
-    foot, rate = walked.motion.foot, shipped.walking.rates.motion_hz
-    axis, inside = foot.rotation[:, :, 1], inside_stance(walked)
-    mass = shipped.walking.effects.foot_inertia.size
-    centre = foot.point(np.array(shipped.walking.foot.centre_of_mass_m))
-    acceleration = np.gradient(np.gradient(centre, 1 / rate, axis=0), 1 / rate, axis=0) - GRAVITY
-    pitch = np.arctan2(-foot.rotation[:, 2, 0], foot.rotation[:, 2, 2])
-    turning = mass * shipped.walking.foot.gyration_m[1] ** 2 * np.gradient(np.gradient(pitch, 1 / rate), 1 / rate)
-    needed = turning + np.einsum("ni,ni->n", np.cross(centre - foot.origin, mass * acceleration), axis)
-    ground = np.einsum("ni,ni->n", walked.reaction.moment_about(foot.origin), axis)
-    np.testing.assert_allclose((needed - ground)[inside], walked.torque[inside], atol=0.02)
-    np.testing.assert_allclose(walked.torque[inside], walked.drivetrain_torque[inside], atol=1e-9)
-
-
-def test_the_flat_foot_is_rigid_on_the_platform(walked):
-    phase = walked.step.stance_phase(walked.time)
-    flat = (phase > gait.FLAT_FROM) & (phase < gait.FLAT_TO)
-    platform, foot = walked.motion.platform.pose, walked.motion.foot
-    held = np.einsum("nji,nj->ni", platform.rotation, foot.origin - platform.origin)[flat]
-    turned = (platform.rotation.transpose(0, 2, 1) @ foot.rotation)[flat]
-    np.testing.assert_allclose(held, np.tile(held[0], (len(held), 1)), atol=1e-9)
-    np.testing.assert_allclose(turned, np.tile(turned[0], (len(turned), 1, 1)), atol=1e-9)
-    assert np.degrees(np.ptp(walked.motion.platform.angle[flat])) == pytest.approx(5, abs=1e-6)
 
 
 def test_the_ankle_turns_by_what_the_shank_does_not_yield(walked, calm):

@@ -256,15 +256,6 @@ def test_intervals_hold_the_truth_of_an_exact_joint_as_recorders_write_it(record
     assert errors["share"].max() < 0.03
 
 
-def test_the_models_own_truth_stands_beside_the_physical_one():
-    table = rows("transmission", 1)
-    model = dict(table.select("quantity", "model_truth").rows())
-    assert model["B_j"] == pytest.approx(0.452, rel=1e-3)
-    assert model["B_j"] != 0.452
-    drivetrain = rows("linear drivetrain", 1)
-    assert drivetrain["truth"].to_list() == drivetrain["model_truth"].to_list()
-
-
 def test_bound_of_a_sinusoid_is_the_published_one():
     """Rife and Boorstyn, IEEE Trans. Inf. Theory 20, 1974: var(A) >= 2 s^2/N and var(phase) >= 2 s^2/(A^2 N)."""
     N, noise, phase = 1000, 0.3, 2 * np.pi * np.arange(1000) / 50

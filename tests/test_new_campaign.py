@@ -77,16 +77,6 @@ def test_recordings_become_a_campaign_whose_first_trial_is_fitted(tmp_path):
     assert float(line.split()[1]) == pytest.approx(STIFFNESS, rel=0.01)
 
 
-def test_two_columns_that_may_be_the_angle_are_left_to_the_user(tmp_path):
-    (tmp_path / "rec").mkdir()
-    lines = ["time_s,ankle_angle_deg,knee_angle_deg,torque_Nm", *(f"{k / 100},{k % 7},1,{k % 5}" for k in range(300))]
-    (tmp_path / "rec/imp_1.csv").write_text("\n".join(lines))
-    made = call("init", tmp_path / "mine", "--from", tmp_path / "rec")
-    assert "2 places are to be edited" in made.output
-    with pytest.raises(InputError, match="places are to be edited"):
-        read_source(tmp_path / "mine/sources/csv.yaml")
-
-
 @pytest.mark.parametrize(
     ("column", "name"),
     [

@@ -125,17 +125,6 @@ def test_a_stiffness_far_from_the_desired_one_is_pointed_at(tmp_path, bench):
     assert re.search("first trial of experiment impedance, .*: LOOK AT IT\n  K is 0.4 times the K_d = 300", look)
 
 
-def test_a_constant_torque_and_a_wrong_unit_of_time_are_refused_by_name(tmp_path, bench):
-    for name, unit, scale in (("k1.csv", "s", 0), ("k2.csv", "ms", 1)):
-        header = f"time_{unit},angle_deg,torque_Nm"
-        lines = [f"{k / 250},{8 * (k % 50 - 25) * ((-1) ** (k // 50)) / 25},{scale * (k % 7)}" for k in range(3000)]
-        (tmp_path / "in").mkdir(exist_ok=True)
-        (tmp_path / "in" / name).write_text("\n".join([header, *lines]))
-    said = [recording_line(tmp_path / f"in/{name}.csv", tmp_path / "in", bench) for name in ("k1", "k2")]
-    assert "torque is 0 N*m in all samples" in said[0]
-    assert "samples are 4e-06 s apart" in said[1]
-
-
 def test_a_recording_of_an_unknown_recorder_gives_its_joint_and_what_was_guessed(tmp_path, bench):
     write_joint(tmp_path / "in/k120_b2.csv")
     said = recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)

@@ -107,21 +107,39 @@ def write_campaign(folder: Path) -> None:
         rows.append(f"{name},holding,{name}.csv,bench_csv")
     (folder / "trials.csv").write_text("\n".join(rows) + "\n")
     ours = {"campaign": "holding", "raw_data": ".", "sheet": "trials.csv", "simulation": None}
-    (folder / "ours.yaml").write_text(yaml.safe_dump(ours | {"impedance_trajectory": None}))
+    (folder / "config.yaml").write_text(yaml.safe_dump(ours | {"impedance_trajectory": None}))
 
 
-def snakemake(project: Path, *arguments: str) -> str:
-    """What Snakemake says when it runs the copy's campaign."""
-    command = [sys.executable, "-m", "snakemake", *arguments, "--configfile", "ours.yaml", "--verbose"]
-    environment = os.environ | {"PYTHONPATH": str(project)}
+def python(project: Path, *arguments: str) -> tuple[str, str]:
+    """What a Python of the copy says."""
+    environment, command = os.environ | {"PYTHONPATH": str(project)}, [sys.executable, *arguments]
     done = subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout + done.stderr
+    return done.stdout, done.stderr
 
 
-def test_sheet_rules_tables_and_quality_control_know_it(project: Path):
-    said = snakemake(project, "results/tables/holding_summary.csv", "results/tables/quality.csv")
-    done = dict(re.findall(r"^(\w+) +(\d+)$", said, re.MULTILINE))
+DOORS = """
+import json
+from pathlib import Path
+from click.testing import CliRunner
+from osl_analysis.cli import main
+from osl_analysis.commands.inspect import bench_of, first_look, recording_line
+from osl_analysis.notebook import asked, fit_trial
+
+trial, ours = "results/trials/holding_2.parquet", Path("config.yaml")
+bench = bench_of(ours, None, Path())
+fit = [CliRunner().invoke(main, ["fit", trial, "--model", "holding", "--config", "config.yaml", *more]).output
+       for more in ([], ["--json"])]
+watched = recording_line(Path("holding_2.csv"), Path(), bench)
+print(json.dumps([*first_look(Path()), *fit, watched, repr(fit_trial(*asked("holding", trial, ours, None)))]))
+"""
+
+
+def test_sheet_rules_tables_quality_control_and_every_door_know_it(project: Path):
+    """The doors: the command line, as text and JSON, the first look of `init`, `watch` and the notebook."""
+    made = ("results/tables/holding_summary.csv", "results/tables/quality.csv")
+    said = python(project, "-m", "snakemake", *made, "--configfile", "config.yaml", "--verbose")
+    done = dict(re.findall(r"^(\w+) +(\d+)$", "".join(said), re.MULTILINE))
     assert (done["ingest"], done["fit_holding_trial"]) == ("2", "2")
     table = pl.read_csv(project / "results/tables/holding.csv")
     assert table["mean_torque"].to_list() == pytest.approx(list(TORQUES.values()), abs=0.01)
@@ -131,31 +149,9 @@ def test_sheet_rules_tables_and_quality_control_know_it(project: Path):
     checks = pl.read_csv(project / "results/tables/quality.csv").filter(pl.col("check") == "saturation")
     assert checks["value"].null_count() == 0
     assert set(checks["trial"]) == set(TORQUES)
-
-
-DOORS = """
-import json
-from pathlib import Path
-from click.testing import CliRunner
-from osl_analysis.cli import main
-from osl_analysis.commands.inspect import bench_of, look, recording_line
-from osl_analysis.notebook import asked, fit_trial
-
-trial, ours, bench = "results/trials/holding_2.parquet", Path("ours.yaml"), bench_of(Path("ours.yaml"), None, Path())
-fit = [CliRunner().invoke(main, ["fit", trial, "--model", "holding", "--config", "ours.yaml", *more]).output
-       for more in ([], ["--json"])]
-first, watched = look(bench.campaign, "holding_2", ours)[1], recording_line(Path("holding_2.csv"), Path(), bench)
-print(json.dumps([*fit, first, watched, repr(fit_trial(*asked("holding", trial, ours, None)))]))
-"""
-
-
-def test_it_is_fitted_at_every_door_as_in_the_workflow(project: Path):
-    """The command line, as text and JSON, the first look of `init`, `watch` and the notebook."""
-    snakemake(project, "results/tables/holding.csv")
     row = pl.read_csv(project / "results/tables/holding.csv").row(-1, named=True)
-    command, environment = [sys.executable, "-c", DOORS], os.environ | {"PYTHONPATH": str(project)}
-    done = subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True, check=True)
-    text, as_json, *others = json.loads(done.stdout)
+    first, text, as_json, *others = json.loads(python(project, "-c", DOORS)[0])
+    assert re.search(rf"holding_1: ok\n.*\n +mean_torque +{table['mean_torque'][0]:.5g}", first), first
     assert json.loads(as_json)[0]["mean_torque"] == row["mean_torque"]
     for said in (text, *others):
         assert re.search(rf"mean_torque +{row['mean_torque']:.4g}", said), said

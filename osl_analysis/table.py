@@ -92,8 +92,7 @@ def read_table(path: Path, required: Sequence[str] = (), of: str = "") -> pl.Dat
     `required` must be there and, unless they are among `TEXT_COLUMNS`, hold numbers. `of`: name of the table where
     `path` is an archive of several; a path to one table has it already.
 
-    Raises InputError where the file is missing, empty or no CSV table, or a required column is missing or not
-    numeric."""
+    Refused is what is missing, empty or no CSV table, and a required column that is missing or not numeric."""
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such table; run the step that writes it, or check the path")

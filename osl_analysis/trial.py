@@ -165,9 +165,7 @@ def read_provenance(path: Path) -> dict[str, Any]:
 
 
 def read_trial(path: Path) -> Trial:
-    """Read what `write_trial` wrote.
-
-    Raises InputError: The file is missing, is not Parquet, or is Parquet that ingest did not write."""
+    """Read what `write_trial` wrote; what is missing, is not Parquet, or was not written by ingest is refused."""
     name, provenance = metadata_of(path)
     with told_as_parquet(path):
         return Trial(name, pl.read_parquet(path), provenance)

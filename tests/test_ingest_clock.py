@@ -102,11 +102,7 @@ PERIODIC, SHORT, LONG = np.arange(0.5, 10, 0.25), irregular(3.0), irregular(30.0
     [
         (slave_edges(PERIODIC, 10.0), master_edges(PERIODIC, 10.0), "let the pulses vary in length"),
         (slave_edges(irregular(3.0, 4), 3.0), master_edges(irregular(3.0, 5), 3.0), "sync edges agree on one offset"),
-        (
-            slave_edges(SHORT, 3.0),
-            master_edges(SHORT[:4], 3.0),
-            "4 sync edges in motion capture, at least 6",
-        ),
+        (slave_edges(SHORT, 3.0), master_edges(SHORT[:4], 3.0), "4 sync edges in motion capture, at least 6"),
         (slave_edges(SHORT[:0], 3.0), master_edges(SHORT, 3.0), "0 sync edges in the log"),
         (scattered(slave_edges(LONG, 30.0)), master_edges(LONG, 30.0), "the sync edges fit with a residual of"),
     ],

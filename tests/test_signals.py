@@ -5,11 +5,7 @@ import pytest
 
 from osl_analysis.errors import InputError
 from osl_analysis.multisine import odd_lines, odd_multisine
-from osl_analysis.signals import (
-    LowPass,
-    filtered_motion,
-    sampling_rate,
-)
+from osl_analysis.signals import LowPass, filtered_motion, sampling_rate
 
 
 @pytest.mark.parametrize("f", [2.0, 15.0, 25.0])

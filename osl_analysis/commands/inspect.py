@@ -430,10 +430,11 @@ def watched_lines(folder: Path, bench: WatchedBench) -> Iterator[str]:
 
 
 def recording_line(path: Path, folder: Path, bench: WatchedBench) -> str:
-    """What is said of one recording: estimates with intervals, quality, doubts, and where its picture is."""
+    """What is said of one recording: estimates with intervals, quality, doubts, and where its picture is, of measured
+    and modelled torque."""
     stamp, name = time.strftime("%H:%M:%S"), path.relative_to(folder).as_posix()
     try:
-        said = examined(path, folder, bench)
+        said = "; ".join(examined(path, folder, bench))
     except OslAnalysisError as error:
         said = f"REFUSED: {str(error).replace(f'{path}: ', '')}"
     except Exception as fault:  # a fault of the program in one recording must not end the watch over the others
@@ -441,27 +442,26 @@ def recording_line(path: Path, folder: Path, bench: WatchedBench) -> str:
     return f"{stamp} {name}: {said}"
 
 
-def examined(path: Path, folder: Path, bench: WatchedBench) -> str:
-    """The same, without the name. Measured and modelled torque are drawn."""
+def examined(path: Path, folder: Path, bench: WatchedBench) -> list[str]:
     with TemporaryDirectory() as place:
         row, sources, said = row_of_recording(path, folder, bench, Path(place))
         trial = checked_trial(row, path.parent, sources)
     accepted = str(row.get("accept") or "").split()
     said = [*said, quality_text(trial, str(row["experiment"]), bench.config, accepted)]
     if EXPERIMENTS[str(row["experiment"])].place != "bench":
-        return "; ".join(said)
+        return said
     fitted = fit_of_row(trial, row, device_of_row(row, bench.config), bench.config_path)
     far = off_desired(fitted.table, row)
     said = [*filter(None, (estimates_line(fitted.table), far and f"LOOK AT IT: {far}")), *said]
     said += [unchecked] if (unchecked := not_checked_line(fitted.table)) else []
     if fitted.series.is_empty():
-        return "; ".join(said)
+        return said
     picture = bench.output / f"{row['trial']}.png"
     try:
         draw_table("torque", fitted.series, [picture])
     except OslAnalysisError as error:
-        return "; ".join([*said, f"no picture: {error}"])
-    return "; ".join([*said, str(picture)])
+        return [*said, f"no picture: {error}"]
+    return [*said, str(picture)]
 
 
 def device_of_row(row: Mapping[str, Any], config: Config) -> Path | None:

@@ -1,9 +1,8 @@
 """Captures of a motion-capture laboratory, in C3D, TRC or the CSV export of Nexus, as canonical columns.
 
-Force plates of types 1 to 4 become force and moment on the foot (C3D manual, Kistler). The moment is about the centre
-of the plate's surface. It is not computed from a centre of pressure, so that it is also valid for an unloaded plate.
-The exception is type 1, which records only the centre of pressure. FORCE_PLATFORM:ZERO, the frames of a baseline to
-subtract, is applied only if the source file asks for it: most files name their first ten frames there, whether the
+Force plates of types 1 to 4 become force and moment on the foot (C3D manual, Kistler), about the centre of the plate's
+surface, without a centre of pressure, so that they are valid for an unloaded plate. FORCE_PLATFORM:ZERO, the frames of
+a baseline, is applied only if the source file asks for it: most files name their first ten frames there, whether the
 plates were empty or not.
 """
 
@@ -219,67 +218,42 @@ def analog_rates(header: C3DHeader) -> tuple[float | None, float]:
     return (rate[0] if contradicts else None), actual
 
 
-MEASURED_BY_TYPE = {
-    1: ("N",) * 3 + ("m",) * 2 + ("N*m",),
-    2: ("N",) * 3 + ("N*m",) * 3,
-    3: ("N",) * 8,
-    4: ("",) * 6,
-}
+MEASURED_BY_TYPE = {1: ("N",) * 3 + ("m",) * 2 + ("N*m",), 2: ("N",) * 3 + ("N*m",) * 3, 3: ("N",) * 8, 4: ("",) * 6}
 """By type of plate, what its channels measure in SI units; those of type 4 in the units of its calibration."""
 
 
-@dataclass(frozen=True)
-class ForcePlate:
-    """One plate."""
+def wrench(
+    kind: int, corners: Array, origin: Array, channels: Array, calibration: Array | None = None
+) -> tuple[Array, Array]:
+    """Force [N] and moment [N*m] of one plate about its surface's centre, (n, 3) each, in laboratory axes, on the foot.
 
-    number: int
-    type: int  # 1 to 4, as in the C3D manual
-    corners: Array
-    """(4, 3) [m], in the laboratory; in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of the plate's axes."""
-    origin: Array  # FORCE_PLATFORM:ORIGIN, (3,) [m], in the plate's axes
-    calibration: Array | None = None  # (6, 6), which turns the channels of type 4 into [N] and [N*m]
-
-    def __post_init__(self) -> None:
-        if self.type not in MEASURED_BY_TYPE:
-            raise InputError(f"plate {self.number} is of type {self.type}; types 1 to 4 are read")
-        if not np.isfinite(own_axes(self.corners)).all():
-            raise InputError(f"plate {self.number}: its corners span no plane; correct FORCE_PLATFORM:CORNERS")
-        if self.type == 3 and not self.origin[:2].all():
-            raise InputError(
-                f"plate {self.number} of type 3 has ORIGIN {self.origin.tolist()}; without its sensors' distances "
-                "there is no moment: correct FORCE_PLATFORM:ORIGIN"
-            )
-        if self.type == 4 and self.calibration is None:
-            raise InputError(f"plate {self.number} of type 4 has no FORCE_PLATFORM:CAL_MATRIX; export it with one")
-
-    def wrench(self, channels: Array) -> tuple[Array, Array]:
-        """Force [N] and moment [N*m] about the surface's centre, (n, 3) each, in laboratory axes, on the foot.
-        `channels` (n, channels) are in [N], [N*m] and for type 1 [m]; for type 4 in the units of the calibration. They
-        are in the plate's axes, whose z points down, with a negative Fz under load; in the laboratory's axes this is
-        the ground reaction."""
-        # from the plate's origin to the surface's centre: the origin lies under the surface and z points down, so z is
-        # negative; a file with a positive z stores the opposite vector
-        centre = -self.origin if self.origin[2] > 0 else self.origin
-        if self.type == 4:
-            assert self.calibration is not None  # checked at construction
-            channels = channels @ self.calibration.T
-        force = channels[:, :3]
-        if self.type == 3:  # Kistler's four sensors, at distances a and b, in a depth that files write with either sign
-            a, b, depth = self.origin[0], self.origin[1], abs(self.origin[2])
-            x12, x34, y14, y23, z1, z2, z3, z4 = channels.T
-            force = np.column_stack([x12 + x34, y14 + y23, z1 + z2 + z3 + z4])
-            moment = np.column_stack(
-                [b * (z1 + z2 - z3 - z4), a * (-z1 + z2 + z3 - z4), b * (-x12 + x34) + a * (y14 - y23)]
-            )
-            centre = np.array([0.0, 0.0, -depth])
-        elif self.type == 1:  # centre of pressure x and y, free moment: M = p x F + (0, 0, T)
-            level = np.zeros(len(channels))
-            pressure = np.column_stack([channels[:, 3:5], level])
-            moment = np.cross(pressure, force) + np.column_stack([level, level, channels[:, 5]])
-        else:  # moments about the plate's origin
-            moment = channels[:, 3:6]
-        axes = own_axes(self.corners)
-        return force @ axes.T, (moment - np.cross(centre, force)) @ axes.T
+    kind: 1 to 4, as in the C3D manual. corners: (4, 3) [m], in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of
+    the plate's axes. origin: FORCE_PLATFORM:ORIGIN, (3,) [m], in these axes. channels: (n, channels) in [N], [N*m] and
+    for type 1 [m]; for type 4 in the units of its `calibration` (6, 6). They are in the plate's axes, whose z points
+    down, with a negative Fz under load; in the laboratory's axes this is the ground reaction.
+    """
+    axes = own_axes(corners)
+    # from the plate's origin to the surface's centre: the origin lies under the surface and z points down, so z is
+    # negative; a file with a positive z stores the opposite vector
+    centre = -origin if origin[2] > 0 else origin
+    if calibration is not None:
+        channels = channels @ calibration.T
+    force = channels[:, :3]
+    if kind == 3:  # Kistler's four sensors, at distances a and b, in a depth that files write with either sign
+        a, b, depth = origin[0], origin[1], abs(origin[2])
+        x12, x34, y14, y23, z1, z2, z3, z4 = channels.T
+        force = np.column_stack([x12 + x34, y14 + y23, z1 + z2 + z3 + z4])
+        moment = np.column_stack(
+            [b * (z1 + z2 - z3 - z4), a * (-z1 + z2 + z3 - z4), b * (-x12 + x34) + a * (y14 - y23)]
+        )
+        centre = np.array([0.0, 0.0, -depth])
+    elif kind == 1:  # centre of pressure x and y, free moment: M = p x F + (0, 0, T)
+        level = np.zeros(len(channels))
+        pressure = np.column_stack([channels[:, 3:5], level])
+        moment = np.cross(pressure, force) + np.column_stack([level, level, channels[:, 5]])
+    else:  # moments about the plate's origin
+        moment = channels[:, 3:6]
+    return force @ axes.T, (moment - np.cross(centre, force)) @ axes.T
 
 
 def plate_count(recording: C3DRecording) -> int:
@@ -320,7 +294,15 @@ def plate_load(recording: C3DRecording, source: Source, number: int) -> PlateLoa
         units = source.plate_units
         moment_unit, force_factor = (units.moment, si_factor(units.force, "N")) if units else (f"N*{length}", 1.0)
         matrix = np.asarray(matrix * np.repeat([force_factor, si_factor(moment_unit, "N*m")], 3)[:, None])
-    plate = ForcePlate(number, kind, corners, origin, matrix)
+    if kind not in MEASURED_BY_TYPE:
+        raise InputError(f"plate {number} is of type {kind}; types 1 to 4 are read")
+    if not np.isfinite(own_axes(corners)).all():
+        raise InputError(f"plate {number}: its corners span no plane; correct FORCE_PLATFORM:CORNERS")
+    if kind == 3 and not origin[:2].all():
+        raise InputError(
+            f"plate {number} of type 3 has ORIGIN {origin.tolist()}; without its sensors' distances "
+            "there is no moment: correct FORCE_PLATFORM:ORIGIN"
+        )
     needed = len(MEASURED_BY_TYPE[kind])
     stated = plate_parameter(recording, "CHANNEL", number, (0,)).astype(int)[:needed]
     if stated.size < needed or (stated < 1).any() or (stated > header.channels).any():
@@ -329,7 +311,8 @@ def plate_load(recording: C3DRecording, source: Source, number: int) -> PlateLoa
             f"{stated.tolist()} of the file's {header.channels}; correct it"
         )
     numbers = [int(one) - 1 for one in stated]
-    force, moment = plate.wrench(channels_in_si(recording, source, plate, numbers))
+    channels = channels_in_si(recording, source, number, kind, numbers)
+    force, moment = wrench(kind, corners, origin, channels, matrix)
     analogs = [n + 1 for n in numbers]
     provenance = {"type": kind, "analogs": analogs, "units": [recording.analog_unit(n) for n in numbers]}
     shown = [(printable(labels[n]) if n < len(labels) else "") or f"analog {n + 1}" for n in numbers]
@@ -337,36 +320,36 @@ def plate_load(recording: C3DRecording, source: Source, number: int) -> PlateLoa
     return PlateLoad(number, kind, corners, force, moment, provenance, shown, raw, rate)
 
 
-def channels_in_si(recording: C3DRecording, source: Source, plate: ForcePlate, numbers: list[int]) -> Array:
+def channels_in_si(recording: C3DRecording, source: Source, number: int, kind: int, numbers: list[int]) -> Array:
     """The samples (samples, channels) of a plate's channels, counted from 0, in SI units; for type 4 as they are, for
     the calibration."""
     values = recording.analogs[:, numbers]
     if not np.isfinite(values).all():
         row, column = np.argwhere(~np.isfinite(values))[0]
         raise InputError(
-            f"plate {plate.number}: {values[row, column]} in sample {row + 1} of analog channel {numbers[column] + 1}; "
+            f"plate {number}: {values[row, column]} in sample {row + 1} of analog channel {numbers[column] + 1}; "
             "correct ANALOG:SCALE and GEN_SCALE, or export the trial again"
         )
     frames = baseline_frames(recording, source)
     if frames is not None:
         ratio = recording.header.samples_per_frame
         unloaded = values[(frames[0] - 1) * ratio : frames[1] * ratio].mean(axis=0)
-        if plate.type == 1:
+        if kind == 1:
             unloaded[3:5] = 0.0  # an unloaded plate has no centre of pressure
         values = values - unloaded
-    if plate.type == 4:
+    if kind == 4:
         return values
     factors, stated = [], source.plate_units
-    for number, quantity in zip(numbers, MEASURED_BY_TYPE[plate.type], strict=True):
-        unit = recording.analog_unit(number)
+    for channel, quantity in zip(numbers, MEASURED_BY_TYPE[kind], strict=True):
+        unit = recording.analog_unit(channel)
         if stated:
             unit = {"N": stated.force, "N*m": stated.moment, "m": stated.length}[quantity] or unit
         try:
             factors.append(si_factor(unit, quantity))
         except InputError as error:
-            fields = "{force: N, moment: N*mm, length: mm}" if plate.type == 1 else "{force: N, moment: N*mm}"
+            fields = "{force: N, moment: N*mm, length: mm}" if kind == 1 else "{force: N, moment: N*mm}"
             raise InputError(
-                f"analog channel {number + 1}: {error}; or state the units that hold for all plates, as in "
+                f"analog channel {channel + 1}: {error}; or state the units that hold for all plates, as in "
                 f"`plate_units: {fields}`, in {source.place('plate_units').partition(' in ')[2]}"
             ) from error
     return np.asarray(values * np.array(factors))

@@ -17,8 +17,8 @@ from typing import Any
 import polars as pl
 from pydantic import ConfigDict, field_validator
 
-from osl_analysis.config.yaml_settings import Settings, read_mapping, read_yaml
-from osl_analysis.errors import InputError, nearest, printable
+from osl_analysis.config.yaml_settings import Settings, dotted, field_line, read_mapping, read_yaml
+from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.formats.c3d import is_c3d
 from osl_analysis.formats.csv_table import is_text
 from osl_analysis.formats.gait_text import is_nexus, is_opensim, is_trc
@@ -33,8 +33,8 @@ from osl_analysis.ingest import logs, overview
 from osl_analysis.ingest.captures import read_c3d_capture, read_nexus_capture, read_trc_capture
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.recording import Recording, check_sizes
-from osl_analysis.ingest.source import KEYS, Keys, SharedAngle, Source, model_of, refuse_draft
-from osl_analysis.trial import Trial
+from osl_analysis.ingest.source import KEYS, UNKNOWN, Keys, SharedAngle, Source, model_of, open_places
+from osl_analysis.trial import COLUMNS, Trial
 
 
 @contextmanager
@@ -128,7 +128,14 @@ class NamedFormat(Settings):
 def read_source(path: Path) -> Source:
     """A source file, checked: columns are canonical, every unit converts to its column's."""
     name = read_yaml(path, NamedFormat).format
-    refuse_draft(path, read_mapping(path))
+    places = list(open_places(read_mapping(path)))
+    if places:
+        where = listing([f"`{dotted(place)}` in line {field_line(path, place)}" for place in places], 6)
+        raise InputError(
+            f"{path}: a draft of `osl-analysis inspect` in which {len(places)} places are to be edited: {where}; give "
+            f"each signal that you need its canonical name ({', '.join(c for c in COLUMNS if c != 'time')}), state "
+            f"each {UNKNOWN}, and delete the other lines of `channels`"
+        )
     source = read_yaml(path, FORMATS[name].source)
     source.written_in(path)
     return source

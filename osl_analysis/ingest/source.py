@@ -27,8 +27,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError, PydanticUndefined
 
-from osl_analysis.config.yaml_settings import Settings, dotted, field_line
-from osl_analysis.errors import InputError, listing, nearest
+from osl_analysis.config.yaml_settings import Settings, field_line
+from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.mat import checked_address
 from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
 from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
@@ -504,18 +504,6 @@ def model_of(name: str, keys: Keys) -> type[Source]:
 
 UNKNOWN = "UNKNOWN"  # stands in a draft where the file does not tell a value
 NAME_OF_TIME = "NAME_OF_TIME"  # stands for the column of time where no column is called like a clock
-
-
-def refuse_draft(path: Path, content: dict[str, Any]) -> None:
-    """Refuse a source file in which places of a draft are not edited."""
-    places = list(open_places(content))
-    if places:
-        named = listing([f"`{dotted(place)}` in line {field_line(path, place)}" for place in places], 6)
-        raise InputError(
-            f"{path}: a draft of `osl-analysis inspect` in which {len(places)} places are to be edited: {named}; give "
-            f"each signal that you need its canonical name ({', '.join(c for c in COLUMNS if c != 'time')}), state "
-            f"each {UNKNOWN}, and delete the other lines of `channels`"
-        )
 
 
 def open_places(content: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:

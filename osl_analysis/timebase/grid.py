@@ -175,12 +175,7 @@ def gaps_of(part: Taken, first: float, last: float, limits: GapLimits) -> tuple[
 
 
 def stream_row(
-    part: Taken,
-    bridged: Array,
-    marked: Array,
-    time: Array,
-    limits: GapLimits,
-    low_passes: Mapping[str, SensorLowPass],
+    part: Taken, bridged: Array, marked: Array, time: Array, limits: GapLimits, low_passes: Mapping[str, SensorLowPass]
 ) -> dict[str, Any]:
     """What was found and done in one stream, beside a grid of times (m,) [s]; g is that of the signal that knows it
     best."""

@@ -12,10 +12,10 @@ from click.testing import CliRunner
 from conftest import ROOT
 
 from osl_analysis.bench.components import ACTUATOR_PARAMETERS as NAMES
-from osl_analysis.bench.components import actuator_alone, actuator_trial
+from osl_analysis.bench.components import actuator_alone
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.cli import main
-from osl_analysis.commands.bench import FitRequest, fit_actuator_trial, fit_trial, summarise
+from osl_analysis.commands.bench import FitRequest, fit_actuator_trial, fit_trial
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.config.configuration import read_section
@@ -25,9 +25,6 @@ from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.simulator.bench import simulate_bench_trial, turning
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
-from osl_analysis.study.bench import recorded_trial
-from osl_analysis.summary import headline_numbers
-from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial, write_trial
 
 DEFAULT = ROOT / "config/simulation/default.yaml"
@@ -82,21 +79,6 @@ def test_what_is_simulated_obeys_equations_1_and_2():
     assert truth["parameters"]["f_G"] == P.f_G
 
 
-def two_nodes(later_s):
-    """The bench without noise, its torque sampled so much later than the angle by a node of its own."""
-    phase = {"enabled": True, "size": later_s, "unit": "s"}
-    recorder = RecorderSettings.model_validate({"node": {}, "torque_node": {"phase": phase}})
-    return settings(effects=False).model_copy(update={"recorder": recorder})
-
-
-@pytest.mark.parametrize("later_s", [0.0, 3e-4, 5e-4, 7e-4])
-def test_inertia_does_not_depend_on_when_the_torque_is_sampled(later_s):
-    """0.01 %, a sixth of a standard error; 0.05 % where friction jumped at the sample after the reversal."""
-    log, _ = simulate_bench_trial({"trial": "actuator_1", "experiment": "actuator"}, two_nodes(later_s), P)
-    fit = actuator_trial(recorded_trial("actuator_1", log), ANALYSIS.model_copy(update={"sign_width": 0.002})).whole
-    assert fit["J_m"] == pytest.approx(TRUE["J_m"], rel=2e-4)
-
-
 def test_a_log_without_noise_gives_the_parameters_back():
     """The filter smears friction's jumps on both sides alike; the smooth sign is left, which costs B_m most."""
     t, theta, omega, alpha, current = schedule()
@@ -121,17 +103,6 @@ def test_a_simulated_bench_gives_them_back_within_their_errors():
     assert means == pytest.approx(np.ones(5), abs=0.02)
     assert means[:3] == pytest.approx(np.ones(3), abs=0.003)
     assert max(fits[0].se(name) / TRUE[name] for name in ("k_tau_n_m", "f_C", "f_G", "J_m")) < 0.02
-
-
-def test_rows_near_a_gap_are_not_fitted():
-    t, theta, omega, alpha, current = schedule()
-    torque, usable = by_hand(theta, omega, alpha, current), np.ones(len(t), dtype=bool)
-    torque[9000:9100] += 30.0
-    usable[8800:9300] = False
-    signals = {"theta_m": theta, "current": current, "torque_m": torque}
-    fit = actuator_alone("made", t, signals, ANALYSIS, usable).whole
-    assert fit["f_C"] == pytest.approx(TRUE["f_C"], rel=5e-3)
-    assert abs(actuator_alone("made", t, signals, ANALYSIS).whole["f_C"] / TRUE["f_C"] - 1) > 0.02
 
 
 def test_refuses_a_current_that_always_has_the_direction_of_the_motion():
@@ -159,19 +130,6 @@ def test_refuses_an_actuator_that_hardly_moves():
         fit_log(t, theta / 57, current, current)
 
 
-def test_slow_samples_are_left_out_because_friction_is_not_at_its_limit_there():
-    """A slow actuator that sticks reads half of its friction; only samples beyond 0.5 rad/s may count."""
-    t, theta, omega, alpha, current = schedule()
-    torque = by_hand(theta, omega, alpha, current)
-    sticking = np.abs(omega) < 0.3
-    torque[sticking] += 0.5 * np.sign(omega[sticking]) * TRUE["f_C"]
-    errors = [
-        abs(fit_log(t, theta, current, torque, cutoff_hz=100, slowest=slowest)["f_C"] - TRUE["f_C"])
-        for slowest in (0.0, 0.5)
-    ]
-    assert errors[1] < errors[0] / 4
-
-
 @pytest.fixture
 def campaign(tmp_path, monkeypatch):
     """Settings of a campaign with two actuator trials of 10 s and nothing else."""
@@ -182,31 +140,6 @@ def campaign(tmp_path, monkeypatch):
     path = tmp_path / "settings.yaml"
     path.write_text(yaml.safe_dump(content))
     return path
-
-
-def test_from_log_to_headline_numbers(tmp_path, campaign):
-    analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
-    for name in ("actuator_1", "actuator_2"):
-        simulate_trial(campaign, tmp_path, name)
-        row = {"trial": name, "experiment": "actuator", "log": f"actuator/{name}.mcap", "log_source": "actuator"}
-        ingest_trial(row, tmp_path, Path("config/sources"), tmp_path / f"{name}.parquet")
-        tables = {table: tmp_path / f"{name}_{table}.csv" for table in ("actuator", "timebase", "series")}
-        found = fit_actuator_trial(read_trial(tmp_path / f"{name}.parquet"), DEVICE, analysis)
-        for table, path in tables.items():
-            write_table(found[table], path)
-    columns = read_trial(tmp_path / "actuator_1.parquet").samples.columns
-    assert set(columns) == {"time", "theta_m", "current", "torque_m"}
-    series = read_table(tmp_path / "actuator_1_series.csv")
-    assert (series["torque"] - series["torque_model"]).std() < 0.05 * series["torque"].std()
-    table = pl.concat([read_table(tmp_path / f"actuator_{i}_actuator.csv") for i in (1, 2)])
-    table.write_csv(tmp_path / "actuator.csv")
-    assert table["VAF"].min() > 99.9
-    summarise(tmp_path / "actuator.csv", tmp_path / "summary.csv")
-    found = {h.name: h for h in headline_numbers({"actuator_summary": read_table(tmp_path / "summary.csv")})}
-    assert set(found) == set(TRUE)
-    assert found["k_tau_n_m"].value == pytest.approx(TRUE["k_tau_n_m"], rel=0.01)
-    assert [found[name].draft for name in TRUE] == pytest.approx(list(TRUE.values()))
-    assert [found[name].n for name in TRUE] == [2] * 5
 
 
 DOC = (ROOT / "docs/own_data.md").read_text().partition("## Your own actuator bench")[2]

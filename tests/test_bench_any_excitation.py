@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from any_motion import LEAD, RATE, TRUE, chirp, made_trial, multisine, noise, sines
+from any_motion import LEAD, RATE, TRUE, chirp, made_trial, multisine, noise
 from bench_synthetic import second_order, stepped_sine, table_of
 from conftest import ROOT
 from scipy.linalg import expm
@@ -31,8 +31,6 @@ from osl_analysis.bench.impedance import (
 )
 from osl_analysis.bench.record import record_of_trial, stated_windows
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.commands.bench import average_over_amplitudes, fit_impedance_trial
-from osl_analysis.commands.tables import gather
 from osl_analysis.config.configuration import read_section
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.config.parameters import read_parameters
@@ -42,7 +40,6 @@ from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.recording import check_recording, measure_protocol, samples_at_rail, saturated
 from osl_analysis.judge.table import Commanded, Doubt, DoubtfulFits, Examined
 from osl_analysis.model.drivetrain import joint_admittance
-from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
 
 CONFIG = Path(ROOT / "config/config.yaml")
@@ -177,15 +174,6 @@ def test_a_lag_of_more_than_a_fifth_of_a_radian_is_told_where_it_is_certain(late
     assert row["lag_inertia_share"] > 0.1
 
 
-@pytest.mark.parametrize("late", [2e-3, 4.5e-3])
-def test_a_lag_of_many_samples_is_found_too(late):
-    """One of 2 ms is to third order one of -8 ms, and one of 4.5 ms, which turns the sign of I, one of -5.5 ms."""
-    rng = np.random.default_rng(11)
-    row = row_of(made_trial(rng, noise(rng, (0.5, 6.0), duration=40.0), late=late))
-    assert row["lag_s"] == pytest.approx(late, abs=4 * row["lag_se_s"])
-    assert row["lag_se_s"] < 1.5e-4
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_of_two_lags_that_explain_the_torque_the_smaller_one_is_taken(seed):
     """B/K (1.5 -+ sqrt(2.25 - 6 K I/B^2)) is 10 ms for this joint; 14 bits hide which one leaves less."""
@@ -260,24 +248,6 @@ def test_rounding_that_every_period_repeats_is_in_the_intervals():
     assert np.sqrt(np.mean(np.square(noise_alone))) > 1.8
 
 
-@pytest.mark.parametrize(("bits", "friction"), [(14, 0.0), (30, 1.0)])
-def test_the_interval_of_the_offset_has_rounding_and_the_drift_that_friction_may_hide(bits, friction):
-    """No noise: the scatter of the periods' means is 1e-3 of the error at most. Friction's own drift is estimated with
-    an error, by which the torque in the middle of the periods differs from that in the middle of the record."""
-    z, step = [], 2 * np.pi / 2**bits
-    for seed in range(8):
-        rng = np.random.default_rng(seed)
-        motion = multisine(rng)
-        made = made_trial(rng, motion, torque_noise=0.0, more=friction * np.tanh(motion[1][1] / 0.01))
-        zero = rng.uniform()
-        rounded = pl.Series("theta", (np.rint(motion[1][0] / step + zero) - zero) * step)
-        record = moving_record(Trial("made", made.samples.with_columns(rounded)))
-        fit = analysed(record, plain_sums(record, IMPEDANCE), IMPEDANCE).whole
-        z.append((fit["offset"] - 0.4 - 1e-3 * motion[0].mean()) / fit.se("offset"))
-    assert np.sqrt(np.mean(np.square(z))) < 2  # 1 within 4 SE of 0.25
-    assert np.sqrt(np.mean(np.square(z))) > (0.0 if friction else 0.4)  # friction is 0 over a period, and not in a part
-
-
 @pytest.mark.parametrize(("move", "friction"), [(multisine, 0.5), (noise, 0.0)])
 def test_clocks_that_drift_apart_are_seen_and_in_periods_also_beside_friction(move, friction):
     rng = np.random.default_rng(4)
@@ -342,20 +312,6 @@ def test_a_damaged_stepped_sine_is_refused_as_one_and_the_setting_for_another_mo
         record_of_trial(spiky, SETTINGS)
 
 
-def test_every_table_of_a_trial_without_sines_has_its_columns(tmp_path):
-    rng = np.random.default_rng(1)
-    names = [table.name for table in EXPERIMENTS["impedance"].tables]
-    tables = {name: tmp_path / f"{name}.csv" for name in names}
-    desired = DesiredImpedance("mine", None, None)
-    found = fit_impedance_trial(made_trial(rng, noise(rng)), None, desired, WEIGHT_OF_PAPER.weight, SETTINGS)
-    for name, path in tables.items():
-        write_table(found[name], path)
-    assert [len(read_table(tables[name])) for name in ("impedance", "phasors")] == [1, 0]
-    gather([tables["phasors"]], tmp_path / "all.csv", Doubt(), [tables["impedance"]], Doubt())
-    average_over_amplitudes(tmp_path / "all.csv", tmp_path / "response.csv")
-    assert {"trial", "frequency_hz", "magnitude", "doubtful"} <= set(read_table(tmp_path / "response.csv").columns)
-
-
 @pytest.mark.parametrize(("K", "sign"), [(300.0, 1), (3.0, -1)])
 def test_noise_of_the_angle_changes_the_inertia_by_the_share_that_is_stated(K, sign):
     """A stiff joint has too large an I, a light one too small; over six records, within three standard errors."""
@@ -371,13 +327,6 @@ def test_noise_of_the_angle_changes_the_inertia_by_the_share_that_is_stated(K, s
     assert np.sign(shares).tolist() == [sign] * 6
     assert np.mean(errors) == pytest.approx(np.mean(shares), abs=3 * spread)
     assert abs(np.mean(shares)) > 4 * spread
-
-
-def test_a_joint_without_stiffness_is_none_whose_stiffness_cannot_be_told():
-    rng = np.random.default_rng(7)
-    row = row_of(made_trial(rng, noise(rng), K=0.0, B=1.0, I=0.05))
-    assert row["K"] == pytest.approx(0, abs=4 * row["K_se"])
-    assert row["K_se"] < 0.05
 
 
 def test_a_fast_motion_of_a_light_joint_cannot_tell_its_stiffness():
@@ -499,16 +448,6 @@ def test_a_change_of_the_stiffness_has_its_size_in_any_motion_and_is_doubtful(na
     assert "K_drift" in doubts_of(row)
 
 
-@pytest.mark.parametrize("share", [-0.05, 0.004])
-def test_what_a_change_of_the_stiffness_makes_of_the_inertia_in_a_sweep_is_said(share):
-    motion = chirp(np.random.default_rng(3))
-    row = drifting_row(motion, more=changing(motion, share))
-    wrong = abs(row["I"] - TRUE["I"]) / np.hypot(row["I"], 0.005)
-    assert wrong > 0.02
-    assert row["drift_inertia_share"] == pytest.approx(wrong, abs=0.015)
-    assert "drift_inertia_share" in doubts_of(row)
-
-
 def test_sound_joints_show_no_change():
     """The bound is passed by one in 500: 36 trials of three motions, late and noisy ones among them."""
     for name, made in MOTIONS.items():
@@ -541,27 +480,6 @@ def test_beside_friction_a_change_is_told_and_where_nothing_explains_the_rest_it
     assert "no parameter file" in table["not_checked"][0]
 
 
-def test_a_sweep_that_is_repeated_tells_the_change_beside_friction():
-    once = chirp(np.random.default_rng(3), duration=DURATION / 4 - 2 * LEAD)
-    parts = [np.tile(x, 4) for x in once[1]]
-    motion = np.arange(len(parts[0])) / RATE, parts
-    assert drifting_row(motion, more=friction(motion) + changing(motion, -0.05))["K_drift"] == pytest.approx(
-        -0.045, abs=0.02
-    )
-    assert drifting_row(motion, more=friction(motion))["K_drift"] in (0, None)
-
-
-def test_a_spring_that_stiffens_in_a_motion_that_grows_is_no_change():
-    """K follows the size of the motion, which follows time."""
-    rng = np.random.default_rng(5)
-    time, (x, v, a) = sines(rng, rng.uniform(0.5, 6, 60), duration=DURATION)
-    size, rate = 0.3 + (time - LEAD) / DURATION, 1 / DURATION
-    motion = time, (size * x, rate * x + size * v, 2 * rate * v + size * a)
-    stiffens = 1e4 * motion[1][0] ** 3
-    drift = change_in(moving_record(made_trial(rng, motion, more=stiffens)))
-    assert drift is None or not drift.found
-
-
 def test_a_stiffness_that_grows_with_the_frequency_is_no_change_in_a_sweep():
     """A spring behind a damper: beside it the sweep cannot tell, rather than see K rise."""
     rng = np.random.default_rng(5)
@@ -570,14 +488,6 @@ def test_a_stiffness_that_grows_with_the_frequency_is_no_change_in_a_sweep():
     follows = motion[1][0] - lfilter([1 - slow], [1, -slow], motion[1][0])
     drift = change_in(moving_record(made_trial(rng, motion, more=60 * follows)))
     assert drift is None or not drift.found
-
-
-def test_a_step_of_the_stiffness_is_a_change_though_a_ramp_leaves_more_than_noise_of_it():
-    rng = np.random.default_rng(5)
-    motion = noise(rng)
-    drift = change_in(moving_record(made_trial(rng, motion, more=np.where(motion[0] > 17, 9 * motion[1][0], 0.0))))
-    assert drift.found
-    assert drift.size == pytest.approx(1.5 * 9, abs=2 * drift.possible)  # the line through the step
 
 
 def test_a_motion_by_hand_and_a_sweep_beyond_the_filter_are_no_binary_sequence():
@@ -593,13 +503,6 @@ def test_a_motion_by_hand_and_a_sweep_beyond_the_filter_are_no_binary_sequence()
         row = row_of(made_trial(rng, made, bits=24))
         assert row["K"] == pytest.approx(300, rel=0.01)
         assert row["angle_noise_share"] < 0.01
-
-
-def test_rounding_to_few_bits_in_a_slow_sweep_is_no_change():
-    """Rounding follows the angle, so that standard errors are too small: it passes three of them."""
-    motion = chirp(np.random.default_rng(1), band=(1.0, 4.0), duration=40.0)
-    drift = change_in(moving_record(made_trial(np.random.default_rng(1), motion, bits=12)))
-    assert drift is None or not drift.found
 
 
 LIMIT = LIMITS.below["torque_at_peaks"]

@@ -46,18 +46,6 @@ def test_belt_refuses_a_joint_that_hardly_moved_and_a_record_that_ends_loaded():
         belt_record(theta_s, torque, unusable=range(1690, 3400))
 
 
-def test_belt_refuses_a_motion_that_goes_there_and_back_more_than_once():
-    once, torque = belt_cycle()
-    with pytest.raises(InputError, match="no single loading"):
-        fitted(np.concatenate([0.9 * once, once]), np.concatenate([torque, torque]))
-
-
-def test_quadratic_belt_is_recovered_where_the_line_is_not():
-    fit = fitted(*belt_cycle(K_s=876, K_s2=14913))
-    assert (fit.quadratic["K_s"], fit.quadratic["K_s2"]) == pytest.approx((876, 14913), rel=1e-6)
-    assert fit.loading.whole["K_s"] > 1500
-
-
 def test_a_belt_is_fitted_as_by_a_regression_of_its_usable_rows():
     theta_s, torque = belt_cycle()
     torque = torque + filtered_noise(np.random.default_rng(3), n=len(theta_s))

@@ -57,12 +57,6 @@ def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_re
     assert estimates_text(table).count("single amplitudes") == 3
 
 
-def test_one_amplitude_has_no_range():
-    record = stepped_sine(second_order, protocol=SteppedSineProtocol((0.1,), PROTOCOL.frequencies_hz, 9))
-    table = table_of(record)
-    assert table["K_amplitudes_low"].to_list() == table["K_amplitudes_high"].to_list() == [None, None]
-
-
 def written(folder, time, theta, torque):
     """A trial of these signals in a folder, and its path."""
     path = folder / "made.parquet"
@@ -117,14 +111,6 @@ def test_the_model_of_fig4_is_the_fit_to_the_settled_cycles_and_has_no_torque_be
     assert row["K"] == pytest.approx(200, rel=1e-3)
     # of nine cycles at 1, 3 and 5 Hz the first two and the last one
     assert (~fitted).sum() == pytest.approx(3 * RATE * (1 + 1 / 3 + 1 / 5), abs=4)
-
-
-def test_fig4_shows_an_amplitude_that_the_protocol_has_twice(tmp_path):
-    protocol = SteppedSineProtocol((0.05, 0.05), PROTOCOL.frequencies_hz, 9)
-    record, settings = stepped_sine(second_order, protocol=protocol), settings_of(protocol)
-    path = written(tmp_path, record.time, record.theta, record.torque)
-    table = table_of(record)
-    assert len(fig4_of(path, table, settings, settings.amplitudes_deg[0])) == RATE
 
 
 def test_where_amplitudes_nest_inside_frequencies_fig4_and_the_comparison_use_one_amplitude_only(tmp_path):
@@ -268,16 +254,6 @@ def test_of_a_lag_and_its_image_that_leave_as_little_the_one_of_a_possible_joint
         assert row["doubtful"].startswith("late torque or drivetrain: ")
 
 
-def test_a_joint_softer_than_its_gains_should_make_it_is_not_late():
-    joint = joint_admittance(GAINS.K_1, GAINS.B_1, P, P.J_j)
-    plain = stepped_sine(lambda m: -20 * m.theta - 0.5 * m.omega, 0.05, FIVE)
-    record = record_of_sines(plain.time, plain.theta, linear_torque(plain, joint) + plain.torque, FIVE)
-    s = sums_of(record, IMPEDANCE, joint)
-    found = lag_of(record, s, IMPEDANCE, causes(record, s, IMPEDANCE))
-    assert not found.found
-    assert abs(found.size) < 1e-3
-
-
 @pytest.mark.parametrize(("cutoff_hz", "before", "behind"), [(30, 0.05, 0.0), (20, 0.0, 0.005)])
 def test_a_load_cell_behind_a_low_pass_is_late_and_not_its_encoder(cutoff_hz, before, behind):
     """The low-pass takes off noise by which noise is known. At 20 Hz a delay would have to be of the angle."""
@@ -289,12 +265,6 @@ def test_a_load_cell_behind_a_low_pass_is_late_and_not_its_encoder(cutoff_hz, be
     found = lag_of(record, s, IMPEDANCE, causes(record, s, IMPEDANCE))
     assert found.found
     assert found.size > 1e-3
-
-
-def test_a_joint_without_damping_has_no_share_of_friction_in_it():
-    *_, row = judged(lambda m: impedance_torque(300, 0, 0.02, m), noise=0.05).to_dicts()
-    assert row["coulomb_share"] == 0
-    assert row["doubtful"] == ""
 
 
 def test_a_lag_that_is_not_certain_but_may_change_the_inertia_by_a_tenth_is_said_not_to_be_checked():

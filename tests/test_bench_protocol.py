@@ -13,7 +13,6 @@ from osl_analysis.errors import InputError
 from osl_analysis.protocol.stepped_sine import (
     Segment,
     SteppedSineProtocol,
-    find_runs,
     find_segments,
     labels_deg,
     settled_cycles,
@@ -138,20 +137,6 @@ def test_all_recorded_cycles_are_found_whatever_their_number_in_the_configuratio
     ]
 
 
-@pytest.mark.parametrize(("really", "whole"), [(4.4, 4), (4.6, 4), (4.95, 5)])
-def test_a_cycle_that_was_not_finished_is_not_counted(really, whole):
-    time, theta = stepped_record()
-    kept = round((3.0 + really / 2) * RATE)
-    assert [s.cycles for s in find_segments(time[:kept], theta[:kept], PROTOCOL)] == [whole]
-
-
-def test_a_disturbed_cycle_does_not_end_a_run():
-    time, theta = stepped_record()
-    theta[round(4.6 * RATE) : round(4.9 * RATE)] += 0.02
-    (first, *_) = find_runs(time, theta)
-    assert first.cycles == pytest.approx(6, abs=0.1)
-
-
 def test_amplitudes_that_differ_are_never_one_label_and_labels_are_measured():
     """Of a commanded amplitude a bench loses some at high frequencies; a run of another size is another label."""
     sizes = np.deg2rad([2.0, 1.98, 1.9, 2.45, 4.02])
@@ -207,25 +192,12 @@ def test_a_sine_of_any_phase_has_no_drift_and_a_drift_is_found_under_it():
     assert drift_of(sines() + 3.0 + 0.02 * TIME) == pytest.approx(0.02, rel=1e-9)
 
 
-def test_four_cycles_tell_no_drift():
-    assert drift_of(0.02 * TIME, [Segment(0.1, 2.0, 250, 1250, 4)]) == 0.0
-
-
 @pytest.mark.parametrize("drift", [0.0, 0.02])
 def test_a_mean_torque_that_grows_with_the_amplitude_is_no_drift(drift):
     """As of an asymmetric joint, in a protocol whose amplitudes grow: 200 theta^2 read 0.56 N*m/min and K 12 SE off."""
     larger = [Segment(0.2, 2.0, 2750, 4000, 5, 0.2)]
     torque = np.where(np.arange(len(TIME)) < 2750, 1.0, 4.0) + drift * TIME
     assert drift_of(torque, SEGMENTS[:1] + larger) == pytest.approx(drift, abs=1e-12)
-
-
-def test_a_sine_that_decays_has_means_which_are_no_drift():
-    """By 1 % in a second at 300 N*m/rad and 6 deg; 0.005 N*m/s of drift is found under it all the same."""
-    theta = sines(np.deg2rad(6))
-    for segment in SEGMENTS:
-        theta[segment.rows] *= np.exp(-0.01 * (TIME[segment.rows] - TIME[segment.rows.start]))
-    assert drift_of(300 * theta, theta=theta) == pytest.approx(0, abs=1e-9)
-    assert drift_of(300 * theta + 0.005 * TIME, theta=theta) == pytest.approx(0.005, rel=0.02)
 
 
 def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute():

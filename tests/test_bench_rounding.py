@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from bench_synthetic import LOW_PASS, second_order, stepped_sine
+from bench_synthetic import second_order, stepped_sine
 
 from osl_analysis.bench.analysis import analysed
 from osl_analysis.bench.effects import IMPEDANCE, plain_sums, sums_of, with_effects
 from osl_analysis.bench.record import record_of_trial, sine_record, stretches_of
 from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
-from osl_analysis.signals import filtered_motion
 from osl_analysis.stats.rounding import visible_step
 from osl_analysis.trial import Trial
 
@@ -107,12 +106,6 @@ def test_both_kinds_of_groups_read_a_joint_alike_that_the_model_misses():
     assert cycles.se("B") > 5 * cycles.repeat_se("B")
 
 
-def test_a_fit_to_few_cycles_has_an_interval():
-    fit = fitted(trial(1, 1000.0), SETTINGS.model_copy(update={"settle_cycles": 7}))
-    assert fit.repeat_se("K") > 0
-    assert fitted(trial(1, 1000.0), SETTINGS.model_copy(update={"settle_cycles": 8})).repeat_se("K") is None
-
-
 def test_one_cycle_at_each_frequency_has_an_interval_that_holds():
     """Four cycles, of which one is left: 60 seeded records; 95 % with Monte Carlo errors of 1.6 %."""
     protocol, covered = SteppedSineProtocol((0.07,), FIVE, 4), []
@@ -135,36 +128,7 @@ def test_a_step_is_stated_or_seen():
     assert sine_record(made, SETTINGS).steps == (None, None)
 
 
-def test_a_step_is_seen_in_floats_of_four_bytes_and_where_every_other_one_is_hardly_used():
-    random = np.random.default_rng(5)
-    turns = 0.003 * np.rint(200 * np.sin(np.linspace(0, 60, 40_000)) + random.standard_normal(40_000)) + 0.0007
-    assert visible_step(turns.astype(np.float32).astype(float)) == pytest.approx(0.003, rel=1e-3)
-    doubled = np.where(np.arange(40_000) % 39 == 0, 2 * np.rint(turns / 0.006), np.rint(turns / 0.003)) * 0.003
-    assert visible_step(doubled) == pytest.approx(0.003, rel=1e-9)
-
-
 TWELVE_BITS = 2 * np.pi / 2**12
-
-
-@pytest.mark.parametrize("amplitude", [0.07, 0.0704])
-def test_the_standard_error_of_k_at_12_bits_does_not_hang_on_where_the_zero_of_the_encoder_is(amplitude):
-    """Rounding makes nearly all of it; its size belongs to the motion, whatever the zero happens to be."""
-    found = []
-    for zero in np.arange(8) / 8:
-        record = twelve_bits(amplitude, zero)
-        fit = with_effects(plain_sums(record, IMPEDANCE), IMPEDANCE)
-        found.append((fit["K"] - 200, fit.se("K")))
-    errors, standard = np.array(found).T
-    assert standard.std() < 0.25 * standard.mean()
-    assert np.abs(errors).max() < 2 * standard.mean()
-
-
-def twelve_bits(amplitude, zero):
-    """A trial whose angle is rounded to 12 bits from some zero, of a joint that moves without rounding."""
-    record = stepped_sine(second_order, 0.003, SteppedSineProtocol((amplitude,), (1.0, 2.0, 5.0), 9))
-    theta = TWELVE_BITS * np.rint(record.theta / TWELVE_BITS + zero)
-    motion, torque = filtered_motion(record.time, theta, record.torque, LOW_PASS)
-    return replace(record, theta=theta, motion=motion, filtered_torque=torque, steps=(TWELVE_BITS, None))
 
 
 SWEPT = DynamometerAnalysis(cutoff_hz=15, order=4, amplitudes_deg=[4], frequencies_hz=[1], cycles=10, settle_cycles=2)

@@ -20,7 +20,6 @@ from osl_analysis.bench.torque_angle import (
     torque_angle_table,
     torque_angle_trial,
 )
-from osl_analysis.config.campaign import open_campaign
 from osl_analysis.config.configuration import read_config
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
@@ -192,14 +191,6 @@ def test_intervals_of_the_slope_cover_it_with_one_cycle_and_with_several(cycles)
     assert 0.9 < np.mean(covered) < 1  # of 200 intervals, whose share has a standard error of 0.015
 
 
-def test_a_pause_on_the_way_does_not_change_the_straight_line():
-    theta, slow = path(0, 12, 0), np.deg2rad(12)
-    torque = K * theta + 2000 * theta**3
-    at = int(np.argmax(theta > slow / 2))
-    paused = [np.concatenate([x[:at], np.full(2000, x[at]), x[at:]]) for x in (theta, torque)]
-    assert rows_of(*paused)["K"] == pytest.approx(rows_of(theta, torque)["K"], rel=2e-3)
-
-
 @pytest.mark.parametrize(
     ("angles", "cycles", "partial"),
     [
@@ -259,27 +250,6 @@ def test_a_torque_that_hysteresis_leaves_at_rest_is_not_taken_for_an_offset_with
     assert right["torque_max"] == pytest.approx(K * A + limit, abs=0.2)  # the filter cuts 0.05 deg off the tip
     assert (doubts(theta, torque, zero="start"), unchecked(theta, torque, zero="start")) == ("", "")
     assert rows_of(theta, torque, **PLAIN)["zero_off_middle"] is None
-
-
-def test_an_offset_of_a_device_whose_loop_closes_at_rest_is_no_matter():
-    """Dry friction lets go at rest, a damper has no torque there, and a spring has no loop."""
-    theta = path(0, *(10, -10) * 3, 0)
-    omega = np.gradient(theta) * RATE
-    for torque in (1.5 * np.sign(np.round(omega, 9)), 20 * omega, 3000 * theta**3):
-        assert unchecked(theta, K * theta + torque + 5) == ""
-        assert doubts(theta, K * theta + torque + 5) == ""
-
-
-def test_drift_is_no_reason_to_leave_a_cycle_out():
-    drift = 6 * np.linspace(0, 1, FULL.size)
-    assert rows_of(FULL, K * FULL + drift, **PLAIN)["settled_cycles"] == 0
-
-
-def test_first_cycles_are_left_out_and_one_must_remain():
-    theta = path(0, 10, 0, 10, 0, 10, 0)
-    assert find_cycles(theta, 2).used == find_cycles(theta).used[2:]
-    with pytest.raises(InputError, match="the first 3 of 3 whole cycles are not analysed; record more, or lower"):
-        find_cycles(theta, 3)
 
 
 FULL = path(0, 10, 0, 10, 0)
@@ -356,11 +326,6 @@ def test_the_change_of_the_energy_with_speed_is_that_from_the_slowest_cycle_to_t
     slope = np.sum((np.log([2, 4, 8]) - np.log(4)) * lost) / (2 * np.log(2) ** 2)  # least squares over log speed
     assert rows_of(theta, damped)["rate_change"] == pytest.approx(slope * np.log(4) / lost.mean(), rel=0.01)
     assert rows_of(FULL, K * FULL)["rate_change"] is None
-
-
-def test_another_part_of_the_same_file_is_ingested_again():
-    campaign = open_campaign(read_config(ROOT / "config/campaigns/desr/config.yaml"), None)
-    assert campaign.recording("both_cams_45mm")["log_part"] == "DESR_N.x45"
 
 
 def test_a_desired_curve_stands_beside_the_measured_one():

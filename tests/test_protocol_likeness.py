@@ -40,11 +40,6 @@ def test_a_damaged_stepped_sine_is_not_taken_for_another_motion(damage):
     assert kind_of(theta, rng) == expected
 
 
-def test_a_stepped_sine_of_other_frequencies_and_amplitudes_is_still_one():
-    other = SteppedSineProtocol((0.01, 0.2), (0.5, 1.4, 7.0), 10)
-    assert kind_of(stepped(other), np.random.default_rng(1)) == "stepped sine"
-
-
 @pytest.mark.parametrize("move", [multisine, noise, chirp])
 @pytest.mark.parametrize("band", [(0.5, 3.0), (0.5, 6.0), (0.5, 10.0), (0.2, 2.0)])
 def test_multisine_noise_and_sweep_are_other_motions_at_the_commanded_amplitudes(move, band):
@@ -60,13 +55,6 @@ def test_ramps_and_a_binary_sequence_are_other_motions():
     ramps = 0.09 * (2 * np.abs(2 * (0.3 * time % 1) - 1) - 1)
     sequence = np.convolve(np.repeat(rng.choice([-0.06, 0.06], 400), 50), np.hanning(25) / 12, "same")
     assert kind_of(ramps, rng) == kind_of(sequence, rng) == "other"
-
-
-def test_a_slow_sweep_has_no_steady_sine_although_each_cycle_is_like_the_one_before():
-    rng = np.random.default_rng(1)
-    _, (theta, *_) = chirp(rng, (0.8, 5.0), duration=300.0)
-    time = np.arange(len(theta)) / RATE
-    assert Likeness(time, theta, PROTOCOL).sines < 0.05
 
 
 def test_rests_do_not_count_as_moving_and_slow_turns_do():

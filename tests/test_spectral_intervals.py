@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.signal import butter, freqs, lsim, lti
 from scipy.special import ndtri
-from test_spectral_period import LOW_PASS, RATE, multisine, record
+from test_spectral_period import LOW_PASS
 
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
-from osl_analysis.spectral.periods import Realisation, periodic_motion
+from osl_analysis.spectral.periods import Realisation
 from osl_analysis.spectral.response import (
     DETECTION,
     EXCITED,
@@ -18,7 +18,6 @@ from osl_analysis.spectral.response import (
     NOISE,
     POWER,
     REALISATIONS,
-    ROBUST,
     RationalDrivetrain,
     RecordSpectrum,
     SecondOrder,
@@ -85,13 +84,6 @@ def test_standard_errors_are_the_scatter_of_many_fits(count, excited, distortion
         assert fits[0].degrees_of_freedom[:3] == pytest.approx(count - 1)
 
 
-def test_a_fit_weighted_by_noise_has_standard_errors_that_are_its_scatter():
-    fits = [fit_structure(SecondOrder(), lines_of_periods([lines(s, 0.02)], LOW_PASS), (200, 4)) for s in range(160)]
-    passed = [f.fit for f in fits if f.weights == NOISE]
-    assert len(passed) > 140
-    assert of_scatter(passed) == pytest.approx(1, abs=0.11)
-
-
 def test_lines_weigh_as_their_power_behind_the_filter_and_realisations_as_their_periods():
     third = Z + 2e-3 * S**3  # no second-order system: weights count
     made = [lines(1, 0.0, 3, LINES[:9], third), lines(2, 0.0, 6, LINES[4:], third)]
@@ -120,29 +112,6 @@ def test_noise_is_taken_off_the_levels():
     assert np.mean(response.levels["total"] ** 2) == pytest.approx(2 * (0.05 / 0.01) ** 2, rel=0.2)
 
 
-def test_a_motion_with_even_lines_shows_no_even_distortion_apart():
-    some = np.array([2, 3, 5, 6, 8, 9, 12, 13, 15, 16])
-    response = periodic_response([lines(1, 0.01, excited=some, distortion=0.1)])
-    levels = response.band
-    assert np.isnan(levels["even"])
-    assert np.isnan(response.levels["even"]).all()
-    seen = [k for k in range(1, 17) if k not in some]
-    only_odd = [k for k in seen if k % 2]
-    assert levels["odd"] == pytest.approx(0.1 * np.sqrt(len(only_odd) / len(seen)), rel=0.6)
-    assert np.isfinite(response.levels["odd"]).all()
-
-
-def test_noise_is_taken_off_the_misfit():
-    third = Z + 4e-5 * S**3
-    clean = fit_structure(SecondOrder(), lines_of_periods([lines(1, 1e-9, impedance=third)], LOW_PASS), (200, 4))
-    noisy = [
-        fit_structure(SecondOrder(), lines_of_periods([lines(s, 0.05, impedance=third)], LOW_PASS), (200, 4))
-        for s in range(50)
-    ]
-    assert np.sqrt(np.mean([f.misfit**2 for f in noisy])) == pytest.approx(clean.misfit, rel=0.25)
-    assert clean.misfit < 2.0  # as much as the noise
-
-
 def test_the_test_of_a_record_that_does_not_repeat_itself_has_the_spread_that_it_states():
     scores, m = [], 300
     f = np.arange(1, m + 1) / 20.0
@@ -154,19 +123,6 @@ def test_the_test_of_a_record_that_does_not_repeat_itself_has_the_spread_that_it
         scores.append(ndtri(fit_structure(SecondOrder(), lines_of_record(spectrum, LOW_PASS), (200, 4)).p))
     assert np.mean(scores) == pytest.approx(0, abs=0.45)
     assert np.std(scores) == pytest.approx(1, abs=0.35)
-
-
-def test_periods_beside_a_gap_are_not_in_the_response_of_a_trial():
-    theta, torque = record(5, multisine(1, 9))
-    usable = np.ones(len(theta), dtype=bool)
-
-    def periods():
-        found = periodic_motion(theta, torque, RATE, 1.5 * LOW_PASS.cutoff_hz, usable)
-        return sum(one.periods for one in found.realisations)
-
-    whole = periods()
-    usable[round(20.2 * RATE) : round(21.4 * RATE)] = False
-    assert (whole, periods()) == (8, 7)
 
 
 def realisation(seed: int, torque_of, periods: int = 4, noise: float = 0.0, size: float = 0.01) -> Realisation:
@@ -188,17 +144,6 @@ def second_order(theta, X):
 
 def cubic(theta, X):
     return 1e5 * theta**3
-
-
-def test_the_best_linear_approximation_of_a_cube_is_three_variances():
-    # of N equal lines 3 sigma^2 (1 - 1/(2 N)), 3 sigma^2 for a Gaussian motion; the scatter falls with the realisations
-    response = periodic_response([realisation(seed, cubic) for seed in range(40)])
-    variance = len(LINES) * 0.01**2 / 2
-    expected = 3e5 * variance * (1 - 1 / (2 * len(LINES)))
-    assert response.method == ROBUST
-    assert np.mean(response.impedance) == pytest.approx(expected, rel=0.01)
-    assert np.abs(response.impedance - expected) == pytest.approx(0, abs=4 * response.total_sd.max())
-    assert np.mean(np.abs(response.impedance - expected) ** 2 / response.total_sd**2) == pytest.approx(1, abs=0.5)
 
 
 def test_levels_of_a_cube_are_odd_and_those_of_a_square_are_even():
@@ -326,12 +271,3 @@ def test_the_local_polynomial_method_finds_the_response_of_a_simulated_system_wi
     assert len(squares) > 120
     assert np.mean(squares) == pytest.approx(1, abs=0.3)  # 0.1 by theory
     assert np.mean(noise) == pytest.approx(4 * 0.02**2 / (30 * LINE_RATE), rel=0.06)
-
-
-def test_a_drift_of_the_torque_does_not_reach_the_response_of_a_record():
-    theta, torque = moving(2, 0.02)
-    still, moved = (
-        local_response(record_spectrum(theta, y, LINE_RATE, 15.0))
-        for y in (torque, torque + 0.05 * np.arange(len(torque)) / LINE_RATE)
-    )
-    assert np.abs(moved.impedance - still.impedance).max() < 0.05 * still.noise_sd.max()

@@ -13,7 +13,7 @@ from osl_analysis.bench.settings import FilterSettings
 from osl_analysis.commands.figure import plot_numbers
 from osl_analysis.commands.tables import pool_responses
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.figures.frequency import condition_points, condition_words
+from osl_analysis.figures.frequency import condition_words
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import LINES as COLUMNS
 from osl_analysis.spectral.periods import distinct, lines_of, period_spectra, periodic_motion
@@ -51,13 +51,6 @@ def test_the_period_is_found_within_a_millionth_on_a_clock_that_is_off(ppm):
     assert [r.periods for r in found.realisations] == [5]
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_a_multiple_of_the_period_is_not_taken_for_it(seed):
-    theta, torque = record(seed, multisine(seed, 9))
-    noisy = theta + 1e-3 * np.random.default_rng(seed).standard_normal(len(theta))
-    assert periodic_motion(noisy, torque, RATE, 10.0).period == pytest.approx(PERIOD, rel=1e-4)
-
-
 def test_a_record_of_three_motions_with_one_period_has_three_realisations():
     found = periodic_motion(*record(2, *(multisine(seed) for seed in (1, 2, 3))), RATE, 10.0)
     assert [r.periods for r in found.realisations] == [4, 4, 4]
@@ -83,12 +76,6 @@ def test_what_does_not_repeat_itself_has_no_period(motion):
     made = {"chirp": np.sin(np.pi * 0.1 * t**2), "noise": walk, "rest": np.zeros(len(t)), "once": multisine(5, 1.5)[0]}
     made["by hand"] = np.sin(2 * np.pi * 1.2 * t + 2e-2 * np.cumsum(walk) / RATE)  # a sine whose period changes by 5 %
     assert periodic_motion(made[motion], made[motion], RATE, 10.0) is None
-
-
-def test_a_period_is_found_beside_a_drift_of_the_angle():
-    theta, torque = record(11, multisine(1))
-    drifting = theta + 0.004 * np.arange(len(theta)) / RATE
-    assert periodic_motion(drifting, torque, RATE, 10.0).period == pytest.approx(PERIOD, rel=1e-5)
 
 
 def test_lines_are_those_that_were_excited_and_the_others_odd_and_even():
@@ -170,12 +157,6 @@ def test_the_tables_of_a_periodic_trial_have_a_row_per_line_and_the_parameters_t
     assert tables["response_models"]["K_1"].is_not_null().to_list() == [False, True]
 
 
-def test_a_device_without_parameters_has_no_eq_9():
-    tables = response_tables(periodic("M", 1), None)
-    assert tables["response_models"]["model"].to_list() == ["Eq. 15"]
-    assert tables["response"]["magnitude_eq9"].null_count() == len(tables["response"])
-
-
 def test_a_motion_that_does_not_repeat_itself_has_the_local_polynomial_method():
     t = np.arange(round(30 * RATE)) / RATE
     rate = 2 * np.pi * (0.4 + 0.2 * t)  # a chirp to 6.4 Hz, its derivatives by hand
@@ -225,11 +206,3 @@ def test_trials_of_one_condition_are_pooled_where_their_motions_differ_in_phases
     plot_numbers("response", tmp_path / "response.csv", tmp_path / "plotted.csv", second=pooled)
     (row,) = read_table(tmp_path / "plotted.csv").unique("trials").to_dicts()
     assert condition_words(row) == ["Knee, left", "M1 and 1 more", "4 realisations"]
-
-
-def test_conditions_without_a_second_trial_are_not_pooled(tmp_path):
-    write_table(response_tables(periodic("M1", 1), None)["response_lines"], tmp_path / "M1.csv")
-    pooled, models = tmp_path / "response_pooled.csv", tmp_path / "response_models_pooled.csv"
-    pool_responses([tmp_path / "M1.csv"], {"M1": {}}, FilterSettings(cutoff_hz=15, order=4), pooled, models)
-    assert read_table(pooled).is_empty()
-    assert condition_points(pl.DataFrame(schema=RESPONSE), read_table(pooled)).is_empty()

@@ -14,7 +14,6 @@ from osl_analysis.bench.impedance import QUANTITIES
 from osl_analysis.bench.record import sine_record
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.protocol.stepped_sine import Segment, settled_cycles
 from osl_analysis.timebase.grid import GapLimits, uniform_signals
 from osl_analysis.trial import Trial
 
@@ -104,12 +103,6 @@ def test_what_the_load_cell_s_filter_did_is_done_to_the_angle():
     assert_right(fitted(trial_of(motion(times())[0], slow, origins=stated)))
 
 
-def test_two_sensors_with_the_same_filter_are_left_as_they_are():
-    same = {name: {"low_pass": {"cutoff_hz": 100.0, "order": 1}} for name in ("theta", "torque")}
-    signals = uniform_signals(trial_of(motion(times())[0], torque(times()), origins=same), ["theta"], GapLimits())
-    np.testing.assert_array_equal(signals["theta"], motion(times())[0])
-
-
 def test_a_stated_use_of_the_stamps_stands():
     scattered = times() + np.random.default_rng(1).normal(0, 20e-6, len(times()))
     theta, load = motion(scattered)[0], torque(scattered)
@@ -120,35 +113,6 @@ def test_a_stated_use_of_the_stamps_stands():
         (stream,) = signals.streams
         assert stream["stamps"] == ("even" if even else "exact")
         assert stream["why"].startswith("stated") == (stamps != "auto")
-
-
-def test_a_command_says_nothing_about_the_stamps():
-    scattered = times() + np.random.default_rng(1).normal(0, 20e-6, len(times()))
-    theta, load, command = motion(scattered)[0], torque(scattered), motion(times())[0]
-    samples = pl.DataFrame({"time": scattered, "theta": theta, "torque": load, "theta_command": command})
-    signals = uniform_signals(Trial("made", samples), ["theta", "torque"], GapLimits(), computed=["theta_command"])
-    (stream,) = signals.taken
-    assert not stream.even
-    assert set(stream.evidence) == {"theta", "torque"}
-
-
-def test_cycles_beside_a_gap_are_not_fitted_and_the_fit_is_right():
-    theta, load = motion(times())[0], torque(times())
-    kept = (times() < 3.0) | (times() > 3.3)
-    lost = Trial("made", pl.DataFrame({"time": times(), "theta": theta, "torque": load}).filter(pl.Series(kept)))
-    row = fitted(lost)
-    assert_right(row)
-    assert row["samples"] < fitted(trial_of(theta, load))["samples"] - 1000
-
-
-def test_short_stretches_of_cycles_are_not_used_beside_a_long_one():
-    segment, usable = Segment(0.1, 1.0, 0, 2000, 20), np.ones(2000, dtype=bool)
-    usable[350:360] = False
-    assert settled_cycles(segment, 0, usable).used == tuple(range(4, 19))
-    usable[1000:1010] = False
-    assert settled_cycles(segment, 0, usable).used == (*range(4, 10), *range(11, 19))
-    with pytest.raises(InputError, match=r"no cycle of 5.73 deg at 1 Hz is free of rows near a gap"):
-        settled_cycles(segment, 0, np.zeros(2000, dtype=bool))
 
 
 FRAME = {"value": "3000 N*m/rad", "standard_error": "100 N*m/rad"}

@@ -1,20 +1,28 @@
 """Marker clusters and the ankle: the pose that moved them is found, and signs and mechanics are a clinician's."""
 
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
-from walking_synthetic import FOOT, RATE, SETTINGS, about_y, changed, hidden, pose, settings, static_trial
+from walking_synthetic import FOOT, RATE, SETTINGS, SHANK, about_y, changed, hidden, pose, settings, static_trial
 
 from osl_analysis.errors import InputError
+from osl_analysis.signals import LowPass
+from osl_analysis.trial import Array, Trial
 from osl_analysis.walking.bodies import (
+    Poses,
+    StaticCalibration,
     ankle_angle,
     body_motion,
     bridge_gaps,
     cluster_poses,
+    functional_hinge,
     moment_of_foot,
     static_calibration,
 )
+from osl_analysis.walking.crossing import EncoderCheck, encoder_check
 from osl_analysis.walking.plate import ankle_torque
 
 TIME = np.arange(240) / RATE
@@ -148,3 +156,91 @@ def test_a_hanging_foot_needs_its_weight_and_its_inertia() -> None:
     x = np.cos(phi) * com[0] + np.sin(phi) * com[2]
     expected = about_ankle * alpha - 1.2 * 9.80665 * x
     np.testing.assert_allclose(torque[6:-6], expected[6:-6], atol=1e-5)
+
+
+def gait(time: Array) -> Array:
+    return np.asarray(0.2 * np.sin(7 * time) + 0.05 * np.sin(19 * time))
+
+
+low_pass, time, own = LowPass(20.0), 0.5 + np.arange(240) / 300, np.arange(1000) / 500
+
+
+def compared(theta: Array, stamps: Array, encoder: Array) -> EncoderCheck | None:
+    """The angle from markers with an encoder's, which a trial has at these stamps."""
+    trial = Trial("w", pl.DataFrame({"time": np.r_[-1.0, stamps], "theta": [None, *encoder]}))
+    return encoder_check(trial, time, theta, low_pass)
+
+
+@pytest.mark.parametrize("delay", [-0.0042, 0.0, 0.0137])
+def test_offset_and_delay_of_the_encoder_come_out_whatever_its_rate(delay: float) -> None:
+    theta = low_pass(gait(np.arange(600) / 300), 300.0)[150:390]
+    check = compared(theta, own, gait(own - delay) + 0.01)
+    assert check is not None
+    assert check.delay == pytest.approx(delay, abs=2e-5)
+    assert check.offset == pytest.approx(0.01, abs=1e-5)
+    assert check.rms < 2e-5
+
+
+def test_what_offset_and_delay_leave_is_the_noise_and_an_encoder_of_another_joint_is_refused() -> None:
+    """White noise of 1e-3 rad at 500 Hz, of which a 20 Hz low-pass leaves about 40/500 of the power."""
+    noise = 1e-3 * np.random.default_rng(4).standard_normal(1000)
+    check = compared(gait(time), own, gait(own) + noise)
+    assert check is not None
+    assert check.rms == pytest.approx(1e-3 * np.sqrt(40 / 500), rel=0.3)
+    with pytest.raises(InputError, match="does not follow the angle from markers within 50 ms"):
+        compared(gait(time), own, gait(own - 0.2))
+    for count in (200, 0):  # one that was off is none
+        assert compared(gait(time), own[:count], gait(own[:count])) is None
+
+
+AXIS = np.array([0.06, 0.99, -0.05]) / np.linalg.norm([0.06, 0.99, -0.05])
+CENTRE = np.array([0.012, -0.1, 0.095])
+ANATOMICAL = StaticCalibration({}, {}, {}, np.array([0.02, -0.1, 0.09]), np.array([0.0, 1.0, 0.0]))
+
+
+def hinged_motion(
+    across: float = 0.0, noise: float = 0.0, size: float = 0.3, upward: float = 0.0
+) -> tuple[Poses, Poses]:
+    """A shank that wanders through the room, a foot hinged to it about AXIS through CENTRE, which yields about the
+    axes forward and upward by the amplitudes `across` and `upward` [rad]."""
+    t, random = np.arange(400) / 100, np.random.default_rng(5)
+    shank = Rotation.from_rotvec(np.column_stack([0.1 * np.sin(t), 0.4 * np.sin(2 * t), 0.2 * t]))
+    joint = Rotation.from_rotvec(np.outer(-size * np.sin(5 * t), AXIS)) * Rotation.from_rotvec(
+        np.column_stack([across * np.sin(11 * t), 0 * t, upward * np.sin(8 * t)])
+    )
+    shift = np.column_stack([t, 0.02 * np.sin(t), 0.01 * np.cos(3 * t)])
+    at_shank = shank.as_matrix() @ (SHANK - CENTRE).T
+    at_foot = (shank * joint).as_matrix() @ (FOOT - CENTRE).T
+    return tuple(  # type: ignore[return-value]
+        cluster_poses(
+            reference,
+            np.moveaxis(moved, 2, 1) + (CENTRE + shift)[:, None] + noise * random.standard_normal((400, 4, 3)),
+        )
+        for reference, moved in ((FOOT, at_foot), (SHANK, at_shank))
+    )
+
+
+@pytest.mark.parametrize("points", [1, -1])
+def test_the_functional_hinge_is_the_one_that_the_foot_turned_about(points: int) -> None:
+    """It points as the anatomical axis does."""
+    hinge = functional_hinge([hinged_motion()], replace(ANATOMICAL, ankle_axis=points * ANATOMICAL.ankle_axis))
+    np.testing.assert_allclose(hinge.axis, points * AXIS, atol=1e-9)
+    np.testing.assert_allclose(np.cross(hinge.centre - CENTRE, AXIS), 0, atol=1e-9)
+    assert (hinge.off_axis, hinge.gap) == pytest.approx((0, 0), abs=1e-9)
+    assert hinge.angle == pytest.approx(np.arccos(AXIS[1]), abs=1e-9)
+    assert hinge.distance == pytest.approx(np.linalg.norm(np.cross(CENTRE - ANATOMICAL.ankle_centre, AXIS)), abs=1e-9)
+    assert (hinge.centre - ANATOMICAL.ankle_centre) @ AXIS == pytest.approx(0, abs=1e-9)
+
+
+def test_the_functional_hinge_stands_noise_gaps_and_a_joint_that_yields() -> None:
+    foot, shank = hinged_motion(across=0.01, noise=2e-4)
+    foot.position[30:60], foot.rotation[30:60] = np.nan, np.nan
+    hinge = functional_hinge([(foot, shank)], ANATOMICAL)
+    assert np.rad2deg(np.arccos(hinge.axis @ AXIS)) < 0.3
+    assert np.linalg.norm(np.cross(hinge.centre - CENTRE, AXIS)) < 1e-3
+    assert hinge.off_axis == pytest.approx(0.01 / np.sqrt(2), rel=0.2)
+    assert hinge.frames == 370
+    both = functional_hinge([hinged_motion(across=0.04, upward=0.03)], ANATOMICAL)
+    assert both.off_axis == pytest.approx(0.05 / np.sqrt(2), rel=0.05)  # of 0.04 and 0.03 rad about two axes
+    with pytest.raises(InputError, match=r"the ankle turned by 0\.\d deg RMS, expected 5 deg"):
+        functional_hinge([hinged_motion(size=0.01)], ANATOMICAL)

@@ -1,30 +1,29 @@
 """Crossings under different conditions have results of their own, and opposite directions are joined rightly."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
-from conftest import ROOT
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
-from walking_crossings import TURN, Walk, campaign, several, walked
+from walking_crossings import TURN, Walk, campaign, crossing, several, walked
 from walking_synthetic import settings
 
 from osl_analysis.commands.figure import plot_over_stance
 from osl_analysis.commands.walking import commanded_over_stance, tabulate_over_stance
-from osl_analysis.config.configuration import read_section
 from osl_analysis.errors import InputError
-from osl_analysis.judge.doubts import marked
-from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.table import read_table
 from osl_analysis.walking.bodies import Poses
-from osl_analysis.walking.crossing import platform_turn
+from osl_analysis.walking.crossing import Crossing, CrossingQuality, platform_turn
 from osl_analysis.walking.gait import unperturbed_gait
-from osl_analysis.walking.groups import label, places, selection_rows, split_keys, timings
+from osl_analysis.walking.groups import crossing_features, label, places, selection_rows, split_keys, timings
+from osl_analysis.walking.plate import Load
 from osl_analysis.walking.response import fit_response, group_headline, joining_weights
 from osl_analysis.walking.tables import fitted_time
 
+RULE = settings().outliers
 NOT_ASKED = "ignore:.*(differ in|different phases):UserWarning"
 MIDSTANCE = Walk(0.4)
 
@@ -269,11 +268,82 @@ def test_the_phase_that_a_fit_reads_is_where_a_stiffness_that_changes_linearly_h
     assert 0.05 < fitted_time(result) < 0.1
 
 
-def test_people_of_two_paces_in_one_gait_are_seen_and_one_persons_scatter_is_not(tmp_path: Path) -> None:
-    """Stances of 0.62 s and 0.78 s scatter by 11 %; those of one person by 1 %."""
-    limits = read_section(ROOT / "config/config.yaml", "doubtful", DoubtfulFits).of("walking_groups")
-    for second, scatter in ((0.78, 0.08 / 0.70 * np.sqrt(8 / 7)), (0.62, 0.01)):
-        walks = several("p", 4, MIDSTANCE) | several("u", 4, Walk(stance=0.62)) | several("v", 4, Walk(stance=second))
-        facts = campaign(tmp_path / f"{second}", walks, bootstrap_samples=100, outliers=None)["groups"]
-        assert facts["unperturbed_stance_sd"][0] == pytest.approx(scatter, rel=0.15 if scatter > 0.1 else 1)
-        assert ("several paces" in str(marked(facts, limits, "walking_groups")["doubtful"][0])) == (scatter > 0.1)
+def session(**changed: object) -> list[Crossing]:
+    """Eleven crossings that hardly differ, the last of which is changed."""
+    random = np.random.default_rng(6)
+    crossings = []
+    for k in range(11):
+        place = tuple(0.01 * random.standard_normal(2))
+        one = crossing(f"w{k}", onset=0.6 if k % 2 else None, stance=0.72 + 0.01 * random.standard_normal())
+        crossings.append(replace(one, quality=CrossingQuality({}, None, place, None)))  # type: ignore[arg-type]
+    return [*crossings[:-1], replace(crossings[-1], **changed)]  # type: ignore[arg-type]
+
+
+def reasons(crossings: list[Crossing]) -> dict[str, str]:
+    rows = selection_rows(crossings, [], settings())
+    return {name: str(row["reason"]) for name, row in rows.items() if row["reason"] is not None}
+
+
+def test_a_foot_beside_its_place_a_long_stance_and_another_gait_are_named_with_the_reason() -> None:
+    assert reasons(session()) == {}
+    beside = reasons(session(quality=CrossingQuality({}, None, (0.0, 0.3), None)))
+    assert list(beside) == ["w10"]
+    assert "foot to the left 0.3 m lies" in beside["w10"]
+    assert "hidden" not in beside["w10"]
+    gone = reasons(session(quality=CrossingQuality({}, None, (0.0, 0.3), None), bridged=0.16))
+    assert "markers were hidden for 16% of it: fill the gaps in Nexus" in gone["w10"]
+    long = session()[-1]
+    assert "stance 1 s lies" in reasons(session(stance=replace(long.stance, toe_off=1.3)))["w10"]
+    stiff = reasons(session(theta=long.theta + 0.3 * np.sin(9 * long.time)))
+    assert "angle before the onset" in stiff["w10"]
+
+
+def test_the_load_and_a_second_foot_on_the_plate_are_named_and_what_is_not_known_is_not_compared() -> None:
+    """And four of twelve with less load do not hide in the scatter that they make."""
+
+    def loads(of: dict[str, float], **last: float) -> list[Crossing]:
+        some = [loaded(c, share=of.get(c.name, 1.0), seed=k) for k, c in enumerate(session())]
+        return [*some[:-1], loaded(session()[-1], seed=10, **last)]
+
+    assert reasons(loads({})) == reasons([*loads({})[:-1], session()[-1]]) == {}
+    assert "load" in reasons(loads({}, share=0.7))["w10"]
+    assert "pressure beside the ankle" in reasons(loads({}, left=0.06))["w10"]
+    bad = {"w0": 0.7, "w2": 0.72, "w4": 0.78, "w8": 0.6}
+    assert set(reasons(loads(bad))) == set(bad)
+
+
+def test_a_crossing_is_not_judged_by_its_perturbation() -> None:
+    """Another turn after the onset; and three perturbed of eleven, whose stance the perturbation prolongs by 0.2 s."""
+    crossings = session()
+    turned = [replace(c, theta=c.theta + 0.2 * (c.time > c.onset)) if c.onset else c for c in crossings]
+    assert reasons(turned) == {}
+    few = [replace(c, onset=0.6 if k % 4 == 1 else None) for k, c in enumerate(crossings)]
+    longer = [replace(c, stance=replace(c.stance, toe_off=c.stance.toe_off + 0.2)) if c.onset else c for c in few]
+    (stance,) = (f for f in crossing_features(longer, settings(), RULE) if f.name == "stance")
+    assert stance.distance.max() < 5
+
+
+def loaded(
+    crossing: Crossing, share: float = 1.0, left: float = 0.01, mass: float | None = None, seed: int = 0
+) -> Crossing:
+    """The crossing of 70 kg with a share of its load, and its centre of pressure [m] to the left of the ankle."""
+    phase = (crossing.time - crossing.stance.heel_strike) / crossing.stance.duration
+    noise = np.random.default_rng(seed).standard_normal(2)
+    force = share * (1 + 0.02 * noise[0]) * 9.81 * 70 * np.clip(np.sin(np.pi * np.clip(phase, 0, 1)) * 1.15, 0, 0.95)
+    load = Load(force, np.full_like(force, left + 0.002 * noise[1]))
+    return replace(crossing, load=load, torque=share * crossing.torque, body_mass=mass)
+
+
+def test_a_load_far_from_the_weight_where_the_mass_is_known_and_a_foot_beside_the_plate_are_excluded() -> None:
+    one = session()[0]
+    cases = {
+        None: [loaded(one, mass=70), loaded(one, share=0.6), replace(one, quality=replace(one.quality, outside=0.02))],
+        "the plate carries 0.54 of the weight of 70 kg": [loaded(one, share=0.6, mass=70)],
+        "the plate carries 1.8": [loaded(one, mass=35)],
+        "a foot marker lies 5.0 cm outside the plate": [replace(one, quality=replace(one.quality, outside=0.05))],
+    }
+    for expected, some in cases.items():
+        for c in some:
+            row = selection_rows([c], [], settings(outliers=None))[c.name]
+            assert row["status"] == ("used" if expected is None else "outlier")
+            assert (row["reason"] is None) if expected is None else (expected in str(row["reason"]))

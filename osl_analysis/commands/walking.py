@@ -433,11 +433,9 @@ def summarise_perturbations(
         raise InputError(f"{table}: no result from {len(fits)} perturbations: {said}; see {excluded.name}")
     judged = marked(pl.DataFrame(facts, infer_schema_length=None), limits or Doubt(), "walking_groups")
     doubts = dict(zip(judged["group"], judged[DOUBTFUL], strict=True))
-    rows = [
-        {**row, "doubt": doubts[str(row["group"])] if row["estimator"] == tables.ENSEMBLE else None}
-        for of_group, _, _ in results
-        for row in of_group
-    ]
+    rows = [row for of_group, _, _ in results for row in of_group]
+    for row in rows:
+        row["doubt"] = doubts[str(row["group"])] if row["estimator"] == tables.ENSEMBLE else None
     write_table(on_the_walkway(pl.DataFrame(rows, infer_schema_length=None), sides, "group"), output)
     write_table(on_the_walkway(judged.drop("side"), sides, "group"), groups)
     write_table(on_the_walkway(pl.concat(curves), sides, "group"), responses)

@@ -101,10 +101,9 @@ def draw_fig9(table: pl.DataFrame) -> Figure:
         ax.set_xticks([] if single else [n * GROUP_WIDTH + MEAN_AT / 2 for n in range(len(groups))])
         if not single:
             letters = max(int(17 * width / len(groups)), 6)
-            told = [(drawn_name(group, 60), n) for group, n in of_groups.select("group", "n").iter_rows()]
-            told = [(name.replace("K_d", "$K_d$").replace("B_d", "$B_d$"), n) for name, n in told]
-            lines = [textwrap.wrap(f"{name} ({n})", letters, break_long_words=False) for name, n in told]
-            ax.set_xticklabels(["\n".join(some) for some in lines])
+            told = [f"{drawn_name(group, 60)} ({n})" for group, n in of_groups.select("group", "n").iter_rows()]
+            told = [name.replace("K_d", "$K_d$").replace("B_d", "$B_d$") for name in told]
+            ax.set_xticklabels(["\n".join(textwrap.wrap(name, letters, break_long_words=False)) for name in told])
         ax.set_ylabel(AXIS_LABELS[quantity])
     found = style.legend_entries(axes[:1])
     labels = {name: found[name] for name in LEGEND if name in found}

@@ -171,9 +171,7 @@ def crossing_from_trial(
         torque = torque + bodies.moment_of_foot(of_foot, ankle, axis, own.mass_kg, own.inertia_kg_m2)
     phase = stance.phase(time)
     check_side(phase, shank.position - ankle, axis, torque if onset is None else None)
-    turn = None
-    if onset is not None:
-        turn = platform_turn(time, poses["platform"], axis, (onset, onset + settings.window_s))
+    window = None if onset is None else (onset, onset + settings.window_s)
     inside = (time >= stance.heel_strike) & (time <= stance.toe_off)
     left = {segment: pose.residual[inside & np.isfinite(pose.residual)] for segment, pose in poses.items()}
     flat = foot[(phase >= 0.15) & (phase <= 0.35)]  # before the perturbation
@@ -197,7 +195,7 @@ def crossing_from_trial(
         quality=quality,
         plate_errors=errors,
         load=plate.load_on_foot(reaction(unloaded, moving), centre, ankle, axis),
-        turn=turn,
+        turn=window and platform_turn(time, poses["platform"], axis, window),
     )
 
 

@@ -77,8 +77,8 @@ def stance_times(crossing: Crossing, phases: Array = PHASES) -> Array:
 
 def signal_at(crossing: Crossing, signal: Array, time: Array) -> Array:
     """Signals (..., n) of a crossing at other times (k,) [s], by a cubic spline; constant beyond the recording."""
-    inside = np.clip(time, crossing.time[0], crossing.time[-1])
-    return np.asarray(scipy.interpolate.make_interp_spline(crossing.time, signal, k=3, axis=-1)(inside))
+    spline = scipy.interpolate.make_interp_spline(crossing.time, signal, k=3, axis=-1)
+    return np.asarray(spline(np.clip(time, crossing.time[0], crossing.time[-1])))
 
 
 def at_phases(curves: Array, phase: Array) -> Array:

@@ -448,7 +448,7 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
             break
     if sum(a.follows for a in alignments) < 2:
         raise InputError("the platform moves in another way in each crossing, so that each keeps its own motion")
-    # The noise in each sample of the shape, as if it were independent of the others.
+    # The noise in each sample, as if it were independent of the others
     of_shape = float(template.noise / np.sqrt(template.crossings * tracks[0].rate * GRID_S))
     zero, zero_se, start_shape, _ = start_of_rise(template.time, template.shape, of_shape)
     begun = []
@@ -598,8 +598,7 @@ def inertial_motion(
     later = np.clip((since - end) / fade, 0, 1)[:, None]
     along = (1 - later) * (follows.offset + curve) @ template.axes + later * (track.measured @ across)
     motion = track.motion_of(track.rest - track.rest @ across + along, centre, rows)
-    # the shape's noise is that of a mean
-    noise = track.noise / float(np.sqrt(template.crossings))
+    noise = track.noise / float(np.sqrt(template.crossings))  # of a mean
     mean = replace(track, filtered=track.low_pass(curve, track.rate), noise=noise)
     moves = np.where(since < end, mean.moves(np.eye(curve.shape[1])), track.moving)
     return motion.weighted(gate(track.time, moves, track.spread)[rows])

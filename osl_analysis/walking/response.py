@@ -6,8 +6,7 @@ does after either turn, whichever its direction, and the error of the mean unper
 
 The draft subtracts the mean unperturbed gait. A crossing that is unlike the mean before the onset stays so for a while.
 The unperturbed crossings tell how: their deviations in the window are regressed on their level and slope of angle and
-torque before the onset. Which of these count, or none, is decided by cross-validation over the unperturbed crossings.
-"""
+torque before the onset. Which of these count, or none, is decided by cross-validation over unperturbed crossings."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -359,8 +358,7 @@ def predicting_weights(behaviour: Array, weights: Array) -> Array:
 
 def cross_validated(responses: Sequence[PerturbationResponse], impedance: ImpedanceFit) -> tuple[Predictors, float]:
     """The predictors that predict best what each unperturbed crossing adds to the residual, from the others; none: the
-    mean is at least as good. And the share, as a mean square of that torque, of the crossings' deviations that they
-    predict. `impedance` is the fit to the mean response."""
+    mean is at least as good. And the share of that torque's mean square that they predict, with the mean's fit."""
     curves = np.mean([gait_torque(r, impedance)[:, responses[0].window] for r in responses], axis=0)
     behaviour, missed = np.mean([r.behaviour for r in responses], axis=0), dict[Predictors, float]()
     for predictors in ((), ("angle_slope",), ("angle", "torque"), BEHAVIOUR):

@@ -21,9 +21,9 @@ from osl_analysis.config.yaml_settings import read_mapping
 from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import DOUBTFUL, causes_by_trial, counted, doubtful_count
 from osl_analysis.judge.findings import exclusion_said
+from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.trial import Array
 
-CONTROLLERS = ("compensated", "uncompensated")  # the controllers of the draft
 DRAFT_JOINT = "ankle"  # the joint whose numbers the draft prints
 
 
@@ -80,7 +80,7 @@ SYMMETRY = {
 }  # fmt: skip
 
 
-def of_controller(label: Label, controller: str | None) -> Label:
+def with_controller(label: Label, controller: str | None) -> Label:
     known = controller or "no controller"
     name, macro = f"{label.name}_{known.replace(' ', '_')}", letters(known)[:32] + label.macro
     return replace(label, name=name, macro=macro, meaning=f"{label.meaning}, {known}")
@@ -95,7 +95,7 @@ def impedance_labels(controller: str | None, example: Example = DRAFT_EXAMPLE) -
         ("K_example", "N*m/rad", "ExampleStiffness", f"K {example.meaning()}"),
         ("B_example", "N*m*s/rad", "ExampleDamping", f"B {example.meaning()}"),
     )
-    return {name: of_controller(Label(name, unit, None, *more), controller) for name, unit, *more in rows}
+    return {name: with_controller(Label(name, unit, None, *more), controller) for name, unit, *more in rows}
 
 
 def of_place(number: Headline, joint: str | None, side: str | None, several: bool) -> Headline:
@@ -153,7 +153,7 @@ def all_labels() -> list[Label]:
         *fixed["actuator_summary"],
         *(label for controller in CONTROLLERS for label in impedance_labels(controller).values()),
         *(gains[key] for key in ("belt M4", "transmission M2")),
-        *(of_controller(gains["impedance M3"], controller) for controller in CONTROLLERS),
+        *(with_controller(gains["impedance M3"], controller) for controller in CONTROLLERS),
         *(label for name in ("torque_angle", "walking_summary") for label in fixed[name]),
         *SYMMETRY.values(),
         *fixed["walking"],
@@ -260,7 +260,7 @@ def torque_angle_headlines(table: pl.DataFrame) -> Iterator[Headline]:
 def model_gain_headlines(table: pl.DataFrame) -> Iterator[Headline]:
     for row in table.drop_nulls("VAF_gain").iter_rows(named=True):
         if label := LABELS["model_comparison_summary"].get(f"{row['experiment']} {row['model']}"):
-            named = of_controller(label, row["controller"]) if row["experiment"] == "impedance" else label
+            named = with_controller(label, row["controller"]) if row["experiment"] == "impedance" else label
             ends = row["VAF_gain_low"], row["VAF_gain_high"]
             yield headline(named, row["VAF_gain"], int(row["trials"]), *ends, PAIRED)
 
@@ -342,14 +342,11 @@ def with_own_names(numbers: Sequence[Headline]) -> list[Headline]:
 
 # The trials behind the numbers.
 
-BY_SHEET = "sample sheet"
-"""Entry of the column `check` of `excluded.csv` for a trial that the sheet excludes."""
 
-
-def trials_content(trials: Mapping[str, Sequence[str]], excluded: pl.DataFrame) -> dict[str, dict[str, Any]]:
+def used_and_missing(trials: Mapping[str, Sequence[str]], excluded: pl.DataFrame) -> dict[str, dict[str, Any]]:
     """By experiment how many `of` its trials are `used`, why others are `missing`, but for what the sheet excludes."""
     reasons: dict[str, str] = {}
-    for row in excluded.filter(pl.col("check") != BY_SHEET).iter_rows(named=True):
+    for row in excluded.filter(pl.col("check") != "sample sheet").iter_rows(named=True):
         reasons.setdefault(row["trial"], exclusion_said(row))
     found = {}
     for experiment, names in trials.items():

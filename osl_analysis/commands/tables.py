@@ -31,7 +31,7 @@ from osl_analysis.summary import (
     to_json,
     to_markdown,
     to_tex,
-    trials_content,
+    used_and_missing,
 )
 from osl_analysis.table import Places, read_table, with_places, write_table
 
@@ -187,7 +187,7 @@ def write_summary(
     tables = {name: read_table(path) for name, path in table_paths.items() if name in READ}
     headlines = headline_numbers(tables, example or DRAFT_EXAMPLE)
     of_excluded = ("trial", "check", "value", "unit", "threshold", "remark")
-    used = trials_content(trials or {}, read_table(excluded, of_excluded)) if excluded else {}
+    used = used_and_missing(trials or {}, read_table(excluded, of_excluded)) if excluded else {}
     judged = read_table(verdicts) if verdicts else pl.DataFrame(schema=["check", "verdict"])
     said = {"findings": [one.content() for one in findings(judged, tables)]}
     lost = {one.file: one.reason.removeprefix(f"{one.file}: ") for one in refused if not one.trial}

@@ -56,7 +56,7 @@ def read_sheet(path: Path) -> SheetRows:
     if not lines:
         raise InputError(f"{path}: not a CSV table, it is empty; write a header and a row per trial")
     first, columns = lines[0]
-    check_columns(columns, path, first)
+    check_header(columns, path, first)
     rows: SheetRows = {}
     seen: dict[tuple[str, str], Any] = {("joint", JOINT): JOINT, **{("controller", name): name for name in CONTROLLERS}}
     for number, cells in lines[1:]:
@@ -113,7 +113,7 @@ def numbered_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise InputError(f"{path}: line {number}: not CSV ({error}); check the quotes") from error
 
 
-def check_columns(columns: list[str], path: Path, line: int) -> None:
+def check_header(columns: list[str], path: Path, line: int) -> None:
     """Refuse a header with a column twice, with an unknown one, or without one that every sheet needs."""
     if twice := next((column for column in columns if columns.count(column) > 1), ""):
         raise InputError(f"{path}: line {line}: column '{twice}' stands twice; remove one")

@@ -62,7 +62,7 @@ def beyond(row: AnyRow, limits: Doubt) -> Found:
     return found
 
 
-def shown(name: str, value: float, row: AnyRow) -> str:
+def number_said(name: str, value: float, row: AnyRow) -> str:
     """What the number of a column says of this fit."""
     factor = known_factor(value)
     frame = " (state `bench_stiffness` in the configuration if the bench's frame yields)"
@@ -147,7 +147,7 @@ def doubts(row: AnyRow, found: Found, of_trial: Cause | None, single: bool) -> I
         if cause := cause_in(name, value, row):
             by_cause.setdefault(misfit_by if misfit_by and EVIDENCE[name].misfit else cause, []).append(name)
     for cause, names in by_cause.items():
-        details = dict.fromkeys(shown(name, found[name][0], row) for name in names)
+        details = dict.fromkeys(number_said(name, found[name][0], row) for name in names)
         if "yielding" in cause.name:
             details[f"a spring of {cell_number(row, 'frame_stiffness'):.3g} N*m/rad in series would explain it"] = None
         B, f_C = ("B_j", "T_C") if "B_j_viscous" in row else ("B", "f_C")
@@ -189,7 +189,7 @@ def marked(table: pl.DataFrame, limits: Doubt, name: str) -> pl.DataFrame:
     said = ["; ".join(doubts(row, found, of_trial[trial], trial in single)) for trial, row, found in rows]
     judged = table.with_columns(pl.Series(DOUBTFUL, said, dtype=pl.String))
     if "not_checked" in table.columns:
-        judged = judged.with_columns(pl.Series("not_checked", [sized(row) for _, row, _ in rows], dtype=pl.String))
+        judged = judged.with_columns(pl.Series("not_checked", [with_size(row) for _, row, _ in rows], dtype=pl.String))
     return judged.with_columns(pl.when(fitted).then(DOUBTFUL).alias(DOUBTFUL))
 
 
@@ -216,7 +216,7 @@ OF_INERTIA = (
 EFFECTS: Mapping[str, str] = TABLE["effects"]  # what an effect of `bench.effects` is, for the column `explained_by`
 
 
-def sized(row: AnyRow) -> str | None:
+def with_size(row: AnyRow) -> str | None:
     """What could not be checked on a row, a torque that comes late with what it would do to the estimates."""
     items = str(row.get("not_checked") or "").split("; ")
     K, B, I = (cell_number(row, name) for name in "KBI")

@@ -20,8 +20,6 @@ from osl_analysis.timebase.grid import GapLimits, devices_of, streams, uniform_s
 from osl_analysis.timebase.samples import take
 from osl_analysis.trial import Array, Trial, plate_columns, unit_of
 
-TOO_FEW, NO_ANALOG = "no channel has three samples", "no torque, current or plate"
-
 
 def not_applicable(reason: str) -> CheckResult:
     return CheckResult(None, f"not applicable: {reason}")
@@ -73,7 +71,7 @@ def measure_rate(examined: Examined) -> CheckResult:
     """Lowest median sampling rate [Hz]; the remark has the rate of every recorder."""
     rates = {column: 1 / float(np.median(step)) for column, step in sampling_steps(examined.trial).items()}
     said = ", ".join(f"{column} {rate:.6g} Hz" for column, rate in rates.items())
-    return CheckResult(min(rates.values()), said) if rates else not_applicable(TOO_FEW)
+    return CheckResult(min(rates.values()), said) if rates else not_applicable("no channel has three samples")
 
 
 def measure_jitter(examined: Examined) -> CheckResult:
@@ -101,7 +99,7 @@ def measure_gap(examined: Examined) -> CheckResult:
     for column, step in sampling_steps(examined.trial).items():
         usual = float(np.median(step))
         gaps[column] = float(step.max()) - usual if step.max() > 1.5 * usual else 0.0
-    return worst(gaps, TOO_FEW)
+    return worst(gaps, "no channel has three samples")
 
 
 def measure_clock(examined: Examined) -> CheckResult:
@@ -297,7 +295,10 @@ def measure_saturation(examined: Examined) -> CheckResult:
     trial, driven = examined.trial, examined.experiment.motion  # what nobody drives may stand by friction
     names = [*noisy_channels(trial), *(c for c in trial.samples.columns if c == driven or stated_range(trial, c))]
     lengths = {name: samples_at_rail(trial, name, examined.experiment.torque) for name in names}
-    return worst(lengths | {name: facts["clipped_samples"] for name, facts in raw_channels(trial).items()}, NO_ANALOG)
+    return worst(
+        lengths | {name: facts["clipped_samples"] for name, facts in raw_channels(trial).items()},
+        "no torque, current or plate",
+    )
 
 
 # Noisy channels, of torque, current and plates, and angles that stand.
@@ -338,7 +339,7 @@ def measure_stuck(examined: Examined) -> CheckResult:
             times["theta"] = held(time, theta, (when, level), 0.2 * float(np.ptp(level)), apart)
     if moving in columns and angle[1].size and not np.ptp(angle[1]):
         times[moving] = float(np.ptp(angle[0]))
-    return worst(times, NO_ANALOG)
+    return worst(times, "no torque, current or plate")
 
 
 def held(
@@ -529,22 +530,22 @@ def saturated(trial: Trial, torque: str = "torque", *others: str) -> pl.Expr:
     return pl.lit(longest, pl.Int64).alias("saturated_samples")
 
 
-MEASURES = {
-    "rate": measure_rate, "jitter": measure_jitter, "gap": measure_gap, "saturation": measure_saturation,
-    "stuck": measure_stuck, "unzeroed_load_cell": measure_unzeroed_load_cell, "unzeroed_plate": measure_unzeroed_plate,
-    "encoder_wrap": measure_encoder_wrap, "marker_gap": measure_marker_gap, "pressure_centre": measure_pressure_centre,
-    "pressure_travel": measure_pressure_travel, "clock_residual": measure_clock, "damage": measure_damage,
-    "truncated": measure_truncation, "protocol": measure_protocol,
-}  # fmt: skip
 CHECKS = {
     name: Judgement(
         name, Cause(row["cause"], row["says"], row["remedy"]), measure=measure, unit=row["unit"],
         meaning=row["meaning"], fails=row.get("fails", "above"),
     )
-    for name, measure in MEASURES.items() for row in [TABLE["checks"][name]]
+    for name, measure in {
+        "rate": measure_rate, "jitter": measure_jitter, "gap": measure_gap, "saturation": measure_saturation,
+        "stuck": measure_stuck, "unzeroed_load_cell": measure_unzeroed_load_cell,
+        "unzeroed_plate": measure_unzeroed_plate, "encoder_wrap": measure_encoder_wrap,
+        "marker_gap": measure_marker_gap, "pressure_centre": measure_pressure_centre,
+        "pressure_travel": measure_pressure_travel, "clock_residual": measure_clock, "damage": measure_damage,
+        "truncated": measure_truncation, "protocol": measure_protocol,
+    }.items() for row in [TABLE["checks"][name]]
 }  # fmt: skip
-"""Every check by name. A new one is its function and its entry above, its words in table.yaml, its rule under `quality`
-in config/config.yaml, and its test."""
+"""Every check by name. A new one is its function, named here, its words in table.yaml, its rule under `quality` in
+config/config.yaml, and its test."""
 
 
 def validate_rules(rules: QualityRules) -> None:

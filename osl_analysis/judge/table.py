@@ -73,7 +73,7 @@ class Judgement:
     name: str  # of a check under `quality`, of a column of result tables under `doubtful`
     cause: Cause
     shows: str = ""
-    """What the number of a fit says, after the words of its cause; `doubts.number_said` fills in {percent} and others."""
+    """What the number of a fit says, after the words of its cause; `number_said` fills in {percent} and others."""
     misfit: bool = False  # whatever else explains the misfit of the trial is its cause
     unit: str = ""  # of a check's value and threshold
     meaning: str = ""  # what the value of a check is

@@ -217,6 +217,7 @@ def test_friction_shifts_the_damping_of_a_stepped_sine_and_leaves_a_misfit_that_
         found = precision(plan, JOINT, Sensors(1000.0, 0.05), OPEN, friction)
         assert np.sqrt(cause(found, "distortion")[1]) == pytest.approx(by_hand, rel=1e-9)
         np.testing.assert_allclose(cause(found, "distortion")[[0, 2]], 0, atol=1e-15)
+        assert found.column("degrees_of_freedom")[1] == pytest.approx(14, rel=0.01)  # of 15 units, whose scatter it is
     added = friction.added_damping(DRAFT)
     assert list(added) == ["2 deg", "4 deg", "6 deg"]
     w, a = 2 * np.pi * np.array(DRAFT.frequencies_hz), DRAFT.amplitudes[1]

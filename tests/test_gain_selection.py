@@ -130,6 +130,14 @@ def test_a_locked_motor_is_refused_by_name(parameters):
         compensated_gains(600.0, 0.0, parameters, Weight(50, 3))
 
 
+def test_a_row_without_a_finite_gain_leaves_the_others_as_they_are_alone(parameters):
+    both = gain_table([600.0, 300.0], [0.0, 5.0], parameters, Weight(50, 3), (1.0, 5.0))
+    alone = gain_table([300.0], [5.0], parameters, Weight(50, 3), (1.0, 5.0))
+    assert both["unbounded"].to_list() == [True, False]
+    assert both["K_predicted"][0] is None
+    assert both.row(1) == pytest.approx(alone.row(0))
+
+
 @pytest.mark.parametrize("B_d", [0.0, 1e-9, 1e-3, 1e6])
 @pytest.mark.parametrize("K_d", [1e-9, 1.0, 685.6 * (1 - 1e-12)])
 def test_every_request_within_the_limits_has_an_answer(parameters, K_d, B_d):

@@ -373,7 +373,10 @@ def actuator_alone(
         "drift": time - np.mean(time),
     }
     usable = np.ones(len(time), dtype=np.bool_) if usable is None else usable
-    moving = moving_rows(omega, rate, settings) & usable
+    # away from both ends, where the filter had to extrapolate, and faster than the settings' slowest velocity, because
+    # friction may have any value up to its limit below
+    moving, edge = (np.abs(omega) > settings.slowest) & usable, int(np.ceil(3 * rate / settings.cutoff_hz))
+    moving[:edge] = moving[-edge:] = False
     if np.count_nonzero(moving) < FEWEST_MOVING_S * rate:
         raise InputError(
             f"the actuator is faster than {settings.slowest:g} rad/s in {np.count_nonzero(moving)} of {len(time)} "
@@ -388,16 +391,6 @@ def actuator_alone(
 def moved_by(signals: Mapping[str, Array]) -> str:
     """The column that the actuator's motion is from."""
     return "theta_m" if "theta_m" in signals else "omega_m"
-
-
-def moving_rows(omega: Array, rate_hz: float, settings: ActuatorAnalysis) -> NDArray[np.bool_]:
-    """The rows (n,) that are fitted: away from both ends by three periods of the cut-off, where the filter had to
-    extrapolate, and faster than the settings' slowest velocity, because friction may have any value up to its limit
-    below."""
-    moving = np.abs(omega) > settings.slowest
-    edge = int(np.ceil(3 * rate_hz / settings.cutoff_hz))
-    moving[:edge] = moving[-edge:] = False
-    return moving
 
 
 def actuator_series(actuator: Analysis) -> Series:

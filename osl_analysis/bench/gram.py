@@ -199,7 +199,13 @@ def fit_groups(
     estimates, inverse = solved(A, b)
     varies = [k for k, column in enumerate(model.values()) if column != "one"]
     about_means = inverse[np.ix_(varies, varies)]
-    condition = checked_condition(names, A, limit, about_means)
+    scale = np.sqrt(check_not_zero(names, np.diag(A)))
+    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
+    condition = float(np.sqrt(values[-1] / max(values[0], 1e-30 * values[-1])))
+    if len(about_means) > 1 and condition < ROUNDED:  # beside an offset that of the columns about their means
+        condition = scaled_condition(about_means)
+    if condition > limit:
+        refuse_unidentifiable(names, vectors[:, 0], condition)
     square = total[q, q]
     if n <= len(names):
         raise InputError(f"{n:.0f} samples cannot determine {len(names)} parameters; record for longer")
@@ -258,19 +264,6 @@ def accounted_for(left: float, varied: float, square: float) -> float:
     if varied > rounding:
         return float(100 * (1 - max(left, 0.0) / varied))
     return 100.0 if left <= rounding else 0.0
-
-
-def checked_condition(names: tuple[str, ...], A: Array, limit: float, about_means: Array) -> float:
-    """The scaled condition number of columns with the products A (p, p), beside an offset that of the columns about
-    their means, which have the inverse `about_means`; raises as `fit_groups`."""
-    scale = np.sqrt(check_not_zero(names, np.diag(A)))
-    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
-    condition = float(np.sqrt(values[-1] / max(values[0], 1e-30 * values[-1])))
-    if len(about_means) > 1 and condition < ROUNDED:
-        condition = scaled_condition(about_means)
-    if condition > limit:
-        refuse_unidentifiable(names, vectors[:, 0], condition)
-    return condition
 
 
 def jackknife(A_g: Array, b_g: Array, A: Array, b: Array, unit: NDArray[np.intp]) -> Array:

@@ -286,12 +286,13 @@ def impedance_table(rendered: Rendered) -> pl.DataFrame:
     table = table.with_columns(pl.col(pl.Null).cast(pl.Float64))
     amplitude = pl.col("amplitude_deg")
     single = {name: pl.col(name).filter(amplitude.is_not_null()) for name in QUANTITIES}
-    bounds = {f"{name}_amplitudes_{end}": getattr(x, of)() for name, x in single.items() for end, of in ENDS.items()}
+    bounds = {
+        f"{name}_amplitudes_{end}": bound
+        for name, x in single.items()
+        for end, bound in (("low", x.min()), ("high", x.max()))
+    }
     several = amplitude.is_null() & (amplitude.count() > 1)
     return table.with_columns(**{name: pl.when(several).then(bound) for name, bound in bounds.items()})
-
-
-ENDS = {"low": "min", "high": "max"}
 
 
 def share_of_inertia(fit: GroupFit) -> float:

@@ -1,6 +1,6 @@
 """Phasors of angle and torque in each segment of a stepped sine (Fig. 7) with their covariance, and harmonics."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isclose
 from typing import Any
@@ -124,12 +124,6 @@ def complex_row(name: str, number: ComplexEstimate) -> dict[str, float]:
     C = number.covariance
     values = (number.value.real, number.value.imag, C[0, 0], C[0, 1], C[1, 1], number.degrees_of_freedom)
     return {f"{name}_{part}": float(value) for part, value in zip(COMPLEX_PARTS, values, strict=True)}
-
-
-def complex_from_row(name: str, row: Mapping[str, float]) -> ComplexEstimate:
-    """The number that `complex_row` wrote into a row of a table."""
-    re, im, var_re, cov, var_im, degrees_of_freedom = (row[f"{name}_{part}"] for part in COMPLEX_PARTS)
-    return ComplexEstimate(complex(re, im), np.array([[var_re, cov], [cov, var_im]]), degrees_of_freedom)
 
 
 def polar_row(number: ComplexEstimate) -> dict[str, float]:
@@ -293,7 +287,11 @@ def frequency_response_table(phasors: pl.DataFrame) -> pl.DataFrame:
     for values, amplitudes in phasors.group_by(keys, maintain_order=True) if len(phasors) else ():
         of_single = list(amplitudes.iter_rows(named=True))
         shared = max(float(row["Y_se_bench"]) for row in of_single)  # all amplitudes share the error of the bench
-        responses = [complex_from_row("Y", row | {"Y_var_re": row["Y_var_re"] - shared**2}) for row in of_single]
+        responses = []
+        for row in of_single:
+            re, im, var_re, cov, var_im, freedom = (row[f"Y_{part}"] for part in COMPLEX_PARTS)
+            own = np.array([[var_re - shared**2, cov], [cov, var_im]])
+            responses.append(ComplexEstimate(complex(re, im), own, freedom))
         mean = with_real_error(complex_mean(responses), shared)
         phases = [np.rad2deg(mean.phase + np.angle(r.value / mean.value)) for r in responses]
         reasons = amplitudes.select("amplitude_deg", "doubtful").drop_nulls().filter(pl.col("doubtful") != "").rows()

@@ -113,17 +113,16 @@ def page_of(trials, largest_mb=40.0, tables=None):
 
 
 class Page(HTMLParser):
-    """Elements of a page, the text outside scripts, and the scripts."""
+    """Elements of a page with their attributes, the text outside scripts, and the scripts."""
 
     def __init__(self, text):
         super().__init__()
-        self.tags, self.text, self.scripts, self.attributes, self.inside = [], "", [], [], ""
+        self.elements, self.text, self.scripts, self.inside = [], "", [], ""
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
-        self.tags.append(tag)
         self.inside = tag
-        self.attributes.append((tag, dict(attributes)))
+        self.elements.append((tag, dict(attributes)))
 
     def handle_endtag(self, tag):
         self.inside = ""
@@ -140,31 +139,27 @@ def hostile_page():
     return page_of([trial(HOSTILE, f"VAF 3 is below 90 ({HOSTILE})", left_out=[HOSTILE])])
 
 
-def test_names_from_files_are_text(hostile_page):
+def test_names_from_files_are_text_and_no_script_runs_but_the_two_of_the_page(hostile_page):
     page = Page(hostile_page)
-    assert "img" not in page.tags
-    assert page.tags.count("script") == 3
-    assert not [name for _, attributes in page.attributes for name in attributes if name.startswith("on")]
+    tags = [tag for tag, _ in page.elements]
+    assert ("img" in tags, tags.count("script")) == (False, 3)
+    assert not [name for _, attributes in page.elements for name in attributes if name.startswith("on")]
     assert page.text.count(HOSTILE) >= 4
+    policy = next(a["content"] for _, a in page.elements if a.get("http-equiv") == "Content-Security-Policy")
+    found = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in page.scripts[-2:]]
+    assert re.findall(r"'sha256-([^']+)'", policy) == found
+    assert policy.startswith("default-src 'none'; script-src 'sha256-")
+    assert not [a for _, a in page.elements if a.get("src") or a.get("href", "#")[0] != "#"], "nothing is loaded"
 
 
 def test_a_packed_trial_reads_back_with_its_name(hostile_page):
     packed = json.loads(Page(hostile_page).scripts[0])
     content = json.loads(zlib.decompress(base64.b64decode(packed["content"])))
-    names = [a["data-name"] for tag, a in Page(hostile_page).attributes if a.get("class") == "packed"]
+    names = [a["data-name"] for _, a in Page(hostile_page).elements if a.get("class") == "packed"]
     assert names == [content["name"]] == [HOSTILE]
     shown = content["estimates"]
     assert shown["rows"] == [["4", "301.26 [300.90, 301.60]", "99"], ["all", "299.51 [299.20, 299.80]", "98"]]
     assert [f"{one['name']} {one['unit']}" for one in shown["columns"]] == ["amplitude_deg deg", "K N·m/rad", "VAF %"]
-
-
-def test_no_script_runs_but_the_two_of_the_page_and_nothing_is_loaded(hostile_page):
-    page = Page(hostile_page)
-    policy = next(a["content"] for tag, a in page.attributes if a.get("http-equiv") == "Content-Security-Policy")
-    found = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in page.scripts[-2:]]
-    assert re.findall(r"'sha256-([^']+)'", policy) == found
-    assert policy.startswith("default-src 'none'; script-src 'sha256-")
-    assert not [a for tag, a in page.attributes if a.get("src") or a.get("href", "#")[0] != "#"]
 
 
 def test_signals_are_thinned_out_until_the_page_is_small_enough_and_the_page_says_so():
@@ -205,13 +200,21 @@ def test_verdicts_and_counts():
     assert trials[2].condition() == f"controller {HOSTILE}, K_d 300"
 
 
-def test_doubts_are_split_and_explained():
+def test_doubts_are_split_and_explained_and_say_whether_they_are_about_the_whole_trial():
     friction = "friction: it does. Use this [odd_harmonics 0.291 is above 0.25, coulomb_share 1.03 is above 0.5]"
-    found = doubts_of({"impedance": fitted_rows(f"{friction}; R2 is not a number")}, {"impedance": IMPEDANCE})
-    assert [one["where"] for one in found] == ["all amplitudes"] * 2
-    assert [one["text"] for one in found] == [friction, "R2 is not a number"]
+    part, whole = "R2 0.1 is below 0.9", f"{friction}; R2 is not a number"
+    table = fitted_rows().with_columns(doubtful=pl.Series([part, whole]))
+    cell = f"x 2 is above 1; impedance.csv: {part}; impedance.csv: VAF 3 is below 90"
+    phasors = pl.DataFrame({"amplitude_deg": [2.0], "frequency_hz": [3.0], "doubtful": [cell]})
+    found = doubts_of({"impedance": table, "phasors": phasors}, {"impedance": IMPEDANCE})
+    assert [(one["where"], one["of"], one["text"]) for one in found] == [
+        ("4 deg", "part", part),
+        ("all amplitudes", "all", friction),
+        ("all amplitudes", "all", "R2 is not a number"),
+        ("phasors.csv, 2 deg, 3 Hz", "other", "x 2 is above 1"),
+    ]
     said = [f"{name} is {IMPEDANCE.columns[name].meaning}" for name in ("odd_harmonics", "coulomb_share", "R2")]
-    assert [one["meaning"] for one in found] == ["; ".join(said[:2]), said[2]]
+    assert [one["meaning"] for one in found] == [said[2], "; ".join(said[:2]), said[2], ""]
 
 
 def test_provenance_says_file_hash_channel_and_conversion():
@@ -261,18 +264,6 @@ def test_cells_are_sorted_by_the_unrounded_value_and_conditions_are_those_that_d
     shown = trials_content(two)["trials"]
     assert [row["condition"] for row in shown] == ["K_d 1", "K_d 2"]
     assert shown[0]["numbers"][1]["sort"] == "299.512345"
-
-
-def test_doubts_say_whether_they_are_about_the_whole_trial():
-    table = fitted_rows().with_columns(doubtful=pl.Series(["R2 0.1 is below 0.9", "VAF 3 is below 90"]))
-    cell = "x 2 is above 1; impedance.csv: R2 0.1 is below 0.9; impedance.csv: VAF 3 is below 90"
-    phasors = pl.DataFrame({"amplitude_deg": [2.0], "frequency_hz": [3.0], "doubtful": [cell]})
-    found = doubts_of({"impedance": table, "phasors": phasors}, {"impedance": IMPEDANCE})
-    assert [(one["where"], one["of"]) for one in found] == [
-        ("4 deg", "part"),
-        ("all amplitudes", "all"),
-        ("phasors.csv, 2 deg, 3 Hz", "other"),
-    ]
 
 
 def vaf(series):

@@ -51,11 +51,7 @@ def test_vaf_and_r_squared_read_what_they_should_when_the_fit_is_not_perfect():
     fit = linear_fit(y, {"c": np.cos(20 * np.pi * T), "offset": np.ones_like(T)})
     assert fit.vaf == pytest.approx(80)
     assert fit.r_squared == pytest.approx(1 - 0.5 / (2 + 0.5 + 100))
-
-
-def test_vaf_is_blind_to_an_offset_of_the_residual():
-    y = np.sin(T)
-    assert variance_accounted_for(y, np.full_like(y, 3.0)) == pytest.approx(100)
+    assert variance_accounted_for(y, np.full_like(y, 3.0)) == pytest.approx(100), "blind to an offset"
 
 
 def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
@@ -67,12 +63,6 @@ def test_covariance_is_statsmodels_hac_at_the_same_bandwidth():
     )
     assert fit.correlation_samples > 10
     assert fit.covariance == pytest.approx(other.cov_params(), rel=1e-8)
-
-
-def test_names_the_two_columns_that_cannot_be_told_apart():
-    columns = {"K": np.sin(T), "B": np.cos(T), "I": -4 * np.sin(T)}
-    with pytest.raises(IdentifiabilityError, match="K and I cannot be told apart"):
-        linear_fit(np.sin(T), columns)
 
 
 def test_condition_number_does_not_depend_on_units():
@@ -87,16 +77,13 @@ def test_condition_number_does_not_depend_on_units():
         (np.ones(5), {"a": np.ones(4)}, "column 'a' has shape"),
         (np.array([1, np.nan, 3]), {"a": np.ones(3)}, "column 'y' is not finite at sample 1"),
         (np.ones(2), {"a": np.ones(2), "b": np.arange(2.0)}, "2 samples cannot determine 2 parameters"),
+        (np.sin(T), {"K": np.sin(T), "B": np.cos(T), "I": -4 * np.sin(T)}, "K and I cannot be told apart"),
+        (np.sin(T), {"a": np.sin(T), "b": np.zeros_like(T)}, "'b' cannot be estimated"),
     ],
 )
-def test_unusable_input_is_named(y, columns, message):
-    with pytest.raises(InputError, match=message):
+def test_columns_that_determine_nothing_are_named(y, columns, message):
+    with pytest.raises((InputError, IdentifiabilityError), match=message):
         linear_fit(y, columns)
-
-
-def test_a_column_of_zeros_is_refused_by_name():
-    with pytest.raises(IdentifiabilityError, match="'b' cannot be estimated"):
-        linear_fit(np.sin(T), {"a": np.sin(T), "b": np.zeros_like(T)})
 
 
 def test_estimates_that_lean_on_one_another_show_in_their_correlation():
@@ -166,16 +153,12 @@ def test_phasor_agrees_with_a_nonlinear_least_squares_fit():
     assert np.sqrt(np.trace(phasor.covariance) / 2) == pytest.approx(np.sqrt(covariance[0, 0]), rel=0.3)
 
 
-def test_a_phasor_is_that_of_the_cycles_it_is_given():
+def test_a_phasor_is_that_of_the_cycles_it_is_given_and_its_distortion_the_share_of_the_harmonics():
     t = np.arange(0, 6, 1e-3)
     y = np.cos(2 * np.pi * t + 0.3) + np.where((t > 2) & (t < 3), 5.0, 0.0)
     first = np.array([0.0, 1000, 3000, 4000, 5000])
     phasor = fit_sinusoid(t, y, 1.0, (first, first + 1000))
     assert (phasor.magnitude, phasor.phase, phasor.interval_method) == (pytest.approx(1), pytest.approx(0.3), "cycles")
-
-
-def test_distortion_is_the_share_of_the_harmonics():
-    t = np.arange(0, 4, 1e-3)
     y = np.cos(2 * np.pi * t) + 0.03 * np.cos(6 * np.pi * t) + 0.04 * np.sin(10 * np.pi * t)
     assert fit_sinusoid(t, y, 1.0).distortion == pytest.approx(0.05)
 

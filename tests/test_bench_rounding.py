@@ -159,3 +159,9 @@ def test_rounding_is_in_the_interval_of_a_sweep(compliance):
     stated = np.sqrt(np.mean([np.diag(fit.covariance)[:3] for fit in fits], axis=0)) / true
     assert stated.min() > 0.7
     assert stated.max() < 2.5
+
+
+def test_levels_of_which_some_are_no_whole_steps_apart_show_no_step():
+    irregular = 29 + np.cumsum(np.random.default_rng(1).uniform(0.6, 1.4, 20))
+    assert visible_step(np.repeat(np.arange(50.0), 10)) == 1
+    assert visible_step(np.repeat(np.append(np.arange(30.0), irregular), 10)) is None

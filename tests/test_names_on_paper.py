@@ -94,28 +94,30 @@ def test_a_trial_without_k_d_stands_at_the_end_of_the_axis_without_a_line_at_a_d
     letters = [label.get_text() for label in damping.get_xticklabels(minor=True)]
     assert letters == ["$K_d$ = 1", "$K_d$ = 2", "$K_d$ = 500", "$K_d$ not stated"]
     assert damping.get_xticks(minor=True)[3] == max(damping.get_xticks(minor=True))
-    segments = [s for c in stiffness.collections if hasattr(c, "get_segments") for s in c.get_segments()]
-    assert {s[0][1] for s in segments if s[0][1] == s[1][1]} == {1, 2, 500}
-
-
-def belts():
-    """Two belts of an ankle, of 600 and 700 N*m/rad, and one of a knee, of 1000."""
-    slopes = {"a_1": 600.0, "a_2": 700.0, "k_1": 1000.0}
-    table = pl.DataFrame({"trial": list(slopes), "K_s": list(slopes.values()), "doubtful": "", "other": 0.0})
-    table = table.with_columns(**{name: pl.lit(0.0) for name in ("unloading", "hysteresis_area", "quadratic_K_s2")})
-    joints = {"a_1": "ankle", "a_2": "ankle", "k_1": "knee"}
-    return with_places(table, {trial: {"joint": joint, "side": None} for trial, joint in joints.items()})
+    levels = {
+        s[0][1]
+        for c in stiffness.collections
+        if hasattr(c, "get_segments")
+        for s in c.get_segments()
+        if len(s) == 2 and s[0][1] == s[1][1]
+    }
+    assert levels == {1, 2, 500}
 
 
 def test_means_are_of_one_joint_and_so_are_their_headlines_of_which_the_ankle_s_has_the_draft_s_value():
-    summary = part_summary("belt", belts())
+    """Two belts of an ankle, of 600 and 700 N*m/rad, and one of a knee, of 1000."""
+    belts = pl.DataFrame({"trial": ["a_1", "a_2", "k_1"], "K_s": [600.0, 700.0, 1000.0], "doubtful": ""})
+    belts = belts.with_columns(unloading=0.0, hysteresis_area=0.0, quadratic_K_s2=0.0)
+    places = {trial: {"joint": "knee" if trial == "k_1" else "ankle", "side": None} for trial in belts["trial"]}
+    belts = with_places(belts, places)
+    summary = part_summary("belt", belts)
     stiffness = summary.filter(pl.col("quantity") == "K_s")
     assert stiffness.select("joint", "mean", "n").rows() == [("ankle", 650, 2), ("knee", 1000, 1)]
     found = {h.name: (h.value, h.draft, h.macro) for h in headline_numbers({"belt_summary": summary})}
     assert found["K_s (ankle)"] == (650, 685.6, "BeltStiffnessAnkle")
     assert found["K_s (knee)"] == (1000, None, "BeltStiffnessKnee")
-    curves = pl.DataFrame({"trial": ["a_1", "a_2", "k_1"], "theta_s_deg": 5.0, "torque": 1.0, "branch": "loading"})
-    drawn = belt_figure_points(curves, belts(), summary).filter(pl.col("trial") == "mean slope")
+    curves = belts.select("trial", theta_s_deg=pl.lit(5.0), torque=pl.lit(1.0), branch=pl.lit("loading"))
+    drawn = belt_figure_points(curves, belts, summary).filter(pl.col("trial") == "mean slope")
     assert drawn.select("joint", "K_s").unique(maintain_order=True).rows() == [("ankle", 650), ("knee", 1000)]
 
 

@@ -29,9 +29,7 @@ OBSERVED, DESIRED, LINEAR_MODEL = "observed", "desired", "linear model"  # kinds
 
 def fig7_points(response: pl.DataFrame, curves: Sequence[pl.DataFrame]) -> pl.DataFrame:
     """Observed points of one desired impedance with 95 % intervals and the range over amplitudes, then the curves of
-    `response_curve`: the desired response and, where there is a prediction, that of a controller's linear model.
-    Magnitudes in rad/(N*m), phases in degrees. Raises InputError: the responses are of several desired impedances, K_d
-    [N*m/rad] and B_d [N*m*s/rad]."""
+    `response_curve`: the desired response and, where there is a prediction, that of a controller's linear model."""
     impedances = response.select("K_d", "B_d").n_unique()
     if impedances > 1:
         raise InputError(
@@ -90,9 +88,8 @@ def fig7_caption(table: pl.DataFrame) -> str:
 
 @style.paper_style()
 def draw_fig7(table: pl.DataFrame) -> Figure:
-    """(a) magnitude, (b) phase over the logarithm of frequency: markers observed, black line desired, broken lines
-    predicted. A marker is the mean over amplitudes, open where the phasor of one at least is doubtful. A thin bar is
-    their range, a thick bar the 95 % interval of noise. Several joints or sides stand side by side."""
+    """(a) magnitude, (b) phase over the logarithm of frequency; several joints or sides stand side by side. A marker is
+    open where the phasor of one amplitude at least is doubtful."""
     parts, looks = names.placed_rows(table), names.looks_in(table.filter(pl.col("curve") != DESIRED))
     titles = [name for name, _ in parts]
     width = style.SINGLE_COLUMN if len(parts) == 1 else style.DOUBLE_COLUMN

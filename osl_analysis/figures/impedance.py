@@ -90,10 +90,8 @@ def fig5_points(impedance: pl.DataFrame) -> pl.DataFrame:
 
 @style.paper_style()
 def draw_fig5(table: pl.DataFrame) -> Figure:
-    """(a) stiffness, (b) damping: a marker per trial's fit to all amplitudes, a black line at the desired value. Each
-    desired impedance has a place of its own on the axis, which is no scale; its trials stand side by side there, open
-    where doubtful. Thin bars: range of the fits to single amplitudes; thick bars: 95 % interval; a dash of the same
-    colour: linear theory."""
+    """(a) stiffness, (b) damping. Each desired impedance has a place of its own on the axis, which is no scale; its
+    trials stand side by side there."""
     parts, looks = names.placed_rows(table), names.looks_in(table)
     titles = [name for name, _ in parts for _ in range(2)]
     figure, axes = style.panels(style.DOUBLE_COLUMN, 0.5 + 3.2 * len(parts), rows=2 * len(parts), names=titles)
@@ -239,8 +237,7 @@ def vaf_said(vaf: float) -> str:
 
 def fig6_points(impedance: pl.DataFrame) -> pl.DataFrame:
     """One row per trial and amplitude, with its place `x` in the swarm of its controller, joint and side, 0 to 1 across
-    the panel. A trial that no stepped sine moved has one row, a fit without a VAF (a constant torque) none. Raises
-    InputError: no fit of a single amplitude has a VAF."""
+    the panel. A trial that no stepped sine moved has one row, a fit without a VAF (a constant torque) none."""
     single = (pl.col("amplitude_deg").is_not_null() | (pl.len().over("trial") == 1)) & pl.col("VAF").is_finite()
     known = (*FIG6_NEEDS, *names.JOINT_SIDE, "doubtful")
     table = names.completed(impedance.filter(single), known).select(known)

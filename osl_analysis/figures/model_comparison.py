@@ -60,9 +60,7 @@ def drawn_experiments(table: pl.DataFrame) -> list[str]:
 
 @style.paper_style()
 def draw_models(table: pl.DataFrame) -> Figure:
-    """A panel per experiment with three models or more, the draft's model on the left: each line is a trial, each bar
-    the geometric mean, over the logarithm of the share of the variance of held-out torque that a model does not account
-    for."""
+    """A panel per experiment with three models or more, the draft's model on the left."""
     several = len(table.select(names.JOINT_SIDE).unique()) > 1
     present = drawn_experiments(table)
     shares = [len(RIVALS[experiment][1]) for experiment in present]

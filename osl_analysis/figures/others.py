@@ -50,12 +50,10 @@ def fig8_caption(table: pl.DataFrame) -> str:
         None: "The trajectory's file does not say of what kind it is.",
         "synthetic": "The trajectory is synthetic: neither measured nor that of a published walking controller.",
     }.get(kind, f"Kind of the trajectory: {names.as_text(kind or '')}.")
-    K_d, B_d, K_1, B_1 = (
-        f"{values.min():.3g} to {values.max():.3g}".replace("-", "−")  # type: ignore[str-bytes-safe]
-        if (values := table[column].drop_nulls()).len()
-        else ""
-        for column in ("K_d", "B_d", "K_1_joint", "B_1_joint")
-    )
+    reach = []
+    for values in (table[column].drop_nulls().to_numpy() for column in ("K_d", "B_d", "K_1_joint", "B_1_joint")):
+        reach.append(f"{values.min():.3g} to {values.max():.3g}".replace("-", "−") if len(values) else "")
+    K_d, B_d, K_1, B_1 = reach
     said = (
         f"Desired stiffness $K_d$ (a) and damping $B_d$ (b) of the joint over stance, the first {end:.0f} % of the "
         f"gait cycle. {whose} Desired: {K_d} N·m/rad and {B_d} N·m·s/rad. An impedance is defined in stance only."

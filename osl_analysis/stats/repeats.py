@@ -38,8 +38,7 @@ def over_repeats(values: ArrayLike, common: Sequence[CommonError] = (), kinds: A
     Trials of different `kinds` (n,) count as one mean per kind: their mean is the result, so that what differs from
     kind to kind is no scatter. `sd` is then the scatter within kinds.
 
-    Raises InputError: Fewer than two trials of a kind: scatter and interval need repeats. Or a value cannot be
-    measured.
+    Raises InputError: Fewer than two trials of a kind, or a value cannot be measured.
     """
     values = np.asarray(values, dtype=float)
     check_measured("the estimate of a trial", values)
@@ -71,15 +70,13 @@ def summary_row(values: pl.Series) -> dict[str, float | str | None]:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One model and its residuals."""
+    """One model and its residuals (n,) [unit of y]."""
 
-    model: str  # name of the model: M1, M2 ..
-    terms: str  # terms of the model
-    parameters: int
-    """Number of parameters that were fitted. Offset and drift, which every model of y has, do not count."""
-    residual: Array  # residual of the fit to all data, shape (n,) [unit of y]
-    held_out_residual: Array
-    """Residual on data that the fit did not use, shape (n,) [unit of y]; NaN where there are no other data."""
+    model: str  # M1, M2 ..
+    terms: str
+    parameters: int  # that were fitted, without offset and drift, which every model of y has
+    residual: Array  # of the fit to all data
+    held_out_residual: Array  # on data that the fit did not use; NaN where there are no other data
 
 
 def score_models(y: Array, candidates: Sequence[Candidate]) -> pl.DataFrame:
@@ -116,12 +113,10 @@ def score_models(y: Array, candidates: Sequence[Candidate]) -> pl.DataFrame:
 
 
 def effective_samples(residual: Array) -> float:
-    """Number of independent samples whose mean square has the same variance as that of this correlated residual (n,).
-
+    """Number of independent samples whose mean square has the same variance as that of this correlated residual (n,):
     n / sum of rho_k^2 over all lags k (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8, 1946). The autocorrelation rho
     is computed up to a tenth of the samples. Its squares are 1/n by chance alone; the numerator is corrected for them,
-    so that white noise gives n. A residual that does not vary (an exact fit) counts as n independent samples.
-    """
+    so that white noise gives n. A residual that does not vary (an exact fit) counts as n independent samples."""
     check_measured("the residual", residual)
     if not varies(residual):
         return float(len(residual))

@@ -7,7 +7,6 @@ other experiments than the draft's, and a controller whose name is markup.
 import os
 import re
 import shutil
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -34,29 +33,20 @@ OTHERS = {"foot_1": "torque_angle", "any_1": "ingest_only"}
 KINDS = ("belt", "transmission", "actuator", "impedance", "static", "plate", "walking", "torque_angle", "ingest_only")
 
 
-def other_recordings(folder: Path) -> None:
-    """Recordings of experiments that the simulator does not record, as CSV with a source file."""
+@pytest.fixture(scope="session")
+def results(tmp_path_factory):
+    """The results of a small campaign taken for a measured one, with further and with damaged recordings."""
+    space = Workspace(tmp_path_factory.mktemp("campaign"))
+    done = space.start("raw_data/small/trials.csv", "results/tables/quality.csv")  # this records all trials
+    assert done.returncode == 0, done.stdout + done.stderr
+    raw, config = space.folder / "raw_data/small", space.folder / "config"
+    sheet = pl.read_csv(raw / "trials.csv", infer_schema_length=None).filter(~pl.col("trial").is_in(OTHERS))
     t = np.arange(0, 64, 0.01)
     theta = np.deg2rad(8) * np.sin(2 * np.pi * 0.05 * (t.clip(2, 62) - 2))
     torque = 250 * theta + 0.6 * np.tanh(np.gradient(theta, t) / 0.01)
     noise = np.random.default_rng(3).normal(scale=0.01, size=len(t))
     for name in OTHERS:
-        pl.DataFrame({"t": t, "angle": theta, "torque": torque + noise}).write_csv(folder / f"{name}.csv")
-
-
-@pytest.fixture(scope="session")
-def results(tmp_path_factory):
-    space = Workspace(tmp_path_factory.mktemp("campaign"))
-    done = space.start("raw_data/small/trials.csv", "results/tables/quality.csv")  # this records all trials
-    assert done.returncode == 0, done.stdout + done.stderr
-    return with_other_trials(space)
-
-
-def with_other_trials(space: Workspace) -> Path:
-    """The results of the same campaign taken for a measured one, with further and with damaged recordings."""
-    raw, config = space.folder / "raw_data/small", space.folder / "config"
-    sheet = pl.read_csv(raw / "trials.csv", infer_schema_length=None).filter(~pl.col("trial").is_in(OTHERS))
-    other_recordings(raw)
+        pl.DataFrame({"t": t, "angle": theta, "torque": torque + noise}).write_csv(raw / f"{name}.csv")
     rows = [
         {"trial": name, "experiment": kind, "log": f"{name}.csv", "log_source": "plain"}
         for name, kind in OTHERS.items()
@@ -162,7 +152,7 @@ def test_it_sorts_by_numbers_both_ways_with_missing_ones_last(page):
     assert page.find_element(By.CSS_SELECTOR, "#table th:nth-child(7)").get_attribute("aria-sort") == "descending"
 
 
-def test_it_filters_by_words_experiment_and_verdict(page):
+def test_it_filters_by_words_experiment_and_verdict_and_says_why_a_trial_was_left_out(page):
     page.find_element(By.ID, "search").send_keys("belt_0")
     assert visible(page) == ["belt_01", "belt_02"]
     page.find_element(By.CSS_SELECTOR, "#filters button[type=reset]").click()
@@ -171,14 +161,10 @@ def test_it_filters_by_words_experiment_and_verdict(page):
     page.find_element(By.CSS_SELECTOR, '.count[data-verdict="refused"]').click()
     assert visible(page) == ["belt_02"]
     assert page.find_element(By.ID, "shown").text.startswith("1 of ")
-
-
-def test_it_says_why_a_trial_was_left_out(page):
-    line = page.find_element(By.CSS_SELECTOR, "#left-out tbody tr")
-    assert line.find_element(By.TAG_NAME, "th").text == "belt_02"
+    assert page.find_element(By.CSS_SELECTOR, "#left-out tbody tr th").text == "belt_02"
     page.execute_script("location.hash = '#trial=belt_02'")
     wait(page, lambda: "refused" in page.find_element(By.ID, "trial").text)
-    assert "belt_02.mcap" in page.find_element(By.ID, "trial").text
+    assert "belt_02.mcap" in page.find_element(By.ID, "trial").text, "it says why"
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -215,7 +201,7 @@ def drawn_dots(page):
     """)
 
 
-def test_the_numbers_of_a_trial_are_those_of_the_table(page, results):
+def test_the_numbers_and_signals_of_a_trial_are_those_of_the_results(page, results):
     name = "impedance_K300_B5.0_compensated"
     open_trial(page, name)
     table = read_table(results / "tables/impedance.csv").filter(pl.col("trial") == name)
@@ -228,11 +214,6 @@ def test_the_numbers_of_a_trial_are_those_of_the_table(page, results):
             half = (row[f"{quantity}_high"] - row[f"{quantity}_low"]) / 2
             for shown, true in ((value, row[quantity]), (low, row[f"{quantity}_low"]), (high, row[f"{quantity}_high"])):
                 assert shown == pytest.approx(true, abs=0.06 * half)
-
-
-def test_the_drawn_signals_are_those_of_the_results(page, results):
-    name = "impedance_K300_B5.0_compensated"
-    open_trial(page, name)
     series = read_table(results / f"fits/impedance/{name}.zip", of="series")
     label = page.find_element(By.CSS_SELECTOR, '#trial .plot [role="img"]').get_attribute("aria-label")
     low, high = re.search(r"measured from (\S+) to (\S+);", label).groups()

@@ -186,7 +186,7 @@ def at_end_of_run(
         pressed.set()
         return before(number, frame) if callable(before) else None  # Snakemake goes on to handle it as it does
 
-    if threading.current_thread() is threading.main_thread():
+    if callable(before) and threading.current_thread() is threading.main_thread():  # else it is ignored: it stays so
         signal.signal(signal.SIGINT, interrupt)
 
     def end() -> None:

@@ -15,23 +15,10 @@ from conftest import ROOT
 from walking_setup import Setup, load_setup
 from walking_synthetic import changed, hidden, settings
 
+from osl_analysis.commands import walking as jobs
 from osl_analysis.commands.figure import plot_walking_page
 from osl_analysis.commands.tables import gather
 from osl_analysis.commands.trials import ingest_trial
-from osl_analysis.commands.walking import (
-    analyse,
-    average_unperturbed,
-    calibrate,
-    fit_perturbation,
-    identify_plate,
-    read_crossing,
-    read_crossing_file,
-    read_model,
-    select_crossings,
-    summarise_perturbations,
-    write_crossing,
-    write_model,
-)
 from osl_analysis.errors import InputError
 from osl_analysis.judge.table import Doubt
 from osl_analysis.table import read_table
@@ -73,18 +60,18 @@ class Session:
         """Run every step."""
         chosen = settings(**choices)
         motion = [self.trial(n) for n in self.unperturbed[:3]]
-        calibrate(self.trial("static_1"), motion, chosen, self.calibration, self.folder / "hinge.csv")
+        jobs.calibrate(self.trial("static_1"), motion, chosen, self.calibration, self.folder / "hinge.csv")
         unloaded = [self.trial(f"plate_0{k}") for k in (1, 2, 3)]
         of = {path.stem: self.calibration.stem for path in unloaded}
-        identify_plate(unloaded, [self.calibration], of, chosen, self.plate, self.folder / "plate.csv")
+        jobs.identify_plate(unloaded, [self.calibration], of, chosen, self.plate, self.folder / "plate.csv")
         for name in (*self.perturbed, *self.unperturbed):
             walked = name in self.perturbed
-            analyse(self.trial(name), self.calibration, self.plate, walked, chosen, self.crossing(name))
-        select_crossings([self.crossing(n) for n in (*self.perturbed, *self.unperturbed)], chosen, self.selection)
-        average_unperturbed([self.crossing(n) for n in self.unperturbed], self.selection, chosen, self.gait)
+            jobs.analyse(self.trial(name), self.calibration, self.plate, walked, chosen, self.crossing(name))
+        jobs.select_crossings([self.crossing(n) for n in (*self.perturbed, *self.unperturbed)], chosen, self.selection)
+        jobs.average_unperturbed([self.crossing(n) for n in self.unperturbed], self.selection, chosen, self.gait)
         rows = [self.folder / "fits" / f"{n}.csv" for n in self.perturbed]
         for name, row in zip(self.perturbed, rows, strict=True):
-            fit_perturbation(self.crossing(name), self.selection, self.gait, chosen, row)
+            jobs.fit_perturbation(self.crossing(name), self.selection, self.gait, chosen, row)
         gather(rows, self.folder / "walking.csv")
         summarise(self, [self.crossing(n) for n in self.perturbed], chosen, self.folder)
         return self
@@ -104,7 +91,7 @@ def summarise(session: Session, crossings: list[Path], chosen: WalkingAnalysis, 
     sources = {"table": folder / "walking.csv", "selection": folder / session.selection.name}
     written = {name: folder / f"{name}.csv" for name in ("responses", "excluded", "groups")}
     paths = sources | written | {"unperturbed": folder / session.gait.name, "output": folder / "summary.csv"}
-    summarise_perturbations(crossings=crossings, settings=chosen, **paths)
+    jobs.summarise_perturbations(crossings=crossings, settings=chosen, **paths)
 
 
 def record_session(setup: Setup, folder: Path, perturbed: int, unperturbed: int) -> Session:
@@ -145,11 +132,11 @@ def test_a_turn_of_the_toes_down_is_measured_with_its_sign_and_not_taken_for_one
     files = {"mocap": "vicon/walking_77.c3d", "mocap_source": "vicon"}
     ingest_trial(row | files, tmp_path, ROOT / "config/sources", tmp_path / "w.parquet")
     common = tmp_path / "w.parquet", ideal.calibration, ideal.plate, True, settings()
-    analyse(*common, tmp_path / "down.parquet", "down")
-    assert np.rad2deg(read_crossing(tmp_path / "down.parquet").turn) == pytest.approx(-5, abs=0.1)
+    jobs.analyse(*common, tmp_path / "down.parquet", "down")
+    assert np.rad2deg(jobs.read_crossing(tmp_path / "down.parquet").turn) == pytest.approx(-5, abs=0.1)
     with refused(tmp_path / "up.parquet", r"walking_77: the platform turned by -5\.\d deg .* expected 'down'"):
-        analyse(*common, tmp_path / "up.parquet", "up")
-    assert {read_crossing(ideal.crossing(name)).sign for name in ideal.perturbed} == {1}
+        jobs.analyse(*common, tmp_path / "up.parquet", "up")
+    assert {jobs.read_crossing(ideal.crossing(name)).sign for name in ideal.perturbed} == {1}
 
 
 def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent(real: Session) -> None:
@@ -165,7 +152,7 @@ def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent
     assert 1 < K["se"] < 10
     assert (K["cov_K"], K["cov_B"]) == pytest.approx((K["se"] ** 2, B["cov_K"]))
     assert abs(K["cov_B"]) < K["se"] * B["se"]
-    late = [(read_crossing(real.crossing(n)).onset or 0.0) - real.truth(n)["onset_s"] for n in real.perturbed]
+    late = [(jobs.read_crossing(real.crossing(n)).onset or 0.0) - real.truth(n)["onset_s"] for n in real.perturbed]
     assert abs(np.mean(late)) < 0.004
     assert np.max(np.abs(late)) < 0.015
     table = read_table(real.selection)
@@ -181,7 +168,7 @@ def test_with_all_imperfections_the_rendered_stiffness_comes_out_to_five_percent
 
 
 def test_the_plate_and_its_lag_are_the_simulated_ones(real: Session) -> None:
-    model = read_model(real.plate, PlateModel)
+    model = jobs.read_model(real.plate, PlateModel)
     simulated = real.truth("plate_01")["gait_laboratory"]
     mass, com = simulated["effects"]["plate_inertia"]["size"], np.array(simulated["plate"]["centre_of_mass_m"])
     assert model.lag == pytest.approx(1e-3 * simulated["effects"]["plate_lag"]["size"], abs=1e-4)
@@ -197,7 +184,7 @@ def test_the_plate_and_its_lag_are_the_simulated_ones(real: Session) -> None:
 def test_without_imperfections_angle_and_torque_are_the_true_ones_through_one_filter(ideal: Session) -> None:
     """The leg is of third order, so that K, B and I depend on the filter: the exact curves pass it too. What is left
     is the file's single precision, and a low-pass of products that is not the product of low-passes."""
-    crossings = [read_crossing(ideal.crossing(n)) for n in (*ideal.perturbed, *ideal.unperturbed)]
+    crossings = [jobs.read_crossing(ideal.crossing(n)) for n in (*ideal.perturbed, *ideal.unperturbed)]
     exact, fits = [], []
     for one in crossings:
         truth = pl.read_parquet(ideal.folder / "truth" / f"{one.name}.parquet").gather_every(5)
@@ -221,16 +208,18 @@ def test_the_functional_hinge_takes_the_place_of_wrong_malleoli(real: Session, t
     static = changed(read_trial(real.trial("static_1")), pl.col("marker_ANKLE_MED_x") + 0.02)
     write_trial(static, tmp_path / "static.parquet")
     motion, outputs = [real.trial(n) for n in real.unperturbed[:2]], (tmp_path / "c.json", tmp_path / "h.csv")
-    calibrate(tmp_path / "static.parquet", motion, settings(hinge="anatomical"), *outputs)
+    jobs.calibrate(tmp_path / "static.parquet", motion, settings(hinge="anatomical"), *outputs)
     assert read_table(outputs[1])["angle_deg"][0] == pytest.approx(13.4, abs=0.5)
     assert read_table(outputs[1])["trial"].to_list() == ["static_1"]
-    assert read_model(outputs[0], StaticCalibration).ankle_axis[0] == pytest.approx(np.sin(np.deg2rad(13.4)), abs=0.01)
-    calibrate(tmp_path / "static.parquet", motion, settings(hinge="functional"), *outputs)
-    np.testing.assert_allclose(read_model(outputs[0], StaticCalibration).ankle_axis, [0, 1, 0], atol=5e-3)
-    calibrate(real.trial("static_1"), [], settings(), *outputs)  # without a motion the anatomical axis stays
+    assert jobs.read_model(outputs[0], StaticCalibration).ankle_axis[0] == pytest.approx(
+        np.sin(np.deg2rad(13.4)), abs=0.01
+    )
+    jobs.calibrate(tmp_path / "static.parquet", motion, settings(hinge="functional"), *outputs)
+    np.testing.assert_allclose(jobs.read_model(outputs[0], StaticCalibration).ankle_axis, [0, 1, 0], atol=5e-3)
+    jobs.calibrate(real.trial("static_1"), [], settings(), *outputs)  # without a motion the anatomical axis stays
     assert "no trial in which foot and shank move" in read_table(outputs[1])["reason"][0]
     with pytest.raises(InputError, match="set hinge to anatomical"):
-        calibrate(real.trial("static_1"), [], settings(hinge="functional"), *outputs)
+        jobs.calibrate(real.trial("static_1"), [], settings(hinge="functional"), *outputs)
 
 
 def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Session, tmp_path: Path) -> None:
@@ -248,18 +237,18 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Sess
         cut: changed(trials[cut], pl.col("plate1_force_z").clip(upper_bound=600)),
     }
     for name, trial in bad.items():
-        write_trial(trial, tmp_path / "trial.parquet")
+        write_trial(trial, path := tmp_path / "trial.parquet")
         with pytest.warns(UserWarning, match=f"excluded: trial {name}"):
-            analyse(tmp_path / "trial.parquet", real.calibration, real.plate, name != cut, chosen, crossings[name])
-    outlier = read_crossing(crossings[elsewhere])
+            jobs.analyse(path, real.calibration, real.plate, name != cut, chosen, crossings[name])
+    outlier = jobs.read_crossing(crossings[elsewhere])
     moved = replace(outlier, quality=replace(outlier.quality, placement=(0.2, 0.0)))
-    write_crossing(moved, crossings[elsewhere])
+    jobs.write_crossing(moved, crossings[elsewhere])
     selection, gait = tmp_path / real.selection.name, tmp_path / real.gait.name
-    select_crossings(list(crossings.values()), chosen, selection)
-    average_unperturbed([crossings[n] for n in real.unperturbed], selection, chosen, gait)
+    jobs.select_crossings(list(crossings.values()), chosen, selection)
+    jobs.average_unperturbed([crossings[n] for n in real.unperturbed], selection, chosen, gait)
     rows = [tmp_path / f"{n}.csv" for n in real.perturbed]
     for name, row in zip(real.perturbed, rows, strict=True):
-        fit_perturbation(crossings[name], selection, gait, chosen, row)
+        jobs.fit_perturbation(crossings[name], selection, gait, chosen, row)
     table, page = tmp_path / "walking.csv", tmp_path / "page.csv"
     gather(rows, table, Doubt(above={"offset_share": 0.06}))
     perturbed = [crossings[n] for n in real.perturbed]
@@ -289,11 +278,11 @@ def refused(output: Path, reason: str) -> Iterator[None]:
     """The crossing is refused for a reason like this, with a warning, and its file says so."""
     with pytest.warns(UserWarning, match=reason), suppress(InputError):
         yield
-    crossing = read_crossing_file(output)
+    crossing = jobs.read_crossing_file(output)
     assert isinstance(crossing, RefusedCrossing)
     assert re.search(reason, crossing.reason)
     with pytest.raises(InputError, match="was refused"):
-        read_crossing(output)
+        jobs.read_crossing(output)
 
 
 def test_a_cluster_hidden_for_long_is_refused_and_for_short_is_bridged(ideal: Session, tmp_path: Path) -> None:
@@ -302,17 +291,17 @@ def test_a_cluster_hidden_for_long_is_refused_and_for_short_is_bridged(ideal: Se
 
     def analysed(name: str, markers: tuple[str, ...], start: float, end: float) -> Crossing:
         write_trial(hidden(read_trial(ideal.trial(name)), markers, start, end), path)
-        analyse(path, ideal.calibration, ideal.plate, name in ideal.perturbed, settings(), output)
-        return read_crossing(output)
+        jobs.analyse(path, ideal.calibration, ideal.plate, name in ideal.perturbed, settings(), output)
+        return jobs.read_crossing(output)
 
     flat, turned, shank, foot = ideal.unperturbed[0], ideal.perturbed[0], ("SHANK1", "SHANK4"), ("FOOT1", "FOOT2")
-    whole, bridged = read_crossing(ideal.crossing(flat)), analysed(flat, shank, 1.2, 1.23)
+    whole, bridged = jobs.read_crossing(ideal.crossing(flat)), analysed(flat, shank, 1.2, 1.23)
     assert 0 < bridged.bridged < 0.1
     np.testing.assert_allclose(bridged.theta, whole.theta, atol=np.deg2rad(0.1))
     output.unlink()
     with refused(output, rf"trial {flat}: the shank markers cannot be followed at 1\.2\d+ s"):
         analysed(flat, shank, 1.2, 1.4)
-    onset = read_crossing(ideal.crossing(turned)).onset or 0.0
+    onset = jobs.read_crossing(ideal.crossing(turned)).onset or 0.0
     with refused(output, rf"trial {turned}: the foot markers are hidden for \d+ ms from 1\.\d+ s, while the pert"):
         analysed(turned, foot, onset + 0.03, onset + 0.06)
     for start, duration in ((0.03, 0.007), (-0.15, 0.03)):
@@ -320,13 +309,13 @@ def test_a_cluster_hidden_for_long_is_refused_and_for_short_is_bridged(ideal: Se
 
 
 def test_a_crossing_knows_what_each_trial_of_the_plate_does_to_its_torque(real: Session, tmp_path: Path) -> None:
-    name, plate = real.perturbed[0], read_model(real.plate, PlateModel)
-    crossing = read_crossing(real.crossing(name))
+    name, plate = real.perturbed[0], jobs.read_model(real.plate, PlateModel)
+    crossing = jobs.read_crossing(real.crossing(name))
     assert len(crossing.plate_errors) == len(plate.leave_one_out) > 1
-    write_model(plate.leave_one_out[1], tmp_path / "plate.json")
+    jobs.write_model(plate.leave_one_out[1], tmp_path / "plate.json")
     chosen = settings(foot=FOOT)
-    analyse(real.trial(name), real.calibration, tmp_path / "plate.json", True, chosen, tmp_path / "c.parquet")
-    without = read_crossing(tmp_path / "c.parquet")
+    jobs.analyse(real.trial(name), real.calibration, tmp_path / "plate.json", True, chosen, tmp_path / "c.parquet")
+    without = jobs.read_crossing(tmp_path / "c.parquet")
     np.testing.assert_allclose(crossing.plate_errors[1], without.torque - crossing.torque, atol=1e-9)
     assert np.abs(crossing.plate_errors[1]).max() > 1e-3
     assert without.plate_errors.shape == (0, len(without.time))
@@ -350,7 +339,7 @@ def test_what_contradicts_sheet_markers_or_calibration_is_refused_by_name(
     write_trial(replace(source, samples=source.samples.drop(lost or [], strict=False)), path)
     (tmp_path / "calibration.json").write_text(json.dumps(content))
     with refused(output, f"trial {name}: {reason}"):
-        analyse(path, tmp_path / "calibration.json", ideal.plate, claimed, settings(), output)
+        jobs.analyse(path, tmp_path / "calibration.json", ideal.plate, claimed, settings(), output)
 
 
 def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Session, tmp_path: Path) -> None:
@@ -360,17 +349,17 @@ def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Sessio
     with pytest.raises(InputError, match="1 of 1 perturbations can be used, expected 2 or more"):
         summarise(ideal, [perturbed], settings(), tmp_path)
     with pytest.raises(InputError, match=r"plate\.json: no such file; run the step 'identify-plate'"):
-        read_model(broken, PlateModel)
+        jobs.read_model(broken, PlateModel)
     for content, problem in (("{", "not JSON"), ("{}", "no field 'inertia'")):
         broken.write_text(content)
         with pytest.raises(InputError, match=rf"plate\.json: {problem}"):
-            read_model(broken, PlateModel)
+            jobs.read_model(broken, PlateModel)
     with pytest.raises(InputError, match="a trial without events"):
-        read_crossing(ideal.trial(ideal.unperturbed[0]))
+        jobs.read_crossing(ideal.trial(ideal.unperturbed[0]))
     # a window so short that it has fewer samples than parameters: listed, and other results go on
-    fit_perturbation(perturbed, ideal.selection, ideal.gait, settings(window_s=0.009), tmp_path / "fit.csv")
+    jobs.fit_perturbation(perturbed, ideal.selection, ideal.gait, settings(window_s=0.009), tmp_path / "fit.csv")
     (row,) = read_table(tmp_path / "fit.csv").to_dicts()
     assert [row[quantity] for quantity in ("K", "B", "I", "VAF")] == [None] * 4
     assert "samples cannot determine 3 parameters" in row["excluded"]
     with pytest.raises(InputError, match=r"n\.parquet: no such file; run the step 'average-unperturbed'"):
-        fit_perturbation(perturbed, ideal.selection, tmp_path / "n.parquet", settings(), tmp_path / "f.csv")
+        jobs.fit_perturbation(perturbed, ideal.selection, tmp_path / "n.parquet", settings(), tmp_path / "f.csv")

@@ -418,11 +418,19 @@ def test_a_translation_is_no_crossing_but_a_platform_may_yield_or_turn_and_heave
     assert analyse_crossing(shifted(WALK, 0.005), CALIBRATION, NO_CORRECTION, False, settings()).onset is None
     heaved, chosen = walked("w", Ramp(heave=0.015), replace(RIG, mass=1e-9), 1), settings(largest_shift_mm=5)
     assert analyse_crossing(heaved, CALIBRATION, NO_CORRECTION, True, chosen).onset is not None
+    pulled = changed(WALK, pl.col("plate1_moment_y") + pl.col("time").is_between(1.0, 1.6).cast(pl.Float64) * 120)
+    with pytest.raises(InputError, match="the ankle's moment in late stance is -"):  # where every foot pushes
+        analyse_crossing(pulled, CALIBRATION, NO_CORRECTION, False, settings())
 
 
 @pytest.mark.parametrize(
     ("onset", "message"),
-    [(1.75, "outside stance"), (0.8, "outside stance"), (0.95, r"leave stance 0\.930-1\.597 s")],
+    [
+        (1.75, "outside stance"),
+        (0.8, "outside stance"),
+        (0.95, r"leave stance 0\.930-1\.597 s"),
+        (1.55, "leave stance"),
+    ],
 )
 def test_an_onset_outside_stance_or_a_baseline_before_it_is_refused(onset: float, message: str) -> None:
     with pytest.raises(InputError, match=message):

@@ -162,6 +162,6 @@ def test_rounding_is_in_the_interval_of_a_sweep(compliance):
 
 
 def test_levels_of_which_some_are_no_whole_steps_apart_show_no_step():
-    irregular = 29 + np.cumsum(np.random.default_rng(1).uniform(0.6, 1.4, 20))
+    irregular = 29 + np.cumsum(np.random.default_rng(1).uniform(1.6, 1.9, 20))
     assert visible_step(np.repeat(np.arange(50.0), 10)) == 1
     assert visible_step(np.repeat(np.append(np.arange(30.0), irregular), 10)) is None

@@ -32,7 +32,7 @@ def study_batch(wildcards):
     return {"modules": ("commands.study",), "made_of": settings_files(STUDY.simulation), "settings": settings}
 
 
-step("study.summarise", "study/study.csv", "study/table", "study_table")(
+step("study.summarise_study", "study/study.csv", "study/table", "study_table")(
     lambda _: {"input": {"batches": [RESULTS / f"study/batches/{name}.csv" for name in STUDY_JOBS]}}
 )
 step("study.write_page", "study/study.md", "study/page", "study_page")(

@@ -274,7 +274,7 @@ def test_a_trial_that_is_used_without_its_end_is_named_at_the_end_of_a_run() -> 
 
 def test_a_study_is_not_made_of_the_batches_that_succeeded(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="1 batches failed; there is no study without them"):
-        study.summarise([Path(result(tmp_path / "1.csv"))], tmp_path / "study.csv", [KILLED])
+        study.summarise_study([Path(result(tmp_path / "1.csv"))], tmp_path / "study.csv", [KILLED])
 
 
 def test_a_full_disk_is_no_fault_of_the_input_and_is_tried_again_with_the_advice_to_make_room(tmp_path, monkeypatch):

@@ -11,7 +11,7 @@ from conftest import ROOT
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.commands import study as study_jobs
 from osl_analysis.commands.figure import draw_figure
-from osl_analysis.commands.study import run_batch, study_inputs, summarise
+from osl_analysis.commands.study import run_batch, study_inputs, summarise_study
 from osl_analysis.config.configuration import StudySettings
 from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
@@ -183,7 +183,7 @@ def test_batches_become_a_table_and_a_figure(tmp_path):
     for numbers, file in zip(asked, files, strict=True):
         batch(*numbers, file)
     assert len(read_table(files[1])["value"].unique()) == 2
-    summarise(files, tmp_path / "study.csv")
+    summarise_study(files, tmp_path / "study.csv")
     table = read_table(tmp_path / "study.csv")
     assert table.filter(pl.col("experiment") == "belt")["n"].to_list() == [4]
     assert table.filter(pl.col("experiment") == "walking")["n"].to_list() == [2] * 9

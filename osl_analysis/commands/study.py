@@ -91,7 +91,7 @@ def write_page(table: Path, output: Path) -> None:
         temporary.write_text(study_page(read_table(table)), encoding="utf-8")
 
 
-def summarise(batches: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:
+def summarise_study(batches: Sequence[Path], output: Path, refused: Sequence[Refusal] = ()) -> None:
     """Bias, error over the bound and coverage, for each experiment, estimator, kind of interval and quantity."""
     if refused:
         raise InputError(

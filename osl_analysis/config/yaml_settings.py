@@ -25,6 +25,7 @@ from osl_analysis.errors import InputError, nearest
 from osl_analysis.files import shipped
 
 Positive = Annotated[float, Field(gt=0)]  # A number above zero.
+NotNegative = Annotated[float, Field(ge=0)]  # A number of zero or more.
 Degrees = Annotated[float, Field(gt=0, le=180)]  # An angle above zero, of half a turn at most.
 ShippedPath = Annotated[Path, AfterValidator(shipped)]
 """A path of the campaign's folder or, where that has none, of a shipped file such as `config/config.yaml`."""

@@ -23,7 +23,7 @@ from osl_analysis.simulator.mcap_writer import LEG, write_mcap
 from osl_analysis.simulator.plan import Condition, condition_of
 from osl_analysis.simulator.recorder import rounded_to, write_truth
 from osl_analysis.simulator.rigid_body import (
-    FREE_FALL,
+    GRAVITY,
     Pose,
     RigidBody,
     TrueWrench,
@@ -170,12 +170,7 @@ def react(
     contact = gait.stance_window(phase)
     given = contact * (about_axis - answer)
     force = (
-        step.change.load
-        * step.change.amplitude
-        * step.force_factor
-        * gait.ground_reaction(phase)
-        * mass
-        * -FREE_FALL[2]
+        step.change.load * step.change.amplitude * step.force_factor * gait.ground_reaction(phase) * mass * -GRAVITY[2]
     )
     roll = 0.004 * force[:, 2]  # lever [m]
     spin = 0.03 * mass * contact * np.sin(2 * np.pi * phase)  # up to 0.03 N*m/kg
@@ -320,7 +315,7 @@ def simulate_walking_trial(
             platform = gait.resting_platform(time, walking)
             leg = Pose(platform.pose.rotation, np.tile(gait.nominal_ankle(walking), (len(time), 1)))
             mass = condition.body_mass(walking.gait.body_mass_kg)
-            weight = np.tile(-0.5 * mass * FREE_FALL, (len(time), 1))
+            weight = np.tile(-0.5 * mass * GRAVITY, (len(time), 1))
             markers = vicon.leg_markers(leg, leg, condition, walking, seed) | vicon.on_body(leg, vicon.ANKLE_AXIS)
             markers |= vicon.platform_markers(platform.pose, walking)
             load = TrueWrench(weight, np.zeros_like(weight), leg.origin)
@@ -347,7 +342,7 @@ def scene_of(walked: SimulatedCrossing, walking: WalkingSettings, seed: int = 0)
     platform, phase, beside = motion.platform, step.stance_phase(walked.time), 1e-3 * step.change.overhang_mm
     on_plate, ankle = 1.0 - beside / gait.FOOT_WIDTH, reaction.point + np.array([0.0, 0.5 * beside, 0.0])
     curve = np.exp(-(((phase - 0.5) / 0.12) ** 2)) * ((phase > 0) & (phase < 1))
-    other = curve[:, None] * (-0.01 * step.change.second_foot_percent * step.body_mass * FREE_FALL)
+    other = curve[:, None] * (-0.01 * step.change.second_foot_percent * step.body_mass * GRAVITY)
     place = np.add(walking.plate.centre_m, [*walking.plate.nominal_ankle_m, 0.0]) + np.array([-0.15, 0.18, 0.0])
     lever = platform.pose.point(place) - ankle
     load = TrueWrench(on_plate * reaction.force + other, on_plate * reaction.moment + np.cross(lever, other), ankle)

@@ -6,7 +6,7 @@ import numpy as np
 
 from osl_analysis.trial import Array
 
-FREE_FALL = np.array([0.0, 0.0, -9.81])
+GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class RigidBody:
         W = time_derivative(pose.rotation, rate_hz) @ pose.rotation.transpose(0, 2, 1)  # dR/dt R^T
         omega = 0.5 * np.stack([W[:, 2, 1] - W[:, 1, 2], W[:, 0, 2] - W[:, 2, 0], W[:, 1, 0] - W[:, 0, 1]], axis=-1)
         momentum = np.einsum("nij,nj->ni", inertia, omega)
-        return TrueWrench(self.mass * (acceleration - FREE_FALL), time_derivative(momentum, rate_hz), centre)
+        return TrueWrench(self.mass * (acceleration - GRAVITY), time_derivative(momentum, rate_hz), centre)
 
 
 def time_derivative(values: Array, rate_hz: float) -> Array:

@@ -13,9 +13,7 @@ from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
-from osl_analysis.config.yaml_settings import Degrees, Positive, Settings, ShippedPath
-
-NotNegative = Annotated[float, Field(ge=0)]
+from osl_analysis.config.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
 
 
 class Effect(Settings):
@@ -171,7 +169,7 @@ class SecondOrderJoint(Settings):
         return self
 
 
-CycleCount = Annotated[int, Field(ge=1, le=10_000)]
+CyclesOfSine = Annotated[int, Field(ge=1, le=10_000)]
 
 
 class SteppedSineSchedule(Settings):
@@ -179,7 +177,7 @@ class SteppedSineSchedule(Settings):
     fields from `rest_between_s` on describe other protocols and imperfections of the motion."""
 
     frequencies_hz: Annotated[tuple[Positive, ...], Field(min_length=1)]
-    cycles: CycleCount | tuple[CycleCount, ...] | None = None  # at each frequency: one number, or one for each
+    cycles: CyclesOfSine | tuple[CyclesOfSine, ...] | None = None  # at each frequency: one number, or one for each
     seconds: Positive | None = None  # duration of each frequency in place of `cycles`
     amplitudes_deg: Annotated[tuple[Degrees, ...], Field(min_length=1)]
     rest_s: NotNegative  # after each amplitude
@@ -362,7 +360,7 @@ class Excitation(Settings):
 
 
 class SlippingSpring(Settings):
-    """A spring in series with dry friction. CycleCount of amplitude A lose 4 limit (A - limit/stiffness)."""
+    """A spring in series with dry friction. CyclesOfSine of amplitude A lose 4 limit (A - limit/stiffness)."""
 
     stiffness: Positive  # [N*m/rad], until it slips
     limit: Positive  # torque [N*m] at which it slips

@@ -14,7 +14,7 @@ import numpy as np
 
 from osl_analysis.files import atomic_path
 from osl_analysis.simulator.plan import Condition
-from osl_analysis.simulator.rigid_body import FREE_FALL, Pose, RigidBody, TrueWrench, interpolated_at
+from osl_analysis.simulator.rigid_body import GRAVITY, Pose, RigidBody, TrueWrench, interpolated_at
 from osl_analysis.simulator.settings import stream
 from osl_analysis.simulator.walking_settings import CaptureSettings, MovingPlate, WalkingSettings
 from osl_analysis.trial import Array
@@ -191,7 +191,7 @@ def sensor_reading(
     turned = platform.rotation @ PLATE_AXES
     body = RigidBody(mass, np.add(plate.centre_m, plate.centre_of_mass_m), np.array(plate.gyration_m))
     own = body.support(platform, rate_hz)
-    origin, resting = platform.point(sensor), -mass * FREE_FALL
+    origin, resting = platform.point(sensor), -mass * GRAVITY
     force = np.einsum("nji,nj->ni", turned, reaction.force + own.force)
     moment = np.einsum("nji,nj->ni", turned, reaction.moment_about(origin) + own.moment_about(origin))
     zero_moment = np.cross(body.centre_of_mass - sensor, resting)

@@ -10,11 +10,10 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
-from osl_analysis.config.yaml_settings import Degrees, Positive, Settings, ShippedPath
+from osl_analysis.config.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
 from osl_analysis.simulator.settings import (
     Count,
     Effect,
-    NotNegative,
     Seconds,
     SwitchedEffects,
     Torque,

@@ -27,7 +27,7 @@ from osl_analysis.walking.settings import WalkingAnalysis
 
 StudyRow = dict[str, Any]  # one row of the study's table of estimates
 STUDIED_QUANTITIES = ("K", "B", "I")
-COLUMNS = {
+CANONICAL = {
     "joint_angle": ("theta", 1),
     "actuator_angle": ("theta_m", 1),
     "commanded_angle": ("theta_command", 1),
@@ -57,7 +57,7 @@ class StudyInputs:
 
 def recorded_trial(name: str, log: BenchLog) -> Trial:
     """The trial of a log, with one or two recordings that have stamps [s] of their own, as ingest would give it."""
-    columns = {COLUMNS[channel][0]: COLUMNS[channel][1] * values for channel, values in log.channels.items()}
+    columns = {CANONICAL[channel][0]: CANONICAL[channel][1] * values for channel, values in log.channels.items()}
     samples = pl.DataFrame({"time": log.time - log.time[0], **{k: v for k, v in columns.items() if "torque" not in k}})
     torque = {k: v for k, v in columns.items() if "torque" in k}
     if np.array_equal(log.time, log.torque_time):

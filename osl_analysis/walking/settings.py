@@ -4,10 +4,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from osl_analysis.config.yaml_settings import Positive, Settings
+from osl_analysis.config.yaml_settings import NotNegative, Positive, Settings
 from osl_analysis.signals import LowPass
 
-NotNegative = Annotated[float, Field(ge=0)]
 Cluster = Annotated[tuple[str, ...], Field(min_length=3)]
 Side = Literal["left", "right"]
 StanceSource = Literal["own", "unperturbed", "matched"]

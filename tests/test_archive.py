@@ -51,15 +51,6 @@ def test_after_an_error_nothing_is_written_and_an_older_archive_stays(tmp_path: 
     assert (tmp_path / "t_1.zip").read_bytes() == before
 
 
-def test_blocks_do_not_share_their_tables(tmp_path: Path) -> None:
-    written(tmp_path / "a.zip")
-    (tmp_path / "a.zip").unlink()
-    written(tmp_path / "b.zip")
-    assert [path.name for path in tmp_path.iterdir()] == ["b.zip"]
-    with pytest.raises(LookupError, match="outside of the block"):
-        write_table(SERIES, tmp_path / "b.zip/series.csv")
-
-
 def test_a_table_that_is_not_there_is_named(tmp_path: Path) -> None:
     archive = written(tmp_path / "t_1.zip")
     with pytest.raises(InputError, match=r"t_1\.zip/response\.csv: no such table .*run the step that writes it"):

@@ -53,15 +53,6 @@ def test_ezc3d_reads_back_what_was_recorded(recording: C3dRecording, file: Path)
     assert (group["POINT"]["UNITS"]["value"][0], group["POINT"]["FRAMES"]["value"][0]) == ("mm", 40)
 
 
-def test_the_force_plate_group_is_complete_and_in_millimetres(file: Path) -> None:
-    plate = ezc3d.c3d(str(file))["parameters"]["FORCE_PLATFORM"]
-    assert (plate["USED"]["value"][0], plate["TYPE"]["value"][0]) == (1, 2)
-    assert plate["CHANNEL"]["value"][:, 0].tolist() == [1, 2, 3, 4, 5, 6]
-    assert plate["ZERO"]["value"].tolist() == [1, 0]
-    np.testing.assert_allclose(plate["CORNERS"]["value"][:, :, 0].T, CORNERS * 1e3, rtol=FLOAT32)
-    np.testing.assert_allclose(plate["ORIGIN"]["value"][:, 0], ORIGIN * 1e3, rtol=FLOAT32)
-
-
 def test_a_hidden_marker_is_stored_as_zeros_with_residual_minus_one(recording: C3dRecording, file: Path) -> None:
     raw = file.read_bytes()
     header = np.frombuffer(raw[:512], "<i2")

@@ -55,11 +55,8 @@ def ingested(path: Path, **channel: str) -> Any:
         ("x", "no json", "a message of 7 bytes is not JSON: Expecting value"),
         ("x", '{"x": "a"}', "field 'x' is \"a\", not a number, in message 2"),
         ("x", '{"x": true}', "field 'x' is true, not a number as elsewhere, in message 2"),
-        ("z", '{"z": true}', "field 'z' is true, not a number as elsewhere, in message 2"),
         ("x", '{"x": [1, 2]}', "field 'x' is an array of 2, not one number, in message 2"),
-        ("x", '{"x": {"y": 1}}', "field 'x' is {\"y\": 1}, not a number, in message 2"),
         ("x.y", '{"x": 3}', "field 'x' is 3, not an object with fields, in message 2"),
-        ("x[1]", '{"x": 3}', "field 'x' is 3, not an array, in message 2"),
         ("v[n=b]", '{"v": [1, "c"], "n": ["a", "b"]}', "field 'v[n=b]' is \"c\", not a number, in message 2"),
     ],
 )

@@ -320,13 +320,6 @@ def test_a_chunk_index_with_more_chunks_than_there_are_is_an_unknown_loss(tmp_pa
     assert (damage["complete"], damage["chunks_lost"], damage["messages_lost"]) == (False, 1, None)
 
 
-def test_more_messages_than_the_statistics_declare_are_no_complete_log(tmp_path: Path) -> None:
-    content = log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({1: 10}, 1))
-    damage = ingested(tmp_path, content).facts["damage"]
-    assert not damage["complete"]
-    assert "it declares 10 messages and holds 20" in damage["remarks"]
-
-
 OTHER = log(schema() + channel(1, b"/other") + channel(2, b"/lab"), chunk(b"".join(messages(1, range(30, 40)))))
 FIRST = log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({1: 20}, 2))
 

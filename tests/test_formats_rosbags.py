@@ -22,7 +22,6 @@ from rosbags.typesys import Stores, get_typestore
 from osl_analysis.commands.inspect import inspect_file
 from osl_analysis.errors import InputError
 from osl_analysis.formats.message_fields import message_type, messages_at, shape_of
-from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.raw_files import trial_from_files
 from osl_analysis.ingest.recording import Recording
 
@@ -304,13 +303,6 @@ def test_a_clock_that_was_set_back_is_refused(tmp_path: Path, write: Any) -> Non
     """`rosbags` sorts by time and would interleave the halves."""
     path = write(tmp_path / "a.bag", [*range(100), *(20.3 + np.arange(100))])
     assert "the clock was set while recording" in refused(path, time={"source": "log"})
-
-
-def test_the_draft_of_a_bag_names_its_topic_and_fields(tmp_path: Path) -> None:
-    for path, name in ((write_bag1(tmp_path / "a.bag"), "rosbag1"), (write_bag2(tmp_path / "b"), "rosbag2")):
-        draft = yaml.safe_load(draft_source(inspect_file(path), path.name))
-        assert (draft["format"], draft["time"]) == (name, {"source": "header"})
-        assert {"topic": "/lab", "field": "angle", "unit": "UNKNOWN"} in draft["channels"].values()
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no recordings made by others here")

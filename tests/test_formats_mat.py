@@ -94,7 +94,8 @@ def test_elements_are_counted_column_by_column_as_in_matlab(tmp_path):
     cell, array = np.empty((2, 2), dtype=object), np.zeros((2, 2), dtype=[("x", object)])
     for row, column in np.ndindex(2, 2):
         cell[row, column] = array["x"][row, column] = np.array([row, column, 0.5])
-    path = write_mat(tmp_path / "a.mat", cells=cell, structs=array)
+    path = write_mat(tmp_path / "a.mat", cells=cell, structs=array, runs=struct_array([*RUNS, RUNS[0]]))
+    assert "has no (name=slow); it has (1), (2), (3), (name=fast)" in refusal(path, "runs(name=slow).torque")
     for number, (row, column) in enumerate([(0, 0), (1, 0), (0, 1), (1, 1)], start=1):
         assert at(path, f"cells{{{number}}}").tolist() == [row, column, 0.5]
         assert at(path, f"structs({number}).x").tolist() == [row, column, 0.5]

@@ -98,3 +98,9 @@ def test_zeros_after_a_loss_of_power_are_named_by_line_and_the_advice_works(tmp_
     lines = (tmp_path / "a.csv").read_bytes().split(b"\n")
     (tmp_path / "a.csv").write_bytes(b"\n".join(lines[:4]))
     assert ingested(tmp_path, "a.csv", SOURCE)
+
+
+def test_a_full_stop_is_no_decimal_sign_beside_a_decimal_comma(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t;angle\n0;1,5\n0,01;1.234\n")
+    with pytest.raises(InputError, match=r"line 3, column 'angle': '1.234' is not a number; write `decimal: "):
+        ingested(tmp_path, "a.csv", SOURCE.replace("csv\n", 'csv\ndecimal: ","\n'))

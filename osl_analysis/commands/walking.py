@@ -32,7 +32,7 @@ from osl_analysis.walking.plate import NO_CORRECTION, NOT_REMOVED, Load, PlateMo
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform, platform_table
 from osl_analysis.walking.response import group_headline
 
-CURVES = ("theta", "torque", "platform")
+CROSSING_SIGNALS = ("theta", "torque", "platform")
 LOADS = ("load", "pressure_left")  # vertical force [N] on the foot, centre of pressure [m] to the left of the ankle
 PLATE_ERROR = "plate_error_"  # prefix of the columns with the plate's errors (m, rows) [N*m]
 PLATE_ERRORS = pl.col(f"^{PLATE_ERROR}.*$")
@@ -86,7 +86,7 @@ def built(kind: Any, content: Any) -> Any:
 def write_crossing(crossing: Crossing, path: Path) -> None:
     """Write a crossing as a trial: its signals and `plate_error_0`, ...; the events in the provenance."""
     signals = {"time": crossing.time, "phase": crossing.stance.phase(crossing.time)}
-    signals |= {name: getattr(crossing, name) for name in CURVES}
+    signals |= {name: getattr(crossing, name) for name in CROSSING_SIGNALS}
     load = {} if crossing.load is None else dict(zip(LOADS, (crossing.load.force, crossing.load.left), strict=True))
     errors = {f"{PLATE_ERROR}{i}": error for i, error in enumerate(crossing.plate_errors)}
     samples = pl.DataFrame(signals | load | errors)
@@ -99,7 +99,7 @@ def write_refusal(refused: RefusedCrossing, path: Path) -> None:
     reason = {"refused": refused.reason, "perturbed": refused.perturbed}
     metadata = {NAME_KEY: refused.name, PROVENANCE_KEY: json.dumps(reason)}
     with atomic_path(path) as temporary:
-        pl.DataFrame(schema=dict.fromkeys(("time", "phase", *CURVES), pl.Float64)).write_parquet(
+        pl.DataFrame(schema=dict.fromkeys(("time", "phase", *CROSSING_SIGNALS), pl.Float64)).write_parquet(
             temporary, metadata=metadata
         )
 
@@ -125,7 +125,7 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
     trial, types = read_trial(path), get_type_hints(Crossing)
     if "stance" not in trial.provenance:
         raise InputError(f"{path}: a trial without events; run the step 'analyse' and use its crossing")
-    curves: dict[str, Any] = dict(zip(("time", *CURVES), trial.signals(*CURVES), strict=True))
+    curves: dict[str, Any] = dict(zip(("time", *CROSSING_SIGNALS), trial.signals(*CROSSING_SIGNALS), strict=True))
     return Crossing(
         trial.name,
         **curves,
@@ -296,7 +296,7 @@ def group_result(
     except OslAnalysisError as error:
         warnings.warn(f"no result of {group.name}: {error}", stacklevel=2)
         none = {"estimator": tables.ENSEMBLE, "n": len(own), "mean": None, "reason": str(error)}
-        rows = [known | {"quantity": quantity} | none for quantity in tables.SUMMARISED]
+        rows = [known | {"quantity": quantity} | none for quantity in tables.GROUP_QUANTITIES]
         return rows, fact | {"reason": str(error)}, None
     fact["fitted_phase"] = float(fact["onset_phase"] + tables.fitted_time(headline) / fact["stance_s"])
     rows = [
@@ -382,7 +382,7 @@ def fit_perturbation(
     gait = gaits.get(place["gait"] or ALL)
     reason = place["reason"] or (NO_GAIT if gait is None else None)
     # a campaign in which no perturbation can be used keeps its other results
-    row: dict[str, object] = dict.fromkeys(tables.SUMMARISED)
+    row: dict[str, object] = dict.fromkeys(tables.GROUP_QUANTITIES)
     if reason is None and gait is not None:
         try:
             row = tables.perturbation_row(read_crossing(crossing), gait, settings)

@@ -42,7 +42,7 @@ from osl_analysis.walking.response import (
 )
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings
 
-SUMMARISED, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
+GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
 COMMANDED = "commanded"  # Series of the curve that the controller commands
 FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
 
@@ -224,7 +224,7 @@ def headline_rows(headline: GroupHeadline, fits: pl.DataFrame, doubtful: Mapping
     ones: mean per perturbation (of both directions' means), with the errors that are common; ensembles; directions."""
     common, signs = headline.common, signs_of(headline.responses)
     rows: list[dict[str, object]] = []
-    for name in SUMMARISED:
+    for name in GROUP_QUANTITIES:
         method = "Student + shared errors" if name in common else "Student"
         mean = asdict(over_repeats(fits[name].to_numpy(), common.get(name, ()), signs))
         known = {"quantity": name, "estimator": "mean of perturbations", "interval_method": method}

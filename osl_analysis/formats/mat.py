@@ -269,10 +269,10 @@ class Address(NamedTuple):
         """The same address within a part of the file; that itself if it begins with `/`, or without a part."""
         if part is None or self.text.startswith("/"):
             return self
-        return Address(joined(part.text, self.text), (*part.steps, *self.steps))
+        return Address(address_with(part.text, self.text), (*part.steps, *self.steps))
 
 
-def joined(place: str, step: str) -> str:
+def address_with(place: str, step: str) -> str:
     return f"{place}.{step}" if place and step[0] not in "({" else place + step
 
 
@@ -280,7 +280,7 @@ def parsed(text: str, inside: bool = False) -> Address:
     """An address; `inside`: it is one within a part, which may also begin with a choice of a column, as `(:,2)`."""
     plain = re.sub(r"\s*([(){}.,:=])\s*", r"\1", text.strip()).removeprefix("/")
     steps = tuple(step.removeprefix(".") for step in STEP.findall(plain))
-    is_whole = steps and reduce(joined, steps, "") == plain
+    is_whole = steps and reduce(address_with, steps, "") == plain
     if not is_whole or not (inside or steps[0][0] not in "({"):
         raise InputError(
             f"'{text}' is no address in a MATLAB file; write it as in MATLAB, such as `Test.run(2).torque`, "
@@ -314,7 +314,7 @@ def find(variables: Mapping[str, Value], names: Sequence[str], address: Address)
             has = f"it has {listing(known, 12)}{nearest(step, known)}" if known else value.remedy()
             what = f"{place} is a {value.described()} and" if place else "the file"
             raise InputError(f"{address.text}: {what} has no {step}; {has}")
-        value, place = below[step], joined(place, step)
+        value, place = below[step], address_with(place, step)
     return value
 
 

@@ -23,7 +23,7 @@ from osl_analysis.bench.gram import (
     GroupFit,
     Sums,
     combined,
-    estimated,
+    estimates_of,
     fit_groups,
     gram_sums,
     solved,
@@ -249,7 +249,7 @@ def near_lag(s: Sums, base: Model, fixed: Mapping[str, float], start: float, kee
     lag, model = start - s.late, {**base, "lag_s": "jerk"}
     few = replace(s, gram=s.over(keep)[None])
     at, C = combined_columns(s, [late_by(lag, {column: 1.0}) for column in base.values()])
-    estimates = estimated(torque_without(few, late_by(lag, fixed)).gram[0], at, s.torque, C)
+    estimates = estimates_of(torque_without(few, late_by(lag, fixed)).gram[0], at, s.torque, C)
     first: GroupFit | None = None
     for _ in range(6):
         found = dict(zip(base, estimates, strict=False))
@@ -263,7 +263,7 @@ def near_lag(s: Sums, base: Model, fixed: Mapping[str, float], start: float, kee
             first, again = late_fit(s, model, own, keep), False
             estimates = first.estimates
         else:
-            estimates, again = estimated(torque_without(few, own[2]).gram[0], at, s.torque, C), True
+            estimates, again = estimates_of(torque_without(few, own[2]).gram[0], at, s.torque, C), True
         before, lag = lag, float(np.clip(lag + estimates[-1], -SPACING, SPACING))
         if abs(lag - before) < 1e-3 * first.se("lag_s"):
             break
@@ -303,7 +303,7 @@ def late_by(lag: float, part: Mapping[str, float]) -> dict[str, float]:
 
 def taken_by(s: Sums, model: Model, column: str, label: Label = None) -> dict[str, float]:
     """What the estimates of a model take of a column of size 1 that it lacks."""
-    estimates = estimated(s.over(label), s.index(list(model.values())), s.names.index(column))
+    estimates = estimates_of(s.over(label), s.index(list(model.values())), s.names.index(column))
     return dict(zip(model, estimates.tolist(), strict=True))
 
 
@@ -332,7 +332,7 @@ def causes(record: Record, s: Sums, model: Model) -> Causes:
     def left_by(*asked: str) -> float:
         """Sum of squares that the model with effects leaves, of a lag that of the column by which it is told."""
         own = at.index([*model.values(), *("jerk" if e == "lag_s" else COLUMN.get(e, e) for e in asked)])
-        estimates = estimated(at.total, own, at.torque)
+        estimates = estimates_of(at.total, own, at.torque)
         return float(at.total[at.torque, at.torque] - estimates @ at.total[own, at.torque])
 
     while len(chosen) < len(effects):

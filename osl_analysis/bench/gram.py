@@ -162,7 +162,7 @@ def solved(A: Array, b: Array) -> tuple[Array, Array]:
     return estimates + inverse @ (b - A @ estimates), inverse
 
 
-def estimated(total: Array, at: Sequence[int], q: int, C: Array | None = None) -> Array:
+def estimates_of(total: Array, at: Sequence[int], q: int, C: Array | None = None) -> Array:
     """Estimates (p,) of the torque, column q, alone: of the columns `at`, or of combinations C (columns, p) of them."""
     A, b = total[np.ix_(at, at)], total[at, q]
     return solved(A, b)[0] if C is None else solved(C.T @ A @ C, C.T @ b)[0]
@@ -310,7 +310,7 @@ def paired_errors(s: Sums, model: Mapping[str, str], small: Label, large: Label)
     found, at = [], s.index(list(model.values()))
     for hz in of[0]:
         rest = [s.groups.of(x) & (s.groups.stratum != k[hz]) for x, k in zip((small, large), of, strict=True)]
-        less, more = (estimated(s.over(keep), at, s.torque) for keep in rest)
+        less, more = (estimates_of(s.over(keep), at, s.torque) for keep in rest)
         found.append(more - less)
     m, apart = len(found), np.array(found) - np.mean(found, axis=0)
     infinite = np.full(len(model), np.inf)

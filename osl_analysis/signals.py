@@ -112,9 +112,8 @@ def sampling_rate(time: Array) -> float:
 
 def differentiate(time: Array, theta: Array) -> Motion:
     """Angle [rad] at times [s] with its derivatives, from the quintic spline through the (already filtered) samples.
-    Central differences lose 3 % of a velocity at 20 Hz sampled at 300 Hz; the spline loses less than 0.1 %.
-
-    Raises InputError: Fewer than six samples, times that do not go forward, or a value that is not finite."""
+    Central differences lose 3 % of a velocity at 20 Hz sampled at 300 Hz; the spline loses less than 0.1 %. Raises
+    InputError: Fewer than six samples, times that do not go forward, or a value that is not finite."""
     check_finite("time", time)
     check_finite("the angle", theta)
     if len(time) <= DEGREE or not (np.diff(time) > 0).all():

@@ -90,9 +90,8 @@ def with_places(table: pl.DataFrame, places: Places, by: str = "trial") -> pl.Da
 def read_table(path: Path, required: Sequence[str] = (), of: str = "") -> pl.DataFrame:
     """Read a table. A column without any entry is read as Float64 null, `TEXT_COLUMNS` as text. Columns that are
     `required` must be there and, unless they are among `TEXT_COLUMNS`, hold numbers. `of`: name of the table where
-    `path` is an archive of several; a path to one table has it already.
-
-    Refused is what is missing, empty or no CSV table, and a required column that is missing or not numeric."""
+    `path` is an archive of several; a path to one table has it already. Refused is what is missing, empty or no CSV
+    table, and a required column that is missing or not numeric."""
     check_not_refused(path)
     if not path.is_file():
         raise InputError(f"{path}: no such table; run the step that writes it, or check the path")

@@ -76,9 +76,7 @@ PROVENANCE_KEY = "osl_analysis.provenance"
 class Trial:
     """Samples of one trial in canonical columns (`COLUMNS`), a row per time stamp. A *null* means that the column has
     no sample at that time (another recorder's rate). A *NaN* means that it was sampled and nothing was seen (a hidden
-    marker).
-
-    Raises InputError: No rows, no `time`, time that goes back or is not finite."""
+    marker). Raises InputError: No rows, no `time`, time that goes back or is not finite."""
 
     name: str
     samples: pl.DataFrame

@@ -108,9 +108,6 @@ def assert_recovers_the_joint(grid):
     assert (np.abs(errors_of(grid)) < CLOSE_ENOUGH).all(), errors_of(grid)
 
 
-# ---- Interpolation
-
-
 @pytest.mark.parametrize(("rate", "largest"), [(100.0, 2.6e-5), (300.0, 3.2e-7), (1000.0, 2.6e-9)])
 def test_a_5_hz_sine_comes_to_the_grid_with_the_error_that_the_report_states(rate, largest):
     t = clock(rate, 10.0)
@@ -204,9 +201,6 @@ def test_a_slow_wander_is_believed_where_the_signal_cannot_tell():
     assert (said["stamps"], said["firm"]) == ("exact", False)
 
 
-# ---- Recordings as recorders make them
-
-
 @pytest.mark.parametrize(("rate", "decimals"), [(300.0, 4), (1024.0, 3)])
 def test_printed_decimals_cost_nothing(rate, decimals):
     t, random = clock(rate), np.random.default_rng(21)
@@ -225,9 +219,6 @@ def test_host_latency_on_one_node_is_taken_away_with_its_mean(wait):
     assert (said["stamps"], said["firm"], said["missing"]) == ("even", True, 0)
     assert said["skew"] > 0.5
     assert_recovers_the_joint(grid)
-
-
-# ---- Missing, late, repeated
 
 
 SHARE_MISPLACED = {(False, False): 0, (False, True): 5e-5, (True, False): 5e-3, (True, True): 1e-2}
@@ -258,9 +249,6 @@ def test_missing_samples_cost_nothing(jitter):
     assert (said["firm"], said["stamps"]) == (True, "exact" if jitter else "even")
     assert (said["marked"], grid.usable.all()) == (0, True)
     assert_recovers_the_joint(grid)
-
-
-# ---- Gaps
 
 
 def gapped(length, random, first=20.0):
@@ -358,9 +346,6 @@ def test_no_stamps_lead_to_anything_but_a_grid_or_a_refusal(seed):
         assert np.isfinite(grid.signals["x"]).all()
 
 
-# ---- Clocks of two devices
-
-
 def test_drift_is_refused_beyond_what_damping_and_inertia_bear_if_it_is_certain():
     ClockDrift(1.9, 0.01).check(2.0)
     ClockDrift(-5.0, 4.0).check(2.0)
@@ -370,9 +355,6 @@ def test_drift_is_refused_beyond_what_damping_and_inertia_bear_if_it_is_certain(
 
 def test_a_drift_is_certain_from_a_student_quantile_as_rare_as_four_exact_standard_errors():
     assert [ClockDrift(d, 1.0, 5.0).certain_ppm for d in (12.5, 12.0)] == [12.5, 0.0]  # t.isf(3.167e-5, 5) = 12.28
-
-
-# ---- Provenance
 
 
 def test_the_report_is_plain_json_with_every_number_that_the_table_states():
@@ -480,7 +462,13 @@ def test_values_that_are_missing_cost_nothing_and_split_no_device(kind, change):
     assert_recovers_the_joint(grid)
 
 
-# ---- The page's example of sixth differences
+@pytest.mark.parametrize(("length", "bridged", "marked"), [(20, 1, 0), (21, 0, 1)])
+def test_missing_values_in_a_row_are_a_gap_of_their_own_length(length, bridged, marked):
+    def change(signals, _random):
+        signals["torque"][5000 : 5000 + length] = np.nan
+
+    said = one_time_base([with_nan(np.random.default_rng(8), change)]).streams[1]
+    assert (said["empty"], said["bridged"], said["marked"]) == (length, bridged, marked)
 
 
 def example(even):

@@ -1,8 +1,5 @@
 """First contact with recordings: what files of any laboratory hold, a drafted campaign, and a look at each as it comes.
-
-Texts from files are untrusted: they are escaped when they are printed. A torque with the wrong sign or unit, or an
-angle in degrees, shows in one trial as well as in fifty.
-"""
+Texts from files are untrusted: they are escaped when they are printed."""
 
 import csv
 import json
@@ -334,7 +331,6 @@ def drafted_text(draft: Draft) -> str:
 
 
 QUIET_S = 4.0  # A recording is complete if nothing was written to it for this long [s]; up to 20 s if it paused before
-
 State = tuple[int, int]  # size [bytes] and date of the last change [ns] of all files of a recording
 
 

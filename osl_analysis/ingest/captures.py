@@ -226,12 +226,10 @@ def wrench(
     kind: int, corners: Array, origin: Array, channels: Array, calibration: Array | None = None
 ) -> tuple[Array, Array]:
     """Force [N] and moment [N*m] of one plate about its surface's centre, (n, 3) each, in laboratory axes, on the foot.
-
     kind: 1 to 4, as in the C3D manual. corners: (4, 3) [m], in the quadrants (+x, +y), (-x, +y), (-x, -y), (+x, -y) of
     the plate's axes. origin: FORCE_PLATFORM:ORIGIN, (3,) [m], in these axes. channels: (n, channels) in [N], [N*m] and
     for type 1 [m]; for type 4 in the units of its `calibration` (6, 6). They are in the plate's axes, whose z points
-    down, with a negative Fz under load; in the laboratory's axes this is the ground reaction.
-    """
+    down, with a negative Fz under load; in the laboratory's axes this is the ground reaction."""
     axes = own_axes(corners)
     # from the plate's origin to the surface's centre: the origin lies under the surface and z points down, so z is
     # negative; a file with a positive z stores the opposite vector

@@ -1,9 +1,6 @@
-"""One recorder's clock fitted to another's: t_master = offset + (1 + drift) * t_slave.
-
-By the edges of a pulse train that both recorded, or where these cannot be used by correlating a signal that both
-recorded: a joint's encoder and the angle between markers, or two sync voltages with hum or drift. Its scale, offset and
-sign may differ between the recorders.
-"""
+"""One recorder's clock fitted to another's, t_master = offset + (1 + drift) * t_slave, by the edges of a pulse train
+that both recorded, or where these cannot be used by correlating a signal that both recorded: a joint's encoder and the
+angle between markers, or two sync voltages. Its scale, offset and sign may differ between the recorders."""
 
 from dataclasses import dataclass, replace
 

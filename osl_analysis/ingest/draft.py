@@ -1,8 +1,5 @@
-"""Drafts of source files, of the section `walking`, and of a sample sheet, from files and their names.
-
-Texts from files are untrusted and therefore quoted, as JSON strings, which are valid YAML and have every control
-character as an escape. Nothing is taken as told that is not: a trial that no name describes is `ingest_only`.
-"""
+"""Drafts of source files, of the section `walking`, and of a sample sheet, from files and their names. Texts from
+files are quoted, as JSON strings, which are valid YAML. Nothing is taken as told that is not."""
 
 import json
 import re
@@ -37,12 +34,9 @@ PATTERNS = {
     "theta": (rf"\b({ANGLE}|ankle|knee|hip|joint)\b", rf"{COMMAND}|{MOTOR}|\b{SPEED}\b"),
 }
 """By column: what the words of a name contain, and what they do not. The first that fits is the guess."""
-
-
+# what is guessed of a name that tells nothing, by what its unit measures
 BY_UNIT = {dimension("rad"): "theta", dimension("N*m"): "torque", dimension("A"): "current"}
-"""What is guessed of a name that tells nothing, by what its unit measures."""
-OTHER = rf"\b(ground|battery|supply|imu|roll|pitch|yaw|phase|current|{ANGLE}|{SPEED}|{EFFORT})\b"
-"""Words of names of which only a unit does not tell enough."""
+OTHER = rf"\b(ground|battery|supply|imu|roll|pitch|yaw|phase|current|{ANGLE}|{SPEED}|{EFFORT})\b"  # tell too little
 
 
 def likely_column(channel: RecordedChannel) -> str:
@@ -248,7 +242,9 @@ def trial_name(path: Path) -> str:
 
 
 def draft_trials(recordings: Sequence[Recorded]) -> list[DraftedTrial]:
-    """The trials that recordings are: a log and a capture of the same name are one. Sorted by name."""
+    """The trials that recordings are, by what the words of their names tell: a log and a capture of the same name
+    are one. Sorted by name. A stated stiffness tells an impedance trial, but for one who walks. `k1` states none: it is
+    a number of a file."""
     several: dict[str, list[Recorded]] = {}
     for one in sorted(recordings, key=lambda recorded: recorded.path.as_posix()):
         number, name = 1, trial_name(one.path)
@@ -257,43 +253,40 @@ def draft_trials(recordings: Sequence[Recorded]) -> list[DraftedTrial]:
             number += 1
             free = f"{name}_{number}"
         several.setdefault(free, []).append(one)
-    return [drafted(name, files) for name, files in several.items()]
-
-
-def drafted(name: str, files: Sequence[Recorded]) -> DraftedTrial:
-    """The trial of the files, by what the words of the first one's name tell. A stated stiffness tells an impedance
-    trial, but for one who walks. `k1` states none: it is a number of a file."""
-    path = files[0].path
-    cells, said, still_open = {"trial": name}, path.stem if path.suffix else path.name, list[str]()
-    for one in files:
-        role = "mocap" if one.is_capture else "log"
-        cells |= {role: one.path.as_posix(), f"{role}_source": one.source}
-    words, numbers = words_of(said.replace("_", " ")), {}
-    for column, letter, smallest in (("K_d", "K", 10.0), ("B_d", "B", 0.0)):
-        behind = r"(?=$|[_\s-]|[.,](?!\d)|[BbKk]_?d?[_=-]?\d)"
-        found = set(re.findall(rf"{BETWEEN}{letter}_?d?[_=-]?(\d+(?:\.\d+)?){behind}", said, re.IGNORECASE))
-        if len(found) == 1 and float(*found) >= smallest:
-            (numbers[column],) = found
-    told = [known for known, wanted in WORDS_OF_EXPERIMENTS.items() if re.search(wanted, words)]
-    told += ["impedance"] * ("K_d" in numbers and not {"walking", "impedance"} & {*told})
-    experiment = cells["experiment"] = told[0] if len(told) == 1 else UNNAMED
-    if experiment == UNNAMED:
-        what = f"the name may tell {' or '.join(told)}" if told else "the name tells none"
-        still_open.append(f"experiment: {what}; it stands as {UNNAMED}, which is not analysed")
-    elif experiment == "impedance":
-        for column in ("K_d", "B_d"):
-            if column not in numbers:
-                still_open.append(f"{column}: the name does not tell; empty, nothing is compared with it")
-        cells |= numbers
-        controller = re.search(rf"{BETWEEN}(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", said, re.IGNORECASE)
-        if controller:
-            cells["controller"] = "uncompensated" if controller[1] else "compensated"
-    elif experiment == "walking":
-        crossing = next((cell for cell, wanted in CROSSINGS.items() if re.search(wanted, words)), None)
-        if crossing is None:
-            cells["experiment"] = UNNAMED
-            remedy = "write walking, and true or false"
-            still_open.append(f"perturbed: the name does not tell; it stands as {UNNAMED}: {remedy}")
-        else:
-            cells["perturbed"] = crossing
-    return DraftedTrial(cells, still_open)
+    trials = []
+    for name, files in several.items():
+        path = files[0].path
+        cells, said, still_open = {"trial": name}, path.stem if path.suffix else path.name, list[str]()
+        for one in files:
+            role = "mocap" if one.is_capture else "log"
+            cells |= {role: one.path.as_posix(), f"{role}_source": one.source}
+        words, numbers = words_of(said.replace("_", " ")), {}
+        for column, letter, smallest in (("K_d", "K", 10.0), ("B_d", "B", 0.0)):
+            behind = r"(?=$|[_\s-]|[.,](?!\d)|[BbKk]_?d?[_=-]?\d)"
+            found = set(re.findall(rf"{BETWEEN}{letter}_?d?[_=-]?(\d+(?:\.\d+)?){behind}", said, re.IGNORECASE))
+            if len(found) == 1 and float(*found) >= smallest:
+                (numbers[column],) = found
+        told = [known for known, wanted in WORDS_OF_EXPERIMENTS.items() if re.search(wanted, words)]
+        told += ["impedance"] * ("K_d" in numbers and not {"walking", "impedance"} & {*told})
+        experiment = cells["experiment"] = told[0] if len(told) == 1 else UNNAMED
+        if experiment == UNNAMED:
+            what = f"the name may tell {' or '.join(told)}" if told else "the name tells none"
+            still_open.append(f"experiment: {what}; it stands as {UNNAMED}, which is not analysed")
+        elif experiment == "impedance":
+            for column in ("K_d", "B_d"):
+                if column not in numbers:
+                    still_open.append(f"{column}: the name does not tell; empty, nothing is compared with it")
+            cells |= numbers
+            controller = re.search(rf"{BETWEEN}(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", said, re.IGNORECASE)
+            if controller:
+                cells["controller"] = "uncompensated" if controller[1] else "compensated"
+        elif experiment == "walking":
+            crossing = next((cell for cell, wanted in CROSSINGS.items() if re.search(wanted, words)), None)
+            if crossing is None:
+                cells["experiment"] = UNNAMED
+                remedy = "write walking, and true or false"
+                still_open.append(f"perturbed: the name does not tell; it stands as {UNNAMED}: {remedy}")
+            else:
+                cells["perturbed"] = crossing
+        trials.append(DraftedTrial(cells, still_open))
+    return trials

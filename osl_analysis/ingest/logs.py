@@ -1,12 +1,9 @@
 """Logs as canonical columns: tables of rows, in CSV, JSON lines, MATLAB, TDMS and tables of OpenSim, and messages by
 topic, in MCAP or a bag of ROS, in the order of their stamps. Nothing is interpolated or held.
 
-Messages of equal stamp keep the order in which they were logged. A message may come late by up to a second; a larger
-step back means that the clock was set, and the log is refused. Messages of equal stamp become one sample; a field that
-one message lacks is taken from another. If they contradict each other, the first one is used, and the others count as
-lost. A log with more contradictions than the allowed share is refused. So is a log with more repeated stamps within one
-channel, because its clock stands still. Stamps that repeat because they are rounded to a sampling step or more are kept
-as they are. The counts are reported.
+Messages of equal stamp become one sample; a field that one lacks is taken from another, and where they contradict each
+other the first one counts. A clock that was set back or stands still is refused; stamps that repeat because they are
+rounded to a sampling step or more are kept as they are. The counts are reported.
 """
 
 import json
@@ -40,8 +37,7 @@ from osl_analysis.trial import Array, check_time, counter_column, unit_of
 
 RATE = "state the rate: `time: {rate: 1000}`"
 SECOND = 1_000_000_000
-Tables = Sequence[tuple[float, Table]]
-"""The tables of a recording, each with the time [s] by which it begins after the first."""
+Tables = Sequence[tuple[float, Table]]  # each with the time [s] by which it begins after the first
 
 
 def read_table_log(tables_of: Callable[[Path, Source], Tables], path: Path, source: Source) -> Recording:

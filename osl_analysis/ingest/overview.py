@@ -195,6 +195,10 @@ def guessed_csv(rows: csv_table.Rows) -> tuple[list[str], list[str], csv_table.R
     and whether there is a header; refused is text that is no table: more than half of its rows hold no number."""
     if not rows:
         raise InputError("holds no rows; check that it is a recording")
+
+    def seems_number(cell: str) -> bool:
+        return csv_table.is_number_cell(cell.replace(",", "."))
+
     headed = not all(seems_number(cell) for cell in rows[0][1] if cell)
     first = csv_table.unpadded(rows[0][1], 0)
     titles = first if headed else [str(place + 1) for place in range(len(first))]
@@ -214,10 +218,6 @@ def guessed_csv(rows: csv_table.Rows) -> tuple[list[str], list[str], csv_table.R
             f"'{' '.join(prose[0][1])[:40]}'; name a recording, or write a header and a row per sample"
         )
     return titles, below, body, headed
-
-
-def seems_number(cell: str) -> bool:
-    return csv_table.is_number_cell(cell.replace(",", "."))
 
 
 def inspect_csv(path: Path) -> Overview:
@@ -303,8 +303,10 @@ def inspect_json(path: Path) -> Overview:
             channels = {stamp: whole, **{name: one for name, one in channels.items() if name not in parts}}
         except InputError as error:
             remarks.append(str(error))
-    facts, settings = {"rows": str(len(lines.texts))}, {"clock": "master", "time": time}
-    return Overview("json_lines", facts, list(channels.values()), remarks, settings, open=left_open)
+    facts = {"rows": str(len(lines.texts))}
+    return Overview(
+        "json_lines", facts, [*channels.values()], remarks, {"clock": "master", "time": time}, open=left_open
+    )
 
 
 @dataclass(frozen=True)
@@ -412,17 +414,12 @@ def inspect_tdms(path: Path) -> Overview:
     time = {} if timed else {"time": time_setting("channel", channels[clock] if clock else None)}
     facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no", **file.properties}
     drafted = [channels[one.address] for one in file.channels if one.count and one.holds_numbers]
-    settings, left_open = {"clock": "master", **time}, [] if timed else left_open
-    return Overview("tdms", facts, list(channels.values()), remarks, settings, drafted, left_open)
+    still_open, settings = [] if timed else left_open, {"clock": "master", **time}
+    return Overview("tdms", facts, [*channels.values()], remarks, settings, drafted, still_open)
 
 
-OPENSIM_UNITS = {
-    r"force.*_v[xyz]": "N",
-    r"force.*_p[xyz]": "m",
-    r"(torque|moment).*_[xyz]|_moment": "N*m",
-    r"_t[xyz]": "m",
-}
-"""Unit that OpenSim gives to columns whose names end so."""
+# units that OpenSim gives to columns whose names end so
+ENDINGS = {r"force.*_v[xyz]": "N", r"force.*_p[xyz]": "m", r"(torque|moment).*_[xyz]|_moment": "N*m", r"_t[xyz]": "m"}
 
 
 def inspect_opensim(path: Path) -> Overview:
@@ -438,7 +435,7 @@ def inspect_opensim(path: Path) -> Overview:
     channels = {}
     for column in columns:
         name = column.name
-        known = [unit for pattern, unit in OPENSIM_UNITS.items() if re.search(f"({pattern})$", name, re.IGNORECASE)]
+        known = [unit for pattern, unit in ENDINGS.items() if re.search(f"({pattern})$", name, re.IGNORECASE)]
         guess = likely_unit(name) or (known[0] if known else table.angles)  # of a coordinate by `inDegrees`
         channels[name] = replace(column.listed("column", name == clock), likely_unit="" if name == clock else guess)
     remarks += guesses({name: one.likely_unit for name, one in channels.items()})
@@ -488,13 +485,8 @@ def inspect_messages(name: str, opened: Callable[[Path], MessageFile], path: Pat
     channels, stamped = [one for some, _ in described for one in some], any(has_stamps for _, has_stamps in described)
     settings = {"clock": "master", "time": {"source": "header" if stamped else "log"}}
     damage, lost = file.damage, file.damage.messages_lost()
-    facts = {
-        "bytes": str(file.size),
-        "chunks": str(damage.chunks),
-        "messages": str(damage.messages),
-        "messages lost": "the file does not tell" if lost is None else str(lost),
-        "checksums": damage.crc(),
-    }
+    facts = {"bytes": str(file.size), "chunks": str(damage.chunks), "messages": str(damage.messages)}
+    facts |= {"messages lost": "the file does not tell" if lost is None else str(lost), "checksums": damage.crc()}
     return Overview(name, facts, channels, remarks, settings)
 
 

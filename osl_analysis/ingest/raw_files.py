@@ -1,7 +1,4 @@
-"""The raw files of one trial: recognised, read by their source files, and put together to canonical samples.
-
-Each known format says how a file is recognised, which keys its source files have, how it is read and listed.
-"""
+"""The raw files of one trial: recognised, read by their source files, and put together to canonical samples."""
 
 import hashlib
 import os
@@ -82,14 +79,11 @@ class KnownFormat:
 
 def of_messages(name: str, mark: bytes, suffix: str, opened: Callable[[Path], MessageFile]) -> tuple[Any, ...]:
     """A format of messages by topic, whose files begin with a mark."""
-    lister = partial(overview.inspect_messages, name, opened)
-    return lambda begin: begin.startswith(mark), (suffix,), partial(logs.read_message_log, opened), lister
+    reader, lister = partial(logs.read_message_log, opened), partial(overview.inspect_messages, name, opened)
+    return lambda begin: begin.startswith(mark), (suffix,), reader, lister
 
 
-def of_rows(tables: Callable[[Path, Source], logs.Tables]) -> Callable[[Path, Source], Recording]:
-    return partial(logs.read_table_log, tables)
-
-
+of_rows = partial(partial, logs.read_table_log)  # a reader of rows, by what makes the tables of a file
 KNOWN: Mapping[str, tuple[Any, ...]] = {
     "mcap": of_messages("mcap", MAGIC, ".mcap", read_mcap),
     "rosbag1": of_messages("rosbag1", ANY_BAG1, ".bag", read_rosbag1),
@@ -104,10 +98,8 @@ KNOWN: Mapping[str, tuple[Any, ...]] = {
     "csv": (is_text, (".csv",), of_rows(logs.csv_tables), overview.inspect_csv),
 }
 FORMATS = {name: KnownFormat(name, KEYS[name], *one) for name, one in KNOWN.items()}
-SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)
-"""Endings of recordings that are read."""
-NOT_READ = (".h5", ".tsv", ".xlsx")
-"""Endings of recordings whose formats are not read: `samples` lists them with the remedy."""
+SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)  # of recordings that are read
+NOT_READ = (".h5", ".tsv", ".xlsx")  # of recordings that are not: `samples` lists them with the remedy
 
 
 class NamedFormat(Settings):
@@ -176,10 +168,9 @@ def formats_of(path: Path) -> tuple[bytes, list[str]]:
 
 def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: Path) -> Trial:
     """The trial whose raw files, relative to `raw_folder`, one row of the sample sheet names. `row` has the sheet's
-    columns (`config/sheet.py`). A value that is not text (None, NA) counts as empty.
-
-    Raises InputError: A file is missing, empty or not what its source file says, changes while it is read, holds values
-    that nothing can reach, or the recordings do not fit together."""
+    columns (`config/sheet.py`). A value that is not text (None, NA) counts as empty. Raises InputError: A file is
+    missing, empty or not what its source file says, changes while it is read, holds values that nothing can reach, or
+    the recordings do not fit together."""
     said = {column: value.strip() for column, value in row.items() if isinstance(value, str)}
     name, files = said.get("trial", ""), {role: said[role] for role in ("log", "mocap") if said.get(role)}
     if not files:

@@ -83,7 +83,7 @@ def check_values(what: str, values: Array, time: Array) -> None:
         )
 
 
-LARGEST_MEASURED = {
+LARGEST_MEASURED = {  # largest size of a value in its SI unit, by kind of quantity
     "m": 1e3,  # no laboratory is a kilometre long
     "rad": 1e6,  # 160 000 turns
     "rad/s": 1e5,  # a million turns per minute
@@ -95,7 +95,6 @@ LARGEST_MEASURED = {
     "N*m*s/rad": 1e8,
     "N*m/kg": 1e6,
 }
-"""Largest size of a value in its SI unit, by kind of quantity."""
 
 
 def check_sizes(recording: Recording) -> None:

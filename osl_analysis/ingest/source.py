@@ -1,8 +1,6 @@
-"""The one model of a source file, which describes recordings of one recorder: its keys, and which of them a format has.
-
-The fields of `Source`, `Channel`, `Time` and `Plate` are those of all formats. `Keys` says which of them files of one
-format have, and `model_of` makes the model from it, so that a key of another format is refused by name.
-"""
+"""The one model of a source file, which describes recordings of one recorder. The fields of `Source`, `Channel`,
+`Time` and `Plate` are those of all formats; `Keys` says which of them files of one format have, and `model_of` makes
+the model from it, so that a key of another format is refused by name."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -75,8 +73,7 @@ class Conversion(Settings):
     resolution: str | None = None  # Smallest step of the recorded values with its unit, as `0.02 deg`.
     bits: int | None = Field(default=None, ge=4, le=32)  # Bits of an encoder per revolution, in place of `resolution`.
     range: str | tuple[str, str] | None = None
-    """Range of the sensor with its unit, before `sign` and `offset`: `60 N*m` for +-60 N*m, or both ends, as
-    `[0 deg, 300 deg]`."""
+    """Range of the sensor, before `sign` and `offset`: `60 N*m` for +-60 N*m, or both ends, as `[0 deg, 300 deg]`."""
     unit: Unit | None = None
     """Unit of the numbers, as laboratories spell it. Without it, the unit that the file states is used."""
     sign: Literal[1, -1] = 1  # -1 if the recorder has the opposite direction as positive.
@@ -171,8 +168,7 @@ class Channel(Conversion, Addressed):
     """Name in the header, with or without its unit (`torque` finds `torque [Nm]`); a pattern in which `*` stands for
     any text, which must fit one column (`"*.output_position"`); or the column's number, counted from 1."""
     channel: str
-    """Label of the channel in the file; in TDMS group and name, as `Measured Data/Torque`, or the name alone where one
-    group only has it."""
+    """Label of the channel; in TDMS group and name, as `Measured Data/Torque`, or the name where one group has it."""
     variable: AddressText
     """Its address in MATLAB's notation: `torque`, `Test.run(2).torque`, `data(:,3)`, `runs{2}.torque`. It is within
     `log_part`, unless it begins with `/`."""
@@ -353,22 +349,17 @@ class Source(SourceFile):
     format: str  # Format of the file.
     description: str = ""  # For readers; nothing is computed from it.
     clock: Literal["master", "sync", "shared"] = "master"
-    """How the log's clock is aligned to motion capture's.
-
-    `master`: no alignment; the log is the trial's only file. `sync`: by the edges of the column `sync`. `shared`: by
-    the signal that motion capture's source file names under `shared`. `common` (OpenSim): its times are those of the
-    capture in TRC, which was exported with it.
-    """
+    """How the log's clock is aligned to motion capture's. `master`: not; the log is the only file. `sync`: by the edges
+    of the column `sync`. `shared`: by the signal that motion capture's source file names under `shared`. `common`
+    (OpenSim): its times are those of the capture in TRC, which was exported with it."""
     channels: dict[str, Channel]  # The recorded channel of each canonical column.
     time: Time  # Where the time of a row or message comes from.
     most_missing: SampleShare = 0.01
-    """Largest share of a channel's numbers that may be NaN or missing, and of the rows that may be skipped. More where
-    a channel has a lower rate than the rows."""
+    """Largest share of a channel's numbers that may be NaN or missing, and of the rows that may be skipped."""
     largest_loss: SampleShare = 0.01
     """Largest share of a topic's messages that may be lost; a log that has lost more is refused."""
     log_part: Annotated[str, AfterValidator(lambda text: checked_address(text, inside=False) if text else text)] = ""
-    """Address of the struct or cell that holds the trial, where the file holds several. That of the sample
-    sheet replaces it."""
+    """Address of the struct or cell that holds the trial, where there are several; the sample sheet's replaces it."""
     delimiter: Literal["auto", ",", ";", "tab", "space", "|"] = "auto"
     """Sign between cells; `auto` takes the first of tab, `;`, `|` and `,` that all lines have."""
     decimal: Literal[".", ","] = "."  # Decimal sign.
@@ -382,12 +373,9 @@ class Source(SourceFile):
     """Cells without a name: what every row has more than the header. `first` or `last`, as they stand there, leaves
     them out (R writes the rows' names first). A log whose rows fit its header is read as it is."""
     ragged: Literal["refuse", "skip", "dropped_variable"] = "refuse"
-    """Treatment of rows whose length differs from the header's.
-
-    `refuse`: the file is refused. `skip`: they are skipped and counted. `dropped_variable`, for a logger that omits a
-    variable after it failed: from there on, the columns that were missing in the last complete row are NaN. A row that
-    this does not explain is refused.
-    """
+    """Rows whose length differs from the header's. `refuse`: the file is refused. `skip`: they are skipped and counted.
+    `dropped_variable`, for a logger that omits a variable after it failed: from there on, the columns that were missing
+    in the last complete row are NaN; a row that this does not explain is refused."""
     markers: Annotated[Literal["all"] | tuple[str, ...], Choice] = "all"
     """The markers to read: all (every labelled point except model outputs), none or a list of labels."""
     axes: Axes = ("x", "y", "z")
@@ -396,8 +384,7 @@ class Source(SourceFile):
     analogs: dict[str, Channel] = Field(default={})  # The recorded channel of each canonical column.
     outputs: dict[str, ModelOutput] = Field(default={})  # The model output of each canonical column.
     counts: Literal["refuse", "header", "parameters"] = "refuse"
-    """Which counts of points and analog channels hold where the file's header and its parameters contradict each other:
-    header, parameters, or refuse."""
+    """Counts of points and channels that hold where header and parameters contradict: header, parameters, or refuse."""
     point_unit: LengthUnit | None = None
     """Unit of length, where the one that the file states (POINT:UNITS, Units) is absent or wrong."""
     plates: Any = Field(default={})

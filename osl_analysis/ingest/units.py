@@ -1,8 +1,5 @@
-"""Units as laboratories spell them, and their factors to SI.
-
-Unit texts come from untrusted files. Only names joined by `*` and `/` are given to pint, whose parser would evaluate
-`9**9**9**9` without end.
-"""
+"""Units as laboratories spell them, and their factors to SI. The texts come from files: only names joined by `*` and
+`/` are given to pint, whose parser would evaluate `9**9**9**9` without end."""
 
 import math
 import re

@@ -1,9 +1,6 @@
 """The one door from a trial to uniform signals: its columns on one grid, with what the source file says of its sensors,
-and the report of what was done.
-
-Trials stay as recorded. Filter, differentiate and fit only what stands on the grid. Short gaps are bridged, longer ones
-marked so that fits leave their rows out, long ones refused.
-"""
+and the report of what was done. Filter, differentiate and fit only what stands on the grid. Short gaps are bridged,
+longer ones marked so that fits leave their rows out, long ones refused."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,11 +15,10 @@ from osl_analysis.timebase.samples import Taken, take
 from osl_analysis.timebase.stream import FEWEST_STAMPS, LONG_STEP, Stream
 from osl_analysis.trial import Array, Trial, counter_column
 
-BRIDGE_MORE = (
+BRIDGE_MORE = (  # what the user may do where gaps leave nothing to fit
     "record again with fewer lost samples, or lower time_base.highest_hz, which bridges gaps up to 0.1/highest_hz: "
     "50 ms bridged in every cycle change I by about 1 %"
 )
-"""What the user may do where gaps leave nothing to fit."""
 
 
 @dataclass(frozen=True)
@@ -115,9 +111,8 @@ def on_one_grid(
 ) -> UniformSignals:
     """All signals of a trial on one uniform grid at the fastest stream's rate, over what all streams cover. True
     stamps: cubic spline through the samples at their stamps. Even device: the same at the times of its own clock; where
-    these are the grid, the samples themselves. Nothing is extrapolated.
-
-    Raises InputError: The streams do not overlap; a gap is too long; no row is usable."""
+    these are the grid, the samples themselves. Nothing is extrapolated. Raises InputError: The streams do not overlap;
+    a gap is too long; no row is usable."""
     late = max(taken, key=lambda part: part.samples[0][0])
     early = min(taken, key=lambda part: part.samples[0][-1])
     first, last, step = float(late.samples[0][0]), float(early.samples[0][-1]), min(part.step for part in taken)
@@ -239,9 +234,8 @@ def uniform_signals(
 ) -> UniformSignals:
     """The columns of a trial on one uniform grid: stated delays taken out, sensors' low-pass filters made alike.
     `computed` are columns without a sensor, such as a command. They are named where they have the stamps of one of the
-    others, and say nothing about these.
-
-    Raises InputError: A column is missing, or its stamps cannot be brought on a grid; the message names the trial."""
+    others, and say nothing about these. Raises InputError: A column is missing, or its stamps cannot be brought on a
+    grid; the message names the trial."""
     also = [column for column in computed if column in trial.columns]
     devices = {c: device for c, device in devices_of(trial, [*columns, *also]).items() if device in columns}
     try:
@@ -259,23 +253,18 @@ def devices_of(trial: Trial, columns: Sequence[str]) -> dict[str, str]:
     return {column: first.setdefault(trial.present(column).tobytes(), column) for column in columns}
 
 
-def streams(trial: Trial, devices: Mapping[str, str], silent: frozenset[str]) -> list[Stream]:
+def streams(trial: Trial, devices: Mapping[str, str], silent: frozenset[str] = frozenset()) -> list[Stream]:
     """The streams of a trial, one for all columns of one of the `devices` (`devices_of`)."""
     found = []
     for first in dict.fromkeys(devices.values()):
         names = [column for column, device in devices.items() if device == first]
         stamps, *values = trial.arrays(*names)
-        counter = next((c for c in map(counter_column, names) if c in trial.columns), None)
-        one = Stream(
-            ", ".join(names),
-            stamps,
-            dict(zip(names, values, strict=True)),
-            choice=trial.provenance.get(origin(trial, first).get("file", ""), {}).get("time", {}).get("stamps", "auto"),
-            counter=None if counter is None else np.asarray(trial.arrays(counter)[1], dtype=np.int64),
-            silent=silent,
-            delays={name: origin(trial, name).get("delay") or 0.0 for name in names},
-        )
-        found.append(one)
+        choice = trial.provenance.get(origin(trial, first).get("file", ""), {}).get("time", {}).get("stamps", "auto")
+        counted = next((c for c in map(counter_column, names) if c in trial.columns), None)
+        counter = None if counted is None else np.asarray(trial.arrays(counted)[1], dtype=np.int64)
+        delays = {name: origin(trial, name).get("delay") or 0.0 for name in names}
+        signals = dict(zip(names, values, strict=True))
+        found.append(Stream(", ".join(names), stamps, signals, choice, counter, silent, delays))
     return found
 
 

@@ -1,11 +1,10 @@
 """The samples of a stream at the times that its decision gives them: true stamps, or the even clock of the device; and
-by how much the clocks of two devices, one of which measured the angle and the other the torque, drift apart.
+by how much the clocks of two devices drift apart.
 
 The signal itself decides. With delta the residual of the stamps to their line, a signal x sampled at its true stamps is
 x(line) + x' delta: sixth differences D6 take the smooth motion away and leave D6(x' delta). Of a device that samples
-evenly they leave nothing. The slope g of D6 x on D6(x' delta) is therefore 1 or 0. How one-sided or slow the residual
-is does not decide: a loop that waits for absolute targets is late, never early, and its stamps are true.
-"""
+evenly they leave nothing: the slope g of D6 x on D6(x' delta) is 1 or 0. How one-sided or slow the residual is does not
+decide: a loop that waits for absolute targets is late, never early, and its stamps are true."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -230,10 +229,8 @@ class Taken:
 
 def take(streams: Sequence[Stream]) -> list[Taken]:
     """The decision for every stream; a stream of two minds becomes two, as one for each delay and for each set of
-    missing values.
-
-    Raises InputError: As `places_of_samples`; or one of several streams has a host's latency *and* missing samples and
-    no counter, so that nothing tells which of its samples is which."""
+    missing values. Raises InputError: As `places_of_samples`; or one of several streams has a host's latency *and*
+    missing samples and no counter, so that nothing tells which of its samples is which."""
     taken: list[Taken] = []
     for stream in streams:
         fresh = stream.without_repeats()

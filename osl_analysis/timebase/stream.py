@@ -1,13 +1,9 @@
 """A stream: the signals that one device or topic recorded at the same stamps, and which of its samples are missing.
 
-The place of a sample in the device's own count comes from its stamps where no counter tells it. A late sample and a
-missing one both leave a long step. After a late sample the next ones return to the old level of (stamp - count * step);
-after a missing one they stay a whole step higher. Only the level decides.
-
-Where a host stamps late and loses samples at regular intervals, counting by steps fails. The stamp of sample k is
-t = start + k step + wait: the spectrum of the stamps, |mean exp(2 pi i f t)|, has a line at the device's own rate
-1/step, and none at the rate of the samples that are left.
-"""
+Where no counter tells, the place of a sample comes from its stamp. A late sample and a missing one both leave a long
+step; after a late sample the next ones return to the old level of (stamp - count * step), after a missing one they stay
+a step higher. Where a host is late and loses samples regularly, counting by steps fails: then the spectrum of the
+stamps, |mean exp(2 pi i f t)|, has a line at the device's own rate, and none at that of the samples that are left."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -26,10 +22,8 @@ SampleCount = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Stream:
-    """Signals sampled at shared stamps, as recorded.
-
-    Raises InputError: Too few samples, a stamp that is not finite, an infinite value, stamps that run backwards or
-    stand still."""
+    """Signals sampled at shared stamps, as recorded. Raises InputError: Too few samples, a stamp that is not finite, an
+    infinite value, stamps that run backwards or stand still."""
 
     name: str  # device, topic or column, for messages
     stamps: Array  # (n,) [s], on the clock that all streams of the trial share
@@ -87,9 +81,8 @@ BESIDE = 100  # samples on either side of a long step whose levels are compared;
 
 def places_of_samples(stream: Stream) -> SampleCount:
     """Count of every sample, (n,), from 0, with what is missing left free; the device's counter where there is one.
-
-    Raises InputError: The counter does not rise, or the clock jumps where the counter says that no sample is missing.
-    """
+    Raises InputError: The counter does not rise, or the clock jumps where the counter says that no sample is
+    missing."""
     counter, stamps = stream.counter, stream.stamps
     if counter is None:
         return count_from_stamps(stamps)

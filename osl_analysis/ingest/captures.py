@@ -382,9 +382,6 @@ def plate_parameter(recording: C3DRecording, name: str, number: int, shape: tupl
     return np.asarray(whole[..., number - 1])
 
 
-Sections = Mapping[str, NexusSection]
-
-
 def read_nexus_capture(path: Path, source: Source) -> Recording:
     """The columns that the source file asks for, in SI units; the first frame is at 0 s."""
     sections = read_sections(path, source.delimiter, source.decimal)
@@ -439,7 +436,7 @@ def read_nexus_capture(path: Path, source: Source) -> Recording:
     return captured(source, (int(frames), rate, samples_per_frame, first), markers, outputs, analogs, plates)
 
 
-def section_of(sections: Sections, title: str) -> NexusSection:
+def section_of(sections: Mapping[str, NexusSection], title: str) -> NexusSection:
     if title not in sections:
         raise InputError(f"no section {title}; the file has {', '.join(sections)}; export it too")
     return sections[title]

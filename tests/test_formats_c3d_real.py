@@ -41,6 +41,21 @@ def test_points_and_analogs_of_real_files_equal_ezc3ds(path: Path) -> None:
         np.testing.assert_allclose(recording.analogs, theirs["analogs"][0].T, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("path", READ_BY_EZC3D, ids=lambda path: path.stem)
+def test_parameters_of_real_files_equal_ezc3ds(path: Path) -> None:
+    mine, compared = read_c3d(path).header.parameters, 0
+    for group, values in ezc3d.c3d(str(path))["parameters"].items():
+        for name in values.keys() - {"__METADATA__"} if group else ():
+            value, theirs = mine.get(f"{group}:{name}".upper()), values[name]["value"]
+            if isinstance(value, list):
+                known = [one.encode("latin-1", "surrogateescape") for one in theirs]
+                assert [one.encode("latin-1", "replace") for one in value] == known
+            elif value is not None:  # else a name that ezc3d adds
+                np.testing.assert_array_equal(value.ravel(order="F"), np.ravel(theirs, order="F"))
+            compared += value is not None
+    assert compared >= 10
+
+
 @needs_real_data
 @pytest.mark.parametrize(
     "name", ["Eb015si.c3d", "bts_561xxa01_anonym.C3D", "c3dorg_s10_TYPE-3.c3d", "opensim_jogging_300_1500.c3d"]

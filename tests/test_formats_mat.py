@@ -174,6 +174,29 @@ def test_every_truncation_and_every_changed_byte_is_read_or_refused_in_one_line(
         assert "cannot be read" in refusal(path, "row")
 
 
+SCIPYS = sorted((Path(scipy.io.__file__).parent / "matlab/tests/data").glob("*.mat"))
+"""Files that MATLAB 4 to 8 wrote, on several machines, some of them damaged; not every package of scipy has them."""
+
+
+@pytest.mark.skipif(not SCIPYS, reason="scipy is installed without its tests")
+@pytest.mark.filterwarnings("ignore")
+def test_samples_of_scipy_are_read_as_by_scipy_or_refused():
+    read, refused = set(), set()
+    for path in SCIPYS:
+        try:
+            file = open_mat(path)
+            values = {name: one.numbers for name, one in file.read(file.names).items() if one.numbers is not None}
+        except InputError:
+            refused.add(path.stem)
+            continue
+        raw = scipy.io.loadmat(path) if file.version == "5" and values else {}
+        assert not raw or all(np.array_equal(one, raw[name]) for name, one in values.items())
+        read |= {path.stem.split("_")[0]} if values else set()
+    assert {"testdouble", "testmatrix", "testmulti", "testminus", "test3dmatrix", "big", "testhdf5"} <= read
+    damaged = {"bad_miuint32", "bad_miutf8_array_name", "corrupted_zlib_checksum", "corrupted_zlib_data", "malformed1"}
+    assert {name for name in refused if "_4" not in name} - {"debigged_m4", "test_mat4_le_floats"} == damaged
+
+
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason="no real data here")
 def test_the_real_file_reads_as_scipy_reads_it():
     path = REAL_DATA / "mat/DESR_Characterization_Data.mat"

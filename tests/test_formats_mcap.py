@@ -158,6 +158,8 @@ def test_a_stray_end_of_the_data_does_not_hide_the_chunks_after_it(tmp_path: Pat
     samples, damage = read(tmp_path, content[:start] + record(Opcode.DATA_END, bytes(4)) + content[start:])
     assert len(samples) == MESSAGES
     assert not damage["complete"]
+    content = log(LAB, record(Opcode.DATA_END, bytes(4)), chunk(TEN), TWENTY)  # nor the messages outside of chunks
+    assert ingested(tmp_path, content).samples["theta"].to_list() == list(range(20))
 
 
 def test_a_schema_from_a_damaged_summary_reads_nothing(tmp_path: Path) -> None:
@@ -320,16 +322,41 @@ def test_a_chunk_index_with_more_chunks_than_there_are_is_an_unknown_loss(tmp_pa
     assert (damage["complete"], damage["chunks_lost"], damage["messages_lost"]) == (False, 1, None)
 
 
+def test_more_messages_than_the_statistics_declare_are_no_complete_log(tmp_path: Path) -> None:
+    content = log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({1: 10}, 2))
+    damage = ingested(tmp_path, content).facts["damage"]
+    assert (damage["complete"], damage["messages_lost"]) == (False, 0)
+    assert "it declares 10 messages and holds 20" in damage["remarks"]
+
+
+def test_the_time_of_a_message_is_when_it_was_logged_and_not_when_it_was_published(tmp_path: Path) -> None:
+    late = [message(1, 7 + 3 * i * MILLISECOND, cdr(i), i, publish=i * MILLISECOND) for i in range(20)]
+    recording = ingested(tmp_path, log(LAB, chunk(b"".join(late))))
+    np.testing.assert_allclose(recording.samples["time"], 3e-3 * np.arange(20), rtol=1e-12)
+    assert recording.facts["time"] == {"source": "log", "stamps": "auto", "start_ns": 7}
+
+
 OTHER = log(schema() + channel(1, b"/other") + channel(2, b"/lab"), chunk(b"".join(messages(1, range(30, 40)))))
 FIRST = log(LAB, chunk(TEN), chunk(TWENTY), summary=statistics({1: 20}, 2))
 
 
 def test_a_log_behind_one_that_was_not_finished_is_refused_wherever_that_ends(tmp_path: Path) -> None:
-    for cut in range(len(log()), len(FIRST), 7):
+    ends = [FIRST.index(part) + len(part) - 8 - len(header()) for part in (chunk(TEN), chunk(TWENTY))]
+    for cut in [*range(len(log()), len(FIRST), 7), *ends]:  # a cut chunk may end with the header of the second log
         assert f"holds two logs, the second from byte {cut} on: split them" in refused(tmp_path, FIRST[:cut] + OTHER)
     unfinished = FIRST[: FIRST.index(chunk(TWENTY)) + len(chunk(TWENTY))]
     said = refused(tmp_path, unfinished + OTHER[8 + len(header()) :])
     assert "channel 1 is '/lab' in one part of the file and '/other' in another" in said
+
+
+@pytest.mark.parametrize("packed", [chunk, bytes])
+def test_a_log_that_was_appended_without_its_magic_is_refused(tmp_path: Path, packed: Any) -> None:
+    more = log(LAB, packed(b"".join(messages(1, range(30, 40)))))[8:]  # the same numbers mean the same
+    data, whole = log(LAB, packed(TEN)), header() + LAB + packed(TEN)
+    for begin in (data[: 8 + len(whole)], data[:-8], data[:-37]):  # nor is it one behind the end of the data
+        assert f"holds two logs, the second from byte {len(begin)} on: split" in refused(tmp_path, begin + more)
+    flipped = b"\1" + TEN[1:]  # a message with the opcode of a header is none
+    assert ingested(tmp_path, log(LAB, flipped)).samples["theta"].to_list() == list(range(1, 10))
 
 
 def test_bytes_after_the_end_are_refused_with_the_byte_to_cut_at(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import re
 import sys
 from functools import partial
 from pathlib import Path
-from shutil import rmtree
+from shutil import copytree, rmtree
 from typing import Any
 
 import numpy as np
@@ -74,6 +74,15 @@ def test_the_parts_of_a_split_recording_are_one_log(tmp_path: Path, storage: str
     check_rows(recording)
     assert recording.facts["damage"]["topics"]["/lab"] == {"messages": 50, "messages_lost": 0}
     assert len(recording.facts["decoding"]["/lab"]) == 1
+
+
+def test_damage_in_one_part_of_a_split_recording_is_damage_of_the_whole(tmp_path: Path) -> None:
+    part = write_split(tmp_path / "bag", "MCAP") / "bag_0.mcap"
+    content = part.read_bytes()
+    part.write_bytes(content[:-9] + bytes([content[-9] ^ 1]) + content[-8:])  # the checksum of its summary
+    damage = read(part.parent).facts["damage"]
+    assert (damage["complete"], damage["messages_lost"]) == (False, 0)
+    assert "bag_0.mcap: the summary is damaged" in damage["remarks"]
 
 
 def write_split1(folder: Path, names: list[str]) -> Path:
@@ -183,15 +192,25 @@ def test_a_recording_of_which_a_part_is_missing_or_packed_is_refused(tmp_path: P
     assert "unpack them with `zstd -d`" in refused(write_bag2(tmp_path / "packed", compression="FILE"))
 
 
-def test_a_database_that_is_cut_off_or_not_closed_is_refused(tmp_path: Path) -> None:
+def test_a_database_that_is_cut_off_is_refused(tmp_path: Path) -> None:
     path = write_bag2(tmp_path / "bag", range(500)) / "bag.db3"
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
     assert "the database is damaged or cut off" in refused(path)
     assert "sqlite3 BAG .recover" in refused(path)
-    path.write_bytes(whole)
-    (path.parent / "bag.db3-wal").write_bytes(b"1")
-    assert "a write-ahead log is beside it (bag.db3-wal)" in refused(path)
+
+
+def test_a_database_with_a_write_ahead_log_is_refused_and_reading_changes_no_file(tmp_path: Path) -> None:
+    closed, killed = write_bag2(tmp_path / "bag"), tmp_path / "killed"
+    with edited(closed / "bag.db3") as connection:
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("UPDATE messages SET timestamp = timestamp")
+        connection.commit()
+        copytree(closed, killed)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+    assert "a write-ahead log is beside it (bag.db3-wal)" in refused(killed)
+    check_rows(read(closed))
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
 
 
 def test_a_database_that_is_no_bag_is_refused(tmp_path: Path) -> None:

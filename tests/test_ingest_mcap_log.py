@@ -106,6 +106,27 @@ def test_sequence_numbers_that_are_missing_are_remarked(tmp_path: Path) -> None:
     assert FORMATS["mcap"].read(every_other, source()).warnings == []
 
 
+@pytest.mark.parametrize("time", ["header", "log"])
+@pytest.mark.parametrize("numbers", [[*range(100, 130), *range(20)], [i // 2 + i % 2 * 9 for i in range(50)]])
+def test_sequence_numbers_of_a_restarted_publisher_or_of_two_move_no_message(
+    tmp_path: Path, numbers: list[int], time: str
+) -> None:
+    path = write_log(tmp_path / "log.mcap", samples(), sequences=numbers)
+    recording = FORMATS["mcap"].read(path, source(time))
+    np.testing.assert_allclose(recording.samples["theta"], np.arange(50) * DEGREE)
+    assert recording.facts["stamps"]["/lab"]["late"] == 0
+
+
+def test_a_device_s_counter_is_read_beside_its_channel(tmp_path: Path) -> None:
+    log = [(time, {**fields, "seq": 7 + 2 * row}) for row, (time, fields) in enumerate(samples())]
+    path = write_log(tmp_path / "log.mcap", log, SAMPLE.replace("bool sync", "bool sync\nuint32 seq"))
+    angle = {"field": "angle", "unit": "rad"}
+    read = FORMATS["mcap"].read(path, source(theta={**angle, "counter": "seq"}))
+    assert read.samples["theta_counter"].to_list() == list(range(7, 107, 2))
+    assert read.columns["theta"]["counter"] == "seq"
+    assert "no field 'count'" in refused(path, source(theta={**angle, "counter": "count"}))
+
+
 def test_no_single_flipped_bit_changes_what_is_read_unnoticed(tmp_path: Path) -> None:
     path = write_log(tmp_path / "log.mcap", samples(), chunk_size=800)
     intact, content = FORMATS["mcap"].read(path, source()).samples, path.read_bytes()

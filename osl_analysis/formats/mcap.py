@@ -110,11 +110,8 @@ class McapFile(MessageFile):
         damage.gaps = self.summary_damaged or self.missing != 0 or any(one.lost for one in self.sections)
         damage.bytes = self.data_end - len(MAGIC) + max(0, self.missing)
         second = self.data.find(MAGIC + b"\1", 1) if damage.gaps or not damage.finished else 0
-        if second > 0:  # the number of a channel means one topic in the first log and may mean another in the second
-            raise RefusedFileError(
-                f"holds two logs, the second from byte {second} on: split them into two files there (`head -c`, "
-                "`tail -c`) and give each a trial of its own"
-            )
+        if second > 0:
+            raise two_logs(second)
         if not damage.finished:
             damage.remarks.append("no footer: the recorder did not finish, or the end is lost; how much is not known")
         elif self.summary_damaged:
@@ -163,6 +160,8 @@ class McapFile(MessageFile):
             (expected,) = struct.unpack_from("<I", data, start)
             if expected:
                 self.data_crc = "right" if zlib.crc32(data[: self.data_end]) == expected else "wrong"
+        elif opcode == Opcode.HEADER and position > len(MAGIC) and is_header(data, start, end):
+            raise two_logs(position)  # appended without its magic
         elif opcode == Opcode.FOOTER:
             self.take_footer(start, end)
         elif opcode == Opcode.CHUNK_INDEX:
@@ -256,6 +255,8 @@ class McapFile(MessageFile):
                 try:
                     walk, covered = self.walk_of(section, section.head), section.head.crc != 0
                 except DamagedChunkError as error:
+                    if (second := self.data.find(MAGIC + b"\1", section.start, section.end)) > 0:
+                        raise two_logs(second) from error  # the chunk was cut off and reaches into another log
                     self.lose(section, f"the chunk at byte {section.start} is damaged: it {error}")
                     continue
             if walk is None:
@@ -331,6 +332,22 @@ def read_mcap(path: Path) -> McapFile:
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     return opened
+
+
+def two_logs(place: int) -> RefusedFileError:
+    """The number of a channel means one topic in the first log and may mean another in the second."""
+    return RefusedFileError(
+        f"holds two logs, the second from byte {place} on: split them into two files there (`head -c`, `tail -c`) and "
+        "give each a trial of its own"
+    )
+
+
+def is_header(data: bytes, start: int, end: int) -> bool:
+    """Whether the content of a record is a header: its two texts leave nothing over. A flipped opcode is none."""
+    if end - start < 8:
+        return False
+    library = start + 4 + int(struct.unpack_from("<I", data, start)[0])
+    return library + 4 <= end and bool(library + 4 + struct.unpack_from("<I", data, library)[0] == end)
 
 
 def walk_records(buffer: bytes, begin: int, listed: Indices | None = None) -> Walk:

@@ -40,6 +40,7 @@ def test_a_part_has_the_bytes_of_the_table_s_own_file_and_any_zip_reader_finds_i
         write_table(PHASORS, tmp_path / "phasors.csv")
     with zipfile.ZipFile(written(tmp_path / "t_1.zip")) as archive:
         assert archive.testzip() is None
+        assert archive.infolist()[0].date_time == (1980, 1, 1, 0, 0, 0)  # the same tables make the same archive
         assert archive.read("phasors.csv") == (tmp_path / "phasors.csv").read_bytes()
 
 

@@ -344,6 +344,19 @@ def test_a_real_ros_2_database_is_read_as_the_library_reads_it(tmp_path: Path) -
     np.testing.assert_array_equal(recording.samples["theta"], expected)
 
 
+def test_a_signalling_nan_is_a_failed_reading(tmp_path: Path) -> None:
+    content = write_bag1(tmp_path / "a.bag", range(200)).read_bytes()
+    angle = np.float32(77).tobytes() + len("stance").to_bytes(4, "little")
+    (tmp_path / "a.bag").write_bytes(content.replace(angle, b"\1\0\x80\x7f" + angle[4:]))
+    assert read(tmp_path / "a.bag").facts["missing"] == {"theta": 1, "torque": 0, "sync": 0}
+
+
+def test_a_truth_value_is_no_angle(tmp_path: Path) -> None:
+    for path in (write_bag1(tmp_path / "a.bag"), write_bag2(tmp_path / "b")):
+        said = refused(path, channels={"theta": CHANNELS["sync"] | {"unit": "rad"}})
+        assert "field 'sync' is true in message 1 of 50, a truth value and no number in rad" in said
+
+
 def test_a_ros_1_message_has_the_length_of_its_definition() -> None:
     own = "Header header\nbyte level\nchar letter\ntime at\nduration[2] took\n"
     header = "===\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"

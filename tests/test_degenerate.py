@@ -19,7 +19,7 @@ from walking_crossings import Walk, walked
 from walking_synthetic import settings
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.bench.phasors import fit_sinusoid
+from osl_analysis.bench.phasors import fit_sinusoid, sines_at
 from osl_analysis.commands.bench import fit_request, fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError
@@ -132,9 +132,9 @@ FITS_OF_SIGNALS: dict[str, Callable[[Array, Array, Array], Any]] = {
     "linear_fit": lambda t, x, y: all_of(linear_fit(y, columns(x))),
     "linear_fit of one column": lambda t, x, y: linear_fit(y, {"a": x}),
     "with_shared_error": lambda t, x, y: regression.with_shared_error(linear_fit(y, {"a": x}), np.array([0.1])),
-    "fit_sinusoid": lambda t, x, y: fit_sinusoid(t, y, 2.0),
-    "fit_sinusoid of two cycles": lambda t, x, y: fit_sinusoid(t[:100], y[:100], 2.0),
-    "fit_sinusoid of one cycle": lambda t, x, y: fit_sinusoid(t[:50], y[:50], 2.0),
+    "fit_sinusoid": lambda t, x, y: fit_sinusoid(y, sines_at(t, 2.0)),
+    "fit_sinusoid of two cycles": lambda t, x, y: fit_sinusoid(y[:100], sines_at(t[:100], 2.0)),
+    "fit_sinusoid of one cycle": lambda t, x, y: fit_sinusoid(y[:50], sines_at(t[:50], 2.0)),
     "fit_impedance": lambda t, x, y: fit_impedance(Motion(x, np.roll(x, 3), np.roll(x, 11)), y),
     "score_models": lambda t, x, y: repeats.score_models(
         y, [repeats.Candidate("M1", "a", 1, x, x), repeats.Candidate("M2", "b", 2, y, y)]

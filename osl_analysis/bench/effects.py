@@ -9,8 +9,6 @@ the recording compete, and a fault is found only beside all of the physics.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,12 +99,13 @@ def spring_that_slips(x: Array, width: float) -> Array:
     if not width > 0:
         return np.zeros_like(x)
     rising = np.diff(x) >= 0
-    turns = [0, *(np.flatnonzero(rising[1:] != rising[:-1]) + 1).tolist(), len(x) - 1]
-    found, z = np.zeros_like(x), 0.0
-    for a, b in pairwise(turns):
-        found[a : b + 1] = np.clip(z + (x[a : b + 1] - x[a]) / width, -1.0, 1.0)
-        z = float(found[b])
-    return found
+    turns = np.concatenate([[0], np.flatnonzero(rising[1:] != rising[:-1]) + 1, [len(x) - 1]])
+    wound = [0.0]  # at the turns
+    for way in (np.diff(x[turns]) / width).tolist():
+        wound.append(min(max(wound[-1] + way, -1.0), 1.0))
+    last = np.repeat(np.arange(len(turns) - 1), np.diff(turns))  # the turn before each row
+    found = np.clip(np.array(wound)[last] + (x[:-1] - x[turns][last]) / width, -1.0, 1.0)
+    return np.append(found, wound[-1])
 
 
 def linear_torque(record: Record, expected: Admittance) -> Array:
@@ -212,18 +211,21 @@ def left_over_lags(
 ) -> list[tuple[float, float, Sums]]:
     """What a model leaves of a late torque over all lags: the sum of squares, the lag [s], and sums that are about it.
     First of delays, then of low-passes."""
-    found = []
+    found = list[tuple[float, float, Sums]]()
 
-    @cache
-    def late_columns(lag: float) -> tuple[list[int], Array]:
-        return combined_columns(s, [late_by(lag, {column: 1.0}) for column in base.values()])
+    def ask(ones: Sequence[Sums], lag: float) -> None:
+        at, C = combined_columns(s, [late_by(lag, {column: 1.0}) for column in base.values()])
+        without = torque_without(replace(s, gram=np.array([one.over(keep) for one in ones])), late_by(lag, fixed))
+        left = least_left(without.gram, at, C, s.torque).tolist()
+        found.extend((x / one.noise_gain, one.late + lag, one) for x, one in zip(left, ones, strict=True))
 
-    for one in s.restored:
-        few, is_delay = replace(one, gram=one.over(keep)[None]), one.noise_gain == 1
-        span = SPACING / 2 if is_delay else one.late / 3
-        for lag in np.linspace(-span, span, 5, endpoint=not is_delay).tolist():
-            left = least_left(torque_without(few, late_by(lag, fixed)).gram[0], *late_columns(lag), one.torque)
-            found.append((left / one.noise_gain, one.late + lag, one))
+    delays = [one for one in s.restored if one.noise_gain == 1]
+    for lag in np.linspace(-SPACING / 2, SPACING / 2, 5, endpoint=False).tolist():
+        ask(delays, lag)
+    found.sort(key=lambda entry: entry[1])
+    for one in s.restored[len(delays) :]:
+        for lag in np.linspace(-one.late / 3, one.late / 3, 5).tolist():
+            ask([one], lag)
     return found
 
 
@@ -233,14 +235,14 @@ def combined_columns(s: Sums, parts: Sequence[Mapping[str, float]]) -> tuple[lis
     return s.index(used), np.array([[part.get(name, 0.0) for part in parts] for name in used])
 
 
-def least_left(total: Array, at: list[int], C: Array, q: int) -> float:
-    """Sum of squares that combinations of columns leave of the torque."""
-    A, b = C.T @ total[np.ix_(at, at)] @ C, C.T @ total[at, q]
-    scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
-    along = (b / scale) @ vectors
-    known = values > 1e-13 * values[-1]
-    return float(total[q, q] - np.sum(along[known] ** 2 / values[known]))
+def least_left(total: Array, at: list[int], C: Array, q: int) -> Array:
+    """Sum of squares that combinations of columns leave of the torque, of sums (..., c, c)."""
+    A, b = C.T @ total[..., at, :][..., at] @ C, total[..., at, q] @ C
+    scale = np.sqrt(np.maximum(np.diagonal(A, axis1=-2, axis2=-1), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(A / (scale[..., :, None] * scale[..., None, :]))
+    along = ((b / scale)[..., None, :] @ vectors)[..., 0, :]
+    taken = np.divide(along**2, values, out=np.zeros_like(values), where=values > 1e-13 * values[..., -1:])
+    return np.asarray(total[..., q, q] - taken.sum(axis=-1))
 
 
 def near_lag(s: Sums, base: Model, fixed: Mapping[str, float], start: float, keep: Keep = None) -> GroupFit:

@@ -85,7 +85,9 @@ class Sums:
         and a constant, to a length that the transform is fast for."""
         n, q = self.torques.shape[1], self.torque
         N = next_fast_len(2 * n, real=True)
-        both_ways = np.concatenate([self.torques, self.torques[:, ::-1]], axis=1)
+        own_raw = not np.array_equal(*self.torques)  # where rows are left out, the raw torque is the filtered one
+        torques = self.torques if own_raw else self.torques[:1]
+        both_ways = np.concatenate([torques, torques[:, ::-1]], axis=1)
         spectrum = rfft(np.pad(both_ways, ((0, 0), (0, N - 2 * n)), mode="edge"))
         s = 2j * np.pi * rfftfreq(N, 1 / self.rate_hz)
         band_hz = self.rate_hz / (2 * self.independent)
@@ -97,11 +99,11 @@ class Sums:
         every = products_between(Z, Z[:, q:], self.groups.first, self.groups.stop)
         found = []
         for k, (late, _, noise_gain) in enumerate(ways):
-            own = slice(2 * k, 2 * k + 2)
+            own = [2 * k, 2 * k + 1] if own_raw else [k, k]
             gram = self.gram.copy()
             gram[:, :q, q:] = every[:, :q, own]
             gram[:, q:, :q] = np.swapaxes(every[:, :q, own], 1, 2)
-            gram[:, q:, q:] = every[:, q:][:, own, own]
+            gram[:, q:, q:] = every[:, q:][:, own][:, :, own]
             found.append(replace(self, gram=gram, late=late, noise_gain=noise_gain))
         return tuple(found)
 
@@ -157,7 +159,10 @@ def gram_sums(record: Record, columns: Mapping[str, Array], rich: Sequence[str],
 def solved(A: Array, b: Array) -> tuple[Array, Array]:
     """Estimates (p,) and the inverse (p, p) of normal equations."""
     scale = np.sqrt(np.maximum(np.diag(A), np.finfo(float).tiny))
-    inverse = np.linalg.pinv(A / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(A / (scale[:, None] * scale))
+    known = values > 1e-13 * values[-1]
+    parts = vectors[:, known] / scale[:, None]
+    inverse = (parts / values[known]) @ parts.T
     estimates = inverse @ b
     return estimates + inverse @ (b - A @ estimates), inverse
 

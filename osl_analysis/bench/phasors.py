@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import InputError
-from osl_analysis.measured import SMALLEST_SIGNAL, check_finite
+from osl_analysis.measured import SMALLEST_SIGNAL, check_finite, check_measured
 from osl_analysis.protocol.stepped_sine import whole_rows
 from osl_analysis.stats.covariance import (
     CYCLES,
@@ -23,7 +23,6 @@ from osl_analysis.stats.covariance import (
     welch_satterthwaite,
 )
 from osl_analysis.stats.fit_row import Row
-from osl_analysis.stats.regression import regressors
 from osl_analysis.trial import Array
 
 COMPLEX_PARTS = ("re", "im", "var_re", "cov", "var_im", "degrees_of_freedom")  # endings of the columns of an estimate
@@ -150,18 +149,27 @@ class Phasor(ComplexEstimate):
         return float(np.linalg.norm(size[1:]) / size[0])
 
 
-def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: tuple[Array, Array] | None = None) -> Phasor:
-    """Phasor of a settled signal (n,) at a known frequency, with offset and harmonics 2 to 5.
+@dataclass(frozen=True)
+class Sines:
+    """A constant and the sines of a frequency and its harmonics over some cycles, for fits to several signals."""
 
-    `time` [s] sets the zero of the phase: fit angle and torque with the same times. The spread of the `cycles` gives
-    the covariance, and only their rows are fitted. They are the rows, which need not be whole, at which each begins and
-    ends, (m,); None: all rows, divided into cycles from the first one on. Of fewer than five cycles the covariance is
-    that of the residual's autocorrelation.
+    frequency_hz: float
+    X: Array  # columns: constant, then cosine and sine of each harmonic, shape (n, 11)
+    inside: NDArray[np.bool_]  # rows of the cycles, which are fitted (n,)
+    cycles: tuple[Array, Array]  # rows at which each cycle begins and ends (m,), which need not be whole
+    inverse: Array  # of the normal equations (11, 11)
 
-    Raises InputError: less than one cycle, steps too long for the highest harmonic, or no sine of this frequency.
+
+def sines_at(time: Array, frequency_hz: float, cycles: tuple[Array, Array] | None = None) -> Sines:
+    """The sines up to harmonic 5, which friction makes, at times (n,) [s], which set the zero of the phase.
+
+    `cycles` are the rows, which need not be whole, at which each begins and ends; None: all rows, divided into cycles
+    from the first one on.
+
+    Raises InputError: less than one cycle, or steps too long for the highest harmonic.
     """
     check_finite("time", time)
-    highest = 5  # friction makes harmonics 3 and 5
+    highest = 5
     step = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
     if len(time) * step < 0.99 / frequency_hz:
         raise InputError(
@@ -172,10 +180,11 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: tuple[
         raise InputError(
             f"a step of {step * 1e3:.2f} ms is too long for harmonic {highest} of {frequency_hz:g} Hz; sample faster"
         )
-    once, columns = np.exp(2j * np.pi * frequency_hz * time), {"offset": np.ones(len(time))}
+    X = np.ones((len(time), 1 + 2 * highest))
+    once = np.exp(2j * np.pi * frequency_hz * time)
     turned = once
-    for k in range(1, highest + 1):
-        columns |= {f"cos{k}": turned.real, f"sin{k}": turned.imag}
+    for k in range(highest):
+        X[:, 2 * k + 1], X[:, 2 * k + 2] = turned.real, turned.imag
         turned = turned * once
     inside = np.full(len(time), cycles is None)
     if cycles is None:
@@ -183,20 +192,32 @@ def fit_sinusoid(time: Array, signal: Array, frequency_hz: float, cycles: tuple[
         cycles = edges[:-1], np.minimum(edges[1:], len(time))
     for first, stop in zip(*cycles, strict=True):
         inside[whole_rows(first, stop)] = True
-    found = regressors({name: column[inside] for name, column in columns.items()}, (int(np.count_nonzero(inside)),))
-    estimates = found.solved(signal[inside])
-    X = np.array(list(columns.values())).T
+    fitted = X[inside]
+    return Sines(frequency_hz, X, inside, cycles, np.linalg.inv(fitted.T @ fitted))
+
+
+def fit_sinusoid(signal: Array, sines: Sines) -> Phasor:
+    """Phasor of a settled signal (n,) with offset and harmonics 2 to 5, fitted to the rows of the cycles.
+
+    Their spread gives the covariance; of fewer than five cycles it is that of the residual's autocorrelation. The
+    normal equations are well conditioned: over whole cycles the sines are at right angles.
+
+    Raises InputError: a value cannot be measured, or there is no sine of this frequency.
+    """
+    check_measured("the signal", signal)
+    X, inverse, inside = sines.X, sines.inverse, sines.inside
+    estimates = inverse @ (X[inside].T @ signal[inside])
     residual = signal - X @ estimates
-    if len(cycles[0]) < FEWEST_CYCLES:
-        covariance, freedom, method = NO_REPEATS.covariance(found.X, found.inverse, residual[inside])
+    if len(sines.cycles[0]) < FEWEST_CYCLES:
+        covariance, freedom, method = NO_REPEATS.covariance(X[inside], inverse, residual[inside])
     else:
-        scores = products_between(X, residual[:, None], *cycles)[..., 0] @ found.inverse
+        scores = products_between(X, residual[:, None], *sines.cycles)[..., 0] @ inverse
         covariance, freedom = between_cycles(scores, np.zeros(len(scores), dtype=np.intp))
         method = CYCLES
     harmonics = estimates[1::2] - 1j * estimates[2::2]  # a cos(wt) + b sin(wt) = Re((a - j b) exp(j w t))
     if abs(harmonics[0]) <= 1e-12 * np.abs(signal).max():  # the fit's rounding error
         raise InputError(
-            f"the signal has no sine of {frequency_hz:g} Hz, it stays at {signal[0]:g}; check its channel in "
+            f"the signal has no sine of {sines.frequency_hz:g} Hz, it stays at {signal[0]:g}; check its channel in "
             "the source file, or exclude the trial"
         )
     to_phasor = np.array([[1.0, -1.0], [-1.0, 1.0]])
@@ -226,7 +247,10 @@ class SegmentPhasors:
 def phasors_of_record(record: Record) -> list[SegmentPhasors]:
     """Phasors of the settled cycles of every segment of a stepped sine, amplitude by amplitude; none of another motion.
     The last cycle is not used. If the angle lags the command by more at one frequency than at another, this cycle
-    contains the beginning of the next frequency. Raises InputError: as `fit_sinusoid`; the message names the trial."""
+    contains the beginning of the next frequency.
+
+    Raises InputError: as `sines_at` and `fit_sinusoid`; the message names the trial.
+    """
     if not record.is_stepped_sine:
         return []
     groups, found = record.groups, []
@@ -236,11 +260,13 @@ def phasors_of_record(record: Record) -> list[SegmentPhasors]:
         first, stop = groups.first[groups.stratum == k], groups.stop[groups.stratum == k]
         rows = whole_rows(first.min(), stop.max())
         time, cycles, pair = record.time[rows], (first - rows.start, stop - rows.start), list[Phasor]()
-        for name, signal in (("theta", record.theta), ("torque", record.torque)):
-            try:
-                pair.append(fit_sinusoid(time, signal[rows], one.frequency_hz, cycles))
-            except InputError as error:
-                raise InputError(f"trial {record.name}, {name} from {time[0]:.1f} s: {error}") from error
+        try:
+            sines = sines_at(time, one.frequency_hz, cycles)
+            for signal in (record.theta, record.torque):
+                pair.append(fit_sinusoid(signal[rows], sines))
+        except InputError as error:
+            name = "torque" if pair else "theta"
+            raise InputError(f"trial {record.name}, {name} from {time[0]:.1f} s: {error}") from error
         compliance_error = record.bench.compliance_error if record.bench else 0.0
         found.append(SegmentPhasors(one.label, one.frequency_hz, pair[0], pair[1], compliance_error, one.commanded_deg))
     return found

@@ -91,6 +91,18 @@ def test_short_interior_gaps_are_bridged_and_flagged_the_others_stay() -> None:
     assert not bridge_gaps(TIME, seen, longest=5 / RATE).bridged.any()
 
 
+def test_a_body_that_turns_about_a_fixed_axis_has_the_textbook_velocity_and_acceleration() -> None:
+    axis, arm, inside = np.array([0.0, 0.6, 0.8]), np.array([0.1, -0.2, 0.3]), slice(6, -6)
+    phi, omega, alpha = 0.4 * np.sin(7 * TIME), 2.8 * np.cos(7 * TIME), -19.6 * np.sin(7 * TIME)
+    R = Rotation.from_rotvec(phi[:, None] * axis).as_matrix()
+    motion = body_motion(TIME, pose(R, np.zeros((len(TIME), 3))), arm)
+    r, w, z = R @ arm, omega[:, None] * axis, alpha[:, None] * axis
+    np.testing.assert_allclose(motion.omega[inside], w[inside], atol=1e-6)
+    np.testing.assert_allclose(motion.alpha[inside], z[inside], atol=1e-4)
+    expected = np.cross(z, r) + np.cross(w, np.cross(w, r))
+    np.testing.assert_allclose(motion.acceleration[inside], expected[inside], atol=1e-4)
+
+
 LEFT = np.array([0.0, 1.0, 0.0])
 ANKLE = np.array([0.02, -0.1, 0.09])
 
@@ -179,6 +191,15 @@ def test_offset_and_delay_of_the_encoder_come_out_whatever_its_rate(delay: float
     assert check.delay == pytest.approx(delay, abs=2e-5)
     assert check.offset == pytest.approx(0.01, abs=1e-5)
     assert check.rms < 2e-5
+
+
+def test_an_encoder_that_was_switched_on_and_off_in_stance_is_not_read_beyond_its_ends() -> None:
+    """Read up to 45 ms later than at its ends, where a spline of fifth degree is anywhere."""
+    some = own[(own > 0.7) & (own < 1.2)]
+    for delay in (-0.045, 0.045):
+        check = compared(low_pass(gait(np.arange(600) / 300), 300.0)[150:390], some, gait(some - delay))
+        assert check is not None
+        assert (check.delay, check.rms) == (pytest.approx(delay, abs=1e-3), pytest.approx(0, abs=1e-3))
 
 
 def test_what_offset_and_delay_leave_is_the_noise_and_an_encoder_of_another_joint_is_refused() -> None:

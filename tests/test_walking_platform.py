@@ -10,8 +10,8 @@ import polars as pl
 import pytest
 import yaml
 from conftest import ROOT
-from walking_platform import Ramp, Rig, ankle_answer, plate_trials, standing, walked
-from walking_synthetic import PLATE_RATE, changed, hidden, settings
+from walking_platform import Ramp, Rig, ankle_answer, plate_trials, standing, step, walked
+from walking_synthetic import PLATE_RATE, PLATFORM, RATE, changed, hidden, settings
 
 from osl_analysis.commands.walking import average_unperturbed, identify_plate, read_model, write_model, write_refusal
 from osl_analysis.config.campaign import Campaign, check_walking, open_campaign
@@ -19,9 +19,9 @@ from osl_analysis.config.configuration import campaign_config
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table, write_table
-from osl_analysis.trial import Trial, marker_columns
+from osl_analysis.trial import Array, Trial, marker_columns
 from osl_analysis.walking.bodies import StaticCalibration, exchanged_labels, static_calibration
-from osl_analysis.walking.crossing import RefusedCrossing, analyse_crossing
+from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing
 from osl_analysis.walking.groups import static_of
 from osl_analysis.walking.plate import (
     NO_CORRECTION,
@@ -32,9 +32,12 @@ from osl_analysis.walking.plate import (
 )
 from osl_analysis.walking.platform import (
     PlatformModel,
+    PlatformTrack,
     identify_platform,
     jackknife_rows,
     platform_table,
+    platform_template,
+    shape_fit,
     shared_directions,
     start_of_rise,
 )
@@ -212,6 +215,43 @@ def test_the_jackknife_of_both_sources_is_the_sum_of_their_variances() -> None:
     joined = jackknife_rows(list(plates), list(groups))
     np.testing.assert_allclose(variance(joined), variance(plates) + variance(groups))
     np.testing.assert_array_equal(jackknife_rows(list(plates), []), plates)
+
+
+def tracks_of(count: int, seed: int, slower: float = 0.0) -> tuple[list[PlatformTrack], Array]:
+    """Motions of 4 cm in 0.1 s, each second one slower by a share, with noise of 0.1 mm in each frame; and onsets."""
+    random, time, low_pass, tracks = np.random.default_rng(seed), np.arange(600) / RATE, LowPass(20.0), []
+    onsets = random.uniform(0.98, 1.0, count)
+    for k, onset in enumerate(onsets):
+        moved = 0.04 * np.outer(step(time, onset, 0.1 * (1 + slower * (k % 2)))[0], [0.6, 0, 0.8, 0, 0, 0])
+        seen = moved + random.normal(0, 1e-4, moved.shape)
+        tracks.append(PlatformTrack(f"w{k}", time, PLATFORM, seen, low_pass(seen, RATE), low_pass, 1e-4))
+    return tracks, onsets
+
+
+def test_the_errors_of_the_starts_are_their_scatter_and_that_of_their_mean_is_a_plain_fits() -> None:
+    """55 free starts scatter by their errors to within 10 %. The shape's own error is that of a step of free start,
+    duration and level through the mean frames of 12 crossings. Where durations differ, the errors of start and duration
+    are added with their covariance: they are those of a fit whose zero of time is the start."""
+    scores = []
+    for seed in range(5):
+        tracks, onsets = tracks_of(12, seed)
+        template, begun = platform_template(tracks, 0.1)
+        late = np.array([a.start for a in begun]) - onsets
+        scores.append((late - late.mean()) / [a.start_se for a in begun])
+    assert np.sqrt(np.sum(np.square(scores)) / 55) == pytest.approx(1, abs=0.2)
+    time, h = np.arange(-0.15, 0.1, 1 / RATE), 1e-6
+    time = time[step(time, 0.0, 0.1)[0] < 0.7]
+    around = [(step(time, h, 0.1), step(time, -h, 0.1)), (step(time, 0.0, 0.1 + h), step(time, 0.0, 0.1 - h))]
+    columns = np.column_stack([*(0.04 * (later[0] - earlier[0]) / (2 * h) for later, earlier in around), 1 + 0 * time])
+    plain = np.sqrt(np.linalg.inv(columns.T @ columns)[0, 0]) * 1e-4 / np.sqrt(12)
+    assert template.start_se == pytest.approx(plain, rel=0.05)
+    slower, _ = tracks_of(6, 3, 0.2)
+    template, begun = platform_template(slower, 0.1)
+    assert template.scaled
+    again = [shape_fit(track, a, template, True).start_se for track, a in zip(slower, begun, strict=True)]
+    assert [a.start_se for a in begun] == pytest.approx(again, rel=1e-3)
+    errors = platform_table(PlatformModel(template, None, {a.name: a for a in begun}, {}, None))["template_onset_se_s"]
+    assert errors.to_list() == pytest.approx([np.sqrt(se**2 + template.start_se**2) for se in again], rel=1e-3)
 
 
 GRID = np.arange(-0.06, 0.2, 0.002)
@@ -421,6 +461,23 @@ def test_a_translation_is_no_crossing_but_a_platform_may_yield_or_turn_and_heave
     pulled = changed(WALK, pl.col("plate1_moment_y") + pl.col("time").is_between(1.0, 1.6).cast(pl.Float64) * 120)
     with pytest.raises(InputError, match="the ankle's moment in late stance is -"):  # where every foot pushes
         analyse_crossing(pulled, CALIBRATION, NO_CORRECTION, False, settings())
+
+
+def test_a_plate_that_was_not_zeroed_changes_nothing_and_one_far_off_is_refused_by_name() -> None:
+    """60 N and 7.5 N*m off: more than what begins a stance. The zero is read before the foot comes."""
+
+    def analysed(off: float) -> Crossing:
+        columns = [pl.col("plate1_force_z") + off, pl.col("plate1_moment_y") - off / 8, pl.col("plate1_force_x") - off]
+        trial = changed(walked("walk_1", Ramp(), QUIET, 1), *columns)
+        return analyse_crossing(trial, CALIBRATION, NO_CORRECTION, True, settings())
+
+    whole, shifted = analysed(0.0), analysed(60.0)
+    assert whole.quality.zero is not None
+    assert shifted.quality.zero == pytest.approx(whole.quality.zero + 60, abs=1e-6)
+    assert shifted.stance.heel_strike == pytest.approx(whole.stance.heel_strike, abs=1e-6)
+    np.testing.assert_allclose(shifted.torque, whole.torque, atol=1e-6)
+    with pytest.raises(InputError, match="trial walk_1: the unloaded plate reads -713 N, expected less than 100 N"):
+        analysed(-713.0)
 
 
 @pytest.mark.parametrize(

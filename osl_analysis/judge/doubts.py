@@ -229,18 +229,19 @@ def with_size(row: AnyRow) -> str | None:
 
 
 def not_checked_of(table: pl.DataFrame) -> dict[str, str]:
-    """What could not be checked on the rows of a trial, and why, each once: as the last row that has it says."""
+    """What could not be checked on the rows of a trial, and why, as the last row that has it says; what has one reason
+    is said together."""
     texts = table["not_checked"].drop_nulls().to_list() if "not_checked" in table.columns else []
-    items = (item.partition(": ") for text in texts for item in text.split("; "))
-    return {what: why for what, _, why in items}
+    reasons = {what: why for what, _, why in (item.partition(": ") for text in texts for item in text.split("; "))}
+    by_reason: dict[str, list[str]] = {}
+    for what, why in reasons.items():
+        by_reason.setdefault(why, []).append(what)
+    return {", ".join(whats): why for why, whats in by_reason.items()}
 
 
 def not_checked_line(table: pl.DataFrame) -> str:
     """The same on one line, of the fit to all data; empty if all was checked."""
-    by_reason: dict[str, list[str]] = {}
-    for what, why in not_checked_of(table.tail(1)).items():
-        by_reason.setdefault(why, []).append(what)
-    said = "; ".join(f"{', '.join(whats)} ({why})" for why, whats in by_reason.items())
+    said = "; ".join(f"{what} ({why})" for what, why in not_checked_of(table.tail(1)).items())
     return said and f"NOT CHECKED: {said}"
 
 

@@ -21,15 +21,15 @@ if not {"-n", "--dry-run", "--dryrun"} & {*sys.argv}:
     job_server()  # its imports take the other core while this one does those below
 
 from osl_analysis.commands.run import with_shipped_profile
-from osl_analysis.config.campaign import about, check_campaign, matching, open_campaign
-from osl_analysis.config.campaign import response_example, time_series_example
-from osl_analysis.config.configuration import campaign_config, overriding
+from osl_analysis.campaign.campaign import about, check_campaign, matching, open_campaign
+from osl_analysis.campaign.campaign import response_example, time_series_example
+from osl_analysis.campaign.configuration import campaign_config, overriding
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL, judged_tables
-from osl_analysis.config.yaml_settings import read_mapping
+from osl_analysis.yaml_settings import read_mapping
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.figures import FIGURES
 from osl_analysis.files import check_working_folder, default_config
-from osl_analysis.jobs.refusal import is_refused, refusal_report
+from osl_analysis.refusal import is_refused, refusal_report
 from osl_analysis.jobs.request import Requests
 from osl_analysis.judge.findings import Judge, exclusion_report, findings_report, left_behind_report
 from osl_analysis.report import TEMPLATES

@@ -17,14 +17,14 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums, with_effects
 from osl_analysis.bench.gram import GroupFit
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.config.configuration import read_section
-from osl_analysis.config.parameters import read_parameters
-from osl_analysis.config.yaml_settings import read_mapping
+from osl_analysis.campaign.configuration import read_section
 from osl_analysis.files import default_config
+from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.bench import commanded_motion, moved, simulate_bench_trial
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array, Trial
+from osl_analysis.yaml_settings import read_mapping
 
 ANALYSIS = read_section(default_config(), "dynamometer", DynamometerAnalysis)
 SIMULATION = Path("config/simulation/excitations.yaml")

@@ -18,14 +18,14 @@ from typing import Any
 import polars as pl
 import yaml
 
+from osl_analysis.campaign.configuration import Config, campaign_config
 from osl_analysis.commands.simulate import simulate_trial
-from osl_analysis.config.configuration import Config, campaign_config
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.config.parameters import read_parameters
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.jobs.job import call
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.findings import Judge
+from osl_analysis.model.parameters import read_parameters
 from osl_analysis.table import read_table
 
 Changes = Mapping[str, Any]

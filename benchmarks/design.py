@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from osl_analysis.campaign.configuration import Config, read_config
 from osl_analysis.commands.study import batch_rows, study_inputs
-from osl_analysis.config.configuration import Config, read_config
 from osl_analysis.design.precision import (
     KBI,
     Distortion,

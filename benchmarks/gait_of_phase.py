@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from osl_analysis.second_order import impedance_torque
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import Crossing, CrossingQuality
 from osl_analysis.walking.plate import Stance
+from osl_analysis.walking.second_order import impedance_torque
 
 RATE, STRIKE, STANCE, WEIGHT, ONSET = 300.0, 0.5, 0.70, 785.0, 0.40
 TRUTH = {"K": 340.0, "B": 3.0, "I": 0.02}

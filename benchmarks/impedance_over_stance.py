@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.commands.walking import commanded_over_stance
-from osl_analysis.config.configuration import read_section
-from osl_analysis.config.parameters import read_parameters
-from osl_analysis.config.yaml_settings import read_yaml
+from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study.walking import StudyLaboratory
@@ -25,6 +24,7 @@ from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.response import group_headline
 from osl_analysis.walking.settings import WalkingAnalysis
 from osl_analysis.walking.tables import fitted_time, trajectory_points, with_trajectory
+from osl_analysis.yaml_settings import read_yaml
 
 SETTINGS, CONFIG, FIGURE = Path("config/simulation"), Path("config/config.yaml"), Path("docs/impedance_over_stance.png")
 TRAJECTORY, STANCE_SHARE = Path("config/impedance/synthetic_walking.csv"), 0.62

@@ -32,18 +32,18 @@ from osl_analysis.bench.impedance import (
 from osl_analysis.bench.phasors import phasor_table
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.simulate import row_of_trial, simulate_trial
 from osl_analysis.commands.trials import ingest_trial
-from osl_analysis.config.configuration import read_section
-from osl_analysis.config.parameters import DrivetrainParameters, read_parameters
-from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.files import default_config
 from osl_analysis.judge.recording import check_recording, saturated
 from osl_analysis.model.compensator import PAPER_WEIGHT
+from osl_analysis.model.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.protocol.stepped_sine import find_segments
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, read_trial
+from osl_analysis.yaml_settings import read_yaml
 
 SIMULATION = Path("config/simulation/default.yaml")
 DEVICE = Path("config/parameters/default.yaml")

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.config.parameters import read_parameters
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain_response import Friction, belt_response
-from osl_analysis.multisine import odd_multisine
+from osl_analysis.model.multisine import odd_multisine
+from osl_analysis.model.parameters import read_parameters
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import PeriodicMotion, Realisation, periodic_motion
 from osl_analysis.spectral.response import (

@@ -19,7 +19,7 @@ from click.core import ParameterSource
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError, printable, printable_lines
 from osl_analysis.files import atomic_path, check_output, config_here, shipped
-from osl_analysis.jobs.memory import limited_memory
+from osl_analysis.memory import limited_memory
 
 
 def numbers(value: str) -> list[float]:
@@ -150,8 +150,8 @@ def main() -> None:
 )
 def simulate(folder: Path, settings: Path, trial: str | None, config_path: Path | None) -> None:
     """Simulate a campaign into FOLDER: sample sheet, MCAP and C3D logs, and the truth beside them."""
+    from osl_analysis.campaign.configuration import read_config
     from osl_analysis.commands.simulate import NOTHING, simulate_campaign, simulate_trial
-    from osl_analysis.config.configuration import read_config
 
     followed = NOTHING if config_path is None else read_config(config_path).shared()
     if trial is None:
@@ -272,8 +272,8 @@ def samples(folder: Path, output: Path | None, config_path: Path) -> None:
 
     Rates are in Hz, gaps in s; a file that is refused is listed with the reason.
     """
+    from osl_analysis.campaign.configuration import read_section
     from osl_analysis.commands.inspect import samples_table
-    from osl_analysis.config.configuration import read_section
     from osl_analysis.judge.table import QualityRules
 
     rules = read_section(config_path, "quality", QualityRules)
@@ -513,8 +513,8 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
     For a stepped sine, an odd random-phase multisine, a chirp or band-limited noise, with the noise of the load cell,
     the rounding of the encoder, and the distortion of a joint that is not linear.
     """
+    from osl_analysis.campaign.configuration import read_config
     from osl_analysis.commands.design import design_json, design_request, design_text, designed, write_command
-    from osl_analysis.config.configuration import read_config
 
     ctx, kind = click.get_current_context(), chosen["excitation"]
     given = {name for name in chosen if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE}

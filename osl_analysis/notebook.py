@@ -14,13 +14,12 @@ import polars as pl
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.phasors import frequency_response_table
 from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import Fit, FitRequest, campaign_parameters, fit_request, fit_tables, fit_trial
 from osl_analysis.commands.gains import Request, requested_gains
 from osl_analysis.commands.tables import read_summary as read_summary_file
 from osl_analysis.commands.trials import checked_trial
-from osl_analysis.config.configuration import read_section
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.config.parameters import joint_of
 from osl_analysis.config.shared_choices import WeightSettings
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.figures import drawing_of
@@ -29,6 +28,7 @@ from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.judge.doubts import IS_DOUBTFUL, marked, with_doubts_of
 from osl_analysis.judge.recording import examine, quality_table, validate_rules
 from osl_analysis.judge.table import Commanded, QualityRules
+from osl_analysis.model.parameters import joint_of
 from osl_analysis.table import read_table as read_table_file
 from osl_analysis.trial import Trial
 from osl_analysis.trial import read_trial as read_trial_file

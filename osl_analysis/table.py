@@ -11,7 +11,7 @@ import polars as pl
 
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
-from osl_analysis.jobs.refusal import check_not_refused
+from osl_analysis.refusal import check_not_refused
 
 SUFFIX = ".zip"
 OPEN: ContextVar[dict[Path, dict[str, bytes]] | None] = ContextVar("open_archives", default=None)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
-from osl_analysis.jobs.refusal import check_not_refused
+from osl_analysis.refusal import check_not_refused
 
 # unit of each canonical column; symbols of the paper in brackets
 COLUMNS: dict[str, str] = {

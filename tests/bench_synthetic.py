@@ -8,8 +8,8 @@ from osl_analysis.bench.components import branches_of
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.record import Record, cycles_of, record_of
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol, find_segments, unit_sines
-from osl_analysis.second_order import impedance_torque
 from osl_analysis.signals import LowPass, Motion, filtered_motion
+from osl_analysis.walking.second_order import impedance_torque
 
 RATE, LOW_PASS = 500.0, LowPass(15)
 PROTOCOL = SteppedSineProtocol((0.05, 0.1), (1.0, 3.0, 5.0), 9)

@@ -17,7 +17,7 @@ import pytest
 from hypothesis import settings
 from kernels import NUMERICAL
 
-from osl_analysis.config.parameters import DrivetrainParameters, read_parameters
+from osl_analysis.model.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.trial import Array
 

@@ -31,8 +31,8 @@ FORKING = """
 import gc, json, os, sys, time
 from pathlib import Path
 import snakemake.cli, snakemake.api, snakemake.workflow, snakemake.dag
-import osl_analysis.judge.findings, osl_analysis.jobs.refusal
-import osl_analysis.commands.simulate, osl_analysis.config.campaign, osl_analysis.figures, osl_analysis.study
+import osl_analysis.judge.findings, osl_analysis.refusal
+import osl_analysis.commands.simulate, osl_analysis.campaign.campaign, osl_analysis.figures, osl_analysis.study
 from osl_analysis.jobs import request, run
 
 snakemake.cli.get_argument_parser()  # imports the plug-ins

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from osl_analysis.errors import InputError
-from osl_analysis.jobs.refusal import Refusal, write_refusals
+from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import archives, read_table, tables_of, write_table
 
 PHASORS = pl.DataFrame({"trial": ["01", "01"], "gain": [0.1 + 0.2, 1e-17]})

@@ -14,18 +14,18 @@ from conftest import ROOT
 from osl_analysis.bench.components import ACTUATOR_PARAMETERS as NAMES
 from osl_analysis.bench.components import actuator_alone
 from osl_analysis.bench.settings import ActuatorAnalysis
+from osl_analysis.campaign.configuration import read_section
 from osl_analysis.cli import main
 from osl_analysis.commands.bench import FitRequest, fit_actuator_trial, fit_trial
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.commands.trials import ingest_trial
-from osl_analysis.config.configuration import read_section
-from osl_analysis.config.parameters import read_parameters
-from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.table import DoubtfulFits
+from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.bench import simulate_bench_trial, turning
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.trial import Trial, read_trial, write_trial
+from osl_analysis.yaml_settings import read_yaml
 
 DEFAULT = ROOT / "config/simulation/default.yaml"
 DEVICE = ROOT / "config/parameters/default.yaml"

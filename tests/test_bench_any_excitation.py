@@ -31,15 +31,15 @@ from osl_analysis.bench.impedance import (
 )
 from osl_analysis.bench.record import record_of_trial, stated_windows
 from osl_analysis.bench.settings import DynamometerAnalysis
-from osl_analysis.config.configuration import read_section
+from osl_analysis.campaign.configuration import read_section
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.config.parameters import read_parameters
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.recording import check_recording, measure_protocol, samples_at_rail, saturated
 from osl_analysis.judge.table import Commanded, Doubt, DoubtfulFits, Examined
 from osl_analysis.model.drivetrain import joint_admittance
+from osl_analysis.model.parameters import read_parameters
 from osl_analysis.trial import Trial
 
 CONFIG = Path(ROOT / "config/config.yaml")

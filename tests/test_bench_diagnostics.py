@@ -10,10 +10,10 @@ from conftest import ROOT
 
 from osl_analysis.bench.effects import yielding_in
 from osl_analysis.bench.impedance import over_amplitudes
-from osl_analysis.config.configuration import read_section
-from osl_analysis.config.parameters import read_parameters
+from osl_analysis.campaign.configuration import read_section
 from osl_analysis.judge.doubts import marked, plausible_impedance
 from osl_analysis.judge.table import Doubt, DoubtfulFits
+from osl_analysis.model.parameters import read_parameters
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.signals import LowPass, filtered_motion
 

@@ -25,22 +25,22 @@ from osl_analysis.bench.model_comparison import thinned_amplitudes
 from osl_analysis.bench.phasors import frequency_response_table, phasor_table, phasors_of_record
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import BenchStiffness, DynamometerAnalysis
+from osl_analysis.campaign.campaign import ImpedanceExample
+from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands.bench import average_over_amplitudes, estimates_text
-from osl_analysis.config.campaign import ImpedanceExample
-from osl_analysis.config.configuration import read_section
-from osl_analysis.config.parameters import read_parameters
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER
 from osl_analysis.figures.impedance import draw_fig4
 from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.table import Doubt, DoubtfulFits
 from osl_analysis.model.compensator import PAPER_WEIGHT, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
+from osl_analysis.model.parameters import read_parameters
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol, unit_sines
-from osl_analysis.second_order import impedance_torque
 from osl_analysis.signals import LowPass, filtered_motion
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial, read_trial, write_trial
+from osl_analysis.walking.second_order import impedance_torque
 
 
 def test_the_row_over_all_amplitudes_says_from_where_to_where_the_single_ones_read():

@@ -30,17 +30,17 @@ from osl_analysis.commands.bench import (
     summarise_model_comparison,
 )
 from osl_analysis.commands.simulate import row_of_trial
-from osl_analysis.config.parameters import read_parameters
-from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.gain_selection import Weight
+from osl_analysis.model.parameters import read_parameters
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.simulator.bench import simulate_bench_trial
 from osl_analysis.simulator.settings import SimulationSettings, SteppedSineSchedule
 from osl_analysis.stats.repeats import score_models
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
+from osl_analysis.yaml_settings import read_yaml
 
 TINY = ROOT / "tests/tiny_simulation.yaml"
 DEFAULT_FILE = ROOT / "config/parameters/default.yaml"

@@ -10,11 +10,11 @@ from conftest import ROOT
 
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.bench import (
     FitRequest,
     fit_trial,
 )
-from osl_analysis.config.configuration import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.judge.recording import check_recording
 from osl_analysis.judge.table import DoubtfulFits

@@ -20,7 +20,7 @@ from osl_analysis.bench.torque_angle import (
     torque_angle_table,
     torque_angle_trial,
 )
-from osl_analysis.config.configuration import read_config
+from osl_analysis.campaign.configuration import read_config
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import trial_from_files

@@ -7,13 +7,13 @@ import polars as pl
 import pytest
 from test_figures import plotted
 
+from osl_analysis.campaign.campaign import About
 from osl_analysis.commands.figure import caption_of, write_captions
 from osl_analysis.commands.tables import write_table_metadata
-from osl_analysis.config.campaign import About
 from osl_analysis.figures import FIGURES
 from osl_analysis.figures.names import as_text, doubtful_said, listed_text, rounded_number, with_interval, with_sd
 from osl_analysis.figures.quasi_static import MEAN_SLOPE
-from osl_analysis.jobs.refusal import Refusal, write_refusals
+from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import write_table
 
 

@@ -21,17 +21,17 @@ import yaml
 from click.testing import CliRunner
 from conftest import ROOT
 
+from osl_analysis.campaign.configuration import Config, overriding
 from osl_analysis.cli import main
 from osl_analysis.commands import gains as gains_command
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.compiled import compiled
-from osl_analysis.config.configuration import Config, overriding
-from osl_analysis.config.yaml_settings import read_mapping, validated
 from osl_analysis.errors import InputError, MemoryLimitError, OslAnalysisError
 from osl_analysis.files import atomic_path
-from osl_analysis.jobs.memory import limited_memory
+from osl_analysis.memory import limited_memory
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, write_trial
+from osl_analysis.yaml_settings import read_mapping, validated
 
 TRIAL = "impedance_K300_B5.0_compensated"
 

@@ -10,17 +10,17 @@ from conftest import ROOT
 from pydantic import Field
 
 from osl_analysis.bench.settings import DynamometerAnalysis
+from osl_analysis.campaign.campaign import check_files
+from osl_analysis.campaign.configuration import campaign_config, read_config, read_section
 from osl_analysis.commands.simulate import laboratory_of, read_simulation, settings_files, simulate_trial
-from osl_analysis.config.campaign import check_files
-from osl_analysis.config.configuration import campaign_config, read_config, read_section
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.config.parameters import read_parameters
 from osl_analysis.config.shared_choices import FOLLOWED, SharedChoices
-from osl_analysis.config.yaml_settings import Settings, read_mapping, read_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import select_gains
 from osl_analysis.model.gain_selection import Weight
+from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.crossing import compensated_damping
+from osl_analysis.yaml_settings import Settings, read_mapping, read_yaml
 
 SHIPPED_FILE = ROOT / "config/config.yaml"
 SHIPPED = yaml.safe_load(SHIPPED_FILE.read_text())

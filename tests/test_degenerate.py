@@ -24,7 +24,6 @@ from osl_analysis.commands.bench import fit_request, fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
-from osl_analysis.second_order import fit_impedance
 from osl_analysis.signals import LowPass, Motion, differentiate, filtered_motion, sampling_rate
 from osl_analysis.stats import regression, repeats
 from osl_analysis.stats.fit_row import whiteness_row
@@ -36,6 +35,7 @@ from osl_analysis.walking.groups import selection_rows
 from osl_analysis.walking.plate import Stance, find_stances
 from osl_analysis.walking.platform import find_onset, trigger_edge
 from osl_analysis.walking.response import fit_response, group_headline, isolate_response, response_lag
+from osl_analysis.walking.second_order import fit_impedance
 from osl_analysis.walking.tables import ensemble_rows, group_facts, single_facts
 
 STATED = {

@@ -7,8 +7,8 @@ import pytest
 from conftest import ROOT
 from scipy.stats import t as student
 
+from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.design import DesignRequest, warnings
-from osl_analysis.config.configuration import read_config
 from osl_analysis.design.precision import (
     Continuous,
     Distortion,
@@ -21,7 +21,7 @@ from osl_analysis.design.precision import (
     precision,
 )
 from osl_analysis.errors import IdentifiabilityError
-from osl_analysis.multisine import odd_multisine
+from osl_analysis.model.multisine import odd_multisine
 from osl_analysis.signals import LowPass
 
 OPEN = LowPass(1e4)

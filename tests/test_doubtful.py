@@ -5,8 +5,8 @@ import pytest
 import yaml
 from scipy.integrate import quad
 
+from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.tables import gather
-from osl_analysis.config.configuration import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.jobs.job import reason_and_remedy
 from osl_analysis.judge.doubts import CAUSES, counted, doubtful_count, marked, not_checked_line, summary_of_trials

@@ -8,7 +8,6 @@ from conftest import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 
-from osl_analysis.config.parameters import read_parameters
 from osl_analysis.model.compensator import (
     Gains,
     compensated_gains,
@@ -23,6 +22,7 @@ from osl_analysis.model.drivetrain import (
     motor_friction,
 )
 from osl_analysis.model.drivetrain_response import Friction, belt_response
+from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.drivetrain import (
     IDEAL,
     ControlCommands,

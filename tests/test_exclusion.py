@@ -7,13 +7,13 @@ import polars as pl
 import pytest
 from conftest import ROOT
 
+from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.tables import judge, list_excluded
-from osl_analysis.config.configuration import read_section
 from osl_analysis.errors import InputError
-from osl_analysis.jobs.refusal import Refusal
 from osl_analysis.judge.findings import Judge, exclusion_report, exclusions, without_excluded
 from osl_analysis.judge.recording import examine, measured_table
 from osl_analysis.judge.table import Commanded, QualityRules
+from osl_analysis.refusal import Refusal
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import Trial
 

@@ -20,7 +20,7 @@ from osl_analysis.figures.names import write_footer
 from osl_analysis.figures.quasi_static import MEAN_SLOPE
 from osl_analysis.figures.style import LOOKS, MAGENTA, SINGLE_COLUMN, paper_style
 from osl_analysis.figures.walking import BY_ENSEMBLE, PER_PERTURBATION
-from osl_analysis.jobs.refusal import Refusal, write_refusals
+from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import read_table, write_table
 
 fig3, fig4, fig5, fig6, fig7, fig8, fig9 = (drawing_of(f"fig{number}") for number in range(3, 10))

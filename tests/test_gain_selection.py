@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from osl_analysis.commands.gains import gain_table
-from osl_analysis.config.parameters import read_parameters
 from osl_analysis.errors import UnreachableImpedanceError
 from osl_analysis.model.compensator import (
     PAPER_WEIGHT,
@@ -22,6 +21,7 @@ from osl_analysis.model.compensator import (
 )
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.model.gain_selection import Weight, admittance_error, optimal_damping, squared_norm
+from osl_analysis.model.parameters import read_parameters
 
 PAIRS = [(300, 5), (100, 0), (400, 7.5), (20, 2.5), (31.4159265358979, 5.0), (340, 1e-7)]
 WEIGHTS = [PAPER_WEIGHT, Weight(0.1, 5), Weight(50, 1), Weight(7, 3), Weight(1, 1)]

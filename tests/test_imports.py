@@ -1,4 +1,4 @@
-"""Who may import whom: data flows one way, and the simulator shares nothing with what it is used to check."""
+"""The house: data flow one way, and the simulator shares nothing with what it is used to check."""
 
 import re
 
@@ -8,72 +8,77 @@ from conftest import ROOT
 from osl_analysis.jobs.request import imported_names
 
 PACKAGE = ROOT / "osl_analysis"
-COMMON = {"errors", "trial", "measured", "compiled"}
-MAY_IMPORT = {
-    "model": COMMON | {"model", "parameters"},
-    "simulator": COMMON
-    | {"simulator", "shared_choices", "model", "parameters", "sheet", "yaml_settings", "files"}
-    | {"experiments", "multisine"},
-    "formats": COMMON | {"formats"},
-    "ingest": COMMON | {"ingest", "formats", "memory", "plate_surface", "signals", "yaml_settings"},
-    "stats": COMMON | {"stats", "signals"},
-    "protocol": COMMON | {"protocol", "signals", "stats", "timebase"},
-    "spectral": COMMON | {"spectral", "stats", "signals", "model", "parameters"},
-    "design": COMMON | {"design", "bench", "spectral", "stats", "signals", "multisine"},
-    "timebase": COMMON | {"timebase", "signals"},
-    "bench": COMMON
-    | {"bench", "protocol", "spectral", "stats", "second_order", "judge", "signals", "timebase"}
-    | {"model", "parameters", "yaml_settings"},
-    "walking": COMMON
-    | {"walking", "stats", "second_order", "signals", "timebase", "yaml_settings"}
-    | {"plate_surface"},
-    "judge": COMMON
-    | {"judge", "plate_surface", "protocol", "experiments", "files", "parameters", "refusal"}
-    | {"signals", "stats", "table", "timebase", "yaml_settings"},
-    "figures": COMMON | {"figures", "judge"},
-    "report": COMMON | {"report", "experiments", "dictionary", "summary", "campaign", "judge"},
-}
+DOORS = {"cli", "notebook"}
+GROUND = {path.stem for path in PACKAGE.glob("*.py")} - DOORS - {"__init__"}
+"""Modules that every package may import."""
+HOUSE = {
+    "formats": set(), "model": set(), "signals": set(), "dictionary": set(), "stats": {"signals"},
+    "config": {"formats", "model"},
+    "ingest": {"formats", "signals"},
+    "protocol": {"signals", "stats"},
+    "spectral": {"model", "signals", "stats"},
+    "walking": {"signals", "stats"},
+    "simulator": {"config", "model"},
+    "judge": {"config", "model", "protocol", "signals", "stats"},
+    "bench": {"judge", "model", "protocol", "signals", "spectral", "stats"},
+    "figures": {"judge"},
+    "jobs": {"judge"},
+    "campaign": {"bench", "config", "formats", "judge", "model", "walking"},
+    "design": {"bench", "model", "signals", "spectral", "stats"},
+    "report": {"campaign", "config", "dictionary", "judge", "model"},
+    "study": {"bench", "campaign", "ingest", "model", "signals", "simulator", "stats", "walking"},
+}  # fmt: skip
+"""What a package imports beside itself and the ground, from the lowest floor up."""
 
 
-def stations(folder: str) -> set[tuple[str, str]]:
-    """(module, station that it imports) for every module of ours in a folder. Modules of `config` and `jobs` are each a
-    station."""
+def imports(folder: str) -> set[tuple[str, str]]:
+    """(module, package or module of the ground that it imports) for every module of ours in a folder."""
     return {
-        (str(path.relative_to(PACKAGE)), re.sub(r"\.(config|jobs)(?=\.)", "", name).split(".")[1])
+        (str(path.relative_to(PACKAGE)), name.split(".")[1])
         for path in (PACKAGE / folder).rglob("*.py")
         for name in imported_names(path)
     }
 
 
-@pytest.mark.parametrize("folder", MAY_IMPORT)
-def test_a_station_imports_only_what_lies_before_it(folder):
-    assert {(m, s) for m, s in stations(folder) if s not in MAY_IMPORT[folder]} == set()
+def users(name: str) -> set[str]:
+    """Modules outside a package, or other than a module, that import it."""
+    return {m for m, s in imports(".") if s == name and not m.startswith((f"{name}/", f"{name}."))}
+
+
+@pytest.mark.parametrize("package", HOUSE)
+def test_a_package_imports_only_what_lies_below_it(package):
+    assert {(m, s) for m, s in imports(package) if s not in HOUSE[package] | GROUND | {package}} == set()
+
+
+def test_no_module_of_the_ground_imports_a_package():
+    found = {(m, s) for m, s in imports(".") if m.removesuffix(".py") in GROUND and s not in GROUND}
+    assert found == set()
+
+
+def test_the_house_has_nine_floors_and_no_stair_back():
+    floors: dict[str, int] = {}
+    for package, below in HOUSE.items():
+        floors[package] = 2 + max((floors[one] - 1 for one in below), default=0)  # a KeyError is a stair back
+    assert {path.parent.name for path in PACKAGE.glob("*/__init__.py")} == {*floors, "commands"}
+    assert max(floors.values()) + 1 <= 9  # the commands and the doors to them
 
 
 def test_only_the_simulate_command_the_study_and_the_schemas_know_the_simulator():
-    users = {m for m, s in stations(".") if s == "simulator" and not m.startswith(("simulator/", "study/"))}
-    assert users <= {"commands/simulate.py", "commands/study.py", "commands/reference.py"}
+    assert {m for m in users("simulator") if not m.startswith("study/")} <= {
+        "commands/simulate.py", "commands/study.py", "commands/reference.py",
+    }  # fmt: skip
 
 
 def test_nothing_but_its_command_imports_the_study():
-    users = {m for m, s in stations(".") if s == "study" and not m.startswith("study/")}
-    assert users == {"commands/study.py"}
+    assert users("study") == {"commands/study.py"}
 
 
 def test_commands_are_called_by_the_command_line_and_the_functions_for_notebooks_alone():
-    users = {m for m, s in stations(".") if s == "commands" and not m.startswith("commands/")}
-    assert users == {"cli.py", "notebook.py", "__init__.py"}
-
-
-def test_nothing_but_the_front_door_imports_the_functions_for_notebooks():
-    users = {m for m, s in stations(".") if s == "notebook"}
-    assert users == {"__init__.py"}
+    assert users("commands") == {"cli.py", "notebook.py", "__init__.py"}
+    assert users("notebook") == {"__init__.py"}
 
 
 def test_matplotlib_stays_in_the_figures():
-    users = {
-        str(path.relative_to(PACKAGE))
-        for path in PACKAGE.rglob("*.py")
-        if "import matplotlib" in path.read_text() or "from matplotlib" in path.read_text()
-    }
-    assert {user for user in users if not user.startswith("figures/")} == set()
+    drawing = re.compile(r"^\s*(import|from) matplotlib", re.MULTILINE)
+    found = {path.relative_to(PACKAGE).parts[0] for path in PACKAGE.rglob("*.py") if drawing.search(path.read_text())}
+    assert found == {"figures"}

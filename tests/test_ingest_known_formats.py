@@ -8,9 +8,9 @@ import polars as pl
 import pytest
 import yaml
 
+from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.inspect import inspect_file, row_of
 from osl_analysis.commands.trials import ingest_trial
-from osl_analysis.config.configuration import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.overview import Overview, RecordedChannel

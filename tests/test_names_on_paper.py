@@ -11,11 +11,11 @@ import pytest
 from test_figures import gains, impedance, response_table, texts
 
 from osl_analysis.bench.components import belt_figure_points, check_locked, part_summary
+from osl_analysis.campaign.campaign import about, open_campaign, response_example, time_series_example
+from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands import figure as plotted_numbers
 from osl_analysis.commands import tables
 from osl_analysis.commands.figure import draw_table
-from osl_analysis.config.campaign import about, open_campaign, response_example, time_series_example
-from osl_analysis.config.configuration import read_config
 from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.errors import InputError
 from osl_analysis.figures import drawing_of
@@ -26,7 +26,7 @@ from osl_analysis.judge.doubts import marked
 from osl_analysis.judge.findings import findings_report
 from osl_analysis.judge.table import Doubt
 from osl_analysis.model.compensator import PAPER_WEIGHT
-from osl_analysis.summary import ENDINGS, Example, headline_numbers
+from osl_analysis.report.headlines import ENDINGS, Example, headline_numbers
 from osl_analysis.table import read_table, tables_of, with_places, write_table
 
 fig5, fig6, fig8 = map(drawing_of, ("fig5", "fig6", "fig8"))

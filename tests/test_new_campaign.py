@@ -10,11 +10,11 @@ from click.testing import CliRunner
 from conftest import ROOT
 from jsonschema import Draft202012Validator
 
+from osl_analysis.campaign.configuration import read_config
 from osl_analysis.cli import main
 from osl_analysis.commands.inspect import draft_campaign
 from osl_analysis.commands.reference import definitions_of, schemas
 from osl_analysis.commands.run import looked_at, snakemake_arguments
-from osl_analysis.config.configuration import read_config
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
 from osl_analysis.ingest.draft import Recorded, draft_trials

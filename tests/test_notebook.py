@@ -20,13 +20,13 @@ from polars.testing import assert_frame_equal
 from test_bench_plausibility import RATE, RECORDINGS
 
 import osl_analysis as osl
+from osl_analysis.campaign.configuration import FrequencyResponseFigure, read_config
 from osl_analysis.commands import bench
 from osl_analysis.commands.bench import average_over_amplitudes
 from osl_analysis.commands.figure import fig7
 from osl_analysis.commands.gains import Request, requested_gains
 from osl_analysis.commands.tables import gather, judge
 from osl_analysis.commands.trials import ingest_trial
-from osl_analysis.config.configuration import FrequencyResponseFigure, read_config
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
 from osl_analysis.judge.recording import examine, measured_table
 from osl_analysis.judge.table import Commanded

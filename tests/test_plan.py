@@ -9,10 +9,10 @@ import yaml
 
 from osl_analysis.commands.simulate import simulate_campaign, simulate_trial, write_sheet
 from osl_analysis.config.sheet import read_sheet
-from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.yaml_settings import read_yaml
 
 ROOT = Path(__file__).parents[1]
 DEFAULT = ROOT / "config" / "simulation" / "default.yaml"

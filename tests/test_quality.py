@@ -10,8 +10,8 @@ import yaml
 from c3d_builder import REAL_DATA
 from conftest import ROOT
 
-from osl_analysis.config.campaign import check_campaign, open_campaign
-from osl_analysis.config.configuration import campaign_config, read_section
+from osl_analysis.campaign.campaign import check_campaign, open_campaign
+from osl_analysis.campaign.configuration import campaign_config, read_section
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.raw_files import FORMATS

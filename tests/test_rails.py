@@ -6,7 +6,6 @@ import pytest
 from bench_synthetic import second_order, stepped_sine
 
 from osl_analysis.commands.trials import ingest_trial
-from osl_analysis.config.yaml_settings import validated
 from osl_analysis.errors import InputError
 from osl_analysis.ingest.source import Conversion
 from osl_analysis.judge.recording import (
@@ -17,6 +16,7 @@ from osl_analysis.judge.recording import (
     stated_range,
 )
 from osl_analysis.trial import Trial
+from osl_analysis.yaml_settings import validated
 
 RATE = 500.0
 

@@ -14,7 +14,6 @@ from osl_analysis.errors import InputError, WriteError
 from osl_analysis.files import temporary_path
 from osl_analysis.jobs.job import died, perform, reason_and_remedy, refusal
 from osl_analysis.jobs.job_log import JobLog, read_log, read_logs, run_report, write_log
-from osl_analysis.jobs.refusal import Refusal, is_refused, read_refusals, refusal_report, refused_trials, write_refusals
 from osl_analysis.jobs.request import write_request
 from osl_analysis.jobs.run import job_server, run_job
 from osl_analysis.judge.findings import (
@@ -26,6 +25,7 @@ from osl_analysis.judge.findings import (
     without_refused,
 )
 from osl_analysis.judge.table import QualityRules
+from osl_analysis.refusal import Refusal, is_refused, read_refusals, refusal_report, refused_trials, write_refusals
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 from osl_analysis.walking.bodies import StaticCalibration

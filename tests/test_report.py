@@ -20,8 +20,8 @@ from test_bench_belt import belt_cycle
 from osl_analysis.bench.analysis import Series
 from osl_analysis.bench.components import belt_series, belt_table, fit_branches, transmission_of, transmission_table
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
+from osl_analysis.campaign.campaign import About
 from osl_analysis.commands.report import lacks_result
-from osl_analysis.config.campaign import About
 from osl_analysis.dictionary import described_tables
 from osl_analysis.report.page import (
     caption_html,

@@ -9,8 +9,8 @@ from c3d_builder import REAL_DATA, write_c3d
 from conftest import ROOT
 from mcap_builder import stamped, write_log
 
+from osl_analysis.campaign.configuration import read_section
 from osl_analysis.commands.inspect import SUFFIXES, escaped, samples_table
-from osl_analysis.config.configuration import read_section
 from osl_analysis.errors import InputError
 from osl_analysis.judge.table import QualityRules
 

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from osl_analysis.errors import IdentifiabilityError
-from osl_analysis.second_order import fit_impedance, impedance_torque
 from osl_analysis.stats.fit_row import lag_damping_row
+from osl_analysis.walking.second_order import fit_impedance, impedance_torque
 
 
 @given(st.floats(1, 500), st.floats(-2, 10), st.floats(-0.2, 0.5), st.floats(-10, 10))

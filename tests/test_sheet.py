@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from osl_analysis.config.campaign import Campaign
+from osl_analysis.campaign.campaign import Campaign
 from osl_analysis.config.sheet import read_sheet
 from osl_analysis.errors import InputError
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from osl_analysis.errors import InputError
-from osl_analysis.multisine import odd_lines, odd_multisine
+from osl_analysis.model.multisine import odd_lines, odd_multisine
 from osl_analysis.signals import LowPass, filtered_motion, sampling_rate
 
 

@@ -9,11 +9,10 @@ import pytest
 from conftest import ROOT
 
 from osl_analysis.bench.torque_angle import cycle_table, torque_angle_table, torque_angle_trial
+from osl_analysis.campaign.configuration import read_config
 from osl_analysis.commands.simulate import row_of_trial, simulate_campaign, simulate_trial
-from osl_analysis.config.configuration import read_config
-from osl_analysis.config.parameters import read_parameters
-from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.model.compensator import Gains, predicted_impedance
+from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.bench import simulate_bench_trial
 from osl_analysis.simulator.joint_motion import (
     JointMotion,
@@ -34,6 +33,7 @@ from osl_analysis.simulator.settings import (
     SteppedSineSchedule,
 )
 from osl_analysis.trial import Trial
+from osl_analysis.yaml_settings import read_yaml
 
 DEFAULT = ROOT / "config" / "simulation" / "default.yaml"
 TINY = ROOT / "tests" / "tiny_simulation.yaml"

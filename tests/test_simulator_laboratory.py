@@ -13,7 +13,6 @@ from scipy.signal import StateSpace, lsim
 from walking_setup import PERTURBED, STATIC, UNPERTURBED, Setup, leg_log, load_setup
 
 from osl_analysis.config.shared_choices import read_impedance_trajectory
-from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.simulator import step as gait
@@ -23,6 +22,7 @@ from osl_analysis.simulator.rigid_body import Pose, RigidBody, rotation_about
 from osl_analysis.simulator.settings import Conditions, Subject
 from osl_analysis.simulator.step import draw_step, drawn_change, unloaded_platform
 from osl_analysis.simulator.walking_settings import CaptureSettings, StepChange, WalkingSettings
+from osl_analysis.yaml_settings import read_yaml
 
 G = 9.81
 CROSSINGS = 24

@@ -11,10 +11,10 @@ from mcap_ros2.decoder import DecoderFactory
 from scipy.interpolate import CubicSpline
 
 from osl_analysis.commands.simulate import simulate_trial
-from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.simulator.recorder import Bench
 from osl_analysis.simulator.settings import SimulationSettings
+from osl_analysis.yaml_settings import read_yaml
 
 TRIAL = "impedance_K300_B5.0_compensated"
 JOINT = {"K": 300, "B": 5, "I": 0.02}

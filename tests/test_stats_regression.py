@@ -17,10 +17,10 @@ from osl_analysis.bench.phasors import (
     sines_at,
 )
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.second_order import impedance_columns
 from osl_analysis.signals import LowPass
 from osl_analysis.stats.fit_row import thinned_rows, whiteness_row
 from osl_analysis.stats.regression import linear_fit, variance_accounted_for
+from osl_analysis.walking.second_order import impedance_columns
 
 RNG_SEED = 20
 T = np.linspace(0, 10, 2000, endpoint=False)

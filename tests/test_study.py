@@ -9,11 +9,10 @@ import yaml
 from conftest import ROOT
 
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.campaign.configuration import StudySettings
 from osl_analysis.commands import study as study_jobs
 from osl_analysis.commands.figure import draw_figure
 from osl_analysis.commands.study import run_batch, study_inputs, summarise_study
-from osl_analysis.config.configuration import StudySettings
-from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.figures import others
 from osl_analysis.simulator.settings import RecorderSettings
@@ -32,6 +31,7 @@ from osl_analysis.study.bench import regression_bound, studied, study_rows
 from osl_analysis.study.performance import performance, study_page
 from osl_analysis.table import read_table
 from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.yaml_settings import read_yaml
 
 SOURCES = ROOT / "config/sources"
 CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text())

@@ -7,6 +7,7 @@ import re
 import polars as pl
 import pytest
 
+from osl_analysis.campaign.campaign import ABOUT_MACROS, About
 from osl_analysis.commands.tables import (
     format_results_table,
     later_failures,
@@ -14,12 +15,11 @@ from osl_analysis.commands.tables import (
     read_summary,
     write_summary,
 )
-from osl_analysis.config.campaign import ABOUT_MACROS, About
 from osl_analysis.errors import InputError
 from osl_analysis.jobs.job_log import JobLog, write_log
-from osl_analysis.jobs.refusal import Refusal
 from osl_analysis.judge.findings import findings
-from osl_analysis.summary import (
+from osl_analysis.refusal import Refusal
+from osl_analysis.report.headlines import (
     BOOTSTRAP,
     FEW,
     FIT,

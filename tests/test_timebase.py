@@ -12,9 +12,9 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.grid import GapLimits, UniformSignals, on_one_grid
-from osl_analysis.timebase.samples import ClockDrift, take
-from osl_analysis.timebase.stream import Stream, count_from_stamps
+from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid
+from osl_analysis.signals.samples import ClockDrift, take
+from osl_analysis.signals.stream import Stream, count_from_stamps
 
 
 def one_time_base(streams: list[Stream]) -> UniformSignals:

@@ -14,7 +14,7 @@ from osl_analysis.bench.impedance import QUANTITIES
 from osl_analysis.bench.record import sine_record
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.grid import GapLimits, uniform_signals
+from osl_analysis.signals.grid import GapLimits, uniform_signals
 from osl_analysis.trial import Trial
 
 K, B, I = 300.0, 5.0, 0.02

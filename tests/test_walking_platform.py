@@ -13,9 +13,9 @@ from conftest import ROOT
 from walking_platform import Ramp, Rig, ankle_answer, plate_trials, standing, step, walked
 from walking_synthetic import PLATE_RATE, PLATFORM, RATE, changed, hidden, settings
 
+from osl_analysis.campaign.campaign import Campaign, check_walking, open_campaign
+from osl_analysis.campaign.configuration import campaign_config
 from osl_analysis.commands.walking import average_unperturbed, identify_plate, read_model, write_model, write_refusal
-from osl_analysis.config.campaign import Campaign, check_walking, open_campaign
-from osl_analysis.config.configuration import campaign_config
 from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass
 from osl_analysis.table import read_table, write_table

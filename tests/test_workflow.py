@@ -17,13 +17,13 @@ import yaml
 from conftest import ROOT
 from snakemake_runs import OVERRIDES, run_snakemake, write_small
 
+from osl_analysis.campaign.configuration import overriding
 from osl_analysis.commands.reference import SUMMARY_FIELDS
-from osl_analysis.config.configuration import overriding
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures import FIGURES
-from osl_analysis.jobs.refusal import is_refused
 from osl_analysis.jobs.request import imported_names
-from osl_analysis.summary import all_labels
+from osl_analysis.refusal import is_refused
+from osl_analysis.report.headlines import all_labels
 
 TRIAL = "impedance_K300_B5.0_compensated"
 WALKING, DYNAMOMETER = OVERRIDES["walking"], OVERRIDES["dynamometer"]

@@ -10,14 +10,14 @@ from conftest import ROOT
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from osl_analysis.config.parameters import DrivetrainParameters, read_parameters
-from osl_analysis.config.yaml_settings import read_yaml
+from osl_analysis.model.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.crossing import SimulatedCrossing, motion_grid, simulate_crossing, simulate_walking_trial
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.step import draw_step
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trial import Array
+from osl_analysis.yaml_settings import read_yaml
 
 PERTURBED = {"trial": "walking_01", "experiment": "walking", "perturbed": True}
 UNPERTURBED = {"trial": "walking_01", "experiment": "walking", "perturbed": False}

@@ -28,7 +28,8 @@ FUNCTIONS = {
         "signals.Motion", "signals.filtered_motion", "signals.differentiate",
     ),
     "Fits": (
-        "second_order.fit_impedance", "second_order.ImpedanceFit", "second_order.impedance_torque",
+        "walking.second_order.fit_impedance", "walking.second_order.ImpedanceFit",
+        "walking.second_order.impedance_torque",
         "stats.regression.linear_fit", "stats.regression.LinearFit",
     ),
     "Frequency response": (
@@ -36,7 +37,7 @@ FUNCTIONS = {
         "spectral.response.periodic_response",
     ),
     "The drivetrain": (
-        "config.parameters.DrivetrainParameters", "model.drivetrain.motor_friction", "model.drivetrain.actuator_torque",
+        "model.parameters.DrivetrainParameters", "model.drivetrain.motor_friction", "model.drivetrain.actuator_torque",
         "model.drivetrain.belt_deflection", "model.drivetrain.belt_torque",
         "model.drivetrain.joint_admittance", "model.drivetrain.desired_admittance",
         "model.drivetrain.RationalFunction",

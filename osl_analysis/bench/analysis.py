@@ -15,9 +15,9 @@ from osl_analysis.bench.gram import GroupFit, Sums, held_out_vaf
 from osl_analysis.bench.record import Label, Record
 from osl_analysis.bench.settings import BenchStiffness
 from osl_analysis.errors import IdentifiabilityError, InputError
+from osl_analysis.signals.grid import UniformSignals
 from osl_analysis.stats.fit_row import Row, covariance_row, diagnostics_row, estimates_row, thinned_rows, whiteness_row
 from osl_analysis.stats.regression import LinearFit, with_shared_error
-from osl_analysis.timebase.grid import UniformSignals
 from osl_analysis.trial import Array
 
 

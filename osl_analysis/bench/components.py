@@ -26,13 +26,13 @@ from osl_analysis.bench.gram import GroupFit, fit_groups, gram_sums
 from osl_analysis.bench.phasors import harmonic_shares, phasors_of_record
 from osl_analysis.bench.record import Groups, Label, Record, joint_angle, stretches_of
 from osl_analysis.bench.settings import ActuatorAnalysis, BeltAnalysis
-from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.doubts import check_changes, summary_of_trials
 from osl_analysis.model.drivetrain import belt_deflection
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import Motion, differentiate, filtered_motion, runs
+from osl_analysis.signals.grid import BRIDGE_MORE, UniformSignals, uniform_signals
 from osl_analysis.stats.fit_row import Row, covariance_row, estimates_row
-from osl_analysis.timebase.grid import BRIDGE_MORE, UniformSignals, uniform_signals
 from osl_analysis.trial import Array, Trial
 
 PLACE = ("joint", "side")

@@ -30,10 +30,10 @@ from osl_analysis.bench.record import Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.judge.doubts import LARGEST_TURN
 from osl_analysis.signals import seven_point_motion
+from osl_analysis.signals.samples import ClockDrift, drift_row
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import CONDITION_LIMIT
-from osl_analysis.timebase.samples import ClockDrift, drift_row
 from osl_analysis.trial import Array
 
 Admittance = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]

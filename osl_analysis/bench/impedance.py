@@ -29,7 +29,6 @@ from osl_analysis.bench.effects import (
 from osl_analysis.bench.gram import GroupFit, Sums, paired_errors
 from osl_analysis.bench.phasors import SegmentPhasors, harmonic_shares, phasors_of_record
 from osl_analysis.bench.record import SHORTEST_S, Label, Record
-from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import IdentifiabilityError, InputError, nearest
 from osl_analysis.judge.doubts import (
     EFFECTS,
@@ -43,6 +42,7 @@ from osl_analysis.measured import usual_size
 from osl_analysis.model.compensator import CONTROLLERS, Gains, predicted_impedance, select_gains
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.gain_selection import Weight
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.protocol.stepped_sine import moving_bins
 from osl_analysis.spectral.periods import distinct
 from osl_analysis.spectral.response import periodic_response

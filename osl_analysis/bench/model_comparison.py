@@ -13,10 +13,10 @@ from scipy.optimize import least_squares
 
 from osl_analysis.bench.components import PLACE, BeltTrial, loaded_rows
 from osl_analysis.bench.record import Record
-from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain_response import Friction, belt_response
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import Motion
 from osl_analysis.stats.regression import regressors
 from osl_analysis.stats.repeats import Candidate, loss_behind_best, mean_over_trials, rank_words, score_models

@@ -30,10 +30,10 @@ from osl_analysis.protocol.stepped_sine import (
     whole_rows,
 )
 from osl_analysis.signals import LowPass, Motion, filtered_motion, runs
+from osl_analysis.signals.grid import GapLimits, UniformSignals, on_one_grid, origin, uniform_signals
 from osl_analysis.spectral.periods import PeriodicMotion, periodic_motion
 from osl_analysis.stats.covariance import FEWEST_CYCLES, products_between
 from osl_analysis.stats.rounding import noise_before_rounding, visible_step
-from osl_analysis.timebase.grid import GapLimits, UniformSignals, on_one_grid, origin, uniform_signals
 from osl_analysis.trial import Array, Trial
 
 Label = float | str | None

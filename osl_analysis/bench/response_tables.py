@@ -7,8 +7,8 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.record import Record
-from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import OslAnalysisError
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import LINES, Realisation, distinct, lines_frame
 from osl_analysis.spectral.response import (

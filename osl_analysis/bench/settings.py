@@ -5,11 +5,11 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from osl_analysis.config.yaml_settings import Degrees, Positive, Settings
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.signals import LowPass
-from osl_analysis.timebase.grid import GapLimits
+from osl_analysis.signals.grid import GapLimits
 from osl_analysis.trial import Array
+from osl_analysis.yaml_settings import Degrees, Positive, Settings
 
 STIFFNESS_UNITS = {"N*m/rad": 1.0, "Nm/rad": 1.0, "N*m/deg": 180 / np.pi, "Nm/deg": 180 / np.pi}
 """Units of a stiffness of the bench, and their factors to N*m/rad."""

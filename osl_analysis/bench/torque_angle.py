@@ -19,10 +19,10 @@ from osl_analysis.bench.record import joint_angle
 from osl_analysis.bench.settings import TorqueAngleAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import check_changes
+from osl_analysis.signals.grid import UniformSignals, uniform_signals
 from osl_analysis.stats.fit_row import Row
 from osl_analysis.stats.regression import CONDITION_LIMIT, variance_accounted_for
 from osl_analysis.stats.repeats import over_repeats
-from osl_analysis.timebase.grid import UniformSignals, uniform_signals
 from osl_analysis.trial import Array, Trial
 
 RowNumbers = NDArray[np.intp]

@@ -29,18 +29,18 @@ from osl_analysis.bench.settings import (
     SteppedSineAnalysis,
     TorqueAngleAnalysis,
 )
-from osl_analysis.config.configuration import Config, read_section
+from osl_analysis.campaign.configuration import Config, read_section
 from osl_analysis.config.experiments import EXPERIMENTS, FitJob
-from osl_analysis.config.parameters import FileOrNone, known_parameters, read_parameters
-from osl_analysis.config.yaml_settings import read_mapping
 from osl_analysis.errors import InputError, nearest, printable, printable_lines
 from osl_analysis.files import default_config, shipped
 from osl_analysis.judge.doubts import marked, not_checked_of, plausible
 from osl_analysis.judge.recording import check_recording, saturated
 from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.model.gain_selection import Weight
+from osl_analysis.model.parameters import FileOrNone, known_parameters, read_parameters
 from osl_analysis.table import finite_or_null, read_table, write_table
 from osl_analysis.trial import Trial, read_trial
+from osl_analysis.yaml_settings import read_mapping
 
 
 def fit_belt_trial(trial: Trial, parameters: FileOrNone, settings: BeltAnalysis) -> Mapping[str, pl.DataFrame]:

@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.gram import BY_REPEATS, BY_UNITS
-from osl_analysis.config.configuration import Config
+from osl_analysis.campaign.configuration import Config
 from osl_analysis.design.precision import (
     KBI,
     MOST_DRAWN,

@@ -14,20 +14,20 @@ from osl_analysis.bench.effects import IMPEDANCE, plain_sums
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.record import record_of_trial
 from osl_analysis.bench.settings import ImpedanceAnalysis
+from osl_analysis.campaign.campaign import ImpedanceExample
+from osl_analysis.campaign.configuration import FrequencyResponseFigure
 from osl_analysis.commands.walking import commanded_over_stance, read_unperturbed_gaits, selected_crossings
-from osl_analysis.config.campaign import ImpedanceExample
-from osl_analysis.config.configuration import FrequencyResponseFigure
-from osl_analysis.config.parameters import FileOrNone, joint_of, read_parameters
 from osl_analysis.errors import InputError
 from osl_analysis.figures import drawing_of, names
 from osl_analysis.figures.frequency import DESIRED, FIG7, LINEAR_MODEL, response_curve
 from osl_analysis.figures.names import completed, look_numbers
 from osl_analysis.files import atomic_path, digest
-from osl_analysis.jobs.refusal import Refusal, read_refusals
 from osl_analysis.judge.doubts import DOUBTFUL, marked
 from osl_analysis.judge.table import Doubt
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.model.gain_selection import Weight
+from osl_analysis.model.parameters import FileOrNone, joint_of, read_parameters
+from osl_analysis.refusal import Refusal, read_refusals
 from osl_analysis.table import read_table, write_table
 from osl_analysis.trial import read_trial
 from osl_analysis.walking.gait import unperturbed_gait

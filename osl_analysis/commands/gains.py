@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from osl_analysis.commands.bench import rows_json
 from osl_analysis.commands.figure import draw_table
-from osl_analysis.config.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
 from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.errors import InputError, UnreachableImpedanceError
 from osl_analysis.figures import drawing_of
@@ -26,6 +25,7 @@ from osl_analysis.model.compensator import (
 )
 from osl_analysis.model.drivetrain import desired_admittance, joint_admittance
 from osl_analysis.model.gain_selection import Weight, optimal_damping
+from osl_analysis.model.parameters import DrivetrainParameters, FileOrNone, known_parameters, read_parameters
 from osl_analysis.table import write_table
 
 TESTED_HZ = (1.0, 2.0, 3.0, 4.0, 5.0)  # frequencies of Section III-B, at which the fit of Eq. 15 is predicted

@@ -18,16 +18,14 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench.impedance import DesiredImpedance
+from osl_analysis.campaign.campaign import Campaign, open_campaign
+from osl_analysis.campaign.configuration import Config, read_config
 from osl_analysis.commands.bench import UNIT_OF, Fit, estimated, estimates_text, fit_request, fit_trial, job_of
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.commands.reference import write_schemas
 from osl_analysis.commands.trials import checked_trial
-from osl_analysis.config.campaign import Campaign, open_campaign
-from osl_analysis.config.configuration import Config, read_config
 from osl_analysis.config.experiments import EXPERIMENTS, PROTOCOL
-from osl_analysis.config.parameters import joint_of
 from osl_analysis.config.sheet import JOINT
-from osl_analysis.config.yaml_settings import dotted, read_mapping
 from osl_analysis.errors import InputError, OslAnalysisError, listing, nearest, printable, unexpected
 from osl_analysis.files import CAMPAIGN, atomic_path, shipped
 from osl_analysis.formats.rosbag import DESCRIPTION as BAG_DESCRIPTION
@@ -39,7 +37,9 @@ from osl_analysis.ingest.source import open_places
 from osl_analysis.judge.doubts import not_checked_line
 from osl_analysis.judge.recording import CHECKS, examine, quality_table, validate_rules
 from osl_analysis.judge.table import Commanded, QualityRules
+from osl_analysis.model.parameters import joint_of
 from osl_analysis.trial import Trial
+from osl_analysis.yaml_settings import dotted, read_mapping
 
 
 def first_look(folder: Path) -> Iterator[str]:

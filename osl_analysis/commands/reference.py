@@ -13,15 +13,15 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
-from osl_analysis.config.configuration import Config
-from osl_analysis.config.parameters import ParameterFile
+from osl_analysis.campaign.configuration import Config
 from osl_analysis.dictionary import described_tables
 from osl_analysis.files import atomic_path
 from osl_analysis.ingest.raw_files import FORMATS
 from osl_analysis.judge.recording import CHECKS
+from osl_analysis.model.parameters import ParameterFile
+from osl_analysis.report.headlines import all_labels
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
-from osl_analysis.summary import all_labels
 
 INTRODUCTION = """\
 # Tables

@@ -6,18 +6,18 @@ from typing import Any
 
 import polars as pl
 
+from osl_analysis.campaign.campaign import About
 from osl_analysis.commands.tables import read_summary
-from osl_analysis.config.campaign import About
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.dictionary import described_tables
 from osl_analysis.figures.names import figure_title
 from osl_analysis.files import atomic_path
-from osl_analysis.jobs.refusal import Refusal, is_refused
 from osl_analysis.judge.recording import CHECKS
+from osl_analysis.refusal import Refusal, is_refused
 from osl_analysis.report import panels, trial_page
+from osl_analysis.report.headlines import COUNT
 from osl_analysis.report.page import captions_by_title, inline_png, inline_svg, written_page
 from osl_analysis.report.trial_page import ReportedTrial, left_out_trials, trial_content, without_result
-from osl_analysis.summary import COUNT
 from osl_analysis.table import read_table
 from osl_analysis.trial import read_provenance, read_trial, unit_of
 

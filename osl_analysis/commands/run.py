@@ -12,9 +12,9 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-from osl_analysis.config.yaml_settings import read_mapping
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.files import CAMPAIGN, check_working_folder, root, shipped
+from osl_analysis.yaml_settings import read_mapping
 
 STATES_ITS_OWN = ("--configfile", "--configfiles")  # options of Snakemake that name a configuration
 PROFILE_OPTION = "--workflow-profile"  # names a folder with options: one here, or a shipped one as `profiles/slurm`
@@ -99,8 +99,8 @@ def looked_at(folder: Path) -> Iterator[tuple[str, str, str]]:
 
 def campaign(path: Path) -> tuple[str, str]:
     """What a campaign's configuration and sheet tell, and what to correct."""
-    from osl_analysis.config.campaign import check_campaign, open_campaign
-    from osl_analysis.config.configuration import read_config
+    from osl_analysis.campaign.campaign import check_campaign, open_campaign
+    from osl_analysis.campaign.configuration import read_config
 
     if not path.is_file():
         return "none in this folder", ""

@@ -5,15 +5,15 @@ from pathlib import Path
 from typing import Any
 
 from osl_analysis.config.experiments import EXPERIMENTS
-from osl_analysis.config.parameters import read_parameters
 from osl_analysis.config.shared_choices import SharedChoices
 from osl_analysis.config.sheet import SHEET_COLUMNS, SheetRows
-from osl_analysis.config.yaml_settings import read_yaml, validated
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path, check_output, check_target
+from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.plan import plan_trials
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.yaml_settings import read_yaml, validated
 
 TRUTH = "truth"
 NOTHING = SharedChoices()  # No configuration to follow: the settings alone decide.

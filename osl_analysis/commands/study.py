@@ -11,15 +11,14 @@ import polars as pl
 
 from osl_analysis.bench.analysis import FitTables
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
+from osl_analysis.campaign.configuration import StudySettings
 from osl_analysis.commands.bench import FitRequest, fit_tables, job_of
 from osl_analysis.compiled import require_compiler
-from osl_analysis.config.configuration import StudySettings
-from osl_analysis.config.parameters import read_parameters
-from osl_analysis.config.yaml_settings import read_yaml
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
-from osl_analysis.jobs.refusal import Refusal
 from osl_analysis.judge.table import DoubtfulFits
+from osl_analysis.model.parameters import read_parameters
+from osl_analysis.refusal import Refusal
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.study import WALKING_EXPERIMENTS
@@ -29,6 +28,7 @@ from osl_analysis.study.walking import walking_rows
 from osl_analysis.table import SIMULATED, read_table, tables_of, write_table
 from osl_analysis.trial import Trial
 from osl_analysis.walking.settings import WalkingAnalysis
+from osl_analysis.yaml_settings import read_yaml
 
 
 def study_inputs(

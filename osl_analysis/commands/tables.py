@@ -11,17 +11,16 @@ import polars as pl
 
 from osl_analysis.bench.response_tables import MODELS, RESPONSE, periodic_tables
 from osl_analysis.bench.settings import FilterSettings
-from osl_analysis.config.campaign import About
-from osl_analysis.config.parameters import FileOrNone, joint_of, known_parameters
+from osl_analysis.campaign.campaign import About
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
 from osl_analysis.jobs.job_log import read_log
-from osl_analysis.jobs.refusal import Refusal, check_not_refused, refused_trials
 from osl_analysis.judge.doubts import marked, with_doubts_of
 from osl_analysis.judge.findings import Judge, findings
 from osl_analysis.judge.table import Doubt, QualityRules
-from osl_analysis.spectral.periods import Realisation, pooled, realisations_from
-from osl_analysis.summary import (
+from osl_analysis.model.parameters import FileOrNone, joint_of, known_parameters
+from osl_analysis.refusal import Refusal, check_not_refused, refused_trials
+from osl_analysis.report.headlines import (
     DRAFT_EXAMPLE,
     READ,
     Example,
@@ -33,6 +32,7 @@ from osl_analysis.summary import (
     to_tex,
     used_and_missing,
 )
+from osl_analysis.spectral.periods import Realisation, pooled, realisations_from
 from osl_analysis.table import Places, read_table, with_places, write_table
 
 

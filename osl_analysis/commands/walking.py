@@ -16,9 +16,9 @@ from osl_analysis.config.shared_choices import SYNTHETIC, read_impedance_traject
 from osl_analysis.config.sheet import JOINT
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.files import atomic_path
-from osl_analysis.jobs.refusal import check_not_refused
 from osl_analysis.judge.doubts import DOUBTFUL, EXCLUDED, doubtful_row, marked
 from osl_analysis.judge.table import Doubt
+from osl_analysis.refusal import check_not_refused
 from osl_analysis.table import MEASURED, Places, read_table, with_places, write_table
 from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Array, Trial, read_trial, write_trial
 from osl_analysis.walking import bodies, tables

@@ -1,1 +1,1 @@
-"""Configuration of a campaign: YAML files, sample sheet, parameters, experiments."""
+"""What a sample sheet may say, choices that several settings share, and the facts of every experiment."""

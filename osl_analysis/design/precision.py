@@ -28,7 +28,7 @@ from osl_analysis.bench.effects import IMPEDANCE
 from osl_analysis.bench.gram import BY_REPEATS, BY_UNITS, FEWEST_UNITS
 from osl_analysis.bench.record import STRETCH_S
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.multisine import Multisine, odd_multisine
+from osl_analysis.model.multisine import Multisine, odd_multisine
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.response import DETECTION, ENOUGH_REALISATIONS, REALISATIONS
 from osl_analysis.stats.covariance import FEWEST_CYCLES, welch_satterthwaite

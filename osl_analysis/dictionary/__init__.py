@@ -15,7 +15,7 @@ from functools import cache
 from itertools import combinations
 from pathlib import Path
 
-from osl_analysis.config.yaml_settings import read_mapping
+from osl_analysis.yaml_settings import read_mapping
 
 HERE = Path(__file__).parent
 

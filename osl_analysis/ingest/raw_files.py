@@ -14,7 +14,6 @@ from typing import Any
 import polars as pl
 from pydantic import ConfigDict, field_validator
 
-from osl_analysis.config.yaml_settings import Settings, dotted, field_line, read_mapping, read_yaml
 from osl_analysis.errors import InputError, listing, nearest, printable
 from osl_analysis.formats.c3d import is_c3d
 from osl_analysis.formats.csv_table import is_text
@@ -32,6 +31,7 @@ from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.recording import Recording, check_sizes
 from osl_analysis.ingest.source import KEYS, UNKNOWN, Keys, SharedAngle, Source, model_of, open_places
 from osl_analysis.trial import COLUMNS, Trial
+from osl_analysis.yaml_settings import Settings, dotted, field_line, read_mapping, read_yaml
 
 
 @contextmanager
@@ -147,7 +147,7 @@ def recognise(path: Path) -> str:
 
 def check_format(path: Path, source: Source) -> None:
     """Refuse a file whose content is of another format than its source file says."""
-    begin, found = formats_of(path)
+    begin, found = formats_of(path, source.format)
     if (found and source.format not in found) or (source.format == "csv" and not is_text(begin)):
         what = f"is {found[0]}" if found else f"is no text (it begins with {begin[:8]!r})"
         remedy = f"write `format: {found[0]}` in a source file for it" if found else "name the recording itself"
@@ -156,13 +156,16 @@ def check_format(path: Path, source: Source) -> None:
         raise InputError(f"{path}: {what}, its source file says {source.format}; {remedy}")
 
 
-def formats_of(path: Path) -> tuple[bytes, list[str]]:
-    """What a file begins with, and the formats that it has by that; none for text that only its name can tell."""
+def formats_of(path: Path, stated: str = "csv") -> tuple[bytes, list[str]]:
+    """What a file begins with, and the formats that it has by that, the stated one alone where it is that; none for
+    text that only its name can tell."""
     if path.is_dir():
         return b"", [folder_format(path)]
     with path.open("rb") as file:
         begin = file.read(FIRST_BYTES)
     refuse_others(path, begin)  # first: a PNG image begins like C3D
+    if stated != "csv" and FORMATS[stated].begins(begin):
+        return begin, [stated]
     return begin, [name for name, known in FORMATS.items() if name != "csv" and known.begins(begin)]
 
 

@@ -25,11 +25,11 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError, PydanticUndefined
 
-from osl_analysis.config.yaml_settings import Settings, field_line
 from osl_analysis.errors import InputError, nearest
 from osl_analysis.formats.mat import checked_address
 from osl_analysis.ingest.units import ForceUnit, LengthUnit, MomentUnit, TimeUnit, Unit, quantity, si_factor
 from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
+from osl_analysis.yaml_settings import Settings, field_line
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
 Stamps = Literal["auto", "exact", "even"]

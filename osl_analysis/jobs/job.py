@@ -19,10 +19,10 @@ from pydantic import ConfigDict, validate_call
 from osl_analysis.errors import OslAnalysisError, PartialResultError, WriteError, printable, unexpected
 from osl_analysis.files import atomic_path, temporary_path
 from osl_analysis.jobs.job_log import JobLog, Outcome, write_log
-from osl_analysis.jobs.memory import limited_memory
-from osl_analysis.jobs.refusal import Refusal, write_refusals
 from osl_analysis.jobs.request import read_request
 from osl_analysis.judge.findings import Judge, exclusions, without_excluded, without_refused
+from osl_analysis.memory import limited_memory
+from osl_analysis.refusal import Refusal, write_refusals
 from osl_analysis.table import archives, tables_of, write_table
 from osl_analysis.trial import read_trial
 

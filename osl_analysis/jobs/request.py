@@ -17,8 +17,8 @@ from typing import Any
 
 from osl_analysis.files import PACKAGE, atomic_path, digest, file_state, root
 from osl_analysis.jobs.job_log import plain
-from osl_analysis.jobs.refusal import TRIED_AGAIN, is_refused, read_refusals
 from osl_analysis.judge.findings import Judge, exclusions
+from osl_analysis.refusal import TRIED_AGAIN, is_refused, read_refusals
 
 PLACES = {"<package>": str(PACKAGE), "<shipped>": str(root())}
 """What stands in requests for folders of the program, so that results hold in another environment with the same."""

@@ -129,8 +129,8 @@ def serve(number: int) -> NoReturn:
 
 def prepare(folder: str, request: str) -> None:
     """Import and parse what a job uses, which takes up to a second: the jobs that are forked later share it."""
-    from osl_analysis.config.yaml_settings import read_mapping
     from osl_analysis.jobs.request import read_request
+    from osl_analysis.yaml_settings import read_mapping
 
     with suppress(Exception):  # the job will say so
         job = read_request(Path(folder, request))
@@ -197,7 +197,7 @@ def at_end_of_run(
             print(text, file=sys.stderr, end="\n" * bool(text), flush=True)
             return
         from osl_analysis.jobs.job_log import read_logs, run_report
-        from osl_analysis.jobs.refusal import MOST_TOLD, is_refused
+        from osl_analysis.refusal import MOST_TOLD, is_refused
 
         files = [str(file) for job in workflow.dag.jobs for file in job.output]
         records = [file for file in files if is_refused(file)]

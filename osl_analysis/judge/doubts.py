@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 import polars as pl
 
-from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.judge.table import TABLE, Cause, Doubt, Judgement
 from osl_analysis.measured import check_measured, rms
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.stats.repeats import summary_row
 from osl_analysis.trial import Array
 

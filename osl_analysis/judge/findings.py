@@ -1,4 +1,4 @@
-"""Which trials a job uses: not those that quality control excludes, nor those without a result (`jobs.refusal`); and
+"""Which trials a job uses: not those that quality control excludes, nor those without a result (`refusal`); and
 what a reader must know of a campaign, in the same words at the end of a run, by `results` and on the page: causes and
 the trials that they concern, not the rows of tables that inherit them.
 """
@@ -14,10 +14,10 @@ import polars as pl
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import InputError, listing
 from osl_analysis.files import atomic_path
-from osl_analysis.jobs.refusal import Refusal, distinct_causes, is_refused, read_refusals
 from osl_analysis.judge.doubts import CAUSES, DOUBTFUL, LATENESS, SIZED, causes_by_trial, not_checked_of, of_whole_trial
 from osl_analysis.judge.recording import CHECKS, judged_table
 from osl_analysis.judge.table import Cause, QualityRules
+from osl_analysis.refusal import Refusal, distinct_causes, is_refused, read_refusals
 from osl_analysis.table import read_table
 
 HOW_TO_USE = "record again, give a reason under `exclude` in the sample sheet, or name the check under `accept`"

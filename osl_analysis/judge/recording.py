@@ -16,8 +16,8 @@ from osl_analysis.measured import usual_size
 from osl_analysis.plate_surface import beside, plate_axes
 from osl_analysis.protocol.stepped_sine import FEWEST_OF_A_RUN, Likeness, Run, SteppedSineProtocol, find_runs
 from osl_analysis.signals import longest_at_extreme, longest_run, run_edges, runs
-from osl_analysis.timebase.grid import GapLimits, devices_of, streams, uniform_signals
-from osl_analysis.timebase.samples import take
+from osl_analysis.signals.grid import GapLimits, devices_of, streams, uniform_signals
+from osl_analysis.signals.samples import take
 from osl_analysis.trial import Array, Trial, plate_columns, unit_of
 
 

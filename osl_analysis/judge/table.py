@@ -12,9 +12,9 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from osl_analysis.config.experiments import Experiment, judged_tables
-from osl_analysis.config.yaml_settings import Settings, read_mapping
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
 from osl_analysis.trial import Trial
+from osl_analysis.yaml_settings import Settings, read_mapping
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import UnreachableImpedanceError
 from osl_analysis.model.drivetrain import joint_admittance
 from osl_analysis.model.gain_selection import Weight, optimal_damping
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
 CONTROLLERS = ("compensated", "uncompensated")  # The controllers whose gains the draft states

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from osl_analysis.config.parameters import DrivetrainParameters
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.linalg import expm
 
 from osl_analysis.compiled import compiled
-from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.model.compensator import Gains
 from osl_analysis.model.drivetrain import belt_deflection, belt_torque
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
 

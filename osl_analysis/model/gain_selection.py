@@ -16,8 +16,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import UnreachableImpedanceError
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.trial import Array
 
 HIGHEST_ORDER_OF_W = 10

@@ -14,8 +14,8 @@ from osl_analysis.dictionary import DescribedTable
 from osl_analysis.judge.doubts import IS_DOUBTFUL, not_checked_of, reasons_in
 from osl_analysis.judge.findings import exclusion_said
 from osl_analysis.judge.recording import CHECKS
+from osl_analysis.report.headlines import AMPLITUDES, decimals, fixed, rounded_by, told_apart, trials_text
 from osl_analysis.report.panels import Pictures
-from osl_analysis.summary import AMPLITUDES, decimals, fixed, rounded_by, told_apart, trials_text
 
 NO_VALUE = "–"
 VERDICTS = ("used", "flagged", "doubtful", "excluded", "refused")

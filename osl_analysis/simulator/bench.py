@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.model.compensator import Gains, select_gains
 from osl_analysis.model.drivetrain import actuator_torque
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.simulator.drivetrain import (
     ControlCommands,
     DrivetrainEffects,

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.model.compensator import check_request, stiffness_gain
 from osl_analysis.model.gain_selection import Weight, optimal_damping
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.simulator import step as gait
 from osl_analysis.simulator import vicon
 from osl_analysis.simulator.bench import drivetrain_effects

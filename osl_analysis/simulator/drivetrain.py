@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from osl_analysis.compiled import fused
-from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.settings import PassiveFoot, SecondOrderJoint
 from osl_analysis.trial import Array

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from osl_analysis.compiled import compiled
-from osl_analysis.multisine import odd_multisine
+from osl_analysis.model.multisine import odd_multisine
 from osl_analysis.simulator.settings import BeltMotion, Excitation, SlowCycles, SteppedSineSchedule
 from osl_analysis.trial import Array
 

@@ -4,7 +4,7 @@ functions too."""
 import numpy as np
 
 from osl_analysis.compiled import numba
-from osl_analysis.config.parameters import PARAMETER_UNITS, DrivetrainParameters
+from osl_analysis.model.parameters import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.simulator import bench, crossing
 from osl_analysis.simulator.drivetrain import IDEAL, ControlCommands, simulate_belt_torque, simulate_drivetrain
 from osl_analysis.simulator.joint_motion import JointMotion, position_loop

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
-from osl_analysis.config.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
+from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
 
 
 class Effect(Settings):

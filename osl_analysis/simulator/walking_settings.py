@@ -10,7 +10,6 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from osl_analysis.config.shared_choices import WEIGHT_OF_PAPER, WeightSettings
-from osl_analysis.config.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
 from osl_analysis.simulator.settings import (
     Count,
     Effect,
@@ -21,6 +20,7 @@ from osl_analysis.simulator.settings import (
     off,
     sized,
 )
+from osl_analysis.yaml_settings import Degrees, NotNegative, Positive, Settings, ShippedPath
 
 
 class CaptureSettings(Settings):

@@ -30,9 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
-from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import LowPass
 from osl_analysis.spectral.periods import (
     NEIGHBOURS,

@@ -11,10 +11,10 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.bench.analysis import FitTables
-from osl_analysis.config.configuration import StudySettings
-from osl_analysis.config.parameters import DrivetrainParameters
+from osl_analysis.campaign.configuration import StudySettings
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import Gains, compensated_gains, predicted_impedance
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import runs
 from osl_analysis.simulator.bench import true_signals
 from osl_analysis.simulator.recorder import BenchLog, TrueSignal, recording_of

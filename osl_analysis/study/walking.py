@@ -9,10 +9,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from osl_analysis.config.parameters import DrivetrainParameters
 from osl_analysis.errors import InputError, OslAnalysisError
 from osl_analysis.ingest.raw_files import trial_from_files
-from osl_analysis.second_order import ImpedanceFit
+from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.crossing import (
     SimulatedCrossing,
@@ -35,6 +34,7 @@ from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.plate import PlateModel, Stance, identify_plate_model
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform
 from osl_analysis.walking.response import Ensemble, common_errors, fit_response, fit_without_offset, isolate_response
+from osl_analysis.walking.second_order import ImpedanceFit
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
 
 UNCHECKED = CrossingQuality(residuals={}, zero=None, placement=(0.0, 0.0), encoder=None)

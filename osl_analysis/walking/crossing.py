@@ -11,7 +11,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.measured import check_measured
 from osl_analysis.plate_surface import furthest_outside
 from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
-from osl_analysis.timebase.grid import GapLimits, uniform_signals
+from osl_analysis.signals.grid import GapLimits, uniform_signals
 from osl_analysis.trial import AXES, Array, Trial
 from osl_analysis.walking import bodies, plate, platform
 from osl_analysis.walking.bodies import SEGMENTS, BodyMotion, Poses, StaticCalibration

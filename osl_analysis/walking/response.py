@@ -18,7 +18,6 @@ from scipy.special import ndtr, stdtrit
 
 from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisError
 from osl_analysis.measured import EXACT_FIT_SHARE
-from osl_analysis.second_order import ImpedanceFit, fit_impedance, impedance_torque
 from osl_analysis.signals import Motion, differentiate, sampling_rate
 from osl_analysis.stats.covariance import welch_satterthwaite
 from osl_analysis.stats.regression import linear_fit
@@ -26,6 +25,7 @@ from osl_analysis.stats.repeats import CommonError
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.gait import BEFORE_ONSET_S, UnperturbedGait, aligned_gait, at_phases, signal_at
+from osl_analysis.walking.second_order import ImpedanceFit, fit_impedance, impedance_torque
 from osl_analysis.walking.settings import EnsembleSettings, StanceSource, TimingSettings
 
 MARGIN = 8  # Additional samples at both ends of a response. A spline's derivatives are less accurate at its ends.

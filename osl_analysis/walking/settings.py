@@ -4,8 +4,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from osl_analysis.config.yaml_settings import NotNegative, Positive, Settings
 from osl_analysis.signals import LowPass
+from osl_analysis.yaml_settings import NotNegative, Positive, Settings
 
 Cluster = Annotated[tuple[str, ...], Field(min_length=3)]
 Side = Literal["left", "right"]

@@ -12,7 +12,6 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.measured import rms
-from osl_analysis.second_order import ImpedanceFit
 from osl_analysis.signals import Motion
 from osl_analysis.stats.fit_row import (
     covariance_row,
@@ -40,6 +39,7 @@ from osl_analysis.walking.response import (
     response_lag,
     signs_of,
 )
+from osl_analysis.walking.second_order import ImpedanceFit
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings
 
 GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"

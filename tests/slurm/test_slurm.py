@@ -18,7 +18,7 @@ import yaml
 from conftest import ROOT
 from snakemake_runs import OVERRIDES, write_small
 
-from osl_analysis.jobs.refusal import is_refused
+from osl_analysis.refusal import is_refused
 
 CONFIG = "config/small.yaml"
 COUNTS = {"belt": 4, "transmission": 2, "actuator": 2, "plate": 3, "walking": 8}

@@ -11,8 +11,8 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.samples import Taken, take
-from osl_analysis.timebase.stream import FEWEST_STAMPS, LONG_STEP, Stream
+from osl_analysis.signals.samples import Taken, take
+from osl_analysis.signals.stream import FEWEST_STAMPS, LONG_STEP, Stream
 from osl_analysis.trial import Array, Trial, counter_column
 
 BRIDGE_MORE = (  # what the user may do where gaps leave nothing to fit

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from osl_analysis.config.campaign import ABOUT_MACROS, ABOUT_MEANING, About
+from osl_analysis.campaign.campaign import ABOUT_MACROS, ABOUT_MEANING, About
 from osl_analysis.config.experiments import EXPERIMENTS, judged_tables
-from osl_analysis.config.yaml_settings import read_mapping
 from osl_analysis.errors import InputError
 from osl_analysis.judge.doubts import DOUBTFUL, causes_by_trial, counted, doubtful_count
 from osl_analysis.judge.findings import exclusion_said
 from osl_analysis.model.compensator import CONTROLLERS
 from osl_analysis.trial import Array
+from osl_analysis.yaml_settings import read_mapping
 
 DRAFT_JOINT = "ankle"  # the joint whose numbers the draft prints
 

@@ -17,7 +17,7 @@ import scipy
 from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
-from osl_analysis.timebase.stream import SampleCount, Stream, line_through, missing_by_rhythm, places_of_samples
+from osl_analysis.signals.stream import SampleCount, Stream, line_through, missing_by_rhythm, places_of_samples
 from osl_analysis.trial import Array
 
 

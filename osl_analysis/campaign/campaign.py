@@ -12,18 +12,18 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from osl_analysis.config.configuration import Config, FrequencyResponseFigure
+from osl_analysis.campaign.configuration import Config, FrequencyResponseFigure
 from osl_analysis.config.experiments import ResultTable
-from osl_analysis.config.parameters import joint_of
 from osl_analysis.config.sheet import SheetRows, read_sheet
-from osl_analysis.config.yaml_settings import read_mapping
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config, digest
 from osl_analysis.formats.rosbag import recorded_files
 from osl_analysis.judge.recording import CHECKS, unknown_check, validate_rules
 from osl_analysis.model.compensator import CONTROLLERS
+from osl_analysis.model.parameters import joint_of
 from osl_analysis.table import MEASURED, SIMULATED
 from osl_analysis.walking.groups import IS_PERTURBED, STATED, side_of, split_keys, static_of
+from osl_analysis.yaml_settings import read_mapping
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from pydantic import Field
 
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis, ModelComparison, TorqueAngleAnalysis
 from osl_analysis.config.shared_choices import FOLLOWED, FollowedProtocol, SharedChoices, WeightSettings
-from osl_analysis.config.yaml_settings import Degrees, Model, Positive, Settings, ShippedPath, read_mapping, validated
 from osl_analysis.errors import InputError
 from osl_analysis.files import default_config
 from osl_analysis.judge.table import DoubtfulFits, QualityRules
 from osl_analysis.walking.settings import OvergroundAnalysis, WalkingAnalysis
+from osl_analysis.yaml_settings import Degrees, Model, Positive, Settings, ShippedPath, read_mapping, validated
 
 Some = Annotated[int, Field(ge=0, le=1_000_000)]  # trials, campaigns or crossings; more is a slip of the keyboard
 

@@ -193,7 +193,7 @@ CROSSINGS = {"identify_plate", "analyse_crossing", "select_crossings", "average_
 @pytest.mark.parametrize(
     ("module", "again", "untouched"),
     [
-        ("second_order", "fit_perturbation", BENCH | {"identify_plate", "analyse_crossing"}),
+        ("walking/second_order", "fit_perturbation", BENCH | {"identify_plate", "analyse_crossing"}),
         ("bench/impedance", "fit_impedance_trial", {"fit_belt_trial", "fit_transmission_trial", "fit_perturbation"}),
     ],
 )

@@ -96,6 +96,8 @@ def fit_impedance(
     The rows are those of `impedance.csv`: one per amplitude of a stepped sine, and one over all of them; of any other
     motion one row.
 
+    Parameters
+    ----------
     trial: a trial with `theta` [rad] and the resisting `torque` [N*m], or its file.
     desired: what the leg was asked to render, `DesiredImpedance("compensated", K_d=300, B_d=5)`. With it the fit is
         judged by what the gains should give. Without it `not_checked` says what is not judged.
@@ -153,6 +155,8 @@ def fit_torque_angle(trial: Trial | File, curve: str | None = None, config: File
 class Response:
     """The frequency response of one trial.
 
+    Attributes
+    ----------
     trial: name of the trial
     table: a row per frequency. Of a stepped sine those of `frequency_response.csv`, the admittance Y, angle over torque
         [rad/(N*m)], averaged over amplitudes. Of any other motion those of `response.csv`, the impedance Z, torque over
@@ -220,6 +224,8 @@ def read_recording(path: File, source: File, part: str | None = None, name: str 
 
     A trial of two recorders (walking) needs a campaign, or `osl-analysis ingest`.
 
+    Parameters
+    ----------
     path: the recording, or the folder of a split ROS 2 bag.
     source: the source file (YAML) with channel, unit and sign of each signal, or the name of a shipped one, such as
         "opensourceleg". `osl-analysis inspect FILE --draft mine.yaml` drafts one.

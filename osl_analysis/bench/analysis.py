@@ -161,7 +161,9 @@ def friction_row(s: Sums, model: Model, fit: LinearFit, label: Label) -> Row:
     row: Row = {"coulomb_torque": told["T_C"], "coulomb_damping": made, "coulomb_share": 0.0}
     whole = told if label is None else with_friction(s, model, None)
     if whole["T_C"] > 0 and whole.certain("T_C", FALSE_ALARM):
-        row["coulomb_share"] = made / fit[damping]
+        # friction that a controller takes off is not Coulomb's: the smaller of two answers is held against a trial
+        alone = with_effects(s, model, ("T_C",), label)
+        row["coulomb_share"] = max(min(made, fit[damping] - alone[damping]), 0.0) / fit[damping]
     if told["T_C"] <= 0 or not told.certain("T_C", FALSE_ALARM):
         return row | dict.fromkeys(names)
     # No recording shows over which velocity friction turns its sign. What a tenth of that of T_C makes of both numbers

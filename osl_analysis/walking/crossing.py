@@ -101,7 +101,7 @@ def analyse_crossing(
         return crossing_from_trial(trial, calibration, unloaded, perturbed, settings, shared)
     except InputError as error:
         text = "; ".join(filter(None, [str(error), bodies.exchanged_labels(trial, calibration, settings)]))
-        raise InputError(text if trial.name in text else f"trial {trial.name}: {text}") from error
+        raise InputError(text if f"trial {trial.name}" in text else f"trial {trial.name}: {text}") from error
 
 
 def crossing_from_trial(

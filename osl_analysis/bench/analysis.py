@@ -154,21 +154,22 @@ def friction_row(s: Sums, model: Model, fit: LinearFit, label: Label) -> Row:
     own = (f"{damping}_viscous", "f_C" if damping == "B" else "T_C")
     names = [f"{name}{end}" for name in own for end in ("", "_se", "_low", "_high")]
     try:
-        told = viscous_and_friction(s, model, fit, label)
+        alone, beside = with_effects(s, model, ("T_C",), label), with_friction(s, model, label)
     except IdentifiabilityError:
         return dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
+    told = viscous_and_friction(fit, alone, beside, damping, "T_C")
     made = fit[damping] - told[damping]
     row: Row = {"coulomb_torque": told["T_C"], "coulomb_damping": made, "coulomb_share": 0.0}
-    whole = told if label is None else with_friction(s, model, None)
+    whole = beside if label is None else with_friction(s, model, None)
     if whole["T_C"] > 0 and whole.certain("T_C", FALSE_ALARM):
         # friction that a controller takes off is not Coulomb's: the smaller of two answers is held against a trial
-        alone = with_effects(s, model, ("T_C",), label)
         row["coulomb_share"] = max(min(made, fit[damping] - alone[damping]), 0.0) / fit[damping]
     if told["T_C"] <= 0 or not told.certain("T_C", FALSE_ALARM):
         return row | dict.fromkeys(names)
     # No recording shows over which velocity friction turns its sign. What a tenth of that of T_C makes of both numbers
     # is the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
-    sharp = viscous_and_friction(s, model, fit, label, "T_C_sharp")
+    alone, beside = with_effects(s, model, ("T_C_sharp",), label), with_friction(s, model, label, "T_C_sharp")
+    sharp = viscous_and_friction(fit, alone, beside, damping, "T_C_sharp")
     told = widened(told, (sharp.estimates - told.estimates) / np.sqrt(3))
     values = [v for name in told.names for v in (told[name], told.se(name), *told.interval(name))]
     return row | dict(zip(names, values, strict=True))
@@ -183,20 +184,19 @@ def with_friction(s: Sums, model: Model, label: Label, friction: str = "T_C") ->
     return with_effects(s, model, (friction,), label)
 
 
-def viscous_and_friction(s: Sums, model: Model, fit: LinearFit, label: Label, friction: str = "T_C") -> GroupFit:
-    """Friction [N*m], and the damping of the model for the torque less this friction. Raises as `with_friction`."""
-    damping = next(name for name, column in model.items() if column == "omega")
-    rich, alone = with_friction(s, model, label, friction), with_effects(s, model, (friction,), label)
+def viscous_and_friction(fit: LinearFit, alone: GroupFit, beside: GroupFit, damping: str, friction: str) -> GroupFit:
+    """Friction [N*m], and the damping of a fit for the torque less this friction: friction of the fit that has it
+    `beside` higher derivatives, what it makes of the damping by the one that has it `alone`."""
     each = (fit[damping] - alone[damping]) / alone[friction]  # damping that 1 N*m of friction makes
-    shared, variance = alone.cov(damping, friction), rich.se(friction) ** 2
+    shared, variance = alone.cov(damping, friction), beside.se(friction) ** 2
     known = alone.se(damping) ** 2 - (shared / alone.se(friction)) ** 2  # variance of the damping for known friction
     covariance = np.array([[known + each**2 * variance, -each * variance], [-each * variance, variance]])
     return replace(
-        rich,
+        beside,
         names=(damping, friction),
-        estimates=np.array([fit[damping] - each * rich[friction], rich[friction]]),
+        estimates=np.array([fit[damping] - each * beside[friction], beside[friction]]),
         covariance=covariance,
-        degrees_of_freedom=np.full(2, rich.freedom(friction)),
+        degrees_of_freedom=np.full(2, beside.freedom(friction)),
         repeat=None,
     )
 

@@ -208,6 +208,14 @@ def test_a_spring_behind_a_damper_is_not_taken_for_friction_and_friction_beside_
     assert rubbing["B_viscous"] == pytest.approx(sound["B"], abs=0.02)
 
 
+def test_of_two_answers_on_the_share_of_friction_the_smaller_one_is_held_against_a_trial():
+    """A jerk, as of a drivetrain, takes friction off a fit without higher derivatives."""
+    time, motion = chirp(np.random.default_rng(5))
+    more = -5e-4 * np.gradient(motion[2], time) + 0.5 * np.tanh(motion[1] / 0.003)
+    row = row_of(made_trial(np.random.default_rng(6), (time, motion), more=more))
+    assert 0 < row["coulomb_share"] < 0.9 * row["coulomb_damping"] / row["B"]
+
+
 @pytest.mark.parametrize("angle_noise", [0.0, 2e-5])
 def test_jumps_of_the_acceleration_are_refused_for_want_of_an_anti_aliasing_filter(angle_noise):
     """A second-order servo follows a binary command: its acceleration jumps at every change of the command."""

@@ -39,7 +39,7 @@ from osl_analysis.files import default_config
 from osl_analysis.judge.recording import check_recording, saturated
 from osl_analysis.model.compensator import PAPER_WEIGHT
 from osl_analysis.model.parameters import DrivetrainParameters, read_parameters
-from osl_analysis.protocol.stepped_sine import find_segments
+from osl_analysis.protocol.stepped_sine import Likeness, find_segments
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.table import write_table
 from osl_analysis.trial import Trial, read_trial
@@ -125,7 +125,7 @@ def main() -> None:
         path = recorded_trial(Path(folder))
         trial = read_trial(path)
         table = pandas_table(trial)
-        found = find_segments(table["time"].to_numpy(), table["theta"].to_numpy(), settings.protocol)
+        found = find_segments(Likeness(table["time"].to_numpy(), table["theta"].to_numpy(), settings.protocol))
         starts = {(one.commanded, one.frequency_hz): round(one.start) for one in found}
         cycles = int(found[0].cycles)
         whole, short = cpu_ms(lambda: job(path, settings, p)), cpu_ms(lambda: script(table, starts, cycles))

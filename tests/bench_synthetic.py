@@ -7,7 +7,7 @@ import numpy as np
 from osl_analysis.bench.components import branches_of
 from osl_analysis.bench.impedance import impedance_table, rendered_impedance
 from osl_analysis.bench.record import Record, cycles_of, record_of
-from osl_analysis.protocol.stepped_sine import SteppedSineProtocol, find_segments, unit_sines
+from osl_analysis.protocol.stepped_sine import Likeness, SteppedSineProtocol, find_segments, unit_sines
 from osl_analysis.signals import LowPass, Motion, filtered_motion
 from osl_analysis.walking.second_order import impedance_torque
 
@@ -32,7 +32,7 @@ def stepped_sine(torque_of, noise=0.0, protocol=PROTOCOL, seed=1):
 
 def record_of_sines(time, theta, torque, protocol=PROTOCOL):
     """The record of raw signals that follow a protocol."""
-    segments = find_segments(time, theta, protocol)
+    segments = find_segments(Likeness(time, theta, protocol))
     groups = cycles_of(segments, 2, np.ones(len(time), dtype=bool))
     made = record_of("made", time, theta, torque, LOW_PASS, groups)
     return replace(made, band_hz=(min(protocol.frequencies_hz), max(protocol.frequencies_hz)))

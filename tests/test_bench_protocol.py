@@ -1,20 +1,22 @@
-"""The stepped sine is found as it was recorded, and refused for its true reason."""
-
-from dataclasses import dataclass
+"""The stepped sine is found as it was recorded, told from every other motion, and refused for its true reason."""
 
 import numpy as np
 import polars as pl
 import pytest
+from any_motion import RATE as FINE
+from any_motion import chirp, multisine, noise
 from bench_synthetic import table_of, unit_block
 
 from osl_analysis.bench.record import cycles_of, drift_rate, record_of_trial
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.errors import InputError
 from osl_analysis.protocol.stepped_sine import (
+    Likeness,
     Segment,
     SteppedSineProtocol,
     find_segments,
     labels_deg,
+    moving_bins,
     settled_cycles,
 )
 from osl_analysis.signals import Motion
@@ -24,117 +26,105 @@ PROTOCOL = SteppedSineProtocol(amplitudes=(0.03, 0.06, 0.1), frequencies_hz=(2.0
 RATE = 500.0
 
 
-def stepped_record(start=3.0, rests=(1.0, 1.0, 2.0), unit=1.0, protocol=PROTOCOL):
-    pieces = [np.zeros(round(start * RATE))]
+def segments_of(theta, protocol=PROTOCOL, rate=RATE):
+    return find_segments(Likeness(np.arange(len(theta)) / rate, theta, protocol))
+
+
+def stepped(protocol=PROTOCOL, start=3.0, rests=(1.0, 1.0, 2.0), rate=RATE):
+    """Blocks of all frequencies (n,) [rad], one for each amplitude, with a rest [s] before the first and after each."""
+    pieces = [np.zeros(round(start * rate))]
     for amplitude, rest in zip(protocol.amplitudes, rests, strict=True):
-        pieces += [amplitude * unit * unit_block(protocol, RATE), np.zeros(round(rest * RATE))]
-    theta = np.concatenate(pieces)
-    return np.arange(len(theta)) / RATE, theta
+        pieces += [amplitude * unit_block(protocol, rate), np.zeros(round(rest * rate))]
+    return np.concatenate(pieces)
 
 
-@dataclass(frozen=True)
-class Practice:
-    """How somebody runs a stepped sine: rest between frequencies, starts, ramps, and a clock that is off."""
+def as_run(
+    rest_s=0.0, phase=0.0, ramp=0, clock=1.0, cycles=(8, 8, 8), frequencies=(1.0, 2.0, 3.0), amplitudes=(0.03, 0.1)
+):
+    """How somebody runs a stepped sine: rest between frequencies, start, ramps of some cycles, a clock that is off.
 
-    rest_s: float = 0.0
-    phase: float = 0.0
-    ramp_cycles: int = 0
-    clock: float = 1.0
-    cycles: tuple[int, ...] = (8, 8, 8)
-    frequencies_hz: tuple[float, ...] = (1.0, 2.0, 3.0)
-    amplitudes: tuple[float, ...] = (0.03, 0.1)
-
-
-def as_run(practice: Practice, rate: float = 300.0):
-    """Angle [rad] at `rate`, with the true start [s] of the full cycles of each segment; one period shorter than 1 row
-    is left over where rate/f is not whole, so that the angle is a function of time and not of rows."""
+    The angle [rad] at 300 Hz, a function of time and not of rows, and of each segment the true start [s] of its full
+    cycles, the amplitude, the frequency and their number."""
     edges, parts, now = [], [], 1.0
-    for a in practice.amplitudes:
-        for f, n in zip(practice.frequencies_hz, practice.cycles, strict=True):
-            f, ramp = f * practice.clock, practice.ramp_cycles / (f * practice.clock)
-            parts.append((now, now + 2 * ramp + n / f, a, f, ramp))
-            edges.append((now + ramp, a, f, n))
-            now += 2 * ramp + n / f + practice.rest_s
+    for a in amplitudes:
+        for f, n in zip(frequencies, cycles, strict=True):
+            f *= clock
+            parts.append((now, now + (2 * ramp + n) / f, a, f))
+            edges.append((now + ramp / f, a, f, n))
+            now = parts[-1][1] + rest_s
         now += 1.0
-    time = np.arange(round(now * rate)) / rate
+    time = np.arange(round(now * 300)) / 300
     theta = np.zeros_like(time)
-    for begin, end, a, f, ramp in parts:
+    for begin, end, a, f in parts:
         rows = (time >= begin) & (time < end)
         t = time[rows]
-        size = np.clip(np.minimum(t - begin, end - t) / ramp, 0, 1) if ramp else 1.0
-        theta[rows] = a * size * np.sin(2 * np.pi * f * (t - begin) + practice.phase)
-    return time, theta, edges
+        size = np.clip(np.minimum(t - begin, end - t) * f / ramp, 0, 1) if ramp else 1.0
+        theta[rows] = a * size * np.sin(2 * np.pi * f * (t - begin) + phase)
+    return theta, edges
 
 
 @pytest.mark.parametrize(
     "practice",
     [
-        Practice(),
-        Practice(rest_s=1.0),
-        Practice(phase=np.pi / 2),
-        Practice(ramp_cycles=2),
-        Practice(ramp_cycles=1, rest_s=0.7),
-        Practice(cycles=(5, 10, 15)),
-        Practice(frequencies_hz=(3.0, 1.0, 2.0), amplitudes=(0.1, 0.03)),
-        Practice(clock=0.995),
-        Practice(clock=1.005, rest_s=0.5),
+        {},
+        {"rest_s": 1.0},
+        {"phase": np.pi / 2},
+        {"ramp": 2},
+        {"ramp": 1, "rest_s": 0.7},
+        {"cycles": (5, 10, 15)},
+        {"frequencies": (3.0, 1.0, 2.0), "amplitudes": (0.1, 0.03)},
+        {"clock": 1 + 5e-5},
+        {"clock": 0.995},
+        {"clock": 1.005, "rest_s": 0.5},
     ],
 )
 def test_a_protocol_is_found_as_people_run_it(practice):
-    """Frequency, amplitude, start, order and cycles as recorded, whatever lies between; commanded were 1, 2, 3 Hz."""
-    time, theta, edges = as_run(practice)
+    """Frequency, amplitude, start, order and cycles as recorded, whatever lies between; commanded were 1, 2, 3 Hz. A
+    clock that is right has the commanded frequency, one that is off its own, the same for all amplitudes."""
+    theta, edges = as_run(**practice)
     theta = theta + 0.01 + 1e-4 * np.random.default_rng(3).standard_normal(len(theta))
-    found = find_segments(time, theta, SteppedSineProtocol((0.03, 0.1), (1.0, 2.0, 3.0), 8))
-    assert list(dict.fromkeys(s.commanded for s in found)) == list(practice.amplitudes)
+    found = segments_of(theta, SteppedSineProtocol((0.03, 0.1), (1.0, 2.0, 3.0), 8), 300.0)
     assert [s.amplitude for s in found] == pytest.approx([s.commanded for s in found], rel=0.01)
     assert [(s.commanded, s.cycles) for s in found] == [(a, n) for _, a, _, n in edges]
     assert [s.frequency_hz for s in found] == pytest.approx([f for *_, f, _ in edges], rel=1e-4)
+    assert [s.frequency_hz for s in found[:3]] == [s.frequency_hz for s in found[3:]]
+    if abs(practice.get("clock", 1.0) - 1) < 1e-4:
+        assert {s.frequency_hz for s in found} == {1.0, 2.0, 3.0}
     late = [(s.start / 300.0 - start) * s.frequency_hz for s, (start, *_) in zip(found, edges, strict=True)]
     assert np.abs(late).max() < 0.2  # of a cycle; two settle before the fit begins
 
 
-def test_a_clock_that_is_right_has_the_commanded_frequency_and_one_that_is_off_its_own_for_all_amplitudes():
-    commanded = SteppedSineProtocol((0.03, 0.1), (1.0, 2.0, 3.0), 8)
-    for clock, expected in ((1 + 5e-5, 3.0), (0.995, 2.985)):
-        time, theta, _ = as_run(Practice(clock=clock))
-        theirs = {s.frequency_hz for s in find_segments(time, theta, commanded)[2::3]}
-        assert len(theirs) == 1
-        assert theirs.pop() == pytest.approx(expected, rel=1e-12 if expected == 3 else 1e-5)
-
-
-def test_a_record_that_is_no_stepped_sine_of_these_amplitudes_is_refused_with_what_it_is():
-    off = r"sine of 2 Hz at 3\.0 s has an amplitude of 98\.\d+ deg, the protocol says 1\.7"
-    with pytest.raises(InputError, match=off):
-        find_segments(*stepped_record(unit=57.3), PROTOCOL)
-    time, theta = stepped_record()
-    with pytest.raises(InputError, match=r"no sine was found: the joint angle moves by 0 deg"):
-        find_segments(time, 0 * theta, PROTOCOL)
-    with pytest.raises(InputError, match=r"no sine was found: .* by 0\.0\d+ deg"):
-        find_segments(time, 1e-4 * np.random.default_rng(1).standard_normal(len(theta)), PROTOCOL)
+@pytest.mark.parametrize(
+    ("size", "scatter", "message"),
+    [
+        (57.3, 0.0, r"sine of 2 Hz at 3\.0 s has an amplitude of 98\.\d+ deg, the protocol says 1\.7"),
+        (0.0, 0.0, r"no sine was found: the joint angle moves by 0 deg"),
+        (0.0, 1e-4, r"no sine was found: .* by 0\.0\d+ deg"),
+    ],
+)
+def test_a_record_that_is_no_stepped_sine_of_these_amplitudes_is_refused_with_what_it_is(size, scatter, message):
+    theta = size * stepped()
+    with pytest.raises(InputError, match=message):
+        segments_of(theta + scatter * np.random.default_rng(1).standard_normal(len(theta)))
 
 
 def test_a_warm_up_at_another_amplitude_is_not_used_where_all_commanded_ones_were_recorded():
-    _, theta = stepped_record()
     warm = 0.2 * np.sin(2 * np.pi * 2 * np.arange(0, 2.5, 1 / RATE))
-    theta = np.concatenate([np.zeros(500), warm, theta])
-    found = find_segments(np.arange(len(theta)) / RATE, theta, PROTOCOL)
-    assert list(dict.fromkeys(s.commanded for s in found)) == list(PROTOCOL.amplitudes)
+    theta = np.concatenate([np.zeros(500), warm, stepped()])
+    assert list(dict.fromkeys(s.commanded for s in segments_of(theta))) == list(PROTOCOL.amplitudes)
     with pytest.raises(InputError, match=r"amplitude of 11\.46 deg"):
-        find_segments(np.arange(4500) / RATE, theta[:4500], PROTOCOL)
+        segments_of(theta[:4500])
 
 
 @pytest.mark.parametrize("frequencies_hz", [(2.0, 4.0), (1.0, 2.0, 3.0, 4.0, 5.0), (3.0,), (4.0, 4.4, 5.0)])
 @pytest.mark.parametrize("really", [4, 6, 7, 12])
 def test_all_recorded_cycles_are_found_whatever_their_number_in_the_configuration(frequencies_hz, really):
     """At rest, at another frequency (a tenth higher at least) and at another amplitude a sine does not go on."""
-    configured = SteppedSineProtocol(PROTOCOL.amplitudes, frequencies_hz, 6)
-    recorded = SteppedSineProtocol(PROTOCOL.amplitudes, frequencies_hz, really)
-    time, theta = stepped_record(rests=(1.0, 0.0, 0.0), protocol=recorded)
+    configured, recorded = (SteppedSineProtocol(PROTOCOL.amplitudes, frequencies_hz, n) for n in (6, really))
+    theta = stepped(recorded, rests=(1.0, 0.0, 0.0))
     theta += 1e-4 * np.random.default_rng(1).standard_normal(len(theta)) + 0.02
-    found = find_segments(time, theta, configured)
-    assert [(s.commanded, s.cycles) for s in found] == [
-        (a, really) for a in PROTOCOL.amplitudes for _ in frequencies_hz
-    ]
+    expected = [(a, really) for a in PROTOCOL.amplitudes for _ in frequencies_hz]
+    assert [(s.commanded, s.cycles) for s in segments_of(theta, configured)] == expected
 
 
 def test_amplitudes_that_differ_are_never_one_label_and_labels_are_measured():
@@ -147,49 +137,46 @@ def test_amplitudes_that_differ_are_never_one_label_and_labels_are_measured():
 
 def test_settled_cycles_leave_out_the_first_and_the_last_and_keep_one():
     segment, usable = Segment(0.1, 2.0, 100, 1100, 10), np.ones(2000, dtype=bool)
-    kept = settled_cycles(segment, 2, usable)
-    assert (kept.start, kept.stop, kept.cycles, kept.used) == (300, 1000, 7, tuple(range(7)))
-    kept = settled_cycles(segment, 20, usable)
-    assert (kept.start, kept.stop, kept.cycles) == (1000, 1100, 1)
+    assert settled_cycles(segment, 2, usable).tolist() == [[row, row + 100] for row in range(300, 1000, 100)]
+    assert settled_cycles(segment, 20, usable).tolist() == [[1000, 1100]]
 
 
 def test_cycles_with_a_row_that_was_not_measured_are_left_out():
     segments = [Segment(0.1, 3.0, 100, 100 + 2500 / 3, 10), Segment(0.1, 2.0, 1000, 1500, 4)]
     usable = np.ones(2000, dtype=bool)
     usable[390] = False
-    kept, other = (settled_cycles(one, 1, usable) for one in segments)
-    assert (kept.used, other.used) == ((3, 4, 5, 6, 7), (0, 1))  # of the cycles from row 183 on, 83.3 rows each
-    groups = cycles_of(segments, 1, usable)
+    groups = cycles_of(segments, 1, usable)  # of the cycles from row 183 on, 83.3 rows each, and of 125 rows each
     assert [(p.start, p.stop) for p in groups.pieces()] == [(433, 850), (1125, 1375)]
-    np.testing.assert_allclose(groups.first[:5] - groups.first[0], 250 / 3 * np.arange(5), atol=1e-9)
-    np.testing.assert_allclose(groups.stop[:5] - groups.first[:5], 250 / 3)
+    np.testing.assert_allclose(groups.first, [*(183 + 250 / 3 * np.arange(3, 8)), 1125, 1250], atol=1e-9)
+    np.testing.assert_allclose(groups.stop - groups.first, [*5 * [250 / 3], 125, 125])
+    usable[:] = False
+    with pytest.raises(InputError, match=r"no cycle of 5\.73 deg at 3 Hz is free of rows near a gap"):
+        cycles_of(segments, 1, usable)
 
 
 SEGMENTS = [Segment(0.1, 2.0, 250, 2750, 10), Segment(0.1, 4.0, 2750, 4000, 10)]
 TIME = np.arange(4500) / RATE
-
-
 STILL = np.zeros_like(TIME)
 
 
-def sines(amplitude=20.0):
+def sines(amplitude, phase=1.0):
     """Whole cycles of two frequencies, rest before and after."""
     signal = np.zeros_like(TIME)
     for segment in SEGMENTS:
         t = TIME[segment.rows] - TIME[segment.rows.start]
-        signal[segment.rows] = amplitude * np.sin(2 * np.pi * segment.frequency_hz * t + 1.0)
+        signal[segment.rows] = amplitude * np.sin(2 * np.pi * segment.frequency_hz * t + phase)
     return signal
 
 
-def drift_of(torque, segments=SEGMENTS, theta=None):
+def drift_of(torque, segments=SEGMENTS):
     """The drift of a torque; the joint moves by its sines."""
     groups = cycles_of(segments, 0, np.ones(len(TIME), dtype=bool))
-    return drift_rate(TIME, Motion(sines(0.1) if theta is None else theta, STILL, STILL), torque, groups)
+    return drift_rate(TIME, Motion(sines(0.1), STILL, STILL), torque, groups)
 
 
 def test_a_sine_of_any_phase_has_no_drift_and_a_drift_is_found_under_it():
-    assert drift_of(sines() + 3.0) == pytest.approx(0, abs=1e-12)
-    assert drift_of(sines() + 3.0 + 0.02 * TIME) == pytest.approx(0.02, rel=1e-9)
+    assert drift_of(sines(20.0) + 3.0) == pytest.approx(0, abs=1e-12)
+    assert drift_of(sines(20.0) + 3.0 + 0.02 * TIME) == pytest.approx(0.02, rel=1e-9)
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.02])
@@ -205,11 +192,7 @@ def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute():
     settings = DynamometerAnalysis(
         cutoff_hz=15, order=4, amplitudes_deg=[4], frequencies_hz=[2, 4], cycles=10, settle_cycles=2
     )
-    theta = np.zeros_like(TIME)
-    for segment in SEGMENTS:
-        t = TIME[segment.rows] - TIME[segment.rows.start]
-        theta[segment.rows] = np.sin(2 * np.pi * segment.frequency_hz * t)
-    theta *= np.deg2rad(4)
+    theta = sines(np.deg2rad(4), phase=0.0)
     torque = 100 * theta + 2 * np.gradient(theta, TIME) + 3.0
     samples = pl.DataFrame({"time": TIME, "theta": theta, "torque": torque + 0.01 * (TIME - TIME.mean())})
     record = record_of_trial(Trial("a", samples), settings)
@@ -217,3 +200,55 @@ def test_a_trial_is_read_without_its_drift_which_the_table_gives_per_minute():
     whole = table_of(record).row(-1, named=True)
     assert whole["load_cell_drift"] == pytest.approx(0.6, rel=0.02)
     assert whole["K"] == pytest.approx(100, rel=0.01)
+
+
+SIX = SteppedSineProtocol(tuple(np.deg2rad([2.0, 4.0, 6.0])), (1.0, 2.0, 3.0, 4.0, 5.0), 8)
+
+
+def kind_of(theta, rng):
+    theta = theta + 1e-5 * rng.standard_normal(len(theta))
+    return Likeness(np.arange(len(theta)) / FINE, theta, SIX).kind
+
+
+DAMAGE = {
+    "sound": lambda x, _: (x, "stepped sine"),
+    "in degrees": lambda x, _: (57.3 * x, "stepped sine"),
+    "half of it at rest": lambda x, _: (np.where(np.arange(len(x)) < len(x) / 2, x, 0), "stepped sine"),
+    "clipped": lambda x, _: (np.clip(x, -0.03, 0.03), "stepped sine"),
+    "freezes": lambda x, _: (np.where(np.arange(len(x)) % 7500 < 1500, 0.02, x), "stepped sine"),
+    "spikes": lambda x, rng: (np.where(rng.random(len(x)) < 0.01, 0.15 * rng.standard_normal(len(x)), x), "unclear"),
+    "wanders": lambda x, _: (x + 0.05 * np.sin(0.8 * np.arange(len(x)) / FINE), "unclear"),
+    "hum": lambda x, _: (x + 0.05 * np.sin(314 * np.arange(len(x)) / FINE), "unclear"),
+    "still": lambda x, _: (0 * x, "unclear"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_stepped_sine_is_not_taken_for_another_motion(damage):
+    rng = np.random.default_rng(4)
+    theta, expected = DAMAGE[damage](stepped(SIX, 1.0, (1.0, 1.0, 1.0), FINE), rng)
+    assert kind_of(theta, rng) == expected
+
+
+@pytest.mark.parametrize("move", [multisine, noise, chirp])
+@pytest.mark.parametrize("band", [(0.5, 3.0), (0.5, 6.0), (0.5, 10.0), (0.2, 2.0)])
+def test_multisine_noise_and_sweep_are_other_motions_at_the_commanded_amplitudes(move, band):
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        _, (theta, *_) = move(rng, band=band)
+        assert kind_of(np.deg2rad(4) * theta / theta.max(), rng) == "other"
+
+
+def test_ramps_and_a_binary_sequence_are_other_motions():
+    rng = np.random.default_rng(2)
+    ramps = 0.09 * (2 * np.abs(2 * (0.3 * np.arange(0, 40, 1 / FINE) % 1) - 1) - 1)
+    sequence = np.convolve(np.repeat(rng.choice([-0.06, 0.06], 400), 50), np.hanning(25) / 12, "same")
+    assert kind_of(ramps, rng) == kind_of(sequence, rng) == "other"
+
+
+def test_rests_do_not_count_as_moving_and_slow_turns_do():
+    time = np.arange(0, 20, 1 / FINE)
+    theta = np.where((time > 5) & (time < 15), 0.1 * np.sin(2 * np.pi * 0.5 * (time - 5)), 0.0)
+    moving = moving_bins(time, theta + 2e-5 * np.random.default_rng(1).standard_normal(len(time)))
+    assert moving[(time > 5.3) & (time < 14.7)].mean() > 0.95
+    assert not moving[(time < 4.9) | (time > 15.3)].any()

@@ -259,8 +259,8 @@ def cycles_of(segments: Sequence[Segment], settle_cycles: int, usable: NDArray[n
     for whole, label in zip(segments, labels_deg(segments), strict=True):
         meant = None if whole.commanded is None else round(float(np.rad2deg(whole.commanded)), 9)
         strata.append(Stratum(whole.rows, label, whole.frequency_hz, meant))
-    first, stop = (np.concatenate([one.edges[np.array(one.used) + end] for one in kept]) for end in (0, 1))
-    number = np.repeat(np.arange(len(kept)), [len(one.used) for one in kept])
+    first, stop = np.concatenate(kept).T
+    number = np.repeat(np.arange(len(kept)), [len(one) for one in kept])
     return Groups("cycles", first, np.minimum(stop, len(usable)), number, tuple(strata))
 
 
@@ -372,8 +372,7 @@ def from_stepped_sine(signals: UniformSignals, settings: SteppedSineAnalysis, kn
     """The record of a stepped sine; raises InputError without the trial's name."""
 
     def groups_of(one: UniformSignals, likeness: Likeness) -> Groups:
-        segments = find_segments(one.time, one["theta"], settings.protocol, likeness.runs)
-        return cycles_of(segments, settings.settle_cycles, one.usable)
+        return cycles_of(find_segments(likeness), settings.settle_cycles, one.usable)
 
     groups, again = groups_of(signals, known), signals.other()
     hz = [one.frequency_hz for one in groups.strata]

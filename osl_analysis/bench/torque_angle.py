@@ -140,9 +140,10 @@ def torque_angle_of(signals: UniformSignals, settings: TorqueAngleAnalysis, comp
             f"{high:.2f} deg), expected {fewest} or more; lower angle_step_deg from {step:g} "
             f"deg to {(high - low) / (2 * fewest):.2g} deg or less"
         )
+    at = np.asarray(steps * step, dtype=np.float64)
     window, independent = settings.window_share * float(np.ptp(theta)), low_pass.independent_samples(rate)
     curves = tuple(
-        branch_curve([(theta[one], torque[one]) for one in own], steps * step, window, independent)
+        branch_curve([(theta[one], torque[one]) for one in own], at, window, independent)
         for own in (rows[: len(cycles)], rows[len(cycles) :])
     )
     found = TorqueAngleTrial(

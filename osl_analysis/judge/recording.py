@@ -14,7 +14,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.judge.table import TABLE, Cause, CheckResult, Commanded, Examined, Judgement, QualityRules
 from osl_analysis.measured import usual_size
 from osl_analysis.plate_surface import beside, plate_axes
-from osl_analysis.protocol.stepped_sine import FEWEST_OF_A_RUN, Likeness, Run, SteppedSineProtocol, find_runs
+from osl_analysis.protocol.stepped_sine import Likeness, Run, SteppedSineProtocol
 from osl_analysis.signals import longest_at_extreme, longest_run, run_edges, runs
 from osl_analysis.signals.grid import GapLimits, devices_of, streams, uniform_signals
 from osl_analysis.signals.samples import take
@@ -148,7 +148,6 @@ def measure_protocol(examined: Examined) -> CheckResult:
     if not examined.experiment.stepped_sine or "theta" not in examined.trial.columns:
         return not_applicable("no stepped sine")
     commanded = examined.commanded.protocol
-    fewest = min(FEWEST_OF_A_RUN, int(min(commanded.cycles_at, default=FEWEST_OF_A_RUN)))
     try:
         angle = uniform_signals(examined.trial, ["theta"], GapLimits())
     except InputError as error:
@@ -156,10 +155,10 @@ def measure_protocol(examined: Examined) -> CheckResult:
     excitation = examined.commanded.excitation if examined.experiment.any_motion else "stepped sine"
     if excitation == "any":
         return CheckResult(0.0, "not compared: the configuration says that any motion moves the joint")
-    alike = Likeness(angle.time, angle["theta"], commanded) if excitation == "auto" else None
-    if alike is not None and alike.kind == "other":
+    alike = Likeness(angle.time, angle["theta"], commanded)
+    if excitation == "auto" and alike.kind == "other":
         return CheckResult(0.0, "no stepped sine but another motion, which is fitted as such")
-    found = list(find_runs(angle.time, angle["theta"], fewest) if alike is None else alike.runs)
+    found = alike.runs
     remarks, most = differences(found, commanded), 20
     more = [f"and {len(remarks) - most} differences more"] * (len(remarks) > most)
     pairs = len(commanded.amplitudes) * len(commanded.frequencies_hz)

@@ -25,7 +25,6 @@ SAME_FREQUENCY, SAME_AMPLITUDE = 0.05, 0.15
 """Relative differences of neighbouring cycles that belong to one run; what a bench loses of an amplitude at 5 Hz."""
 ONE_HEIGHT = 0.06
 """Relative difference of a cycle's amplitude from the median of its run; cycles beyond, at its ends, are a ramp."""
-FEWEST_OF_A_RUN = 3  # smallest number of cycles of a run; what is shorter may be a transient
 
 
 @dataclass(frozen=True)
@@ -39,8 +38,7 @@ class SteppedSineProtocol:
     @property
     def cycles_at(self) -> tuple[float, ...]:
         """Number of cycles at each frequency; not whole where a time per frequency is commanded."""
-        each = np.broadcast_to(np.asarray(self.cycles, dtype=float), len(self.frequencies_hz))
-        return tuple(float(n) for n in each)
+        return tuple(np.broadcast_to(np.asarray(self.cycles, dtype=float), len(self.frequencies_hz)).tolist())
 
     def amplitude_near(self, amplitude: float) -> float | None:
         """The commanded amplitude [rad] that a recorded one follows within a quarter, as some is lost to the
@@ -98,15 +96,6 @@ class Run:
         """Number of cycles, which need not be whole: the ends of a run are known to a few hundredths."""
         return (self.stop - self.start) * self.frequency_hz
 
-    @property
-    def whole_cycles(self) -> int:
-        """Number of whole cycles, up to a quarter that its ends may lack."""
-        return int(self.cycles + 0.25)
-
-    @property
-    def amplitude_deg(self) -> float:
-        return float(np.rad2deg(self.amplitude))
-
     def angle(self, time: Array) -> Array:
         """The sine's angle [rad] at times [s]."""
         turn = 2 * np.pi * self.frequency_hz * time + np.angle(self.phasor)
@@ -117,27 +106,24 @@ class Run:
         return float(np.angle(1j * self.phasor * np.exp(2j * np.pi * self.frequency_hz * time)))
 
     def __str__(self) -> str:
-        return f"{self.amplitude_deg:.2g} deg at {self.frequency_hz:.4g} Hz ({self.cycles:.1f} cycles)"
+        return f"{np.rad2deg(self.amplitude):.2g} deg at {self.frequency_hz:.4g} Hz ({self.cycles:.1f} cycles)"
 
 
-def find_runs(time: Array, theta: Array, fewest: int = FEWEST_OF_A_RUN) -> list[Run]:
-    """The runs of `fewest` or more cycles of a joint angle theta [rad] at increasing times [s], shape (n,) each.
+def find_runs(time: Array, theta: Array, crossings: Array, fewest: int) -> list[Run]:
+    """The runs of `fewest` or more cycles of a joint angle theta [rad] at increasing times [s], shape (n,) each, which
+    rises through its centre at the `crossings` [s].
 
     Consecutive cycles that are alike make a run. A sine is then fitted to it, which gives its frequency and amplitude.
     Two runs are one where the same sine (frequency, amplitude and phase) goes on behind a cycle that was disturbed, two
     cycles later at most. The run extends as far as the angle follows this sine; where two runs touch, each sample
     belongs to the sine that is nearer. Rests, ramps and transients lie between the runs.
     """
-    seen = np.isfinite(theta)
-    time, theta = time[seen], theta[seen]
-    if len(theta) < 8 or not np.ptp(theta):
-        return []
     whole: list[Run] = []
-    for rows, rate in alike_cycles(time, theta, upward_crossings(time, theta)):
+    for rows, rate in alike_cycles(time, theta, crossings):
         run = fit_run(time, theta, rows, rate)
         if run is None:
             continue
-        again, last = None, whole[-1] if whole else run
+        last = whole[-1] if whole else run
         middle = (last.stop + run.start) / 2
         slip = np.angle(np.exp(1j * (last.phase_at(middle) - run.phase_at(middle))))
         if (
@@ -147,11 +133,11 @@ def find_runs(time: Array, theta: Array, fewest: int = FEWEST_OF_A_RUN) -> list[
             and abs(run.amplitude / last.amplitude - 1) < ONE_HEIGHT
             and abs(float(slip)) < 0.3
         ):
-            again = fit_run(time, theta, slice(*np.searchsorted(time, [last.start, run.stop])), last.frequency_hz)
-        if again is None:
-            whole.append(run)
-        else:
-            whole[-1] = again
+            both = slice(*np.searchsorted(time, [last.start, run.stop]))
+            if (again := fit_run(time, theta, both, last.frequency_hz)) is not None:
+                whole[-1] = again
+                continue
+        whole.append(run)
     return [run for run in prolonged_runs(time, theta, whole) if run.cycles > fewest - 0.25]
 
 
@@ -252,17 +238,6 @@ class Segment:
     stop: float  # row at which the last one ends
     cycles: int  # number of cycles in between
     commanded: float | None = None  # amplitude of the protocol that it follows [rad]
-    used: tuple[int, ...] = ()  # its cycles that are fitted, counted from 0; see `settled_cycles`
-
-    @cached_property
-    def edges(self) -> Array:
-        """Where each cycle begins and the last one ends, shape (cycles + 1,). The first edge is a whole row.
-
-        The others are not rounded: a cycle with a fraction of a row too many has a mean, and products of sine and
-        cosine, that no other cycle has. At 250 Hz and 3 Hz the stated error of B was 5.8 times too large.
-        """
-        period = (self.stop - self.start) / self.cycles
-        return np.asarray(np.rint(self.start) + period * np.arange(self.cycles + 1))
 
     @property
     def rows(self) -> slice:
@@ -275,19 +250,22 @@ def whole_rows(start: float, stop: float) -> slice:
     return slice(int(np.floor(start + 1e-6)), int(np.ceil(stop - 1e-6)))
 
 
-def settled_cycles(segment: Segment, settle_cycles: int, usable: NDArray[np.bool_]) -> Segment:
-    """The segment with the cycles that are `used`: not its first `settle_cycles` and not its last one; one is kept.
+def settled_cycles(segment: Segment, settle_cycles: int, usable: NDArray[np.bool_]) -> Array:
+    """Rows at which the cycles of a segment that are fitted begin and end, (k, 2): without the first `settle_cycles`
+    and the last one; one is kept.
 
     The first cycles still contain the transient. Into the last one the zero-phase filter smears the beginning of the
     next frequency. Cycles with a row that is not `usable` (n,) are not used, nor are stretches between them with too
-    few cycles for an interval where there is a longer one. The first edge of what is left is a whole row again.
+    few cycles for an interval where there is a longer one. The first edge is a whole row. The others are not rounded: a
+    cycle with a fraction of a row too many has a mean, and products of sine and cosine, that no other cycle has. At
+    250 Hz and 3 Hz the stated error of B was 5.8 times too large.
     """
     before = min(settle_cycles, segment.cycles - 1)
     after = min(1, segment.cycles - before - 1)
     period = (segment.stop - segment.start) / segment.cycles
-    count, start = segment.cycles - before - after, segment.start + before * period
-    kept = replace(segment, start=start, stop=start + count * period, cycles=count)
-    whole = np.array([bool(usable[whole_rows(a, b)].all()) for a, b in pairwise(kept.edges)])
+    first = np.rint(segment.start + before * period) + period * np.arange(segment.cycles - before - after)
+    edges = np.stack([first, first + period], axis=1)
+    whole = np.array([bool(usable[whole_rows(a, b)].all()) for a, b in edges.tolist()])
     if not whole.any():
         raise InputError(
             f"no cycle of {np.rad2deg(segment.amplitude):.3g} deg at {segment.frequency_hz:g} Hz is free of rows near "
@@ -295,8 +273,7 @@ def settled_cycles(segment: Segment, settle_cycles: int, usable: NDArray[np.bool
         )
     longest = longest_run(whole)
     fewest = min(longest.stop - longest.start, FEWEST_CYCLES)
-    used = [k for run in runs(whole) if run.stop - run.start >= fewest for k in range(run.start, run.stop)]
-    return replace(kept, used=tuple(used))
+    return np.concatenate([edges[run] for run in runs(whole) if run.stop - run.start >= fewest])
 
 
 def labels_deg(segments: Sequence[Segment]) -> list[float]:
@@ -316,27 +293,22 @@ def labels_deg(segments: Sequence[Segment]) -> list[float]:
     return found
 
 
-def find_segments(
-    time: Array, theta: Array, protocol: SteppedSineProtocol, known: Sequence[Run] | None = None
-) -> list[Segment]:
-    """The segments of a joint angle theta [rad] at uniform times [s], shape (n,) each, in the order of time.
-
-    `known` are the runs of its `likeness`, where they are known already.
+def find_segments(known: "Likeness") -> list[Segment]:
+    """The segments of a joint angle at uniform times, in the order of time.
 
     Frequencies, their order, rests, ramps and numbers of cycles are as recorded. The protocol says which amplitudes
     are meant. A run of another amplitude is not used if all of the commanded ones were recorded.
     """
-    rate = sampling_rate(time)
-    found = Likeness(time, theta, protocol).runs if known is None else known
-    check_amplitudes(theta, found, protocol, float(time[0]))
+    found, theta, protocol, rate = known.runs, known.theta, known.protocol, sampling_rate(known.recorded)
+    check_amplitudes(theta, found, protocol, float(known.recorded[0]))
     followed_runs = [(run, a) for run in found if (a := protocol.amplitude_near(run.amplitude)) is not None]
     frequencies = common_frequencies([run for run, _ in followed_runs], protocol)
     groups: list[list[tuple[Run, Segment]]] = []  # of one amplitude, without a rest of 0.3 cycles or more
     for (run, amplitude), frequency in zip(followed_runs, frequencies, strict=True):
-        length = run.whole_cycles / frequency
+        count = int(run.cycles + 0.25)  # whole ones, up to a quarter that its ends may lack
+        length = count / frequency
         start = max((run.start + run.stop - length) / 2, 0.0)  # the whole cycles, in the middle of the run
-        edges = start * rate, (start + length) * rate
-        segment = Segment(run.amplitude, frequency, *edges, run.whole_cycles, amplitude)
+        segment = Segment(run.amplitude, frequency, start * rate, (start + length) * rate, count, amplitude)
         before, its = groups[-1][-1] if groups else (run, segment)
         gap = (run.start - before.stop) * max(before.frequency_hz, run.frequency_hz)
         if groups and gap < 0.3 and its.commanded == amplitude:
@@ -347,7 +319,7 @@ def find_segments(
     for group in groups:
         alike = [segment for _, segment in group]
         # whole cycles of sines that begin at their centre and rise: where the angle agrees best with all of them
-        if all(abs(run.cycles - run.whole_cycles) < 0.15 and abs(run.phase_at(run.start)) < 0.5 for run, _ in group):
+        if all(abs(run.cycles - its.cycles) < 0.15 and abs(run.phase_at(run.start)) < 0.5 for run, its in group):
             template = unit_sines([(s.frequency_hz, s.cycles) for s in alike], rate)
             reach = int(rate / max(s.frequency_hz for s in alike) / 2)
             low, begin = max(round(alike[0].start) - reach, 0), alike[0].start
@@ -377,7 +349,7 @@ def check_amplitudes(theta: Array, found: Sequence[Run], protocol: SteppedSinePr
         run = others[0]
         raise InputError(
             f"the sine of {run.frequency_hz:.4g} Hz at {run.start + begin:.1f} s has an amplitude of "
-            f"{run.amplitude_deg:.2f} deg, the protocol says {commanded} deg; correct `amplitudes_deg` in the "
+            f"{np.rad2deg(run.amplitude):.2f} deg, the protocol says {commanded} deg; correct `amplitudes_deg` in the "
             "configuration, or the angle's unit in the source file"
         )
 
@@ -412,20 +384,24 @@ HARDLY = 0.25  # share of the moving time in sines below which a motion is no st
 
 @dataclass(frozen=True)
 class Likeness:
-    """Likeness of a joint angle to a stepped sine: shares of the moving time, 0 to 1. Each is found when it is asked
-    for, and most motions are known for what they are by the first."""
+    """Likeness of a joint angle to a stepped sine. Each part of it is found when it is asked for, and most motions are
+    known for what they are by the first."""
 
     recorded: Array  # uniform times (n,) [s]
     theta: Array  # joint angle (n,) [rad]
     protocol: SteppedSineProtocol  # what was commanded
 
-    @property
+    @cached_property
     def time(self) -> Array:
         return np.asarray(self.recorded - self.recorded[0])
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:
         return moving_bins(self.time, self.theta)
+
+    @property
+    def moves(self) -> bool:
+        return bool(self.moving.any())
 
     @cached_property
     def crossings(self) -> Array:
@@ -434,20 +410,14 @@ class Likeness:
 
     @cached_property
     def runs(self) -> list[Run]:
-        """What the joint did, as `find_runs` has it, of three cycles or as few as were commanded."""
-        fewest = min(FEWEST_OF_A_RUN, int(min(self.protocol.cycles_at, default=FEWEST_OF_A_RUN)))
-        return find_runs(self.time, self.theta, fewest)
-
-    @property
-    def moves(self) -> bool:
-        return bool(self.moving.any())
+        """What the joint did, as `find_runs` has it, of three cycles, below which it may be a transient, or as few as
+        were commanded."""
+        return find_runs(self.time, self.theta, self.crossings, min(3, int(min(self.protocol.cycles_at, default=3))))
 
     @cached_property
     def sines(self) -> float:
-        """In sines of three cycles or more, each of one frequency and amplitude: those that were commanded, and pure
-        ones, whose misfit is 0.08 of their RMS at most; that of a triangle is 0.12."""
-        if not self.moves:
-            return 0.0
+        """Share of the moving time in sines of three cycles or more, each of one frequency and amplitude: those that
+        were commanded, and pure ones, whose misfit is 0.08 of their RMS at most; that of a triangle is 0.12."""
         found = []
         for run in self.runs:
             commanded = self.protocol.frequency_near(run.frequency_hz) and self.protocol.amplitude_near(run.amplitude)
@@ -467,22 +437,21 @@ class Likeness:
         return bool(max(periods) / min(periods) - 1 < 0.01)
 
     def commanded(self) -> float:
-        """In single cycles of a commanded frequency and amplitude."""
-        found, rows = [], np.searchsorted(self.time, self.crossings)
-        cycles = zip(pairwise(self.crossings.tolist()), pairwise(rows.tolist()), strict=True)
-        for (start, stop), (first, last) in cycles:
-            angle = self.theta[first:last]
+        """Share of the moving time in single cycles of a commanded frequency and amplitude."""
+        found = []
+        for start, stop in pairwise(self.crossings.tolist()):
+            angle = self.theta[slice(*np.searchsorted(self.time, (start, stop)))]
             half = float(np.ptp(angle)) / 2 if angle.size else 0.0
-            near = half and self.protocol.amplitude_near(half) and self.protocol.frequency_near(1 / (stop - start))
-            found += [(start, stop)] if near else []
+            if half and self.protocol.amplitude_near(half) and self.protocol.frequency_near(1 / (stop - start)):
+                found.append((start, stop))
         return self.share_of(found)
 
     def share_of(self, parts: Sequence[tuple[float, float]]) -> float:
-        """Share of the moving time that lies in parts, from a time [s] to another one."""
+        """Share of the moving time that lies in parts, from a time [s] to another one; 0 where nothing moves."""
         inside = np.zeros_like(self.moving)
         for first, last in np.searchsorted(self.time, np.reshape(parts, (-1, 2))).tolist():
             inside[first:last] = True
-        return float(np.count_nonzero(inside & self.moving) / np.count_nonzero(self.moving))
+        return float(np.count_nonzero(inside & self.moving) / max(int(np.count_nonzero(self.moving)), 1))
 
     def one_line(self) -> float:
         """Power at one commanded frequency at a time, as a share of all: the mean over pieces of 4 s of the largest

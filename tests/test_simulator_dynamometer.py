@@ -341,8 +341,8 @@ def test_the_analysis_finds_the_springs_of_the_foot_and_what_each_cycle_loses():
     assert foot is not None
     assert truth["foot"] == foot.model_dump()
     assert cycles["speed_deg_s"].to_list() == pytest.approx([3, 4, 5], rel=0.03)  # the turns are slower
-    for cycle, lost in zip(found.cycles.used, cycles["energy_lost"], strict=True):
-        half = np.ptp(found.theta[cycle.start : cycle.stop + 1]) / 2
+    for cycle, lost in zip(found.cycles, cycles["energy_lost"], strict=True):
+        half = np.ptp(found.theta[cycle[0] : cycle[-1] + 1]) / 2
         assert lost == pytest.approx(sum(4 * s.limit * (half - s.limit / s.stiffness) for s in foot.slipping), rel=0.01)
     table = torque_angle_table(found).to_dicts()[0]
     assert table["K_lowest"] == pytest.approx(foot.K, rel=0.01)  # at rest, where both springs slip

@@ -388,9 +388,9 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
 
     Ctrl-C ends it. A recording that was examined is not examined again until it changes.
     """
-    from osl_analysis.commands.inspect import bench_of, watched_lines
+    from osl_analysis.commands.inspect import WatchedBench, watched_lines
 
-    bench = bench_of(config_path, source, output)
+    bench = WatchedBench(config_path, source, output)
     say(f"watching {folder}; Ctrl-C ends")
     with suppress(KeyboardInterrupt):
         for line in watched_lines(folder, bench):

@@ -123,11 +123,11 @@ import json
 from pathlib import Path
 from click.testing import CliRunner
 from osl_analysis.cli import main
-from osl_analysis.commands.inspect import bench_of, first_look, recording_line
+from osl_analysis.commands.inspect import WatchedBench, first_look, recording_line
 from osl_analysis.notebook import asked, fit_trial
 
 trial, ours = "results/trials/holding_2.parquet", Path("config.yaml")
-bench = bench_of(ours, None, Path())
+bench = WatchedBench(ours, None, Path())
 fit = [CliRunner().invoke(main, ["fit", trial, "--model", "holding", "--config", "config.yaml", *more]).output
        for more in ([], ["--json"])]
 watched = recording_line(Path("holding_2.csv"), Path(), bench)

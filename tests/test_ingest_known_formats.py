@@ -16,7 +16,7 @@ from osl_analysis.ingest.draft import draft_source
 from osl_analysis.ingest.overview import Overview, RecordedChannel
 from osl_analysis.ingest.raw_files import FORMATS, KnownFormat, read_source, recognise
 from osl_analysis.ingest.recording import Recording
-from osl_analysis.ingest.source import Keys, Source
+from osl_analysis.ingest.source import Source, model_of
 from osl_analysis.judge.table import QualityRules
 from osl_analysis.trial import read_trial
 
@@ -88,8 +88,8 @@ def test_an_entry_in_the_table_makes_a_format_known_to_ingest_inspect_draft_and_
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A new format touches its decoder in formats/, its keys, reader and overview in ingest/, the table and a test."""
-    keys = Keys("channels", "key", kinds={"channel.key": (str, ...)})
-    toy = KnownFormat("toy", keys, lambda begin: begin.startswith(b"TOY1"), (".toy",), read_toy, inspect_toy)
+    model = model_of("toy", "channels", "key", kinds={"channel.key": (str, ...)})
+    toy = KnownFormat(model, lambda begin: begin.startswith(b"TOY1"), (".toy",), read_toy, inspect_toy)
     monkeypatch.setitem(FORMATS, "toy", toy)
     (tmp_path / "a.dat").write_bytes(b'TOY1{"angle": [0, 90, 180]}')
     drafted = draft_source(inspect_file(tmp_path / "a.dat"), "a.dat")

@@ -17,7 +17,7 @@ from osl_analysis.commands.reference import definitions_of, schemas
 from osl_analysis.commands.run import looked_at, snakemake_arguments
 from osl_analysis.errors import InputError
 from osl_analysis.files import shipped
-from osl_analysis.ingest.draft import Recorded, draft_trials
+from osl_analysis.ingest.draft import draft_trials
 from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.ingest.source import open_places
 
@@ -110,18 +110,18 @@ def test_a_channel_that_may_be_another_quantity_is_left_to_the_user(tmp_path, co
     ],
 )
 def test_the_name_of_a_file_tells_its_trial_and_nothing_more(name, experiment, told):
-    (trial,) = draft_trials([Recorded(Path(f"{name}.csv"), "csv", is_capture=False)])
-    assert trial.cells["experiment"] == experiment
-    assert {k: v for k, v in trial.cells.items() if k in ("K_d", "B_d", "controller", "perturbed")} == told
+    ((cells, still_open),) = draft_trials([(Path(f"{name}.csv"), "csv", False)])
+    assert cells["experiment"] == experiment
+    assert {k: v for k, v in cells.items() if k in ("K_d", "B_d", "controller", "perturbed")} == told
     complete = experiment not in ("ingest_only", "impedance") or {"K_d", "B_d"} <= told.keys()
-    assert bool(trial.open) != complete
+    assert bool(still_open) != complete
 
 
 def test_a_log_and_a_capture_of_one_name_are_one_trial_and_two_logs_are_two():
     files = [("a/walk_1.mcap", False), ("b/walk_1.c3d", True), ("c/walk_1.mcap", False)]
-    trials = draft_trials([Recorded(Path(path), "s", is_capture) for path, is_capture in files])
-    assert [trial.cells["trial"] for trial in trials] == ["walk_1", "walk_1_2"]
-    assert (trials[0].cells["log"], trials[0].cells["mocap"]) == ("a/walk_1.mcap", "b/walk_1.c3d")
+    trials = draft_trials([(Path(path), "s", is_capture) for path, is_capture in files])
+    assert [cells["trial"] for cells, _ in trials] == ["walk_1", "walk_1_2"]
+    assert (trials[0][0]["log"], trials[0][0]["mocap"]) == ("a/walk_1.mcap", "b/walk_1.c3d")
 
 
 def test_nothing_is_overwritten_and_nothing_stays_behind(tmp_path):

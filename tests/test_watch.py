@@ -17,7 +17,7 @@ from osl_analysis.commands import inspect as module
 from osl_analysis.commands.inspect import (
     QUIET_S,
     Arrivals,
-    bench_of,
+    WatchedBench,
     device_of_row,
     first_look,
     fit_of_row,
@@ -37,7 +37,7 @@ def in_root(monkeypatch):
 
 @pytest.fixture
 def bench(tmp_path):
-    return bench_of(default_config(), None, tmp_path / "pictures")
+    return WatchedBench(default_config(), None, tmp_path / "pictures")
 
 
 def touch(path, text, second):
@@ -153,7 +153,7 @@ def test_the_stated_source_file_decides(tmp_path):
         "  theta: {column: ankle_angle_deg, unit: deg}\n"
         "  torque: {column: loadcell_torque_Nm, unit: N*m, sign: -1}\n"
     )
-    bench = bench_of(Path("config/config.yaml"), source, tmp_path / "pictures")
+    bench = WatchedBench(Path("config/config.yaml"), source, tmp_path / "pictures")
     said = recording_line(tmp_path / "in/k120_b2.csv", tmp_path / "in", bench)
     assert "guessed" not in said
     assert "NOT CHECKED: " in said

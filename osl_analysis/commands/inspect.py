@@ -18,7 +18,7 @@ from typing import Any
 import polars as pl
 
 from osl_analysis.bench.impedance import DesiredImpedance
-from osl_analysis.campaign.campaign import Campaign, open_campaign
+from osl_analysis.campaign.campaign import open_campaign
 from osl_analysis.campaign.configuration import Config, read_config
 from osl_analysis.commands.bench import UNIT_OF, Fit, estimated, estimates_text, fit_request, fit_trial, job_of
 from osl_analysis.commands.figure import draw_table
@@ -188,10 +188,10 @@ class Draft:
     """What the recordings of a folder were taken for, and what the user has to decide."""
 
     sources: dict[str, str] = field(default_factory=dict)  # texts of the source files, by name
-    recordings: list[drafts.Recorded] = field(default_factory=list)
+    files: dict[str, list[Path]] = field(default_factory=dict)  # the recordings that each describes
     open: list[tuple[Path, str]] = field(default_factory=list)  # file and question, as which of two clocks counts
     refused: list[str] = field(default_factory=list)  # files that are no recordings, or cannot be read, with the reason
-    trials: list[drafts.DraftedTrial] = field(default_factory=list)
+    trials: list[tuple[dict[str, str], list[str]]] = field(default_factory=list)  # cells and questions of each
 
 
 def new_campaign(
@@ -204,7 +204,6 @@ def new_campaign(
         what = "exists and is not empty" if folder.is_dir() else "is a file"
         raise InputError(f"{folder}: {what}; name a new folder, nothing is overwritten")
     draft = Draft() if recordings is None else draft_campaign(recordings)
-    raw_data = Path(os.path.relpath(recordings.resolve(), folder.resolve()) if recordings else "recordings")
     known = sorted(path.stem for path in shipped("config/sources").glob("*.yaml"))
     for name in recorders:
         if name not in known:
@@ -212,11 +211,12 @@ def new_campaign(
             raise InputError(f"no source file for a recorder '{name}'; there are {', '.join(known)}{like}")
     names = ("dynamometer", "dynamometer_nodes") if example else recorders
     texts = {name: shipped(f"config/sources/{name}.yaml").read_text(encoding="utf-8") for name in names}
+    raw_data = Path(os.path.relpath(recordings.resolve(), folder.resolve()) if recordings else "recordings")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as place:
             made = Path(place) / "campaign"
-            write_campaign(made, folder.name, raw_data, draft, texts, example)
+            write_campaign(made, folder.name, raw_data, {**draft.sources, **texts}, None if example else draft)
             if folder.is_dir():
                 folder.rmdir()
             made.rename(folder)
@@ -225,32 +225,41 @@ def new_campaign(
     return draft
 
 
-def write_campaign(
-    folder: Path, name: str, raw_data: Path, draft: Draft, sources: Mapping[str, str], example: bool
-) -> None:
-    """The files of a campaign; `sources` are texts of source files besides the drafted ones, by name."""
+def write_campaign(folder: Path, name: str, raw_data: Path, sources: Mapping[str, str], draft: Draft | None) -> None:
+    """The files of a campaign; `sources` are texts of source files by name; without a draft it is the example."""
     (folder / "sources").mkdir(parents=True)
     allowed = "".join(c if c.isascii() and (c.isalnum() or c in "_-") else "_" for c in name).strip("_") or "campaign"
-    template = shipped(f"config/new_campaign/{'example' if example else 'config'}.yaml").read_text(encoding="utf-8")
-    path = raw_data.as_posix()
+    kind, path = "config" if draft else "example", raw_data.as_posix()
+    template = shipped(f"config/new_campaign/{kind}.yaml").read_text(encoding="utf-8")
     if not all(character.isalnum() or character in "/._-" for character in path):  # a text in YAML's quotes
         path = "'" + path.replace("'", "''") + "'"
     (folder / "config.yaml").write_text(template.format(name=allowed, raw_data=path), encoding="utf-8")
     write_schemas(folder / "schemas")
     if not raw_data.is_absolute() and ".." not in raw_data.parts:
         (folder / raw_data).mkdir(parents=True)
-    for source, content in {**draft.sources, **sources}.items():
+    for source, content in sources.items():
         text = f"# yaml-language-server: $schema=../schemas/source.schema.json\n{content}"
         (folder / f"sources/{source}.yaml").write_text(text, encoding="utf-8")
-    if example:
+    if draft is None:
         shutil.copy(shipped("config/new_campaign/simulation.yaml"), folder / "simulation.yaml")
         return
-    given = ["trial", "experiment", "controller", "K_d", "B_d", "perturbed"]
-    columns = [*given, "log", "log_source", "mocap", "mocap_source", "exclude"]
+    columns = [
+        "trial",
+        "experiment",
+        "controller",
+        "K_d",
+        "B_d",
+        "perturbed",
+        "log",
+        "log_source",
+        "mocap",
+        "mocap_source",
+        "exclude",
+    ]
     with (folder / "trials.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
         writer.writeheader()
-        writer.writerows(trial.cells for trial in draft.trials)
+        writer.writerows(cells for cells, _ in draft.trials)
 
 
 def draft_campaign(folder: Path) -> Draft:
@@ -259,13 +268,14 @@ def draft_campaign(folder: Path) -> Draft:
         raise InputError(f"{folder}: no such folder of recordings; check the path")
     draft, layouts = Draft(), dict[tuple[object, ...], str]()
     overviews: dict[str, tuple[Overview, str]] = {}
+    recordings = []
     for path in recordings_in(folder):
         try:
             overview = inspect_file(path)
         except InputError as error:
             draft.refused.append(str(error))
             continue
-        name, is_capture = overview.format, FORMATS[overview.format].is_capture
+        name, is_capture, file = overview.format, FORMATS[overview.format].is_capture, path.relative_to(folder)
         # What files share that one source file can describe: format, clock, and the channels of a log. Captures of one
         # laboratory have other markers in each trial.
         channels = tuple((*channel.address.values(), channel.unit) for channel in overview.channels)
@@ -274,27 +284,23 @@ def draft_campaign(folder: Path) -> Draft:
         source = layouts.setdefault(layout, name if number == 1 else f"{name}_{number}")
         if source not in overviews or len(overview.channels) > len(overviews[source][0].channels):
             overviews[source] = (overview, path.name)
-        draft.open += [(path.relative_to(folder), text) for text in overview.open]
-        draft.recordings.append(drafts.Recorded(path.relative_to(folder), source, is_capture))
-    if not draft.recordings:
+        draft.files.setdefault(source, []).append(file)
+        draft.open += [(file, text) for text in overview.open]
+        recordings.append((file, source, is_capture))
+    if not recordings:
         why = f", as {draft.refused[0]}" if draft.refused else f" ({', '.join(sorted(SUFFIXES))})"
         raise InputError(f"{folder}: no recording in it that can be read{why}; name the folder of the recordings")
-    draft.sources = {
-        name: drafts.draft_source(overview, file, named=True) for name, (overview, file) in overviews.items()
-    }
-    draft.trials = drafts.draft_trials(draft.recordings)
+    for name, (overview, file_name) in overviews.items():
+        draft.sources[name] = drafts.draft_source(overview, file_name, named=True)
+    draft.trials = drafts.draft_trials(recordings)
     return draft
 
 
 def recordings_in(folder: Path) -> Iterable[Path]:
     """Files and bag folders below a folder that may be recordings, by their endings."""
     bags = {path.parent for path in folder.rglob(BAG_DESCRIPTION)}
-    files = [
-        path
-        for path in folder.rglob("*")
-        if path.is_file() and path.suffix.lower() in SUFFIXES and not any(bag in path.parents for bag in bags)
-    ]
-    return sorted([*bags, *files])
+    files = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    return sorted([*bags, *(path for path in files if not bags & {*path.parents})])
 
 
 def left_to_decide(folder: Path, draft: Draft) -> list[str]:
@@ -306,9 +312,9 @@ def left_to_decide(folder: Path, draft: Draft) -> list[str]:
             named = ", ".join(place[-1] for place in places[:6])
             lines.append(f"{path}: {len(places)} places are to be edited: {named}")
     alike: dict[str, list[str]] = {}
-    for trial in draft.trials:
-        for text in trial.open:
-            alike.setdefault(f"{folder / 'trials.csv'}: {text}", []).append(trial.cells["trial"])
+    for cells, questions in draft.trials:
+        for text in questions:
+            alike.setdefault(f"{folder / 'trials.csv'}: {text}", []).append(cells["trial"])
     for file, text in draft.open:
         alike.setdefault(text, []).append(str(file))
     return [*lines, *(f"{text} ({listing(which, 6)})" for text, which in alike.items())]
@@ -316,17 +322,17 @@ def left_to_decide(folder: Path, draft: Draft) -> list[str]:
 
 def drafted_text(draft: Draft) -> str:
     """What the recordings were taken for: files by source, channels named by a guess, and what is not read."""
-    lines = []
+    lines, most = [], 30
     for name, text in draft.sources.items():
-        files = [str(one.path) for one in draft.recordings if one.source == name]
-        named = ", ".join(files[:4]) + ", ..." * (len(files) > 4)
+        files = draft.files[name]
+        named = ", ".join(map(str, files[:4])) + ", ..." * (len(files) > 4)
         lines.append(f"sources/{name}.yaml: {len(files)} recordings, {named}")
         lines += [f"    {line}" for line in drafts.guessed_lines(text)]
     lines.append("trials.csv, from the names of the files:")
-    for cells in (trial.cells for trial in draft.trials[:30]):
+    for cells, _ in draft.trials[:most]:
         more = [f"{name} {cells[name]}" for name in ("controller", "K_d", "B_d", "perturbed") if name in cells]
         lines.append("    " + ", ".join([f"{cells['trial']}: {cells['experiment']}", *more]))
-    lines += [f"    and {len(draft.trials) - 30} more"] * (len(draft.trials) > 30)
+    lines += [f"    and {len(draft.trials) - most} more"] * (len(draft.trials) > most)
     return "\n".join([*lines, *(f"not read: {text}" for text in draft.refused)])
 
 
@@ -340,8 +346,8 @@ class Arrivals:
 
     folder: Path
     seen: dict[str, State] = field(default_factory=dict)  # that were examined, by their path in the folder
-    growing: dict[str, tuple[State, float]] = field(default_factory=dict)  # others, with the time [s] of their change
-    pauses: dict[str, float] = field(default_factory=dict)  # longest time [s] between two changes of one that grew
+    growing: dict[str, tuple[State, float, float]] = field(default_factory=dict)
+    """Others, with the time of their last change, and the longest between two changes of one that grew [s]."""
 
     def complete(self, now: float) -> list[tuple[Path, State]]:
         """Recordings that are new, or other than when they were examined, and rest: they have not changed for
@@ -357,14 +363,12 @@ class Arrivals:
             state = (sum(stat.st_size for stat in stats), max((stat.st_mtime_ns for stat in stats), default=0))
             if not state[0] or self.seen.get(name) == state:
                 continue
-            before, since = self.growing.get(name, (None, now))
+            before, since, pause = self.growing.get(name, (None, now, 0.0))
             if before != state:
                 grew = before is not None or name in self.seen
-                self.pauses[name] = max(self.pauses.get(name, 0.0), now - since if grew else 0.0)
-                since = now
-            self.growing[name] = (state, since)
-            quiet = min(max(QUIET_S, 2 * self.pauses.get(name, 0.0)), 20.0)
-            if before == state and now - since >= quiet and not is_written(path):
+                pause, since = max(pause, now - since if grew else 0.0), now
+            self.growing[name] = (state, since, pause)
+            if before == state and now - since >= min(max(QUIET_S, 2 * pause), 20.0) and not is_written(path):
                 found.append((path, state))
         return found
 
@@ -390,23 +394,19 @@ def read_notes(path: Path) -> dict[str, State]:
         return {}
 
 
-@dataclass(frozen=True)
 class WatchedBench:
-    config_path: Path
-    config: Config
-    campaign: Campaign | None  # the campaign whose sheet may name a recording; None without a sheet
-    source: str | None  # the source file; None: the sheet's, else one of the folder that fits, else a guess
-    output: Path  # folder of pictures and of the notes on what was examined
+    """What recordings are examined with, from a configuration and, if it has one, its sample sheet, which may name a
+    recording. `source` is a stated source file; without one: the sheet's, else one of the folder that fits, else a
+    guess. `output` is the folder of pictures and of the notes on what was examined."""
 
-
-def bench_of(config_path: Path, source: Path | None, output: Path) -> WatchedBench:
-    """What recordings are examined with, from a configuration and, if it has one, its sample sheet."""
-    config = read_config(config_path)
-    if source is not None:
-        read_source(source)
-        config = config.model_copy(update={"sources": source.parent})
-    campaign = open_campaign(config, None) if config.simulation is None and config.sheet.is_file() else None
-    return WatchedBench(config_path, config, campaign, None if source is None else source.stem, output)
+    def __init__(self, config_path: Path, source: Path | None, output: Path) -> None:
+        self.config_path, self.config, self.output = config_path, read_config(config_path), output
+        self.source = None if source is None else source.stem
+        if source is not None:
+            read_source(source)
+            self.config = self.config.model_copy(update={"sources": source.parent})
+        has_sheet = self.config.simulation is None and self.config.sheet.is_file()
+        self.campaign = open_campaign(self.config, None) if has_sheet else None
 
 
 def watched_lines(folder: Path, bench: WatchedBench) -> Iterator[str]:
@@ -475,17 +475,12 @@ def row_of_recording(
         if named["log"] and (bench.config.raw_data / named["log"]).resolve() == path.resolve():
             return {**named, "log": path.name}, bench.config.sources, []
     sources, source, said = bench.config.sources, bench.source, list[str]()
-    if source is None:
-        found = recognise(path)
-        for file in sorted(sources.glob("*.yaml")) if bench.campaign else ():
-            try:
-                if read_source(file).format == found:
-                    trying = {"trial": path.stem, "log": path.name, "log_source": file.stem}
-                    checked_trial(trying, path.parent, sources)
-                    source = file.stem
-                    break
-            except OslAnalysisError:
-                continue
+    for file in sorted(sources.glob("*.yaml")) if bench.campaign and source is None else ():
+        with suppress(OslAnalysisError):
+            if read_source(file).format == recognise(path):
+                checked_trial({"trial": path.stem, "log": path.name, "log_source": file.stem}, path.parent, sources)
+                source = file.stem
+                break
     if source is None:
         overview = inspect_file(path)
         text, sources, source = drafts.draft_source(overview, path.name, named=True), place, "draft"
@@ -500,8 +495,8 @@ def row_of_recording(
         guesses = [line.split("#")[0].strip() for line in drafts.guessed_lines(text)]
         said = [f"channels are guessed: {listing(guesses, 4)}"] * bool(guesses)
         said += [printable(one) for one in overview.open]
-    (trial,) = drafts.draft_trials([drafts.Recorded(Path(path.name), source, is_capture=False)])
-    row = dict.fromkeys(("log_part", "mocap", "mocap_source", "K_d", "B_d", "controller")) | trial.cells
+    ((cells, _),) = drafts.draft_trials([(Path(path.name), source, False)])
+    row = dict.fromkeys(("log_part", "mocap", "mocap_source", "K_d", "B_d", "controller")) | cells
     row["trial"] = drafts.trial_name(Path(path.relative_to(folder).as_posix().replace("/", "_")))
     if row["experiment"] == drafts.UNNAMED:  # a recording with angle and torque whose name and sheet tell none
         row["experiment"], said = "impedance", [*said, "taken for an impedance trial"]

@@ -7,8 +7,8 @@ plates were empty or not.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,64 +27,48 @@ from osl_analysis.signals import run_at_extreme, runs
 from osl_analysis.trial import AXES, Array, marker_columns, plate_columns, unit_of
 
 Origins = dict[str, dict[str, Any]]
+PlateRecord = tuple[dict[str, Array], Origins, dict[str, Any]]
 
 
-@dataclass(frozen=True)
-class PlateLoad:
-    """Recording of one force plate, in the axes of the file."""
+def plate_record(
+    plate: Mapping[str, Any],
+    wrench: tuple[Array, Array],
+    origin: Mapping[str, Any],
+    channels: tuple[Sequence[str], Array, float],
+    rotation: Array,
+) -> PlateRecord:
+    """Columns of one plate in our axes, (samples,) each, where they come from, and what the provenance says of it.
+    plate: its number and type of the C3D manual (2 where forces and moments were exported), and the corners of its
+    surface, (4, 3) [m]. wrench: force [N] on the foot and moment [N*m] about the centre of the corners, (samples, 3)
+    each; both and the corners are in the axes of the file. channels: names of the raw ones that together give the
+    force, their samples, (samples, channels) in the file's units, and their rate [Hz].
 
-    number: int
-    type: int  # type 1 to 4 of the C3D manual; 2 where forces and moments were exported
-    corners: Array  # (4, 3) [m]
-    force: Array  # (samples, 3) [N], on the foot
-    moment: Array  # (samples, 3) [N*m], on the foot, about the centre of the corners
-    origin: Mapping[str, Any]  # source channels, for the provenance
-    labels: Sequence[str]  # names of the raw channels
-    raw: Array  # (samples, channels) in the file's units, which together give the force
-    rate: float  # [Hz] of the samples
-
-    def channel_facts(self) -> list[dict[str, Any]]:
-        """What each raw channel shows, for the provenance: after the rotation a clipped or dead sensor cannot be seen.
-        `clipped_samples` is the length of the longest run at an extreme, `clipped_at` its value in the unit of the
-        file. `stands_samples` is the length of the longest run of one value while the plate's force changes.
-        `..._from_s` and `..._to_s` are the times of a run's first and last sample."""
-        load = np.linalg.norm(self.force, axis=1)
-        # where the force changes by a fifth of its range every channel should; below 50 N the plate was not used
-        least = max(0.2 * float(np.ptp(load)), 50.0) if load.size else 50.0
-        facts = []
-        for label, values in zip(self.labels, self.raw.T, strict=True):
-            clipped = run_at_extreme(values)
-            repeated = [slice(run.start, run.stop + 1) for run in runs(np.diff(values) == 0)]
-            standing = [run for run in repeated if np.ptp(load[run]) > least]
-            longest = max(standing, key=lambda run: run.stop - run.start, default=slice(0, 0))
-            spans: dict[str, Any] = {"label": label}
-            spans["clipped_at"] = float(values[clipped.start]) if clipped.stop > clipped.start else None
-            for what, run in (("clipped", clipped), ("stands", longest)):
-                found = run.stop > run.start
-                spans |= {
-                    f"{what}_samples": int(run.stop - run.start),
-                    f"{what}_from_s": run.start / self.rate if found else None,
-                    f"{what}_to_s": (run.stop - 1) / self.rate if found else None,
-                }
-            facts.append(spans)
-        return facts
-
-
-def plate_signals(
-    plates: Iterable[PlateLoad], rotation: Array
-) -> tuple[dict[str, Array], Origins, list[dict[str, Any]]]:
-    """Force [N] and moment [N*m] columns per plate in our axes, (samples,) each, where they come from, and what the
-    provenance says of each plate: number, type, corners [m] and raw channels."""
+    After the rotation a clipped or dead sensor cannot be seen, so what each raw channel shows is told here:
+    `clipped_samples` is the length of the longest run at an extreme, `clipped_at` its value in the unit of the file;
+    `stands_samples` is the length of the longest run of one value while the plate's force changes. `..._from_s` and
+    `..._to_s` are the times of a run's first and last sample."""
     columns, origins, facts = dict[str, Array](), Origins(), []
-    for plate in plates:
-        for quantity, values in (("force", plate.force), ("moment", plate.moment)):
-            for axis, column in enumerate(plate_columns(plate.number, quantity)):
-                columns[column] = (values @ rotation.T)[:, axis]
-                origins[column] = {"plate": plate.number, **plate.origin, "si_unit": unit_of(column)}
-        corners = (plate.corners @ rotation.T).tolist()
-        of_plate = {"plate": plate.number, "type": plate.type, "corners": corners, "channels": plate.channel_facts()}
-        facts.append(of_plate)
-    return columns, origins, facts
+    for quantity, values in zip(("force", "moment"), wrench, strict=True):
+        for axis, column in enumerate(plate_columns(plate["plate"], quantity)):
+            columns[column] = (values @ rotation.T)[:, axis]
+            origins[column] = {"plate": plate["plate"], **origin, "si_unit": unit_of(column)}
+    labels, raw, rate = channels
+    load = np.linalg.norm(wrench[0], axis=1)
+    # where the force changes by a fifth of its range every channel should; below 50 N the plate was not used
+    least = max(0.2 * float(np.ptp(load)), 50.0) if load.size else 50.0
+    for label, values in zip(labels, raw.T, strict=True):
+        clipped = run_at_extreme(values)
+        alike = [slice(run.start, run.stop + 1) for run in runs(np.diff(values) == 0)]
+        standing = [run for run in alike if np.ptp(load[run]) > least]
+        longest = max(standing, key=lambda run: run.stop - run.start, default=slice(0, 0))
+        at = float(values[clipped.start]) if clipped.stop > clipped.start else None
+        shown: dict[str, Any] = {"label": label, "clipped_at": at}
+        for what, run in (("clipped", clipped), ("stands", longest)):
+            ends = (run.start / rate, (run.stop - 1) / rate) if run.stop > run.start else (None, None)
+            shown |= {f"{what}_samples": int(run.stop - run.start), f"{what}_from_s": ends[0], f"{what}_to_s": ends[1]}
+        facts.append(shown)
+    corners = (plate["corners"] @ rotation.T).tolist()
+    return columns, origins, {**plate, "corners": corners, "channels": facts}
 
 
 def captured(
@@ -93,7 +77,7 @@ def captured(
     markers: Sequence[tuple[str, str, Array, str]] = (),
     outputs: Mapping[str, Array] | None = None,
     analogs: Mapping[str, tuple[Array, str]] | None = None,
-    plates: Sequence[PlateLoad] = (),
+    plates: Sequence[PlateRecord] = (),
     facts: Mapping[str, Any] | None = None,
     warnings: Sequence[str] = (),
 ) -> Recording:
@@ -117,8 +101,10 @@ def captured(
     for column, values in (outputs or {}).items():  # in the unit of the source file, never in that of the file
         slow[column] = source.outputs[column].to_si(values, unit_of(column))
         origins[column] = source.outputs[column].origin(column)
-    fast, plate_origins, geometry = plate_signals(plates, source.rotation)
-    origins |= plate_origins
+    fast, geometry = dict[str, Array](), [fact for _, _, fact in plates]
+    for values_of_plate, origins_of_plate, _ in plates:
+        fast |= values_of_plate
+        origins |= origins_of_plate
     for column, (values, unit) in (analogs or {}).items():
         try:
             fast[column] = source.analogs[column].to_si(values, unit_of(column), unit)
@@ -261,7 +247,7 @@ def plate_count(recording: C3DRecording) -> int:
     return int(used[0]) if used.size else 0
 
 
-def plate_loads(recording: C3DRecording, source: Source) -> list[PlateLoad]:
+def plate_loads(recording: C3DRecording, source: Source) -> list[PlateRecord]:
     """What the plates that the source file asks for recorded."""
     count, loads = plate_count(recording), []
     for number in range(1, count + 1) if source.plates == "all" else source.plates:
@@ -277,7 +263,7 @@ def plate_loads(recording: C3DRecording, source: Source) -> list[PlateLoad]:
     return loads
 
 
-def plate_load(recording: C3DRecording, source: Source, number: int) -> PlateLoad:
+def plate_load(recording: C3DRecording, source: Source, number: int) -> PlateRecord:
     """What one plate recorded, and from which channels. The matrix of a type 4 plate gives moments in N times the
     file's unit of length unless overridden."""
     header, labels = recording.header, recording.analog_labels
@@ -289,9 +275,9 @@ def plate_load(recording: C3DRecording, source: Source, number: int) -> PlateLoa
         matrix = plate_parameter(recording, "CAL_MATRIX", number, (6, 6))
         if header.texts("FORCE_PLATFORM:MATRIX_STORE") == ["BYROW"]:
             matrix = matrix.T
-        units = source.plate_units
-        moment_unit, force_factor = (units.moment, si_factor(units.force, "N")) if units else (f"N*{length}", 1.0)
-        matrix = np.asarray(matrix * np.repeat([force_factor, si_factor(moment_unit, "N*m")], 3)[:, None])
+        stated_units = source.plate_units
+        moment_unit, force_unit = (stated_units.moment, stated_units.force) if stated_units else (f"N*{length}", "N")
+        matrix = np.asarray(matrix * np.repeat([si_factor(force_unit, "N"), si_factor(moment_unit, "N*m")], 3)[:, None])
     if kind not in MEASURED_BY_TYPE:
         raise InputError(f"plate {number} is of type {kind}; types 1 to 4 are read")
     if not np.isfinite(own_axes(corners)).all():
@@ -309,13 +295,13 @@ def plate_load(recording: C3DRecording, source: Source, number: int) -> PlateLoa
             f"{stated.tolist()} of the file's {header.channels}; correct it"
         )
     numbers = [int(one) - 1 for one in stated]
-    channels = channels_in_si(recording, source, number, kind, numbers)
-    force, moment = wrench(kind, corners, origin, channels, matrix)
-    analogs = [n + 1 for n in numbers]
-    provenance = {"type": kind, "analogs": analogs, "units": [recording.analog_unit(n) for n in numbers]}
+    on_foot = wrench(kind, corners, origin, channels_in_si(recording, source, number, kind, numbers), matrix)
+    units = [recording.analog_unit(n) for n in numbers]
+    provenance = {"type": kind, "analogs": [n + 1 for n in numbers], "units": units}
     shown = [(printable(labels[n]) if n < len(labels) else "") or f"analog {n + 1}" for n in numbers]
-    raw, rate = recording.analogs[:, numbers], header.rate * header.samples_per_frame
-    return PlateLoad(number, kind, corners, force, moment, provenance, shown, raw, rate)
+    raw = shown, recording.analogs[:, numbers], header.rate * header.samples_per_frame
+    plate = {"plate": number, "type": kind, "corners": corners}
+    return plate_record(plate, on_foot, provenance, raw, source.rotation)
 
 
 def channels_in_si(recording: C3DRecording, source: Source, number: int, kind: int, numbers: list[int]) -> Array:
@@ -410,12 +396,13 @@ def read_nexus_capture(path: Path, source: Source) -> Recording:
             columns = [devices.column(f"{plate.device} - {kind}", f"{kind[0]}{axis}") for axis in AXES]
             exported.append(np.column_stack([plate.sign * si_factor(unit, si_unit) * one for one, unit in columns]))
             names += [f"{plate.device} {kind[0]}{axis}" for axis in AXES]
-        about = np.mean(plate.corners, axis=0) if plate.moment_about is None else np.array(plate.moment_about)
-        arm = (about - np.mean(plate.corners, axis=0)) * millimetre
-        origin, corners = {"device": plate.device, "sign": plate.sign}, np.array(plate.corners) * millimetre
-        moment = exported[1] + np.cross(arm, exported[0])
-        raw = np.hstack(exported)
-        plates.append(PlateLoad(number, 2, corners, exported[0], moment, origin, names, raw, devices.rate))
+        corners, force = np.array(plate.corners) * millimetre, exported[0]
+        about = np.array(plate.corners if plate.moment_about is None else [plate.moment_about]) * millimetre
+        moment = exported[1] + np.cross(about.mean(axis=0) - corners.mean(axis=0), force)
+        origin = {"device": plate.device, "sign": plate.sign}
+        raw = names, np.hstack(exported), devices.rate
+        about_plate = {"plate": number, "type": 2, "corners": corners}
+        plates.append(plate_record(about_plate, (force, moment), origin, raw, source.rotation))
     slow = [title for title in ("Trajectories", "Model Outputs") if (markers or outputs) and title in sections]
     used = [sections[title] for title in [*slow, *["Devices"] * bool(analogs or plates)]]
     if not used:
@@ -477,23 +464,23 @@ def exported_plates(table: Table, recording: Recording, source: Source) -> Recor
             "rows that repeat a stamp were left out, but the plates need all; remove `repeated: drop`, as "
             f"{source.place('time', 'repeated')}"
         )
-    loads = []
-    rate = float(1 / np.median(np.diff(time))) if time.size > 1 else 1.0
+    columns, facts = dict(recording.columns), []
+    samples, rate = recording.samples, float(1 / np.median(np.diff(time))) if time.size > 1 else 1.0
     for number, plate in source.plates.items():
         names = exported_columns(plate)
-        columns = np.column_stack([table.columns[name] for name in names])
-        for name, values in zip(names, columns.T, strict=True):
-            check_values(f"column '{name}'", values, time)
-        force, point, moment = plate.sign * columns[:, :3], columns[:, 3:6], plate.sign * columns[:, 6:]
+        values = np.column_stack([table.columns[name] for name in names])
+        for name, one in zip(names, values.T, strict=True):
+            check_values(f"column '{name}'", one, time)
+        force, point, moment = plate.sign * values[:, :3], values[:, 3:6], plate.sign * values[:, 6:]
         about = moment + np.cross(point - np.mean(plate.corners, axis=0), force)
         origin, own = plate.model_dump(include={"force", "point", "moment", "sign"}), [0, 1, 2, 6, 7, 8]
-        labels = [names[k] for k in own]
-        load = PlateLoad(number, 2, np.array(plate.corners), force, about, origin, labels, columns[:, own], rate)
-        loads.append(load)
-    signals, origins, geometry = plate_signals(loads, source.rotation)
-    samples = recording.samples.with_columns(**{name: pl.Series(values) for name, values in signals.items()})
-    columns_of_all, facts = {**recording.columns, **origins}, {**recording.facts, "plates": geometry}
-    return replace(recording, samples=samples, columns=columns_of_all, facts=facts)
+        raw = [names[k] for k in own], values[:, own], rate
+        about_plate = {"plate": number, "type": 2, "corners": np.array(plate.corners)}
+        signals, origins, said = plate_record(about_plate, (force, about), origin, raw, source.rotation)
+        samples = samples.with_columns(**{name: pl.Series(one) for name, one in signals.items()})
+        columns |= origins
+        facts.append(said)
+    return replace(recording, samples=samples, columns=columns, facts={**recording.facts, "plates": facts})
 
 
 def exported_columns(plate: Plate) -> list[str]:

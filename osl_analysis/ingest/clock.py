@@ -35,98 +35,84 @@ class ClockFit:
         return self.offset + (1.0 + self.drift) * time
 
 
-@dataclass(frozen=True)
-class Edges:
-    """The edges of a pulse train."""
-
-    time: Array  # times of the edges, (n,) [s]
-    rising: NDArray[np.bool_]  # whether the level rises, (n,)
-    step: float  # sampling interval of the recorder [s]
+Edges = tuple[Array, NDArray[np.bool_], float]
+"""Of a pulse train: times [s], (n,), whether the level rises, (n,), and the sampling interval of the recorder [s]."""
 
 
 def find_edges(time: Array, level: Array) -> Edges:
     """Edges of a two-level signal: where it crosses its mid-level, interpolated between two samples. A rising edge
     counts only if the signal then passes three quarters of its range, a falling one if it passes one quarter, so that
     noise at the mid-level makes no edges."""
-    low, high = float(level.min()), float(level.max())
-    swing = high - low
-    step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
-    certain = np.flatnonzero((level > low + 0.75 * swing) | (level < low + 0.25 * swing)) if swing else np.zeros(0, int)
-    state = level[certain] > low + 0.5 * swing
+    low, swing = float(level.min()), float(np.ptp(level))
+    step, middle = float(np.median(np.diff(time))) if time.size > 1 else 0.0, low + 0.5 * swing
+    certain = np.flatnonzero(abs(level - middle) > 0.25 * swing)
+    state = level[certain] > middle
     after = certain[1:][state[1:] != state[:-1]]
-    crossings = np.flatnonzero(np.diff(level > low + 0.5 * swing))
+    crossings = np.flatnonzero(np.diff(level > middle))
     before = crossings[np.searchsorted(crossings, after) - 1]
-    fraction = (low + 0.5 * swing - level[before]) / (level[before + 1] - level[before])
-    return Edges(time[before] + fraction * (time[before + 1] - time[before]), level[after] > level[before], step)
+    fraction = (middle - level[before]) / (level[before + 1] - level[before])
+    return time[before] + fraction * (time[before + 1] - time[before]), level[after] > level[before], step
 
 
 def fit_clock(slave: Edges, master: Edges) -> ClockFit:
     """Match the edges by the pattern of their intervals, and fit offset and drift without outliers. The error of an
     edge is that of sampling, uniform within one interval."""
-    for edges, who in ((slave, "the log"), (master, "motion capture")):
-        if edges.time.size < MINIMUM_EDGES:
+    for (times, _, _), who in ((slave, "the log"), (master, "motion capture")):
+        if times.size < MINIMUM_EDGES:
             raise InputError(
-                f"{edges.time.size} sync edges in {who}, at least {MINIMUM_EDGES} are needed; check the sync cable, "
-                "or record longer"
+                f"{times.size} sync edges in {who}, at least {MINIMUM_EDGES} are needed; check the sync cable, or "
+                "record longer"
             )
-    noise, limit = float(np.hypot(slave.step, master.step)) / np.sqrt(12), max(slave.step, master.step)
-    line, used = robust_line(*extended(slave, master, *first_pairs(slave, master), noise), noise)
+    (ours, rising, step), (theirs, theirs_rising, their_step) = slave, master
+    noise, limit = float(np.hypot(step, their_step)) / np.sqrt(12), max(step, their_step)
+    first, second = first_pairs(slave, master)
+    reach = max(np.ptp(first), step)
+    while reach <= 2 * np.ptp(ours):  # fit a line to the pairs known, reach twice as far, repeat
+        line, used = robust_line(first, second, noise)
+        reach *= 2
+        near = abs(ours - first[used].mean()) <= reach
+        tolerance = 2.0 * (step + their_step) + 4.0 * line.drift_error * reach
+        pairs = []
+        for up in (True, False):
+            own, others = ours[near & (rising == up)], theirs[theirs_rising == up]
+            if others.size:
+                expected = line.to_master(own)
+                nearest = others[np.searchsorted((others[1:] + others[:-1]) / 2, expected)]
+                close = abs(nearest - expected) <= tolerance
+                pairs.append((own[close], nearest[close]))
+        first, second = (np.concatenate(column) for column in zip(*pairs, strict=True))
+    line, used = robust_line(first, second, noise)
     if line.residual > limit:
         raise InputError(
             f"the sync edges fit with a residual of {1e3 * line.residual:.2f} ms over {used.sum()} edges, within "
             f"{1e3 * limit:.2f} ms is needed; check the sync cable and both sync channels"
         )
-    expected = line.to_master(slave.time)
-    common = (expected >= master.time[0] - limit) & (expected <= master.time[-1] + limit)
+    expected = line.to_master(ours)
+    common = (expected >= theirs[0] - limit) & (expected <= theirs[-1] + limit)
     return replace(line, excluded_edges=max(int(common.sum() - used.sum()), 0))
 
 
 def first_pairs(slave: Edges, master: Edges) -> tuple[Array, Array]:
     """Times of some edges on both clocks, (n,) each, from the part of the slave's recording that fits best. Every pair
     of edges votes for an offset. The part is short enough that drift does not spread the votes."""
-    best, rival, chosen = 0, 0, (slave.time[:0], master.time[:0])
-    for begin in range(0, slave.time.size, 40):
-        time, rising = slave.time[begin : begin + 40], slave.rising[begin : begin + 40]
-        difference = master.time[None, :] - time[:, None]
-        same = rising[:, None] == master.rising[None, :]
-        width = 2.0 * (slave.step + master.step) + LARGEST_DRIFT * np.ptp(time)
+    best, rival, chosen = 0, 0, (slave[0][:0], master[0][:0])
+    for begin in range(0, slave[0].size, 40):
+        time, rising = slave[0][begin : begin + 40], slave[1][begin : begin + 40]
+        difference, same = master[0][None, :] - time[:, None], rising[:, None] == master[1][None, :]
+        width = 2.0 * (slave[2] + master[2]) + LARGEST_DRIFT * np.ptp(time)
         votes = np.sort(difference[same])
         count = np.searchsorted(votes, votes + width, side="right") - np.arange(votes.size)
         if count.max(initial=0) > best:
-            peak = votes[np.argmax(count)]
-            best = int(count.max())
+            peak, best = votes[np.argmax(count)], int(count.max())
             rival = int(count[abs(votes - peak) > width].max(initial=0))
             rows, columns = np.nonzero(same & (difference >= peak) & (difference <= peak + width))
-            chosen = time[rows], master.time[columns]
+            chosen = time[rows], master[0][columns]
     if best < MINIMUM_EDGES or rival > best // 2:
         raise InputError(
             f"{best} sync edges agree on one offset between the clocks and {rival} on another; at least "
             f"{MINIMUM_EDGES} and twice as many are needed: let the pulses vary in length, or record longer"
         )
     return chosen
-
-
-def extended(slave: Edges, master: Edges, first: Array, second: Array, noise: float) -> tuple[Array, Array]:
-    """Pairs of edges over the whole recording, (n,) each: fit a line to those known, reach twice as far, repeat."""
-    whole, reach = np.ptp(slave.time), max(np.ptp(first), slave.step)
-    while True:
-        line, used = robust_line(first, second, noise)
-        reach *= 2
-        near = abs(slave.time - first[used].mean()) <= reach
-        tolerance = 2.0 * (slave.step + master.step) + 4.0 * line.drift_error * reach
-        pairs = []
-        for up in (True, False):
-            ours, theirs = slave.time[near & (slave.rising == up)], master.time[master.rising == up]
-            if theirs.size:
-                expected = line.to_master(ours)
-                right = np.minimum(np.searchsorted(theirs, expected), theirs.size - 1)
-                left = np.maximum(right - 1, 0)
-                nearest = theirs[np.where(abs(theirs[left] - expected) < abs(theirs[right] - expected), left, right)]
-                close = abs(nearest - expected) <= tolerance
-                pairs.append((ours[close], nearest[close]))
-        first, second = (np.concatenate(column) for column in zip(*pairs, strict=True))
-        if reach > 2 * whole:
-            return first, second
 
 
 def robust_line(first: Array, second: Array, noise: float) -> tuple[ClockFit, NDArray[np.bool_]]:
@@ -160,32 +146,22 @@ ONE_SIGNAL = 0.5  # smallest correlation that counts as one signal
 QUIET_SHARE = 0.05  # of the variance of the recording: a section with less is not used
 
 
-@dataclass(frozen=True)
-class Course:
-    """A signal over the time of its recorder."""
-
-    time: Array  # strictly increasing times, (n,) [s]
-    value: Array  # the signal, (n,), in any unit
-
-    @property
-    def step(self) -> float:
-        """Median sampling interval [s]."""
-        return float(np.median(np.diff(self.time)))
-
-    def on_grid(self, step: float) -> Array:
-        """Values every `step` [s] from the first sample on, interpolated, without their mean."""
-        grid = self.time[0] + step * np.arange(int((self.time[-1] - self.time[0]) / step) + 1)
-        values = np.interp(grid, self.time, self.value)
-        return np.asarray(values - values.mean())
+Course = tuple[Array, Array]
+"""A signal: strictly increasing times of its recorder [s], (n,), and its values, (n,), in any unit."""
 
 
 def correlate_clocks(slave: Course, master: Course) -> ClockFit:
     """Offset from the highest peak of the correlation, drift from the lags of twelve sections of the recording. In the
     result `edges` counts the sections that were used, `excluded_edges` those that were quiet or did not fit."""
-    if min(slave.time.size, master.time.size) < 4 * SECTIONS:
+    if min(slave[0].size, master[0].size) < 4 * SECTIONS:
         raise InputError(f"fewer than {4 * SECTIONS} samples of the shared signal; record longer")
-    step, limit = min(slave.step, master.step), max(slave.step, master.step)
-    ours, theirs = slave.on_grid(step), master.on_grid(step)
+    step, limit = sorted(float(np.median(np.diff(time))) for time, _ in (slave, master))
+    even = []
+    for time, values in (slave, master):  # every `step` from the first sample on, without the mean
+        grid = time[0] + step * np.arange(int((time[-1] - time[0]) / step) + 1)
+        on_grid = np.interp(grid, time, values)
+        even.append(on_grid - on_grid.mean())
+    ours, theirs = even
     if not min(np.ptp(ours), np.ptp(theirs)) > 0:
         raise InputError("the shared signal of one recorder is constant; check the channel and its sensor")
     first, second = section_lags(ours, theirs, whole_lag(ours, theirs))
@@ -194,7 +170,7 @@ def correlate_clocks(slave: Course, master: Course) -> ClockFit:
             f"the shared signal moves in {first.size} of {SECTIONS} sections of the recording, at least "
             f"{MINIMUM_EDGES} are needed; move the joint throughout"
         )
-    first, second = slave.time[0] + step * first, master.time[0] + step * second
+    first, second = slave[0][0] + step * first, master[0][0] + step * second
     line, _ = robust_line(first, second, step)
     for _ in range(2):  # the residual of the fit before is the noise of the next
         noise = line.residual
@@ -270,8 +246,9 @@ def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) 
     """The clock fit, and a warning if the edges of the sync channels could not be used. In this case the clocks are
     aligned by correlation: of the angle that motion capture's source file names under `shared`, or else of the two sync
     voltages. A log that says `clock: common` has the times of that file."""
+    pair = (log, "log"), (mocap, "motion capture")
     if log.facts.get("clock") == "common":
-        starts = [one.facts.get("time", {}).get("start") for one in (log, mocap)]
+        starts = [one.facts.get("time", {}).get("start") for one, _ in pair]
         if None in starts:
             raise InputError(
                 "the log says `clock: common`, but the capture's file states no times, as only TRC does; write `clock: "
@@ -279,23 +256,19 @@ def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) 
             )
         return ClockFit(starts[0] - starts[1], method="common"), []
     try:
-        edges = [
-            find_edges(
-                *values_of(one, "sync", f"{who}: the clocks cannot be aligned; map the channel in its source file")
-            )
-            for one, who in ((log, "log"), (mocap, "motion capture"))
-        ]
+        end = "the clocks cannot be aligned; map the channel in its source file"
+        edges = (find_edges(*values_of(one, "sync", f"{who}: {end}")) for one, who in pair)
         return fit_clock(*edges), []
     except InputError as error:
         refused = error
-    if shared is None and not all("sync" in one.samples.columns for one in (log, mocap)):
+    if shared is None and not all("sync" in one.samples.columns for one, _ in pair):
         raise refused
     what = f"'{shared.column}' and the angle at marker {shared.markers[1]}" if shared else "the sync level"
     try:
         advice = "log; map the channel in its source file"
-        ours = Course(*values_of(log, shared.column if shared else "sync", advice))
+        ours = values_of(log, shared.column if shared else "sync", advice)
         if shared is None:
-            theirs = Course(*values_of(mocap, "sync", advice))
+            theirs = values_of(mocap, "sync", advice)
         else:  # the angle [rad] at the second of three markers, where all of them are seen
             names = [name for label in shared.markers for name in marker_columns(label)]
             absent = [label for label in shared.markers if marker_columns(label)[0] not in mocap.samples.columns]
@@ -306,7 +279,7 @@ def aligned_clock(log: Recording, mocap: Recording, shared: SharedAngle | None) 
             first, vertex, last = seen.select(names).to_numpy().reshape(-1, 3, 3).transpose(1, 0, 2)
             one, other = first - vertex, last - vertex
             angle = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
-            theirs = Course(seen["time"].to_numpy(), np.asarray(angle))
+            theirs = seen["time"].to_numpy(), angle
         fit = correlate_clocks(ours, theirs)
     except InputError as error:
         raise InputError(f"{refused}; cross-correlation of {what} does not align them either: {error}") from error

@@ -3,9 +3,7 @@ files are quoted, as JSON strings, which are valid YAML. Nothing is taken as tol
 
 import json
 import re
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,46 +21,46 @@ ANGLE = r"(angle|position|pos|theta|encoder)"
 SPEED = r"(velocity|vel|speed|omega)"
 EFFORT = r"(torque|moment|tau|effort)"
 PATTERNS = {
-    "sync": (r"\bsync", ""),
-    "trigger": (r"\btrig(ger)?\b", ""),
-    "theta_command": (COMMAND, rf"\b({EFFORT}|{SPEED}|current|stiffness|damping)\b"),
-    "theta_m": (rf"{MOTOR}.*\b{ANGLE}\b|\b{ANGLE} (m\b|{MOTOR})", COMMAND),
-    "omega_m": (rf"{MOTOR}.*\b{SPEED}\b|\bomega m\b", COMMAND),
-    "torque_m": (rf"{MOTOR}.*\b{EFFORT}\b|\b{EFFORT} m\b", COMMAND),
-    "current": (r"\b(current|amps|iq|i q)\b", COMMAND),
-    "torque": (rf"\b({EFFORT}|load ?cell)\b", rf"{COMMAND}|{MOTOR}|ground"),
-    "theta": (rf"\b({ANGLE}|ankle|knee|hip|joint)\b", rf"{COMMAND}|{MOTOR}|\b{SPEED}\b"),
+    "sync": (r"\bsync", "", "sync"),
+    "trigger": (r"\btrig(ger)?\b", "", "trigger trig"),
+    "theta_command": (COMMAND, rf"\b({EFFORT}|{SPEED}|current|stiffness|damping)\b", ""),
+    "theta_m": (
+        rf"{MOTOR}.*\b{ANGLE}\b|\b{ANGLE} (m\b|{MOTOR})",
+        COMMAND,
+        "actuator motor output angle position pos theta m encoder measured meas",
+    ),
+    "omega_m": (rf"{MOTOR}.*\b{SPEED}\b|\bomega m\b", COMMAND, ""),
+    "torque_m": (rf"{MOTOR}.*\b{EFFORT}\b|\b{EFFORT} m\b", COMMAND, ""),
+    "current": (r"\b(current|amps|iq|i q)\b", COMMAND, "motor actuator current iq i q amps measured meas"),
+    "torque": (
+        rf"\b({EFFORT}|load ?cell)\b",
+        rf"{COMMAND}|{MOTOR}|ground",
+        "ankle foot joint torque moment tau load cell loadcell measured meas sensor",
+    ),
+    "theta": (
+        rf"\b({ANGLE}|ankle|knee|hip|joint)\b",
+        rf"{COMMAND}|{MOTOR}|\b{SPEED}\b",
+        "ankle foot joint angle position pos theta encoder measured meas name",
+    ),
 }
-"""By column: what the words of a name contain, and what they do not. The first that fits is the guess."""
-# what is guessed of a name that tells nothing, by what its unit measures
-BY_UNIT = {dimension("rad"): "theta", dimension("N*m"): "torque", dimension("A"): "current"}
-OTHER = rf"\b(ground|battery|supply|imu|roll|pitch|yaw|phase|current|{ANGLE}|{SPEED}|{EFFORT})\b"  # tell too little
+"""By column: what the words of a name contain, and what they do not; and the words of a name that leave no doubt:
+`theta_d` may be a command, `knee_angle` is another joint's. The first that fits is the guess."""
 
 
 def likely_column(channel: RecordedChannel) -> str:
     """The canonical column that a channel may be; empty where name and unit tell none. A stated or likely unit must be
-    one of the column's."""
+    one of the column's; where the name tells nothing, what the unit measures is the guess."""
     words = words_of(" ".join(value for key, value in channel.address.items() if key != "topic"))
     unit = channel.unit or channel.likely_unit
-    measured = base_units(normalised(unit)) if unit else None
-    for column, (wanted, unwanted) in PATTERNS.items():
-        is_level = column in ("sync", "trigger")
-        fits = is_level or measured is None or measured[1] == dimension(COLUMNS[column])
+    _, measured = (base_units(normalised(unit)) if unit else None) or (1.0, "")
+    for column, (wanted, unwanted, _) in PATTERNS.items():
+        fits = column in ("sync", "trigger") or not measured or measured == dimension(COLUMNS[column])
         if fits and re.search(wanted, words) and not (unwanted and re.search(unwanted, words)):
             return column
-    known = BY_UNIT.get(measured[1], "") if measured else ""
-    unwanted = f"{COMMAND}|{OTHER}" if known == "current" else f"{COMMAND}|{OTHER}|{MOTOR}"
+    known = {dimension("rad"): "theta", dimension("N*m"): "torque", dimension("A"): "current"}.get(measured, "")
+    tell_too_little = rf"\b(ground|battery|supply|imu|roll|pitch|yaw|phase|current|{ANGLE}|{SPEED}|{EFFORT})\b"
+    unwanted = f"{COMMAND}|{tell_too_little}" + f"|{MOTOR}" * (known != "current")
     return "" if re.search(unwanted, words) else known
-
-
-PLAIN = {
-    "theta": "ankle foot joint angle position pos theta encoder measured meas name",
-    "theta_m": "actuator motor output angle position pos theta m encoder measured meas",
-    "torque": "ankle foot joint torque moment tau load cell loadcell measured meas sensor",
-    "current": "motor actuator current iq i q amps measured meas",
-    "sync": "sync", "trigger": "trigger trig",
-}  # fmt: skip
-"""By column: the words of a name that leave no doubt. `theta_d` may be a command, `knee_angle` is another joint's."""
 
 
 def words_of(name: str) -> str:
@@ -87,7 +85,7 @@ def draft_source(overview: Overview, name: str, named: bool = False) -> str:
     lines += ["markers: all", f"# or some: markers: [{', '.join(dict.fromkeys(labels))}]"]
     for key, kinds in (("analogs", ("analog", "device")), ("outputs", ("model output",))):
         channels = [c for c in overview.channels if c.kind in kinds]
-        lines += [f"# {key}:"] if channels else []
+        lines += [f"# {key}:"] * bool(channels)
         lines += [f"# {channel_line(number, channel)}" for number, channel in enumerate(channels, start=1)]
     return "\n".join([*lines, *(f"# {line}" for line in draft_walking(overview))]) + "\n"
 
@@ -98,7 +96,10 @@ def guessed_lines(draft: str) -> list[str]:
 
 
 def log_lines(overview: Overview, named: bool) -> Iterator[str]:
-    """Every channel but the clock, for the user to name; topics without messages and empty arrays are left out."""
+    """An entry for every channel but the clock, for the user to name; topics without messages and empty arrays are left
+    out. Of more than eight, those that are like no canonical column by name and unit are comments. named: an entry has
+    its column's name where only this channel is like it and its name leaves no doubt. One that may be another quantity,
+    as a command or another joint's angle, is left to the user."""
     time: Any = overview.settings.get("time", {})
     clock = next((time[key] for key in ("column", "variable", "field", "channel") if key in time), "")
     listed = overview.channels if overview.drafted is None else overview.drafted
@@ -107,32 +108,21 @@ def log_lines(overview: Overview, named: bool) -> Iterator[str]:
         yield "# time: name its column and unit, or state the rate of the rows instead, as {rate: 1000}"
     if any(c.likely_unit and not c.unit for c in listed if clock in c.address.values()):
         yield "# time: its unit is guessed from its name or from the rate of its readings: check it"
-    yield (
-        "# give each signal that you need its canonical name instead of NAME_n, "
-        f"state what is {UNKNOWN}, delete the rest"
-    )
+    todo = f"give each signal that you need its canonical name instead of NAME_n, state what is {UNKNOWN}"
+    yield f"# {todo}, delete the rest"
     yield f"# canonical names: {', '.join(column for column in COLUMNS if column != 'time')}"
     yield "channels:"
     channels = [c for c in listed if not clock or clock not in c.address.values()]
-    yield from channel_lines(
-        [c for c in channels if "topic" not in c.address or ("field" in c.address and c.count)], named
-    )
-
-
-def channel_lines(channels: Sequence[RecordedChannel], named: bool = False) -> Iterator[str]:
-    """An entry per channel. Of more than eight, those that are like no canonical column by name and unit are comments.
-    named: an entry has its column's name where only this channel is like it and its name leaves no doubt. One that may
-    be another quantity, as a command or another joint's angle, is left to the user."""
+    channels = [c for c in channels if "topic" not in c.address or ("field" in c.address and c.count)]
     guesses = [likely_column(channel) for channel in channels]
-    times = Counter(guesses)
     comment_others = any(guesses) and (named or len(channels) > 8)
     for number, (channel, guess) in enumerate(zip(channels, guesses, strict=True), start=1):
         name = " ".join(value for key, value in channel.address.items() if key != "topic")
         words, unit = words_of(name).split(), words_of(channel.likely_unit).split()
         if unit and not channel.unit and words[-len(unit) :] == unit:  # the words of its unit do not count
             words = words[: -len(unit)]
-        certain = bool(words) and set(words) <= set(PLAIN.get(guess, "").split())
-        line = channel_line(number, channel, guess, named and times[guess] == 1 and certain)
+        certain = bool(words) and guess != "" and set(words) <= set(PATTERNS[guess][2].split())
+        line = channel_line(number, channel, guess, named and guesses.count(guess) == 1 and certain)
         yield f"# {line}" if comment_others and not guess else line
 
 
@@ -170,18 +160,16 @@ def draft_walking(overview: Overview) -> list[str]:
     if not clusters["platform"] or not (clusters["foot"] or clusters["shank"]):
         return []
     # the plate on the platform: with load, on which somebody stepped; of several with load the nearest to the markers
-    plates, plate = [channel for channel in overview.channels if channel.kind == "plate"], "1"
+    plates = [channel for channel in overview.channels if channel.kind == "plate"]
     loaded = [one for one in plates if (one.load or 0.0) > 100.0]
-    own = [
-        c for c in overview.channels if c.kind == "marker" and c.address["label"] in clusters["platform"] and c.centre
-    ]
-    if len(plates) != 1:
-        plate = f"{UNKNOWN}  # of {len(plates)} force plates in this file: the one on the platform"
+    own = [c.centre for c in overview.channels if c.centre and c.address.get("label") in clusters["platform"]]
+    plate = (
+        "1" if len(plates) == 1 else f"{UNKNOWN}  # of {len(plates)} force plates in this file: the one on the platform"
+    )
     if len(plates) > 1 and loaded:
         guess, why = max(loaded, key=lambda one: one.load or 0.0), "the one with the load"
         if own and len(loaded) > 1:
-            place = np.mean([marker.centre for marker in own], axis=0)
-            guess = min(loaded, key=lambda one: float(np.linalg.norm(np.asarray(one.centre) - place)))
+            guess = min(loaded, key=lambda one: float(np.linalg.norm(np.subtract(one.centre, np.mean(own, axis=0)))))
             why = "with load the one that is nearest to the platform's markers"
         plate = f"{guess.address['plate']}  # a guess, to be confirmed: of {len(plates)} force plates {why}"
     lines = [
@@ -210,30 +198,7 @@ WORDS_OF_EXPERIMENTS = {
     "impedance": r"\b(impedance|imp|stiffness|multisine|chirp|sines?)\b",
 }
 """By experiment: what the words of a file's name contain. A name that tells several tells none."""
-CROSSINGS = {
-    "false": r"\b(unperturbed|unpert|baseline|normal|level|free|no ?pert)\b",
-    "true": r"\b(perturb|perturbed|perturbation|pert)\b",
-}
-"""By the cell `perturbed`: what the words of a crossing's name contain. The first that fits counts."""
-BETWEEN = "(?<![A-Za-z])"  # what stands before a letter or a word of a name
 UNNAMED = "ingest_only"  # the experiment of a trial whose name tells none
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """One recording that can be read."""
-
-    path: Path  # its file or folder, relative to the folder of the recordings
-    source: str  # name of the source file that describes it
-    is_capture: bool  # whether it comes from motion capture
-
-
-@dataclass
-class DraftedTrial:
-    """A row of a drafted sheet, and what of it the user has to decide."""
-
-    cells: dict[str, str]
-    open: list[str] = field(default_factory=list)
 
 
 def trial_name(path: Path) -> str:
@@ -241,34 +206,34 @@ def trial_name(path: Path) -> str:
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", path.stem if path.suffix else path.name).lstrip("_.-")[:90] or "trial"
 
 
-def draft_trials(recordings: Sequence[Recorded]) -> list[DraftedTrial]:
-    """The trials that recordings are, by what the words of their names tell: a log and a capture of the same name
-    are one. Sorted by name. A stated stiffness tells an impedance trial, but for one who walks. `k1` states none: it is
-    a number of a file."""
-    several: dict[str, list[Recorded]] = {}
-    for one in sorted(recordings, key=lambda recorded: recorded.path.as_posix()):
-        number, name = 1, trial_name(one.path)
+def draft_trials(recordings: Iterable[tuple[Path, str, bool]]) -> list[tuple[dict[str, str], list[str]]]:
+    """The trials that recordings are, by what the words of their names tell: the cells of each in a sheet, and what of
+    it the user has to decide. recordings: file or folder of each, relative to the folder of all, the name of its source
+    file, and whether it comes from motion capture. A log and a capture of the same name are one. Sorted by name. A
+    stated stiffness tells an impedance trial, but for one who walks. `k1` states none: it is a number of a file."""
+    several: dict[str, dict[str, tuple[Path, str]]] = {}
+    for path, source, is_capture in sorted(recordings, key=lambda recorded: recorded[0].as_posix()):
+        number, name, role = 1, trial_name(path), "mocap" if is_capture else "log"
         free = name
-        while any(other.is_capture == one.is_capture for other in several.get(free, ())):
+        while role in several.get(free, ()):
             number += 1
             free = f"{name}_{number}"
-        several.setdefault(free, []).append(one)
+        several.setdefault(free, {})[role] = path, source
     trials = []
     for name, files in several.items():
-        path = files[0].path
+        path = next(iter(files.values()))[0]
         cells, said, still_open = {"trial": name}, path.stem if path.suffix else path.name, list[str]()
-        for one in files:
-            role = "mocap" if one.is_capture else "log"
-            cells |= {role: one.path.as_posix(), f"{role}_source": one.source}
-        words, numbers = words_of(said.replace("_", " ")), {}
+        for role, (file, source) in files.items():
+            cells |= {role: file.as_posix(), f"{role}_source": source}
+        words, numbers, begin = words_of(said.replace("_", " ")), {}, "(?<![A-Za-z])"
         for column, letter, smallest in (("K_d", "K", 10.0), ("B_d", "B", 0.0)):
             behind = r"(?=$|[_\s-]|[.,](?!\d)|[BbKk]_?d?[_=-]?\d)"
-            found = set(re.findall(rf"{BETWEEN}{letter}_?d?[_=-]?(\d+(?:\.\d+)?){behind}", said, re.IGNORECASE))
+            found = set(re.findall(rf"{begin}{letter}_?d?[_=-]?(\d+(?:\.\d+)?){behind}", said, re.IGNORECASE))
             if len(found) == 1 and float(*found) >= smallest:
                 (numbers[column],) = found
         told = [known for known, wanted in WORDS_OF_EXPERIMENTS.items() if re.search(wanted, words)]
         told += ["impedance"] * ("K_d" in numbers and not {"walking", "impedance"} & {*told})
-        experiment = cells["experiment"] = told[0] if len(told) == 1 else UNNAMED
+        experiment = told[0] if len(told) == 1 else UNNAMED
         if experiment == UNNAMED:
             what = f"the name may tell {' or '.join(told)}" if told else "the name tells none"
             still_open.append(f"experiment: {what}; it stands as {UNNAMED}, which is not analysed")
@@ -277,16 +242,16 @@ def draft_trials(recordings: Sequence[Recorded]) -> list[DraftedTrial]:
                 if column not in numbers:
                     still_open.append(f"{column}: the name does not tell; empty, nothing is compared with it")
             cells |= numbers
-            controller = re.search(rf"{BETWEEN}(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", said, re.IGNORECASE)
+            controller = re.search(rf"{begin}(un|non[-_]?)?comp(?:ensated)?(?![A-Za-z])", said, re.IGNORECASE)
             if controller:
                 cells["controller"] = "uncompensated" if controller[1] else "compensated"
         elif experiment == "walking":
-            crossing = next((cell for cell, wanted in CROSSINGS.items() if re.search(wanted, words)), None)
-            if crossing is None:
-                cells["experiment"] = UNNAMED
-                remedy = "write walking, and true or false"
-                still_open.append(f"perturbed: the name does not tell; it stands as {UNNAMED}: {remedy}")
+            if re.search(r"\b(unperturbed|unpert|baseline|normal|level|free|no ?pert)\b", words):
+                cells["perturbed"] = "false"
+            elif re.search(r"\b(perturb|perturbed|perturbation|pert)\b", words):
+                cells["perturbed"] = "true"
             else:
-                cells["perturbed"] = crossing
-        trials.append(DraftedTrial(cells, still_open))
+                experiment, remedy = UNNAMED, "write walking, and true or false"
+                still_open.append(f"perturbed: the name does not tell; it stands as {UNNAMED}: {remedy}")
+        trials.append((cells | {"experiment": experiment}, still_open))
     return trials

@@ -27,9 +27,9 @@ from osl_analysis.formats.table import Loss
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest import logs
 from osl_analysis.ingest.captures import analog_rates, plate_count, plate_loads, plate_parameter, vertical_axis
-from osl_analysis.ingest.source import KEYS, NAME_OF_TIME, UNKNOWN, model_of
+from osl_analysis.ingest.source import NAME_OF_TIME, SOURCES, UNKNOWN
 from osl_analysis.ingest.units import is_unit
-from osl_analysis.trial import Array
+from osl_analysis.trial import Array, plate_columns
 
 
 @dataclass(frozen=True)
@@ -79,34 +79,47 @@ def guesses(units: Mapping[str, str]) -> list[str]:
     return [f"units guessed from the names, to be checked: {named}"] * bool(named)
 
 
-CLOCKS = (
-    "time", "t", "timestamp", "stamp", "state_time", "loop_time", "pi_time", "sys_time", "ros_time", "elapsed",
-    "elapsed_time", "clock", "seconds", "time_since_start",
-)  # fmt: skip
-"""How columns of time are called, without a unit behind it."""
-
-
 def is_clock(title: str) -> bool:
     """Whether a column is called like a clock: `time`, `t_s`, `loop_time [ms]`."""
     name = csv_table.name_and_unit(title)[0].strip()
-    return name.casefold() in CLOCKS or re.sub(r"_(s|sec|ms|us|ns)$", "", name).casefold() in CLOCKS
+    words = "time|t|timestamp|stamp|(state|loop|pi|sys|ros|elapsed)_time|elapsed|clock|seconds|time_since_start"
+    return re.fullmatch(f"({words})(_(s|sec|ms|us|ns))?", name, re.IGNORECASE) is not None
 
 
 def likely_clock(readings: Mapping[str, NDArray[Any]], what: str = "columns") -> tuple[str | None, list[str]]:
     """The clock that a draft names, and what the user has to decide, from the readings (n,) of all that are called so.
-    The first of several, if they span the same time in s, ms, us or ns. None if they contradict each other, as then B
-    and I depend on the choice. What does not run, as the duration of each loop, is no clock beside one that does."""
+    The first of several, if they span the same time in s, ms, us or ns: within 0.5 %, which puts I wrong by 1 %. None
+    if they contradict each other, as then B and I depend on the choice. What does not run, as the duration of each
+    loop, is no clock beside one that does."""
     clocks = {name: values.astype(np.float64) for name, values in readings.items()}
     spans = {name: span_of(values) for name, values in clocks.items()}
     running = [name for name, span in spans.items() if span > 0] or list(readings)
     if len(running) < 2:
         return next(iter(running), None), []
     count, first, most = f"{len(running)} {what} may be the clock", running[0], 6
-    if all(one_time(clocks[name], clocks[first]) for name in running):
+    agree = True
+    for name in running[1:]:
+        pair = clocks[name], clocks[first]
+        if pair[0].shape == pair[1].shape:  # compared where both have readings
+            known = np.isfinite(pair[0]) & np.isfinite(pair[1])
+            pair = pair[0][known], pair[1][known]
+        one, other = map(span_of, pair)
+        thousands = round(math.log10(one / other) / 3) if min(one, other) > 0 else 0
+        agree &= abs(one / other / 1000.0**thousands - 1) <= 0.005 if min(one, other) > 0 else one == other
+    if agree:
         named = listing([printable(name) for name in running], most)
         return first, [f"{count}, to be checked: {named}; {printable(first)} is taken"]
     named = listing([f"{printable(name)} spans {spans[name]:.6g}" for name in running], most)
     return None, [f"{count}, and they contradict each other: {named}; name the one by which the signals were sampled"]
+
+
+def clock_among(
+    what: str, readings: Mapping[str, NDArray[Any]], own: Callable[[str], str]
+) -> tuple[str | None, list[str]]:
+    """The likely clock of a table's columns by address, the shortest first, and what the user has to decide; `own` is
+    the part of an address that is the column's name."""
+    called = [name for name in sorted(readings, key=lambda name: name.count(".")) if is_clock(own(name))]
+    return likely_clock({name: readings[name] for name in called}, what)
 
 
 def span_of(values: Array) -> float:
@@ -115,19 +128,6 @@ def span_of(values: Array) -> float:
     known = values[np.isfinite(values)]
     runs = known.size > 1 and float(np.mean(np.diff(known) >= 0)) > 0.9
     return max(float(known[-1] - known[0]), 0.0) if runs else 0.0
-
-
-def one_time(one: Array, other: Array) -> bool:
-    """Whether two clocks span the same time within 0.5 %, which puts I wrong by 1 %, in units that are a power of 1000
-    apart, where both have readings."""
-    if one.shape == other.shape:
-        known = np.isfinite(one) & np.isfinite(other)
-        one, other = one[known], other[known]
-    spans = span_of(one), span_of(other)
-    if min(spans) <= 0:
-        return max(spans) <= 0
-    ratio = spans[0] / spans[1]
-    return abs(ratio / 1000.0 ** round(math.log10(ratio) / 3) - 1) <= 0.005
 
 
 def rate_of(time: Array) -> float | None:
@@ -147,40 +147,32 @@ def gaps_text(time: Array) -> str:
     return ", ".join([*oddities, *(f"{count} stamps {what}" for what, count in counts.items() if count)])
 
 
-@dataclass(frozen=True)
-class Numbers:
-    """One column of numbers, as a file has it."""
-
-    name: str  # its address in a source file
-    own: str  # the part of the address that is its name
-    values: NDArray[Any]  # (n,) those that can be read
-    unit: str = ""  # that the file states
-    type: str = ""
-    also: str = ""  # a remark for the user
-
-    def listed(self, key: str, is_time: bool) -> RecordedChannel:
-        """Its range, or as a clock its rate and gaps, from the finite numbers; `key` is that of its address."""
-        numbers = self.values.astype(np.float64)
-        known = numbers[np.isfinite(numbers)]
-        note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
-        rate, guess = rate_of(known) if is_time else None, "" if self.unit else likely_unit(self.own)
-        if is_time:
-            note, gaps = f"a clock, {rate:g} per unit" if rate else "a clock that stands still", gaps_text(known)
-            note += f", {gaps}" * bool(gaps)
-        if rate and not self.unit and not guess and known.size >= 20 and not (np.diff(known) == 1).all():
-            # Recorders of joints have rates from 50 to 5000 Hz, less than a factor of 1000 apart: a reading fits them
-            # in one unit only. Readings that rise by one may count rows.
-            units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-            guess = next((unit for unit, in_s in units.items() if 50.0 <= rate * in_s <= 5000.0), "")
-        lost = f", {numbers.size - known.size} x NaN or infinity" * (known.size < numbers.size)
-        count, note = int(known.size), f"{note}{lost}{self.also}"
-        return RecordedChannel(key, {key: self.name}, self.unit, count, None, note, self.type, guess)
-
-
-def clock_among(what: str, columns: Sequence[Numbers]) -> tuple[str | None, list[str]]:
-    """The likely clock of a table's columns, the shortest address first, and what the user has to decide."""
-    called = [one for one in sorted(columns, key=lambda one: one.name.count(".")) if is_clock(one.own)]
-    return likely_clock({one.name: one.values for one in called}, what)
+def listed(
+    address: Mapping[str, str],
+    own: str,
+    values: NDArray[Any],
+    is_time: bool,
+    unit: str = "",
+    of_type: str = "",
+    also: str = "",
+) -> RecordedChannel:
+    """A column by those of its readings that are numbers, (n,): its range, or as a clock its rate and gaps. `own` is
+    its name without its place, `unit` what the file states, `also` a remark for the user."""
+    numbers = values.astype(np.float64)
+    known = numbers[np.isfinite(numbers)]
+    note = f"from {known.min():.6g} to {known.max():.6g}" if known.size else "no numbers"
+    rate, guess = rate_of(known) if is_time else None, "" if unit else likely_unit(own)
+    if is_time:
+        note, gaps = f"a clock, {rate:g} per unit" if rate else "a clock that stands still", gaps_text(known)
+        note += f", {gaps}" * bool(gaps)
+    if rate and not unit and not guess and known.size >= 20 and not (np.diff(known) == 1).all():
+        # Recorders of joints have rates from 50 to 5000 Hz, less than a factor of 1000 apart: a reading fits them in
+        # one unit only. Readings that rise by one may count rows.
+        units = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+        guess = next((unit for unit, in_s in units.items() if 50.0 <= rate * in_s <= 5000.0), "")
+    lost = f", {numbers.size - known.size} x NaN or infinity" * (known.size < numbers.size)
+    (kind,) = address
+    return RecordedChannel(kind, address, unit, int(known.size), None, f"{note}{lost}{also}", of_type, guess)
 
 
 def time_setting(key: str, clock: RecordedChannel | None) -> dict[str, str]:
@@ -226,25 +218,25 @@ def inspect_csv(path: Path) -> Overview:
     content = [(line, text) for line, text in lines if not text.lstrip().startswith("#")]
     delimiter = csv_table.delimiter_of(content, "auto")
     titles, units, body, has_header = guessed_csv(csv_table.split_rows(content, delimiter))
-    columns = []
-    for place, title in enumerate(titles):
-        cells = pl.Series([row[place] if place < len(row) else "" for _, row in body], dtype=pl.String)
-        values = cells.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
-        unit = csv_table.name_and_unit(title)[1] or (
-            csv_table.without_brackets(units[place]) if place < len(units) else ""
-        )
-        words = Counter(cells.filter(values.is_null()).to_list()).most_common(5)
-        also = "".join(f", {count} x '{word}'" for word, count in words)
-        columns.append(Numbers(title, title, values.drop_nulls().to_numpy(), unit, also=also))
-    clock, left_open = clock_among("columns", columns)
+    cells = [
+        pl.Series([row[place] if place < len(row) else "" for _, row in body], dtype=pl.String)
+        for place in range(len(titles))
+    ]
+    values = [one.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False) for one in cells]
+    readings = {title: one.drop_nulls().to_numpy() for title, one in zip(titles, values, strict=True)}
+    clock, left_open = clock_among("columns", readings, str)
     channels = []
-    for column in columns:
-        name = csv_table.name_and_unit(column.name)[0]
+    for place, title in enumerate(titles):
+        name, unit = csv_table.name_and_unit(title)
+        unit = unit or (csv_table.without_brackets(units[place]) if place < len(units) else "")
         # of an object without a name Python prints its number, which changes from run to run; the pattern fits the next
         # recording too, where only this column of the file fits it
         pattern = re.sub(r"<[^<>]* object at 0x[0-9a-fA-F]+>", "*", name)
         lasting = pattern if pattern != name and len(csv_table.places_of(pattern, titles)) == 1 else name
-        channels.append(replace(column, name=lasting).listed("column", column.name == clock))
+        words = Counter(cells[place].filter(values[place].is_null()).to_list()).most_common(5)
+        also = "".join(f", {count} x '{word}'" for word, count in words)
+        numbers = values[place].drop_nulls().to_numpy()
+        channels.append(listed({"column": lasting}, title, numbers, title == clock, unit, also=also))
     remarks = []
     for length, count in Counter(len(row) for _, row in body).items():
         if length != len(titles):
@@ -276,19 +268,20 @@ def inspect_json(path: Path) -> Overview:
     if decoded[names[0]].misfits and len(names) <= 100:  # a line has something else than a number in one of them
         decoded = {name: decode_lines(lines, [name]) for name in names}
     stamp, parts = next(iter(logs.stamps_among(names).items()), ("", ("", "")))
-    columns = []
-    for name, one in decoded.items():
-        numbers, total = one.values[name][one.present[name]], one.present[name].size
-        also = f", in {numbers.size} of {total} lines" * (numbers.size < total)
-        columns.append(Numbers(name, last_name(name), numbers, type=numbers.dtype.name, also=also))
-    timing = [one for one in columns if one.name not in parts]
-    clock, left_open = clock_among("fields", timing)
-    channels = {one.name: one.listed("field", one.name == clock) for one in columns}
+    numbers = {name: one.values[name][one.present[name]] for name, one in decoded.items()}
+    timing = {name: one for name, one in numbers.items() if name not in parts}
+    clock, left_open = clock_among("fields", timing, last_name)
+    channels = {}
+    for name, one in numbers.items():
+        total = decoded[name].present[name].size
+        also = f", in {one.size} of {total} lines" * (one.size < total)
+        own, of_type = last_name(name), one.dtype.name
+        channels[name] = listed({"field": name}, own, one, name == clock, of_type=of_type, also=also)
     remarks = list(dict.fromkeys(note for one in decoded.values() for note in logs.notes_on(lines, one)))
     remarks += [f"{name} has {size} elements; only the first {MOST_ELEMENTS} are listed" for name, size in long.items()]
     remarks += guesses({name: one.likely_unit for name, one in channels.items() if likely_unit(last_name(name))})
     time = time_setting("field", channels[clock] if clock else None)
-    if stamp and not any(is_clock(one.own) for one in timing):
+    if stamp and not any(is_clock(last_name(name)) for name in timing):
         time = {"field": stamp}
         try:
             of_parts = decode_lines(lines, parts)
@@ -309,48 +302,20 @@ def inspect_json(path: Path) -> Overview:
     )
 
 
-@dataclass(frozen=True)
-class Variable:
-    """One variable or field that is no struct and no cell."""
-
-    part: str  # address of what it is in; empty for the file itself
-    name: str  # its own name, or the choice of a cell
-    value: Value
-
-    @property
-    def address(self) -> str:
-        return f"{self.part}{'.' * (bool(self.part) and not self.name.startswith('{'))}{self.name}"
-
-    @property
-    def is_signal(self) -> bool:
-        """Whether it may be a signal: a vector of real numbers, or a matrix of columns."""
-        return self.value.numbers is not None and len(self.value.shape) == 2 and max(self.value.shape) >= 10
-
-    @property
-    def seems_clock(self) -> bool:
-        """By how its name is or begins: `t`, `time_ms`, `timeJIM`."""
-        likely = re.match(r"(time|t|stamp|clock)(?![a-z])|time", self.name, re.IGNORECASE)
-        return self.is_signal and (is_clock(self.name) or likely is not None)
-
-    def listed(self, name: str) -> RecordedChannel:
-        """It under a name, for the list or the draft."""
-        readings, text = np.empty(0) if self.value.numbers is None else self.value.numbers.ravel(), self.value.text
-        found = Numbers(name, self.name, readings, type=self.value.described()).listed("variable", self.seems_clock)
-        return replace(found, count=self.value.size, note=found.note if readings.size else f"'{text}'" * bool(text))
-
-
-def variables_in(part: str, name: str, value: Value) -> Iterator[Variable]:
-    here = Variable(part, name, value)
+def variables_in(part: str, name: str, value: Value) -> Iterator[tuple[str, str, str, Value]]:
+    """What is no struct and no cell in a variable: the address of what it is in, its own name or the choice of a cell,
+    its address, and its value."""
+    address = f"{part}{'.' * (bool(part) and not name.startswith('{'))}{name}"
     if value.kind == "struct" and value.elements:
         for number, fields in enumerate(value.elements, start=1):
-            inside = f"{here.address}({number})" if len(value.elements) > 1 else here.address
+            inside = f"{address}({number})" if len(value.elements) > 1 else address
             for own in value.fields:
                 yield from variables_in(inside, own, fields[own])
     elif value.kind == "cell" and value.cells:
         for number, cell in enumerate(value.cells, start=1):
-            yield from variables_in(here.address, f"{{{number}}}", cell)
+            yield from variables_in(address, f"{{{number}}}", cell)
     else:
-        yield here
+        yield part, name, address, value
 
 
 def inspect_mat(path: Path) -> Overview:
@@ -359,35 +324,53 @@ def inspect_mat(path: Path) -> Overview:
     variables = [one for name, value in file.read(file.names).items() for one in variables_in("", name, value)]
     facts = {"version": file.version, "header": file.header, "variables": str(len(file.names))}
     remarks = [
-        f"{one.address} is a {one.value.described()}, which is not read; {one.value.remedy()}"
-        for one in variables
-        if one.value.numbers is None and one.value.kind not in ("char", "struct", "cell")
+        f"{address} is a {value.described()}, which is not read; {value.remedy()}"
+        for _, _, address, value in variables
+        if value.numbers is None and value.kind not in ("char", "struct", "cell")
     ]
     remarks += [f"and {len(variables) - most} more variables"] * (len(variables) > most)
-    by_part: dict[str, list[Variable]] = {}
-    for one in variables:
-        if one.is_signal:
-            by_part.setdefault(one.part, []).append(one)
-    groups: dict[tuple[str, ...], dict[str, list[Variable]]] = {}  # the parts that hold the same signals
+    by_part: dict[str, dict[str, Value]] = {}
+    for part, name, _, value in variables:
+        if is_signal(value):
+            by_part.setdefault(part, {})[name] = value
+    groups: dict[tuple[str, ...], dict[str, dict[str, Value]]] = {}  # the parts that hold the same signals
     for part, own in by_part.items():
-        groups.setdefault(tuple(one.name for one in own), {})[part] = own
+        groups.setdefault(tuple(own), {})[part] = own
     alike = max(groups.values(), key=lambda group: sum(map(len, group.values())), default={})
-    drafted, part = next(iter(alike.values()), []), next(iter(alike), "") if len(alike) == 1 else ""
-    clocks = {one.name: one for one in drafted if one.seems_clock and 1 in one.value.shape}
-    readings = {name: one.value.numbers.ravel() for name, one in clocks.items() if one.value.numbers is not None}
+    drafted, part = next(iter(alike.values()), {}), next(iter(alike), "") if len(alike) == 1 else ""
+    clocks = {name: value for name, value in drafted.items() if seems_clock(name, value) and 1 in value.shape}
+    readings = {name: value.numbers.ravel() for name, value in clocks.items() if value.numbers is not None}
     clock, left_open = likely_clock(readings, "variables")
     if len(alike) > 1:
         parts = listing([printable(one) for one in alike], 40)
         what = f"{len(alike)} parts hold the same variables: name one per trial in the column `log_part` of the sheet"
         left_open = [f"{what}: {parts}", *left_open]
-    time = time_setting("variable", clocks[clock].listed(clock) if clock else None)
+    time = time_setting("variable", variable_channel(clock, clock, clocks[clock]) if clock else None)
     settings = {"clock": "master", **({"log_part": part} if part else {}), "time": time}
-    channels, signals = [one.listed(one.address) for one in variables[:most]], []
-    for one in drafted:  # each column of a matrix, or row if it has more columns
-        rows, columns = one.value.shape
+    channels, signals = [variable_channel(address, name, value) for _, name, address, value in variables[:most]], []
+    for name, value in drafted.items():  # each column of a matrix, or row if it has more columns
+        rows, columns = value.shape
         lines = [f"(:,{k + 1})" for k in range(columns)] if rows >= columns else [f"({k + 1},:)" for k in range(rows)]
-        signals += [one.listed(f"{one.name}{line}") for line in (lines if min(rows, columns) > 1 else [""])]
+        for line in lines if min(rows, columns) > 1 else [""]:
+            signals.append(variable_channel(f"{name}{line}", name, value))
     return Overview("mat", facts, channels, remarks, settings, signals, left_open)
+
+
+def is_signal(value: Value) -> bool:
+    """Whether a variable may be a signal: a vector of real numbers, or a matrix of columns."""
+    return value.numbers is not None and len(value.shape) == 2 and max(value.shape) >= 10
+
+
+def seems_clock(name: str, value: Value) -> bool:
+    """Whether the name of a signal is or begins as that of a clock: `t`, `time_ms`, `timeJIM`."""
+    likely = re.match(r"(time|t|stamp|clock)(?![a-z])|time", name, re.IGNORECASE)
+    return is_signal(value) and (is_clock(name) or likely is not None)
+
+
+def variable_channel(address: str, name: str, value: Value) -> RecordedChannel:
+    readings = np.empty(0) if value.numbers is None else value.numbers.ravel()
+    found = listed({"variable": address}, name, readings, seems_clock(name, value), of_type=value.described())
+    return replace(found, count=value.size, note=found.note if readings.size else f"'{value.text}'" * bool(value.text))
 
 
 def inspect_tdms(path: Path) -> Overview:
@@ -400,66 +383,57 @@ def inspect_tdms(path: Path) -> Overview:
         except InputError as error:
             remarks.append(str(error))
     stamps = [one.address for one in file.channels if one.holds_times and one.count]
-    timed = any(one.step is not None for one in file.channels)
-    columns = []
+    timed, names = any(one.step is not None for one in file.channels), {one.address: one.name for one in file.channels}
+    clock, left_open = (None, []) if timed else clock_among("channels", numbers, names.__getitem__)
+    if not timed and not left_open:
+        clock = clock or next(iter(stamps), None)
+    channels = {}
     for one in file.channels:
         unit, values = "s" if one.address in stamps else one.unit, numbers.get(one.address, np.empty(0))
-        columns.append(Numbers(one.address, one.name, values, unit, np.dtype(one.kind).name))
-    clock, left_open = clock_among("channels", [one for one in columns if one.name in numbers])
-    clock = None if timed else clock or (None if left_open else next(iter(stamps), None))
-    channels = {}
-    for one, column in zip(file.channels, columns, strict=True):
-        rate = 1 / one.step if one.step else None
-        channels[one.address] = replace(column.listed("channel", one.address == clock), count=one.count, rate=rate)
-    time = {} if timed else {"time": time_setting("channel", channels[clock] if clock else None)}
+        address, is_time = {"channel": one.address}, one.address == clock
+        found = listed(address, one.name, values, is_time, unit, np.dtype(one.kind).name)
+        channels[one.address] = replace(found, count=one.count, rate=1 / one.step if one.step else None)
+    settings = {"clock": "master"} | (
+        {} if timed else {"time": time_setting("channel", channels[clock] if clock else None)}
+    )
     facts = {"channels": str(len(file.channels)), "own timing": "yes" if timed else "no", **file.properties}
     drafted = [channels[one.address] for one in file.channels if one.count and one.holds_numbers]
-    still_open, settings = [] if timed else left_open, {"clock": "master", **time}
-    return Overview("tdms", facts, [*channels.values()], remarks, settings, drafted, still_open)
-
-
-# units that OpenSim gives to columns whose names end so
-ENDINGS = {r"force.*_v[xyz]": "N", r"force.*_p[xyz]": "m", r"(torque|moment).*_[xyz]|_moment": "N*m", r"_t[xyz]": "m"}
+    return Overview("tdms", facts, [*channels.values()], remarks, settings, drafted, left_open)
 
 
 def inspect_opensim(path: Path) -> Overview:
-    """Columns with range and likely unit."""
+    """Columns with range and likely unit: by its name, by what OpenSim calls forces, or of an angle by `inDegrees`."""
     table = read_opensim(path)
-    columns, remarks = [], list[str]()
+    numbers, remarks = dict[str, NDArray[Any]](), list[str]()
     for name in dict.fromkeys(table.names):
         try:
-            columns.append(Numbers(name, name.rpartition(".")[2], table.column(name)))
+            numbers[name] = table.column(name)
         except InputError as error:
             remarks.append(str(error))
-    clock, left_open = clock_among("columns", columns)
+    clock, left_open = clock_among("columns", numbers, lambda name: name.rpartition(".")[2])
+    endings = {"force.*_v[xyz]": "N", "force.*_p[xyz]": "m", "(torque|moment).*_[xyz]|_moment": "N*m", "_t[xyz]": "m"}
     channels = {}
-    for column in columns:
-        name = column.name
-        known = [unit for pattern, unit in ENDINGS.items() if re.search(f"({pattern})$", name, re.IGNORECASE)]
-        guess = likely_unit(name) or (known[0] if known else table.angles)  # of a coordinate by `inDegrees`
-        channels[name] = replace(column.listed("column", name == clock), likely_unit="" if name == clock else guess)
+    for name, values in numbers.items():
+        known = [unit for ending, unit in endings.items() if re.search(f"({ending})$", name, re.IGNORECASE)]
+        guess = "" if name == clock else likely_unit(name) or (known[0] if known else table.angles)
+        channels[name] = replace(listed({"column": name}, name, values, name == clock), likely_unit=guess)
     remarks += guesses({name: one.likely_unit for name, one in channels.items()})
     facts = {"rows": str(len(table.rows))} | {key: value for key, value in table.header.items() if value}
     settings = {"clock": "master", "time": {"column": clock or NAME_OF_TIME, "unit": "s" if clock else UNKNOWN}}
-    note = plates_text(table.names)
-    return Overview("opensim", facts, list(channels.values()), remarks, settings, open=left_open, draft_note=note)
-
-
-def plates_text(names: Sequence[str]) -> str:
-    """The plates that names of columns tell, as a source file has them but for their corners; empty if none."""
-    triples = {name[:-1] for name in names if name[-1:] == "x" and {f"{name[:-1]}y", f"{name[:-1]}z"} <= {*names}}
+    # the plates that the names of columns tell, as a source file has them but for their corners
+    triples = {name[:-1] for name in table.names if {f"{name[:-1]}{axis}" for axis in "xyz"} <= {*table.names}}
     plates: list[str] = []
-    for name in names:
+    for name in table.names:
         force, stem = name[:-1], name[:-2]  # `R_ground_force_v`; of `R_ground_force_` is the moment `R_ground_torque_`
-        if name.endswith("vx") and {force, f"{stem}p"} <= triples:
-            moments = [re.sub("force", word, stem) for word in ("torque", "moment")]
-            moment = next((one for one in moments if one != stem and one in triples), None)
-            if moment is not None:
-                keys = {"force": force, "point": f"{stem}p", "moment": moment}
-                text = ", ".join(f"{key}: {json.dumps(begin)}" for key, begin in keys.items())
-                plates.append(f"{len(plates) + 1}: {{{text}, corners: {UNKNOWN}}}")
-    text = f"these columns are force plates, if you state their corners: plates: {{{', '.join(plates)}}}"
-    return printable(text) if plates else ""
+        moments = {re.sub("force", word, stem): None for word in ("torque", "moment")} if name.endswith("vx") else {}
+        moment = next((one for one in moments if one != stem and one in triples), None)
+        if moment is not None and {force, f"{stem}p"} <= triples:
+            keys = {"force": force, "point": f"{stem}p", "moment": moment}
+            text = ", ".join(f"{key}: {json.dumps(begin)}" for key, begin in keys.items())
+            plates.append(f"{len(plates) + 1}: {{{text}, corners: {UNKNOWN}}}")
+    note = f"these columns are force plates, if you state their corners: plates: {{{', '.join(plates)}}}"
+    said = printable(note) if plates else ""
+    return Overview("opensim", facts, list(channels.values()), remarks, settings, open=left_open, draft_note=said)
 
 
 ROS_UNITS = {
@@ -473,53 +447,50 @@ ROS_UNITS = {
 def inspect_messages(name: str, opened: Callable[[Path], MessageFile], path: Path) -> Overview:
     """Topics with schema, encoding, rate and gaps by log time, every field of each, and what is damaged."""
     file = opened(path)
-    surveys = survey_channels(file)
-    remarks = list(file.damage.all_remarks())
+    surveys, remarks = survey_channels(file), list(file.damage.all_remarks())
     for survey in surveys:
         table = pl.DataFrame({"stamp": survey.log_time, "message": np.arange(survey.log_time.size)})
         try:  # what ingest will say of a channel's log times, if they go back
             logs.check_not_set(survey.channel.topic, table, "its log times cannot be used")
         except InputError as error:
             remarks.append(str(error))
-    described = [topic_channels(survey, remarks) for survey in surveys]
-    channels, stamped = [one for some, _ in described for one in some], any(has_stamps for _, has_stamps in described)
-    settings = {"clock": "master", "time": {"source": "header" if stamped else "log"}}
+    channels, source = list[RecordedChannel](), "log"
+    for survey in surveys:
+        fields, reason = list[FieldDescription](), ""
+        for message in dict.fromkeys([survey.first, None]):  # by the first message, or else by the schema
+            try:
+                fields = describe_message(survey.channel, survey.schema, message)
+                if fields or not reason:  # JSON has no schema to tell what a message does not
+                    break
+            except (ValueError, RecursionError) as error:
+                reason = reason or " ".join(str(error).split())
+        else:
+            remarks.append(f"topic '{survey.channel.topic}': its fields cannot be listed: {reason}")
+        channels += topic_channels(survey, fields)
+        source = "header" if any(one.path.startswith("header.stamp") for one in fields) else source
     damage, lost = file.damage, file.damage.messages_lost()
     facts = {"bytes": str(file.size), "chunks": str(damage.chunks), "messages": str(damage.messages)}
     facts |= {"messages lost": "the file does not tell" if lost is None else str(lost), "checksums": damage.crc()}
-    return Overview(name, facts, channels, remarks, settings)
+    return Overview(name, facts, channels, remarks, {"clock": "master", "time": {"source": source}})
 
 
-def topic_channels(survey: ChannelSurvey, remarks: list[str]) -> tuple[list[RecordedChannel], bool]:
-    """A topic's numbers, one by one as a source file names them, by the first message or else the schema; the topic
-    alone where there are none. And whether it has stamps. What cannot be described is remarked."""
-    reason, fields = "", list[FieldDescription]()
-    for message in dict.fromkeys([survey.first, None]):
-        try:
-            fields = describe_message(survey.channel, survey.schema, message)
-            if fields or not reason:  # JSON has no schema to tell what a message does not
-                break
-        except (ValueError, RecursionError) as error:
-            reason = reason or " ".join(str(error).split())
-    else:
-        remarks.append(f"topic '{survey.channel.topic}': its fields cannot be listed: {reason}")
-    topic, kind, units = survey.channel.topic, survey.channel.message_encoding, dict[str, str]()
+def topic_channels(survey: ChannelSurvey, fields: Sequence[FieldDescription]) -> Iterator[RecordedChannel]:
+    """A topic's numbers, one by one as a source file names them; the topic alone where there are none."""
+    topic, kind, units, most = survey.channel.topic, survey.channel.message_encoding, dict[str, str](), 500
     if survey.schema:
         kind, units = f"{survey.schema.name} ({kind})", ROS_UNITS.get(survey.schema.name.replace("/msg/", "/"), {})
     count, stamps = survey.log_time.size, (survey.log_time - survey.log_time[:1].sum()) / logs.SECOND
-    rate, timing, most, channels = rate_of(stamps), gaps_text(stamps) or "empty" * (not count), 500, []
+    rate, timing = rate_of(stamps), gaps_text(stamps) or "empty" * (not count)
     # every message of ROS has a header, and no signal is in it
     numbers = [(path, one) for one in fields if not one.path.startswith("header.") for path in one.addresses()]
     for path, one in numbers[:most]:
         unit = next((unit for begin, unit in units.items() if path.startswith(begin)), "")
-        samples = 0 if one.length == 0 else count
-        type_ = one.type if one.length is None else f"{one.type}[{one.length}]"
-        address = {"topic": topic, "field": path}
-        channels.append(RecordedChannel(kind, address, "", samples, rate if samples else None, timing, type_, unit))
+        of_type, at = one.type if one.length is None else f"{one.type}[{one.length}]", {"topic": topic, "field": path}
+        timed = (0, None) if one.length == 0 else (count, rate)
+        yield RecordedChannel(kind, at, "", *timed, timing, of_type, unit)
     if len(numbers) > most or not numbers:
         more = f"and {len(numbers) - most} more numbers" if numbers else ""
-        channels.append(RecordedChannel(kind, {"topic": topic}, "", count, rate, timing, more))
-    return channels, any(one.path.startswith("header.stamp") for one in fields)
+        yield RecordedChannel(kind, {"topic": topic}, "", count, rate, timing, more)
 
 
 def inspect_c3d(path: Path) -> Overview:
@@ -533,17 +504,16 @@ def inspect_c3d(path: Path) -> Overview:
             raise
         recording = read_c3d(path, error.fitting[0])
         settings, remarks = {"counts": UNKNOWN}, [f"read here with the counts of the {error.fitting[0]}: {error}"]
-    header, outputs, unit = recording.header, recording.model_outputs, recording.point_unit()
+    header, unit, labels = recording.header, recording.point_unit(), recording.analog_labels
     channels = []
     for label, positions in zip(recording.point_labels, recording.points.transpose(1, 0, 2), strict=False):
-        of_kind = ("", header.rate, "model output") if label in outputs else (unit, header.rate)
-        channels.append(marker_channel(label, positions, *of_kind))
-    for place, label in enumerate(recording.analog_labels):
-        values, rate = recording.analogs[:, place], header.rate * header.samples_per_frame
-        low, high = values.min(), values.max()
+        of_kind = ("model output", "") if label in recording.model_outputs else ("marker", unit)
+        channels.append(marker_channel(label, positions, header.rate, *of_kind))
+    stated, actual = analog_rates(header)
+    for place, (label, values) in enumerate(zip(labels, recording.analogs.T, strict=False)):
+        low, high, own = values.min(), values.max(), recording.analog_unit(place)
         note = f"from {low:.6g} to {high:.6g}" if low != high else f"always {low:.6g}"
-        unit_of_channel = recording.analog_unit(place)
-        channels.append(RecordedChannel("analog", {"channel": label}, unit_of_channel, values.size, rate, note))
+        channels.append(RecordedChannel("analog", {"channel": label}, own, values.size, actual, note))
     plates = plate_count(recording)
     channels += [plate_channel(recording, number) for number in range(1, plates + 1)]
     facts = {
@@ -555,21 +525,23 @@ def inspect_c3d(path: Path) -> Overview:
         "software": " ".join(header.texts("MANUFACTURER:SOFTWARE")) or "not said",
     }
     settings["plates"] = "all" if plates else "none"
-    points, analogs = recording.point_labels, recording.analog_labels
     remarks += [header.remark] * bool(header.remark)
-    for what, labels in (("marker", points), ("analog channel", analogs)):
-        repeated = [f"'{label}' {count} times" for label, count in Counter(labels).items() if count > 1]
-        remarks += [f"{what}s of the same label: {listing(repeated)}"] * bool(repeated)
-    stated, actual = analog_rates(header)
+    remarks += [*repeated("markers", recording.point_labels), *repeated("analog channels", labels)]
     if stated is not None:
         remarks.append(f"ANALOG:RATE is {stated:g} Hz, the frames hold samples at {actual:g} Hz")
-    for what, labels, count in (("points", points, header.points), ("analog channels", analogs, header.channels)):
-        if len(labels) < count:
-            remarks.append(f"{count - len(labels)} of {count} {what} have no label")
+    counts = ("points", header.points, recording.point_labels), ("analog channels", header.channels, labels)
+    for what, count, named in counts:
+        remarks += [f"{count - len(named)} of {count} {what} have no label"] * (len(named) < count)
     return Overview("c3d", facts, channels, remarks, settings)
 
 
-def marker_channel(label: str, positions: Array, unit: str, rate: float, kind: str = "marker") -> RecordedChannel:
+def repeated(what: str, labels: Sequence[str]) -> list[str]:
+    """A remark on labels that stand more than once."""
+    twice = [f"'{label}' {count} times" for label, count in Counter(labels).items() if count > 1]
+    return [f"{what} of the same label: {listing(twice)}"] * bool(twice)
+
+
+def marker_channel(label: str, positions: Array, rate: float, kind: str, unit: str) -> RecordedChannel:
     """A marker or a model output by its positions, (frames, 3), NaN where it was not seen."""
     seen = ~np.isnan(positions).any(axis=1)
     missing = 1.0 - float(seen.mean())
@@ -589,9 +561,10 @@ def plate_channel(recording: C3DRecording, number: int) -> RecordedChannel:
         note = str(error)
     with suppress(InputError):
         corners = plate_parameter(recording, "CORNERS", number, (3, 4)).mean(axis=1)
-        source = model_of("c3d", KEYS["c3d"]).model_validate({"format": "c3d", "plates": [number]})
-        (found,) = plate_loads(recording, source)
-        load, centre = float(np.ptp(np.linalg.norm(found.force, axis=1))), tuple(corners.tolist())
+        source = SOURCES["c3d"].model_validate({"format": "c3d", "plates": [number]})
+        ((columns, _, _),) = plate_loads(recording, source)
+        force = [columns[name] for name in plate_columns(number, "force")]
+        load, centre = float(np.ptp(np.linalg.norm(force, axis=0))), tuple(corners.tolist())
         note += f", force changes by {load:.0f} N"
     return RecordedChannel("plate", {"plate": str(number)}, note=note, load=load, centre=centre)
 
@@ -610,26 +583,24 @@ def inspect_nexus(path: Path) -> Overview:
             if not name or (kind == "marker" and component.casefold() != "x"):
                 continue
             address = {"label": name} if kind == "marker" else {"device": name, "component": component}
-            values, unit = section.values(place), section.units[place]
-            missing, seen = float(np.isnan(values).mean()), int((~np.isnan(values)).sum())
+            lacking, unit = np.isnan(section.values(place)), section.units[place]
+            missing, seen = float(lacking.mean()), int((~lacking).sum())
             note = f"missing in {missing:.1%} of the rows" if missing else ""
             channels.append(RecordedChannel(kind, address, unit, seen, section.rate, note, missing=missing))
     return Overview("nexus_csv", facts, channels, remarks)
 
 
 def inspect_trc(path: Path) -> Overview:
-    """Markers with the share of frames in which they were seen; raises InputError as `read_trc`."""
+    """Markers with the share of frames in which they were seen."""
     file = read_trc(path)
-    upward = vertical_axis(file.positions)
+    upward, positions = vertical_axis(file.positions), file.positions.transpose(1, 0, 2)
     facts = {
-        "frames": f"{file.positions.shape[0]}, from {file.first_frame} on, at {file.rate:g} Hz",
+        "frames": f"{len(file.positions)}, from {file.first_frame} on, at {file.rate:g} Hz",
         "unit of length": file.unit or "none",
         "time of the first frame": f"{file.start:g} s",
         "vertical axis": upward or "not told by the markers",
     }
-    channels = [
-        marker_channel(label, file.positions[:, place], file.unit, file.rate) for place, label in enumerate(file.labels)
-    ]
-    twice = sorted({label for label in file.labels if file.labels.count(label) > 1})
-    remarks = [*file.notes, *[f"markers of the same label: {', '.join(twice)}"] * bool(twice)]
+    markers = zip(file.labels, positions, strict=True)
+    channels = [marker_channel(label, one, file.rate, "marker", file.unit) for label, one in markers]
+    remarks = [*file.notes, *repeated("markers", file.labels)]
     return Overview("trc", facts, channels, remarks, {"axes": ["x", "-z", "y"]} if upward == "y" else {})

@@ -5,7 +5,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -29,7 +29,7 @@ from osl_analysis.ingest import logs, overview
 from osl_analysis.ingest.captures import read_c3d_capture, read_nexus_capture, read_trc_capture
 from osl_analysis.ingest.clock import ClockFit, aligned_clock
 from osl_analysis.ingest.recording import Recording, check_sizes
-from osl_analysis.ingest.source import KEYS, UNKNOWN, Keys, SharedAngle, Source, model_of, open_places
+from osl_analysis.ingest.source import SOURCES, UNKNOWN, SharedAngle, Source, open_places
 from osl_analysis.trial import COLUMNS, Trial
 from osl_analysis.yaml_settings import Settings, dotted, field_line, read_mapping, read_yaml
 
@@ -49,22 +49,17 @@ def named(path: Path) -> Iterator[None]:
 class KnownFormat:
     """One format of logs or captures."""
 
-    name: str  # its name in source files
-    keys: Keys  # of its source files
+    source: type[Source]  # the model of its source files
     begins: Callable[[bytes], bool]  # whether a file that begins with these bytes is of this format
     suffixes: tuple[str, ...]
     """Endings of files of this format, for files that are not recognised by their first bytes."""
     reader: Callable[[Path, Source], Recording]  # reads a file by its source file
     lister: Callable[[Path], overview.Overview]  # lists what a file holds, without a source file
-    source: type[Source] = field(init=False)  # the model of its source files
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "source", model_of(self.name, self.keys))
 
     @property
     def is_capture(self) -> bool:
         """Whether its files come from a motion-capture laboratory."""
-        return "channels" not in self.keys.source.split()
+        return "channels" not in self.source.model_fields
 
     def read(self, path: Path, source: Source) -> Recording:
         """A file as canonical columns in SI units, by its source file. Raises InputError, which names the file."""
@@ -77,27 +72,30 @@ class KnownFormat:
             return self.lister(path)
 
 
-def of_messages(name: str, mark: bytes, suffix: str, opened: Callable[[Path], MessageFile]) -> tuple[Any, ...]:
+def of_messages(name: str, mark: bytes, suffix: str, opened: Callable[[Path], MessageFile]) -> KnownFormat:
     """A format of messages by topic, whose files begin with a mark."""
     reader, lister = partial(logs.read_message_log, opened), partial(overview.inspect_messages, name, opened)
-    return lambda begin: begin.startswith(mark), (suffix,), reader, lister
+    return KnownFormat(SOURCES[name], lambda begin: begin.startswith(mark), (suffix,), reader, lister)
 
 
 of_rows = partial(partial, logs.read_table_log)  # a reader of rows, by what makes the tables of a file
-KNOWN: Mapping[str, tuple[Any, ...]] = {
+FORMATS = {
     "mcap": of_messages("mcap", MAGIC, ".mcap", read_mcap),
     "rosbag1": of_messages("rosbag1", ANY_BAG1, ".bag", read_rosbag1),
     "rosbag2": of_messages("rosbag2", SQLITE, ".db3", read_rosbag2),
-    "c3d": (is_c3d, (".c3d",), read_c3d_capture, overview.inspect_c3d),
-    "nexus_csv": (is_nexus, (), read_nexus_capture, overview.inspect_nexus),
-    "mat": (is_mat, (".mat",), of_rows(logs.mat_tables), overview.inspect_mat),
-    "tdms": (is_tdms, (".tdms",), of_rows(logs.tdms_tables), overview.inspect_tdms),
-    "trc": (is_trc, (".trc",), read_trc_capture, overview.inspect_trc),
-    "opensim": (is_opensim, (".mot", ".sto"), of_rows(logs.opensim_tables), overview.inspect_opensim),
-    "json_lines": (is_json_lines, (".jsonl", ".ndjson"), of_rows(logs.json_tables), overview.inspect_json),
-    "csv": (is_text, (".csv",), of_rows(logs.csv_tables), overview.inspect_csv),
+    "c3d": KnownFormat(SOURCES["c3d"], is_c3d, (".c3d",), read_c3d_capture, overview.inspect_c3d),
+    "nexus_csv": KnownFormat(SOURCES["nexus_csv"], is_nexus, (), read_nexus_capture, overview.inspect_nexus),
+    "mat": KnownFormat(SOURCES["mat"], is_mat, (".mat",), of_rows(logs.mat_tables), overview.inspect_mat),
+    "tdms": KnownFormat(SOURCES["tdms"], is_tdms, (".tdms",), of_rows(logs.tdms_tables), overview.inspect_tdms),
+    "trc": KnownFormat(SOURCES["trc"], is_trc, (".trc",), read_trc_capture, overview.inspect_trc),
+    "opensim": KnownFormat(
+        SOURCES["opensim"], is_opensim, (".mot", ".sto"), of_rows(logs.opensim_tables), overview.inspect_opensim
+    ),
+    "json_lines": KnownFormat(
+        SOURCES["json_lines"], is_json_lines, (".jsonl", ".ndjson"), of_rows(logs.json_tables), overview.inspect_json
+    ),
+    "csv": KnownFormat(SOURCES["csv"], is_text, (".csv",), of_rows(logs.csv_tables), overview.inspect_csv),
 }
-FORMATS = {name: KnownFormat(name, KEYS[name], *one) for name, one in KNOWN.items()}
 SUFFIXES = tuple(suffix for known in FORMATS.values() for suffix in known.suffixes)  # of recordings that are read
 NOT_READ = (".h5", ".tsv", ".xlsx")  # of recordings that are not: `samples` lists them with the remedy
 
@@ -145,27 +143,13 @@ def recognise(path: Path) -> str:
     return found[0]
 
 
-def check_format(path: Path, source: Source) -> None:
-    """Refuse a file whose content is of another format than its source file says."""
-    begin, found = formats_of(path, source.format)
-    if (found and source.format not in found) or (source.format == "csv" and not is_text(begin)):
-        what = f"is {found[0]}" if found else f"is no text (it begins with {begin[:8]!r})"
-        remedy = f"write `format: {found[0]}` in a source file for it" if found else "name the recording itself"
-        if path.is_dir():
-            what, remedy = f"a folder with a recording in {found[0]}", f"{remedy}, or name a file in it"
-        raise InputError(f"{path}: {what}, its source file says {source.format}; {remedy}")
-
-
-def formats_of(path: Path, stated: str = "csv") -> tuple[bytes, list[str]]:
-    """What a file begins with, and the formats that it has by that, the stated one alone where it is that; none for
-    text that only its name can tell."""
+def formats_of(path: Path) -> tuple[bytes, list[str]]:
+    """What a file begins with, and the formats that it has by that; none for text that only its name can tell."""
     if path.is_dir():
         return b"", [folder_format(path)]
     with path.open("rb") as file:
         begin = file.read(FIRST_BYTES)
     refuse_others(path, begin)  # first: a PNG image begins like C3D
-    if stated != "csv" and FORMATS[stated].begins(begin):
-        return begin, [stated]
     return begin, [name for name, known in FORMATS.items() if name != "csv" and known.begins(begin)]
 
 
@@ -190,7 +174,13 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
         is_capture = FORMATS[described.format].is_capture
         if not is_capture:
             described = described.of_part(said.get("log_part", ""))
-        check_format(path, described)
+        begin, found = formats_of(path)
+        if (found and described.format not in found) or (described.format == "csv" and not is_text(begin)):
+            what = f"is {found[0]}" if found else f"is no text (it begins with {begin[:8]!r})"
+            remedy = f"write `format: {found[0]}` in a source file for it" if found else "name the recording itself"
+            if path.is_dir():
+                what, remedy = f"a folder with a recording in {found[0]}", f"{remedy}, or name a file in it"
+            raise InputError(f"{path}: {what}, its source file says {described.format}; {remedy}")
         if len(files) == 2 and not is_capture and described.clock == "master":
             raise InputError(
                 f"{sources_folder / f'{source}.yaml'}: clock: master, but the trial has motion capture too; write "

@@ -1,10 +1,9 @@
 """The one model of a source file, which describes recordings of one recorder. The fields of `Source`, `Channel`,
-`Time` and `Plate` are those of all formats; `Keys` says which of them files of one format have, and `model_of` makes
+`Time` and `Plate` are those of all formats; `SOURCES` says which of them files of one format have, and `model_of` makes
 the model from it, so that a key of another format is refused by name."""
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from types import GenericAlias
@@ -32,13 +31,11 @@ from osl_analysis.trial import AXES, COLUMNS, Array, unit_of
 from osl_analysis.yaml_settings import Settings, field_line
 
 SampleShare = Annotated[float, Field(ge=0, le=1)]
-Stamps = Literal["auto", "exact", "even"]
-"""How stamps are taken (docs/time_base.md). `exact`: each sample was taken at its stamp. `even`: the device samples
-evenly, and only the stamps scatter. `auto`: stamps and signals decide."""
 NoSlip = Annotated[float, Field(ge=-1e12, le=1e12)]  # a scale or an offset: what is larger is a slip
 ColumnName = Annotated[str, BeforeValidator(lambda given: str(given) if type(given) is int else given)]
 AddressText = Annotated[str, AfterValidator(checked_address)]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+Axes = tuple[Axis, Axis, Axis]
 Corner = tuple[float, float, float]
 
 
@@ -189,7 +186,9 @@ class Time(Addressed):
     repeated: Literal["keep", "drop"] = "keep"
     """Rows whose stamp is that of the row before. `keep`: they are samples whose stamps were rounded. `drop`: the
     recorder read a device faster than it sampled; only the first row of each stamp is used."""
-    stamps: Stamps = "auto"  # How the stamps are taken.
+    stamps: Literal["auto", "exact", "even"] = "auto"
+    """How the stamps are taken (docs/time_base.md). `exact`: each sample was taken at its stamp. `even`: the device
+    samples evenly, and only the stamps scatter. `auto`: stamps and signals decide."""
     column: ColumnName | None = None  # Name of the column that holds time.
     field: str | None = None
     """Path of the number that holds time, or of a stamp: an object of seconds and nanoseconds, without `unit`."""
@@ -249,17 +248,6 @@ class ModelOutput(Conversion):
     """Unit that the software computes in, which the file may misstate: moments of Plug-in Gait are always N*mm/kg."""
 
 
-def rotation_of(axes: Sequence[Axis]) -> Array:
-    """From a file's axes to ours, (3, 3), by the file's axes that point forward, to the left and up."""
-    return np.array([[(-1.0 if name[0] == "-" else 1.0) * (name[-1] == axis) for axis in AXES] for name in axes])
-
-
-def right_handed(axes: tuple[Axis, Axis, Axis]) -> tuple[Axis, Axis, Axis]:
-    if round(float(np.linalg.det(rotation_of(axes)))) != 1:
-        raise ValueError("forward, left and up must be three different axes of a right-handed laboratory")
-    return axes
-
-
 def all_none_or_list(value: Any) -> Any:
     """A choice among a file's things: `none` is the empty list."""
     if value not in ("all", "none") and not isinstance(value, list | tuple):
@@ -267,7 +255,6 @@ def all_none_or_list(value: Any) -> Any:
     return () if value == "none" else value
 
 
-Axes = Annotated[tuple[Axis, Axis, Axis], AfterValidator(right_handed)]
 Choice = BeforeValidator(all_none_or_list)
 
 
@@ -298,7 +285,8 @@ class SourceFile(Settings):
     @property
     def rotation(self) -> Array:
         """From the file's axes to ours, (3, 3): our coordinates are `rotation @ (x, y, z)`."""
-        return rotation_of(cast(Source, self).axes)
+        axes = cast(Source, self).axes  # the file's that point forward, to the left and up
+        return np.array([[(-1.0 if name[0] == "-" else 1.0) * (name[-1] == axis) for axis in AXES] for name in axes])
 
     @field_validator("channels", "analogs", "outputs", check_fields=False)
     @classmethod
@@ -332,6 +320,9 @@ class SourceFile(Settings):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         has, stated = type(self).model_fields, cast(Source, self)
+        if "axes" in has and round(float(np.linalg.det(self.rotation))) != 1:
+            said = "forward, left and up must be three different axes of a right-handed laboratory"
+            raise misplaced(f"{list(stated.axes)} is not allowed: {said}", "axes")
         if "clock" in has and stated.clock == "sync" and "sync" not in stated.channels:
             raise misplaced("sync needs the column sync under channels; map it, or write clock: master", "clock")
         if "units_row" in has and stated.units_row and stated.header != "row":
@@ -396,71 +387,29 @@ class Source(SourceFile):
     counted from 1, between which the plates were unloaded."""
 
 
-@dataclass(frozen=True)
-class Keys:
-    """The keys that source files of one format have, besides `format` and `description`."""
+def model_of(
+    name: str,
+    keys: str,
+    of_channel: str = "",
+    of_time: str = "",
+    of_plate: str = "",
+    kinds: Mapping[str, tuple[Any, Any]] | None = None,
+    time_in_file: bool = False,
+) -> type[Source]:
+    """The model of source files of one format, which have these keys of `Source`, besides `format` and `description`.
 
-    source: str  # Its own keys: of `Source`.
-    channel: str = ""
-    """Keys of an entry under `channels` or `analogs`, besides those of `Conversion`. The first names the channel."""
-    time: str = ""
-    plate: str = ""
-    kinds: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)
-    """Type and default of a key where they are not those of the catalogue; that of `time.unit` under this name. Named
-    `time` or `channels` are keys that the source file may leave out."""
-    time_in_file: bool = False  # whether the format itself tells when a sample was taken
-
-
-OPTIONAL = (None, None)  # marks `time` and `channels` as keys that a source file may leave out
-NO_UNITS = {"channel.unit": (Unit, ...)}  # of formats that state no units
-OF_ROWS = "unit rate repeated stamps"
-OF_TABLE = "clock channels most_missing time"
-STAMPED = {**NO_UNITS, "time.field": (str, "header.stamp")}
-MESSAGES = Keys(f"{OF_TABLE} largest_loss", "field topic counter unit", "source field stamps", kinds=STAMPED)
-DEVICES = "markers axes shared analogs outputs"
-OF_CSV = "delimiter decimal comment header units_row missing extra_cells ragged"
-OF_OPENSIM: Mapping[str, tuple[Any, Any]] = {
-    **NO_UNITS,
-    "clock": (Literal["master", "sync", "shared", "common"], "master"),
-    "channels": OPTIONAL,
-    "time": OPTIONAL,
-    "time.column": (ColumnName | None, "time"),
-    "time.unit": (TimeUnit | None, "s"),
-    "axes": (Axes, ("x", "-z", "y")),
-}
-OF_MAT = {**NO_UNITS, "channel.counter": (AddressText | None, None)}
-C3D_PLATES = {"plates": (Annotated[Literal["all"] | tuple[int, ...], Choice], "all")}
-KEYS: Mapping[str, Keys] = {
-    "mcap": MESSAGES,
-    "rosbag1": MESSAGES,
-    "rosbag2": MESSAGES,
-    "csv": Keys(f"{OF_TABLE} {OF_CSV}", "column counter", f"column {OF_ROWS}"),
-    "json_lines": Keys(OF_TABLE, "field counter unit", f"field {OF_ROWS}", kinds=NO_UNITS),
-    "mat": Keys(f"{OF_TABLE} log_part", "variable counter unit", f"variable {OF_ROWS}", kinds=OF_MAT),
-    "tdms": Keys(OF_TABLE, "channel counter", f"channel {OF_ROWS}", "", {"time": OPTIONAL}, time_in_file=True),
-    "opensim": Keys(
-        f"{OF_TABLE} plates axes",
-        "column counter unit",
-        f"column {OF_ROWS}",
-        "force point moment corners sign",
-        OF_OPENSIM,
-    ),
-    "c3d": Keys(f"{DEVICES} counts point_unit plates plate_units plate_zero", "channel", kinds=C3D_PLATES),
-    "nexus_csv": Keys(
-        f"{DEVICES} delimiter decimal plates", "device component", "", "device corners moment_about sign"
-    ),
-    "trc": Keys("markers axes shared point_unit"),
-}
-
-
-def model_of(name: str, keys: Keys) -> type[Source]:
-    """The model of source files of one format."""
+    of_channel: keys of an entry under `channels` or `analogs`, besides those of `Conversion`; the first names the
+    channel. of_time, of_plate: those of `time` and of each plate. kinds: type and default of a key where they are not
+    those of the catalogue, that of `time.unit` under this name; named `time` or `channels` are keys that the source
+    file may leave out. time_in_file: whether the format itself tells when a sample was taken."""
+    kinds = kinds or {}
+    below: dict[str, Any] = {}
 
     def narrowed(part: str, base: tuple[type[Settings], ...], catalogue: type[Settings], chosen: str) -> Any:
         """A model of the chosen keys of a catalogue; `part` is their place, as `time.`."""
         hints, fields = get_type_hints(catalogue, include_extras=True), dict[str, Any]()
         for key in chosen.split():
-            kind, default = keys.kinds.get(f"{part}{key}") or (hints[key], catalogue.model_fields[key].default)
+            kind, default = kinds.get(f"{part}{key}") or (hints[key], catalogue.model_fields[key].default)
             fields[key] = (kind, ... if default is PydanticUndefined else default)
         fields |= {} if part else below
         title = f"{name}_{part.rstrip('.') or 'source'}"
@@ -468,25 +417,85 @@ def model_of(name: str, keys: Keys) -> type[Source]:
         model.CATALOGUE = catalogue
         return model
 
-    below: dict[str, Any] = {}
-    address = next(iter(keys.channel.split()), "")
-    if keys.channel:
-        channel = narrowed("channel.", (Conversion, Addressed), Channel, keys.channel)
+    address = next(iter(of_channel.split()), "")
+    if of_channel:
+        channel = narrowed("channel.", (Conversion, Addressed), Channel, of_channel)
         channel.ADDRESS = address
-        if "channels" in keys.source.split():
-            many: Any = GenericAlias(dict, (str, channel))
-            needed = "channels" not in keys.kinds
-            below["channels"] = (Annotated[many, Field(min_length=1)], ...) if needed else (many, {})
+        many: Any = GenericAlias(dict, (str, channel))
+        if "channels" not in keys.split():
+            below["analogs"] = (many, {})
         else:
-            below["analogs"] = (GenericAlias(dict, (str, channel)), {})
-    if keys.time:
-        time = narrowed("time.", (Addressed if "source" in keys.time.split() else RowTime,), Time, keys.time)
-        time.ADDRESS, time.IN_FILE = address, keys.time_in_file
-        below["time"] = (time, Field(default_factory=time) if "time" in keys.kinds else ...)
-    if keys.plate:
-        plate = narrowed("plate.", (Settings,), Plate, keys.plate)
+            below["channels"] = (many, {}) if "channels" in kinds else (Annotated[many, Field(min_length=1)], ...)
+    if of_time:
+        time = narrowed("time.", (Addressed if "source" in of_time.split() else RowTime,), Time, of_time)
+        time.ADDRESS, time.IN_FILE = address, time_in_file
+        below["time"] = (time, Field(default_factory=time) if "time" in kinds else ...)
+    if of_plate:
+        plate = narrowed("plate.", (Settings,), Plate, of_plate)
         below["plates"] = (GenericAlias(dict, (PositiveInt, plate)), {})
-    return cast(type[Source], narrowed("", (SourceFile,), Source, f"format description {keys.source}"))
+    return cast(type[Source], narrowed("", (SourceFile,), Source, f"format description {keys}"))
+
+
+OPTIONAL = (None, None)  # marks `time` and `channels` as keys that a source file may leave out
+NO_UNITS = {"channel.unit": (Unit, ...)}  # of formats that state no units
+OF_ROWS, OF_TABLE = "unit rate repeated stamps", "clock channels most_missing time"
+OF_DEVICES = "markers axes shared analogs outputs"
+OF_MESSAGES = (
+    f"{OF_TABLE} largest_loss",
+    "field topic counter unit",
+    "source field stamps",
+    "",
+    {**NO_UNITS, "time.field": (str, "header.stamp")},
+)
+KEYS: Mapping[str, tuple[Any, ...]] = {
+    "mcap": OF_MESSAGES,
+    "rosbag1": OF_MESSAGES,
+    "rosbag2": OF_MESSAGES,
+    "csv": (
+        f"{OF_TABLE} delimiter decimal comment header units_row missing extra_cells ragged",
+        "column counter",
+        f"column {OF_ROWS}",
+    ),
+    "json_lines": (OF_TABLE, "field counter unit", f"field {OF_ROWS}", "", NO_UNITS),
+    "mat": (
+        f"{OF_TABLE} log_part",
+        "variable counter unit",
+        f"variable {OF_ROWS}",
+        "",
+        {**NO_UNITS, "channel.counter": (AddressText | None, None)},
+    ),
+    "tdms": (OF_TABLE, "channel counter", f"channel {OF_ROWS}", "", {"time": OPTIONAL}, True),
+    "opensim": (
+        f"{OF_TABLE} plates axes",
+        "column counter unit",
+        f"column {OF_ROWS}",
+        "force point moment corners sign",
+        {
+            **NO_UNITS,
+            "clock": (Literal["master", "sync", "shared", "common"], "master"),
+            "channels": OPTIONAL,
+            "time": OPTIONAL,
+            "time.column": (ColumnName | None, "time"),
+            "time.unit": (TimeUnit | None, "s"),
+            "axes": (Axes, ("x", "-z", "y")),
+        },
+    ),
+    "c3d": (
+        f"{OF_DEVICES} counts point_unit plates plate_units plate_zero",
+        "channel",
+        "",
+        "",
+        {"plates": (Annotated[Literal["all"] | tuple[int, ...], Choice], "all")},
+    ),
+    "nexus_csv": (
+        f"{OF_DEVICES} delimiter decimal plates",
+        "device component",
+        "",
+        "device corners moment_about sign",
+    ),
+    "trc": ("markers axes shared point_unit",),
+}
+SOURCES = {name: model_of(name, *keys) for name, keys in KEYS.items()}
 
 
 UNKNOWN = "UNKNOWN"  # stands in a draft where the file does not tell a value

@@ -11,7 +11,7 @@ import numpy as np
 
 from osl_analysis.signals import LowPass, Motion
 from osl_analysis.trial import Array
-from osl_analysis.walking.crossing import Crossing, CrossingQuality
+from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.plate import Stance
 from osl_analysis.walking.second_order import impedance_torque
 
@@ -21,7 +21,6 @@ TURN, RAMP = np.deg2rad(4.75), 0.08
 """The ankle's turn [rad], and the duration [s] of the platform's ramp."""
 LATER = 0.11
 """Time [s] after the onset at which a hurried crossing begins to hurry."""
-UNCHECKED = CrossingQuality({}, None, (0.0, 0.0), None)
 
 
 @dataclass(frozen=True)
@@ -81,5 +80,5 @@ def crossing(key: tuple[int, ...], low_pass: LowPass, perturbed: bool, change: C
     name, still = f"phase_{'_'.join(map(str, key))}", np.zeros((0, len(time)))
     return Crossing(
         name, time, theta, torque, 0 * time, Stance(STRIKE, STRIKE + stance), onset if perturbed else None, 0.0,
-        UNCHECKED, still,
+        still,
     )  # fmt: skip

@@ -28,8 +28,8 @@ def at(timing: float) -> Callable[[int, StudyLaboratory], Walked]:
     def campaign(number: int, shipped: StudyLaboratory) -> Walked:
         names, here = [f"predicted_{number:04d}_{k}" for k in range(CROSSINGS)], at_timing(shipped, timing)
         walked = [here.perturbed(f"{name}_p") for name in names]
-        truth = float(np.mean([one.exact.K for one in walked]))
-        return [here.unperturbed(f"{name}_u") for name in names], [one.crossing for one in walked], truth
+        truth = float(np.mean([exact["K"] for _, exact, _ in walked]))
+        return [here.unperturbed(f"{name}_u") for name in names], [crossing for crossing, *_ in walked], truth
 
     return campaign
 
@@ -61,10 +61,11 @@ def main(number: int) -> None:
         for k in range(number):
             unperturbed, perturbed, truth = make(k, shipped)
             headline = group_headline(perturbed, unperturbed_gait(unperturbed, 3), settings)
-            shares.append(headline.prediction.share)
-            for name, (ensemble, draws) in zip(found, (headline.mean_gait, headline.predicted_gait), strict=True):
+            shares.append(headline.share)
+            of_both = (headline.ensemble, headline.resampled), headline.other[:2]
+            for name, (ensemble, draws) in zip(found, of_both, strict=True):
                 low, high = draws.interval("K")
-                found[name].append((ensemble.fit.K - truth, (high - low) / 2, float(low <= truth <= high)))
+                found[name].append((ensemble.fit["K"] - truth, (high - low) / 2, float(low <= truth <= high)))
         for name, rows in found.items():
             error, width, covered = np.array(rows).T
             share = f"{100 * np.mean(shares):.0f} %" if name == "predicted" else "–"

@@ -59,15 +59,15 @@ def campaign(number: int, shipped: StudyLaboratory) -> list[dict[str, object]]:
     rows, stance = [], float(np.mean(gait.stance))
     for timing in TIMINGS:
         walked = [at_timing(shipped, timing).perturbed(f"{name}_{timing:g}") for name in names]
-        result = group_headline([one.crossing for one in walked], gait, shipped.analysis)
-        onset = float(np.mean([(one.crossing.onset - one.crossing.stance.heel_strike) / stance for one in walked]))
-        phase = onset + fitted_time(result.ensemble, shipped.analysis) / stance
+        result = group_headline([crossing for crossing, *_ in walked], gait, shipped.analysis)
+        onset = float(np.mean([(crossing.onset - crossing.stance.heel_strike) / stance for crossing, *_ in walked]))
+        phase = onset + fitted_time(result) / stance
         places = {"phase": phase, "onset_phase": onset, "end_phase": onset + shipped.analysis.window_s / stance}
         for quantity in QUANTITIES:
             low, high = result.resampled.interval(quantity)
             row = {"series": "all", "quantity": quantity, "timing": timing, **places, "low": low, "high": high}
-            truth = float(np.mean([getattr(one.exact, quantity) for one in walked]))
-            rows.append(row | {"estimate": getattr(result.ensemble.fit, quantity), "truth": truth, "commanded": None})
+            truth = float(np.mean([exact[quantity] for _, exact, _ in walked]))
+            rows.append(row | {"estimate": result.ensemble.fit[quantity], "truth": truth, "commanded": None})
     return rows
 
 

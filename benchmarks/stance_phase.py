@@ -121,7 +121,7 @@ def rule_table(campaigns: Sequence[Campaign], timing: TimingSettings) -> None:
                 case = campaign.perturbed[label]
                 responses = isolated(rule, case.crossings, campaign.gait, timing)
                 fit = Ensemble(responses).fitted().fit
-                errors.append(np.array([fit.K, fit.B, fit.I]) - case.truth)
+                errors.append(fit.estimates - case.truth)
                 if rule in SETTINGS:
                     draws = Ensemble(responses).resampled(RESAMPLES)
                     intervals = np.array([draws.interval(q) for q in QUANTITIES])

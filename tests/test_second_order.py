@@ -14,7 +14,7 @@ from osl_analysis.walking.second_order import fit_impedance, impedance_torque
 def test_recovers_the_impedance_that_made_the_torque(K, B, I, offset):
     motion = multisine(0.7, 2.3, 5.9)
     fit = fit_impedance(motion, impedance_torque(K, B, I, motion) + offset)
-    assert (fit.K, fit.B, fit.I, fit.offset) == pytest.approx((K, B, I, offset), rel=1e-8, abs=1e-9)
+    assert tuple(fit.estimates) == pytest.approx((K, B, I, offset), rel=1e-8, abs=1e-9)
 
 
 def test_refuses_a_single_sine_because_stiffness_and_inertia_look_alike():

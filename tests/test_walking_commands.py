@@ -172,9 +172,9 @@ def test_the_plate_and_its_lag_are_the_simulated_ones(real: Session) -> None:
     simulated = real.truth("plate_01")["gait_laboratory"]
     mass, com = simulated["effects"]["plate_inertia"]["size"], np.array(simulated["plate"]["centre_of_mass_m"])
     assert model.lag == pytest.approx(1e-3 * simulated["effects"]["plate_lag"]["size"], abs=1e-4)
-    assert model.inertia.parameters[0] == pytest.approx(mass, rel=0.02)
-    np.testing.assert_allclose(model.inertia.parameters[1:4], mass * com, atol=0.02)
-    assert model.inertia.rms_after[4] < 0.1 * model.inertia.rms_before[4]
+    assert model.parameters[0] == pytest.approx(mass, rel=0.02)
+    np.testing.assert_allclose(model.parameters[1:4], mass * com, atol=0.02)
+    assert model.rms_after[4] < 0.1 * model.rms_before[4]
     table = read_table(real.folder / "plate.csv", ["rms_before", "rms_after", "left_percent", "lag_s", "lag_se_s"])
     assert (table.filter(pl.col("component").is_in(["F_x", "F_z", "M_y"]))["left_percent"] < 10).all()
     assert table["lag_s"][0] == pytest.approx(5e-4, abs=1e-4)
@@ -197,7 +197,7 @@ def test_without_imperfections_angle_and_torque_are_the_true_ones_through_one_fi
     for some in (crossings, exact):
         gait = unperturbed_gait([c for c in some if c.onset is None], 3)
         of = [fit_response(isolate_response(c, gait, settings())) for c in some if c.onset]
-        fits.append(np.array([[f.K, f.B, f.I] for f in of]))
+        fits.append(np.array([f.estimates for f in of]))
     np.testing.assert_allclose(fits[0][:, 0], fits[1][:, 0], rtol=2e-4)
     np.testing.assert_allclose(fits[0][:, 1], fits[1][:, 1], rtol=1e-3)
     np.testing.assert_allclose(fits[0][:, 2], fits[1][:, 2], atol=1e-4)
@@ -241,7 +241,7 @@ def test_what_cannot_be_used_is_named_and_listed_and_the_rest_goes_on(real: Sess
         with pytest.warns(UserWarning, match=f"excluded: trial {name}"):
             jobs.analyse(path, real.calibration, real.plate, name != cut, chosen, crossings[name])
     outlier = jobs.read_crossing(crossings[elsewhere])
-    moved = replace(outlier, quality=replace(outlier.quality, placement=(0.2, 0.0)))
+    moved = replace(outlier, quality=outlier.quality | {"foot_forward_m": 0.2})
     jobs.write_crossing(moved, crossings[elsewhere])
     selection, gait = tmp_path / real.selection.name, tmp_path / real.gait.name
     jobs.select_crossings(list(crossings.values()), chosen, selection)
@@ -335,7 +335,7 @@ def test_what_contradicts_sheet_markers_or_calibration_is_refused_by_name(
 ) -> None:
     name, path, output = getattr(ideal, which)[0], tmp_path / "t.parquet", tmp_path / "c.parquet"
     source, content = read_trial(ideal.trial(name)), json.loads(ideal.calibration.read_text())
-    content["foot"].pop(lost, None)
+    content["markers"].pop(lost, None)
     write_trial(replace(source, samples=source.samples.drop(lost or [], strict=False)), path)
     (tmp_path / "calibration.json").write_text(json.dumps(content))
     with refused(output, f"trial {name}: {reason}"):
@@ -350,7 +350,7 @@ def test_missing_and_damaged_files_between_the_steps_name_the_step(ideal: Sessio
         summarise(ideal, [perturbed], settings(), tmp_path)
     with pytest.raises(InputError, match=r"plate\.json: no such file; run the step 'identify-plate'"):
         jobs.read_model(broken, PlateModel)
-    for content, problem in (("{", "not JSON"), ("{}", "no field 'inertia'")):
+    for content, problem in (("{", "not JSON"), ("{}", "no field 'parameters'")):
         broken.write_text(content)
         with pytest.raises(InputError, match=rf"plate\.json: {problem}"):
             jobs.read_model(broken, PlateModel)

@@ -19,12 +19,11 @@ from osl_analysis.commands.walking import (
     write_crossing,
 )
 from osl_analysis.table import read_table
-from osl_analysis.walking.crossing import Crossing, CrossingQuality
+from osl_analysis.walking.crossing import Crossing
 from osl_analysis.walking.plate import Stance
 
 LEAD, RISE, TURN = 0.045, 0.018, 0.087
 """The turn is an error function, at rest to 0.02 % at the onset, `LEAD` [s] before its middle; its size is 5 deg."""
-QUALITY = CrossingQuality({}, None, (0.0, 0.0), None)
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,12 @@ def crossing(
         theta, torque = theta + d, torque + impedance[0] * d + impedance[1] * v + impedance[2] * a
     span, no_plate = Stance(0.3, 0.3 + stance), np.zeros((0, len(time)))
     turned = None if onset is None else turn
-    return Crossing(name, time, theta, torque, 0 * time, span, onset, 0.0, QUALITY, no_plate, turn=turned)
+    return Crossing(name, time, theta, torque, 0 * time, span, onset, 0.0, no_plate, turn=turned)
+
+
+def standing_at(forward: float, left: float) -> dict[str, float | None]:
+    """The quality of a crossing whose foot stands there on the plate [m]."""
+    return {"foot_forward_m": forward, "foot_left_m": left}
 
 
 def walked(name: str, walk: Walk) -> Crossing:
@@ -72,8 +76,7 @@ def walked(name: str, walk: Walk) -> Crossing:
     if onset is not None:
         torque += walk.common * bump(plain.time, onset + LEAD, RISE)[0]
     torque += walk.noise * random.standard_normal() * np.sin(2 * np.pi * (2 * plain.time + random.random()))
-    place = tuple(0.003 * random.standard_normal(2))
-    return replace(plain, torque=torque, quality=replace(QUALITY, placement=place))
+    return replace(plain, torque=torque, quality=standing_at(*(0.003 * random.standard_normal(2))))
 
 
 @dataclass(frozen=True)

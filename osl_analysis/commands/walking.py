@@ -24,11 +24,11 @@ from osl_analysis.trial import NAME_KEY, PROVENANCE_KEY, Array, Trial, read_tria
 from osl_analysis.walking import bodies, tables
 from osl_analysis.walking import settings as choices
 from osl_analysis.walking.bodies import StaticCalibration
-from osl_analysis.walking.crossing import DOWN, UP, Crossing, RefusedCrossing, analyse_crossing, body_mass
+from osl_analysis.walking.crossing import Crossing, RefusedCrossing, analyse_crossing, body_mass
 from osl_analysis.walking.gait import PHASES, UnperturbedGait, unperturbed_gait
 from osl_analysis.walking.groups import ALL, SEPARATOR, cells_said, selection_rows, split_keys
 from osl_analysis.walking.overground import overground_rows
-from osl_analysis.walking.plate import NO_CORRECTION, NOT_REMOVED, Load, PlateModel, identify_plate_model, plate_table
+from osl_analysis.walking.plate import NO_CORRECTION, NOT_REMOVED, PlateModel, identify_plate_model, plate_table
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform, platform_table
 from osl_analysis.walking.response import group_headline
 
@@ -87,7 +87,7 @@ def write_crossing(crossing: Crossing, path: Path) -> None:
     """Write a crossing as a trial: its signals and `plate_error_0`, ...; the events in the provenance."""
     signals = {"time": crossing.time, "phase": crossing.stance.phase(crossing.time)}
     signals |= {name: getattr(crossing, name) for name in CROSSING_SIGNALS}
-    load = {} if crossing.load is None else dict(zip(LOADS, (crossing.load.force, crossing.load.left), strict=True))
+    load = {} if crossing.load is None else dict(zip(LOADS, crossing.load, strict=True))
     errors = {f"{PLATE_ERROR}{i}": error for i, error in enumerate(crossing.plate_errors)}
     samples = pl.DataFrame(signals | load | errors)
     events = {name: getattr(crossing, name) for name in EVENTS}
@@ -130,7 +130,7 @@ def read_crossing_file(path: Path) -> Crossing | RefusedCrossing:
         trial.name,
         **curves,
         plate_errors=trial.samples.select(PLATE_ERRORS).to_numpy().T.reshape(-1, len(trial.samples)),
-        load=Load(*trial.signals(*LOADS)[1:]) if LOADS[0] in trial.samples.columns else None,
+        load=np.array(trial.signals(*LOADS)[1:]) if LOADS[0] in trial.samples.columns else None,
         **{name: built(types[name], trial.provenance[name]) for name in EVENTS},
     )
 
@@ -170,33 +170,30 @@ def calibrate(
     for path in motion:
         walked = read_trial(path)
         with suppress(InputError):  # trials whose markers cannot be read are not used
-            foot = bodies.segment_poses(walked, markers.foot, static.foot, settings)[1]
-            recordings.append((foot, bodies.segment_poses(walked, markers.shank, static.shank, settings)[1]))
+            clusters = (markers.foot, markers.shank)
+            recordings.append([bodies.segment_poses(walked, names, static, settings)[1] for names in clusters])
     row: dict[str, object] = {"trial": standing.name, "axis": settings.hinge}
     try:
-        hinge = bodies.functional_hinge(recordings, static)
+        axis, centre, found = bodies.functional_hinge(recordings, static)
     except InputError as error:
         if settings.hinge == "functional":
             raise
         row["reason"] = str(error)
     else:
-        row |= {f"functional_{name}": float(value) for name, value in zip("xyz", hinge.axis, strict=True)}
-        row |= {"angle_deg": float(np.rad2deg(hinge.angle)), "distance_mm": 1e3 * hinge.distance}
-        row |= {"excursion_deg": float(np.rad2deg(hinge.excursion)), "off_axis_deg": float(np.rad2deg(hinge.off_axis))}
-        row |= {"gap_mm": 1e3 * hinge.gap, "frames": hinge.frames}
+        row |= found
         if settings.hinge == "functional":
-            static = replace(static, ankle_axis=hinge.axis, ankle_centre=hinge.centre)
+            static = replace(static, ankle_axis=axis, ankle_centre=centre)
     write_table(pl.DataFrame([row]), comparison)
     write_model(static, output)
 
 
 def calibrated_trials(
     trials: Sequence[Path], calibrations: Sequence[Path], statics: Statics
-) -> tuple[list[Trial], dict[str, StaticCalibration]]:
-    """The trials that have a calibration, and the calibration of each."""
+) -> list[tuple[Trial, StaticCalibration]]:
+    """The trials that have a calibration, each with its own."""
     read = {path.stem: read_model(path, StaticCalibration) for path in calibrations}
     own = {trial: read[static] for trial, static in statics.items() if static in read}
-    return [read_trial(path) for path in trials if path.stem in own], own
+    return [(read_trial(path), own[path.stem]) for path in trials if path.stem in own]
 
 
 def identify_plate(
@@ -213,7 +210,7 @@ def identify_plate(
         warnings.warn(f"the plate's own inertia and lag stay in the torque: {NOT_REMOVED}", stacklevel=2)
         model = NO_CORRECTION
     else:
-        model = identify_plate_model(*calibrated_trials(trials, calibrations, statics), settings)
+        model = identify_plate_model(calibrated_trials(trials, calibrations, statics), settings)
     write_model(model, output)
     write_table(
         plate_table(model).fill_nan(None).with_columns(plate_inertia=pl.lit(settings.plate_inertia)), comparison
@@ -231,7 +228,7 @@ def measure_platform(
 ) -> None:
     """The motion that the platform's perturbations share, to a JSON file. The table `comparison` shows when each
     crossing's perturbation starts, and whether it follows the shared motion; `places` has joint and side of each."""
-    model = identify_platform(*calibrated_trials(trials, calibrations, statics), settings)
+    model = identify_platform(calibrated_trials(trials, calibrations, statics), settings)
     write_model(model, output)
     write_table(on_the_walkway(platform_table(model), places), comparison)
 
@@ -254,12 +251,11 @@ def analyse(
     shared = ALONE if platform is None else read_model(platform, PlatformModel)
     try:
         crossing = analyse_crossing(walked, static, model, perturbed, settings, shared)
-        measured = None if crossing.turn is None else UP if crossing.turn > 0 else DOWN
-        if direction is not None and measured not in (None, direction):
+        if direction is not None and crossing.direction not in (None, direction):
             raise InputError(
                 f"trial {walked.name}: the platform turned by {np.rad2deg(crossing.turn or 0.0):.1f} deg (positive: "
-                f"toes up), but the sheet says direction '{direction}', expected '{measured}'; correct the sheet, or "
-                "exclude the trial"
+                f"toes up), but the sheet says direction '{direction}', expected '{crossing.direction}'; correct the "
+                "sheet, or exclude the trial"
             )
         crossing = replace(crossing, body_mass=body_mass(walked, body_mass_kg))
     except OslAnalysisError as error:
@@ -277,16 +273,15 @@ NO_GAIT = (
 
 
 def group_result(
-    group: tables.Group,
+    fact: dict[str, Any],
     own: pl.DataFrame,
     files: Mapping[str, Path],
     gait: UnperturbedGait | None,
     settings: choices.EnsembleSettings,
 ) -> tuple[list[dict[str, Any]], dict[str, Any], pl.DataFrame | None]:
-    """Rows of `walking_summary.csv` of a group, its row of `walking_groups.csv`, and its responses. Without a result:
-    rows with the reason, None, and a warning. `own` are its rows of `walking.csv`."""
-    known = {"group": group.name}
-    fact: dict[str, Any] = tables.group_row(group, gait, settings.window_s) | {"fitted_phase": None, "reason": None}
+    """Rows of `walking_summary.csv` of a group, its row of `walking_groups.csv`, which begins as `fact`, and its
+    responses. Without a result: rows with the reason, None, and a warning. `own` are its rows of `walking.csv`."""
+    known, fact = {"group": fact["group"]}, fact | {"fitted_phase": None, "reason": None}
     try:
         if gait is None:
             raise InputError(NO_GAIT)
@@ -294,16 +289,16 @@ def group_result(
             raise InputError(f"{len(own)} {TOO_FEW} walking_excluded.csv, or record more")
         headline = group_headline([read_crossing(files[trial]) for trial in own["trial"]], gait, settings)
     except OslAnalysisError as error:
-        warnings.warn(f"no result of {group.name}: {error}", stacklevel=2)
+        warnings.warn(f"no result of {fact['group']}: {error}", stacklevel=2)
         none = {"estimator": tables.ENSEMBLE, "n": len(own), "mean": None, "reason": str(error)}
         rows = [known | {"quantity": quantity} | none for quantity in tables.GROUP_QUANTITIES]
         return rows, fact | {"reason": str(error)}, None
     fact["fitted_phase"] = float(fact["onset_phase"] + tables.fitted_time(headline) / fact["stance_s"])
     rows = [
-        known | row | {"commanded": group.cells.get(f"{row['quantity']}_d"), "reason": None}
+        known | row | {"commanded": fact.get(f"{row['quantity']}_d"), "reason": None}
         for row in tables.headline_rows(headline, own, doubtful_row(own))
     ]
-    return rows, fact | tables.group_facts(headline), tables.response_table(group.name, headline)
+    return rows, fact | tables.group_facts(headline), tables.response_table(fact["group"], headline)
 
 
 def select_crossings(
@@ -421,11 +416,12 @@ def summarise_perturbations(
         raise InputError(f"{table}: {len(fitted)} of {len(fits)} {TOO_FEW} {excluded.name}, or record more")
     gaits, files = read_unperturbed_gaits(unperturbed), {path.stem: path for path in crossings}
     sides, results = {}, []
-    for group in tables.groups_of(chosen, sheet):
-        of = {(places or {}).get(trial, {}).get("side") for trial in group.trials}
-        sides[group.name] = {"side": of.pop() if len(of) == 1 else None}
-        own = fitted.filter(pl.col("trial").is_in(group.trials))
-        results.append(group_result(group, own, files, gaits.get(group.gait), settings))
+    for fact in tables.group_rows(chosen, sheet, gaits, settings.window_s):
+        trials = chosen.filter(pl.col("perturbed"), pl.col("group") == fact["group"])["trial"].to_list()
+        of = {(places or {}).get(trial, {}).get("side") for trial in trials}
+        sides[fact["group"]] = {"side": of.pop() if len(of) == 1 else None}
+        own = fitted.filter(pl.col("trial").is_in(trials))
+        results.append(group_result(fact, own, files, gaits.get(fact["gait"]), settings))
     facts, curves = [fact for _, fact, _ in results], [curve for _, _, curve in results if curve is not None]
     if not curves:
         why = {fact["group"]: fact["reason"] for fact in facts}

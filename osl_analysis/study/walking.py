@@ -25,22 +25,20 @@ from osl_analysis.simulator.settings import SimulationSettings, stream
 from osl_analysis.simulator.step import draw_step
 from osl_analysis.simulator.vicon import vicon_recording, write_c3d
 from osl_analysis.simulator.walking_settings import WalkingSettings
+from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.study.bench import STUDIED_QUANTITIES, StudyInputs, StudyRow
 from osl_analysis.trial import Trial
 from osl_analysis.walking.bodies import StaticCalibration, static_calibration
-from osl_analysis.walking.crossing import Crossing, CrossingQuality, analyse_crossing
+from osl_analysis.walking.crossing import Crossing, analyse_crossing
 from osl_analysis.walking.gait import unperturbed_gait
 from osl_analysis.walking.plate import PlateModel, Stance, identify_plate_model
 from osl_analysis.walking.platform import ALONE, PlatformModel, identify_platform
 from osl_analysis.walking.response import Ensemble, common_errors, fit_response, fit_without_offset, isolate_response
-from osl_analysis.walking.second_order import ImpedanceFit
 from osl_analysis.walking.settings import FootSettings, WalkingAnalysis
 
-UNCHECKED = CrossingQuality(residuals={}, zero=None, placement=(0.0, 0.0), encoder=None)
-"""Quality of a crossing that is simulated without markers and plate."""
 Made = TypeVar("Made")
-PerturbedCrossing = tuple[Crossing, ImpedanceFit, Mapping[str, float]]
+PerturbedCrossing = tuple[Crossing, LinearFit, Mapping[str, float]]
 """A perturbed crossing as it is analysed, through the sensors; the same estimator's fit to the perturbation alone,
 through ideal sensors; and the impedance that the leg rendered, by name."""
 
@@ -95,7 +93,7 @@ class StudyLaboratory:
         step, platform = walked.step, walked.motion.platform
         seen = walked.time[::every], found[0], found[1], platform.angle[::every]
         stance, none = Stance(step.heel_strike, step.toe_off), np.zeros((0, len(found[0])))
-        return Crossing(name, *seen, stance, platform.onset, 0.0, UNCHECKED, none)
+        return Crossing(name, *seen, stance, platform.onset, 0.0, none)
 
 
 @dataclass(frozen=True)
@@ -114,7 +112,7 @@ class RecordedLaboratory(StudyLaboratory):
         for name in names:
             with suppress(OslAnalysisError):
                 trials.append(self.recorded(name, self.walk(name, True)))
-        return replace(self, platform=identify_platform(trials, self.calibration, self.analysis))
+        return replace(self, platform=identify_platform([(trial, self.calibration) for trial in trials], self.analysis))
 
     def recorded(self, name: str, walked: SimulatedCrossing) -> Trial:
         """The ingested trial of a crossing, which is written as C3D first unless it already is."""
@@ -146,7 +144,7 @@ def calibrated(laboratory: StudyLaboratory, folder: Path, sources: Path) -> Reco
         simulate_walking_trial(row, settings, gait, p, folder)
     standing, *unloaded = (ingested(row["trial"], folder, sources) for row in rows)
     calibration = static_calibration(standing, analysis)
-    plate = identify_plate_model(unloaded, calibration, analysis)
+    plate = identify_plate_model([(trial, calibration) for trial in unloaded], analysis)
     return RecordedLaboratory(settings, gait, p, analysis, folder, sources, calibration, plate)
 
 
@@ -190,11 +188,11 @@ def campaign_rows(number: int, crossings: int, laboratory: StudyLaboratory) -> l
     common = common_errors(responses)
     rows: list[StudyRow] = []
     for quantity in STUDIED_QUANTITIES:
-        truths = np.array([getattr(exact, quantity) for _, exact, _ in perturbed])
+        truths = np.array([exact[quantity] for _, exact, _ in perturbed])
         rendered = np.array([leg[f"{quantity}_rendered"] for *_, leg in perturbed])
-        estimates = [getattr(fit, quantity) for fit in fits]
-        single, mean = fits[0].fit, over_repeats(estimates, common[quantity])
-        of_all = getattr(ensemble, quantity), resampled.se(quantity), *resampled.interval(quantity)
+        estimates = [fit[quantity] for fit in fits]
+        single, mean = fits[0], over_repeats(estimates, common[quantity])
+        of_all = ensemble[quantity], resampled.se(quantity), *resampled.interval(quantity)
         made: list[tuple[str, str, int, Sequence[float]]] = [
             ("single perturbation", single.interval_method, 1,
              (single[quantity], single.se(quantity), *single.interval(quantity))),

@@ -14,7 +14,6 @@ from osl_analysis.trial import Array, Trial, marker_columns
 from osl_analysis.walking.settings import CalibrationSettings, MarkerSettings
 
 Mask = NDArray[np.bool_]
-Vectors = dict[str, Array]
 SEGMENTS = ("foot", "shank", "platform")
 FREE_FALL = np.array([0.0, 0.0, -9.80665])  # Acceleration of free fall [m/s^2] in laboratory axes, z up
 
@@ -60,24 +59,31 @@ def marker_tracks(trial: Trial, names: Sequence[str]) -> tuple[Array, Array]:
     return rows["time"].to_numpy(), rows.select(columns).to_numpy().reshape(-1, len(names), 3)
 
 
-def reference_positions(cluster: Mapping[str, Array], names: Sequence[str], trial: str) -> Array:
-    """Positions (m, 3) [m] of the named markers in the static trial; `trial` is for messages."""
-    if absent := [name for name in names if name not in cluster]:
-        raise InputError(
-            f"trial {trial}: marker {absent[0]} is not in the static calibration, which has {', '.join(cluster)}; "
-            "calibrate with the static trial again"
-        )
-    return np.array([cluster[name] for name in names])
+@dataclass(frozen=True)
+class StaticCalibration:
+    """Result of the static trial, in laboratory axes. In the static pose every segment's axes are the laboratory's."""
+
+    markers: dict[str, Array]  # positions (3,) [m] of the clusters' markers by name
+    ankle_centre: Array  # point (3,) [m] that belongs to the foot and to the shank
+    ankle_axis: Array  # unit vector (3,) to the subject's left, the same for foot and shank
+
+    def positions(self, names: Sequence[str], trial: str) -> Array:
+        """Positions (m, 3) [m] of the named markers; `trial` is for messages."""
+        if absent := [name for name in names if name not in self.markers]:
+            raise InputError(
+                f"trial {trial}: marker {absent[0]} is not in the static calibration, which has "
+                f"{', '.join(self.markers)}; calibrate with the static trial again"
+            )
+        return np.array([self.markers[name] for name in names])
 
 
 def segment_poses(
-    trial: Trial, names: Sequence[str], cluster: Mapping[str, Array], settings: MarkerSettings
+    trial: Trial, names: Sequence[str], calibration: StaticCalibration, settings: MarkerSettings
 ) -> tuple[Array, Poses]:
     """Time (n,) [s] and poses of one cluster, not filtered: short gaps are interpolated, long ones NaN."""
     time, observed = marker_tracks(trial, names)
-    poses = cluster_poses(
-        reference_positions(cluster, names, trial.name), observed, settings.largest_residual_mm * 1e-3
-    )
+    reference = calibration.positions(names, trial.name)
+    poses = cluster_poses(reference, observed, settings.largest_residual_mm * 1e-3)
     return time, bridge_gaps(time, poses, settings.longest_gap_s)
 
 
@@ -169,14 +175,10 @@ class BodyMotion:
 def body_motion(time: Array, poses: Poses, point: Array) -> BodyMotion:
     """Motion at times (n,) [s] of a low-passed body without NaN, and of its point that rests at `point` (3,) [m]."""
     turning = differentiate(time, poses.rotation.reshape(-1, 9)).omega.reshape(-1, 3, 3)
-    omega = 0.5 * axial_vector(np.einsum("nij,nkj->nik", turning, poses.rotation))
+    spin = np.einsum("nij,nkj->nik", turning, poses.rotation)  # antisymmetric: the cross product with omega
+    omega = 0.5 * np.stack([spin[:, k - 1, k - 2] - spin[:, k - 2, k - 1] for k in range(3)], axis=1)
     path = differentiate(time, poses.point(point))
     return BodyMotion(poses.rotation, omega, differentiate(time, omega).omega, path.theta, path.alpha)
-
-
-def axial_vector(m: Array) -> Array:
-    """Vectors (n, 3) of the antisymmetric part of matrices (n, 3, 3), times two."""
-    return np.stack([m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], axis=1)
 
 
 def cross_matrix(v: Array) -> Array:
@@ -184,28 +186,10 @@ def cross_matrix(v: Array) -> Array:
     return np.swapaxes(np.cross(v[:, None], np.eye(3)), 1, 2)
 
 
-@dataclass(frozen=True)
-class StaticCalibration:
-    """Result of the static trial, in laboratory axes. In the static pose every segment's axes are the laboratory's."""
-
-    foot: Vectors  # marker positions (3,) [m] by name, as of the other segments
-    shank: Vectors
-    platform: Vectors
-    ankle_centre: Array  # point (3,) [m] that belongs to the foot and to the shank
-    ankle_axis: Array  # unit vector (3,) to the subject's left, the same for foot and shank
-
-
-Calibrations = StaticCalibration | Mapping[str, StaticCalibration]  # One of all trials, or of each by its name
-
-
-def calibration_of(calibrations: Calibrations, trial: str) -> StaticCalibration:
-    return calibrations if isinstance(calibrations, StaticCalibration) else calibrations[trial]
-
-
 def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCalibration:
     """Calibration from the static trial: mean positions of the markers that the settings name."""
 
-    def standing(names: Sequence[str]) -> Vectors:
+    def standing(names: Sequence[str]) -> dict[str, Array]:
         found = {}
         for name, track in zip(names, np.moveaxis(marker_tracks(trial, names)[1], 1, 0), strict=True):
             seen = np.isfinite(track).all(axis=1)
@@ -218,13 +202,14 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
         return found
 
     markers = settings.markers
-    foot, shank, platform = means = [standing(getattr(markers, segment)) for segment in SEGMENTS]
-    for segment, cluster in zip(SEGMENTS, means, strict=True):
+    clusters = {segment: standing(getattr(markers, segment)) for segment in SEGMENTS}
+    for segment, cluster in clusters.items():
         if not spans_a_plane(np.array(list(cluster.values()))):
             raise InputError(
                 f"trial {trial.name}: the {segment} markers {', '.join(cluster)} lie on a line or are fewer than "
                 "three, expected three or more that span a plane; name others under `markers` in the configuration"
             )
+    foot, shank, platform = clusters.values()
     above = float(np.mean([p[2] for p in foot.values()]) - np.mean([p[2] for p in shank.values()]))
     if above > 0.05:  # standing, they are lower by 0.1 m and more
         raise InputError(
@@ -234,15 +219,15 @@ def static_calibration(trial: Trial, settings: CalibrationSettings) -> StaticCal
         )
     inner, outer = standing((markers.ankle_medial, markers.ankle_lateral)).values()
     across = inner - outer if settings.side == "right" else outer - inner
-    return StaticCalibration(foot, shank, platform, (inner + outer) / 2, across / np.linalg.norm(across))
+    return StaticCalibration(foot | shank | platform, (inner + outer) / 2, across / np.linalg.norm(across))
 
 
 def ankle_angle(foot: Poses, shank: Poses, axis: Array) -> Array:
     """Joint angle theta (n,) [rad]: dorsiflexion positive, zero in the static pose. Minus the twist of the foot
     relative to the shank about the axis (3,), which points to the left."""
     relative = np.einsum("nji,njk->nik", shank.rotation, foot.rotation)
-    # Quaternion up to a common factor: w ~ 1 + trace, vector part v ~ the axial vector; the twist is 2 atan2(v.axis, w)
-    return np.asarray(-2 * np.arctan2(axial_vector(relative) @ axis, 1 + np.trace(relative, axis1=1, axis2=2)))
+    twist = scipy.spatial.transform.Rotation.from_matrix(relative).as_quat(canonical=True)
+    return np.asarray(-2 * np.arctan2(twist[:, :3] @ axis, twist[:, 3]))
 
 
 def moment_of_foot(foot: BodyMotion, ankle: Array, axis: Array, mass: float, inertia: float) -> Array:
@@ -253,24 +238,13 @@ def moment_of_foot(foot: BodyMotion, ankle: Array, axis: Array, mass: float, ine
     return np.asarray(np.sum(axis * (lever + inertia * foot.alpha), axis=1))
 
 
-@dataclass(frozen=True)
-class Hinge:
-    """A functional hinge in the static pose."""
-
-    axis: Array  # unit vector (3,) to the left
-    centre: Array  # a point (3,) [m] of the axis
-    excursion: float  # RMS rotation [rad] about the axis
-    off_axis: float  # RMS rotation [rad] about the two axes across it
-    gap: float  # RMS distance [m] between the centre that moves with the foot and the one that moves with the shank
-    angle: float  # angle [rad] to the anatomical axis
-    distance: float  # distance [m] of the anatomical centre from the axis
-    frames: int  # number of frames in which both segments were seen
-
-
-def functional_hinge(recordings: Sequence[Sequence[Poses]], calibration: StaticCalibration) -> Hinge:
-    """The hinge from poses, which may be NaN, of foot and shank while the joint moved. The axis is the principal
-    direction of the relative rotation vectors, the centre the point with the same path in both segments (Ehrig et al.,
-    J. Biomech. 40, 2007); the anatomical one in directions in which the motion does not determine it."""
+def functional_hinge(
+    recordings: Sequence[Sequence[Poses]], calibration: StaticCalibration
+) -> tuple[Array, Array, dict[str, float]]:
+    """The hinge from poses, which may be NaN, of foot and shank while the joint moved: unit axis (3,) to the left, a
+    point (3,) [m] of it, and its columns of `hinge.csv`. The axis is the principal direction of the relative rotation
+    vectors, the centre the point with the same path in both segments (Ehrig et al., J. Biomech. 40, 2007); the
+    anatomical one in directions in which the motion does not determine it."""
     if not recordings:
         raise InputError("no trial in which foot and shank move; add walking trials, or set hinge to anatomical")
     both = [(f[f.seen() & s.seen()], s[f.seen() & s.seen()]) for f, s in recordings]
@@ -295,8 +269,19 @@ def functional_hinge(recordings: Sequence[Sequence[Poses]], calibration: StaticC
     shift = np.linalg.lstsq(turned.reshape(-1, 3), -apart.reshape(-1), rcond=0.05)[0]
     centre, gap = start + shift, float(np.sqrt(np.mean(np.sum((apart + turned @ shift) ** 2, axis=1))))
     angle = float(np.arccos(np.clip(axis @ calibration.ankle_axis, -1, 1)))
-    distance = float(np.linalg.norm(np.cross(start - centre, axis)))
-    return Hinge(axis, centre, float(size[0]), float(np.hypot(size[1], size[2])), gap, angle, distance, len(foot))
+    return (
+        axis,
+        centre,
+        {
+            **{f"functional_{name}": float(value) for name, value in zip("xyz", axis, strict=True)},
+            "angle_deg": float(np.rad2deg(angle)),  # to the anatomical axis
+            "distance_mm": 1e3 * float(np.linalg.norm(np.cross(start - centre, axis))),  # of the anatomical centre
+            "excursion_deg": float(np.rad2deg(size[0])),  # RMS rotation about the axis, and about the two across it
+            "off_axis_deg": float(np.rad2deg(np.hypot(size[1], size[2]))),
+            "gap_mm": 1e3 * gap,  # RMS distance of the centre that moves with the foot from that of the shank
+            "frames": len(foot),
+        },
+    )
 
 
 def exchanged_labels(
@@ -307,16 +292,15 @@ def exchanged_labels(
     names = {segment: getattr(settings.markers, segment) for segment in segments}
     labels = [label for some in names.values() for label in some]
     try:
-        tracks = {label: marker_tracks(trial, [label])[1][:, 0] for label in labels}
-        static = {s: reference_positions(getattr(calibration, s), some, trial.name) for s, some in names.items()}
+        tracks = dict(zip(labels, np.moveaxis(marker_tracks(trial, labels)[1], 1, 0), strict=True))
+        static = [calibration.positions(some, trial.name) for some in names.values()]
     except InputError:
         return ""
 
     def residuals(moved: Mapping[str, Array], swapped: Mapping[str, str]) -> list[Array]:
         """RMS distance (n,) [m] of each cluster's markers from their rigid body; 0 in frames with hidden markers."""
         every = [np.stack([moved[swapped.get(label, label)] for label in some], axis=1) for some in names.values()]
-        pairs = zip(static.values(), every, strict=True)
-        return [np.nan_to_num(cluster_poses(reference, observed).residual) for reference, observed in pairs]
+        return [np.nan_to_num(cluster_poses(*pair).residual) for pair in zip(static, every, strict=True)]
 
     limit, labelled = settings.largest_residual_mm * 1e-3, np.max(residuals(tracks, {}), axis=0)
     wrong = np.flatnonzero(labelled > limit)

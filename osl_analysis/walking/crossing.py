@@ -2,7 +2,7 @@
 laboratory's set-up must have right for it: axes and side, encoder, direction, shift of the platform, body mass."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
@@ -15,32 +15,19 @@ from osl_analysis.signals.grid import GapLimits, uniform_signals
 from osl_analysis.trial import AXES, Array, Trial
 from osl_analysis.walking import bodies, plate, platform
 from osl_analysis.walking.bodies import SEGMENTS, BodyMotion, Poses, StaticCalibration
-from osl_analysis.walking.plate import Load, PlateModel, Stance
+from osl_analysis.walking.plate import PlateModel, Stance
 from osl_analysis.walking.platform import ALONE, PlatformModel, PlatformTemplate
 from osl_analysis.walking.settings import CrossingSettings
 
 UP, DOWN = "up", "down"  # Names of the directions in sheet and tables: toes up (dorsiflexion), and toes down
 
 
-@dataclass(frozen=True)
-class EncoderCheck:
-    """The encoder's angle minus the markers': offset [rad], delay [s] (positive if the encoder's clock is late), and
-    RMS [rad] of the difference that remains."""
-
-    offset: float
-    delay: float
-    rms: float
-
-
-@dataclass(frozen=True)
-class CrossingQuality:
-    """Numbers that show the quality of a crossing."""
-
-    residuals: Mapping[str, float]  # RMS distance [m], in stance, of each cluster's markers from their rigid body
-    zero: float | None  # vertical force [N] of the plate before the step, which was removed; None if none was
-    placement: tuple[float, float]  # of the ankle [m], forward and left of the plate's centre, while the foot is flat
-    encoder: EncoderCheck | None  # comparison with the leg's own encoder; None without a column theta
-    outside: float = 0.0  # largest distance [m] by which a foot marker lies outside the plate while the foot is flat
+QUALITY = (
+    "foot_forward_m", "foot_left_m", "foot_outside_m", "foot_residual_mm", "platform_residual_mm", "shank_residual_mm",
+    "plate_zero_N", "encoder_offset_deg", "encoder_delay_ms", "encoder_rms_deg",
+)  # fmt: skip
+"""Columns of `walking_crossings.csv` that show the quality of one crossing; the dictionary of tables says what each
+is."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +42,9 @@ class Crossing:
     stance: Stance
     onset: float | None  # of the perturbation [s]; None without one
     bridged: float  # fraction of the frames in stance in which a hidden cluster was interpolated
-    quality: CrossingQuality
     plate_errors: Array  # changes (m, n) [N*m] of the torque without the i-th of m plate trials; m = 0 with one
-    load: Load | None = None  # ground reaction on the foot; None if it is not known
+    quality: dict[str, float | None] = field(default_factory=dict)  # of `QUALITY`, those that are known
+    load: Array | None = None  # as of `load_on_foot` (2, n); None if it is not known
     turn: float | None = None  # largest [rad] of the platform about the ankle in the window, toes up; None: unknown
     body_mass: float | None = None  # [kg]; None if nobody states it
 
@@ -76,6 +63,10 @@ class Crossing:
     def sign(self) -> int:
         """-1 if the platform turned the toes down, else 1."""
         return -1 if self.turn is not None and self.turn < 0 else 1
+
+    @property
+    def direction(self) -> str | None:
+        return None if self.turn is None else UP if self.turn > 0 else DOWN
 
 
 @dataclass(frozen=True)
@@ -115,11 +106,11 @@ def crossing_from_trial(
     """The crossing, refused without the trial's name."""
     reference, recorded, low_pass = {}, {}, settings.low_pass
     for segment in SEGMENTS:
-        labels, cluster = getattr(settings.markers, segment), getattr(calibration, segment)
-        frames, recorded[segment] = bodies.segment_poses(trial, labels, cluster, settings)
-        reference[segment] = bodies.reference_positions(cluster, labels, trial.name)
+        labels = getattr(settings.markers, segment)
+        frames, recorded[segment] = bodies.segment_poses(trial, labels, calibration, settings)
+        reference[segment] = calibration.positions(labels, trial.name)
     (read, zero), rate = plate.zeroed_wrench(trial, frames, settings), sampling_rate(frames)
-    force = read(unloaded.delay)[:, :3]
+    force = read(unloaded.lag or 0.0)[:, :3]
     check_vertical(force)
     limits = settings.load_on_n, settings.load_off_n, settings.shortest_stance_s
     stances = plate.find_stances(frames, force[:, 2], *limits)
@@ -153,7 +144,7 @@ def crossing_from_trial(
 
     def reaction(model: PlateModel, moving: BodyMotion) -> Array:
         """Ground reaction (n, 6) on the foot in laboratory axes, about the plate's centre, without the plate's own."""
-        parts = (low_pass(read(model.delay), rate)[rows] - model.inertia.wrench(moving)).reshape(-1, 2, 3)
+        parts = (low_pass(read(model.lag or 0.0), rate)[rows] - model.wrench(moving)).reshape(-1, 2, 3)
         return np.asarray(np.einsum("nij,nkj->nki", turned, parts).reshape(-1, 6))
 
     def torque_by(model: PlateModel, moving: BodyMotion) -> Array:
@@ -173,16 +164,13 @@ def crossing_from_trial(
     check_side(phase, shank.position - ankle, axis, torque if onset is None else None)
     window = None if onset is None else (onset, onset + settings.window_s)
     inside = (time >= stance.heel_strike) & (time <= stance.toe_off)
-    left = {segment: pose.residual[inside & np.isfinite(pose.residual)] for segment, pose in poses.items()}
     flat = foot[(phase >= 0.15) & (phase <= 0.35)]  # before the perturbation
     placed = flat.point(calibration.ankle_centre).mean(axis=0) - corners.mean(axis=0)
-    quality = CrossingQuality(
-        residuals={s: float(np.sqrt(np.mean(r**2))) if len(r) else float("nan") for s, r in left.items()},
-        zero=zero,
-        placement=(float(placed[0]), float(placed[1])),
-        encoder=encoder_check(trial, time, theta, low_pass),
-        outside=furthest_outside(flat.points(reference["foot"]).reshape(-1, 3), corners),
-    )
+    outside = furthest_outside(flat.points(reference["foot"]).reshape(-1, 3), corners)
+    quality = {"foot_forward_m": float(placed[0]), "foot_left_m": float(placed[1]), "foot_outside_m": outside}
+    for segment, pose in poses.items():
+        left = pose.residual[inside & np.isfinite(pose.residual)]
+        quality[f"{segment}_residual_mm"] = 1e3 * float(np.sqrt(np.mean(left**2))) if len(left) else float("nan")
     return Crossing(
         name=trial.name,
         time=time,
@@ -192,7 +180,7 @@ def crossing_from_trial(
         stance=stance,
         onset=onset,
         bridged=float(np.mean(np.any([pose.bridged for pose in poses.values()], axis=0)[inside])),
-        quality=quality,
+        quality={**quality, "plate_zero_N": zero, **encoder_check(trial, time, theta, low_pass)},
         plate_errors=errors,
         load=plate.load_on_foot(reaction(unloaded, moving), centre, ankle, axis),
         turn=window and platform_turn(time, poses["platform"], axis, window),
@@ -322,19 +310,20 @@ def platform_turn(time: Array, turned: Poses, axis: Array, window: tuple[float, 
     return float(turns[np.argmax(np.abs(turns))])
 
 
-def encoder_check(trial: Trial, time: Array, theta: Array, low_pass: LowPass) -> EncoderCheck | None:
+def encoder_check(trial: Trial, time: Array, theta: Array, low_pass: LowPass) -> dict[str, float | None]:
     """The angle (n,) [rad] at `time` [s] and that of the leg's joint encoder, a column of the trial, through one
-    low-pass: least squares of theta_encoder(t + delay) = theta(t) + offset; None if fewer than 30 samples overlap."""
+    low-pass: least squares of theta_encoder(t + delay) = theta(t) + offset, the delay positive if the encoder's clock
+    is late, and the RMS of what remains; empty if fewer than 30 samples overlap."""
     fewest, longest = 30, 0.05  # [s] of delay between the clocks; beyond it they are not aligned
     if "theta" not in trial.columns or trial.samples["theta"].count() < fewest:
-        return None
+        return {}
     own = uniform_signals(trial, ["theta"], GapLimits(cutoff_hz=low_pass.cutoff_hz))
     check_measured("the angle from markers", theta)
     check_measured("the encoder's angle", own["theta"])
     spare = longest + 1 / sampling_rate(time)
     rows = (time > own.time[0] + spare) & (time < own.time[-1] - spare) & (np.interp(time, own.time, own.usable) == 1)
     if rows.sum() < fewest:
-        return None
+        return {}
     spline = scipy.interpolate.make_interp_spline(own.time, low_pass(own["theta"], sampling_rate(own.time)), k=5)
     offset, delay = 0.0, 0.0
     for _ in range(8):  # by Newton
@@ -348,7 +337,8 @@ def encoder_check(trial: Trial, time: Array, theta: Array, low_pass: LowPass) ->
                 "check the sync line, and which encoder and which sign the source file maps to theta"
             )
     difference = spline(time[rows] + delay) - theta[rows] - offset
-    return EncoderCheck(offset, delay, float(np.sqrt(np.mean(difference**2))))
+    rms = float(np.rad2deg(np.sqrt(np.mean(difference**2))))
+    return {"encoder_offset_deg": float(np.rad2deg(offset)), "encoder_delay_ms": 1e3 * delay, "encoder_rms_deg": rms}
 
 
 def body_mass(trial: Trial, sheet: float | None, configured: float | None = None) -> float | None:

@@ -1,6 +1,6 @@
 """Which crossings are used, and with which result: conditions of the sheet, comparison with the others, groups."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ from osl_analysis.errors import InputError, listing
 from osl_analysis.measured import check_finite
 from osl_analysis.trial import Array
 from osl_analysis.walking.bodies import FREE_FALL, Mask
-from osl_analysis.walking.crossing import DOWN, UP, Crossing, RefusedCrossing
+from osl_analysis.walking.crossing import QUALITY, Crossing, RefusedCrossing
 from osl_analysis.walking.gait import PHASES, signal_at, stance_times
 from osl_analysis.walking.plate import SINGLE_SUPPORT
 from osl_analysis.walking.settings import GroupSettings, OutlierRule, SelectionSettings
@@ -111,10 +111,6 @@ def side_of(static: str, cells: Cells, served: Mapping[str, Cells], otherwise: s
     return str(own or next(iter(sides), otherwise))
 
 
-ANGLE_BEFORE, TORQUE_BEFORE = "angle before the onset", "torque before the onset"  # features that have a column
-LOAD_BEFORE, PRESSURE = "load before the onset", "pressure beside the ankle"
-
-
 @dataclass(frozen=True)
 class Feature:
     """One feature of n crossings with its unit: values (n,), for each crossing the median (n,) of those with which it
@@ -132,90 +128,68 @@ class Feature:
         return np.asarray(np.abs(self.values - self.median) / self.scatter)
 
 
-@dataclass(frozen=True)
-class Compared:
-    """With which of n crossings each is compared: with those of the same kind (n,), of which the `sound` (n,) count in
-    the medians, or all if none of a kind is sound."""
+def compared(name: str, unit: str, measured: Array, smallest: float, kinds: NDArray[np.int_], sound: Mask) -> Feature:
+    """A feature of n crossings: the values `measured` (n,), or the RMS deviations of curves (n, k) from their medians.
+    Each is compared with those of its kind (n,) that are `sound` (n,), or with all if none is."""
 
-    crossings: Sequence[Crossing]
-    kind: NDArray[np.int_]
-    sound: Mask
-
-    def medians(self, values: Array) -> Array:
-        """For each crossing the median of values (n, ...) over those with which it is compared."""
+    def medians(values: Array) -> Array:
         found = np.empty_like(values)
-        for kind in np.unique(self.kind):
-            own = self.kind == kind
-            counted = own & self.sound if (own & self.sound).any() else own
-            found[own] = np.median(values[counted], axis=0)
+        for kind in np.unique(kinds):
+            own = kinds == kind
+            found[own] = np.median(values[own & sound if (own & sound).any() else own], axis=0)
         return found
 
-    def feature(self, name: str, unit: str, values: Array, smallest_scatter: float) -> Feature:
-        """Values (n,) as a feature."""
-        median = self.medians(values)
-        scatter = 1.4826 * float(np.median(np.abs(values - median)[self.sound]))
-        return Feature(name, unit, values, median, max(scatter, smallest_scatter))
-
-    def deviation(self, signal: Callable[[Crossing], Array], phases: Array) -> Array:
-        """RMS deviation (n,) of a signal, at phases (k,) of stance, from its medians."""
-        curves = curves_of(self.crossings, signal, phases)
-        return np.asarray(np.sqrt(np.mean((curves - self.medians(curves)) ** 2, axis=1)))
+    values = measured
+    if measured.ndim == 2:
+        values = np.sqrt(np.mean((measured - medians(measured)) ** 2, axis=1))
+    median = medians(values)
+    scatter = 1.4826 * float(np.median(np.abs(values - median)[sound]))
+    return Feature(name, unit, values, median, max(scatter, smallest))
 
 
 def crossing_features(crossings: Sequence[Crossing], timing: SelectionSettings, rule: OutlierRule) -> list[Feature]:
     """Features by which crossings are compared; what differs before the onset does not count later. Nor does a crossing
     beyond the limit, until no further one is: four bad ones of twelve widen the scatter so that none stands out. Load
     and pressure are compared where every crossing has a load, as shares of the median one in single support."""
-    middle, usual = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])], 0.0
-    loads = {c.name: c.load for c in crossings if c.load is not None}
-    if known := len(loads) == len(crossings):
-        usual = float(np.median(curves_of(crossings, lambda c: loads[c.name].force, middle).mean(axis=1)))
+    ends = [c.stance.phase(np.array(c.onset - timing.guard_s)) for c in crossings if c.onset is not None]
+    before = PHASES[min(ends, default=1.0) >= PHASES]
+    middle = PHASES[(PHASES >= SINGLE_SUPPORT[0]) & (PHASES <= SINGLE_SUPPORT[1])]
 
-    def early(sound: Mask) -> list[Feature]:
-        """What no perturbation can change: the foot's place, and curves before the first onset."""
-        place, guard = np.array([c.quality.placement for c in crossings]), timing.guard_s
-        ends = [c.stance.phase(np.array(c.onset - guard)) for c in crossings if c.onset is not None]
-        phases = PHASES[min(ends, default=1.0) >= PHASES]
-        alike = Compared(crossings, np.zeros(len(crossings), dtype=int), sound)
-        angle = np.rad2deg(alike.deviation(lambda c: c.theta, phases))
-        found = [
-            alike.feature("foot forward", "m", place[:, 0], rule.placement_m),
-            alike.feature("foot to the left", "m", place[:, 1], rule.placement_m),
-            alike.feature(ANGLE_BEFORE, "deg", angle, rule.angle_deg),
-            alike.feature(TORQUE_BEFORE, "N*m", alike.deviation(lambda c: c.torque, phases), rule.torque_nm),
-        ]
-        if known:
-            share = alike.deviation(lambda c: loads[c.name].force, phases) / usual
-            found.append(alike.feature(LOAD_BEFORE, "of the usual load", share, rule.load_share))
-        return found
+    def curves(signals: Sequence[Array], phases: Array) -> Array:
+        """A signal of each crossing at phases (k,) of stance: (n, k)."""
+        pairs = zip(crossings, signals, strict=True)
+        return np.array([signal_at(c, signal, stance_times(c, phases)) for c, signal in pairs])
 
-    def later(sound: Mask) -> list[Feature]:
-        """What a perturbation changes, compared among unperturbed crossings, and among those of each direction."""
-        kinds = Compared(crossings, np.array([0 if c.onset is None else c.sign for c in crossings]), sound)
-        stance = np.array([c.stance.duration for c in crossings])
-        found = [kinds.feature("stance", "s", stance, rule.stance_s)]
-        if known:
-            share = kinds.deviation(lambda c: loads[c.name].force, middle) / usual
-            pressure = kinds.deviation(lambda c: loads[c.name].left, middle)
-            found.append(kinds.feature("load in single support", "of the usual load", share, rule.load_share))
-            found.append(kinds.feature(PRESSURE, "m", pressure, rule.pressure_m))
-        return found
-
+    forward, left = (
+        np.array([c.quality.get(f"foot_{way}_m") or 0.0 for c in crossings]) for way in ("forward", "left")
+    )
+    # What no perturbation can change; and what it changes, compared among those of each direction
+    early = [
+        ("foot forward", "m", forward, rule.placement_m),
+        ("foot to the left", "m", left, rule.placement_m),
+        ("angle before the onset", "deg", np.rad2deg(curves([c.theta for c in crossings], before)), rule.angle_deg),
+        ("torque before the onset", "N*m", curves([c.torque for c in crossings], before), rule.torque_nm),
+    ]
+    later = [("stance", "s", np.array([c.stance.duration for c in crossings]), rule.stance_s)]
+    loads = [c.load for c in crossings if c.load is not None]
+    if len(loads) == len(crossings):
+        forces, pressures = ([load[k] for load in loads] for k in (0, 1))
+        usual, share = float(np.median(curves(forces, middle).mean(axis=1))), "of the usual load"
+        early.append(("load before the onset", share, curves(forces, before) / usual, rule.load_share))
+        later.append(("load in single support", share, curves(forces, middle) / usual, rule.load_share))
+        later.append(("pressure beside the ankle", "m", curves(pressures, middle), rule.pressure_m))
+    alike = np.zeros(len(crossings), dtype=int)
+    turned = np.array([0 if c.onset is None else c.sign for c in crossings])
     features, sound = list[Feature](), np.ones(len(crossings), dtype=bool)
-    for compared in (early, later):
+    for kinds, measures in ((alike, early), (turned, later)):
         while True:  # until no further one is beyond; at least half stay: fewer would be a selection
-            found = compared(sound)
+            found = [compared(*measure, kinds, sound) for measure in measures]
             within = sound & (np.max([feature.distance for feature in found], axis=0) <= rule.limit)
             if within.sum() == sound.sum() or 2 * within.sum() < len(within):
                 break
             sound = within
         features, sound = features + found, within
     return features
-
-
-def curves_of(crossings: Sequence[Crossing], signal: Callable[[Crossing], Array], phases: Array) -> Array:
-    """A signal of each crossing at phases (k,) of stance: (n, k)."""
-    return np.array([signal_at(c, signal(c), stance_times(c, phases)) for c in crossings])
 
 
 def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings) -> dict[str, dict[str, object]]:
@@ -225,34 +199,34 @@ def places(crossings: Sequence[Crossing], sheet: Sheet, settings: GroupSettings)
     keys = split_keys(sheet, settings)
     every = [{key: cells[key] for key in keys} for cells in sheet.values() if cells[IS_PERTURBED]]
     gaits: dict[str, Cells] = {label(cells): cells for cells in every}
-    served = {}  # an empty cell of an unperturbed crossing matches every value
-    for name, cells in sheet.items():
-        alike = [all(cells.get(key) in (None, wanted[key]) for key in keys) for wanted in gaits.values()]
-        served[name] = [gait for gait, fits in zip(gaits, alike, strict=True) if fits]
-    none = {"group": None, "direction": None, "onset_phase": None}
-    found: dict[str, dict[str, object]] = {
-        name: {"gait": SEPARATOR.join(own) or None, **none} for name, own in served.items()
-    }
-    perturbed = {gait: [c for c in crossings if c.onset is not None and gait in served[c.name]] for gait in gaits}
-    phases: dict[str, Array] = {}
-    for gait, walked in perturbed.items():  # onsets as shares of the gait's mean stance, or without one of their own
-        flat = [c.stance.duration for c in crossings if c.onset is None and gait in served[c.name]]
+    found, phases, parts = dict[str, dict[str, object]](), dict[str, Array](), dict[str, NDArray[np.intp]]()
+    served, walked = {}, {}
+    for name, cells in sheet.items():  # an empty cell of an unperturbed crossing matches every value
+        fits = [all(cells.get(key) in (None, wanted[key]) for key in keys) for wanted in gaits.values()]
+        served[name] = [gait for gait, own in zip(gaits, fits, strict=True) if own]
+        found[name] = {"gait": SEPARATOR.join(served[name]) or None}
+        found[name] |= dict.fromkeys(("group", "direction", "onset_phase"))
+    for gait in gaits:  # onsets as shares of the gait's mean stance, or without one of their own
+        own = [c for c in crossings if gait in served[c.name]]
+        flat = [c.stance.duration for c in own if c.onset is None]
+        walked[gait] = [(c, c.onset - c.stance.heel_strike) for c in own if c.onset is not None]
         mean = float(np.mean(flat)) if flat else None
-        onsets = [((c.onset or 0.0) - c.stance.heel_strike) / (mean or c.stance.duration) for c in walked]
-        phases[gait] = np.array(onsets)
-    parts = {gait: timings(phases[gait], settings.timing_scatter) for gait in gaits}
+        phases[gait] = np.array([since / (mean or c.stance.duration) for c, since in walked[gait]])
+        parts[gait] = timings(phases[gait], settings.timing_scatter)
     several = any(part.max(initial=0) > 0 for part in parts.values())
     timed = "timing" in settings.group_by or ("timing" not in settings.pool and several)
-    for gait, walked in perturbed.items():
-        for crossing, phase, part in zip(walked, phases[gait], parts[gait], strict=True):
-            direction = None if crossing.turn is None else UP if crossing.turn > 0 else DOWN
-            measured: dict[str, object] = {}
+    for gait, conditions in gaits.items():
+        for (crossing, _), phase, part in zip(walked[gait], phases[gait], parts[gait], strict=True):
+            named = dict(conditions)
             if timed:
-                measured["timing"] = f"{100 * np.median(phases[gait][parts[gait] == part]):.0f} %"
+                named["timing"] = f"{100 * np.median(phases[gait][parts[gait] == part]):.0f} %"
             if "direction" in settings.group_by:
-                measured["direction"] = direction or "unknown"
-            group = label({**gaits[gait], **measured})
-            found[crossing.name] = {"gait": gait, "group": group, "direction": direction, "onset_phase": float(phase)}
+                named["direction"] = crossing.direction or "unknown"
+            found[crossing.name] |= {
+                "group": label(named),
+                "direction": crossing.direction,
+                "onset_phase": float(phase),
+            }
     return found
 
 
@@ -320,25 +294,26 @@ def selection_rows(
 def crossing_row(
     crossing: Crossing, index: int, features: Sequence[Feature], settings: SelectionSettings
 ) -> dict[str, object]:
-    """One row of `walking_crossings.csv`: angles in deg, residuals in mm, the encoder's delay in ms. A crossing is
-    excluded for its load or its foot's place, whatever the others are, or as an outlier among them."""
-    quality, encoder = crossing.quality, crossing.quality.encoder
+    """One row of `walking_crossings.csv`. A crossing is excluded for its load or its foot's place, whatever the others
+    are, or as an outlier among them."""
+    quality = {name: crossing.quality.get(name) for name in QUALITY}
     values = {f.name: float(f.values[index]) for f in features}
     share, reason, (low, high) = None, None, settings.load_of_weight
     if crossing.load is not None and crossing.body_mass is not None:
         phase = crossing.stance.phase(crossing.time)
-        middle = crossing.load.force[(phase >= SINGLE_SUPPORT[0]) & (phase <= SINGLE_SUPPORT[1])]
+        middle = crossing.load[0][(phase >= SINGLE_SUPPORT[0]) & (phase <= SINGLE_SUPPORT[1])]
         share = float(middle.mean() / (crossing.body_mass * np.linalg.norm(FREE_FALL)))
     furthest = max(features, key=lambda f: float(f.distance[index]), default=None)
+    outside = quality.pop("foot_outside_m") or 0.0
     if share is not None and not low <= share <= high:
         reason = (
             f"the plate carries {share:.2f} of the weight of {crossing.body_mass:g} kg in single support, expected "
             f"{low:g} to {high:g}: another foot stands on or beside the plate, somebody leans on a rail, or the body "
             "mass is wrong"
         )
-    elif quality.outside > settings.largest_outside_m:
+    elif outside > settings.largest_outside_m:
         reason = (
-            f"a foot marker lies {100 * quality.outside:.1f} cm outside the plate while the foot is flat, expected "
+            f"a foot marker lies {100 * outside:.1f} cm outside the plate while the foot is flat, expected "
             f"{100 * settings.largest_outside_m:g} cm or less: the foot stands beside the plate, or its corners are "
             "wrong"
         )
@@ -358,19 +333,15 @@ def crossing_row(
         "reason": reason,
         "stance_s": crossing.stance.duration,
         "onset_s": crossing.onset,
-        "foot_forward_m": quality.placement[0],
-        "foot_left_m": quality.placement[1],
-        "gait_deviation_deg": values.get(ANGLE_BEFORE),
-        "torque_deviation": values.get(TORQUE_BEFORE),
-        "load_deviation": values.get(LOAD_BEFORE),
-        "pressure_deviation_m": values.get(PRESSURE),
+        "foot_forward_m": quality.pop("foot_forward_m"),
+        "foot_left_m": quality.pop("foot_left_m"),
+        "gait_deviation_deg": values.get("angle before the onset"),
+        "torque_deviation": values.get("torque before the onset"),
+        "load_deviation": values.get("load before the onset"),
+        "pressure_deviation_m": values.get("pressure beside the ankle"),
         "load_of_weight": share,
-        "foot_outside_m": quality.outside,
+        "foot_outside_m": outside,
         "furthest_scatters": furthest and float(furthest.distance[index]),
         "bridged": crossing.bridged,
-        **{f"{name}_residual_mm": 1e3 * size for name, size in quality.residuals.items()},
-        "plate_zero_N": quality.zero,
-        "encoder_offset_deg": encoder and float(np.rad2deg(encoder.offset)),
-        "encoder_delay_ms": encoder and 1e3 * encoder.delay,
-        "encoder_rms_deg": encoder and float(np.rad2deg(encoder.rms)),
+        **quality,
     }

@@ -14,7 +14,7 @@ not show it. The unloaded plate shows it: its inertial force and its acceleratio
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from osl_analysis.signals import LowPass, longest_run, runs, sampling_rate
 from osl_analysis.stats.regression import linear_fit
 from osl_analysis.trial import AXES, Array, Trial, plate_columns
 from osl_analysis.walking import bodies, platform
-from osl_analysis.walking.bodies import BodyMotion, Calibrations, Poses, StaticCalibration, cross_matrix
+from osl_analysis.walking.bodies import BodyMotion, Poses, StaticCalibration, cross_matrix
 from osl_analysis.walking.settings import CrossingSettings, PlateModelSettings
 
 
@@ -206,21 +206,14 @@ def ankle_torque(reaction: Array, plate_centre: Array, ankle: Array, axis: Array
 SINGLE_SUPPORT = (0.2, 0.8)  # Phases of stance in which one foot carries the body
 
 
-@dataclass(frozen=True)
-class Load:
-    """Ground reaction on the foot in a crossing, n samples: vertical force (n,) [N], and the centre of pressure (n,)
-    [m] to the left of the ankle along its axis, 0 while the force is below 100 N."""
-
-    force: Array
-    left: Array
-
-
-def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> Load:
-    """Load from the reaction (n, 6) about the plate's centre (n, 3) [m], the ankle (n, 3) [m] and its axis (n, 3)."""
+def load_on_foot(reaction: Array, centre: Array, ankle: Array, axis: Array) -> Array:
+    """Vertical force (n,) [N] on the foot, and the centre of pressure (n,) [m] to the left of the ankle along its axis,
+    0 while the force is below 100 N; from the reaction (n, 6) about the plate's centre (n, 3) [m], the ankle (n, 3) [m]
+    and its axis (n, 3)."""
     vertical, up = reaction[:, 2], np.array([0.0, 0.0, 1.0])
     pressed = vertical > 100.0  # [N]
     pressure = centre + np.cross(up, reaction[:, 3:]) / np.where(pressed, vertical, 1.0)[:, None]
-    return Load(vertical, np.where(pressed, np.sum((pressure - ankle) * axis, axis=1), 0.0))
+    return np.array([vertical, np.where(pressed, np.sum((pressure - ankle) * axis, axis=1), 0.0)])
 
 
 INERTIAL = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_yy", "I_zz", "I_xy", "I_xz", "I_yz")
@@ -230,13 +223,26 @@ WEIGHT = np.array([0.1] * 3 + [1.0] * 3)  # Of forces [m] and moments: a force's
 
 
 @dataclass(frozen=True)
-class PlateInertia:
-    """Inertial parameters of the plate."""
+class PlateModel:
+    """The plate's inertial parameters, and its lag behind the markers."""
 
     parameters: Array  # (10,) in the order of `INERTIAL` [kg, kg*m, kg*m^2]; 0 where they were not excited
     standard_errors: Array  # (10,); 0 where they were not excited
     rms_before: Array  # RMS wrench (6,) [N, N*m] of the unloaded plate as read, minus its mean
     rms_after: Array  # the same without the plate's own wrench
+    lags: tuple[float, ...] = ()  # [s] of the trials that show one
+    lag_reason: str | None = None  # why no trial does
+    leave_one_out: "tuple[PlateModel, ...]" = ()  # the model without each trial, for the jackknife; empty with one
+
+    @property
+    def lag(self) -> float | None:
+        """The mean of the lags [s]; None where it is unknown, and then not corrected."""
+        return float(np.mean(self.lags)) if self.lags else None
+
+    @property
+    def lag_se(self) -> float | None:
+        """Standard error [s] of the lag; None with fewer than two."""
+        return float(np.std(self.lags, ddof=1) / np.sqrt(len(self.lags))) if len(self.lags) > 1 else None
 
     @property
     def identified(self) -> tuple[str, ...]:
@@ -245,6 +251,13 @@ class PlateInertia:
     def wrench(self, motion: BodyMotion) -> Array:
         """Wrench (n, 6) that the plate itself causes about its centre, the point of `motion`."""
         return np.asarray(inertial_columns(motion) @ self.parameters)
+
+
+NOT_REMOVED = "walking.plate_inertia is none"
+NO_CORRECTION = PlateModel(
+    *(np.zeros(10), np.zeros(10), np.full(6, np.nan), np.full(6, np.nan)), lag_reason=f"not estimated: {NOT_REMOVED}"
+)
+"""The model of a plate that is light or compensates its own inertia: nothing is removed from its wrench."""
 
 
 def inertial_columns(motion: BodyMotion) -> Array:
@@ -270,7 +283,7 @@ def identify_plate_inertia(
     names: tuple[str, ...] | None = None,
     noise: Array | None = None,
     known: Array | None = None,
-) -> PlateInertia:
+) -> PlateModel:
     """Parameters from unloaded recordings: motion of the plate's centre, and wrench (n, 6), each with its own zero.
 
     `smooth` is the low-pass that the wrench passed and the motion did not. It is applied to the columns, which are
@@ -304,7 +317,7 @@ def identify_plate_inertia(
     correction = np.eye(len(chosen)) if noise is None else np.linalg.solve(squares - of_noise, squares)
     parameters[chosen] = correction @ fit.estimates
     errors[chosen] = np.sqrt(np.diag(correction @ fit.covariance @ correction.T))
-    return PlateInertia(parameters, errors, column_rms(wrench), column_rms(wrench - columns @ parameters))
+    return PlateModel(parameters, errors, column_rms(wrench), column_rms(wrench - columns @ parameters))
 
 
 def stacked_columns(columns: Array, names: Sequence[str]) -> Array:
@@ -396,7 +409,7 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
     """The platform over the longest run of frames in which it was seen, and the plate's wrench."""
     check_type_on_platform(trial, settings.plate)
     names = settings.markers.platform
-    frames, poses = bodies.segment_poses(trial, names, calibration.platform, settings)
+    frames, poses = bodies.segment_poses(trial, names, calibration, settings)
     time, wrench = recorded_wrench(trial, settings.plate)
     load, largest = float(np.median(np.abs(wrench[:, 2]))), settings.largest_zero_n
     if load > largest:
@@ -411,7 +424,7 @@ def unloaded_recording(trial: Trial, calibration: StaticCalibration, settings: P
             f"row, expected {few} or more; fill the gaps in Nexus, or record the trial again"
             + (f"; {hint}" if (hint := bodies.exchanged_labels(trial, calibration, settings, ("platform",))) else "")
         )
-    reference = bodies.reference_positions(calibration.platform, names, trial.name)
+    reference = calibration.positions(names, trial.name)
     track = platform.platform_track(trial.name, frames[rows], poses[rows], reference, settings.low_pass)
     whole = whole_motions(track)
     cut, rests = whole.stop - whole.start < rows.stop - rows.start, whole.stop - whole.start >= few
@@ -463,44 +476,18 @@ def turned_while_hidden(name: str, time: Array, poses: Poses, settings: PlateMod
     return True
 
 
-NOT_REMOVED = "walking.plate_inertia is none"
-
-
-@dataclass(frozen=True)
-class PlateModel:
-    """The plate's inertia and its lag behind the markers."""
-
-    inertia: PlateInertia
-    lag: float | None = None  # the mean of the lags [s]; None where it is unknown, and then not corrected
-    lag_se: float | None = None  # standard error [s] of the lag; None with fewer than two lags
-    lags: Array = field(default_factory=lambda: np.zeros(0))  # (k,) [s] of the trials that show one
-    leave_one_out: "tuple[PlateModel, ...]" = ()  # the model without each trial, for the jackknife; empty with one
-    lag_reason: str | None = None  # why the lag is unknown
-
-    @property
-    def delay(self) -> float:
-        """The lag [s] that is corrected: 0 where it is unknown."""
-        return 0.0 if self.lag is None else self.lag
-
-
-NO_CORRECTION = PlateModel(
-    PlateInertia(np.zeros(10), np.zeros(10), np.full(6, np.nan), np.full(6, np.nan)),
-    lag_reason=f"not estimated: {NOT_REMOVED}",
-)
-"""The model of a plate that is light or compensates its own inertia: nothing is removed from its wrench."""
-
-
-def identify_plate_model(
-    trials: Sequence[Trial], calibrations: Calibrations, settings: PlateModelSettings
-) -> PlateModel:
-    """Lag and inertia from unloaded trials: first the lag of each trial, then one inertia from all at the mean lag."""
-    if not trials:
+def identify_plate_model(pairs: Sequence[tuple[Trial, StaticCalibration]], settings: PlateModelSettings) -> PlateModel:
+    """Lag and inertia from unloaded trials, each with its calibration: first the lag of each trial, then one inertia
+    from all at the mean lag."""
+    if not pairs:
         raise InputError("no trials of the unloaded plate; add trials of experiment 'plate' to the sheet")
-    every = [unloaded_recording(t, bodies.calibration_of(calibrations, t.name), settings) for t in trials]
+    every = [unloaded_recording(trial, calibration, settings) for trial, calibration in pairs]
     seen = [r for r in every if not r.unusable]
     if not seen:
-        why = every[0].unusable
-        raise InputError(f"no unloaded trial shows the plate's inertia; trial {trials[0].name}, as others: {why}")
+        first = every[0]
+        raise InputError(
+            f"no unloaded trial shows the plate's inertia; trial {first.track.name}, as others: {first.unusable}"
+        )
     for r in every:
         if r.unusable:
             warnings.warn(f"trial {r.track.name}: excluded from the plate's model: {r.unusable}", stacklevel=2)
@@ -515,15 +502,12 @@ def identify_plate_model(
     model = replace(plate_model(seen, lags), lag_reason=reason)
     if len(seen) == 1:
         return model
-    others = []
-    for one in range(len(seen)):
-        kept = seen[:one] + seen[one + 1 :]
-        others.append(plate_model(kept, lags[:one] + lags[one + 1 :], model.inertia))
+    each = range(len(seen))
+    others = [plate_model(seen[:i] + seen[i + 1 :], lags[:i] + lags[i + 1 :], model) for i in each]
     # The regression's errors are blind to what all samples of a trial share: directions of the motion, bridged gaps.
-    left = np.array([other.inertia.parameters for other in others])
+    left = np.array([other.parameters for other in others])
     jackknife = np.sqrt((len(left) - 1) / len(left) * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
-    inertia = replace(model.inertia, standard_errors=np.maximum(model.inertia.standard_errors, jackknife))
-    return replace(model, inertia=inertia, leave_one_out=tuple(others))
+    return replace(model, standard_errors=np.maximum(model.standard_errors, jackknife), leave_one_out=tuple(others))
 
 
 def shared_motions(recordings: Sequence[UnloadedRecording]) -> list[tuple[BodyMotion, Array]]:
@@ -533,24 +517,21 @@ def shared_motions(recordings: Sequence[UnloadedRecording]) -> list[tuple[BodyMo
 
 
 def plate_model(
-    recordings: Sequence[UnloadedRecording], lags: Sequence[float], whole: PlateInertia | None = None
+    recordings: Sequence[UnloadedRecording], lags: Sequence[float], whole: PlateModel | None = None
 ) -> PlateModel:
-    """The mean of the recordings' lags [s], NaN where one shows none, and one inertia from all recordings at that lag.
-    Only what `whole`, from more recordings, identified is identified, and the rest stays as it is there."""
-    known = np.array([lag for lag in lags if np.isfinite(lag)])
-    lag = float(np.mean(known)) if len(known) else None
-    motions = shared_motions(recordings)
-    pairs = [(motion, r.wrench_at(lag or 0.0)) for r, (motion, _) in zip(recordings, motions, strict=True)]
+    """The recordings' lags [s], NaN where one shows none, and one inertia from all recordings at their mean. Only what
+    `whole`, from more recordings, identified is identified, and the rest stays as it is there."""
+    known, motions = tuple(float(lag) for lag in lags if np.isfinite(lag)), shared_motions(recordings)
+    lag = float(np.mean(known)) if known else 0.0
+    pairs = [(motion, r.wrench_at(lag)) for r, (motion, _) in zip(recordings, motions, strict=True)]
     noise = np.sum([squares for _, squares in motions], axis=0)
     limits = (None, noise, None) if whole is None else (whole.identified, noise, whole.parameters)
-    inertia = identify_plate_inertia(pairs, recordings[0].smooth, *limits)
-    error = float(np.std(known, ddof=1) / np.sqrt(len(known))) if len(known) > 1 else None
-    return PlateModel(inertia, lag, error, known)
+    return replace(identify_plate_inertia(pairs, recordings[0].smooth, *limits), lags=known)
 
 
 def plate_table(model: PlateModel) -> pl.DataFrame:
     """`plate.csv`: RMS [N, N*m] of each component before and after the plate's own wrench is removed, and lag [s]."""
-    before, after = model.inertia.rms_before, model.inertia.rms_after
+    before, after = model.rms_before, model.rms_after
     remaining = [100 * a / b if b > 0 else None for b, a in zip(before.tolist(), after.tolist(), strict=True)]
     rows = {"component": COMPONENTS, "rms_before": before, "rms_after": after, "left_percent": remaining}
     lag = {"lag_s": model.lag, "lag_se_s": model.lag_se, "lag_unknown": model.lag_reason, "trials": len(model.lags)}

@@ -20,7 +20,7 @@ from osl_analysis.errors import InputError
 from osl_analysis.signals import LowPass, runs, sampling_rate
 from osl_analysis.trial import Array, Trial
 from osl_analysis.walking import bodies
-from osl_analysis.walking.bodies import BodyMotion, Calibrations, Mask, Poses, StaticCalibration, calibration_of
+from osl_analysis.walking.bodies import BodyMotion, Mask, Poses, StaticCalibration
 from osl_analysis.walking.settings import PlatformMotionSettings, PlatformSettings
 
 COORDINATES = 6
@@ -75,10 +75,7 @@ def gate(time: Array, moves: Mask, spread: float) -> Array:
     that fall after one `spread` make a plate's mass 0.1 % too large at 5 deg, its moment 1 % too small at 2.5."""
     if not moves.any():
         return np.zeros(len(time))
-    motion = time[moves]
-    after = np.searchsorted(motion, time)
-    later, earlier = motion[np.minimum(after, len(motion) - 1)], motion[np.maximum(after - 1, 0)]
-    nearest = np.minimum(np.abs(time - later), np.abs(time - earlier))
+    nearest = scipy.ndimage.distance_transform_edt(~moves) / sampling_rate(time)
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.clip(nearest / spread - 2, 0, 1)))
 
 
@@ -188,7 +185,7 @@ def track_about(
 ) -> PlatformTrack:
     """The platform's track in the run of seen frames about an instant [s], from its poses at times (n,) [s]."""
     labels = settings.markers.platform
-    reference = bodies.reference_positions(calibration.platform, labels, trial)
+    reference = calibration.positions(labels, trial)
     for run in runs(poses.seen()):
         if time[run.start] <= instant <= time[run.stop - 1]:
             return platform_track(trial, time[run], poses[run], reference, settings.low_pass)
@@ -246,9 +243,7 @@ def find_onset(time: Array, rotation: Array, threshold: float) -> float | None:
 LEAD_S = 0.15  # Time [s] before the middle of the rise at which the shape begins
 GRID_S = 0.002  # Step [s] of the shape as it is stored
 ROUNDS = 6  # Alternations of shape and alignment. A start that is 5 ms off is right to 1e-5 s after four.
-CHANCE = (
-    1e-3  # A duration is free, and a latency not constant, if noise alone scatters it as much with less probability
-)
+CHANCE = 1e-3  # A duration is free, and a latency not constant, if noise scatters it as much with less probability
 
 
 @dataclass(frozen=True)
@@ -261,7 +256,6 @@ class Alignment:
     amplitude: float  # size of the motion, 1 on average, negative in the other direction
     duration: float  # time scale of the motion, 1 on average, and for all where it does not scatter
     duration_se: float
-    shared: float  # covariance [s] of the errors of time scale and start, which is the shape's zero of time
     offset: Array  # coordinates (r,) [m] at rest
     misfit: float  # mean square of the filtered difference between motion and shape, over that of noise
     follows: bool  # whether the misfit is noise's
@@ -360,15 +354,15 @@ def shape_fit(track: PlatformTrack, guess: Alignment, template: PlatformTemplate
     misfit = float(np.mean(filtered**2)) / level
     follows = bool(misfit < 1 + 4 * np.sqrt(2 / max(filtered.size * gain, 1.0)))
     start_se = float(np.sqrt(covariance[1, 1]))
-    duration_se, shared = (float(np.sqrt(covariance[2, 2])), float(covariance[1, 2])) if scaled else (0.0, 0.0)
-    return replace(a, start_se=start_se, duration_se=duration_se, shared=shared, misfit=misfit, follows=follows)
+    duration_se = float(np.sqrt(covariance[2, 2])) if scaled else 0.0
+    return replace(a, start_se=start_se, duration_se=duration_se, misfit=misfit, follows=follows)
 
 
-def start_of_rise(time: Array, coordinates: Array, noise: float) -> tuple[float, float, float, int]:
+def start_of_rise(time: Array, coordinates: Array, noise: float) -> tuple[float, float, float]:
     """The start [s] of a mean motion (n, r) [m] from rest, along its largest displacement: of the smooth step that fits
     0.7 of the rise (the half tells the start a third less well, the end may overshoot). `noise` [m] is that of each
     sample, as if independent. Then the start's standard error [s] from noise; the largest change `shape` [s] of it by
-    another smooth step that fits as well, else 0; and the step that was fitted.
+    another smooth step that fits as well, else 0.
 
     Steps are I(x; p, p): a straight ramp for p = 1, a cubic for 2, minimum jerk for 3, of seventh degree for 4. It is
     minimum jerk, unless another lowers chi-square by more than 30: the starts of two steps that fit alike differ by 6
@@ -394,11 +388,10 @@ def start_of_rise(time: Array, coordinates: Array, noise: float) -> tuple[float,
 
     found = {p: fitted(p) for p in (3, 1, 2, 4)}
     best = min(found, key=lambda p: found[p].cost)
-    kind = best if 2 * (found[3].cost - found[best].cost) > 30 else 3
-    fit = found[kind]
+    fit = found[best if 2 * (found[3].cost - found[best].cost) > 30 else 3]
     alike = [one.x[0] for one in found.values() if 2 * (one.cost - found[best].cost) < 9]  # of noise 1 in 400 is beyond
     shape = max((abs(float(start - fit.x[0])) for start in alike), default=0.0)
-    return float(fit.x[0]), float(np.sqrt(np.linalg.inv(fit.jac.T @ fit.jac)[0, 0])), shape, kind
+    return float(fit.x[0]), float(np.sqrt(np.linalg.inv(fit.jac.T @ fit.jac)[0, 0])), shape
 
 
 def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[PlatformTemplate, list[Alignment]]:
@@ -432,7 +425,7 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
     for track, middle in zip(tracks, middles, strict=True):  # with the sign of the largest displacement
         along = (track.filtered - track.rest) @ axes.T
         amplitude = float(along[np.argmax(np.abs(along[:, 0])), 0])
-        guesses.append(Alignment(track.name, middle, 0.0, amplitude, 1.0, 0.0, 0.0, track.rest @ axes.T, 0.0, True))
+        guesses.append(Alignment(track.name, middle, 0.0, amplitude, 1.0, 0.0, track.rest @ axes.T, 0.0, True))
     template, alignments = alternated(paired(guesses), False)
     free = [shape_fit(track, a, template, True) for track, a in paired(alignments)]
     scatter = np.array([(a.duration - 1) / a.duration_se for a in free])
@@ -450,12 +443,11 @@ def platform_template(tracks: Sequence[PlatformTrack], window: float) -> tuple[P
         raise InputError("the platform moves in another way in each crossing, so that each keeps its own motion")
     # The noise in each sample, as if it were independent of the others
     of_shape = float(template.noise / np.sqrt(template.crossings * tracks[0].rate * GRID_S))
-    zero, zero_se, start_shape, _ = start_of_rise(template.time, template.shape, of_shape)
-    begun = []
-    for a in alignments:  # a start that is a later point of the shape is more uncertain where durations are
-        error = float(np.sqrt(a.start_se**2 + 2 * zero * a.shared + (zero * a.duration_se) ** 2))
-        begun.append(replace(a, start=a.start + zero * a.duration, start_se=error))
-    return replace(template, time=template.time - zero, start_se=zero_se, start_shape=start_shape), begun
+    zero, zero_se, start_shape = start_of_rise(template.time, template.shape, of_shape)
+    # A start that is another point of the shape has another error, where durations are uncertain
+    template = replace(template, time=template.time - zero, start_se=zero_se, start_shape=start_shape)
+    shifted = [(track, replace(a, start=a.start + zero * a.duration)) for track, a in paired(alignments)]
+    return template, [shape_fit(track, a, template, template.scaled) for track, a in shifted]
 
 
 def jackknife_rows(plate: Sequence[Array], platform: Sequence[Array]) -> Array:
@@ -468,16 +460,6 @@ def jackknife_rows(plate: Sequence[Array], platform: Sequence[Array]) -> Array:
     return np.concatenate(
         [(rows - rows.mean(axis=0)) * np.sqrt((1 - 1 / len(rows)) * total / (total - 1)) for rows in sources]
     )
-
-
-@dataclass(frozen=True)
-class TriggerLatency:
-    """Mean and scatter [s] over crossings of the platform's motion behind its trigger."""
-
-    mean: float
-    sd: float
-    used: bool  # whether it is constant, so that the trigger tells the onset: it scatters as errors and sampling do
-    finer: bool  # whether an edge, which is known to one sample, is more certain than the start by the shape
 
 
 def trigger_edge(trial: Trial) -> tuple[float, float] | None:
@@ -504,15 +486,18 @@ class PlatformModel:
     reason: str | None  # why there is none
     alignments: dict[str, Alignment]  # how each perturbed crossing follows it, by trial
     triggers: dict[str, float]  # time [s] of the trigger's edge, by trial, where it is recorded
-    latency: TriggerLatency | None  # None where fewer than three crossings have a trigger, or no shape is shared
+    latency: dict[str, float] | None
+    """Of the platform's motion behind its trigger: `mean` and `sd` [s] over crossings; `used`, whether it is constant,
+    so that the trigger tells the onset: it scatters as errors and sampling do; `finer`, whether an edge, which is known
+    to one sample, is more certain than the start by the shape. None with fewer than three triggers, or no shape."""
     leave_out: tuple[PlatformTemplate, ...] = ()  # the shape without each of up to ten groups of crossings
 
     def onset(self, trial: str, own: float) -> float:
         """Onset [s] of a trial's perturbation, `own` [s] if it shows it alone: by the trigger, if its latency is
         constant and it is finer than the shape or the trial does not follow the shape; else by the shape."""
         a, late = self.followed(trial), self.latency
-        if late is not None and late.used and trial in self.triggers and (not a or late.finer):
-            return self.triggers[trial] + late.mean
+        if late and late["used"] and trial in self.triggers and (not a or late["finer"]):
+            return self.triggers[trial] + late["mean"]
         return a.start if a else own
 
     def followed(self, trial: str) -> Alignment | None:
@@ -525,14 +510,14 @@ ALONE = PlatformModel(None, "each crossing is analysed alone", {}, {}, None)  # 
 
 
 def identify_platform(
-    trials: Sequence[Trial], calibrations: Calibrations, settings: PlatformMotionSettings
+    pairs: Sequence[tuple[Trial, StaticCalibration]], settings: PlatformMotionSettings
 ) -> PlatformModel:
-    """The shape that the platform's motions share in perturbed crossings; without one, each keeps its own motion. A
-    crossing whose platform is hidden, or does not turn by `perturbation_deg`, has no part; its analysis says so."""
+    """The shape that the platform's motions share in perturbed crossings, each with its calibration; without one, each
+    keeps its own motion. A crossing whose platform is hidden, or does not turn by `perturbation_deg`, has no part; its
+    analysis says so."""
     tracks, labels, limit = [], settings.markers.platform, settings.largest_residual_mm
     # The coordinates of a motion are those of its cluster: of the place of each platform marker among the others
-    own = [calibration_of(calibrations, trial.name).platform for trial in trials]
-    clusters = [bodies.reference_positions(one, labels, "static") for one in own]
+    clusters = [static.positions(labels, "static") for _, static in pairs]
     local = [cluster - cluster.mean(axis=0) for cluster in clusters]
     apart = max((1e3 * float(np.sqrt(np.mean(np.sum((one - local[0]) ** 2, axis=1)))) for one in local), default=0.0)
     if apart > limit:
@@ -543,10 +528,9 @@ def identify_platform(
         )
         warnings.warn(f"each crossing keeps its own motion of the platform: {moved}", stacklevel=2)
         return replace(ALONE, reason=moved)
-    for trial in trials:
+    for trial, static in pairs:
         try:
-            static = calibration_of(calibrations, trial.name)
-            time, poses = bodies.segment_poses(trial, labels, static.platform, settings)
+            time, poses = bodies.segment_poses(trial, labels, static, settings)
             turned = np.nan_to_num(rotation_from_rest(poses))
             if not len(turned) or turned.max() < np.deg2rad(settings.perturbation_deg):
                 raise InputError(f"the platform does not turn by {settings.perturbation_deg:g} deg")
@@ -564,7 +548,7 @@ def identify_platform(
                 "that of marker noise): its own motion is used, which has more noise",
                 stacklevel=2,
             )
-    edges = {t.name: edge for t in trials if (edge := trigger_edge(t)) is not None}
+    edges = {trial.name: edge for trial, _ in pairs if (edge := trigger_edge(trial)) is not None}
     known = [(track, a) for track, a in zip(tracks, alignments, strict=True) if a.follows]
     both = [(a.start - edges[a.name][0], a.start_se) for _, a in known if a.name in edges]
     latency = None
@@ -573,7 +557,8 @@ def identify_platform(
         resolution, of_shape = max(step for _, step in edges.values()) / np.sqrt(12), float(np.mean(errors**2))
         scatter = np.sum((late - late.mean()) ** 2) / (of_shape + resolution**2)
         constant, finer = scatter < scipy.special.chdtri(len(late) - 1, CHANCE), resolution < np.sqrt(of_shape)
-        latency = TriggerLatency(float(late.mean()), float(late.std(ddof=1)), bool(constant), bool(finer))
+        latency = {"mean": float(late.mean()), "sd": float(late.std(ddof=1))}
+        latency |= {"used": float(constant), "finer": float(finer)}
     groups, ends = min(len(known), 10), (float(template.time[0]), float(template.time[-1]))
     without = []
     for group in range(groups):
@@ -611,7 +596,10 @@ def platform_table(model: PlatformModel) -> pl.DataFrame:
         assert shape is not None  # without one nothing is aligned
         starts = (model.onset(a.name, a.start), a.start, float(np.hypot(a.start_se, shape.start_se)), shape.start_se)
         follows = (shape.start_shape, a.amplitude, a.duration, a.misfit, int(a.follows), len(shape.axes))
-        trigger = (model.triggers.get(a.name), late and late.mean, late and late.sd, int(bool(late and late.used)))
+        trigger = (
+            model.triggers.get(a.name),
+            *((late["mean"], late["sd"], int(late["used"])) if late else (None, None, 0)),
+        )
         rows.append((a.name, *starts, *follows, *trigger))
     numbers = (
         "onset_s", "template_onset_s", "template_onset_se_s", "shared_onset_se_s", "onset_shape_s", "amplitude",

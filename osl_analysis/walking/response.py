@@ -10,6 +10,7 @@ torque before the onset. Which of these count, or none, is decided by cross-vali
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,27 +21,26 @@ from osl_analysis.errors import IdentifiabilityError, InputError, OslAnalysisErr
 from osl_analysis.measured import EXACT_FIT_SHARE
 from osl_analysis.signals import Motion, differentiate, sampling_rate
 from osl_analysis.stats.covariance import welch_satterthwaite
-from osl_analysis.stats.regression import linear_fit
+from osl_analysis.stats.regression import LinearFit, linear_fit
 from osl_analysis.stats.repeats import CommonError
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import DOWN, UP, Crossing
 from osl_analysis.walking.gait import BEFORE_ONSET_S, UnperturbedGait, aligned_gait, at_phases, signal_at
-from osl_analysis.walking.second_order import ImpedanceFit, fit_impedance, impedance_torque
+from osl_analysis.walking.second_order import fit_impedance, impedance_torque
 from osl_analysis.walking.settings import EnsembleSettings, StanceSource, TimingSettings
 
 MARGIN = 8  # Additional samples at both ends of a response. A spline's derivatives are less accurate at its ends.
 BEHAVIOUR = ("angle", "torque", "angle_slope", "torque_slope")  # mean and slope of curves until the response begins
+Predictors = tuple[str, ...]  # Of `BEHAVIOUR`; with none the prediction is the mean unperturbed gait
 
 
 @dataclass(frozen=True)
 class PerturbationResponse:
     """Isolated response to one perturbation, k samples, zero on average over the baseline. Row i of `thetas` and
-    `torques` has the i-th unperturbed crossing subtracted instead of the mean: their scatter shows how gait varies."""
+    `torques` has the i-th unperturbed crossing subtracted. The response is their mean; their scatter that of gait."""
 
     name: str
     time: Array  # time (k,) [s] from the onset
-    motion: Motion  # angle [rad] of the ankle with its derivatives, (k,) each
-    torque: Array  # (k,) [N*m]
     thetas: Array  # (crossings, k) [rad]
     torques: Array  # (crossings, k) [N*m]
     plate_errors: Array  # changes (m, k) [N*m] of the torque without each of m plate trials in the plate's model
@@ -50,6 +50,16 @@ class PerturbationResponse:
     stance: float = float("nan")  # duration of stance [s] that converts time to phase
     stance_change: float = 0.0  # own stance over the one that the gait before the onset leads to expect, minus 1
     stance_error: float = 0.0  # the same of `stance`; 0 if it is the expected one
+
+    @cached_property
+    def motion(self) -> Motion:
+        """Angle [rad] of the ankle with its derivatives, (k,) each."""
+        return differentiate(self.time, self.thetas.mean(axis=0))
+
+    @property
+    def torque(self) -> Array:
+        """(k,) [N*m]."""
+        return np.asarray(self.torques.mean(axis=0))
 
     @property
     def fitted_motion(self) -> Motion:
@@ -93,8 +103,6 @@ def isolate_response(
     return PerturbationResponse(
         name=crossing.name,
         time=time,
-        motion=differentiate(time, thetas.mean(axis=0)),
-        torque=torques.mean(axis=0),
         thetas=thetas,
         torques=torques,
         plate_errors=errors,
@@ -107,45 +115,48 @@ def isolate_response(
     )
 
 
-def fit_response(response: PerturbationResponse) -> ImpedanceFit:
+def fit_response(response: PerturbationResponse) -> LinearFit:
     """Fit Eq. 15 without an offset in the window. The zero is the mean over the baseline: an offset would absorb what
     is not of second order (on the exact response of the simulated drivetrain, K = 321 N*m/rad instead of 334). The
     covariance comes from gait (the perturbed crossing deviates as each unperturbed one does, the mean of n with 1/n of
     their variance) and from the plate trials, if there are several; the residual, a few correlated samples, shows
     neither."""
     try:
-        impedance = fit_without_offset(response.fitted_motion, response.fitted_torque)
+        fit = fit_without_offset(response.fitted_motion, response.fitted_torque)
     except OslAnalysisError as error:
         raise type(error)(f"trial {response.name}: {error}") from error
-    gait = estimate_changes(gait_torque(response, impedance), response)
-    plate, n = estimate_changes(response.plate_errors, response), len(gait)
+    gait, plate = estimate_changes(response, fit)
+    n, m = len(gait), len(plate)
     of_gait, of_plate = (1 + 1 / n) * np.cov(gait, rowvar=False), jackknife_covariance(plate)
-    fit = replace(
-        impedance.fit,
+    return replace(
+        fit,
         covariance=of_gait + of_plate,
-        degrees_of_freedom=welch_satterthwaite([np.diag(of_gait), np.diag(of_plate)], [n - 1, max(len(plate) - 1, 1)]),
-        interval_method="unperturbed crossings" + (" + plate trials" if len(plate) > 1 else ""),
+        degrees_of_freedom=welch_satterthwaite([np.diag(of_gait), np.diag(of_plate)], [n - 1, max(m - 1, 1)]),
+        interval_method="unperturbed crossings" + (" + plate trials" if m > 1 else ""),
     )
-    return replace(impedance, fit=fit)
 
 
-def fit_without_offset(motion: Motion, torque: Array) -> ImpedanceFit:
+def fit_without_offset(motion: Motion, torque: Array) -> LinearFit:
     """K, B, I of a motion (n,) and torque (n,) [N*m] whose zeros are known."""
-    fit = linear_fit(torque, {"K": motion.theta, "B": motion.omega, "I": motion.alpha})
-    return ImpedanceFit(fit["K"], fit["B"], fit["I"], 0.0, fit)
+    return linear_fit(torque, {"K": motion.theta, "B": motion.omega, "I": motion.alpha})
 
 
-def gait_torque(response: PerturbationResponse, impedance: ImpedanceFit) -> Array:
+def gait_torque(response: PerturbationResponse, fit: LinearFit) -> Array:
     """Torque (crossings, k) [N*m] that each unperturbed crossing's deviation from their mean adds to a residual."""
     deviation = differentiate(response.time, (response.motion.theta - response.thetas).T)
-    explained = impedance_torque(impedance.K, impedance.B, impedance.I, deviation)
+    explained = impedance_torque(fit["K"], fit["B"], fit["I"], deviation)
     return np.asarray(((response.torque - response.torques).T - explained).T)
 
 
-def estimate_changes(torques: Array, response: PerturbationResponse) -> Array:
-    """Changes (m, 3) of K, B, I, to first order, when each of m torques (m, k) [N*m] is added to the response's own."""
-    columns = motion_columns(response.fitted_motion)
-    return np.asarray(np.linalg.lstsq(columns, torques.T[response.window])[0].T)
+def estimate_changes(response: PerturbationResponse, fit: LinearFit) -> tuple[Array, Array]:
+    """Changes (crossings, 3) and (m, 3) of K, B, I, to first order, by each unperturbed crossing's deviation from their
+    mean, and without each of m plate trials."""
+    columns, rows = motion_columns(response.fitted_motion), response.window
+    gait, plate = (
+        np.asarray(np.linalg.lstsq(columns, torques.T[rows])[0].T, float)
+        for torques in (gait_torque(response, fit), response.plate_errors)
+    )
+    return gait, plate
 
 
 def motion_columns(motion: Motion) -> Array:
@@ -166,8 +177,8 @@ def offset_comparison(motion: Motion, torque: Array, K: float) -> dict[str, floa
     try:
         free = fit_impedance(motion, torque)
     except IdentifiabilityError:
-        return {"offset": None, "K_with_offset": None, "offset_share": None}
-    return {"offset": free.offset, "K_with_offset": free.K, "offset_share": 1 - free.K / K if K else None}
+        return dict.fromkeys(("offset", "K_with_offset", "offset_share"))
+    return {"offset": free["offset"], "K_with_offset": free["K"], "offset_share": 1 - free["K"] / K if K else None}
 
 
 def response_lag(response: PerturbationResponse) -> tuple[float, float] | None:
@@ -175,65 +186,54 @@ def response_lag(response: PerturbationResponse) -> tuple[float, float] | None:
     None from 10 ms on. It changes the damping by -K times the lag, and else shows only in the residual. A response that
     is not of second order shifts it too: compare sessions with it, and do not correct the torque."""
     motion, stamps = response.fitted_motion, response.time[response.window]
-    later = make_interp_spline(response.time, response.torque, k=5)
-    step = 0.001  # [s]
+    later, step = make_interp_spline(response.time, response.torque, k=5), 0.001  # [s]
     lags = np.arange(-0.01, 0.01 + step / 2, step)  # within the margin of 8 frames
-    misfit = np.empty(len(lags))
     try:
-        for i, lag in enumerate(lags):
-            torque = np.asarray(later(stamps + lag))
-            misfit[i] = np.sum((torque - fit_without_offset(motion, torque).torque(motion)) ** 2)
+        fits = [fit_without_offset(motion, np.asarray(later(stamps + lag))) for lag in lags]
     except OslAnalysisError:
         return None
+    misfit = np.array([np.sum(fit.residual**2) for fit in fits])
     best = int(np.argmin(misfit))
     if best in (0, len(lags) - 1):
         return None
     before, least, after = misfit[best - 1 : best + 2]
     curvature = (before - 2 * least + after) / step**2
-    lag = float(lags[best] + 0.5 * step * (before - after) / (before - 2 * least + after))
-    fit = fit_without_offset(motion, np.asarray(later(stamps + lag))).fit
+    lag = float(lags[best] + 0.5 * (before - after) / (step * curvature))
+    fit = fit_without_offset(motion, np.asarray(later(stamps + lag)))
     freedom = max(fit.samples / fit.correlation_samples - 4, 1.0)
     return lag, float(np.sqrt(2 * least / freedom / curvature))
 
 
-Predictors = tuple[str, ...]  # Of `BEHAVIOUR`; with none the prediction is the mean unperturbed gait
-
-
 @dataclass(frozen=True)
 class EnsembleResponse:
-    """Mean over n perturbations, k samples from the onset [s]: angle [rad], torque [N*m], and Eq. 15 in the window."""
+    """Mean over n perturbations, k samples: angle [rad], torque [N*m], and Eq. 15 in the window."""
 
     n: int
-    time: Array
     motion: Motion
     torque: Array
-    fit: ImpedanceFit
+    fit: LinearFit
+
+    def estimates(self) -> dict[str, float]:
+        return {name: self.fit[name] for name in "KBI"} | {"VAF": self.fit.vaf}
 
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Estimates of resampled ensembles, one entry per sample, VAF in percent, and the degrees of freedom: the smaller
-    of those of the perturbations and of the unperturbed crossings."""
+    """Estimates of resampled ensembles: of K, B, I and VAF [percent] one for each sample, and the degrees of freedom,
+    the smaller of those of the perturbations and of the unperturbed crossings."""
 
-    K: Array
-    B: Array
-    I: Array
-    VAF: Array
+    draws: Mapping[str, Array]
     degrees_of_freedom: float
 
     def se(self, name: str) -> float:
         """Standard error of a quantity, in its unit."""
-        return float(np.std(getattr(self, name), ddof=1))
+        return float(np.std(self.draws[name], ddof=1))
 
     def interval(self, name: str) -> tuple[float, float]:
         """Bounds of the 95 % interval of a quantity: percentiles, widened as Student's quantiles (Hesterberg, 2015)."""
         tail = float(ndtr(stdtrit(self.degrees_of_freedom, 0.025)))
-        low, high = np.quantile(getattr(self, name), [tail, 1 - tail])
+        low, high = np.quantile(self.draws[name], [tail, 1 - tail])
         return float(low), float(high)
-
-    def cov(self, first: str, second: str) -> float:
-        """Covariance of two quantities, in the product of their units."""
-        return float(np.cov(getattr(self, first), getattr(self, second))[0, 1])
 
 
 def signs_of(responses: Sequence[PerturbationResponse]) -> NDArray[np.int_]:
@@ -294,10 +294,17 @@ class Ensemble:
         if not predictors:
             theta, torque = (np.tensordot(weights, curves, 1) for curves in (self.theta, self.torque))
             return unperturbed @ theta, unperturbed @ torque
-        chosen, parts = [BEHAVIOUR.index(name) for name in predictors], []
+        chosen, used, parts = [BEHAVIOUR.index(name) for name in predictors], unperturbed > 0, []
         for sign in np.unique(self.signs[weights != 0]):
-            own = np.where(self.signs == sign, weights, 0.0)
-            baseline = predicting_weights(np.tensordot(own, self.behaviour, 1)[chosen], unperturbed)
+            own, baseline = np.where(self.signs == sign, weights, 0.0), unperturbed
+            if used.sum() >= len(chosen) + 2:
+                # What the perturbed one would have done: at 0 of the weighted regression of the unperturbed curves on
+                # their behaviour, which is the perturbed one's minus theirs
+                behaviour = np.tensordot(own, self.behaviour, 1)[chosen]
+                sizes = np.sqrt(np.mean(behaviour**2, axis=1, keepdims=True))
+                columns = np.column_stack([np.ones_like(unperturbed), (behaviour / np.where(sizes > 0, sizes, 1.0)).T])
+                root = np.sqrt(unperturbed)
+                baseline = root * np.linalg.pinv(root[:, None] * columns)[0]
             parts.append((baseline @ np.tensordot(own, self.theta, 1), baseline @ np.tensordot(own, self.torque, 1)))
         theta, torque = np.sum(parts, axis=0)
         return theta, torque
@@ -309,7 +316,7 @@ class Ensemble:
         theta, torque = self.joined(weights, np.full(crossings, 1 / crossings), predictors)
         motion = differentiate(self.time, theta)
         fit = fit_without_offset(motion[self.window], torque[self.window])
-        return EnsembleResponse(int(own.sum()) if sign else len(own), self.time, motion, torque, fit)
+        return EnsembleResponse(int(own.sum()) if sign else len(own), motion, torque, fit)
 
     def resampled(self, samples: int, predictors: Predictors = (), sign: int = 0) -> Bootstrap:
         """The ensemble refitted with perturbations, within their direction, unperturbed crossings and plate trials (to
@@ -340,26 +347,13 @@ class Ensemble:
         left, variance = (y - (columns @ estimates)[..., 0]).var(axis=1), y.var(axis=1)
         rounding = EXACT_FIT_SHARE * np.mean(y**2, axis=1)
         share = np.divide(left, variance, out=(left > rounding).astype(float), where=variance > rounding)
-        K, B, I = estimates[:, :, 0].T
-        return Bootstrap(K, B, I, 100 * (1 - share), freedom)
+        return Bootstrap(dict(zip("KBI", estimates[:, :, 0].T, strict=True)) | {"VAF": 100 * (1 - share)}, freedom)
 
 
-def predicting_weights(behaviour: Array, weights: Array) -> Array:
-    """Weights (c,) of c unperturbed crossings in what a perturbed one would have done: of the weighted regression of
-    their curves on `behaviour` (q, c), the perturbed one's minus theirs, at 0. `weights` where too few are not 0."""
-    used = weights > 0
-    if not len(behaviour) or used.sum() < len(behaviour) + 2:
-        return weights
-    root = np.sqrt(weights)
-    sizes = np.sqrt(np.mean(behaviour**2, axis=1, keepdims=True))
-    columns = np.column_stack([np.ones_like(weights), (behaviour / np.where(sizes > 0, sizes, 1.0)).T])
-    return np.asarray(root * np.linalg.pinv(root[:, None] * columns)[0])
-
-
-def cross_validated(responses: Sequence[PerturbationResponse], impedance: ImpedanceFit) -> tuple[Predictors, float]:
+def cross_validated(responses: Sequence[PerturbationResponse], fit: LinearFit) -> tuple[Predictors, float]:
     """The predictors that predict best what each unperturbed crossing adds to the residual, from the others; none: the
     mean is at least as good. And the share of that torque's mean square that they predict, with the mean's fit."""
-    curves = np.mean([gait_torque(r, impedance)[:, responses[0].window] for r in responses], axis=0)
+    curves = np.mean([gait_torque(r, fit)[:, responses[0].window] for r in responses], axis=0)
     behaviour, missed = np.mean([r.behaviour for r in responses], axis=0), dict[Predictors, float]()
     for predictors in ((), ("angle_slope",), ("angle", "torque"), BEHAVIOUR):
         if predictors and len(curves) < 3 * len(predictors) + 4:  # the bootstrap's regressions were undetermined
@@ -377,10 +371,8 @@ def cross_validated(responses: Sequence[PerturbationResponse], impedance: Impeda
 
 def common_errors(responses: Sequence[PerturbationResponse]) -> dict[str, list[CommonError]]:
     """Variances of errors of K, B and I that all perturbations share: of mean gait, and of the plate."""
-    shares, changes = np.abs(joining_weights(signs_of(responses))), []
-    for r in responses:
-        impedance = fit_without_offset(r.fitted_motion, r.fitted_torque)
-        changes.append((estimate_changes(gait_torque(r, impedance), r), estimate_changes(r.plate_errors, r)))
+    shares = np.abs(joining_weights(signs_of(responses)))
+    changes = [estimate_changes(r, fit_without_offset(r.fitted_motion, r.fitted_torque)) for r in responses]
     gait, plate = (np.average(each, axis=0, weights=shares) for each in zip(*changes, strict=True))
     gait_variances, plate_variances = np.var(gait, axis=0, ddof=1) / len(gait), np.diag(jackknife_covariance(plate))
     return {
@@ -396,12 +388,11 @@ class GroupHeadline:
     responses: Sequence[PerturbationResponse]
     common: Mapping[str, Sequence[CommonError]]  # errors that all single fits share, by quantity
     directions: Mapping[str, tuple[Mapping[str, float], Bootstrap, int]]
-    """Of `up`, `down` and `up minus down` K, B and I, resampled ones, perturbations; empty if there is one only."""
+    """Of `up`, `down` and `up minus down` the estimates, resampled ones, perturbations; empty if there is one only."""
     share: float  # of the unperturbed crossings' deviations that their behaviour before the onset predicts
     ensemble: EnsembleResponse  # with the baseline that the settings name
     resampled: Bootstrap
-    other: tuple[EnsembleResponse, Bootstrap]  # with the other baseline, `other_baseline`
-    other_baseline: str  # the name of its estimator
+    other: tuple[EnsembleResponse, Bootstrap, str]  # with the other baseline, and the name of its estimator
 
 
 def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, settings: EnsembleSettings) -> GroupHeadline:
@@ -412,17 +403,16 @@ def group_headline(perturbed: Sequence[Crossing], gait: UnperturbedGait, setting
     names, share = cross_validated(responses, of_mean[0].fit)
     predicted = (ensemble.fitted(names), ensemble.resampled(samples, names)) if names else of_mean
     if settings.baseline == "predicted":
-        own, other, other_baseline = predicted, of_mean, "ensemble, mean gait"
+        own, other = predicted, (*of_mean, "ensemble, mean gait")
     else:
-        own, other, other_baseline = of_mean, predicted, "ensemble, predicted gait"
-    common, directions = common_errors(responses), dict[str, tuple[Mapping[str, float], Bootstrap, int]]()
+        own, other = of_mean, (*predicted, "ensemble, predicted gait")
+    directions = dict[str, tuple[Mapping[str, float], Bootstrap, int]]()
     for name, sign in ((UP, 1), (DOWN, -1)) if len(np.unique(ensemble.signs)) > 1 else ():
         mean = ensemble.fitted(sign=sign)
-        resampled = ensemble.resampled(samples, sign=sign)
-        directions[name] = {q: getattr(mean.fit, q) for q in "KBI"}, resampled, mean.n
+        directions[name] = mean.estimates(), ensemble.resampled(samples, sign=sign), mean.n
     if directions:  # resampled together: the error of the mean unperturbed gait does not cancel in the difference
         (up, ups, n_up), (down, downs, n_down) = directions.values()
-        K, B, I, VAF = (getattr(ups, name) - getattr(downs, name) for name in ("K", "B", "I", "VAF"))
-        difference = Bootstrap(K, B, I, VAF, min(ups.degrees_of_freedom, downs.degrees_of_freedom))
+        draws = {name: ups.draws[name] - downs.draws[name] for name in up}
+        difference = Bootstrap(draws, min(ups.degrees_of_freedom, downs.degrees_of_freedom))
         directions["up minus down"] = {name: up[name] - down[name] for name in up}, difference, n_up + n_down
-    return GroupHeadline(responses, common, directions, share, *own, other, other_baseline)
+    return GroupHeadline(responses, common_errors(responses), directions, share, *own, other)

@@ -6,7 +6,8 @@ fitted with the same columns. One that is a small share of the torque does not c
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -21,11 +22,12 @@ from osl_analysis.stats.fit_row import (
     thinned_rows,
     whiteness_row,
 )
+from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array
 from osl_analysis.walking.crossing import DOWN, Crossing
 from osl_analysis.walking.gait import PHASES, UnperturbedGait
-from osl_analysis.walking.groups import ALL, STATED, Cells, Sheet, cells_said
+from osl_analysis.walking.groups import ALL, STATED, Sheet, cells_said
 from osl_analysis.walking.response import (
     Bootstrap,
     EnsembleResponse,
@@ -39,95 +41,73 @@ from osl_analysis.walking.response import (
     response_lag,
     signs_of,
 )
-from osl_analysis.walking.second_order import ImpedanceFit
 from osl_analysis.walking.settings import ResponseSettings, TimingSettings
 
 GROUP_QUANTITIES, ENSEMBLE = ("K", "B", "I", "VAF"), "ensemble"
 COMMANDED = "commanded"  # Series of the curve that the controller commands
 FACTS = ("group", "onset_phase", "fitted_phase", "end_phase")
+Facts = dict[str, float | None]
 
 
-@dataclass(frozen=True)
-class Group:
-    """A group of perturbed crossings."""
-
-    name: str
-    gait: str  # name of its mean unperturbed gait
-    trials: tuple[str, ...]  # its crossings that are used
-    directions: tuple[str | None, ...]  # turn of each, `up`, `down` or None
-    phases: tuple[float, ...]  # onset of each as a share of the gait's mean stance
-    cells: Cells  # conditions in the sheet that all its crossings share
-    pooled: str  # conditions in which they differ, as text
-
-
-def groups_of(selection: pl.DataFrame, sheet: Sheet | None) -> list[Group]:
-    """Groups of `walking_crossings.csv` in the order of their conditions, numbers as numbers, then by direction where
-    groups have one each, then by phase. A gait none of whose perturbed crossings is used is a group without trials."""
-    perturbed, found = selection.filter(pl.col("perturbed")), list[Group]()
-    rows = {trial: (sheet or {}).get(trial, {}) for trial in perturbed["trial"]}
-
-    def add(name: str, gait: str, members: pl.DataFrame, used: bool) -> None:
-        """The group of these crossings, with the stated conditions that are the same in all; None where they differ."""
-        values = {key: {rows[trial].get(key) for trial in members["trial"]} for key in STATED}
-        cells = {key: value.pop() if len(value) == 1 else None for key, value in values.items()}
-        own = members if used else members.clear()
-        trials, directions, phases = (tuple(own[column]) for column in ("trial", "direction", "onset_phase"))
-        differ = {key: {rows[trial].get(key) for trial in trials} - {None} for key in STATED}
-        pooled = "; ".join(f"{key} {cells_said(some)}" for key, some in differ.items() if len(some) > 1)
-        found.append(Group(name, gait, trials, directions, phases, cells, pooled))
-
-    def order(group: Group) -> tuple[object, ...]:
-        cells = [group.cells[key] for key in STATED]
-        parts = [(value is None, isinstance(value, str), "" if value is None else value) for value in cells]
-        turned = str(group.directions[0]) if "direction " in group.name else ""
-        return (*parts, turned, float(np.mean(group.phases)) if group.phases else np.inf, group.name)
-
-    for members in perturbed.filter(pl.col("group").is_not_null()).partition_by("group", maintain_order=True):
-        add(members["group"][0], members["gait"][0], members, used=True)
-    known = {group.gait for group in found}
+def group_rows(
+    selection: pl.DataFrame, sheet: Sheet | None, gaits: Mapping[str, UnperturbedGait], window: float
+) -> list[dict[str, Any]]:
+    """Rows of `walking_groups.csv` before any fit: stated conditions that a group shares, numbers, and phases of onset
+    and end of the `window` [s]; in the order of the conditions, numbers as numbers, then by direction where groups have
+    one each, then by phase. A gait none of whose perturbed crossings is used is a group without crossings."""
+    perturbed, found = selection.filter(pl.col("perturbed")), list[tuple[tuple[object, ...], dict[str, Any]]]()
+    stated = {trial: (sheet or {}).get(trial, {}) for trial in perturbed["trial"]}
+    grouped = perturbed.drop_nulls("group").partition_by("group", maintain_order=True)
+    parts = [(members["group"][0], members["gait"][0], members, members) for members in grouped]
     for gait in perturbed["gait"].unique(maintain_order=True):
-        if gait not in known:
-            add(gait or ALL, gait or ALL, perturbed.filter(pl.col("gait") == gait), used=False)
-    return sorted(found, key=order)
-
-
-def group_row(group: Group, gait: UnperturbedGait | None, window: float) -> dict[str, object]:
-    """Row of `walking_groups.csv`: conditions, numbers, and phases of onset and end of the `window` [s]; else null."""
-    phases, down = np.array(group.phases, dtype=float), sum(d == DOWN for d in group.directions)
-    stances = np.zeros(0) if gait is None else gait.stance
-    stance = float(np.mean(stances)) if len(stances) else None
-    onset = float(np.mean(phases)) if len(phases) and stance else None
-    return {
-        "group": group.name,
-        "gait": group.gait,
-        **{("group_stated" if key == "group" else key): value for key, value in group.cells.items()},
-        "pooled": group.pooled or None,
-        "n": len(phases),
-        "n_up": len(phases) - down,
-        "n_down": down,
-        "n_unperturbed": len(stances),
-        "stance_s": stance,
-        "unperturbed_stance_sd": float(np.std(stances, ddof=1) / np.mean(stances)) if len(stances) > 1 else None,
-        "onset_phase": onset,
-        "onset_phase_sd": float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
-        "end_phase": onset + window / stance if onset is not None and stance else None,
-    }
+        if gait not in [known for _, known, *_ in parts]:
+            members = perturbed.filter(pl.col("gait") == gait)
+            parts.append((gait or ALL, gait or ALL, members, members.clear()))
+    for name, gait, members, used in parts:
+        each = {key: {stated[trial].get(key) for trial in members["trial"]} for key in STATED}
+        cells = {key: values.pop() if len(values) == 1 else None for key, values in each.items()}
+        differ = {key: {stated[trial].get(key) for trial in used["trial"]} - {None} for key in STATED}
+        pooled = "; ".join(f"{key} {cells_said(some)}" for key, some in differ.items() if len(some) > 1)
+        phases, down = used["onset_phase"].cast(pl.Float64).to_numpy(), int((used["direction"] == DOWN).sum())
+        stances = gaits[gait].stance if gait in gaits else np.zeros(0)
+        stance = float(np.mean(stances)) if len(stances) else None
+        onset = float(np.mean(phases)) if len(phases) and stance else None
+        row = {
+            "group": name,
+            "gait": gait,
+            **{("group_stated" if key == "group" else key): value for key, value in cells.items()},
+            "pooled": pooled or None,
+            "n": len(phases),
+            "n_up": len(phases) - down,
+            "n_down": down,
+            "n_unperturbed": len(stances),
+            "stance_s": stance,
+            "unperturbed_stance_sd": float(np.std(stances, ddof=1) / np.mean(stances)) if len(stances) > 1 else None,
+            "onset_phase": onset,
+            "onset_phase_sd": float(np.std(phases, ddof=1)) if len(phases) > 1 else None,
+            "end_phase": onset + window / stance if onset is not None and stance else None,
+        }
+        conditions = [
+            (value is None, isinstance(value, str), "" if value is None else value) for value in cells.values()
+        ]
+        turned = str(used["direction"][0]) if "direction " in name else ""
+        found.append(((*conditions, turned, float(np.mean(phases)) if len(phases) else np.inf, name), row))
+    return [row for _, row in sorted(found, key=lambda one: one[0])]
 
 
 def fitted_time(headline: GroupHeadline) -> float:
     """Time [s] after the onset at which the fit reads a stiffness that changes linearly within the window: K is a sum
     of torques with weights w, w . theta = 1, so that it is K(t) at t = sum of w theta t, later than the middle."""
-    ensemble, rows = headline.ensemble, headline.responses[0].window
-    theta_by_time = ensemble.motion.theta[rows] * ensemble.time[rows]
-    return float(np.linalg.pinv(motion_columns(ensemble.motion[rows]))[0] @ theta_by_time)
+    response, motion = headline.responses[0], headline.ensemble.motion[headline.responses[0].window]
+    return float(np.linalg.pinv(motion_columns(motion))[0] @ (motion.theta * response.time[response.window]))
 
 
 def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: ResponseSettings) -> dict[str, object]:
     """One row of `walking.csv`: the fit of Eq. 15 to the isolated response of one crossing. `lag_out_of_reach` is 1 if
     the best lag is at or beyond the limit of the search, for example if the torque is two frames late, else 0."""
     response = isolate_response(crossing, gait, settings, settings.perturbed_stance)
-    impedance, delay = fit_response(response), response_lag(response)
-    fit, onset, (lag, lag_se) = impedance.fit, crossing.onset or 0.0, delay or (None, None)
+    fit, delay = fit_response(response), response_lag(response)
+    onset, (lag, lag_se) = crossing.onset or 0.0, delay or (None, None)
     rate_hz = 1 / (response.time[1] - response.time[0])
     white = whiteness_row(fit.residual[thinned_rows(len(fit.residual), rate_hz, settings.low_pass)])
     return {
@@ -139,22 +119,19 @@ def perturbation_row(crossing: Crossing, gait: UnperturbedGait, settings: Respon
         "bridged": crossing.bridged,
         **estimates_row(fit, "K", "B", "I"),
         **covariance_row(fit, "K", "B", "I"),
-        **single_facts(response, impedance),
+        **single_facts(response, fit),
         **lag_damping_row(lag, lag_se, fit["K"]),
         "lag_out_of_reach": float(delay is None),
         **diagnostics_row(fit, rate_hz, white),
     }
 
 
-Facts = dict[str, float | None]
-
-
-def single_facts(response: PerturbationResponse, impedance: ImpedanceFit) -> Facts:
+def single_facts(response: PerturbationResponse, fit: LinearFit) -> Facts:
     """Columns of `walking.csv`: residual and offset of one fit, over those that ordinary gait causes, change of stance.
     Null where the residual is a small share of the torque, the offset hardly changes K, or no stance is expected."""
     motion, torque = response.fitted_motion, response.fitted_torque
-    left = gait_torque(response, impedance)[:, response.window]
-    free = offset_comparison(motion, torque, impedance.K)
+    left = gait_torque(response, fit)[:, response.window]
+    free = offset_comparison(motion, torque, fit["K"])
     columns = np.column_stack([motion_columns(motion), np.ones_like(motion.theta)])
     scatter = float(np.std(np.linalg.lstsq(columns, left.T, rcond=None)[0][-1], ddof=1))
     counts = abs(free["offset_share"] or 0.0) > 0.15 and scatter > 0  # by less an offset hardly changes K
@@ -168,20 +145,19 @@ def single_facts(response: PerturbationResponse, impedance: ImpedanceFit) -> Fac
 def group_facts(headline: GroupHeadline) -> Facts:
     """Columns of `walking_groups.csv` on which limits may stand; the dictionary of tables says what each is."""
     ensemble, responses = headline.ensemble, headline.responses
-    rows, fit = responses[0].window, headline.ensemble.fit
+    rows, fit = responses[0].window, ensemble.fit
     motion, torque = ensemble.motion[rows], ensemble.torque[rows]
     left = np.mean([gait_torque(r, fit)[:, rows] for r in responses], axis=0)
-    values = {name: float(getattr(fit, name)) for name in "KBI"}
     intervals = {name: headline.resampled.interval(name) for name in "KBI"}
     singles, signs = [fit_response(r) for r in responses], signs_of(responses)
     distances = [0.0]  # of ensemble and mean of perturbations, over the sum of the halves of both intervals
     for name, (low, high) in intervals.items():
-        mean = over_repeats([getattr(one, name) for one in singles], headline.common.get(name, ()), signs)
+        mean = over_repeats([one[name] for one in singles], headline.common.get(name, ()), signs)
         width = high - low + mean.high - mean.low
-        if width > 1e-9 * abs(values[name]):  # intervals of crossings that are all equal have no width
-            distances.append(2 * abs(values[name] - mean.mean) / width)
+        if width > 1e-9 * abs(fit[name]):  # intervals of crossings that are all equal have no width
+            distances.append(2 * abs(fit[name] - mean.mean) / width)
     # Cochran's Q of single stiffnesses over its degrees of freedom; standard errors of at least 3 % of the mean
-    K, se = np.array([one.K for one in singles]), np.array([one.fit.se("K") for one in singles])
+    K, se = np.array([(one["K"], one.se("K")) for one in singles]).T
     variance, heterogeneity = se**2 + (0.03 * K.mean()) ** 2, None
     if np.isfinite(se).all() and (variance > 0).all():
         heterogeneity = float(np.sum((K - np.average(K, weights=1 / variance)) ** 2 / variance) / (len(K) - 1))
@@ -195,14 +171,14 @@ def group_facts(headline: GroupHeadline) -> Facts:
         uncorrected = error if certain else None
     return {
         "coherence": rms(angles.mean(axis=0)) / rms(angles),  # 1 for equal responses, 0 if they cancel
-        "VAF": fit.fit.vaf,
+        "VAF": fit.vaf,
         "residual_over_gait": residual_over_gait(motion, torque, left),
-        "offset_share": offset_comparison(motion, torque, fit.K)["offset_share"],
-        "outside_interval": float(sum(not low <= values[name] <= high for name, (low, high) in intervals.items())),
+        "offset_share": offset_comparison(motion, torque, fit["K"])["offset_share"],
+        "outside_interval": float(sum(not low <= fit[name] <= high for name, (low, high) in intervals.items())),
         "estimator_difference": max(distances),
         "heterogeneity": heterogeneity,
-        "K": values["K"],
-        "K_se_share": headline.resampled.se("K") / abs(values["K"]) if values["K"] else None,
+        "K": fit["K"],
+        "K_se_share": headline.resampled.se("K") / abs(fit["K"]) if fit["K"] else None,
         "B_high": intervals["B"][1],
         "I_high": intervals["I"][1],
         "stance_change": change,
@@ -230,7 +206,7 @@ def headline_rows(headline: GroupHeadline, fits: pl.DataFrame, doubtful: Mapping
         known = {"quantity": name, "estimator": "mean of perturbations", "interval_method": method}
         rows.append(known | mean | dict(doubtful))
     rows += ensemble_rows(headline.ensemble, headline.resampled)
-    rows += ensemble_rows(*headline.other, headline.other_baseline)
+    rows += ensemble_rows(*headline.other)
     for quantity in "KBI":
         for estimator, (values, drawn, n) in headline.directions.items():
             row = {"quantity": quantity, "estimator": estimator, "n": n, "mean": values[quantity]}
@@ -248,23 +224,23 @@ def ensemble_rows(
     ensemble: EnsembleResponse, resampled: Bootstrap, estimator: str = ENSEMBLE
 ) -> list[dict[str, object]]:
     """Estimates from the mean response; `se`, 95 % interval and covariances with K, B, I from the bootstrap."""
-    fit = ensemble.fit
+    draws = resampled.draws
     return [
         {"quantity": quantity, "estimator": estimator, "n": ensemble.n, "mean": estimate, "sd": None}
         | drawn_row(resampled, quantity)
-        | {f"cov_{other}": resampled.cov(quantity, other) for other in "KBI"}
-        for quantity, estimate in {"K": fit.K, "B": fit.B, "I": fit.I, "VAF": fit.fit.vaf}.items()
+        | {f"cov_{other}": float(np.cov(draws[quantity], draws[other])[0, 1]) for other in "KBI"}
+        for quantity, estimate in ensemble.estimates().items()
     ]
 
 
 def response_table(group: str, headline: GroupHeadline) -> pl.DataFrame:
     """Isolated responses of a group: trial (or 'ensemble'), time [s], angle [deg], torque [N*m], fit in the window."""
-    window, frames = headline.responses[0].window, []
+    window, time, frames = headline.responses[0].window, headline.responses[0].time, []
     fitted = [(r.name, r.motion, r.torque, fit_response(r)) for r in headline.responses]
-    mean, time = headline.ensemble, headline.ensemble.time
+    mean = headline.ensemble
     for name, motion, torque, fit in [*fitted, (ENSEMBLE, mean.motion, mean.torque, mean.fit)]:
         model = np.full(len(time), np.nan)
-        model[window] = fit.torque(motion)[window]
+        model[window] = motion_columns(motion)[window] @ fit.estimates
         columns = {"trial": pl.Series([name] * len(time)), "time": time}
         columns |= {"theta_deg": np.rad2deg(motion.theta), "torque": torque, "torque_model": model}
         frames.append(pl.DataFrame(columns)[: window.stop])

@@ -48,7 +48,7 @@ def assert_decoded(path: Path, topic: str, expected: list[dict[str, float]]) -> 
     paths = sorted({name for values in expected for name in values})
     found = decode_topics(read_mcap(path), {topic: paths})[topic]
     for name in paths:
-        assert found.present[name].tolist() == [name in values for values in expected]
+        assert np.ma.getmaskarray(found.values[name]).tolist() == [name not in values for values in expected]
         for row, values in enumerate(expected):
             if name in values:
                 np.testing.assert_array_equal(found.values[name][row], values[name], err_msg=f"{topic} {name}")

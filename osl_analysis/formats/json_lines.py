@@ -1,49 +1,18 @@
 """JSON lines: one object of JSON per line, with numbers at any depth."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from osl_analysis.errors import InputError, listing, nearest
 from osl_analysis.formats.csv_table import UTF_16_MARKS
-from osl_analysis.formats.message_fields import (
-    Columns,
-    Indices,
-    Reader,
-    array_labels,
-    is_array,
-    json_object,
-    path_to,
-)
+from osl_analysis.formats.message_fields import Columns, Indices, Reader, fields_in, json_object
 
 MOST_ELEMENTS = 64  # of an array that are listed: longer ones are images or whole recordings, and no signals
-
-
-def addresses_in(value: Any, path: str, beside: Mapping[str, Any], cut: dict[str, int]) -> Iterator[str]:
-    """The addresses of the numbers in a value, by label or index; `beside` are the arrays of text in its object."""
-    if isinstance(value, dict):
-        inner = {path_to(path, name): one for name, one in value.items()}
-        texts = {name: one for name, one in inner.items() if is_array(one, str)}
-        for name, one in inner.items():
-            yield from addresses_in(one, name, texts, cut)
-    elif isinstance(value, list):
-        labels = (
-            array_labels(path, len(value), beside)
-            if all(one is None or isinstance(one, int | float) for one in value)
-            else ()
-        )
-        yield from (f"{path}[{label}]" for label, one in zip(labels, value, strict=False) if one is not None)
-        for index, one in enumerate([] if labels else value[:MOST_ELEMENTS]):
-            yield from addresses_in(one, f"{path}[{index}]", {}, cut)
-        if len(value) > MOST_ELEMENTS and not labels:
-            cut[path] = len(value)
-    elif isinstance(value, int | float):
-        yield path
 
 
 @dataclass(frozen=True)
@@ -93,7 +62,7 @@ def decode_lines(lines: JsonLines, paths: Sequence[str]) -> Columns:
     remedy = "name a number as `field` in the source file; for time, or state the rate: `time: {rate: 1000}`"
     if not found.rows.size:
         raise InputError(f"{found.misfit}; {remedy}")
-    for path in [path for path, there in found.present.items() if not there.any()]:
+    for path in [path for path, values in found.values.items() if np.ma.getmaskarray(values).all()]:
         if found.misfit:
             raise InputError(f"no line that can be used has a field '{path}': {found.misfit}; {remedy}")
         names, _ = addresses_of(lines)
@@ -108,5 +77,6 @@ def addresses_of(lines: JsonLines) -> tuple[list[str], dict[str, int]]:
     found, long = dict[str, None](), dict[str, int]()
     for row in np.unique(np.linspace(0, len(lines.texts) - 1, 2000).astype(np.int64)).tolist():
         with suppress(ValueError, RecursionError):
-            found.update(dict.fromkeys(addresses_in(json.loads(lines.texts[row]), "", {}, long)))
+            for one in fields_in(json.loads(lines.texts[row]), MOST_ELEMENTS, long):
+                found.update(dict.fromkeys(one.addresses()))
     return list(found), long

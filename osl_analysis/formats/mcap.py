@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import NamedTuple
 
 import lz4.frame
 import numpy as np
@@ -19,7 +19,6 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
-from numpy.typing import NDArray
 
 from osl_analysis.errors import InputError
 from osl_analysis.formats.message_fields import Indices, numbers_at
@@ -72,26 +71,18 @@ class Section:
     is_chunk: bool = False
     head: ChunkHead | None = None  # what a chunk declares of itself
     walk: Walk | None = None  # the messages outside of chunks
-    index: list[tuple[int, Indices]] = field(default_factory=list)  # channel and places of messages, by each index
-
-    @property
-    def lost(self) -> bool:
-        return self.head is None and self.walk is None
-
-    def indexed(self) -> Counter[int]:
-        """How many messages of each channel its message indexes list."""
-        return sum((Counter({channel: places.size}) for channel, places in self.index), Counter())
+    places: list[Indices] = field(default_factory=list)  # of messages, by each of its message indexes
+    indexed: Counter[int] = field(default_factory=Counter)  # messages of each channel that these list
 
 
 @dataclass
 class McapFile(MessageFile):
-    """A file whose top level was scanned; `blocks` reads its messages."""
+    """A file whose top level was scanned."""
 
-    kind: str = "MCAP"
     data: bytes = b""
     sections: list[Section] = field(default_factory=list)  # the parts of the data section, in order
     data_end: int = 0  # where the data section ends; 0 until that is known
-    data_crc: Literal["", "right", "wrong"] = ""  # whether the checksum of the data section is right, if there is one
+    is_data_right: bool | None = None  # by the checksum of the data section; None if there is none
     described: list[tuple[int, bytes]] = field(default_factory=list)  # as `Walk.others`, in the summary
     chunked: bool = False
     indexed_chunks: int = 0  # how many chunks the index of chunks in the summary has; a file may have none
@@ -105,9 +96,10 @@ class McapFile(MessageFile):
         while position < len(self.data) and not damage.finished:
             position = self.scan_record(position)
         self.data_end = self.data_end or len(self.data)
-        if not damage.finished and self.sections and self.sections[-1].lost and self.sections[-1].end == len(self.data):
-            self.sections.pop()  # the record in which the file was cut off: nobody knows what it held
-        damage.gaps = self.summary_damaged or self.missing != 0 or any(one.lost for one in self.sections)
+        lost = [one for one in self.sections if one.head is None and one.walk is None]
+        if not damage.finished and lost and lost[-1].end == len(self.data):
+            self.sections.remove(lost.pop())  # the record in which the file was cut off: nobody knows what it held
+        damage.gaps = self.summary_damaged or self.missing != 0 or bool(lost)
         damage.bytes = self.data_end - len(MAGIC) + max(0, self.missing)
         second = self.data.find(MAGIC + b"\1", 1) if damage.gaps or not damage.finished else 0
         if second > 0:
@@ -120,7 +112,7 @@ class McapFile(MessageFile):
             damage.declared_messages, damage.declared, damage.declared_chunks = None, None, None
         elif self.indexed_chunks:
             damage.declared_chunks = max(damage.declared_chunks or 0, self.indexed_chunks)
-        if self.data_crc == "wrong":
+        if self.is_data_right is False:
             damage.remarks.append("the checksum of the data section does not match")
         if self.missing < 0:
             damage.remarks.append(f"{-self.missing} bytes were inserted before the summary")
@@ -148,19 +140,20 @@ class McapFile(MessageFile):
             return self.take_lost(position)
         if opcode == Opcode.CHUNK:
             if self.data_end:  # a chunk after the end of the data shows that this was not the end
-                self.data_end, self.data_crc, self.summary_damaged = 0, "", True
+                self.data_end, self.is_data_right, self.summary_damaged = 0, None, True
             self.chunked = True
             self.sections.append(Section(start, end, is_chunk=True, head=chunk_head(data, start, end)))
         elif opcode == Opcode.MESSAGE_INDEX and not self.data_end:
             chunk = next((one for one in reversed(self.sections) if one.is_chunk), None)
-            if chunk is not None and (index := message_index(data, start, end)):
-                chunk.index.append(index)
+            channel, size = struct.unpack_from("<HI", data, start)
+            if chunk is not None:  # each entry has log time and place
+                chunk.places.append(np.frombuffer(data, "<i8", size // 8, start + 6)[1::2])
+                chunk.indexed[channel] += size // 16
         elif opcode == Opcode.DATA_END and not self.data_end:
             self.data_end, self.summary_begin = position, end
             (expected,) = struct.unpack_from("<I", data, start)
-            if expected:
-                self.data_crc = "right" if zlib.crc32(data[: self.data_end]) == expected else "wrong"
-        elif opcode == Opcode.HEADER and position > len(MAGIC) and is_header(data, start, end):
+            self.is_data_right = zlib.crc32(data[:position]) == expected if expected else None
+        elif opcode == Opcode.HEADER and position > len(MAGIC) and is_header(data[start:end]):
             raise two_logs(position)  # appended without its magic
         elif opcode == Opcode.FOOTER:
             self.take_footer(start, end)
@@ -192,12 +185,10 @@ class McapFile(MessageFile):
             while place + RECORD.size < start:
                 place += RECORD.size + RECORD.unpack_from(data, place)[1]
             self.summary_begin = declared if place + RECORD.size == start else 0
-        self.summary_damaged |= not self.summary_begin
-        self.missing = declared - self.summary_begin if declared else 0
-        if expected and zlib.crc32(data[self.summary_begin : start + 16]) != expected:
-            self.summary_damaged = True
-        if self.summary_damaged:
-            self.indexed_chunks, self.missing = 0, 0
+        is_wrong = expected and zlib.crc32(data[self.summary_begin : start + 16]) != expected
+        self.summary_damaged |= not self.summary_begin or bool(is_wrong)
+        self.missing = declared - self.summary_begin if declared and not self.summary_damaged else 0
+        self.indexed_chunks *= not self.summary_damaged
 
     def take_lost(self, position: int) -> int:
         """Note that nothing can be read at `position`; returns the place of the next sound record or of the end.
@@ -219,58 +210,60 @@ class McapFile(MessageFile):
     def resume_at(self, begin: int, *, loose: bool) -> int:
         """Where the next sound record begins, `loose` ones too if asked for, or the end of the file."""
         while match := RESUME.search(self.data, begin):
+            begin = match.start() + 1
             opcode, length = RECORD.unpack_from(self.data, match.start())
             end = match.end() + length
-            is_whole = end <= len(self.data) and (loose or opcode not in LOOSE)
-            if is_whole and self.is_sound(opcode, match.end(), end):
+            if end <= len(self.data) and (loose or opcode not in LOOSE) and self.is_sound(opcode, match.end(), end):
                 return match.start()
-            begin = match.start() + 1
         return len(self.data)
 
     def is_sound(self, opcode: int, start: int, end: int) -> bool:
         """Whether the content of a record fits its opcode; where nothing tells, another record must follow."""
+        data, least = (
+            self.data,
+            {int(Opcode.DATA_END): 4, int(Opcode.FOOTER): 20, int(Opcode.STATISTICS): STATISTICS.size},
+        )
+        if opcode == 0 or end - start < least.get(opcode, 0):
+            return False
         if opcode == Opcode.CHUNK:
-            return chunk_head(self.data, start, end) is not None
+            return chunk_head(data, start, end) is not None
         if opcode == Opcode.MESSAGE_INDEX:
-            return message_index(self.data, start, end) is not None
-        if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-            return end - start >= (4 if opcode == Opcode.DATA_END else 20)  # a later version may have more in a record
-        if opcode == 0 or (opcode == Opcode.STATISTICS and end - start < STATISTICS.size):
-            return False
-        if end == len(self.data) or self.data[end] in NUMBERED:
+            size = struct.unpack_from("<I", data, start + 2)[0] if end - start >= 6 else 1
+            return size % 16 == 0 and size <= end - start - 6
+        if end == len(data) or data[end] in NUMBERED or opcode in (Opcode.DATA_END, Opcode.FOOTER):
             return True
-        if self.data[end] == 0 or end + RECORD.size > len(self.data):
-            return False
-        return bool(end + RECORD.size + RECORD.unpack_from(self.data, end)[1] <= len(self.data))
+        is_next = data[end] != 0 and end + RECORD.size <= len(data)
+        return is_next and bool(end + RECORD.size + RECORD.unpack_from(data, end)[1] <= len(data))
 
-    def blocks(self) -> Iterator[MessageBlock]:
-        """The messages of every intact chunk, and those outside of chunks, in the order of the file. Call it once."""
+    def intact_blocks(self) -> Iterator[MessageBlock]:
+        """The messages of every intact chunk, and those outside of chunks, in the order of the file."""
         damage = self.damage
         if damage.finished and not self.summary_damaged:  # a wrong schema would be wrong values
             self.take_declarations(self.described)
-        untrusted = self.data_crc == "wrong" and not any(section.lost for section in self.sections)
+        any_lost = any(one.head is None and one.walk is None for one in self.sections)
         for section in self.sections:
-            walk, covered = section.walk, False
+            walk, remark, lost = section.walk, "", section.indexed if section.places else None
             if section.head is not None:
                 try:
-                    walk, covered = self.walk_of(section, section.head), section.head.crc != 0
+                    walk = self.walk_of(section, section.head)
                 except DamagedChunkError as error:
                     if (second := self.data.find(MAGIC + b"\1", section.start, section.end)) > 0:
                         raise two_logs(second) from error  # the chunk was cut off and reaches into another log
-                    self.lose(section, f"the chunk at byte {section.start} is damaged: it {error}")
-                    continue
-            if walk is None:
+                    remark = f"the chunk at byte {section.start} is damaged: it {error}"
+            elif walk is None:
                 what = "a damaged chunk" if section.is_chunk else "not a readable record"
-                self.lose(section, f"{section.end - section.start} bytes from byte {section.start} on are {what}")
+                remark = f"{section.end - section.start} bytes from byte {section.start} on are {what}"
+            is_covered = self.is_data_right or bool(section.head and section.head.crc)
+            if walk is not None and self.is_data_right is False and not is_covered and not any_lost:
+                remark = "the checksum of the data section does not match, and no other covers byte"
+                remark, lost = f"{remark} {section.start} on", lost or walk.block.counts
+            if walk is None or remark:
+                damage.lose(remark, section.end - section.start, lost, int(section.is_chunk))
                 continue
             block = walk.block
-            if untrusted and not covered:
-                text = f"the checksum of the data section does not match, and no other covers byte {section.start} on"
-                self.lose(section, text, block.counts)
-                continue
             damage.chunks += section.is_chunk
             damage.read.update(block.counts)
-            damage.verified += block.starts.size if covered or self.data_crc == "right" else 0
+            damage.verified += block.starts.size if is_covered else 0
             self.take_declarations(walk.others)
             if not block.counts.keys() <= self.channels.keys():  # the content of other messages is unknown
                 known = np.isin(block.channel, list(self.channels))
@@ -285,8 +278,7 @@ class McapFile(MessageFile):
 
     def walk_of(self, section: Section, head: ChunkHead) -> Walk:
         """The records of a chunk; raises DamagedChunkError."""
-        listed = [places for _, places in section.index]
-        offsets = np.sort(np.concatenate([np.empty(0, np.int64), *listed]), kind="stable")
+        offsets = np.sort(np.concatenate([np.empty(0, np.int64), *section.places]), kind="stable")
         content = unpacked(self.data[head.begin : head.end], head)
         if head.crc and zlib.crc32(content) != head.crc:
             raise DamagedChunkError("does not match its checksum")
@@ -294,18 +286,13 @@ class McapFile(MessageFile):
         if walk.end != len(content):
             raise DamagedChunkError(f"holds no record at byte {walk.end} of its {len(content)} bytes")
         cut_off = section is self.sections[-1] and not self.damage.finished  # so is its index
-        if section.index and not np.array_equal(offsets, walk.places) and not cut_off:
+        if section.places and not np.array_equal(offsets, walk.places) and not cut_off:
             self.damage.remarks.append(f"the index of the chunk at byte {section.start} is wrong; the chunk was walked")
-        lost = section.indexed() - walk.block.counts if not head.crc and walk.unknown else Counter()
+        lost = section.indexed - walk.block.counts if not head.crc and walk.unknown else Counter()
         if lost:  # without a checksum a flipped opcode passes for a private one
             text = f"{lost.total()} messages of the chunk at byte {section.start} are records of unknown opcodes"
             self.damage.lose(text, 0, lost, 0)
         return walk
-
-    def lose(self, section: Section, remark: str, messages: Counter[int] | None = None) -> None:
-        """Count a section as lost, with as many messages as its index lists."""
-        messages = section.indexed() if messages is None and section.index else messages
-        self.damage.lose(remark, section.end - section.start, messages, int(section.is_chunk))
 
     def take_declarations(self, records: Sequence[tuple[int, bytes]]) -> None:
         """Take in schemas and channels; the library raises many kinds of errors on damaged bytes."""
@@ -319,13 +306,14 @@ class McapFile(MessageFile):
 
 
 def read_mcap(path: Path) -> McapFile:
-    """Scan a file; its messages are read by `blocks`. InputError if it is empty or no MCAP file."""
+    """Scan a file. InputError if it is empty or no MCAP file."""
     data = path.read_bytes()
     if data[:8] != MAGIC and (len(data) < 64 or data[-8:] != MAGIC):
         raise InputError(
             f"{path}: not an MCAP file (it begins with {data[:8]!r}); check the path and the source's format"
         )
-    opened = McapFile(path, len(data), data=data)
+    opened = McapFile(path, len(data), "MCAP", data=data)
+    opened.blocks = opened.intact_blocks()
     opened.damage.remarks += ["the magic at the beginning is damaged"] * (data[:8] != MAGIC)
     try:
         opened.scan()
@@ -342,12 +330,14 @@ def two_logs(place: int) -> RefusedFileError:
     )
 
 
-def is_header(data: bytes, start: int, end: int) -> bool:
+def is_header(content: bytes) -> bool:
     """Whether the content of a record is a header: its two texts leave nothing over. A flipped opcode is none."""
-    if end - start < 8:
-        return False
-    library = start + 4 + int(struct.unpack_from("<I", data, start)[0])
-    return library + 4 <= end and bool(library + 4 + struct.unpack_from("<I", data, library)[0] == end)
+    place = 0
+    for _ in range(2):
+        if place + 4 > len(content):
+            return False
+        place += 4 + int(struct.unpack_from("<I", content, place)[0])
+    return place == len(content)
 
 
 def walk_records(buffer: bytes, begin: int, listed: Indices | None = None) -> Walk:
@@ -356,8 +346,9 @@ def walk_records(buffer: bytes, begin: int, listed: Indices | None = None) -> Wa
     In a chunk, `listed` is where messages may be, in order: the walk leaps over those that follow each other.
     """
     leap, others, unknown, position, end = 0, list[tuple[int, bytes]](), 0, begin, len(buffer)
+    head = np.dtype(f"V{MESSAGE.itemsize}")  # bytes are taken fastest
     if listed is not None and listed.size and listed[0] >= 0 and listed[-1] <= end - MESSAGE.itemsize:
-        heads = message_heads(buffer, listed)
+        heads = numbers_at(buffer, listed, head).view(MESSAGE)
         lengths = heads["length"].astype(np.int64)  # what is too large becomes negative
         stops = listed + RECORD.size + lengths
         are_messages = (heads["opcode"] == Opcode.MESSAGE).all() and lengths.min() >= MESSAGE_HEAD
@@ -382,18 +373,12 @@ def walk_records(buffer: bytes, begin: int, listed: Indices | None = None) -> Wa
             break
         position = start + length
     places = np.concatenate([*found, np.array(messages, np.int64)])
-    heads = message_heads(buffer, places)
+    heads = numbers_at(buffer, places, head).view(MESSAGE)
     lengths, logged = (heads[name].astype(np.int64) for name in ("length", "log_time"))
     channel, sequence = heads["channel"].astype(np.uint16), heads["sequence"].astype(np.uint32)
     starts = places + MESSAGE.itemsize
     block = MessageBlock(buffer, channel, sequence, logged, starts, lengths - MESSAGE_HEAD)
     return Walk(block, places, others, position, unknown)
-
-
-def message_heads(buffer: bytes, starts: Indices) -> NDArray[Any]:
-    if not starts.size:
-        return np.empty(0, MESSAGE)
-    return numbers_at(buffer, starts, np.dtype(f"V{MESSAGE.itemsize}")).view(MESSAGE)  # bytes are taken fastest
 
 
 def chunk_head(data: bytes, start: int, end: int) -> ChunkHead | None:
@@ -418,14 +403,13 @@ def is_disguised_chunk(data: bytes, start: int, end: int) -> bool:
 
 def unpacked(packed: bytes, head: ChunkHead) -> bytes:
     """The content of a chunk, which must be of the declared size; raises DamagedChunkError."""
+    content = packed
     try:
         if head.name == b"zstd":
             content = zstandard.ZstdDecompressor().decompress(packed, head.size) if head.size else b""
         elif head.name == b"lz4":
             content = lz4.frame.LZ4FrameDecompressor().decompress(packed)
-        elif head.name == b"":
-            content = packed
-        else:
+        elif head.name != b"":
             name = head.name[:20].decode("latin1")
             raise DamagedChunkError(f"says it is compressed with {name!a}; zstd and lz4 are read")
     except (zstandard.ZstdError, OSError, RuntimeError, EOFError, ValueError, MemoryError, OverflowError) as error:
@@ -433,13 +417,3 @@ def unpacked(packed: bytes, head: ChunkHead) -> bytes:
     if len(content) != head.size:
         raise DamagedChunkError(f"holds {len(content)} of {head.size} bytes")
     return content
-
-
-def message_index(data: bytes, start: int, end: int) -> tuple[int, Indices] | None:
-    """Channel and places of the messages of an index, the content of a record; None if they do not fit in."""
-    if end - start < 6:
-        return None
-    channel, size = struct.unpack_from("<HI", data, start)
-    if size % 16 or size > end - start - 6:
-        return None
-    return channel, np.frombuffer(data, "<i8", size // 8, start + 6)[1::2]  # log time and place of each message

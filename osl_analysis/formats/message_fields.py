@@ -2,7 +2,7 @@
 
 A walk through one ROS message finds where its numbers stand: in the same places in all messages of its *shape*, of the
 same length and the same bytes where strings and sequences tell their lengths (its *guards*). JSON and protobuf become
-objects one by one; those with numbers in the same fields are of one shape.
+objects one by one.
 
 A path is dotted: `position[0]`, `position[name=ankle]` (the element at the place of `ankle` in the array `name` beside
 it). A name with a dot or a bracket stands in brackets, written as JSON writes a text: `functions["loadcell.mz"]`.
@@ -24,22 +24,13 @@ from numpy.typing import NDArray
 from osl_analysis.errors import InputError
 
 Indices = NDArray[np.int64]
-Values = dict[str, NDArray[Any]]
+Values = Mapping[
+    str, NDArray[Any]
+]  # numbers (n,) by path, in the type of the message, masked where one lacks the field
 
 
 class NoNumberError(ValueError):
     """Something else than a number stands in a wanted field."""
-
-
-@dataclass(frozen=True)
-class Columns:
-    """The wanted fields of those messages, or lines, that can be used."""
-
-    rows: Indices  # their places among all, (n,)
-    values: Values  # numbers (n,) by path, in the type of the message
-    present: dict[str, NDArray[np.bool_]]  # whether the message has the field, (n,) by path
-    misfits: int = 0  # how many cannot be used
-    misfit: str = ""  # what is wrong with the first of these
 
 
 PATH_PART = re.compile(
@@ -52,26 +43,19 @@ def steps_of(path: str) -> tuple[tuple[str | int | tuple[str, str], str], ...]:
     """The steps to a field (a name, an index, or an array of names with the wanted one), each with the way to it."""
     steps: list[tuple[str | int | tuple[str, str], str]] = []
     for part in PATH_PART.finditer(path):
-        way = path[: part.start()].rstrip(".")
+        key: str | int | tuple[str, str] | None = part["name"]
         if part["names"] is not None:
-            steps.append(((part["names"], part["one"]), way))
+            key = part["names"], part["one"]
         elif part["index"] is not None:
-            steps.append((int(part["index"]), way))
+            key = int(part["index"])
         elif part["quoted"] is not None:
             try:
-                steps.append((str(json.loads(part["quoted"])), way))
+                key = str(json.loads(part["quoted"]))
             except ValueError:  # an escape that JSON does not know stays as it was written
-                steps.append((part["quoted"][1:-1], way))
-        elif part["name"] is not None:
-            steps.append((part["name"], way))
+                key = part["quoted"][1:-1]
+        if key is not None:
+            steps.append((key, path[: part.start()].rstrip(".")))
     return tuple(steps)
-
-
-def path_to(above: str, name: str) -> str:
-    """The path of the field `name` of the object at the path `above`; empty for the message itself."""
-    if not re.fullmatch(r"[^.\[\]]+", name):
-        return f"{above}[{json.dumps(name, ensure_ascii=False)}]"
-    return f"{above}.{name}" if above else name
 
 
 def last_name(path: str) -> str:
@@ -79,31 +63,77 @@ def last_name(path: str) -> str:
     return next((key for key, _ in reversed(steps_of(path)) if isinstance(key, str)), path)
 
 
-def array_labels(path: str, length: int | None, texts: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+class FieldDescription(NamedTuple):
+    """A number in a message, or an array of numbers, for a user who writes a source file."""
+
+    path: str
+    type: str  # type of the number, such as float64 or bool
+    length: int | None = None  # number of elements in the inspected message; None for a single number
+    elements: Sequence[str] = ()  # of an array: all as `name=ankle` where an array of text beside it tells, else `0`
+
+    def addresses(self) -> list[str]:
+        """The paths of single numbers."""
+        return [self.path] if self.length is None else [f"{self.path}[{element}]" for element in self.elements]
+
+
+def labels_of(path: str, length: int | None, texts: Mapping[str, Sequence[str]]) -> list[str]:
     """Labels of an array's elements, from an array of as many different texts beside it in the message."""
-    parent = path.rpartition(".")[0]
     for array, names in texts.items():
-        beside, _, name = array.rpartition(".")
-        is_beside = beside == parent and re.fullmatch(r"\w+", name)
-        if is_beside and len(names) == length == len(set(names)) and all(one and "]" not in one for one in names):
-            return tuple(f"{name}={one}" for one in names)
-    return ()
+        (parent, _, name), is_sound = array.rpartition("."), all(one and "]" not in one for one in names)
+        beside = parent == path.rpartition(".")[0] and re.fullmatch(r"\w+", name)
+        if beside and len(names) == length == len(set(names)) and is_sound:
+            return [f"{name}={one}" for one in names]
+    return []
+
+
+def fields_in(
+    value: Any, most: int, cut: dict[str, int], path: str = "", kind: str = "", texts: Mapping[str, Any] | None = None
+) -> Iterator[FieldDescription]:
+    """The numbers of an object, or of a value in it, of the type `kind` if its schema names one.
+
+    `most` elements of an array without labels are described; `cut` takes the lengths of longer ones. `texts` are the
+    arrays of text beside the value.
+    """
+    types = dict.fromkeys(value, "") if isinstance(value, dict) else {}
+    if hasattr(value, "DESCRIPTOR"):
+        # types of numbers by `FieldDescriptor.cpp_type`; the last one is an enumeration, and others are no numbers
+        by_number = ("", "int32", "int64", "uint32", "uint64", "float64", "float32", "bool", "int32", "", "")
+        for one in value.DESCRIPTOR.fields:
+            if not (one.message_type and one.message_type.GetOptions().map_entry):  # maps are no fields
+                types[one.name] = by_number[one.cpp_type]
+    inner = {}
+    for name, of in types.items():
+        own = f"{path}.{name}".removeprefix(".")
+        if not re.fullmatch(r"[^.\[\]]+", name):
+            own = f"{path}[{json.dumps(name, ensure_ascii=False)}]"
+        inner[own] = member(value, name), of
+    beside = {own: list(one) for own, (one, _) in inner.items() if is_array(one) and all_are(str, one)}
+    for own, (one, of) in inner.items():
+        yield from fields_in(one, most, cut, own, of, beside)
+    if isinstance(value, int | float):
+        yield FieldDescription(path, kind or np.dtype(type(value)).name)
+    elif is_array(value):
+        numbers = [one for one in value if one is not None]
+        labels = labels_of(path, len(value), texts or {}) if all_are(int | float, numbers) else []
+        if len(value) > most and not labels:
+            cut[path] = len(value)
+        if all_are(int | float, numbers):
+            kept = [name for name, one in zip(labels or map(str, range(most)), value, strict=False) if one is not None]
+            if kept:
+                yield FieldDescription(path, kind or np.dtype(type(numbers[0])).name, len(value), kept)
+        else:
+            for index, one in enumerate(value[:most]):
+                yield from fields_in(one, most, cut, f"{path}[{index}]")
 
 
 @dataclass(frozen=True)
-class FieldDescription:
-    """A number in a message, or an array of numbers, for a user who writes a source file."""
+class Columns:
+    """The wanted fields of those messages, or lines, that can be used."""
 
-    path: str  # dotted path; of an array of messages it passes element 0
-    type: str  # type of the number, such as float64 or bool
-    length: int | None = None  # number of elements in the inspected message; None for a single number
-    labels: tuple[str, ...] = ()  # the array's elements, such as `name=ankle`, where an array of text beside it tells
-
-    def addresses(self) -> list[str]:
-        """The paths of single numbers: every labelled element, or else element 0."""
-        if self.length is None:
-            return [self.path]
-        return [f"{self.path}[{label}]" for label in self.labels] or [f"{self.path}[0]"]
+    rows: Indices  # their places among all, (n,)
+    values: Values
+    misfits: int = 0  # how many cannot be used
+    misfit: str = ""  # what is wrong with the first of these
 
 
 @dataclass
@@ -116,8 +146,8 @@ class Reader:
     count: int = 0  # messages so far
     misfit: str = ""  # what is wrong with the first message that is not what its type says
     no_numbers: int = 0  # messages that are lost since they have something else than a number
-    one_by_one: int = 0  # messages that were read one by one
-    parts: list[tuple[Indices, Values]] = field(default_factory=list)  # places and numbers of messages of one shape
+    found: list[tuple[int, list[Any]]] = field(default_factory=list)  # place and numbers of those read one by one
+    parts: list[tuple[Indices, Values]] = field(default_factory=list)  # the same of messages of one shape
     shapes: dict[int, list["Shape"]] = field(default_factory=lambda: defaultdict(list))  # of ROS, by length
 
     def place(self, row: int) -> str:
@@ -129,109 +159,75 @@ class Reader:
         if not isinstance(self.kind, MessageType):
             ends = (starts + lengths).tolist()
             return self.take(buffer[start:end] for start, end in zip(starts.tolist(), ends, strict=True))
-        alike = not lengths.size or bool((lengths == lengths[0]).all())
-        for length in lengths[:1].tolist() if alike else np.unique(lengths).tolist():
-            mine = np.flatnonzero(lengths == length)
-            rest, known, tried = messages_at(buffer, starts[mine], length), self.shapes[length], 0
+        for length in np.unique(lengths).tolist():
+            mine, known, tried = np.flatnonzero(lengths == length), self.shapes[length], 0
             while mine.size:
                 if tried == len(known):  # the first message of a shape tells it
+                    start = int(starts[mine[0]])
                     try:
-                        known.append(shape_of(self.kind, rest[0].tobytes(), self.paths))
+                        known.append(shape_of(self.kind, buffer[start : start + length], self.paths))
                     except (InputError, RecursionError) as error:
                         self.misfit = self.misfit or str(error)
-                        mine, rest = mine[1:], rest[1:]
+                        mine = mine[1:]
                         continue
-                same = known[tried].fits(rest)
-                if same.all():
-                    self.parts.append((self.count + mine, known[tried].read(rest)))
-                    break
+                same = known[tried].fits(buffer, starts[mine])
                 if same.any():
-                    self.parts.append((self.count + mine[same], known[tried].read(rest[same])))
-                    mine, rest = mine[~same], rest[~same]
-                tried += 1
+                    self.parts.append((self.count + mine[same], known[tried].read(buffer, starts[mine[same]])))
+                mine, tried = mine[~same], tried + 1
         self.count += starts.size
         return None
 
     def take(self, payloads: Iterable[bytes]) -> None:
-        """Take in messages that become objects; those with numbers, or truth values, in the same fields are alike."""
-        by_shape: dict[tuple[bool | None, ...], tuple[list[int], list[list[Any]]]] = defaultdict(lambda: ([], []))
+        """Take in messages that become objects."""
         for payload in payloads:
             self.count += 1
             try:
                 message = self.kind(payload)
-                found = [number_at(message, path) for path in self.paths]
+                self.found.append((self.count - 1, [number_at(message, path) for path in self.paths]))
             except NoNumberError as error:
                 self.no_numbers += 1
                 self.misfit = self.misfit or f"{error}, in {self.place(self.count - 1)}"
             except (ValueError, RecursionError) as error:
                 self.misfit = self.misfit or str(error)
-            else:
-                rows, numbers = by_shape[tuple(None if one is None else one.__class__ is bool for one in found)]
-                self.one_by_one += 1
-                rows.append(self.count - 1)
-                numbers.append(found)
-        for shape, (rows, numbers) in by_shape.items():
-            values = {}
-            for path, is_bool, column in zip(self.paths, shape, zip(*numbers, strict=True), strict=False):
-                if is_bool is not None:
-                    unsigned = all(one.__class__ is int for one in column) and min(column) >= 0 and max(column) < 2**64
-                    large = unsigned and max(column) >= 2**63  # numpy would make floats of these beside small ones
-                    array = np.array(column, np.uint64 if large else None)
-                    values[path] = array.astype(np.float64) if array.dtype == object else array
-            self.parts.append((np.array(rows, np.int64), values))
 
     def columns(self, rank: Indices | None = None) -> Columns:
         """What was read, in the order of `rank`, which all messages have, (count,); without it as it was read.
 
         A message with a truth value where others have a number is a misfit: joined, `True` would become 1.
         """
-        kinds = {
-            path: {values[path].dtype == bool for _, values in self.parts if path in values} for path in self.paths
-        }
-        sound, lost = list[tuple[Indices, Values]](), list[tuple[int, str, bool]]()
-        for rows, values in self.parts:
-            wrong = [path for path in values if len(kinds[path]) > 1 and values[path].dtype == bool]
-            if wrong:
-                lost.append((int(rows[0]), min(wrong), bool(values[min(wrong)][0])))
-            else:
-                sound.append((rows, values))
+        mixed, parts = list[int](), self.parts
+        for place, column in enumerate(zip(*(numbers for _, numbers in self.found), strict=True)):
+            if len({one.__class__ is bool for one in column if one is not None}) > 1:
+                mixed.append(place)
+        lost = [(row, place) for row, numbers in self.found for place in mixed if numbers[place].__class__ is bool]
+        sound = [one for one in self.found if one[0] not in {row for row, _ in lost}] if lost else self.found
         if lost and not self.misfit:
-            row, path, value = min(lost)
-            self.misfit = f"field '{path}' is {str(value).lower()}, not a number as elsewhere, in {self.place(row)}"
-        rows = np.concatenate([np.empty(0, np.int64), *(rows for rows, _ in sound)])
+            (row, place), by_row = lost[0], dict(self.found)
+            value = str(by_row[row][place]).lower()
+            self.misfit = f"field '{self.paths[place]}' is {value}, not a number as elsewhere, in {self.place(row)}"
+        if sound:
+            columns = map(masked_numbers, zip(*(numbers for _, numbers in sound), strict=True))
+            parts = [(np.array([row for row, _ in sound]), dict(zip(self.paths, columns, strict=True)))]
+        rows = np.concatenate([np.empty(0, np.int64), *(rows for rows, _ in parts)])
         order = np.argsort(rows if rank is None else rank[rows], kind="stable")
-        in_order = slice(None) if (np.diff(order) == 1).all() else order
-        columns = Columns(rows[in_order], {}, {}, self.count - rows.size, self.misfit)
-        none = np.empty(0, bool)
+        values, none = {}, np.empty(0, bool)
         for path in self.paths:
-            found = [values.get(path, np.zeros(rows.size, bool)) for rows, values in sound]
-            there = [np.full(rows.size, path in values) for rows, values in sound]
-            columns.values[path] = joined_numbers([none, *found])[in_order]
-            columns.present[path] = np.concatenate([none, *there])[in_order]
-        return columns
+            pieces = [one.get(path, np.ma.array(np.zeros(rows.size, bool), mask=True)) for rows, one in parts]
+            values[path] = np.ma.concatenate([none, *pieces])[order]  # type: ignore[no-untyped-call]
+        return Columns(rows[order], values, self.count - rows.size, self.misfit)
 
 
-def joined_numbers(pieces: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Numbers one after the other, in one type that holds them all; numpy would make floats of signed and unsigned."""
-    if {one.dtype.kind for one in pieces} - {"b"} == {"i", "u"} and all((one >= 0).all() for one in pieces):
-        return np.concatenate([one.astype(np.uint64) for one in pieces])
-    return np.concatenate(pieces)
-
-
-def reader_of(channel: Channel, schema: Schema | None, paths: Sequence[str]) -> Reader:
-    """A reader of the fields at `paths`; InputError if the channel's encoding or schema cannot be read."""
-    check_encoding(channel, schema)
-    if channel.message_encoding == "json" or schema is None:
-        return Reader(paths, json_object)
-    try:
-        if channel.message_encoding == "protobuf":
-            return Reader(paths, protobuf_decoder(schema))
-        return Reader(paths, message_type(schema, ros1=channel.message_encoding == "ros1"))
-    except InputError as error:
-        raise InputError(
-            f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions that its "
-            "publisher was built with, or map another topic"
-        ) from error
+def masked_numbers(column: Sequence[float | bool | None]) -> NDArray[Any]:
+    """Numbers, masked where there is none; whole ones in the type that holds them exactly, if one does."""
+    known = [0 if one is None else one for one in column]
+    kinds = {one.__class__ for one in column if one is not None}
+    kind: Any = np.float64 if kinds - {bool} else bool
+    if kinds == {int}:
+        sound = (
+            one for one in (np.int64, np.uint64) if np.iinfo(one).min <= min(known) <= max(known) <= np.iinfo(one).max
+        )
+        kind = next(sound, np.float64)
+    return np.ma.array(np.array(known, kind), mask=[one is None for one in column])
 
 
 NOT_DEFINED = "not defined"  # key in a channel's metadata: why the channel has no schema, and what to do
@@ -249,19 +245,40 @@ def check_encoding(channel: Channel, schema: Schema | None) -> None:
         )
 
 
+def kind_of(channel: Channel, schema: Schema | None) -> "MessageType | Callable[[bytes], Any]":
+    """The type of a channel's messages of ROS, or what makes objects of others; InputError if the schema is damaged."""
+    if channel.message_encoding == "json" or schema is None:
+        return json_object
+    if channel.message_encoding == "protobuf":
+        return protobuf_decoder(schema)
+    return message_type(schema, ros1=channel.message_encoding == "ros1")
+
+
+def reader_of(channel: Channel, schema: Schema | None, paths: Sequence[str]) -> Reader:
+    """A reader of the fields at `paths`; InputError if the channel's encoding or schema cannot be read."""
+    check_encoding(channel, schema)
+    try:
+        return Reader(paths, kind_of(channel, schema))
+    except InputError as error:
+        raise InputError(
+            f"topic '{channel.topic}': {str(error).replace('; ', ', ')}; record again with the definitions that its "
+            "publisher was built with, or map another topic"
+        ) from error
+
+
 def describe_message(channel: Channel, schema: Schema | None, payload: bytes | None) -> list[FieldDescription]:
     """The fields of a channel's message; without a message, the fields of its schema. ValueError as `reader_of`."""
     check_encoding(channel, schema)
-    if channel.message_encoding == "json" or schema is None:
-        return [] if payload is None else list(described(json.loads(payload)))
-    if channel.message_encoding == "protobuf":
-        return list(described(protobuf_decoder(schema)(payload or b"")))
-    shape = shape_of(message_type(schema, ros1=channel.message_encoding == "ros1"), payload)
+    kind = kind_of(channel, schema)
+    if not isinstance(kind, MessageType):
+        no_schema = payload is None and kind is json_object
+        return [] if no_schema else list(fields_in(kind(payload or b""), 1, {}))
+    shape = shape_of(kind, payload)
     texts: dict[str, list[str]] = defaultdict(list)
     for path, (_, text) in shape.texts.items():
         texts[path.rpartition("[")[0]].append(text)
     return [
-        FieldDescription(path, np.dtype(leaf.dtype).name, leaf.length, array_labels(path, leaf.length, texts))
+        FieldDescription(path, np.dtype(leaf.dtype).name, leaf.length, labels_of(path, leaf.length, texts) or ["0"])
         for path, leaf in shape.leaves.items()
         if not re.search(r"\[(?!0\])\d+\]", path)  # of an array of messages the first one tells
     ]
@@ -277,12 +294,8 @@ ROS1_AS_ROS2 = {"time": "ros1/Time", "duration": "ros1/Duration", "Header": "std
 """What the types that ROS 2 does not have, or means otherwise, are (wiki.ros.org/msg)."""
 
 
-class MessageField(NamedTuple):
-    """One field of a message type."""
-
-    name: str
-    type: str  # a primitive, a string or `package/Name`
-    array: int | None = None  # length of an array, -1 where it is in the message; None for no array
+# name, type (a primitive, a string or `package/Name`), and the length of an array: -1 where the message tells it
+MessageField = tuple[str, str, int | None]
 
 
 class MessageType(NamedTuple):
@@ -301,12 +314,12 @@ def short_name(name: str) -> str:
 
 def message_type(schema: Schema, *, ros1: bool) -> MessageType:
     """The type that a schema in ros2msg or ros1msg defines; InputError if it cannot be read."""
-    text = schema.data.decode(errors="replace")
-    stamp = [MessageField("sec", "int32"), MessageField("nanosec", "uint32")]
+    known = (*PRIMITIVES, "string", "wstring")
+    stamp: list[MessageField] = [("sec", "int32", None), ("nanosec", "uint32", None)]
     definitions = {"builtin_interfaces/Time": stamp, "builtin_interfaces/Duration": stamp}
-    if ros1:
-        for name, seconds in (("ros1/Time", "uint32"), ("ros1/Duration", "int32")):
-            definitions[name] = [MessageField("secs", seconds), MessageField("nsecs", seconds)]
+    for name, seconds in (("ros1/Time", "uint32"), ("ros1/Duration", "int32")) if ros1 else ():
+        definitions[name] = [("secs", seconds, None), ("nsecs", seconds, None)]
+    text = schema.data.decode(errors="replace")
     for number, part in enumerate(re.split(r"^={3,}\s*$", text, flags=re.MULTILINE)):
         head = re.match(r"\s*MSG:\s*(\S+)[ \t]*$", part, re.MULTILINE) if number else None
         if number and not head:
@@ -321,21 +334,18 @@ def message_type(schema: Schema, *, ros1: bool) -> MessageType:
             if not match or line[match.end() :].lstrip().startswith("="):  # a constant
                 continue
             kind, array = ROS1_AS_ROS2.get(match["type"], match["type"]) if ros1 else match["type"], None
-            if kind not in (*PRIMITIVES, "string", "wstring"):  # a bare name belongs to the package that uses it
+            if kind not in known:  # a bare name belongs to the package that uses it
                 kind = short_name(kind) if "/" in kind else f"{owner.split('/')[0]}/{kind}"
             if match["array"] is not None:
                 array = int(match["size"]) if match["size"] and not match["bound"] else -1
-            if match["name"] in [one.name for one in fields]:
+            if match["name"] in [name for name, *_ in fields]:
                 raise InputError(f"schema {owner}: field '{match['name']}' is defined twice")
-            fields.append(MessageField(match["name"], kind, array))
+            fields.append((match["name"], kind, array))
     for owner, fields in definitions.items():
-        for one in fields:
-            if one.type not in definitions and one.type not in (*PRIMITIVES, "string", "wstring"):
-                raise InputError(f"schema {owner}: type '{one.type}' of field '{one.name}' is not defined")
+        for name, kind, _ in fields:
+            if kind not in definitions and kind not in known:
+                raise InputError(f"schema {owner}: type '{kind}' of field '{name}' is not defined")
     return MessageType(short_name(schema.name), definitions, ros1)
-
-
-Messages = np.ndarray[tuple[int], np.dtype[np.void]]  # messages of one length, one after the other
 
 
 class Leaf(NamedTuple):
@@ -375,22 +385,24 @@ class Shape:
             return None
         return Leaf(array.offset + key * np.dtype(array.dtype).itemsize, array.dtype)
 
-    def fits(self, messages: Messages) -> NDArray[np.bool_]:
-        """Which messages of this length have this shape, (messages,)."""
-        same = np.ones(messages.size, bool)
+    def fits(self, buffer: bytes, starts: Indices) -> NDArray[np.bool_]:
+        """Which messages of this length, that begin at `starts` [bytes], have this shape, (messages,)."""
+        same = np.ones(starts.size, bool)
         for guard in self.guards:
             length = guard.stop - guard.start
             kind = np.dtype({2: "u2", 4: "u4"}.get(length, f"S{length}"))
             if length:
-                same &= members_at(messages, guard.start, kind) == np.frombuffer(self.payload, kind, 1, guard.start)
+                same &= numbers_at(buffer, starts + guard.start, kind) == np.frombuffer(
+                    self.payload, kind, 1, guard.start
+                )
         return same
 
-    def read(self, messages: Messages) -> Values:
-        """The wanted numbers of messages of this shape, by path."""
+    def read(self, buffer: bytes, starts: Indices) -> Values:
+        """The wanted numbers of messages of this shape."""
         values = {}
         for path, leaf in self.wanted.items():
             kind = np.dtype(leaf.dtype.replace("?", "u1"))
-            native = members_at(messages, leaf.offset, kind).astype(kind.newbyteorder("="))
+            native = numbers_at(buffer, starts + leaf.offset, kind).astype(kind.newbyteorder("="))
             values[path] = native != 0 if "?" in leaf.dtype else native
         return values
 
@@ -409,8 +421,7 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
 
     def align(size: int) -> None:
         nonlocal position
-        if not kind.ros1:
-            position += (begin - position) % size
+        position += 0 if kind.ros1 else (begin - position) % size
 
     def length() -> int:
         """Read the length of a string or a sequence; its bytes become guards."""
@@ -424,30 +435,27 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
 
     def walk(name: str, prefix: str) -> None:
         nonlocal position
-        fields = kind.definitions[name]
-        position += not fields and not kind.ros1  # one without fields has a byte in CDR
-        for item in fields:
-            path = f"{prefix}{item.name}"
-            if item.type == "wstring":
+        position += not kind.definitions[name] and not kind.ros1  # one without fields has a byte in CDR
+        for own_name, own_type, array in kind.definitions[name]:
+            path, number = f"{prefix}{own_name}", PRIMITIVES.get(own_type)
+            if own_type == "wstring":
                 raise InputError(f"field '{path}' is a wstring, which has no portable encoding; record it as string")
-            number = PRIMITIVES.get(item.type)
-            size = np.dtype(number).itemsize if number else 4 if item.type == "string" else 1  # at least
-            count = 1 if item.array is None else length() if item.array < 0 else item.array
-            if item.array is not None and count * size > len(data) - position:
+            size = np.dtype(number).itemsize if number else 4 if own_type == "string" else 1  # at least
+            count = 1 if array is None else length() if array < 0 else array
+            if array is not None and count * size > len(data) - position:
                 raise too_short  # a damaged length would make a loop without end
             if number:
                 if count:
                     align(size)
-                shape.leaves[path] = Leaf(position, order + number, None if item.array is None else count)
+                shape.leaves[path] = Leaf(position, order + number, None if array is None else count)
                 position += count * size
                 continue
-            for index in range(count):
-                own = path if item.array is None else f"{path}[{index}]"
-                if item.type != "string":
-                    walk(item.type, f"{own}.")
+            for own in [path] if array is None else [f"{path}[{index}]" for index in range(count)]:
+                if own_type != "string":
+                    walk(own_type, f"{own}.")
                     continue
                 size = length()
-                if item.array is not None:
+                if array is not None:
                     text = data[position : position + size].rstrip(b"\0").decode(errors="replace")
                     shape.texts[own] = slice(position, position + size), text
                 position += size
@@ -476,22 +484,8 @@ def shape_of(kind: MessageType, payload: bytes | None, paths: Sequence[str] = ()
 
 def numbers_at(buffer: bytes, places: Indices, kind: np.dtype[Any]) -> NDArray[Any]:
     """The numbers of one type at places in a buffer [bytes], which need not be aligned, (places,)."""
-    everywhere = np.ndarray((len(buffer) - kind.itemsize + 1,), kind, buffer, 0, (1,))
+    everywhere = np.ndarray((max(0, len(buffer) - kind.itemsize + 1),), kind, buffer, 0, (1,))
     return everywhere[places]
-
-
-def messages_at(buffer: bytes, starts: Indices, length: int) -> Messages:
-    """Messages of one length that begin at places in a buffer [bytes], (starts,): a view where these are even."""
-    steps = np.diff(starts)
-    if not length or not steps.size or (steps != steps[0]).any():
-        return numbers_at(buffer, starts, np.dtype(f"V{length}"))
-    return np.ndarray(starts.shape, f"V{length}", buffer, int(starts[0]), (int(steps[0]),))
-
-
-def members_at(messages: Messages, offset: int, kind: np.dtype[Any]) -> NDArray[Any]:
-    """A view of the numbers of one type at a place [bytes] in each message, (messages,)."""
-    record = np.dtype({"names": ["it"], "formats": [kind], "offsets": [offset], "itemsize": messages.itemsize})
-    return messages.view(record)["it"]
 
 
 def number_at(message: Any, path: str) -> float | bool | None:
@@ -509,7 +503,7 @@ def number_at(message: Any, path: str) -> float | bool | None:
             names = None if parent is None else member(parent, key[0])
             if names is not None and not is_array(names):
                 raise no_number(names, key[0], "an array of names")
-            key = names.index(key[1]) if names and key[1] in names else len(value)
+            key = list(names).index(key[1]) if names and key[1] in names else len(value)
         value = value[key] if key < len(value) else None
     if value is None or value.__class__ in (int, float, bool):
         return value
@@ -527,11 +521,13 @@ def no_number(value: Any, way: str, expected: str) -> NoNumberError:
     return NoNumberError(f"{what} is {shown}, not {expected}")
 
 
-def is_array(value: Any, of: Any = None) -> bool:
-    """Whether a value is an array; if `of` types are named, one that has elements, all of these types."""
-    if not isinstance(value, Sequence) or isinstance(value, str | bytes):
-        return False
-    return of is None or (len(value) > 0 and all(isinstance(one, of) for one in value))
+def is_array(value: Any) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
+
+
+def all_are(kind: Any, values: Sequence[Any]) -> bool:
+    """Whether there are values, all of a kind."""
+    return len(values) > 0 and all(isinstance(one, kind) for one in values)
 
 
 def member(record: Any, name: str, way: str = "") -> Any:
@@ -545,30 +541,6 @@ def member(record: Any, name: str, way: str = "") -> Any:
     if item is None or (item.has_presence and not record.HasField(name)):
         return None
     return getattr(record, name)
-
-
-def described(
-    value: Any, path: str = "", kind: str = "", texts: Mapping[str, Any] | None = None
-) -> Iterator[FieldDescription]:
-    """The numbers of one value, of the type `kind` if its schema names one; `texts` are arrays of text beside it."""
-    types = dict.fromkeys(value, "") if isinstance(value, dict) else {}
-    if hasattr(value, "DESCRIPTOR"):
-        # types of numbers by `FieldDescriptor.cpp_type`; the last one is an enumeration, and others are no numbers
-        by_number = ("", "int32", "int64", "uint32", "uint64", "float64", "float32", "bool", "int32", "", "")
-        for one in value.DESCRIPTOR.fields:
-            if not (one.message_type and one.message_type.GetOptions().map_entry):  # maps are no fields
-                types[one.name] = by_number[one.cpp_type]
-    inner = {path_to(path, name): (member(value, name), of) for name, of in types.items()}
-    beside = {name: list(one) for name, (one, _) in inner.items() if is_array(one, str)}
-    for name, (one, of) in inner.items():
-        yield from described(one, name, of, beside)
-    if is_array(value, int | float):
-        labels = array_labels(path, len(value), texts or {})
-        yield FieldDescription(path, kind or np.dtype(type(value[0])).name, len(value), labels)
-    elif is_array(value) and value:
-        yield from described(value[0], f"{path}[0]")
-    elif isinstance(value, int | float):
-        yield FieldDescription(path, kind or np.dtype(type(value)).name)
 
 
 def json_object(text: bytes) -> Any:

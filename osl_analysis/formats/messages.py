@@ -22,7 +22,6 @@ from osl_analysis.formats.message_fields import (
     Reader,
     Values,
     describe_message,
-    joined_numbers,
     reader_of,
 )
 
@@ -169,14 +168,11 @@ class MessageFile:
 
     path: Path  # where the log is: a file, or the folder of its parts
     size: int  # its size [bytes]
+    kind: str = "bag"  # what it is, for messages
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     damage: Damage = field(default_factory=Damage)
-    kind: str = "bag"  # what it is, for messages
-
-    def blocks(self) -> Iterator[MessageBlock]:
-        """The messages in the order of the file. Call it once."""
-        raise NotImplementedError
+    blocks: Iterator[MessageBlock] = field(init=False)  # the messages in the order of the file, to be read once
 
     def declare(self, one: Channel | Schema) -> None:
         """Take in a channel or a schema. A number means one thing throughout a file."""
@@ -193,55 +189,47 @@ class MessageFile:
         return [channel.id for channel in self.channels.values() if channel.topic == topic]
 
 
-@dataclass
-class SplitLog(MessageFile):
-    """The files of one recording, one after the other. A topic has one channel in all of them."""
+def joined_parts(path: Path, parts: Sequence[MessageFile], counts: Counter[str]) -> MessageFile:
+    """The files of one recording, one after the other; `counts` are the messages of each topic in all of them."""
+    whole = MessageFile(path, sum(part.size for part in parts))
+    whole.blocks = blocks_of_parts(whole, parts, counts)
+    return whole
 
-    parts: Sequence[MessageFile] = ()  # the files, in the order of recording
-    counts: Counter[str] | None = None  # messages of each topic in all of them; None where each part counts its own
-    numbers: dict[tuple[object, ...], int] = field(default_factory=dict)  # channel by topic, encoding and definition
 
-    def blocks(self) -> Iterator[MessageBlock]:
-        """The messages of all parts. Call it once; raises InputError if a part cannot be read."""
-        total, own = self.damage, [part.damage for part in self.parts]
-        total.finished = True
-        declared = Counter[int]()
-        for part, one in zip(self.parts, own, strict=True):
-            for block in part.blocks():
-                number_of = np.zeros(1 << 16, np.uint16)
-                for channel in block.counts:
-                    number_of[channel] = self.number(part, channel)
-                yield replace(block, channel=number_of[block.channel])
-            number = {channel: self.number(part, channel) for channel in sorted(part.channels)}
-            pairs: list[tuple[Counter[int], Counter[int] | None]]
-            pairs = [(total.read, one.read), (total.indexed_lost, one.indexed_lost), (declared, one.declared)]
-            for whole, counts in pairs:
-                whole.update({number[channel]: n for channel, n in (counts or {}).items() if channel in number})
-            total.finished &= one.finished
-            total.gaps |= one.gaps
-            total.uncounted |= one.uncounted
-            for name in ("verified", "chunks", "chunks_lost", "bytes", "bytes_lost"):
-                setattr(total, name, getattr(total, name) + getattr(one, name))
-            total.remarks += [f"{part.path.name}: {remark}" for remark in one.remarks]
-        if self.counts is not None:
-            total.declared_messages = self.counts.total()
-            if len({channel.topic for channel in self.channels.values()}) == len(self.channels):
-                total.declared = Counter({c.id: self.counts[c.topic] for c in self.channels.values()})
-        elif all(one.declared is not None and one.declared_chunks is not None for one in own):
-            total.declared = declared
-            total.declared_messages = sum(one.declared_messages or 0 for one in own)
-            total.declared_chunks = sum(one.declared_chunks or 0 for one in own)
+def blocks_of_parts(whole: MessageFile, parts: Sequence[MessageFile], counts: Counter[str]) -> Iterator[MessageBlock]:
+    """The messages of all parts. A channel has one number in all of them, and their damage is that of the whole."""
+    numbers, total = dict[tuple[object, ...], int](), whole.damage
+    total.finished = True
 
-    def number(self, part: MessageFile, own: int) -> int:
-        """The channel, in all parts, of a part's own channel."""
+    def number_of(part: MessageFile, own: int) -> int:
         channel = part.channels[own]
         schema = part.schemas.get(channel.schema_id)
         meaning = channel.topic, channel.message_encoding, schema and (schema.name, schema.encoding, schema.data)
-        number = self.numbers.setdefault(meaning, len(self.numbers))
+        number = numbers.setdefault(meaning, len(numbers))
         if schema:
-            self.schemas[number + 1] = replace(schema, id=number + 1)
-        self.channels[number] = replace(channel, id=number, schema_id=number + 1 if schema else 0)
+            whole.schemas[number + 1] = replace(schema, id=number + 1)
+        whole.channels[number] = replace(channel, id=number, schema_id=number + 1 if schema else 0)
         return number
+
+    for part in parts:
+        own = part.damage
+        for block in part.blocks:
+            renumbered = np.zeros(1 << 16, np.uint16)
+            for channel in block.counts:
+                renumbered[channel] = number_of(part, channel)
+            yield replace(block, channel=renumbered[block.channel])
+        known = {channel: number_of(part, channel) for channel in sorted(part.channels)}
+        for sums, own_counts in ((total.read, own.read), (total.indexed_lost, own.indexed_lost)):
+            sums.update({known[channel]: n for channel, n in own_counts.items() if channel in known})
+        total.finished &= own.finished
+        total.gaps |= own.gaps
+        total.uncounted |= own.uncounted
+        for name in ("verified", "chunks", "chunks_lost", "bytes", "bytes_lost"):
+            setattr(total, name, getattr(total, name) + getattr(own, name))
+        total.remarks += [f"{part.path.name}: {remark}" for remark in own.remarks]
+    total.declared_messages = counts.total()
+    if len({channel.topic for channel in whole.channels.values()}) == len(whole.channels):
+        total.declared = Counter({one.id: counts[one.topic] for one in whole.channels.values()})
 
 
 @dataclass
@@ -302,9 +290,9 @@ class ChannelReader:
         except (ValueError, RecursionError):
             fields = []
         words: list[str] = []
-        for one in fields:
-            as_whole = one.path if one.length is None else f"{one.path}[0..{one.length - 1}]"
-            words += [] if one.length == 0 else one.addresses() if one.labels else [as_whole]
+        for one in [one for one in fields if one.length != 0]:
+            is_named = one.length is None or not one.elements[0].isdigit()
+            words += one.addresses() if is_named else [f"{one.path}[0..{(one.length or 0) - 1}]"]
         return listing(words)
 
 
@@ -314,8 +302,7 @@ class Decoded:
 
     log_time: Indices  # when each message was logged [ns]
     channel: NDArray[np.uint16]  # number of each message's channel
-    values: Values  # numbers by path of the field, in the type of the message
-    present: dict[str, NDArray[np.bool_]]  # whether the message has the field, by path
+    values: Values  # numbers by path of the field
     how: list[dict[str, Any]]  # how the messages of each channel were decoded, for the provenance
 
 
@@ -324,7 +311,7 @@ def decode_topics(
 ) -> dict[str, Decoded]:
     """The wanted fields of each topic, from all channels; InputError if one that is not `optional` is not there."""
     by_topic: dict[str, dict[int, ChannelReader]] = {topic: {} for topic in wanted}
-    for block in file.blocks():
+    for block in file.blocks:
         for number in block.counts:
             channel = file.channels[number]
             if channel.topic in wanted:
@@ -356,11 +343,10 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
             if one.columns.misfits == one.reader.no_numbers > 0:
                 raise one.wrong_field(one.reader.misfit)
         raise InputError(f"topic '{topic}': {readers[0].reader.misfit}; record the log again, or exclude the trial")
-    first, *others = (one.columns for one in used)
-    for path in first.values if others else ():
-        first.values[path] = joined_numbers([one.columns.values[path] for one in used])
-        first.present[path] = np.concatenate([one.columns.present[path] for one in used])
-    for path in [path for path in needed if not first.present[path].any()]:
+    values = {}
+    for path in used[0].columns.values:
+        values[path] = np.ma.concatenate([one.columns.values[path] for one in used])  # type: ignore[no-untyped-call]
+    for path in [path for path in needed if np.ma.getmaskarray(values[path]).all()]:
         raise InputError(
             f"topic '{topic}' has no field '{path}' (it has {readers[0].names_of_fields()}); correct `field` in the "
             "source file, or exclude the trial if its log is not the right one"
@@ -371,12 +357,12 @@ def decoded_topic(file: MessageFile, topic: str, readers: Sequence[ChannelReader
             "channel": one.channel.id,
             "encoding": one.channel.message_encoding,
             "messages": one.reader.count,
-            "one_by_one": one.reader.one_by_one,
+            "one_by_one": len(one.reader.found),
             "misfits": one.columns.misfits,
         }
         for one in readers
     ]
-    return Decoded(np.concatenate([one.log_time for one in used]), channel, first.values, first.present, how)
+    return Decoded(np.concatenate([one.log_time for one in used]), channel, values, how)
 
 
 @dataclass
@@ -392,7 +378,7 @@ class ChannelSurvey:
 def survey_channels(file: MessageFile) -> list[ChannelSurvey]:
     first: dict[int, bytes] = {}
     stamps: dict[int, list[Indices]] = defaultdict(lambda: [np.empty(0, np.int64)])
-    for block in file.blocks():
+    for block in file.blocks:
         for number in block.counts:
             mine = block.only(block.channel == number)
             stamps[number].append(mine.log_time)

@@ -8,9 +8,8 @@ import sqlite3
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from urllib.parse import quote
 
 import numpy as np
@@ -23,7 +22,7 @@ from osl_analysis.formats import optional_module
 from osl_analysis.formats.mcap import MAGIC as MCAP
 from osl_analysis.formats.mcap import read_mcap
 from osl_analysis.formats.message_fields import NOT_DEFINED, message_type, numbers_at, short_name
-from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFileError, SplitLog
+from osl_analysis.formats.messages import MessageBlock, MessageFile, RefusedFileError, joined_parts
 
 BAG1 = b"#ROSBAG V2.0\n"
 ANY_BAG1 = b"#ROSBAG V"
@@ -31,41 +30,8 @@ SQLITE = b"SQLite format 3\0"
 DESCRIPTION = "metadata.yaml"  # beside the parts of a ROS 2 bag: lists them, and how many messages each topic has
 
 
-@dataclass
-class Bag1(MessageFile):
-    """A ROS 1 bag whose index was read; `blocks` reads its messages. Every intact chunk is read."""
-
-    counts: dict[int, Counter[int]] = field(default_factory=dict)  # messages by channel of the chunk at a byte
-    chunks: dict[int, Any] = field(default_factory=dict)  # size, place and decompressor of the chunk at a byte
-    # place in the chunk, channel and time [ns] of each message of the chunk at a byte
-    index: dict[int, list[tuple[int, int, int]]] = field(default_factory=lambda: defaultdict(list))
-
-    def blocks(self) -> Iterator[MessageBlock]:
-        """The messages of every intact chunk, in the order of the file. Call it once."""
-        for at, (size, start, unpack) in sorted(self.chunks.items()):
-            with self.path.open("rb") as file:
-                file.seek(start)
-                packed = file.read(size)
-            try:
-                content = unpack(packed)
-                places, channel, time = np.array(sorted(self.index[at]), np.int64).reshape(-1, 3).T
-                bodies = places + 4 + numbers_at(content, places, np.dtype("<u4"))  # each behind a head of its own
-                lengths = numbers_at(content, bodies, np.dtype("<u4")).astype(np.int64)
-                if (bodies + 4 + lengths > len(content)).any():
-                    raise ValueError(f"a message reaches beyond its {len(content)} bytes")
-            except (OSError, RuntimeError, ValueError, IndexError, EOFError) as error:
-                said = " ".join(str(error).split())[:160]
-                self.damage.lose(f"the chunk at byte {at} is damaged: {said}", size, self.counts[at], 1)
-                continue
-            none = np.zeros(channel.size, np.uint32)
-            block = MessageBlock(content, channel.astype(np.uint16), none, time, bodies + 4, lengths)
-            self.damage.chunks += 1
-            self.damage.read.update(block.counts)
-            yield block
-
-
-def read_bag1(path: Path) -> Bag1:
-    """Read the index of a ROS 1 bag; its messages are read by `blocks`. InputError if it has none or cannot be read."""
+def read_bag1(path: Path) -> MessageFile:
+    """Read the index of a ROS 1 bag, and then every intact chunk. InputError if it has none or cannot be read."""
     data = path.read_bytes()
     if not data.startswith(BAG1):
         remedy = (
@@ -75,20 +41,23 @@ def read_bag1(path: Path) -> Bag1:
     if (second := data.find(BAG1, 1)) > 0:
         raise InputError(f"{path}: two bags were joined: a second one begins at byte {second}; give each a file")
     library = optional_module("rosbags.rosbag1", "ros", "a bag of ROS 1")
-    bag = Bag1(path, len(data))
+    bag, number_of = MessageFile(path, len(data)), dict[int, int]()
+    # of each message of the chunk at a byte: place in the chunk, channel and time [ns]
+    index: dict[int, list[tuple[int, int, int]]] = defaultdict(list)
     try:
         with library.Reader(path) as reader:
-            number_of = {}
             for number, one in enumerate(reader.connections):
                 number_of[one.id] = number
                 kind = short_name(one.msgtype)
                 bag.declare(Schema(id=number + 1, data=one.msgdef.data.encode(), encoding="ros1msg", name=kind))
                 bag.declare(Channel(number, one.topic, "ros1", {}, number + 1))
                 for entry in reader.indexes[one.id]:
-                    bag.index[entry.chunk_pos].append((entry.offset, number, entry.time))
-            for one in reader.chunk_infos:
-                bag.counts[one.pos] = Counter({number_of[k]: n for k, n in one.connection_counts.items()})
-            bag.chunks = {at: tuple(one) for at, one in reader.chunks.items()}
+                    index[entry.chunk_pos].append((entry.offset, number, entry.time))
+            counts = {
+                one.pos: Counter({number_of[k]: n for k, n in one.connection_counts.items()})
+                for one in reader.chunk_infos
+            }
+            chunks = sorted((at, *one) for at, one in reader.chunks.items())
     except MemoryError:
         raise
     except Exception as error:  # on a damaged file the library raises whatever its parser comes across
@@ -99,9 +68,30 @@ def read_bag1(path: Path) -> Bag1:
             f"{remedy}, or record again"
         ) from error
     damage = bag.damage
-    damage.finished, damage.bytes, damage.declared_chunks = True, len(data) - len(BAG1), len(bag.chunks)
-    damage.declared = sum(bag.counts.values(), Counter())
+    damage.finished, damage.bytes, damage.declared_chunks = True, len(data) - len(BAG1), len(chunks)
+    damage.declared = sum(counts.values(), Counter())
     damage.declared_messages = damage.declared.total()
+
+    def blocks() -> Iterator[MessageBlock]:
+        for at, size, start, unpack in chunks:
+            try:
+                content = unpack(data[start : start + size])
+                places, channel, time = np.array(sorted(index[at]), np.int64).reshape(-1, 3).T
+                bodies = places + 4 + numbers_at(content, places, np.dtype("<u4"))  # each behind a head of its own
+                lengths = numbers_at(content, bodies, np.dtype("<u4")).astype(np.int64)
+                if (bodies + 4 + lengths > len(content)).any():
+                    raise ValueError(f"a message reaches beyond its {len(content)} bytes")
+            except (OSError, RuntimeError, ValueError, IndexError, EOFError) as error:
+                said = " ".join(str(error).split())[:160]
+                damage.lose(f"the chunk at byte {at} is damaged: {said}", size, counts[at], 1)
+                continue
+            none = np.zeros(channel.size, np.uint32)
+            block = MessageBlock(content, channel.astype(np.uint16), none, time, bodies + 4, lengths)
+            damage.chunks += 1
+            damage.read.update(block.counts)
+            yield block
+
+    bag.blocks = blocks()
     return bag
 
 
@@ -132,8 +122,10 @@ def read_rosbag1(path: Path) -> MessageFile:
     """Open a bag, or the folder of a recording in several bags; InputError if one cannot be opened or is missing."""
     if not path.is_dir():
         return read_bag1(path)
-    bags = [read_bag1(file) for file in split_parts(path)]
-    log = SplitLog(path, sum(bag.size for bag in bags), parts=bags)
+    bags, counts = [read_bag1(file) for file in split_parts(path)], Counter[str]()
+    for bag in bags:
+        counts.update({bag.channels[k].topic: n for k, n in (bag.damage.declared or {}).items()})
+    log = joined_parts(path, bags, counts)
     begin = bags[0].path.name
     if not re.search(r"_0+\.bag", begin):
         log.damage.remarks.append(f"the recording begins with '{begin}': its files before that are not here")
@@ -216,7 +208,7 @@ def read_rosbag2(path: Path) -> MessageFile:
                 f"{file}: neither a database of sqlite3 nor MCAP (it begins with {begin[:8]!r}); copy it again, or "
                 "record again"
             )
-    return SplitLog(path, sum(part.size for part in parts), parts=parts, counts=described.counts)
+    return joined_parts(path, parts, described.counts)
 
 
 def beginning(path: Path) -> bytes:
@@ -225,43 +217,6 @@ def beginning(path: Path) -> bytes:
 
 
 RECOVER = "save what it holds with `sqlite3 BAG .recover | sqlite3 NEW`, or record it again"
-
-
-@dataclass
-class Database(MessageFile):
-    """A bag in a database of sqlite3 (.db3), whose topics were read; `blocks` reads its messages."""
-
-    numbers: dict[int, int] = field(default_factory=dict)  # channel by number of a topic in the database
-
-    def blocks(self) -> Iterator[MessageBlock]:
-        """The messages in the order of recording. Call it once."""
-        strangers = 0
-        with opened(self.path) as connection:
-            cursor = connection.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
-            while rows := cursor.fetchmany(1 << 14):
-                numbers, times, payloads = list[int](), list[int](), list[bytes]()
-                for topic, time, data in rows:
-                    if not (isinstance(topic, int) and isinstance(time, int) and isinstance(data, bytes)):
-                        raise RefusedFileError(
-                            f"{self.path}: a row of the table 'messages' holds {type(data).__name__} at {time!r:.40} "
-                            f"and no message; {RECOVER}"
-                        )
-                    if topic not in self.numbers:
-                        strangers += 1
-                        continue
-                    if data[:4] == b"\x28\xb5\x2f\xfd":  # compressed on its own; one in CDR begins with a zero byte
-                        with suppress(zstandard.ZstdError):  # a damaged one stays as it is, and is no message
-                            data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
-                    numbers.append(self.numbers[topic])
-                    times.append(time)
-                    payloads.append(data)
-                lengths, channel = np.array([len(one) for one in payloads], np.int64), np.array(numbers, np.uint16)
-                starts, none = np.cumsum(lengths) - lengths, np.zeros(channel.size, np.uint32)
-                block = MessageBlock(b"".join(payloads), channel, none, np.array(times, np.int64), starts, lengths)
-                self.damage.read.update(block.counts)
-                yield block
-        if strangers:
-            self.damage.lose(f"{strangers} messages belong to topics that are not in the bag", 0, None, 0)
 
 
 @contextmanager
@@ -280,8 +235,8 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
         raise InputError(f"{path}: the database is damaged or cut off ({said}); {RECOVER}") from error
 
 
-def read_database(path: Path, described: Description | None = None) -> Database:
-    """Open a bag. `described` is the description of its recording; without it, the one beside it is used."""
+def read_database(path: Path, described: Description | None = None) -> MessageFile:
+    """Open a bag in a database of sqlite3 (.db3), with the description of its recording, or else the one beside it."""
     if (begin := beginning(path)) != SQLITE:
         raise InputError(f"{path}: not a bag in sqlite3 (it begins with {begin[:8]!r}); check the source's format")
     for ending, what in (("-wal", "a write-ahead log"), ("-journal", "a journal")):
@@ -292,14 +247,15 @@ def read_database(path: Path, described: Description | None = None) -> Database:
                 "copy both elsewhere, and run `sqlite3 COPY 'PRAGMA wal_checkpoint(TRUNCATE)'` there"
             )
     description, remark = siblings(path) if described is None else (described, "")
-    bag, own = Database(path, path.stat().st_size), dict[str, tuple[str, str]]()
+    bag, own = MessageFile(path, path.stat().st_size), dict[str, tuple[str, str]]()
+    channel_of: dict[int, int] = {}  # channel by number of a topic in the database
     with opened(path) as connection:
         if connection.execute("SELECT 1 FROM sqlite_schema WHERE name = 'message_definitions'").fetchone():
             query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
             own = {str(kind): (str(encoding), str(text)) for kind, encoding, text in connection.execute(query)}
         for topic in connection.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id"):
             number, name, kind, encoding = int(topic[0]), *map(str, topic[1:])
-            channel = bag.numbers.setdefault(number, len(bag.numbers))
+            channel = channel_of.setdefault(number, len(channel_of))
             definition, reason = definition_of(kind, own, description.distribution if description else "")
             if not reason:
                 bag.declare(Schema(channel + 1, definition, "ros2msg", kind))
@@ -313,6 +269,37 @@ def read_database(path: Path, described: Description | None = None) -> Database:
         bag.damage.finished = True
         bag.damage.declared = Counter({one.id: description.counts[one.topic] for one in bag.channels.values()})
         bag.damage.declared_messages = description.counts.total()
+
+    def blocks() -> Iterator[MessageBlock]:
+        strangers = 0
+        with opened(path) as connection:
+            cursor = connection.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
+            while rows := cursor.fetchmany(1 << 14):
+                known = list[tuple[int, int, bytes]]()  # channel, time [ns] and payload
+                for topic, time, data in rows:
+                    if not (isinstance(topic, int) and isinstance(time, int) and isinstance(data, bytes)):
+                        raise RefusedFileError(
+                            f"{path}: a row of the table 'messages' holds {type(data).__name__} at {time!r:.40} "
+                            f"and no message; {RECOVER}"
+                        )
+                    if topic not in channel_of:
+                        strangers += 1
+                        continue
+                    if data[:4] == b"\x28\xb5\x2f\xfd":  # compressed on its own; one in CDR begins with a zero byte
+                        with suppress(zstandard.ZstdError):  # a damaged one stays as it is, and is no message
+                            data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
+                    known.append((channel_of[topic], time, data))
+                channel, time = np.array([one[:2] for one in known], np.int64).reshape(-1, 2).T
+                lengths = np.array([len(data) for *_, data in known], np.int64)
+                content, none = b"".join(data for *_, data in known), np.zeros(channel.size, np.uint32)
+                starts = np.cumsum(lengths) - lengths
+                block = MessageBlock(content, channel.astype(np.uint16), none, time, starts, lengths)
+                bag.damage.read.update(block.counts)
+                yield block
+        if strangers:
+            bag.damage.lose(f"{strangers} messages belong to topics that are not in the bag", 0, None, 0)
+
+    bag.blocks = blocks()
     return bag
 
 

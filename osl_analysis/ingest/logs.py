@@ -266,7 +266,8 @@ def json_tables(path: Path, source: Source) -> Tables:
             f"{count} of {total} lines cannot be used: {decoded.misfit}; repair the log"
             f"{advice if source.time.rate is None else ''}"
         )
-    notes, kept = notes_on(lines, decoded), np.any([decoded.present[name] for name in names], axis=0)
+    notes = notes_on(lines, decoded)
+    kept = ~np.all([np.ma.getmaskarray(decoded.values[name]) for name in names], axis=0)
     if field and not kept.all():  # lines without any of the fields, such as a header; with a rate, every line counts
         left_out, first = int((~kept).sum()), lines.numbers[decoded.rows[int(np.argmin(kept))]]
         notes.append(f"{left_out} of {kept.size} lines have none of the fields and were left out, first line {first}")
@@ -280,7 +281,7 @@ def json_tables(path: Path, source: Source) -> Tables:
 
 def lines_table(lines: JsonLines, decoded: Columns, loss: Loss, kept: NDArray[np.bool_]) -> Table:
     """The fields that were decoded of those lines that are kept, masked where a line lacks one."""
-    columns = {name: np.ma.array(one, mask=~decoded.present[name])[kept] for name, one in decoded.values.items()}
+    columns = {name: values[kept] for name, values in decoded.values.items()}
     return Table(int(kept.sum()), columns, loss=loss, lines=lines.numbers[decoded.rows[kept]])
 
 
@@ -497,12 +498,11 @@ def read_topic(
     """Stamps [ns] and columns of one topic in the order of the stamps, counts of the sorting (`in_order`), and a
     sentence for each field that messages lack."""
     logged, number, from_header = decoded.log_time, decoded.channel, source.time.source == "header"
-    fields = {path: np.ma.array(values, mask=~decoded.present[path]) for path, values in decoded.values.items()}
-    table = Table(logged.size, fields, noun="message")
+    table = Table(logged.size, decoded.values, noun="message")
     stamp: NDArray[Any] = logged
     if from_header:
         field = str(source.time.field)
-        named = [pair for pair in stamp_fields(field) if all(decoded.present[path].any() for path in pair)]
+        named = [pair for pair in stamp_fields(field) if all(np.ma.count(decoded.values[path]) for path in pair)]
         if not named:
             raise InputError(
                 f"topic '{topic}' has no field '{field}' with seconds and nanoseconds; correct time.field in the "

@@ -268,12 +268,12 @@ def inspect_json(path: Path) -> Overview:
     if decoded[names[0]].misfits and len(names) <= 100:  # a line has something else than a number in one of them
         decoded = {name: decode_lines(lines, [name]) for name in names}
     stamp, parts = next(iter(logs.stamps_among(names).items()), ("", ("", "")))
-    numbers = {name: one.values[name][one.present[name]] for name, one in decoded.items()}
+    numbers = {name: np.ma.compressed(one.values[name]) for name, one in decoded.items()}
     timing = {name: one for name, one in numbers.items() if name not in parts}
     clock, left_open = clock_among("fields", timing, last_name)
     channels = {}
     for name, one in numbers.items():
-        total = decoded[name].present[name].size
+        total = decoded[name].rows.size
         also = f", in {one.size} of {total} lines" * (one.size < total)
         own, of_type = last_name(name), one.dtype.name
         channels[name] = listed({"field": name}, own, one, name == clock, of_type=of_type, also=also)

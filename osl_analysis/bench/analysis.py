@@ -147,32 +147,37 @@ def at_zero(fit: GroupFit, centre: float) -> GroupFit:
     return replace(fit, estimates=turn @ fit.estimates, covariance=turn @ fit.covariance @ turn.T, repeat=repeat)
 
 
-def friction_row(s: Sums, model: Model, fit: LinearFit, label: Label) -> Row:
-    """Coulomb friction [N*m], and the share of the damping that it makes, 0 where all of the trial has none for
-    certain; where the label has, viscous damping and friction with intervals."""
+def friction_rows(s: Sums, model: Model, fits: Mapping[Label, LinearFit]) -> dict[Label, Row]:
+    """Of each label Coulomb friction [N*m], and the share of the damping that it makes, 0 where all of the trial has
+    none for certain; where the label has, viscous damping and friction with intervals."""
     damping = next(name for name, column in model.items() if column == "omega")
     own = (f"{damping}_viscous", "f_C" if damping == "B" else "T_C")
     names = [f"{name}{end}" for name in own for end in ("", "_se", "_low", "_high")]
-    try:
-        alone, beside = with_effects(s, model, ("T_C",), label), with_friction(s, model, label)
-    except IdentifiabilityError:
-        return dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
-    told = viscous_and_friction(fit, alone, beside, damping, "T_C")
-    made = fit[damping] - told[damping]
-    row: Row = {"coulomb_torque": told["T_C"], "coulomb_damping": made, "coulomb_share": 0.0}
-    whole = beside if label is None else with_friction(s, model, None)
-    if whole["T_C"] > 0 and whole.certain("T_C", FALSE_ALARM):
-        # friction that a controller takes off is not Coulomb's: the smaller of two answers is held against a trial
-        row["coulomb_share"] = max(min(made, fit[damping] - alone[damping]), 0.0) / fit[damping]
-    if told["T_C"] <= 0 or not told.certain("T_C", FALSE_ALARM):
-        return row | dict.fromkeys(names)
-    # No recording shows over which velocity friction turns its sign. What a tenth of that of T_C makes of both numbers
-    # is the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
-    alone, beside = with_effects(s, model, ("T_C_sharp",), label), with_friction(s, model, label, "T_C_sharp")
-    sharp = viscous_and_friction(fit, alone, beside, damping, "T_C_sharp")
-    told = widened(told, (sharp.estimates - told.estimates) / np.sqrt(3))
-    values = [v for name in told.names for v in (told[name], told.se(name), *told.interval(name))]
-    return row | dict(zip(names, values, strict=True))
+    rows, whole_has = dict[Label, Row](), False
+    for label, fit in sorted(fits.items(), key=lambda item: item[0] is not None):  # first that of all of the trial
+        rows[label] = dict.fromkeys(("coulomb_torque", "coulomb_damping", "coulomb_share", *names))
+        try:
+            alone, beside = with_effects(s, model, ("T_C",), label), with_friction(s, model, label)
+        except IdentifiabilityError:
+            continue
+        told = viscous_and_friction(fit, alone, beside, damping, "T_C")
+        made = fit[damping] - told[damping]
+        rows[label] |= {"coulomb_torque": told["T_C"], "coulomb_damping": made, "coulomb_share": 0.0}
+        if label is None:
+            whole_has = beside["T_C"] > 0 and beside.certain("T_C", FALSE_ALARM)
+        if whole_has:
+            # friction that a controller takes off is not Coulomb's: the smaller of two answers is held against a trial
+            rows[label]["coulomb_share"] = max(min(made, fit[damping] - alone[damping]), 0.0) / fit[damping]
+        if told["T_C"] <= 0 or not told.certain("T_C", FALSE_ALARM):
+            continue
+        # No recording shows over which velocity friction turns its sign. What a tenth of that of T_C makes of both
+        # numbers is the half-width of a rectangular distribution (JCGM 100:2008, 4.3.7).
+        alone, beside = with_effects(s, model, ("T_C_sharp",), label), with_friction(s, model, label, "T_C_sharp")
+        sharp = viscous_and_friction(fit, alone, beside, damping, "T_C_sharp")
+        told = widened(told, (sharp.estimates - told.estimates) / np.sqrt(3))
+        values = [v for name in told.names for v in (told[name], told.se(name), *told.interval(name))]
+        rows[label] |= dict(zip(names, values, strict=True))
+    return rows
 
 
 def with_friction(s: Sums, model: Model, label: Label, friction: str = "T_C") -> GroupFit:

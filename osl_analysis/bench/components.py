@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from osl_analysis.bench.analysis import Analysis, Series, analysed, check_stiffer, friction_row, widened
+from osl_analysis.bench.analysis import Analysis, Series, analysed, check_stiffer, friction_rows, widened
 from osl_analysis.bench.effects import (
     TRANSMISSION,
     Model,
@@ -295,10 +295,10 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
     record, s = analysis.record, sums_of(analysis.record, TRANSMISSION)
     phasors, found = phasors_of_record(record), causes(record, s, TRANSMISSION)
     clocks, rows = clocks_row(record, s, TRANSMISSION, found), list[Row]()
+    certain = friction_rows(s, TRANSMISSION, analysis.fits)  # its T_C counts how sharply friction turns its sign
     for label, fit in analysis.fits.items():
         friction = with_effects(s, TRANSMISSION, ("T_C",), label)
         even, odd = harmonic_shares(phasors, label, (0.0, fit["B_j"], fit["J_j"]))
-        certain = friction_row(s, TRANSMISSION, fit, label)  # its T_C counts how sharply friction turns its sign
         rows.append(
             {
                 **analysis.row(label, *LOSSES),
@@ -308,7 +308,7 @@ def transmission_table(analysis: Analysis) -> pl.DataFrame:
                 "even_harmonics": even,
                 "odd_harmonics": odd,
                 **analysis.shared(label, *LOSSES),
-                **{name: x for name, x in certain.items() if x is not None or not name.startswith("T_C")},
+                **{name: x for name, x in certain[label].items() if x is not None or not name.startswith("T_C")},
                 **clocks,
             }
         )

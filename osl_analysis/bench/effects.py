@@ -18,6 +18,8 @@ from scipy.stats import spearmanr
 from osl_analysis.bench.gram import (
     EFFECTS_LIMIT,
     FEWEST_GROUPS,
+    NEXT,
+    SPACING,
     GroupFit,
     Sums,
     combined,
@@ -43,7 +45,6 @@ Keep = NDArray[np.bool_] | Label
 """Groups: those to keep (m,), those of a label, or all (None)."""
 IMPEDANCE: Model = {"K": "theta", "B": "omega", "I": "alpha", "offset": "one", "drift": "late"}
 TRANSMISSION: Model = {"B_j": "omega", "J_j": "alpha", "offset": "one", "drift": "late"}
-NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk", "jerk": "snap", "linear": "linear_rate"}  # derivatives
 STOPS = {"hysteresis": 0.05, "hysteresis_2": 0.15, "hysteresis_3": 0.4}
 """Half-widths of springs that slip, as shares of the motion's RMS: presliding friction, a belt that winds up."""
 PHYSICS = ("T_C", "T_G", *STOPS, "cubic", "gap", "linear")
@@ -53,7 +54,6 @@ FAULTS = ("lag_s", "K_change")  # what a recording may have
 COLUMN = {"T_C": "sign", "T_C_sharp": "sharp_sign", "T_G": "load_sign", "K_change": "u_theta"}
 """Columns of effects that are not named alike."""
 FALSE_ALARM = 1e-3  # probability of a false alarm for one effect
-SPACING = 5e-3  # between delays that are tried [s]; Gauss and Newton's steps go as far to each side
 HIDDEN = 0.1  # share of I, or of B, by an effect that was not found, from which it is not known whether there is one
 POSSIBLE = 2.0  # standard errors by which an effect may be larger than it is found
 LITTLE = {"K": 0.0, "B": 2.0, "I": 5e-3}
@@ -175,19 +175,17 @@ def told_lag(
     little the delay is told.
     """
     base = with_columns(model, effects)
-    fixed = {} if known is None else {known: 1.0}
-    near = near_lag(s, base, fixed, 0.0, keep)
+    near = near_lag(s, base, known, 0.0, keep)
     if not near.certain("lag_s", FALSE_ALARM) and possible_joint(near, model):
         return near, s
-    over = left_over_lags(s, base, fixed, keep)
-    delays = [entry for entry in over if entry[2].noise_gain == 1]
-    left = [entry[0] for entry in delays]
-    lowest = [k for k in range(1, len(left) - 1) if left[k] <= left[k - 1] and left[k] < left[k + 1]]
-    low_pass = min(over[len(delays) :], key=lambda entry: entry[0])
-    tried = []
-    for _, lag, one in (*(delays[k] for k in lowest), low_pass):
+    left, lags = left_over_lags(s, base, known, keep)
+    delays, tried = int(np.count_nonzero(s.restored.noise_gain == 1)), []
+    over = left[:delays].ravel()
+    lowest = [k for k in range(1, len(over) - 1) if over[k] <= over[k - 1] and over[k] < over[k + 1]]
+    for k in (*lowest, over.size + int(np.argmin(left[delays:]))):
+        one = s.restored.by(k // lags.shape[1])
         try:
-            tried.append((near_lag(one, base, fixed, lag, keep), one))
+            tried.append((near_lag(one, base, known, float(lags.ravel()[k]), keep), one))
         except CANNOT_TELL:
             continue
     tried.sort(key=lambda both: both[0].left)
@@ -206,101 +204,52 @@ def possible_joint(fit: GroupFit, model: Model) -> bool:
     return all(fit[name] > 0 or not fit.certain(name, FALSE_ALARM) for name in names)
 
 
-def left_over_lags(
-    s: Sums, base: Model, fixed: Mapping[str, float], keep: Keep = None
-) -> list[tuple[float, float, Sums]]:
-    """What a model leaves of a late torque over all lags: the sum of squares, the lag [s], and sums that are about it.
-    First of delays, then of low-passes."""
-    found = list[tuple[float, float, Sums]]()
-
-    def ask(ones: Sequence[Sums], lag: float) -> None:
-        at, C = combined_columns(s, [late_by(lag, {column: 1.0}) for column in base.values()])
-        without = torque_without(replace(s, gram=np.array([one.over(keep) for one in ones])), late_by(lag, fixed))
-        left = least_left(without.gram, at, C, s.torque).tolist()
-        found.extend((x / one.noise_gain, one.late + lag, one) for x, one in zip(left, ones, strict=True))
-
-    delays = [one for one in s.restored if one.noise_gain == 1]
-    for lag in np.linspace(-SPACING / 2, SPACING / 2, 5, endpoint=False).tolist():
-        ask(delays, lag)
-    found.sort(key=lambda entry: entry[1])
-    for one in s.restored[len(delays) :]:
-        for lag in np.linspace(-one.late / 3, one.late / 3, 5).tolist():
-            ask([one], lag)
-    return found
+def left_over_lags(s: Sums, base: Model, known: str | None, keep: Keep = None) -> tuple[Array, Array]:
+    """What a model leaves of a late torque over all lags: the sum of squares and the lag [s], each (w, 5) by the way in
+    which the torque is restored and five lags about it."""
+    ways, p = s.restored, len(base)
+    between = np.diff(ways.late[ways.noise_gain == 1]).max() / 2
+    about = np.where(ways.noise_gain == 1, between, ways.late / 3)[:, None] * np.linspace(-0.8, 0.8, 5)
+    late = s.late_by(about)
+    turns = np.zeros((*about.shape, s.torque + 2, p + 1))
+    turns[..., :-2, :p], turns[..., -2, p] = late[..., s.index(list(base.values()))], 1.0
+    if known is not None:
+        turns[..., :-2, p] = -late[..., s.names.index(known)]
+    left = least_left(np.swapaxes(turns, -1, -2) @ ways.totals(keep)[:, None] @ turns)
+    return left / ways.noise_gain[:, None], ways.late[:, None] + about
 
 
-def combined_columns(s: Sums, parts: Sequence[Mapping[str, float]]) -> tuple[list[int], Array]:
-    """Columns, and the combinations of them (columns, p) that some parts are, each by the weights of its columns."""
-    used = [name for name in s.names if any(name in part for part in parts)]
-    return s.index(used), np.array([[part.get(name, 0.0) for part in parts] for name in used])
-
-
-def least_left(total: Array, at: list[int], C: Array, q: int) -> Array:
-    """Sum of squares that combinations of columns leave of the torque, of sums (..., c, c)."""
-    A, b = C.T @ total[..., at, :][..., at] @ C, total[..., at, q] @ C
+def least_left(total: Array) -> Array:
+    """Sum of squares that columns leave of the torque, of sums (..., p + 1, p + 1) whose last one is the torque."""
+    A, b = total[..., :-1, :-1], total[..., :-1, -1]
     scale = np.sqrt(np.maximum(np.diagonal(A, axis1=-2, axis2=-1), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(A / (scale[..., :, None] * scale[..., None, :]))
     along = ((b / scale)[..., None, :] @ vectors)[..., 0, :]
     taken = np.divide(along**2, values, out=np.zeros_like(values), where=values > 1e-13 * values[..., -1:])
-    return np.asarray(total[..., q, q] - taken.sum(axis=-1))
+    return np.asarray(total[..., -1, -1] - taken.sum(axis=-1))
 
 
-def near_lag(s: Sums, base: Model, fixed: Mapping[str, float], start: float, keep: Keep = None) -> GroupFit:
-    """Gauss and Newton's steps from a lag of the torque [s], of which `late` has been taken off the sums already: to a
-    thousandth of its standard error, which the first step gives, by the sums of all groups; the last one is a fit."""
-    lag, model = start - s.late, {**base, "lag_s": "jerk"}
-    few = replace(s, gram=s.over(keep)[None])
-    at, C = combined_columns(s, [late_by(lag, {column: 1.0}) for column in base.values()])
-    estimates = estimates_of(torque_without(few, late_by(lag, fixed)).gram[0], at, s.torque, C)
-    first: GroupFit | None = None
-    for _ in range(6):
-        found = dict(zip(base, estimates, strict=False))
-        slope: dict[str, float] = {}
-        for column, weight in (*((c, found[n]) for n, c in base.items()), *fixed.items()):
-            if column in NEXT and NEXT[column] in s.names:
-                slope[NEXT[column]] = slope.get(NEXT[column], 0.0) - weight
-        at, C = combined_columns(s, [*(late_by(lag, {c: 1.0}) for c in base.values()), late_by(lag, slope)])
-        own = at, C, late_by(lag, fixed)
-        if first is None:
-            first, again = late_fit(s, model, own, keep), False
-            estimates = first.estimates
-        else:
-            estimates, again = estimates_of(torque_without(few, own[2]).gram[0], at, s.torque, C), True
+def near_lag(s: Sums, base: Model, known: str | None, start: float, keep: Keep = None) -> GroupFit:
+    """Gauss and Newton's steps from a lag of the torque [s], of which `late` has been taken off the sums already; the
+    last one is a fit."""
+    lag, total = start - s.late, s.over(keep)
+    columns, of_known = s.combined([{c: 1.0} for c in base.values()]), s.combined([{known or "": 1.0}])[:, 0]
+
+    def solved_at(*slope: Array) -> tuple[Array, Array]:
+        late = s.late_by(lag)
+        turn = s.turned(late @ np.column_stack([columns, *slope]), late @ of_known)
+        own = turn.T @ total @ turn
+        return solved(own[:-2, :-2], own[:-2, -2])[0], turn
+
+    estimates = solved_at()[0]
+    for _ in range(8):
+        slope = s.late_series[1] @ (columns @ estimates[: len(base)] + of_known)
+        estimates, turn = solved_at(slope)
         before, lag = lag, float(np.clip(lag + estimates[-1], -SPACING, SPACING))
-        if abs(lag - before) < 1e-3 * first.se("lag_s"):
+        if abs(lag - before) < 1e-8:  # s
             break
-    assert first is not None
-    fit = late_fit(s, model, own, keep) if again else first
-    estimates = fit.estimates.copy()
-    estimates[-1] = s.late + lag
-    return replace(fit, estimates=estimates, left=fit.left / s.noise_gain)
-
-
-def late_fit(s: Sums, model: Model, own: tuple[list[int], Array, Mapping[str, float]], keep: Keep) -> GroupFit:
-    """The fit of combinations of columns to the torque less a part of it."""
-    at, C, part = own
-    return fit_groups(torque_without(s, part), model, keep, ([s.names[k] for k in at], C), EFFECTS_LIMIT)
-
-
-def torque_without(s: Sums, part: Mapping[str, float]) -> Sums:
-    """The sums of a torque less a combination of columns."""
-    if not part:
-        return s
-    turn = np.eye(s.torque + 2)
-    turn[np.ix_(s.index(list(part)), [s.torque, s.torque + 1])] = -np.array(list(part.values()))[:, None]
-    return replace(s, gram=turn.T @ s.gram @ turn)
-
-
-def late_by(lag: float, part: Mapping[str, float]) -> dict[str, float]:
-    """A combination of columns, late by `lag` [s]: c - d c' + d^2/2 c'' ..., as far as the derivatives go."""
-    found = dict(part)
-    for column, weight in part.items():
-        at, order = NEXT.get(column), 1
-        while at is not None and lag:
-            weight *= -lag / order
-            found[at] = found.get(at, 0.0) + weight
-            at, order = NEXT.get(at), order + 1
-    return found
+    fit = fit_groups(s, {**base, "lag_s": "jerk"}, keep, turn, EFFECTS_LIMIT)
+    return replace(fit, estimates=np.append(fit.estimates[:-1], s.late + lag), left=fit.left / s.noise_gain)
 
 
 def taken_by(s: Sums, model: Model, column: str, label: Label = None) -> dict[str, float]:
@@ -331,17 +280,19 @@ def causes(record: Record, s: Sums, model: Model) -> Causes:
     now, at, lag = with_effects(s, model), s, None
     wide = not (leaves_noise(record, now) and possible_joint(now, model))
 
-    def left_by(*asked: str) -> float:
-        """Sum of squares that the model with effects leaves, of a lag that of the column by which it is told."""
-        own = at.index([*model.values(), *("jerk" if e == "lag_s" else COLUMN.get(e, e) for e in asked)])
-        estimates = estimates_of(at.total, own, at.torque)
-        return float(at.total[at.torque, at.torque] - estimates @ at.total[own, at.torque])
+    def left_by(sets: Sequence[Sequence[str]]) -> list[float]:
+        """Sums of squares that the model leaves with each set of effects, of a lag with the column by which it is told;
+        the sets are of one size."""
+        columns = [[*model.values(), *("jerk" if e == "lag_s" else COLUMN.get(e, e) for e in one)] for one in sets]
+        own = np.array([[*at.index(names), at.torque] for names in columns])
+        return list(least_left(at.total[own[:, :, None], own[:, None, :]]).tolist())
 
     while len(chosen) < len(effects):
-        left = {e: left_by(*chosen, e) for e in effects if e not in chosen}
-        most = (1 - 1e-3) * left_by(*chosen)
+        rest = [e for e in effects if e not in chosen]
+        left = dict(zip(rest, left_by([(*chosen, e) for e in rest]), strict=True))
+        most = (1 - 1e-3) * left_by([chosen])[0]
         if wide and "lag_s" in left:
-            left["lag_s"] = min(left["lag_s"], *(one for one, *_ in left_over_lags(s, with_columns(model, chosen), {})))
+            left["lag_s"] = min(left["lag_s"], float(left_over_lags(s, with_columns(model, chosen), None)[0].min()))
         likely = [e for e in sorted(left, key=left.__getitem__) if left[e] < most]
         tried = ((e, tried_fit(at, model, (*chosen, e), lag=lag)) for e in likely)
         effect, fit = next(((e, fit) for e, fit in tried if fit and fit.certain(e, FALSE_ALARM)), ("", None))
@@ -376,7 +327,7 @@ def tried_fit(
     try:
         if lag is None:
             return with_effects(s, model, effects, keep)
-        return near_lag(s, with_columns(model, effects), {}, lag, keep)
+        return near_lag(s, with_columns(model, effects), None, lag, keep)
     except CANNOT_TELL:
         return None
 
@@ -447,7 +398,8 @@ def lag_of(record: Record, s: Sums, model: Model, found: Causes) -> Fault | None
         # a low-pass of the torque's sensor may have taken off the part of the noise by which it is known: then little
         # more is left, of which the richest model explains nothing
         names = list(dict.fromkeys([*about.rich, *with_columns(model, others).values()]))
-        least = least_left(about.total, about.index(names), np.eye(len(names)), about.torque) / about.noise_gain
+        at = [*about.index(names), about.torque]
+        least = float(least_left(about.total[np.ix_(at, at)])) / about.noise_gain
         free = max(len(names) - len(fit.names), 1)
         explained = fit.left - least > float(chdtri(free, FALSE_ALARM)) * fit.left / fit.samples * about.independent
         sure = leaves_noise(record, fit, 2.0) and not explained
@@ -507,12 +459,12 @@ def changes_of_repeats(s: Sums, model: Model, effects: Mapping[str, Mapping[str,
     members = np.bincount(kind)
     if members.max() < 3:
         return None
-    base, q, one = with_effects(s, model), s.torque, s.index(["one"])[0]
-    at, (own, C) = s.index(list(model.values())), combined_columns(s, list(effects.values()))
+    base, q, one = with_effects(s, model), s.torque, s.names.index("one")
+    at, C = s.index(list(model.values())), s.combined(list(effects.values()))
     mean = s.gram[:, one] / s.gram[:, one, one][:, None]
     gram = s.gram - mean[:, :, None] * s.gram[:, one][:, None]  # a slow disturbance is an offset of a group
-    products = C.T @ gram[:, own][:, :, own] @ C
-    scores = (gram[:, own, q + 1] - gram[:, own][:, :, at] @ base.estimates) @ C
+    products = C.T @ gram[:, :q, :q] @ C
+    scores = (gram[:, :q, q + 1] - gram[:, :q][:, :, at] @ base.estimates) @ C
 
     def added(values: Array) -> Array:
         total = np.zeros((len(members), *values.shape[1:]))
@@ -553,8 +505,8 @@ def clocks_row(record: Record, s: Sums, model: Model, found: Causes) -> Row:
             seen, drifting = None, {f"late_{name}": weight for name, weight in slope.items()}
             for effects in ([e for e in found.chosen if e not in (*FAULTS, "linear")], physics_of(s, model)):
                 base = with_columns(model, effects)
-                at, C = combined_columns(s, [*({column: 1.0} for column in base.values()), drifting])
-                fit = late_fit(s, {**base, "ppm": "one"}, (at, C, {}), None)
+                turn = s.turned(s.combined([*({column: 1.0} for column in base.values()), drifting]))
+                fit = fit_groups(s, {**base, "ppm": "one"}, None, turn, EFFECTS_LIMIT)
                 if leaves_noise(record, fit):
                     seen = fit
                     break

@@ -11,17 +11,17 @@ repeatability alone: the spread of groups that repeat one another.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
 from osl_analysis.bench.record import Groups, Label, Record
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.measured import check_all_measured, rounding_of
+from osl_analysis.signals import seven_point_motion
 from osl_analysis.stats.covariance import between_cycles, products_between, welch_satterthwaite
 from osl_analysis.stats.regression import (
     CONDITION_LIMIT,
@@ -36,6 +36,8 @@ from osl_analysis.trial import Array
 
 FEWEST_UNITS = 4  # strata from which on these are the units that are left out; below, each group is one
 FEWEST_GROUPS = 8  # groups that do not repeat from whose scores an interval comes
+NEXT = {"theta": "omega", "omega": "alpha", "alpha": "jerk", "jerk": "snap", "linear": "linear_rate"}  # derivatives
+SPACING = 5e-3  # at most between delays that are tried [s]; Gauss and Newton's steps go as far to each side
 EFFECTS_LIMIT = 1e5  # largest scaled condition number of a fit with effects, whose columns are alike at times
 BY_UNITS, BY_REPEATS = "units", "repeats"
 """Source of an interval: units that were left out, with the noise; repeats, of too few units."""
@@ -79,33 +81,88 @@ class Sums:
         return np.asarray(self.gram[chosen].sum(axis=0))
 
     @cached_property
-    def restored(self) -> tuple["Sums", ...]:
-        """The sums of the torque before it came late, by each of the delays [s] and low-passes of first order (100 to
-        12 Hz) that are tried: about these the series in the lag is short. The record is continued by its mirror image
-        and a constant, to a length that the transform is fast for."""
-        n, q = self.torques.shape[1], self.torque
-        N = next_fast_len(2 * n, real=True)
+    def late_series(self) -> Array:
+        """Matrices (5, q, q) of the series of a late column, c - d c' + d^2/2 c'' ..., as far as the derivatives go, by
+        the power of the lag d [s]."""
+        slower = np.zeros((len(self.names), len(self.names)))
+        for k, name in enumerate(self.names):
+            if NEXT.get(name) in self.names:
+                slower[self.names.index(NEXT[name]), k] = -1.0
+        found = [np.eye(len(self.names))]
+        for order in range(1, 5):
+            found.append(slower @ found[-1] / order)
+        return np.array(found)
+
+    def late_by(self, lag: ArrayLike) -> Array:
+        """The columns late by lags (...) [s], as combinations of all (..., q, q)."""
+        return np.asarray(np.tensordot(np.asarray(lag)[..., None] ** np.arange(5.0), self.late_series, 1))
+
+    def combined(self, parts: Sequence[Mapping[str, float]]) -> Array:
+        """Combinations of the columns (q, k), each by the weights of its columns."""
+        return np.array([[part.get(name, 0.0) for part in parts] for name in self.names])
+
+    def turned(self, columns: Array, known: Array | float = 0.0) -> Array:
+        """The combinations (q + 2, p + 2) that columns (q, p) are, and both torques less a `known` part (q,)."""
+        q, p = columns.shape
+        found = np.zeros((q + 2, p + 2))
+        found[:q, :p], found[:q, p:] = columns, -np.reshape(known, (-1, 1))
+        found[q, p] = found[q + 1, p + 1] = 1.0
+        return found
+
+    @cached_property
+    def restored(self) -> "Restored":
+        """The torque before it came late, by each of the delays [s] and low-passes of first order (100 to 12 Hz) that
+        are tried: about these the series in the lag is short. A delay is a shift by whole rows, a low-pass is undone by
+        the derivative. The record is continued by its mirror image."""
+        n, q, spacing = self.torques.shape[1], self.torque, max(int(SPACING * self.rate_hz), 1)
+        shifts = np.arange(-int(16e-3 * self.rate_hz) // spacing, int(20e-3 * self.rate_hz) // spacing + 1) * spacing
         own_raw = not np.array_equal(*self.torques)  # where rows are left out, the raw torque is the filtered one
-        torques = self.torques if own_raw else self.torques[:1]
-        both_ways = np.concatenate([torques, torques[:, ::-1]], axis=1)
-        spectrum = rfft(np.pad(both_ways, ((0, 0), (0, N - 2 * n)), mode="edge"))
-        s = 2j * np.pi * rfftfreq(N, 1 / self.rate_hz)
-        band_hz = self.rate_hz / (2 * self.independent)
-        ways = [(5e-3 * k, np.exp(5e-3 * k * s), 1.0) for k in range(-3, 5)]
+        Y = []
+        for torque in self.torques if own_raw else self.torques[:1]:
+            both_ways = np.pad(torque, abs(shifts).max(), mode="symmetric")
+            Y += [both_ways[abs(shifts).max() + shift :][:n] for shift in shifts.tolist()]
+            Y.append(seven_point_motion(np.arange(n) / self.rate_hz, torque, self.rate_hz).omega)
+        Z = np.array([*self.columns.values(), *Y]).T
+        gram = np.zeros((len(self.gram), q + len(Y), q + len(Y)))
+        gram[:, :q, :q] = self.gram[:, :q, :q]
+        gram[:, :, q:] = products_between(Z, Z[:, q:], self.groups.first, self.groups.stop)
+        gram[:, q:, :q] = np.swapaxes(gram[:, :q, q:], 1, 2)
+        band_hz, here = self.rate_hz / (2 * self.independent), int(np.flatnonzero(shifts == 0)[0])
+        weights = [(shift / self.rate_hz, 1.0, {k: 1.0}) for k, shift in enumerate(shifts.tolist())]
         for d in (1.5e-3, 2.5e-3, 4e-3, 6e-3, 9e-3, 13e-3):
-            ways.append((d, 1 + s * d, 1 + (2 * np.pi * d * band_hz) ** 2 / 3))
-        Y = np.concatenate([irfft(inverse * spectrum, N)[:, :n] for _, inverse, _ in ways]).T
-        Z = np.ascontiguousarray(np.column_stack([*self.columns.values(), Y]))
-        every = products_between(Z, Z[:, q:], self.groups.first, self.groups.stop)
-        found = []
-        for k, (late, _, noise_gain) in enumerate(ways):
-            own = [2 * k, 2 * k + 1] if own_raw else [k, k]
-            gram = self.gram.copy()
-            gram[:, :q, q:] = every[:, :q, own]
-            gram[:, q:, :q] = np.swapaxes(every[:, :q, own], 1, 2)
-            gram[:, q:, q:] = every[:, q:][:, own][:, :, own]
-            found.append(replace(self, gram=gram, late=late, noise_gain=noise_gain))
-        return tuple(found)
+            weights.append((d, 1 + (2 * np.pi * d * band_hz) ** 2 / 3, {here: 1.0, len(shifts): d}))
+        turns = np.zeros((len(weights), q + len(Y), q + 2))
+        turns[:, :q, :q] = np.eye(q)
+        for turn, (_, _, parts) in zip(turns, weights, strict=True):
+            for k, weight in parts.items():
+                turn[q + k, q] = turn[len(Y) - len(Y) // (1 + own_raw) + q + k, q + 1] = weight
+        late, noise_gain = np.array([way[:2] for way in weights]).T
+        return Restored(self, gram, turns, late, noise_gain)
+
+
+@dataclass(frozen=True)
+class Restored:
+    """The torque of some sums before it came late, each way (w) that is tried."""
+
+    sums: Sums
+    gram: Array  # products (m, c, c) of the columns and of the torques that ways are made of
+    turns: Array  # both torques of each way as combinations of these, (w, c, q + 2)
+    late: Array  # lag [s] that each way takes off, (w,)
+    noise_gain: Array  # (w,), as in `Sums`; 1 for a delay
+    made: dict[int, Sums] = field(default_factory=dict)
+
+    def totals(self, keep: "Label | NDArray[np.bool_]") -> Array:
+        """Products (w, q + 2, q + 2) of each way, over some groups."""
+        total = replace(self.sums, gram=self.gram).over(keep)
+        return np.asarray(np.swapaxes(self.turns, 1, 2) @ total @ self.turns)
+
+    def by(self, way: int) -> Sums:
+        """The sums of one way."""
+        if way not in self.made:
+            gram = self.turns[way].T @ self.gram @ self.turns[way]
+            late, noise_gain = float(self.late[way]), float(self.noise_gain[way])
+            self.made[way] = replace(self.sums, gram=gram, late=late, noise_gain=noise_gain)
+        return self.made[way]
 
 
 @dataclass(frozen=True)
@@ -137,9 +194,8 @@ def gram_sums(record: Record, columns: Mapping[str, Array], rich: Sequence[str],
     Y = [record.filtered_torque, record.torque]
     Z = np.array([*columns.values(), *Y])
     check_all_measured([*(f"column '{name}'" for name in columns), "column 'y'", "the torque"], Z)
-    Z = np.ascontiguousarray(Z.T)
     groups = record.groups
-    gram = products_between(Z, Z, groups.first, groups.stop)
+    gram = products_between(Z.T, Z.T, groups.first, groups.stop)
     seconds = float(groups.stop.max() - groups.first.min()) / record.rate_hz
     return Sums(
         tuple(columns),
@@ -167,56 +223,55 @@ def solved(A: Array, b: Array) -> tuple[Array, Array]:
     return estimates + inverse @ (b - A @ estimates), inverse
 
 
-def estimates_of(total: Array, at: Sequence[int], q: int, C: Array | None = None) -> Array:
-    """Estimates (p,) of the torque, column q, alone: of the columns `at`, or of combinations C (columns, p) of them."""
-    A, b = total[np.ix_(at, at)], total[at, q]
-    return solved(A, b)[0] if C is None else solved(C.T @ A @ C, C.T @ b)[0]
+def estimates_of(total: Array, at: Sequence[int], q: int) -> Array:
+    """Estimates (p,) of the torque, column q, alone, of the columns `at`."""
+    return solved(total[np.ix_(at, at)], total[at, q])[0]
 
 
 def fit_groups(
     s: Sums,
     model: Mapping[str, str],
     keep: "NDArray[np.bool_] | Label" = None,
-    transform: tuple[Sequence[str], Array] | None = None,
+    turn: Array | None = None,
     limit: float = CONDITION_LIMIT,
 ) -> GroupFit:
     """Least squares of the torque on a model, estimate -> column, over the groups of a label, or those to keep (m,).
 
-    `transform` are columns and a matrix (columns, p): the columns of the estimates are combinations of these.
+    With `turn` (`Sums.turned`) the columns of the estimates, and the torque, are combinations of the columns.
 
     Raises IdentifiabilityError: a column is 0 throughout, or the scaled condition number is above the `limit`.
     """
-    names, q = tuple(model), s.torque
-    used, C = (list(model.values()), np.eye(len(model))) if transform is None else (list(transform[0]), transform[1])
-    at = s.index(used)
-    keep = keep if isinstance(keep, np.ndarray) else s.groups.of(keep)
-    G, total = (s.gram, s.total) if keep.all() else (s.gram[keep], s.over(keep))
-    one = s.index(["one"])[0]
+    names, q, p, columns = tuple(model), s.torque, len(model), list(model.values())
+    groups = np.flatnonzero(keep if isinstance(keep, np.ndarray) else s.groups.of(keep))
+    used = np.array([*s.index(columns), q, q + 1])
+    if turn is None:
+        own, turn = s.gram[:, used[:, None], used][groups], np.eye(p + 2)
+    else:
+        used = np.flatnonzero(turn.any(axis=1))
+        turn = turn[used]
+        own = turn.T @ (s.gram[:, used[:, None], used][groups] @ turn)
+    one = columns.index("one")
+    if "late" in columns:  # time about the middle of what is fitted: a drift and an offset are then told apart
+        late, total = columns.index("late"), own[:, one].sum(axis=0)
+        middle = total[late] / total[one]
+        own[:, late] -= middle * own[:, one]
+        own[:, :, late] -= middle * own[:, :, one]
+        turn[:, late] -= middle * turn[:, one]
+    total = own.sum(axis=0)
     n = float(total[one, one])
-    if "late" in used:  # time about the middle of what is fitted: a drift and an offset are then told apart
-        C = C.copy()
-        C[used.index("one")] -= total[one, s.names.index("late")] / n * C[used.index("late")]
-    A_g, b_g = C.T @ G[:, at][:, :, at] @ C, G[:, at, q] @ C
     # noise is independent from row to row before the filter; but where nothing repeats, what the filter takes off the
     # signal itself would count as noise
-    raw_g = G[:, at, q + 1] @ C if s.groups.repeat else b_g
-    A, b = A_g.sum(axis=0), b_g.sum(axis=0)
+    A_g, b_g, raw_g = own[:, :p, :p], own[:, :p, p], own[:, :p, p + s.groups.repeat]
+    A, b, square = total[:p, :p], total[:p, p], float(total[p, p])
     estimates, inverse = solved(A, b)
-    varies = [k for k, column in enumerate(model.values()) if column != "one"]
+    varies = [k for k, column in enumerate(columns) if column != "one"]
     about_means = inverse[np.ix_(varies, varies)]
-    scale = np.sqrt(check_not_zero(names, np.diag(A)))
-    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
-    condition = float(np.sqrt(values[-1] / max(values[0], 1e-30 * values[-1])))
-    if len(about_means) > 1 and condition < ROUNDED:  # beside an offset that of the columns about their means
-        condition = scaled_condition(about_means)
-    if condition > limit:
-        refuse_unidentifiable(names, vectors[:, 0], condition)
-    square = total[q, q]
+    condition = checked_condition(names, A, about_means, limit)
     if n <= len(names):
         raise InputError(f"{n:.0f} samples cannot determine {len(names)} parameters; record for longer")
     left = max(float(square - 2 * estimates @ b + estimates @ A @ estimates), 0.0)
-    level = float(total[one, q] - total[one, at] @ C @ estimates) / n
-    stratum = np.unique(s.groups.stratum[keep], return_inverse=True)[1]
+    level = float(total[one, p] - total[one, :p] @ estimates) / n
+    stratum = np.unique(s.groups.stratum[groups], return_inverse=True)[1]
     scores = (raw_g - A_g @ estimates) @ inverse
     repeats = s.groups.repeat and int(np.bincount(stratum).min()) > 1
     if repeats:
@@ -226,10 +281,12 @@ def fit_groups(
         noise, freedom = inverse * left / left_free, np.full(len(names), left_free)
     else:
         # what the richest model leaves is the noise
-        rich = s.index(list(dict.fromkeys([*s.rich, *used])))
-        coefficients = solved(G[:, rich][:, :, rich].sum(axis=0), G[:, rich, q].sum(axis=0))[0]
-        modelled = np.swapaxes(C.T @ G[:, at][:, :, rich], 1, 2) * coefficients[:, None]
-        noise, freedom = noise_of_scores(np.asarray((raw_g - modelled.sum(axis=1)) @ inverse), len(rich))
+        mine = [s.names[k] for k, row in zip(used, turn, strict=True) if row[:p].any()]
+        rich = np.array(s.index(list(dict.fromkeys([*s.rich, *mine]))))
+        across = s.gram[np.ix_(groups, rich, used)] @ turn
+        coefficients = solved(s.over(keep)[np.ix_(rich, rich)], across[:, :, p].sum(axis=0))[0]
+        modelled = np.einsum("mrp,r->mp", across[:, :, :p], coefficients)
+        noise, freedom = noise_of_scores(np.asarray((raw_g - modelled) @ inverse), len(rich))
     unit = stratum if stratum.max() + 1 >= FEWEST_UNITS else np.arange(len(stratum))
     units = int(unit.max()) + 1
     told = repeats or unit is stratum or len(stratum) >= FEWEST_GROUPS
@@ -239,7 +296,7 @@ def fit_groups(
     if s.groups.kind == "cycles" and (unit is not stratum or units < 10) and any(s.rounding):
         of_theta, of_torque = s.rounding
         stiffness = estimates[names.index("K")] if "K" in names else 0.0
-        repeated = np.tensordot(s.groups.alike[keep], A_g, axes=1) * (stiffness**2 * of_theta + of_torque)
+        repeated = np.tensordot(s.groups.alike[groups], A_g, axes=1) * (stiffness**2 * of_theta + of_torque)
         # where the joint turns round, many rows share a step: the variance of what rounding does is 0.4 to 2.5 times
         # that of errors that are independent from row to row, by how an amplitude lies between steps (simulated)
         known = np.diag(inverse @ (2.0 * repeated) @ inverse)
@@ -248,7 +305,7 @@ def fit_groups(
         names,
         estimates,
         covariance,
-        accounted_for(left / n - level**2, square / n - (total[one, q] / n) ** 2, square / n),
+        accounted_for(left / n - level**2, square / n - (total[one, p] / n) ** 2, square / n),
         1 - left / max(float(square), np.finfo(float).tiny),
         condition,
         max(round(float(np.median(s.groups.stop - s.groups.first))), 1),
@@ -261,6 +318,19 @@ def fit_groups(
         left,
         units,
     )
+
+
+def checked_condition(names: tuple[str, ...], A: Array, about_means: Array, limit: float) -> float:
+    """Scaled condition number of normal equations A (p, p), beside an offset that of the columns about their means, of
+    which the inverse is given. Raises IdentifiabilityError: it is above the limit, or a column is 0."""
+    scale = np.sqrt(check_not_zero(names, np.diag(A)))
+    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
+    condition = float(np.sqrt(values[-1] / max(values[0], 1e-30 * values[-1])))
+    if len(about_means) > 1 and condition < ROUNDED:
+        condition = scaled_condition(about_means)
+    if condition > limit:
+        refuse_unidentifiable(names, vectors[:, 0], condition)
+    return condition
 
 
 def accounted_for(left: float, varied: float, square: float) -> float:
@@ -301,7 +371,9 @@ def combined(
     return covariance, np.maximum(degrees, 1.0)
 
 
-def paired_errors(s: Sums, model: Mapping[str, str], small: Label, large: Label) -> Array | None:
+def paired_errors(
+    s: Sums, fits: Mapping[Label, GroupFit], model: Mapping[str, str], small: Label, large: Label
+) -> Array | None:
     """Half-widths (p,) of the 95 % intervals of the differences of the estimates of two amplitudes, whose frequencies
     are the same: each is left out of both, so that what the model misses at both alike is no error of the difference.
     None where the frequencies differ or are too few."""
@@ -309,7 +381,7 @@ def paired_errors(s: Sums, model: Mapping[str, str], small: Label, large: Label)
     of = [{hz: k for label, hz, k in strata if label == x} for x in (small, large)]
     if of[0].keys() != of[1].keys() or len(of[0]) < FEWEST_UNITS:
         return None
-    repeats = [fit_groups(s, model, label).repeat for label in (small, large)]
+    repeats = [fits[label].repeat for label in (small, large)]
     if repeats[0] is None or repeats[1] is None:
         return None
     found, at = [], s.index(list(model.values()))
@@ -354,14 +426,20 @@ def held_out_vaf(s: Sums, model: Mapping[str, str], label: Label = None) -> floa
         part = 3 * place // len(place)  # consecutive thirds
         pairs = [(part != k, [part == k]) for k in np.unique(part)] if len(place) > 1 else []
     found = []
+    varies = [k for k, column in enumerate(model.values()) if column != "one"]
     for fitted, held in pairs:
-        try:
-            fit = fit_groups(s, model, fitted)
-        except (IdentifiabilityError, InputError):
+        total = s.over(fitted)
+        A, b = total[np.ix_(at, at)], total[at, q]
+        if total[one, one] <= len(model):
             return None
-        for total in map(s.over, held):
-            n, x, square = total[one, one], fit.estimates, total[q, q]
-            level = (total[one, q] - total[one, at] @ x) / n
-            left = square - 2 * x @ total[at, q] + x @ total[np.ix_(at, at)] @ x
-            found.append(accounted_for(left / n - level**2, square / n - (total[one, q] / n) ** 2, square / n))
+        x, inverse = solved(A, b)
+        try:
+            checked_condition(tuple(model), A, inverse[np.ix_(varies, varies)], CONDITION_LIMIT)
+        except IdentifiabilityError:
+            return None
+        for own in map(s.over, held):
+            n, square = own[one, one], own[q, q]
+            level = (own[one, q] - own[one, at] @ x) / n
+            left = square - 2 * x @ own[at, q] + x @ own[np.ix_(at, at)] @ x
+            found.append(accounted_for(left / n - level**2, square / n - (own[one, q] / n) ** 2, square / n))
     return min(found, default=None)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_row
+from osl_analysis.bench.analysis import Analysis, analysed, check_stiffer, friction_rows
 from osl_analysis.bench.effects import (
     HIDDEN,
     IMPEDANCE,
@@ -112,8 +112,9 @@ def rendered_impedance(record: Record, expected: Admittance | None = None) -> Re
     Raises InputError: the joint hardly moves, or its acceleration jumps. Raises IdentifiabilityError: the motion cannot
     tell K from I; the message names the band that is missing.
     """
-    steps, any_motion = steps_turned(record), not record.is_stepped_sine
-    if any_motion and steps < FEWEST_STEPS:
+    any_motion = not record.is_stepped_sine
+    steps = steps_turned(record) if any_motion else np.inf
+    if steps < FEWEST_STEPS:
         raise InputError(
             f"trial {record.name}: the joint hardly moves: theta turns by {steps:.0f} steps of its encoder, "
             f"{FEWEST_STEPS:g} are needed; move it by more, and check the unit of theta in the source file"
@@ -264,14 +265,14 @@ def impedance_table(rendered: Rendered) -> pl.DataFrame:
     facts, clocks = recorded_facts(rendered), clocks_row(record, s, IMPEDANCE, found)
     facts["explained_by"] = explained_by(found, lag, change)
     frame = frame_stiffness(s, IMPEDANCE, found) if lag and lag.found else None
-    rows = list[Row]()
+    friction, rows = friction_rows(s, IMPEDANCE, analysis.fits), list[Row]()
     for label, fit in analysis.fits.items():
         rows.append(
             {
                 **analysis.row(label, *QUANTITIES),
                 **lag_row(lag, fit, frame),
                 **harmonic_row(rendered, label),
-                **friction_row(s, IMPEDANCE, fit, label),
+                **friction[label],
                 **spring_row(rendered, label),
                 **analysis.shared(label, *QUANTITIES),
                 **change_row(change, s, fit, label),
@@ -452,7 +453,7 @@ def half_widths_of_change(analysis: Analysis) -> list[float]:
     labels = sorted(label for label in analysis.fits if isinstance(label, float))
     if len(labels) < 2:
         return []
-    paired = paired_errors(analysis.sums, analysis.model, labels[0], labels[-1])
+    paired = paired_errors(analysis.sums, analysis.fits, analysis.model, labels[0], labels[-1])
     if paired is not None:
         return [float(paired[list(analysis.model).index(name)]) for name in "KB"]
     fits = [analysis.fits[label] for label in (labels[0], labels[-1])]

@@ -156,6 +156,7 @@ class Sines:
     frequency_hz: float
     X: Array  # columns: constant, then cosine and sine of each harmonic, shape (n, 11)
     inside: NDArray[np.bool_]  # rows of the cycles, which are fitted (n,)
+    fitted: Array  # the columns in these rows (m, 11)
     cycles: tuple[Array, Array]  # rows at which each cycle begins and ends (m,), which need not be whole
     inverse: Array  # of the normal equations (11, 11)
 
@@ -180,8 +181,9 @@ def sines_at(time: Array, frequency_hz: float, cycles: tuple[Array, Array] | Non
         raise InputError(
             f"a step of {step * 1e3:.2f} ms is too long for harmonic {highest} of {frequency_hz:g} Hz; sample faster"
         )
-    X = np.ones((len(time), 1 + 2 * highest))
-    once = np.exp(2j * np.pi * frequency_hz * time)
+    X = np.ones((1 + 2 * highest, len(time))).T
+    turn = 2 * np.pi * frequency_hz * time
+    once = np.cos(turn) + 1j * np.sin(turn)
     turned = once
     for k in range(highest):
         X[:, 2 * k + 1], X[:, 2 * k + 2] = turned.real, turned.imag
@@ -192,8 +194,8 @@ def sines_at(time: Array, frequency_hz: float, cycles: tuple[Array, Array] | Non
         cycles = edges[:-1], np.minimum(edges[1:], len(time))
     for first, stop in zip(*cycles, strict=True):
         inside[whole_rows(first, stop)] = True
-    fitted = X[inside]
-    return Sines(frequency_hz, X, inside, cycles, np.linalg.inv(fitted.T @ fitted))
+    fitted = X if inside.all() else X[inside]
+    return Sines(frequency_hz, X, inside, fitted, cycles, np.linalg.inv(fitted.T @ fitted))
 
 
 def fit_sinusoid(signal: Array, sines: Sines) -> Phasor:
@@ -206,10 +208,10 @@ def fit_sinusoid(signal: Array, sines: Sines) -> Phasor:
     """
     check_measured("the signal", signal)
     X, inverse, inside = sines.X, sines.inverse, sines.inside
-    estimates = inverse @ (X[inside].T @ signal[inside])
+    estimates = inverse @ (sines.fitted.T @ signal[inside])
     residual = signal - X @ estimates
     if len(sines.cycles[0]) < FEWEST_CYCLES:
-        covariance, freedom, method = NO_REPEATS.covariance(X[inside], inverse, residual[inside])
+        covariance, freedom, method = NO_REPEATS.covariance(sines.fitted, inverse, residual[inside])
     else:
         scores = products_between(X, residual[:, None], *sines.cycles)[..., 0] @ inverse
         covariance, freedom = between_cycles(scores, np.zeros(len(scores), dtype=np.intp))

@@ -252,11 +252,7 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
     when, values = torque
     if not theta.size or not np.ptp(theta) or not when.size or not np.isfinite(values).all() or not np.ptp(values):
         return 0
-    noise = usual_size(np.diff(values, 3)) / 3.016 if values.size > 3 else np.inf  # of white noise
-    changes = max(10 * noise, 0.02 * float(np.ptp(values)))  # beyond noise, and the creep of a joint that rests
-    apart = np.diff(pl.Series(theta).unique().sort().to_numpy())
-    step = float(np.min(apart[apart > 1e-9 * np.ptp(theta)], initial=float(np.ptp(theta))))  # but for rounding
-    longest = 0
+    changes, longest, step = 0.02 * float(np.ptp(values)), 0, np.nan  # more than the creep of a joint that rests
     for end in (theta.min(), theta.max()):
         for run in runs(theta == end):
             count = run.stop - run.start
@@ -264,8 +260,14 @@ def longest_clipped_angle(time: Array, theta: Array, torque: tuple[Array, Array]
             if count > max(5, longest) and within.size > 1 and np.ptp(within) > changes:
                 sides = (run.start - count // 2, run.stop - 1 + count // 2)
                 moved = [abs(theta[at] - end) for at in sides if 0 <= at < theta.size]
+                if np.isnan(step):
+                    noise = usual_size(np.diff(values, 3)) / 3.016 if values.size > 3 else np.inf  # of white noise
+                    changes = max(changes, 10 * noise)
+                    apart = np.diff(pl.Series(theta).unique().sort().to_numpy())
+                    step = np.min(apart[apart > 1e-9 * np.ptp(theta)], initial=np.ptp(theta))  # but for rounding
                 # within half of its standing time a sine that is rounded to steps moves by four of them at most
-                longest = count if moved and min(moved) > 8 * step else longest
+                corner = moved and min(moved) > 8 * step
+                longest = count if corner and np.ptp(within) > changes else longest
     return longest
 
 

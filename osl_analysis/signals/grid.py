@@ -136,7 +136,7 @@ def on_one_grid(
             f"{time[-1]:.4f} s lies within {limits.margin_s:.2f} s of a gap longer than "
             f"{limits.bridged_s * 1e3:g} ms; {BRIDGE_MORE}"
         )
-    signals, farthest, at, low_passes = dict[str, Array](), 0.0, time[usable], low_passes or {}
+    signals, farthest, low_passes = dict[str, Array](), 0.0, low_passes or {}
     for times, values, _ in (part.samples for part in taken):
         for column, signal in resampled(times, values, time, step).items():
             signals[column] = signal
@@ -144,11 +144,22 @@ def on_one_grid(
             for low_pass in dict.fromkeys(low_passes.values()):
                 if low_pass != low_passes.get(column):
                     signals[column] = low_pass(signals[column], rate)
-        behind = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
-        farthest = max(farthest, float(np.minimum(np.abs(at - times[behind - 1]), np.abs(times[behind] - at)).max()))
+        farthest = max(farthest, float(distance_to_nearest(time, step, times)[usable].max()))
     streams = [stream_row(part, *found, time, limits, low_passes) for part, found in zip(taken, gaps, strict=True)]
     of_trial = (trial, low_passes, devices or {})
     return UniformSignals(time, rate, signals, usable, farthest, streams, tuple(taken), limits, *of_trial)
+
+
+def distance_to_nearest(grid: Array, step: float, times: Array) -> Array:
+    """Distance (m,) [s] of each time of a grid to the nearest of some rising times (n,)."""
+    row = np.rint((times - grid[0]) / step).astype(np.intp)
+    inside = (row >= 0) & (row < len(grid))
+    row, apart = row[inside], np.empty(len(grid))
+    apart[row] = np.abs(times[inside] - grid[row])
+    rest = np.flatnonzero(np.bincount(row, minlength=len(grid)) != 1)  # one sample alone within half a step is nearest
+    behind = np.clip(np.searchsorted(times, grid[rest]), 1, len(times) - 1)
+    apart[rest] = np.minimum(np.abs(grid[rest] - times[behind - 1]), np.abs(times[behind] - grid[rest]))
+    return apart
 
 
 def gaps_of(part: Taken, first: float, last: float, limits: GapLimits) -> tuple[Array, Array]:

@@ -217,6 +217,8 @@ class Taken:
             return self.clock.times()[self.present] - self.delay, dict(zip(names, values, strict=True)), 0
         stamps, closest = self.stream.stamps[self.present], 0.5 * self.step
         begins = np.concatenate([[True], np.diff(stamps) >= closest])
+        if begins.all():
+            return stamps - self.delay, dict(zip(names, values, strict=True)), 0
         start = 0.0
         for row in np.flatnonzero(~begins):  # a group is what lies within `closest` of its first sample
             start = stamps[row - 1] if begins[row - 1] else start
@@ -287,11 +289,11 @@ def check_countable(taken: Taken, fastest_hz: float) -> None:
     """Refuse an even device behind a host that is late and loses samples, where no counter says which. Waits of three
     steps and more hide the rhythm of the stamps. The device is then refused if steps seem to be missing, or if it is
     slower than the fastest one by a share that is too large for clocks and too small to be meant."""
-    clock, stream, spread = taken.clock, taken.stream, taken.clock.usual[1]
+    clock, stream = taken.clock, taken.stream
     # a tenth of a step: from there on a missing sample may be taken for a late one
-    if not taken.even or stream.counter is not None or spread <= 0.1 * clock.step:
+    if not taken.even or stream.counter is not None or clock.usual[1] <= 0.1 * clock.step:
         return
-    late = f"the host's stamps are late by {spread * 1e3:.2f} ms (SD)"
+    late = f"the host's stamps are late by {clock.usual[1] * 1e3:.2f} ms (SD)"
     remedy = "state the device's sample counter in the source file, stamp on the device, or record without loss"
     missing = missing_by_rhythm(stream.stamps)
     if missing or (missing is not None and clock.missing):

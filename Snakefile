@@ -1,10 +1,9 @@
 """From raw logs to Figures 3-9: raw log -> trial -> fit -> table -> figure.
 
 `snakemake reproduce-all` runs the campaign of config/config.yaml; `--configfile FILE` overrides fields of it, as does the
-`config` of a workflow that has this one as a module.
-A rule is a `step`: a function that says what its jobs read and with which settings. The input of a job is the files that
-it waits for, and a small file that tells it what to do, with the settings and the fingerprint of the program
-(`osl_analysis/jobs/request.py`). What changes there is made again.
+`config` of a workflow that has this one as a module. A rule is a `step`: a function that says what its jobs read and
+with which settings. A job waits for files, and for its request (`osl_analysis/jobs/request.py`): what changes there is
+made again.
 """
 
 import gc
@@ -68,25 +67,6 @@ def setting(name: str):
     return value.model_dump(mode="json") if hasattr(value, "model_dump") else value
 
 
-def make_rule(rule_name: str, job, files, named, log, constraints) -> None:
-    """A rule whose inputs are what `job` gives for its wildcards."""
-
-    rule:
-        name:
-            rule_name
-        input:
-            unpack(job),
-        output:
-            *files,
-            **named,
-        log:
-            RESULTS / f"logs/{log}.log",
-        wildcard_constraints:
-            **constraints,
-        run:
-            run_job(input.request)
-
-
 def step(command: str, output, log: str = "", name: str = "", **constraints):
     """Make a rule of the function below, which gives the parts of each job (`Requests.job`) for the rule's wildcards.
 
@@ -97,17 +77,32 @@ def step(command: str, output, log: str = "", name: str = "", **constraints):
     placed = lambda file: RESULTS / file if isinstance(file, str) else file
     named = {key: placed(file) for key, file in output.items()} if isinstance(output, dict) else {}
     files = [] if named else [placed(file) for file in (output if isinstance(output, list) else [output])]
+    place = log or [*files, *named.values()][0].relative_to(RESULTS).with_suffix("")
 
     def made(parts) -> None:
         rule_name = name or parts.__name__
 
-        def job(wildcards) -> dict[str, object]:
-            return REQUESTS.job(getattr(rules, rule_name), wildcards, **{"command": command, **parts(wildcards)})
-
-        place = log or [*files, *named.values()][0].relative_to(RESULTS).with_suffix("")
-        make_rule(rule_name, job, files, named, place, constraints)
+        rule:
+            name:
+                rule_name
+            input:
+                unpack(lambda one: REQUESTS.job(getattr(rules, rule_name), one, **{"command": command, **parts(one)})),
+            output:
+                *files,
+                **named,
+            log:
+                RESULTS / f"logs/{place}.log",
+            wildcard_constraints:
+                **constraints,
+            run:
+                run_job(input.request)
 
     return made
+
+
+def single(command: str, output, log: str, parts, name: str = "") -> None:
+    """Make a rule of a single job, which has these parts. It has the name of the command's function, or `name`."""
+    step(command, output, log, name or command.partition(".")[2])(lambda _: parts)
 
 
 wildcard_constraints:

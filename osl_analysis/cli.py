@@ -31,9 +31,9 @@ def numbers(value: str) -> list[float]:
         raise click.BadParameter(said) from None
     if ":" not in value:
         return found
-    if len(found) != 3 or not all(map(math.isfinite, found)) or found[2] <= 0 or found[1] < found[0]:
+    first, last, step = found if len(found) == 3 else (math.inf, 0.0, 0.0)
+    if not (math.isfinite(last - first + step) and last >= first and step > 0):
         raise click.BadParameter(f"'{value}' is not a range; write first:last:step, upwards, with a step above 0")
-    first, last, step = found
     if (last - first) / step > 300:
         raise click.BadParameter(f"'{value}' is more than 300 numbers; take a longer step")
     return [first + step * k for k in range(int((last - first) / step + 1e-9) + 1)]
@@ -67,6 +67,12 @@ def say(text: str, err: bool = False) -> None:
     click.echo(printable_lines(text), err=err)
 
 
+def options_given() -> set[str]:
+    """The parameters of the command that is called that are not left at their defaults."""
+    context = click.get_current_context()
+    return {name for name in context.params if context.get_parameter_source(name) is ParameterSource.COMMANDLINE}
+
+
 def print_or_write(text: str, output: Path | None) -> None:
     if output is not None:
         with atomic_path(output) as temporary:
@@ -75,13 +81,12 @@ def print_or_write(text: str, output: Path | None) -> None:
 
 
 class KeepsItsInput(click.Command):
-    """A command that never writes to a file that it reads, no two results to one file, and only to regular files."""
+    """A command that never writes to a file that it reads, no two results to one file, and only to regular files.
+
+    A link is replaced, never what it leads to (`atomic_path`).
+    """
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command, unless the file of an option that writes is in use, of another kind, or no file.
-
-        A link is replaced, never what it leads to (`atomic_path`).
-        """
         files = {name: path for name, path in ctx.params.items() if isinstance(path, Path)}
         for name in files.keys() & {"output", "plot", "draft_path"}:
             path = files[name]
@@ -96,13 +101,12 @@ class KeepsItsInput(click.Command):
 
 
 class OneLineErrors(click.Group):
-    """Shows a user's mistake as one line on standard error, exit code 1, and a warning as one line."""
+    """Shows a user's mistake as one line on standard error, exit code 1, and a warning as one line. Ctrl-C ends with
+    code 130, and SIGTERM in the same way, so that no half-written file stays behind."""
 
     command_class = KeepsItsInput
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; show its warnings and the user's mistakes as one line each. Ctrl-C ends with code 130, and
-        SIGTERM in the same way, so that no half-written file stays behind."""
         warnings.showwarning = lambda message, *_, **__: click.echo(f"warning: {printable(str(message))}", err=True)
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
@@ -117,9 +121,8 @@ class OneLineErrors(click.Group):
         except OSError as error:
             if error.errno == errno.EPIPE:
                 raise
-            place = "the output" if error.filename is None else error.filename
-            text = f"{place}: {error.strerror}; check the path, its permissions and the space on the disk"
-            click.echo(f"error: {printable(text)}", err=True)
+            text = f"{error.strerror}; check the path, its permissions and the space on the disk"
+            click.echo(printable(f"error: {error.filename or 'the output'}: {text}"), err=True)
         finally:
             signal.signal(signal.SIGTERM, before)
         sys.exit(1)
@@ -216,8 +219,8 @@ def inspect(file: Path, draft_path: Path | None) -> None:
     default="impedance",
     help="K, B, I of Eq. 15; B_j, J_j of Eq. 4; belt stiffness K_s; the actuator of Eqs. 1-2; torque-angle curve.",
 )
-@option("--stiffness", type=float, help="Desired K_d [N·m/rad] of the trial, for --model impedance.")
-@option("--damping", type=float, help="Desired B_d [N·m·s/rad] of the trial, for --model impedance.")
+@option("--stiffness", "K_d", type=float, help="Desired K_d [N·m/rad] of the trial, for --model impedance.")
+@option("--damping", "B_d", type=float, help="Desired B_d [N·m·s/rad] of the trial, for --model impedance.")
 @option(
     "--controller",
     default="compensated",
@@ -230,7 +233,7 @@ def inspect(file: Path, draft_path: Path | None) -> None:
 @CONFIG
 @AS_JSON
 @file_option("--plot", help="Draw measured and modelled torque [N·m] to this file.")
-def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | None, **stated: Any) -> None:
+def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | None, **of_trial: Any) -> None:
     """Fit one ingested TRIAL (Parquet) and print the estimates in SI units with 95 % intervals.
 
     The configuration may be a campaign's own, which overrides fields of the default. With --stiffness and --damping an
@@ -240,18 +243,17 @@ def fit(trial: Path, model: str, config_path: Path, as_json: bool, plot: Path | 
     from osl_analysis.commands import bench as command
     from osl_analysis.trial import read_trial
 
-    controller, K_d, B_d, parameters = (stated[name] for name in ("controller", "stiffness", "damping", "parameters"))
-    is_named = click.get_current_context().get_parameter_source("controller") is ParameterSource.COMMANDLINE
-    desired = DesiredImpedance(controller, K_d, B_d) if is_named or (K_d, B_d) != (None, None) else None
-    if desired is not None and model != "impedance":
-        said = "--stiffness, --damping and --controller are those of an impedance trial: give --model impedance"
-        raise click.UsageError(said)
-    device = command.campaign_parameters(config_path) if parameters is None else parameters
-    request = command.fit_request(model, config_path, desired)
-    fitted = command.fit_trial(model, read_trial(trial), None if device == Path("none") else device, request)
+    device, desired = of_trial.pop("parameters") or command.campaign_parameters(config_path), None
+    if {"K_d", "B_d", "controller"} & options_given():
+        desired = DesiredImpedance(**of_trial)
+        if model != "impedance":
+            said = "--stiffness, --damping and --controller are those of an impedance trial: give --model impedance"
+            raise click.UsageError(said)
+    device = None if device == Path("none") else device
+    fitted = command.fit_trial(model, read_trial(trial), device, *command.fit_settings(model, config_path), desired)
     if model == "impedance" and desired is None:
         said = "whether the torque is late or the bench's frame yields, and whether K is what the gains should give"
-        click.echo(f"not checked without --stiffness and --damping: {said}", err=True)
+        say(f"not checked without --stiffness and --damping: {said}", err=True)
     if fitted.not_checked:
         say(fitted.not_checked, err=True)
     if plot is not None:
@@ -370,8 +372,7 @@ def doctor(look: bool) -> None:
         say(f"{'!!' if remedy else 'ok'} {what:<{width}}  {found}{f': {remedy}' if remedy else ''}")
     if look:
         print_first_look(Path())
-    if any(remedy for _, _, remedy in seen):
-        sys.exit(1)
+    sys.exit(int(any(remedy for _, _, remedy in seen)))
 
 
 @main.command(
@@ -401,11 +402,9 @@ def watch(folder: Path, source: Path | None, output: Path, config_path: Path) ->
 @argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
     """Print the lines with which a shell completes commands, options and files of osl-analysis."""
-    from click.shell_completion import get_completion_class
+    from click.shell_completion import shell_complete
 
-    made = get_completion_class(shell)
-    if made is not None:
-        click.echo(made(main, {}, "osl-analysis", "_OSL_ANALYSIS_COMPLETE").source())
+    shell_complete(main, {}, "osl-analysis", "_OSL_ANALYSIS_COMPLETE", f"{shell}_source")
 
 
 def print_first_look(folder: Path) -> None:
@@ -453,14 +452,13 @@ def select_gains(
     from osl_analysis.commands.bench import rows_json
     from osl_analysis.model.gain_selection import Weight
 
-    stiffness, damping = asked["stiffness"], asked["damping"]
-    if trajectory is not None and (stiffness is not None or damping is not None):
+    stated = {"stiffness", "damping"} & options_given()
+    if trajectory is not None and stated:
         raise click.UsageError("--trajectory has K_d and B_d of its own: leave out --stiffness and --damping, or it")
-    if trajectory is None and (stiffness is None or damping is None):
+    if trajectory is None and len(stated) < 2:
         raise click.UsageError("give --stiffness and --damping, or --trajectory")
-    request = command.Request(
-        stiffness or [], damping or [], trajectory, Weight(asked["weight_hz"], asked["weight_order"])
-    )
+    weight = Weight(asked["weight_hz"], asked["weight_order"])
+    request = command.Request(asked["stiffness"] or [], asked["damping"] or [], trajectory, weight)
     table = command.requested_gains(request, parameters)
     if output is not None:
         command.write_gains(table, output)
@@ -516,8 +514,7 @@ def design(config_path: Path, output: Path | None, as_json: bool, **chosen: Any)
     from osl_analysis.campaign.configuration import read_config
     from osl_analysis.commands.design import design_json, design_request, design_text, designed, write_command
 
-    ctx, kind = click.get_current_context(), chosen["excitation"]
-    given = {name for name in chosen if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE}
+    kind, given = chosen["excitation"], options_given()
     unused = sorted(given & set().union(*OPTIONS.values()) - OPTIONS[kind])
     if unused:
         raise click.UsageError(f"a {kind} has no --{unused[0].replace('_', '-')}")

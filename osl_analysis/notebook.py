@@ -15,7 +15,7 @@ from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.phasors import frequency_response_table
 from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.commands.bench import Fit, FitRequest, campaign_parameters, fit_request, fit_tables, fit_trial
+from osl_analysis.commands.bench import Fit, campaign_parameters, fit_settings, fit_tables, fit_trial
 from osl_analysis.commands.gains import Request, requested_gains
 from osl_analysis.commands.tables import read_summary as read_summary_file
 from osl_analysis.commands.trials import checked_trial
@@ -27,7 +27,7 @@ from osl_analysis.files import config_here, shipped
 from osl_analysis.ingest.raw_files import FORMATS, read_source
 from osl_analysis.judge.doubts import IS_DOUBTFUL, marked, with_doubts_of
 from osl_analysis.judge.recording import examine, quality_table, validate_rules
-from osl_analysis.judge.table import Commanded, QualityRules
+from osl_analysis.judge.table import Commanded, DoubtfulFits, QualityRules
 from osl_analysis.model.parameters import joint_of
 from osl_analysis.table import read_table as read_table_file
 from osl_analysis.trial import Trial
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from osl_analysis.figures.style import NotebookFigure
 
 File = str | Path
-Numbers = float | Sequence[float]
 OF_CONFIG = "of the configuration"  # in place of a parameter file: the one that the configuration names
 
 
@@ -55,33 +54,24 @@ def as_trial(trial: Trial | File) -> Trial:
     return trial
 
 
-def config_of(config: File | None) -> Path:
-    return config_here() if config is None else Path(config)
+def device_of(parameters: File | None, config: File | None) -> Path | None:
+    if parameters == OF_CONFIG:
+        return campaign_parameters(Path(config or config_here()))
+    return None if parameters is None else Path(parameters)
 
 
 def asked(
-    experiment: str,
-    trial: Trial | File,
-    config: File | None,
-    parameters: File | None = OF_CONFIG,
-    condition: Any = None,
-    windows: str | None = None,
-) -> tuple[str, Trial, Path | None, FitRequest]:
-    """The arguments of `fit_trial`, from those of the functions below. Without a desired impedance nothing is known of
-    what the leg was asked to render.
-    """
-    path = config_of(config)
-    if experiment == "impedance":
-        if not isinstance(condition, DesiredImpedance | None):
-            raise InputError(f"desired: {condition!r} is none; write DesiredImpedance(controller, K_d, B_d)")
-        condition = condition or DesiredImpedance(None, None, None)
-    return experiment, as_trial(trial), device_of(parameters, path), fit_request(experiment, path, condition, windows)
+    experiment: str, trial: Trial | File, config: File | None, parameters: File | None
+) -> tuple[str, Trial, Path | None, dict[str, Any], DoubtfulFits]:
+    """The arguments of `fit_trial`, from those of the functions below."""
+    settings, limits = fit_settings(experiment, Path(config or config_here()))
+    return experiment, as_trial(trial), device_of(parameters, config), settings, limits
 
 
-def device_of(parameters: File | None, config: Path) -> Path | None:
-    if parameters == OF_CONFIG:
-        return campaign_parameters(config)
-    return None if parameters is None else Path(parameters)
+def known(desired: DesiredImpedance | None) -> DesiredImpedance:
+    if not isinstance(desired, DesiredImpedance | None):
+        raise InputError(f"desired: {desired!r} is none; write DesiredImpedance(controller, K_d, B_d)")
+    return desired or DesiredImpedance(None, None, None)
 
 
 def fit_impedance(
@@ -111,7 +101,7 @@ def fit_impedance(
     valid. IdentifiabilityError: the motion cannot tell K, B and I apart. UnreachableImpedanceError: the device has no
     gains for the desired impedance.
     """
-    return fit_trial(*asked("impedance", trial, config, parameters, desired, windows))
+    return fit_trial(*asked("impedance", trial, config, parameters), known(desired), windows)
 
 
 def fit_belt(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
@@ -126,8 +116,7 @@ def fit_belt(trial: Trial | File, config: File | None = None, parameters: File |
 def fit_transmission(trial: Trial | File, config: File | None = None, parameters: File | None = OF_CONFIG) -> Fit:
     """The transmission's damping B_j [N*m*s/rad] and inertia J_j [kg*m^2] (Eq. 4), of a trial without motor.
 
-    The trial has `theta` [rad] and `torque` [N*m]; the rows are those of `transmission.csv`. `config`, `parameters`
-    and what is raised as in `fit_impedance`.
+    The trial has `theta` [rad] and `torque` [N*m]; the rows are those of `transmission.csv`. The rest as in `fit_belt`.
     """
     return fit_trial(*asked("transmission", trial, config, parameters))
 
@@ -136,7 +125,7 @@ def fit_actuator(trial: Trial | File, config: File | None = None, parameters: Fi
     """The actuator (Eqs. 1-2) on its own bench: k_tau n_m and f_G [N*m/A], f_C [N*m], B_m [N*m*s/rad], J_m [kg*m^2].
 
     The trial has `current` [A], `torque_m` [N*m], and `theta_m` [rad] or `omega_m` [rad/s]; the row is that of
-    `actuator.csv`. `config`, `parameters` and what is raised as in `fit_impedance`.
+    `actuator.csv`. The rest as in `fit_belt`.
     """
     return fit_trial(*asked("actuator", trial, config, parameters))
 
@@ -145,10 +134,10 @@ def fit_torque_angle(trial: Trial | File, curve: str | None = None, config: File
     """Torque over angle of a passive foot or a spring in slow cycles: K [N*m/rad], energies [J], hysteresis.
 
     The trial has `theta` [rad] and `torque` [N*m]; the row is that of `torque_angle.csv`, and `curves` has the rows of
-    `torque_angle_curves.csv`. `curve` names the curve of the configuration that the device was designed for. `config`
-    and what is raised as in `fit_impedance`; there may be no such curve.
+    `torque_angle_curves.csv`. `curve` names the curve of the configuration that the device was designed for. The rest
+    as in `fit_impedance`.
     """
-    return fit_trial(*asked("torque_angle", trial, config, None, {"desired": curve}))
+    return fit_trial(*asked("torque_angle", trial, config, None), {"desired": curve})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -194,9 +183,8 @@ def frequency_response(
     from osl_analysis.commands.tables import pooled_schema
     from osl_analysis.figures.names import JOINT_SIDE, completed
 
-    arguments = asked("impedance", trial, config, parameters, desired, windows)
-    _, read, device, request = arguments
-    tables, found, limits = fit_tables(*arguments), {}, request.limits
+    experiment, read, device, settings, limits = asked("impedance", trial, config, parameters)
+    tables, found = fit_tables(experiment, read, device, settings, known(desired), windows), {}
     for name in ("phasors", "response", "response_models"):
         own = marked(tables[name], limits.of(name), name)
         found[name] = with_doubts_of(own, tables["impedance"], limits.of("impedance"), "impedance")
@@ -205,8 +193,7 @@ def frequency_response(
         return Response(read.name, "response", found["response"], found["response_models"], plotted)
     table = frequency_response_table(found["phasors"])
     joint = pl.lit(joint_of(device) if device else None, pl.String)
-    responses = completed(table.with_columns(joint=joint), JOINT_SIDE)
-    plotted = beside_theory(responses, device, request.settings["weight"])
+    plotted = beside_theory(completed(table.with_columns(joint=joint), JOINT_SIDE), device, settings["weight"])
     return Response(read.name, "fig7", table, found["response_models"], plotted)
 
 
@@ -263,7 +250,7 @@ def check(trial: Trial | File, experiment: str = "impedance", config: File | Non
     if experiment not in EXPERIMENTS:
         known = ", ".join(EXPERIMENTS)
         raise InputError(f"no experiment '{experiment}'; it is one of {known}{nearest(experiment, EXPERIMENTS)}")
-    read, path = as_trial(trial), config_of(config)
+    read, path = as_trial(trial), Path(config or config_here())
     rules = read_section(path, "quality", QualityRules)
     validate_rules(rules)
     bench = read_section(path, "dynamometer", DynamometerAnalysis)
@@ -291,7 +278,12 @@ def simulate_trial(folder: File, trial: str, settings: File = "config/simulation
     return place / str(row["log"]), str(row["log_source"])
 
 
-def gains(K_d: Numbers, B_d: Numbers, parameters: File | None = OF_CONFIG, config: File | None = None) -> pl.DataFrame:
+def gains(
+    K_d: float | Sequence[float],
+    B_d: float | Sequence[float],
+    parameters: File | None = OF_CONFIG,
+    config: File | None = None,
+) -> pl.DataFrame:
     """Control gains for desired stiffnesses K_d [N*m/rad] and dampings B_d [N*m*s/rad], a row per combination.
 
     As `osl-analysis gains`: `K_1` and `B_1` at the actuator's output (Eqs. 13 and 14), `K_1_joint` and `B_1_joint` at
@@ -301,8 +293,7 @@ def gains(K_d: Numbers, B_d: Numbers, parameters: File | None = OF_CONFIG, confi
     Raises InputError: there is no parameter file, or a file is not valid. Raises UnreachableImpedanceError: no
     gains render one of the pairs, as K_d from K_s up.
     """
-    path = config_of(config)
-    device, weight = device_of(parameters, path), read_section(path, "gain_weight", WeightSettings).weight
+    device = device_of(parameters, config)
     if device is None:
         raise InputError("gains need a parameter file; name the one of your device as `parameters`")
     pairs = []
@@ -313,6 +304,7 @@ def gains(K_d: Numbers, B_d: Numbers, parameters: File | None = OF_CONFIG, confi
             pairs.append([])
         if not pairs[-1] or not np.isfinite(pairs[-1]).all():
             raise InputError(f"{name}: {values!r} is not a finite number, or several of them; correct it")
+    weight = read_section(Path(config or config_here()), "gain_weight", WeightSettings).weight
     return requested_gains(Request(pairs[0], pairs[1], None, weight), device)
 
 
@@ -331,6 +323,12 @@ def read_table(path: File) -> pl.DataFrame:
     """A result table of a campaign, such as `results/tables/impedance.csv`; `osl-analysis describe-tables` explains it.
     Raises InputError where it is missing, is no CSV, or was refused."""
     return read_table_file(Path(path))
+
+
+def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":
+    from osl_analysis.figures.style import NotebookFigure  # matplotlib takes half a second
+
+    return NotebookFigure.of(drawing_of(name).draw(table))
 
 
 def plot_torque(fit: Fit) -> "NotebookFigure":
@@ -360,9 +358,3 @@ def plot_torque_angle(*fits: Fit) -> "NotebookFigure":
         raise InputError(f"two fits are of trials of one name, {listing(names)}; name each trial differently")
     both = (pl.concat(frames, how="diagonal_relaxed") for frames in (curves, [fit.table for fit in fits]))
     return drawn("torque_angle", drawing_of("torque_angle").points(*both))
-
-
-def drawn(name: str, table: pl.DataFrame) -> "NotebookFigure":
-    from osl_analysis.figures.style import NotebookFigure  # matplotlib takes half a second
-
-    return NotebookFigure.of(drawing_of(name).draw(table))

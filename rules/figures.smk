@@ -4,8 +4,10 @@ SUFFIXES = ("pdf", "svg", "png")
 
 
 def drawn_names() -> list[str]:
-    """The names of the figures that the campaign's tables give."""
-    tables = {path.stem for path in result_tables()} - ({"model_comparison"} if not IS_PREDICTED else set())
+    """The names of the figures that the campaign's tables give; rival models are drawn where one predicts other data."""
+    tables = {path.stem for path in result_tables()}
+    if not AMPLITUDES and all(len(trials) == 1 for trials in REPEATS.values()):
+        tables -= {"model_comparison"}
     return [name for name, figure in FIGURES.items() if figure.table in tables]
 
 
@@ -20,8 +22,7 @@ def shown_rows(figure: str) -> list[Path]:
     if figure == "fig4":
         return []  # one trial, without which it is not drawn
     if figure == "fig7":
-        asked = {} if RESPONSE is None else {"K_d": RESPONSE.K_d, "B_d": RESPONSE.B_d}
-        return rows("phasors", matching(CAMPAIGN, asked))
+        return rows("phasors", matching(CAMPAIGN, RESPONSE.model_dump() if RESPONSE else {}))
     return rows_behind(FIGURES[figure].table)
 
 
@@ -29,44 +30,32 @@ def shown_rows(figure: str) -> list[Path]:
 def plot_numbers(wildcards):
     """Most figures show one table; the others are made by a command of their own, from several or from trials."""
     name = wildcards.figure
+    figure, own, parts = FIGURES[name], f"figure.{name}", {}
+    inputs, settings = {"table": tabled(figure.table)}, {}
     match name:
         case "fig3":
-            read = {"curves": rows("belt_curves"), "quality": verdicts_on("belt_curves")}
-            parts = {"input": {"table": tabled("belt"), "summary": tabled("belt_summary")}, "read": read}
+            inputs["summary"] = tabled("belt_summary")
+            parts["read"] = {"curves": rows("belt_curves"), "quality": verdicts_on("belt_curves")}
         case "fig4":
             trial = TIME_SERIES.trial
-            (fit,) = rows("impedance", [trial])
+            inputs = {"trial": trial_file(trial), "quality": checked([trial]), "fit": rows("impedance", [trial])[0]}
             settings = {"settings": CONFIG.dynamometer.part("ImpedanceAnalysis"), "choice": asdict(TIME_SERIES)}
             settings |= {"limits": limits_of("impedance"), "windows": CAMPAIGN.row(trial)["windows"]}
-            inputs = {"trial": trial_file(trial), "quality": checked([trial]), "fit": fit}
-            parts = {"input": inputs, "settings": settings}
         case "fig7":
-            choice = RESPONSE and RESPONSE.model_dump(mode="json")
-            parts = {
-                "input": {"table": tabled("frequency_response")},
-                "files": {"parameters": CONFIG.parameters or []},
-                "settings": {"weight": setting("gain_weight"), "choice": choice},
-            }
+            parts["files"] = {"parameters": CONFIG.parameters or []}
+            settings = {"weight": setting("gain_weight"), "choice": RESPONSE and RESPONSE.model_dump(mode="json")}
         case "walking_page":
-            tables = {"responses": tabled("walking_responses"), "table": tabled("walking")}
-            parts = {
-                "command": "figure.plot_walking_page",
-                "input": {"selection": SELECTION, "unperturbed": UNPERTURBED, **tables},
-                "read": crossed(perturbed=True),
-                "settings": {"settings": CONFIG.walking.part("TimingSettings")},
-            }
+            own, parts["read"] = "figure.plot_walking_page", crossed(perturbed=True)
+            inputs = {"selection": SELECTION, "unperturbed": UNPERTURBED, "table": tabled("walking")}
+            inputs["responses"] = tabled("walking_responses")
+            settings = {"settings": CONFIG.walking.part("TimingSettings")}
         case "impedance_over_stance":
-            parts = {"command": "figure.plot_over_stance", "input": {"table": tabled(name)}, **over_stance()}
+            own, parts = "figure.plot_over_stance", over_stance()
         case _:
-            figure = FIGURES[name]
-            tables = zip(("table", "second", "third"), [figure.table, *figure.beside])
-            parts = {
-                "command": "figure.plot_numbers",
-                "modules": (f"figures.{figure.module}",),
-                "input": {key: tabled(table) for key, table in tables},
-                "settings": {"name": name, "option": figure.option and setting(figure.option)},
-            }
-    return {"command": f"figure.{name}", **parts}
+            own, parts["modules"] = "figure.plot_numbers", (f"figures.{figure.module}",)
+            inputs |= {key: tabled(table) for key, table in zip(("second", "third"), figure.beside)}
+            settings = {"name": name, "option": figure.option and setting(figure.option)}
+    return {"command": own, "input": inputs, "settings": settings, **parts}
 
 
 @step("figure.draw_figure", [f"figures/{{figure}}.{suffix}" for suffix in SUFFIXES])
@@ -80,12 +69,12 @@ def draw_figure(wildcards):
 @step("figure.write_captions", "figures/captions.md")
 def captions(_):
     tables = {name: RESULTS / f"figures/{name}.csv" for name in drawn_names()}
-    return {
-        "modules": ("figures.names", *sorted({f"figures.{FIGURES[name].module}" for name in tables})),
+    modules = ("figures.names", *sorted({f"figures.{FIGURES[name].module}" for name in tables}))
+    inputs = {
         "input": {"fitted": list(tables.values())},
         "read": {"shown": {name: shown_rows(name) for name in tables}},
-        "settings": {"tables": tables, "footer": ABOUT.sentence()},
     }
+    return {"modules": modules, **inputs, "settings": {"tables": tables, "footer": ABOUT.sentence()}}
 
 
 @step("report.write_report", "report.html", name="report")

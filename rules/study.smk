@@ -7,7 +7,7 @@ STUDIED |= {name: (getattr(STUDY, number), batch) for name, (number, batch) in W
 """Trials or campaigns of each experiment, and how many of them one job takes at least."""
 STUDIED_BY_FILE = {name.replace(",", "").replace(" ", "_"): name for name in STUDIED}
 FILE_OF = {name: file for file, name in STUDIED_BY_FILE.items()}
-STUDY_JOBS = [f"{FILE_OF[one.experiment]}_{one.first}_{one.number}" for one in study_batches(STUDIED)]
+BATCH = "{experiment}_{first}_{number}"
 OF_BATCH = {"experiment": "|".join(STUDIED_BY_FILE), "first": "[0-9]+", "number": "[0-9]+"}
 
 
@@ -16,9 +16,6 @@ def expected_time(planned_jobs) -> str:
     studied = (job.wildcards for job in planned_jobs if job.rule.name.endswith("study_batch"))
     found = sorted((one.experiment, int(one.first), int(one.number)) for one in studied)
     return planned({f"{file}_{k}_{n}": Batch(STUDIED_BY_FILE[file], k, n).seconds for file, k, n in found})
-
-
-BATCH = "{experiment}_{first}_{number}"
 
 
 @step("study.run_batch", f"study/batches/{BATCH}.csv", f"study/{BATCH}", **OF_BATCH)
@@ -32,19 +29,14 @@ def study_batch(wildcards):
     return {"modules": ("commands.study",), "made_of": settings_files(STUDY.simulation), "settings": settings}
 
 
-step("study.summarise_study", "study/study.csv", "study/table", "study_table")(
-    lambda _: {"input": {"batches": [RESULTS / f"study/batches/{name}.csv" for name in STUDY_JOBS]}}
-)
-step("study.write_page", "study/study.md", "study/page", "study_page")(
-    lambda _: {"input": {"table": RESULTS / "study/study.csv"}}
-)
-
-
-@step("figure.draw_figure", [f"study/study.{suffix}" for suffix in SUFFIXES], "study/figure")
-def study_figure(_):
-    footer = f"Simulated data: Monte Carlo study with seed {STUDY.seed}, osl-analysis {ABOUT.version}"
-    settings = {"modules": ("figures.names", "figures.others"), "settings": {"name": "study", "footer": footer}}
-    return {"input": {"table_csv": RESULTS / "study/study.csv"}, **settings}
+STUDY_JOBS = [f"{FILE_OF[one.experiment]}_{one.first}_{one.number}" for one in study_batches(STUDIED)]
+TABLE_OF_STUDY, BATCHES = RESULTS / "study/study.csv", [RESULTS / f"study/batches/{name}.csv" for name in STUDY_JOBS]
+FOOTER = f"Simulated data: Monte Carlo study with seed {STUDY.seed}, osl-analysis {ABOUT.version}"
+DRAWING = {"modules": ("figures.names", "figures.others"), "settings": {"name": "study", "footer": FOOTER}}
+DRAWING["input"] = {"table_csv": TABLE_OF_STUDY}
+single("study.summarise_study", TABLE_OF_STUDY, "study/table", {"input": {"batches": BATCHES}}, "study_table")
+single("study.write_page", "study/study.md", "study/page", {"input": {"table": TABLE_OF_STUDY}}, "study_page")
+single("figure.draw_figure", [f"study/study.{one}" for one in SUFFIXES], "study/figure", DRAWING, "study_figure")
 
 
 rule study:

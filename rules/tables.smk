@@ -8,8 +8,6 @@ REPEATS = {
 """Comparisons of models over trials: the trials of each joint and side, which predict each other."""
 AMPLITUDES = CAMPAIGN.predicted() if len(CONFIG.dynamometer.amplitudes_deg) > 1 else []
 """Trials whose rendered impedance at an amplitude is predicted from the others."""
-IS_PREDICTED = bool(AMPLITUDES) or any(len(trials) > 1 for trials in REPEATS.values())
-"""Whether any model predicts data that it was not fitted to."""
 TABLES = [(name, table) for name in EXPERIMENTS for table in EXPERIMENTS[name].tables]
 PER_TRIAL = {
     table.name: [trial for name, one in TABLES if one.name == table.name for trial in CAMPAIGN.rows_of(name, one)]
@@ -17,8 +15,6 @@ PER_TRIAL = {
 }
 PER_TRIAL |= {"model_comparison": [*REPEATS, *AMPLITUDES], "quality": CAMPAIGN.trials(), "hinge": list(CALIBRATED)}
 """Per table, the trials (or comparisons) that have rows in it. `hinge` has the static trials."""
-DOUBTS_OF = {table.name: table.doubts_of for _, table in TABLES if table.doubts_of}
-"""Per table, the table of the same trials whose doubts its rows share."""
 DERIVED = {new: (table.name, job) for name, table in TABLES for new, job in table.derived.items()}
 DERIVED["model_comparison_summary"] = ("model_comparison", "bench.summarise_model_comparison")
 """Per table that is computed from one other table: that table, and the job."""
@@ -26,8 +22,8 @@ DERIVED["model_comparison_summary"] = ("model_comparison", "bench.summarise_mode
 
 def row_file(table: str, trial: str) -> Path:
     """The file with the rows of a trial, or of a comparison, behind a table."""
-    experiment = CAMPAIGN.rows[trial]["experiment"] if trial in CAMPAIGN.rows else ""
-    if any(name == experiment and one.name == table for name, one in TABLES):
+    experiment = CAMPAIGN.rows.get(trial, {}).get("experiment")
+    if (experiment, table) in [(name, one.name) for name, one in TABLES]:
         return fit_file(experiment, table, trial)
     return RESULTS / ("quality" if table == "quality" else f"fits/{table}") / f"{trial}.csv"
 
@@ -38,11 +34,8 @@ def rows(table: str, trials=None) -> list[Path]:
 
 
 def behind(table: str) -> list[Path]:
-    """What was made when all single trials' results behind a table were: the lists of its experiments, or the results
-    themselves.
-    """
-    experiments = [name for name, one in TABLES if one.name == table]
-    return fitted(*experiments) if experiments else rows(table)
+    """What was made when all results behind a table were: the lists of its experiments, or the results themselves."""
+    return fitted(*(name for name, one in TABLES if one.name == table)) or rows(table)
 
 
 def verdicts_on(table: str) -> list[Path]:
@@ -78,7 +71,7 @@ def rows_behind(table: str) -> list[Path]:
 
 
 for kind, section in (("belt", "Belt"), ("transmission", "SteppedSine"), ("impedance", "Impedance")):
-    names = "(?!(belt|transmission)_trials).*" if kind == "impedance" else f"{kind}_trials(_[0-9]+)?"
+    names = "|".join(AMPLITUDES if kind == "impedance" else [name for name in REPEATS if name.startswith(kind)])
     of_kind = {"log": f"model_comparison/{{{kind}}}", "name": f"compare_{kind}_models", kind: names}
 
     @step(f"bench.compare_{kind}_models", f"fits/model_comparison/{{{kind}}}.csv", **of_kind)
@@ -86,8 +79,7 @@ for kind, section in (("belt", "Belt"), ("transmission", "SteppedSine"), ("imped
         """Trials predict other trials, in the rendered impedance amplitudes predict other amplitudes."""
         trials = REPEATS.get(wildcards[0], [wildcards[0]])
         settings = {"settings": CONFIG.dynamometer.part(f"{section}Analysis")}
-        if kind != "belt":
-            settings["sign_width"] = CONFIG.model_comparison.sign_width
+        settings |= {} if kind == "belt" else {"sign_width": CONFIG.model_comparison.sign_width}
         read = {"trials": [trial_file(trial) for trial in trials], "quality": checked(trials)}
         if kind == "impedance":
             read = {"trial": trial_file(trials[0])}
@@ -99,10 +91,10 @@ for kind, section in (("belt", "Belt"), ("transmission", "SteppedSine"), ("imped
 
 @step("tables.gather", tabled("{table}"), table="|".join(PER_TRIAL.keys() - {"quality"}))
 def table(wildcards):
-    of, judged = wildcards.table, DOUBTS_OF.get(wildcards.table, "")
-    fits = {"fits": rows(judged)} if judged else {}
+    of = wildcards.table
+    judged = next((one.doubts_of for _, one in TABLES if one.name == of), "")
     settings = {"limits": limits_of(of), "limits_of_fits": limits_of(judged), "places": PLACES}
-    read = {"rows": rows(of), "quality": verdicts_on(of), **fits}
+    read = {"rows": rows(of), "quality": verdicts_on(of)} | ({"fits": rows(judged)} if judged else {})
     return {"after": behind(of), "read": read, "settings": settings}
 
 
@@ -113,31 +105,27 @@ step("", tabled("{derived}"), name="derived_table", derived="|".join(DERIVED))(
 
 @step("tables.pool_responses", {n: tabled(n) for n in ("response_pooled", "response_models_pooled")})
 def pool_responses(_):
-    settings = {"conditions": {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL["response_lines"]}}
-    return {
-        "files": {"parameters": CONFIG.parameters or []},
-        "after": behind("response_lines"),
-        "read": {"lines": rows("response_lines"), "quality": verdicts_on("response_lines")},
-        "settings": settings | {"settings": CONFIG.dynamometer.part("FilterSettings")},
-    }
+    table, settings = "response_lines", {"settings": CONFIG.dynamometer.part("FilterSettings")}
+    settings["conditions"] = {trial: CAMPAIGN.row(trial) for trial in PER_TRIAL[table]}
+    inputs = {"files": {"parameters": CONFIG.parameters or []}, "after": behind(table)}
+    return {**inputs, "read": {"lines": rows(table), "quality": verdicts_on(table)}, "settings": settings}
 
 
-OF_GAINS = {"trajectory": CONFIG.impedance_trajectory or [], "parameters": CONFIG.parameters or []}
-step("gains.select_trajectory", tabled("gains"), name="gains_table")(
-    lambda _: {"files": OF_GAINS, "settings": {"weight": setting("gain_weight")}}
-)
+OF_GAINS = {"files": {"trajectory": CONFIG.impedance_trajectory or [], "parameters": CONFIG.parameters or []}}
+OF_GAINS["settings"] = {"weight": setting("gain_weight")}
+single("gains.select_trajectory", tabled("gains"), "tables/gains", OF_GAINS, "gains_table")
 
 
 @step("tables.list_excluded", tabled("excluded"))
 def excluded_trials(_):
     """It waits for the results of single trials of every kind, and names those that have none."""
     ends = [tabled(table) for table in ("model_comparison", "hinge") if PER_TRIAL[table]]
-    return {
+    after = {
         "input": {"verdicts": tabled("quality")},
         "after": [*fitted(*EXPERIMENTS), *ends, *[SELECTION] * bool(WALKED)],
-        "read": {"fitted": [*crossings(WALKED), *(path for table in PER_TRIAL for path in rows(table))]},
-        "settings": {"by_sheet": dict(CAMPAIGN.excluded), "places": PLACES},
     }
+    read = {"fitted": [*crossings(WALKED), *(path for table in PER_TRIAL for path in rows(table))]}
+    return {**after, "read": read, "settings": {"by_sheet": dict(CAMPAIGN.excluded), "places": PLACES}}
 
 
 @step("tables.write_summary", {"summary_json": "summary.json", "numbers_tex": "numbers.tex"})

@@ -1,7 +1,7 @@
 """Raw log, which may be simulated -> trial and what quality control measures on it -> the tables of its fit.
 
-What uses the results of every trial depends on one list per experiment: Snakemake's planning takes time with every file
-that a rule names. A rule names one file of every job that it needs; what else that job has made is `read`.
+Planning takes time with every file that a rule names. It names one file of every job that it needs, what else that job
+has made is `read`; what uses the results of every trial names one list per experiment.
 """
 
 
@@ -16,11 +16,8 @@ def checked(trials) -> list[Path]:
 
 
 if CONFIG.simulation:
-
-    @step("simulate.write_sheet", {"sheet": CONFIG.sheet}, "simulate/sheet")
-    def trial_sheet(_):
-        return {"files": {"settings_path": CONFIG.simulation}}
-
+    planned_by = {"files": {"settings_path": CONFIG.simulation}}
+    single("simulate.write_sheet", {"sheet": CONFIG.sheet}, "simulate/sheet", planned_by, "trial_sheet")
     for experiment in filter(CAMPAIGN.trials, EXPERIMENTS):
         logs = [RAW / path for path in EXPERIMENTS[experiment].simulated_files("{trial}").values()]
         of_trials = {"name": f"simulate_{experiment}", "trial": CAMPAIGN.pattern(experiment)}
@@ -28,35 +25,25 @@ if CONFIG.simulation:
         @step("simulate.simulate_trial", logs, "simulate/{trial}", **of_trials)
         def simulate_trial(wildcards, experiment=experiment):
             settings = {"settings_path": CONFIG.simulation, "campaign_folder": RAW, "trial": wildcards.trial}
-            return {
-                "modules": ("commands.simulate",),
-                "made_of": SIMULATION_FILES,
-                "settings": settings | {"followed": CONFIG.shared(experiment).model_dump(mode="json")},
-                "output": {},
-            }
+            settings["followed"] = CONFIG.shared(experiment).model_dump(mode="json")
+            modules = {"modules": ("commands.simulate",), "made_of": SIMULATION_FILES}
+            return {**modules, "settings": settings, "output": {}}
 
 
 @step("trials.ingest_and_check", {"trial": trial_file("{trial}"), "quality": checked(["{trial}"])[0]}, "ingest/{trial}")
 def ingest(wildcards):
     """A trial's simulated logs are needed, which other jobs write. Real recordings are no inputs: see `recordings`."""
     trial = wildcards.trial
-    return {
-        "needs" if CONFIG.simulation else "recordings": CAMPAIGN.logs(trial),
-        "made_of": CAMPAIGN.sources(trial),
-        "settings": {
-            "row": CAMPAIGN.recording(trial),
-            "needed_columns": EXPERIMENTS[CAMPAIGN.row(trial)["experiment"]].needed_columns,
-            "raw_folder": RAW,
-            "sources_folder": CONFIG.sources,
-            "commanded": {name: setting("dynamometer")[name] for name in PROTOCOL},
-        },
-    }
+    settings = {"row": CAMPAIGN.recording(trial), "raw_folder": RAW, "sources_folder": CONFIG.sources}
+    settings["needed_columns"] = EXPERIMENTS[CAMPAIGN.row(trial)["experiment"]].needed_columns
+    settings["commanded"] = {name: setting("dynamometer")[name] for name in PROTOCOL}
+    logs = {"needs" if CONFIG.simulation else "recordings": CAMPAIGN.logs(trial)}
+    return {**logs, "made_of": CAMPAIGN.sources(trial), "settings": settings}
 
 
-@step("tables.judge", tabled("quality"))
-def judge(_):
-    settings = {"rules": setting("quality"), "accept": JUDGE.accept, "places": PLACES}
-    return {"input": {"rows": checked(CAMPAIGN.trials())}, "settings": settings}
+VERDICTS = {"input": {"rows": checked(CAMPAIGN.trials())}}
+VERDICTS["settings"] = {"rules": setting("quality"), "accept": JUDGE.accept, "places": PLACES}
+single("tables.judge", tabled("quality"), "tables/quality", VERDICTS)
 
 
 def fit_file(experiment: str, table: str, trial: str) -> Path:
@@ -92,10 +79,9 @@ def fitted(*experiments: str) -> list[Path]:
     return [RESULTS / f"fits/{name}.json" for name in experiments if CAMPAIGN.trials(name) and EXPERIMENTS[name].tables]
 
 
-LISTED = "|".join(name for name, facts in EXPERIMENTS.items() if facts.tables)
-
-
-@step("tables.list_fits", "fits/{experiment}.json", experiment=LISTED)
+@step(
+    "tables.list_fits", "fits/{experiment}.json", experiment="|".join(n for n in EXPERIMENTS if EXPERIMENTS[n].tables)
+)
 def list_fits(wildcards):
     table = EXPERIMENTS[wildcards.experiment].tables[0]
     return {"input": {"fits": rows(table.name, CAMPAIGN.rows_of(wildcards.experiment, table))}}

@@ -28,11 +28,8 @@ def of_crossings(trials, **settings) -> dict[str, dict[str, object]]:
     """The ingested crossings and their calibrations, and the verdicts on them, as parts of a job."""
     statics = {trial: CAMPAIGN.static(trial) for trial in trials}
     calibrations = [calibration(static) for static in dict.fromkeys(statics.values())]
-    return {
-        "input": {"trials": [trial_file(trial) for trial in trials], "calibrations": calibrations},
-        "read": {"quality": checked(trials)},
-        "settings": {**settings, "statics": statics},
-    }
+    inputs = {"trials": [trial_file(trial) for trial in trials], "calibrations": calibrations}
+    return {"input": inputs, "read": {"quality": checked(trials)}, "settings": {**settings, "statics": statics}}
 
 
 HINGE = {"output": calibration("{static}"), "comparison": "fits/hinge/{static}.csv"}
@@ -50,15 +47,11 @@ def calibrate_markers(wildcards):
     }
 
 
-step("walking.identify_plate", {"output": PLATE, "comparison": tabled("plate")}, "walking/plate", "identify_plate")(
-    lambda _: of_crossings(CAMPAIGN.plate_trials(), settings=CONFIG.walking.part("PlateModelSettings"))
-)
-
-
-@step("walking.measure_platform", {"output": PLATFORM, "comparison": tabled("platform")}, "walking/platform")
-def measure_platform(_):
-    settings = {"settings": CONFIG.walking.part("PlatformMotionSettings"), "places": WALKED}
-    return of_crossings(CAMPAIGN.crossings(perturbed=True), **settings)
+UNLOADED = of_crossings(CAMPAIGN.plate_trials(), settings=CONFIG.walking.part("PlateModelSettings"))
+single("walking.identify_plate", {"output": PLATE, "comparison": tabled("plate")}, "walking/plate", UNLOADED)
+TURNING = {"settings": CONFIG.walking.part("PlatformMotionSettings"), "places": WALKED}
+TURNING = of_crossings(CAMPAIGN.crossings(perturbed=True), **TURNING)
+single("walking.measure_platform", {"output": PLATFORM, "comparison": tabled("platform")}, "walking/platform", TURNING)
 
 
 @step("walking.analyse", "crossings/{trial}.parquet")
@@ -70,16 +63,13 @@ def analyse_crossing(wildcards):
     return {"input": inputs, "settings": {"settings": CONFIG.walking.part("CrossingSettings"), **stated}}
 
 
-@step("walking.select_crossings", SELECTION, "walking/selection")
-def select_crossings(_):
-    settings = {"sheet": CAMPAIGN.conditions(), "places": WALKED, "settings": CONFIG.walking.part("SelectionSettings")}
-    return {"input": {"crossings": crossings(WALKED)}, "read": {"quality": checked(WALKED)}, "settings": settings}
-
-
-@step("walking.average_unperturbed", UNPERTURBED, "walking/unperturbed")
-def average_unperturbed(_):
-    settings = {"settings": CONFIG.walking.part("UnperturbedSettings")}
-    return {"input": {"selection": SELECTION}, "read": crossed(perturbed=False), "settings": settings}
+IN_SHEET = {"sheet": CAMPAIGN.conditions(), "places": WALKED}
+ANALYSED = {"input": {"crossings": crossings(WALKED)}, "read": {"quality": checked(WALKED)}}
+ANALYSED["settings"] = {**IN_SHEET, "settings": CONFIG.walking.part("SelectionSettings")}
+single("walking.select_crossings", SELECTION, "walking/selection", ANALYSED)
+STEADY = {"input": {"selection": SELECTION}, "read": crossed(perturbed=False)}
+STEADY["settings"] = {"settings": CONFIG.walking.part("UnperturbedSettings")}
+single("walking.average_unperturbed", UNPERTURBED, "walking/unperturbed", STEADY)
 
 
 @step("walking.fit_perturbation", "fits/walking/{trial}.csv", "walking/{trial}")
@@ -95,7 +85,7 @@ SUMMARIES = {name: tabled(f"walking_{table}") for name, table in SUMMARIES.items
 
 @step("walking.summarise_perturbations", SUMMARIES, "walking/summary")
 def summarise_walking(_):
-    settings = {"sheet": CAMPAIGN.conditions(), "places": WALKED, "limits": limits_of("walking_groups")}
+    settings = {**IN_SHEET, "limits": limits_of("walking_groups")}
     settings["settings"] = CONFIG.walking.part("EnsembleSettings")
     inputs = {"table": tabled("walking"), "selection": SELECTION, "unperturbed": UNPERTURBED}
     return {"input": inputs, "read": crossed(perturbed=True), "settings": settings}
@@ -108,7 +98,6 @@ def over_stance() -> dict[str, dict[str, object]]:
     return {"files": {"trajectory": trajectory}, "settings": settings}
 
 
-OVER_STANCE = tabled("impedance_over_stance")
-step("walking.tabulate_over_stance", OVER_STANCE, "walking/over_stance", "impedance_over_stance")(
-    lambda _: {"input": {"summary": tabled("walking_summary"), "groups": tabled("walking_groups")}, **over_stance()}
-)
+STANCE = {"input": {"summary": tabled("walking_summary"), "groups": tabled("walking_groups")}, **over_stance()}
+OVER_STANCE = "impedance_over_stance"
+single("walking.tabulate_over_stance", tabled(OVER_STANCE), "walking/over_stance", STANCE, OVER_STANCE)

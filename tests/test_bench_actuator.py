@@ -16,11 +16,10 @@ from osl_analysis.bench.components import actuator_alone
 from osl_analysis.bench.settings import ActuatorAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.cli import main
-from osl_analysis.commands.bench import FitRequest, fit_actuator_trial, fit_trial
+from osl_analysis.commands.bench import fit_actuator_trial, fit_settings, fit_trial
 from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
-from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.bench import simulate_bench_trial, turning
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
@@ -50,6 +49,11 @@ def fit_log(time, theta_m, current, torque_m, **changes):
 
 def fitted(log):
     return fit_log(log.time, log["actuator_angle"], log["motor_current"], log["output_torque"])
+
+
+def fit_file(path):
+    """The table of a trial's fit with the settings of the shipped configuration, by the one door to a fit."""
+    return fit_trial("actuator", read_trial(path), DEVICE, *fit_settings("actuator", ROOT / "config/config.yaml")).table
 
 
 def by_hand(theta_m, omega, alpha, current, **changes):
@@ -168,10 +172,7 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documen
     simulate_trial(campaign, tmp_path, "actuator_1")
     row = {"trial": "a", "experiment": "actuator", "log": "actuator/actuator_1.mcap", "log_source": "actuator"}
     ingest_trial(row, tmp_path, ROOT / "config/sources", tmp_path / "a.parquet")
-    analysis = read_section(ROOT / "config/config.yaml", "actuator", ActuatorAnalysis)
-    expected = fit_trial(
-        "actuator", read_trial(tmp_path / "a.parquet"), DEVICE, FitRequest({"settings": analysis}, DoubtfulFits())
-    ).table
+    expected = fit_file(tmp_path / "a.parquet")
     log, _ = simulate_bench_trial(
         {"trial": "actuator_1", "experiment": "actuator"}, read_yaml(campaign, SimulationSettings), P
     )
@@ -187,9 +188,7 @@ def test_a_bench_of_ones_own_gives_the_parameters_of_the_mcap_log_by_the_documen
         said = CliRunner().invoke(main, command.split())
         assert said.exit_code == 0, said.output
     assert re.search(r"J_m +0\.009\d+ ± \S+ +kg·m²", said.output)
-    found = fit_trial(
-        "actuator", read_trial(Path("bench.parquet")), DEVICE, FitRequest({"settings": analysis}, DoubtfulFits())
-    ).table
+    found = fit_file(Path("bench.parquet"))
     assert (found["motion"][0], expected["motion"][0]) == (motion, "theta_m")
     assert found.select(NAMES).row(0) == pytest.approx(expected.select(NAMES).row(0), rel=1e-3)
     assert found["J_m_se"][0] == pytest.approx(expected["J_m_se"][0], rel=0.02)
@@ -200,15 +199,11 @@ def test_of_angle_and_velocity_the_angle_is_used_and_a_bench_without_either_is_r
     t, theta, omega, alpha, current = schedule()
     samples = {"time": t, "current": current, "torque_m": by_hand(theta, omega, alpha, current)}
     write_trial(Trial("a", pl.DataFrame({**samples, "theta_m": theta, "omega_m": 7 * omega})), tmp_path / "a.parquet")
-    both = fit_trial(
-        "actuator", read_trial(tmp_path / "a.parquet"), DEVICE, FitRequest({"settings": analysis}, DoubtfulFits())
-    ).table
+    both = fit_file(tmp_path / "a.parquet")
     assert (both["motion"][0], both["J_m"][0]) == ("theta_m", pytest.approx(TRUE["J_m"], rel=0.02))
     write_trial(Trial("b", pl.DataFrame(samples)), tmp_path / "b.parquet")
     with pytest.raises(InputError, match="trial b: no column 'theta_m'"):
-        fit_trial(
-            "actuator", read_trial(tmp_path / "b.parquet"), DEVICE, FitRequest({"settings": analysis}, DoubtfulFits())
-        )
+        fit_file(tmp_path / "b.parquet")
     with pytest.raises(InputError, match=r"^trial a: the actuator is faster than 99 rad/s in 0 of"):
         fit_actuator_trial(read_trial(tmp_path / "a.parquet"), DEVICE, analysis.model_copy(update={"slowest": 99}))
 

@@ -11,10 +11,7 @@ from conftest import ROOT
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
-from osl_analysis.commands.bench import (
-    FitRequest,
-    fit_trial,
-)
+from osl_analysis.commands.bench import fit_trial
 from osl_analysis.errors import InputError
 from osl_analysis.judge.recording import check_recording
 from osl_analysis.judge.table import DoubtfulFits
@@ -72,7 +69,7 @@ def judged(experiment, recording, bench=BENCH, asked=None):
     chosen = {"settings": ACTUATOR if experiment == "actuator" else bench}
     chosen |= {"weight": PAPER_WEIGHT} if experiment == "impedance" else {}
     trial = Trial("made", pl.DataFrame(recording))
-    return fit_trial(experiment, trial, DEVICE, FitRequest(chosen, LIMITS, asked)).table.to_dicts()[-1]
+    return fit_trial(experiment, trial, DEVICE, chosen, LIMITS, asked).table.to_dicts()[-1]
 
 
 KNOWN = DesiredImpedance("compensated", 200, 4)

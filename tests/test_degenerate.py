@@ -20,7 +20,7 @@ from walking_synthetic import settings
 
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.bench.phasors import fit_sinusoid, sines_at
-from osl_analysis.commands.bench import fit_request, fit_trial
+from osl_analysis.commands.bench import fit_settings, fit_trial
 from osl_analysis.config.experiments import EXPERIMENTS
 from osl_analysis.errors import OslAnalysisError
 from osl_analysis.protocol.stepped_sine import SteppedSineProtocol
@@ -177,16 +177,15 @@ def bench_angle(experiment: str) -> Array:
 
 
 @cache
-def request_of(experiment: str) -> Any:
-    """Settings of the shipped configuration with a short protocol."""
+def asked_of(experiment: str) -> Any:
+    """Settings of the shipped configuration with a short protocol, limits, and the desired impedance."""
     desired = DesiredImpedance("compensated", 300.0, 5.0) if experiment == "impedance" else None
-    request = fit_request(experiment, ROOT / "config/config.yaml", desired)
-    if experiment in ("belt", "actuator", "torque_angle"):
-        return request
-    short = {"amplitudes_deg": [4], "frequencies_hz": FREQUENCIES, "cycles": CYCLES}
-    own = request.settings["settings"]
-    chosen = {"settings": type(own).model_validate(own.model_dump() | short)}
-    return replace(request, settings=request.settings | chosen)
+    settings, limits = fit_settings(experiment, ROOT / "config/config.yaml")
+    if experiment not in ("belt", "actuator", "torque_angle"):
+        short = {"amplitudes_deg": [4], "frequencies_hz": FREQUENCIES, "cycles": CYCLES}
+        own = settings["settings"]
+        settings["settings"] = type(own).model_validate(own.model_dump() | short)
+    return settings, limits, desired
 
 
 BENCH = [name for name, facts in EXPERIMENTS.items() if facts.place == "bench"]
@@ -206,7 +205,7 @@ def test_a_degenerate_bench_trial_is_fitted_or_refused_in_one_sentence(experimen
         still = {"theta_m": 0 * t} if moved == "theta" else {}
         current = 4 * np.sin(0.34 * np.pi * np.arange(len(t)) / BENCH_RATE)
         samples = pl.DataFrame({"time": t, moved: angle, exerted: torque, "current": current} | still)
-        return fit_trial(experiment, Trial("made", samples), DEVICE, request_of(experiment)).table
+        return fit_trial(experiment, Trial("made", samples), DEVICE, *asked_of(experiment)).table
 
     defined_or_refused(fit, {name: (lambda case=case: case) for name, case in cases.items()})
 
@@ -220,7 +219,7 @@ def test_a_dead_load_cell_is_named(experiment, reason, monkeypatch):
     dead = np.full_like(x, 0.0 if reason == "zero" else 3.0)
     samples = {"time": np.arange(len(x)) / BENCH_RATE, "theta_m": 0 * x, "current": x, moved: x, torque: dead}
     with pytest.raises(OslAnalysisError, match=rf"made.*torque.* (stays at|is) {dead[0]:g}\b.*([Cc]heck|source file)"):
-        fit_trial(experiment, Trial("made", pl.DataFrame(samples)), DEVICE, request_of(experiment))
+        fit_trial(experiment, Trial("made", pl.DataFrame(samples)), DEVICE, *asked_of(experiment))
 
 
 CHOICES = settings(bootstrap_samples=100)

@@ -170,7 +170,7 @@ def test_a_trial_of_the_sheet_is_fitted_in_its_windows_and_against_its_curve(mon
     assert [found[name] for name in TRUE] == pytest.approx(list(TRUE.values()), rel=0.01)
     assert (found["controller"], found["K_d"]) == ("mine", 250.0)
     assert "the configuration names no parameter file" in found["not_checked"]
-    monkeypatch.setattr(inspect_command, "fit_trial", lambda *given: given[-1].condition["desired"])
+    monkeypatch.setattr(inspect_command, "fit_trial", lambda *given: given[-2]["desired"])
     assert fit_of_row(trial, {"experiment": "torque_angle", "desired": "foot"}, None, default_config()) == "foot"
 
 

@@ -1,7 +1,7 @@
 """The fits of bench trials, the same at every door: workflow, command line, `watch`, notebooks; the benches' jobs."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import import_module
@@ -246,16 +246,6 @@ class Fit:
         return f"<table><caption>{title}</caption>{head}{''.join(rows)}</table>{lines}"
 
 
-@dataclass(frozen=True)
-class FitRequest:
-    """What the fit of a trial uses besides the trial: settings and limits of a campaign, and what the sheet states."""
-
-    settings: Mapping[str, Any]  # by argument of the fit (`FitJob.settings`): the section of the configuration
-    limits: DoubtfulFits  # limits beyond which a fit is doubtful
-    condition: Any = None  # what the sheet states of the trial: `DesiredImpedance`, or cells by column; None: unknown
-    windows: str | None = None  # what of an impedance trial is fitted [s], as in the sample sheet; None: all that moves
-
-
 def job_of(experiment: str) -> FitJob:
     """The fit of an experiment's trials. Raises InputError where it has none."""
     if (fit := EXPERIMENTS[experiment].fit) is None:
@@ -263,13 +253,14 @@ def job_of(experiment: str) -> FitJob:
     return fit
 
 
-def fit_request(experiment: str, config: Path, condition: Any = None, windows: str | None = None) -> FitRequest:
-    """What the fit of an experiment uses, from a configuration file that may override fields of the default only."""
+def fit_settings(experiment: str, config: Path) -> tuple[dict[str, Any], DoubtfulFits]:
+    """The settings of an experiment's fit by its arguments, and the limits beyond which fits are doubtful, from a
+    configuration file that may override fields of the default only."""
     models: Mapping[str, Any] = {name: field.annotation for name, field in Config.model_fields.items()}
     settings = {name: read_section(config, of, models[of]) for name, (of, _) in job_of(experiment).settings.items()}
     if "weight" in settings:
         settings["weight"] = settings["weight"].weight  # the cut-off and order are W themselves
-    return FitRequest(settings, read_section(config, "doubtful", DoubtfulFits), condition, windows)
+    return settings, read_section(config, "doubtful", DoubtfulFits)
 
 
 def campaign_parameters(config: Path) -> Path | None:
@@ -279,30 +270,41 @@ def campaign_parameters(config: Path) -> Path | None:
 
 
 def fit_tables(
-    experiment: str, trial: Trial, parameters: Path | None, request: FitRequest
+    experiment: str,
+    trial: Trial,
+    parameters: Path | None,
+    settings: Mapping[str, Any],
+    condition: Any = None,
+    windows: str | None = None,
 ) -> Mapping[str, pl.DataFrame]:
-    """The tables of a trial's fit, as the job of a campaign gives them; `request` as `fit_request` gives it."""
+    """The tables of a trial's fit, as the job of a campaign gives them. `parameters` is the device's file, None for a
+    device without one. `condition` and `windows` [s] are what the sheet states: `DesiredImpedance`, or cells by column.
+    """
     fit = job_of(experiment)
-    stated = (
-        ("parameters", parameters, fit.parameters),
-        ("condition", request.condition, bool(fit.sheet)),
-        ("windows", request.windows, fit.windows),
-    )
-    given = {**request.settings, **{name: value for name, value, is_taken in stated if is_taken}}
-    module, _, function = fit.job.partition(".")
-    found: Mapping[str, pl.DataFrame] = getattr(import_module(f"osl_analysis.commands.{module}"), function)(
-        trial, **given
-    )
-    return found
+    given = dict(settings)
+    given |= {"parameters": parameters} if fit.parameters else {}
+    given |= {"condition": condition} if fit.sheet else {}
+    given |= {"windows": windows} if fit.windows else {}
+    module, _, name = fit.job.partition(".")
+    fitted: Callable[..., Mapping[str, pl.DataFrame]] = getattr(import_module(f"osl_analysis.commands.{module}"), name)
+    return fitted(trial, **given)
 
 
-def fit_trial(experiment: str, trial: Trial, parameters: Path | None, request: FitRequest) -> Fit:
-    """Fit a trial and judge it; arguments and errors as `fit_tables`."""
-    found = fit_tables(experiment, trial, parameters, request)
+def fit_trial(
+    experiment: str,
+    trial: Trial,
+    parameters: Path | None,
+    settings: Mapping[str, Any],
+    limits: DoubtfulFits,
+    condition: Any = None,
+    windows: str | None = None,
+) -> Fit:
+    """Fit a trial and judge it; `fit_settings` gives `settings` and `limits`, the rest and errors as `fit_tables`."""
+    found = fit_tables(experiment, trial, parameters, settings, condition, windows)
     own = EXPERIMENTS[experiment].tables[0].name
     curves = next((frame for name, frame in found.items() if name.endswith("_curves")), None)
     no_torque = pl.DataFrame(schema=dict.fromkeys(("time", "torque", "torque_model"), pl.Float64))
-    return Fit(experiment, marked(found[own], request.limits.of(own), own), found.get("torque", no_torque), curves)
+    return Fit(experiment, marked(found[own], limits.of(own), own), found.get("torque", no_torque), curves)
 
 
 UNIT_OF = {

@@ -20,7 +20,7 @@ import polars as pl
 from osl_analysis.bench.impedance import DesiredImpedance
 from osl_analysis.campaign.campaign import open_campaign
 from osl_analysis.campaign.configuration import Config, read_config
-from osl_analysis.commands.bench import UNIT_OF, Fit, estimated, estimates_text, fit_request, fit_trial, job_of
+from osl_analysis.commands.bench import UNIT_OF, Fit, estimated, estimates_text, fit_settings, fit_trial, job_of
 from osl_analysis.commands.figure import draw_table
 from osl_analysis.commands.reference import write_schemas
 from osl_analysis.commands.trials import checked_trial
@@ -83,13 +83,13 @@ def off_desired(estimates: pl.DataFrame, row: Mapping[str, Any]) -> str:
 
 def fit_of_row(trial: Trial, row: Mapping[str, Any], device: Path | None, config: Path) -> Fit:
     """The fit of a trial in memory, by what its row of a sheet says, drafted or not, as in the workflow. `device` is
-    its parameter file. Raises as `fit_request` and `fit_trial`."""
+    its parameter file. Raises as `fit_trial`."""
     experiment = str(row["experiment"])
     condition: Any = {column: row.get(column) for column in job_of(experiment).sheet}
     if experiment == "impedance":
         K_d, B_d = (None if row[name] is None else float(row[name]) for name in ("K_d", "B_d"))
         condition = DesiredImpedance(row["controller"], K_d, B_d)
-    return fit_trial(experiment, trial, device, fit_request(experiment, config, condition, row.get("windows")))
+    return fit_trial(experiment, trial, device, *fit_settings(experiment, config), condition, row.get("windows"))
 
 
 def inspect_file(path: Path) -> Overview:

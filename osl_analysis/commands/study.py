@@ -12,11 +12,10 @@ import polars as pl
 from osl_analysis.bench.analysis import FitTables
 from osl_analysis.bench.settings import ActuatorAnalysis, DynamometerAnalysis
 from osl_analysis.campaign.configuration import StudySettings
-from osl_analysis.commands.bench import FitRequest, fit_tables, job_of
+from osl_analysis.commands.bench import fit_tables, job_of
 from osl_analysis.compiled import require_compiler
 from osl_analysis.errors import InputError
 from osl_analysis.files import atomic_path
-from osl_analysis.judge.table import DoubtfulFits
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.refusal import Refusal
 from osl_analysis.simulator.settings import SimulationSettings
@@ -47,7 +46,7 @@ def study_inputs(
         """The door to every fit, without what the sheet may state of a trial, which changes no estimate."""
         chosen = {**sections, "gain_weight": simulation.gain_weight.weight}
         settings = {name: chosen[section] for name, (section, _) in job_of(experiment).settings.items()}
-        found = fit_tables(experiment, trial, parameters, FitRequest(settings, DoubtfulFits.model_validate({})))
+        found = fit_tables(experiment, trial, parameters, settings)
         assert isinstance(found, FitTables)
         return found
 

@@ -10,7 +10,6 @@ import ctypes
 import gc
 import importlib
 import os
-import select
 import signal
 import socket
 import subprocess
@@ -35,7 +34,7 @@ OF_MOST_JOBS = (
     *("scipy.signal", "scipy.interpolate", "scipy.ndimage", "scipy.linalg", "scipy.fft"),  # ours name them at their use
     *(f"osl_analysis.commands.{name}" for name in ("trials", "bench", "tables")),
 )
-"""Imported while no job waits, as when Snakemake plans."""
+"""Imported at once, while Snakemake plans."""
 USED_WITH = {
     "simulate": [f"osl_analysis.simulator.{name}" for name in ("bench", "crossing", "preloaded")],
     "figure": ["osl_analysis.figures.names", "fontTools.subset"]
@@ -68,63 +67,65 @@ def run_job(request: str) -> None:
 
     Raises where there is neither a result nor a record, as on a full disk; the job itself has said why.
     """
-    code, pid = -signal.SIGKILL, 0  # what stays of a server that was killed: its jobs die with it
+    said = b""
     ours, theirs = socket.socketpair()
     with ours, suppress(OSError):
         with theirs:
             socket.send_fds(job_server()[0], [b"+"], [theirs.fileno(), 1, 2])
         ours.sendall(f"{os.getcwd()}\0{request}".encode())
         ours.shutdown(socket.SHUT_WR)
-        pid = int.from_bytes(ours.recv(4), "big")
-        said = ours.recv(4)
-        code = int.from_bytes(said, "big", signed=True) if said else code
+        with ours.makefile("rb") as answer:
+            said = answer.read()
+    pid, _, ended = said.decode().partition(" ")
+    code = int(ended or -signal.SIGKILL)  # a server that was killed says nothing: its jobs die with it
     if code < 0:
         from osl_analysis.jobs.job import died
 
-        died(Path(request), pid, -code)
+        died(Path(request), int(pid or 0), -code)
     elif code:
         raise OslAnalysisError(f"{request}: this job could write no result; see above, and run again")
 
 
 def serve(number: int) -> NoReturn:
-    """Take jobs at the socket with this number until its other end is closed. Each job is forked from this process."""
+    """Take jobs at the socket with this number until its other end is closed.
+
+    Each is a process below one that waits for it and says which it was and how it ended, which is forked from this one.
+    """
     control = socket.socket(fileno=number)
-    wake, woken = socket.socketpair()
-    for end in (wake, woken):
-        end.setblocking(False)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGCHLD, lambda *_: None)
-    signal.set_wakeup_fd(woken.fileno())
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those that wait
     gc.disable()
-    ahead, links = list(OF_MOST_JOBS), dict[int, socket.socket]()
+    for module in OF_MOST_JOBS:
+        with suppress(ImportError):  # a job that needs it will say so
+            importlib.import_module(module)
     while True:
-        ready, _, _ = select.select([control, wake], [], [], 0 if ahead else None)
-        if ahead and not ready:
-            with suppress(ImportError):  # a job that needs it will say so
-                importlib.import_module(ahead.pop(0))
-        if wake in ready:
-            wake.recv(4096)
-            with suppress(ChildProcessError):
-                while (ended := os.waitpid(-1, os.WNOHANG))[0]:
-                    with links.pop(ended[0]) as link, suppress(OSError):
-                        link.sendall(os.waitstatus_to_exitcode(ended[1]).to_bytes(4, "big", signed=True))
-        if control in ready:
-            head, files, _, _ = socket.recv_fds(control, 1, 3)
-            if not head:
-                os._exit(0)
-            link = socket.socket(fileno=files[0])
-            with link.makefile("rb") as said:
-                folder, request = said.read().decode().split("\0")
+        head, files, _, _ = socket.recv_fds(control, 1, 3)
+        if not head:
+            os._exit(0)
+        with socket.socket(fileno=files[0]) as link, link.makefile("rb") as said:
+            folder, request = said.read().decode().split("\0")
             prepare(folder, request)
             gc.freeze()  # jobs share this process's memory: no garbage collection of theirs looks (and writes) there
-            server, pid = os.getpid(), os.fork()
-            if not pid:
-                forked(server, folder, request, files[1:])
-            links[pid] = link
-            with suppress(OSError):
-                link.sendall(pid.to_bytes(4, "big"))
-            for file in files[1:]:
-                os.close(file)
+            if not fork():
+                signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+                if pid := fork():
+                    link.sendall(f"{pid} ".encode())
+                    link.sendall(str(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])).encode())
+                    os._exit(0)
+                do(folder, request, files[1:])
+        for file in files[1:]:
+            os.close(file)
+
+
+def fork() -> int:
+    """As `os.fork`. The kernel kills the new process when this one ends (Linux)."""
+    parent, pid = os.getpid(), os.fork()
+    if not pid:
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+        if os.getppid() != parent:
+            os._exit(1)
+    return pid
 
 
 def prepare(folder: str, request: str) -> None:
@@ -142,18 +143,12 @@ def prepare(folder: str, request: str) -> None:
                 read_mapping(Path(folder, file))
 
 
-def forked(server: int, folder: str, request: str, files: Sequence[int]) -> NoReturn:
-    """The process of a job. The kernel kills it when the server ends (Linux)."""
+def do(folder: str, request: str, output: Sequence[int]) -> NoReturn:
+    """Do the job of a request in this process, which has these files for what it says, and end it."""
     code = 1
     try:
-        with suppress(OSError, AttributeError):
-            ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
-        if os.getppid() != server:
-            os._exit(1)
         gc.enable()
-        signal.set_wakeup_fd(-1)
-        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-        for wanted, file in enumerate(files, start=1):
+        for wanted, file in enumerate(output, start=1):
             os.dup2(file, wanted)
         os.chdir(folder)
         from osl_analysis.jobs.job import run

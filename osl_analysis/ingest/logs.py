@@ -11,6 +11,7 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from osl_analysis.formats.rosbag import siblings
 from osl_analysis.formats.table import Loss, Table
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest.captures import exported_columns, exported_plates
-from osl_analysis.ingest.recording import LEVEL_UNIT, Recording, canonical_column
+from osl_analysis.ingest.recording import Recording, check_values
 from osl_analysis.ingest.source import Channel, Source
 from osl_analysis.ingest.units import is_unit, si_factor
 from osl_analysis.signals import runs
@@ -45,22 +46,22 @@ def read_table_log(tables_of: Callable[[Path, Source], Tables], path: Path, sour
     as TDMS may have, are null in the columns of the others. Raises InputError: the recording is not what the source
     file says, or holds no numbers where it should."""
     tables = tables_of(path, source)
-    parts = [(start, table_recording(table, source, path.name)) for start, table in tables]
-    if len(parts) == 1:
-        table, recording = tables[0][1], parts[0][1]
-        return exported_plates(table, recording, source) if source.format == "opensim" and source.plates else recording
-    last = max(start for start, _ in parts)
-    if last > min(start + float(one.samples["time"][-1]) for start, one in parts):
+    starts, recordings = [start for start, _ in tables], [table_recording(one, source, path.name) for _, one in tables]
+    if len(tables) == 1:
+        has_plates = source.format == "opensim" and source.plates
+        return exported_plates(tables[0][1], recordings[0], source) if has_plates else recordings[0]
+    ends = [start + float(one.samples["time"][-1]) for start, one in zip(starts, recordings, strict=True)]
+    if max(starts) > min(ends):
         raise InputError(
-            f"its channels begin up to {last:.3f} s apart and do not overlap; name channels of one task, or {RATE}"
+            f"its channels begin up to {max(starts):.3f} s apart and do not overlap; name channels of one task, or "
+            f"{RATE}"
         )
     stamps = []
-    for start, one in parts:
+    for start, one in zip(starts, recordings, strict=True):
         stamp = ((pl.col("time") + start) * SECOND).round().cast(pl.Int64).alias("stamp")
         stamps.append(one.samples.select(stamp, pl.exclude("time")))
     samples = joined_on_stamp(stamps)
     time = ((samples["stamp"] - int(samples["stamp"][0])) / SECOND).alias("time")
-    recordings = [one for _, one in parts]
     facts = {
         **recordings[0].facts,
         "rates_hz": {", ".join(one.columns): one.facts["rates_hz"][path.name] for one in recordings},
@@ -85,13 +86,11 @@ def table_recording(table: Table, source: Source, file: str) -> Recording:
     for column, channel in channels.items():  # two signals of different units, such as angle and torque, of one column
         other = first_by.setdefault(id(table.columns[channel.name]), column)
         if unit_of(other) != unit_of(column):
-            raise InputError(
-                f"{channel.title} is {other} and {column} in the source file; correct "
-                f"{source.place('channels', column, channel.ADDRESS)}"
-            )
-    columns, absent = canonical_columns(table, channels, time, source)
+            place = source.place("channels", column, channel.ADDRESS)
+            raise InputError(f"{channel.title} is {other} and {column} in the source file; correct {place}")
+    columns, said = canonical_columns(table, channels, time, source)
     samples = pl.DataFrame([pl.Series("time", time), *columns])
-    missing, origins, said = {column: int(samples[column].is_nan().sum()) for column in channels}, {}, list[str]()
+    missing, origins = {column: int(samples[column].is_nan().sum()) for column in channels}, {}
     said += [f"{name} is {table.failed} in {n} of {time.size} {table.noun}s" for name, n in missing.items() if n]
     for column, channel in channels.items():
         unit = table.units.get(channel.name, "")
@@ -100,24 +99,23 @@ def table_recording(table: Table, source: Source, file: str) -> Recording:
             said.append(f"{column} is read in {channel.unit}; the file says {unit}")
     fresh = np.concatenate([[True], np.diff(time) != 0])  # rows whose stamp is not that of the row before
     kept = fresh if source.time.repeated == "drop" else np.ones_like(fresh)
+    if repeated := int((~fresh).sum()):
+        did = (
+            "were left out"
+            if source.time.repeated == "drop"
+            else "are taken for samples whose stamps were rounded; if the device was read faster than it sampled, "
+            f"write `repeated: drop` under {source.place('time')}"
+        )
+        said.append(f"{repeated} of {fresh.size} {table.noun}s repeat the stamp of the {table.noun} before and {did}")
     facts = {
         "time": {**source.time.model_dump(exclude_none=True), "start": start},
         "rates_hz": {file: median_rate(time[kept])},
-        "repeated_stamps": int((~fresh).sum()),
+        "repeated_stamps": repeated,
         "missing": missing,
         **table.facts,
         **({"damage": dict(table.loss.report)} if table.loss.report else {}),
     }
-    if not fresh.all():
-        did = (
-            "and were left out"
-            if source.time.repeated == "drop"
-            else "and are taken for samples whose stamps were rounded; if the device was read faster than it sampled, "
-            f"write `repeated: drop` under {source.place('time')}"
-        )
-        repeated = f"{int((~fresh).sum())} of {fresh.size} {table.noun}s repeat the stamp of the {table.noun} before"
-        said.append(f"{repeated} {did}")
-    warnings = [f"{file}: {text}" for text in (*table.loss.notes, *absent, *said)]
+    warnings = [f"{file}: {text}" for text in (*table.loss.notes, *said)]
     return Recording(samples.filter(pl.Series(kept)), origins, facts, warnings)
 
 
@@ -129,8 +127,7 @@ def canonical_columns(
     columns, absent = list[pl.Series](), dict[str, None]()
     for column, channel in channels.items():
         what, lacking = f"{topic}{channel.title}", np.ma.getmaskarray(table.columns[channel.name])
-        place = source.place("channels", column, "unit")
-        columns.append(canonical_column(what, column, channel, table, time, source.most_missing, place))
+        columns.append(canonical_column(what, column, table, time, source))
         if lacking.any():
             count = f"{int(lacking.sum())} of {lacking.size} {table.noun}s, first {table.noun}"
             absent[f"{what} has no value in {count} {int(np.argmax(lacking)) + 1}"] = None
@@ -153,6 +150,37 @@ def canonical_columns(
     return columns, list(absent)
 
 
+def canonical_column(what: str, column: str, table: Table, time: Array, source: Source) -> pl.Series:
+    """A channel of a table with times (rows,) [s] in SI units: NaN where a reading failed, null where it has no value.
+    Refused are truth values that are no level, infinity, and a share of failed readings above `most_missing`. `what` is
+    the channel, for messages."""
+    channel = source.channels[column]
+    raw, lacking = table.columns[channel.name], np.ma.getmaskarray(table.columns[channel.name])
+    if raw.dtype == bool and unit_of(column) != LEVEL_UNIT:
+        row = int(np.argmin(lacking))
+        raise InputError(
+            f"{what} is {str(bool(np.ma.getdata(raw)[row])).lower()} in {table.place(row)}, a truth value and no "
+            f"number in {unit_of(column)}; name a number as `{channel.ADDRESS}` in the source file"
+        )
+    with np.errstate(invalid="ignore"):  # a signalling NaN is one, too
+        values = np.where(lacking, 0.0, np.ma.getdata(raw).astype(np.float64))
+    missing = np.isnan(values)
+    check_values(what, np.where(missing, 0.0, values), time)
+    if (count := int(missing.sum())) > source.most_missing * values.size:
+        row = int(np.argmax(missing))
+        first = f"at {time[row]:.3f} s" if table.lines is None else f"in {table.place(row)}"
+        raise InputError(
+            f"{what}: {table.failed} in {count} of {values.size} {table.noun}s, first {first}; at most "
+            f"{source.most_missing:.1%} may be: repair the recording, or write `most_missing: "
+            f"{csv_table.share_above(count, values.size):g}` in the source file"
+        )
+    try:
+        series = pl.Series(column, channel.to_si(values, unit_of(column), table.units.get(channel.name, "")))
+    except InputError as error:
+        raise InputError(f"{what}: {error}, as {source.place('channels', column, 'unit')}") from error
+    return series.set(pl.Series(lacking), None) if lacking.any() else series
+
+
 def time_of(table: Table, source: Source) -> tuple[Array, float]:
     """Time [s] of every row since the first one, and the reading of the clock in the first row."""
     stated = source.time
@@ -160,11 +188,15 @@ def time_of(table: Table, source: Source) -> tuple[Array, float]:
         own = np.arange(table.rows) / stated.rate if stated.rate is not None else table.time
         assert own is not None  # the model of the source file asks for a rate or a name where the file has no time
         return own - own[0], float(own[0])
-    what, raw = stated.title, np.ma.getdata(table.columns[stated.name])
+    what, raw, other = (
+        stated.title,
+        np.ma.getdata(table.columns[stated.name]),
+        f"take another {stated.ADDRESS}, or {RATE}",
+    )
     lacking = np.isnan(raw.astype(np.float64)) | np.ma.getmaskarray(table.columns[stated.name])
     if raw.dtype == bool or lacking.any():
         where = "but truth values" if raw.dtype == bool else f"in {table.place(int(np.argmax(lacking)))}"
-        raise InputError(f"{what}: no time {where}; remove it there, take another {stated.ADDRESS}, or {RATE}")
+        raise InputError(f"{what}: no time {where}; remove it there, {other}")
     try:
         factor = si_factor(table.units.get(stated.name, "") if stated.unit is None else stated.unit, "s")
     except InputError as error:
@@ -172,11 +204,11 @@ def time_of(table: Table, source: Source) -> tuple[Array, float]:
     time = np.asarray((raw - raw[0]) * factor, dtype=np.float64)
     check_time(what, time)
     if time.size > 1 and time[0] == time[-1]:
-        still = f"time stands still at {raw[0]:g} in all {time.size} {table.noun}s"
-        raise InputError(f"{what}: {still}; take another {stated.ADDRESS}, or {RATE}")
+        raise InputError(f"{what}: time stands still at {raw[0]:g} in all {time.size} {table.noun}s; {other}")
     return time, float(raw[0])
 
 
+LEVEL_UNIT = "V"  # of the columns that may be read from truth values: levels of `sync` and `trigger`
 TRUTHS = {"true": "1", "false": "0"}
 
 
@@ -187,12 +219,10 @@ def csv_tables(path: Path, source: Source) -> Tables:
     levels = {places[one.name] for column, one in source.channels.items() if unit_of(column) == LEVEL_UNIT}
     clock = places.get(source.time.name)
     values = {place: cells_of(text, place, source, place in levels, place == clock) for place in {*places.values()}}
-    full = {name: text.names[place] for name, place in places.items()}
-    found = {
-        name: {"found": one}
-        for name, one in full.items()
-        if csv_table.name_and_unit(one)[0] != csv_table.name_and_unit(name)[0]
-    }
+    found = {}
+    for name, place in places.items():
+        if csv_table.name_and_unit(text.names[place])[0] != csv_table.name_and_unit(name)[0]:
+            found[name] = {"found": text.names[place]}
     table = Table(
         len(text.lines),
         {name: values[place] for name, place in places.items()},
@@ -258,13 +288,11 @@ def json_tables(path: Path, source: Source) -> Tables:
         )
     names = [*(name for name in wanted(source) if not (parts and name == field)), *parts]
     decoded = decode_lines(lines, names)
-    count, total = decoded.misfits, len(lines.texts)
-    if count and (count > source.most_missing * total or source.time.rate is not None):
-        # with a rate, a line that is left out moves the rest
+    count, total, by_rate = decoded.misfits, len(lines.texts), source.time.rate is not None
+    if count > (0 if by_rate else source.most_missing * total):  # with a rate, a line that is left out moves the rest
         advice = f", or write `most_missing: {csv_table.share_above(count, total):g}` in the source file"
         raise InputError(
-            f"{count} of {total} lines cannot be used: {decoded.misfit}; repair the log"
-            f"{advice if source.time.rate is None else ''}"
+            f"{count} of {total} lines cannot be used: {decoded.misfit}; repair the log{advice * (not by_rate)}"
         )
     notes = notes_on(lines, decoded)
     kept = ~np.all([np.ma.getmaskarray(decoded.values[name]) for name in names], axis=0)
@@ -272,23 +300,22 @@ def json_tables(path: Path, source: Source) -> Tables:
         left_out, first = int((~kept).sum()), lines.numbers[decoded.rows[int(np.argmin(kept))]]
         notes.append(f"{left_out} of {kept.size} lines have none of the fields and were left out, first line {first}")
     report = {"messages_lost": count, "share_lost": count / total} if count else {}
-    table = lines_table(lines, decoded, Loss(notes, report), kept if field else np.ones_like(kept))
-    if not parts:
-        return [(0.0, table)]
-    stamps = nanoseconds(table, parts, "field", f"name another time, or {RATE}")
-    return [(0.0, replace(table, columns={**table.columns, str(field): stamps}, units={str(field): "ns"}))]
+    table = lines_table(lines, decoded, kept if field else np.ones_like(kept))
+    if parts:
+        stamps = nanoseconds(table, parts, "field", f"name another time, or {RATE}")
+        table = replace(table, columns={**table.columns, str(field): stamps}, units={str(field): "ns"})
+    return [(0.0, replace(table, loss=Loss(notes, report)))]
 
 
-def lines_table(lines: JsonLines, decoded: Columns, loss: Loss, kept: NDArray[np.bool_]) -> Table:
+def lines_table(lines: JsonLines, decoded: Columns, kept: NDArray[np.bool_]) -> Table:
     """The fields that were decoded of those lines that are kept, masked where a line lacks one."""
     columns = {name: values[kept] for name, values in decoded.values.items()}
-    return Table(int(kept.sum()), columns, loss=loss, lines=lines.numbers[decoded.rows[kept]])
+    return Table(int(kept.sum()), columns, lines=lines.numbers[decoded.rows[kept]])
 
 
 def notes_on(lines: JsonLines, decoded: Columns) -> list[str]:
-    count, total = decoded.misfits, len(lines.texts)
-    skipped = [f"{count} of {total} lines cannot be used and were skipped: {decoded.misfit}"]
-    return [*lines.notes, *skipped * bool(count)]
+    skipped = f"{decoded.misfits} of {len(lines.texts)} lines cannot be used and were skipped: {decoded.misfit}"
+    return [*lines.notes, *[skipped] * bool(decoded.misfits)]
 
 
 def stamp_fields(field: str) -> list[tuple[str, str]]:
@@ -323,28 +350,26 @@ def nanoseconds(table: Table, parts: Sequence[str], what: str, remedy: str) -> N
 
 
 def mat_tables(path: Path, source: Source) -> Tables:
-    file = open_mat(path)
+    file, vectors = open_mat(path), dict[str, NDArray[Any]]()
     part = parsed(source.log_part) if source.log_part else None
     addresses = {
         text: parsed(text, inside=part is not None and not text.startswith("/")).below(part) for text in wanted(source)
     }
     variables = file.read({address.variable for address in addresses.values()})
-    vectors: dict[str, NDArray[Any]] = {}
     for text, address in addresses.items():
         if address.variable not in file.names and not source.log_part:
             raise no_variable(file, address)
         vectors[text] = vector(address, find(variables, file.names, address))
     reference = source.time.name or next(iter(vectors))
-    rows = vectors[reference].size
     for text, values in vectors.items():
-        if values.size != rows:
+        if values.size != vectors[reference].size:
             raise InputError(
-                f"{text} has {values.size} numbers and {reference} has {rows}; name variables of one "
-                "recording, or cut them to one length in MATLAB"
+                f"{text} has {values.size} numbers and {reference} has {vectors[reference].size}; name variables of "
+                "one recording, or cut them to one length in MATLAB"
             )
     facts = {"version": file.version, "header": file.header, "log_part": source.log_part}
     found = {text: {"variable": address.text} for text, address in addresses.items()}
-    return [(0.0, Table(rows, vectors, facts=facts, found=found, noun="sample"))]
+    return [(0.0, Table(vectors[reference].size, vectors, facts=facts, found=found, noun="sample"))]
 
 
 def tdms_tables(path: Path, source: Source) -> Tables:
@@ -365,42 +390,38 @@ def tdms_tables(path: Path, source: Source) -> Tables:
     first, tables = min(begin for begin, *_ in timings), list[tuple[float, Table]]()
     report = {"complete": False, "messages_lost": None, "remarks": list(file.notes)} if file.notes else {}
     for (begin, offset, step, length), of_timing in timings.items():
-        named = [name for mapped in of_timing for name in (mapped.name, mapped.counter)]
-        channels = {name: file.channel(name) for name in [*named, source.time.name] if name}
-        some = list(channels.values())
-        for one in some:
-            if one.count != some[0].count:
+        named = [source.time.name, *(name for mapped in of_timing for name in (mapped.name, mapped.counter))]
+        channels = {name: file.channel(name) for name in named if name}
+        one = file.channel(of_timing[0].name)
+        for other in channels.values():
+            if other.count != one.count:
                 raise InputError(
-                    f"channel '{one.address}' has {one.count} values and '{some[0].address}' has "
-                    f"{some[0].count}; name channels of one recording, or export those of each length on their own"
+                    f"channel '{other.address}' has {other.count} values and '{one.address}' has {one.count}; name "
+                    "channels of one recording, or export those of each length on their own"
                 )
-        values = file.values(some)
-        columns = {name: values[one.address] for name, one in channels.items()}
-        units = {name: "s" if one.holds_times else one.unit for name, one in channels.items()}
+        values = file.values([*channels.values()])
+        columns = {name: values[channel.address] for name, channel in channels.items()}
+        units = {name: "s" if channel.holds_times else channel.unit for name, channel in channels.items()}
         own = None if step is None else np.asarray(np.arange(length) * step, dtype=np.float64)
-        table = Table(some[0].count, columns, units, own, Loss(file.notes, report))
+        table = Table(one.count, columns, units, own, Loss(file.notes, report))
         tables.append((offset + (begin - first) * 1e-6, table))
     return tables
 
 
-ANGLES = {"rad": {"deg": "deg", "rad": "rad"}, "rad/s": {"deg": "deg/s", "rad": "rad/s"}}
-"""By canonical unit, the unit that the header's `inDegrees` means."""
-
-
 def opensim_tables(path: Path, source: Source) -> Tables:
     table = read_opensim(path)
-    for column, channel in source.channels.items():  # a unit of an angle that is not the one of the header
+    angles = {"rad": {"deg": "deg", "rad": "rad"}, "rad/s": {"deg": "deg/s", "rad": "rad/s"}}
+    for column, channel in source.channels.items():  # a unit of an angle that is not the one of the header's inDegrees
         canonical = unit_of(column)
-        own = ANGLES.get(canonical, {}).get(table.angles)
+        own = angles.get(canonical, {}).get(table.angles)
         if own is not None and not np.isclose(si_factor(str(channel.unit), canonical), si_factor(own, canonical)):
             raise InputError(
                 f"its header says inDegrees={table.header['indegrees']}, and column '{channel.column}' is read in "
                 f"{channel.unit}; write {own}, as {source.place('channels', column, 'unit')}"
             )
-    facts = {"header": table.header, "clock": source.clock}
     plates = [name for plate in source.plates.values() for name in exported_columns(plate)]
     columns = {name: table.column(name) for name in dict.fromkeys([*wanted(source), *plates])}
-    return [(0.0, Table(len(table.rows), columns, facts=facts))]
+    return [(0.0, Table(len(table.rows), columns, facts={"header": table.header, "clock": source.clock}))]
 
 
 def read_message_log(opened: Callable[[Path], MessageFile], path: Path, source: Source) -> Recording:
@@ -454,9 +475,10 @@ def median_rate(stamps: Array | Indices, second: float = 1.0) -> float | None:
 def decode_wanted(
     file: MessageFile, by_topic: Mapping[str, Mapping[str, Channel]], source: Source
 ) -> dict[str, Decoded]:
-    """The fields of each topic and of its stamp; a file that has lost too much is refused."""
+    """The fields of each topic and of its stamp; refused is a file that has lost a larger share of a topic than
+    `largest_loss`, also where this is why it cannot be decoded."""
     stamps = [name for pair in stamp_fields(str(source.time.field)) for name in pair]
-    first, wanted = stamps if source.time.source == "header" else [], {}
+    first, wanted, failed = stamps if source.time.source == "header" else [], {}, None
     for topic, channels in by_topic.items():
         named = (name for channel in channels.values() for name in (channel.field, channel.counter) if name)
         wanted[topic] = [*dict.fromkeys([*first, *named])]
@@ -465,31 +487,25 @@ def decode_wanted(
     except (RefusedFileError, WrongFieldError):
         raise
     except InputError as error:
-        check_loss(file, by_topic, source.largest_loss)  # if too much is lost, that is the reason
-        if file.damage.remarks:
-            reason, semicolon, remedy = str(error).rpartition("; ")
-            remarks = f" ({', '.join(file.damage.all_remarks())})"
-            raise InputError(f"{reason}{remarks}; {remedy}" if semicolon else f"{error}{remarks}") from error
-        raise
-    check_loss(file, by_topic, source.largest_loss)
-    return decoded
-
-
-def check_loss(file: MessageFile, topics: Collection[str], most: float) -> None:
-    """Refuse a file that has lost a larger share of a topic than allowed."""
-    for topic in topics:
-        channels = file.channels_of(topic)
-        share = file.damage.share_lost(channels or None)
-        if share > most:
-            misfits = sum(file.damage.misfits[channel] for channel in channels)
-            are_all = misfits == file.damage.messages_lost(channels)
+        failed = error
+    for topic in by_topic:
+        numbers = file.channels_of(topic)
+        share = file.damage.share_lost(numbers or None)
+        if share > source.largest_loss:
+            misfits = sum(file.damage.misfits[number] for number in numbers)
+            are_all = misfits == file.damage.messages_lost(numbers)
             what = "messages that cannot be used" if are_all else f"damaged or incomplete {file.kind}"
             raise InputError(
-                f"{what}: {100 * share:.3g} % of topic '{topic}' is lost, at most "
-                f"{100 * most:.3g} % may be (largest_loss in the source file): "
-                f"{'; '.join(file.damage.all_remarks())}; record again"
+                f"{what}: {100 * share:.3g} % of topic '{topic}' is lost, at most {100 * source.largest_loss:.3g} % "
+                f"may be (largest_loss in the source file): {'; '.join(file.damage.all_remarks())}; record again"
                 f"{', or map another field' * are_all}"
-            )
+            ) from failed
+    if failed is None:
+        return decoded
+    if not file.damage.remarks:
+        raise failed
+    remarks, (reason, semicolon, remedy) = ", ".join(file.damage.all_remarks()), str(failed).rpartition("; ")
+    raise InputError(f"{reason} ({remarks}); {remedy}" if semicolon else f"{failed} ({remarks})") from failed
 
 
 def read_topic(
@@ -536,20 +552,26 @@ def in_order(
     """The topic's rows, given channel by channel in the order of recording, sorted by increasing `stamp` [ns]; and how
     many messages came after one of a later stamp, have the stamp of an earlier one, and other values than that.
     `channel` is the number of each row's channel, (n,); `advice` says what to do where the clock was set."""
-    ordering = {"late": 0, "repeated": 0, "contradicted": 0}
-    channels = np.unique(channel)
+    ordering, channels = {"late": 0, "repeated": 0, "contradicted": 0}, np.unique(channel)
     for number in channels:
         ordering["late"] += check_not_set(topic, table.filter(channel == number), advice)
     stamp = table["stamp"].to_numpy()
     if (stamp[1:] > stamp[:-1]).all():
         return table, ordering
-    if len(channels) == 1 and not table.is_duplicated().any() and rounded(stamp):
-        return table.sort("stamp", maintain_order=True), ordering
+    ticks, messages = np.unique(stamp, return_counts=True)
+    if len(channels) == 1 and ticks.size > 2 and not table.is_duplicated().any():
+        # Stamps may repeat because they are rounded to a step that is not shorter than the sampling step. Nearly every
+        # tick of the rounding then has a message, and none has two more than another. The messages are kept: the time
+        # base finds when they were sampled, as in a CSV log.
+        empty = (int(ticks[-1] - ticks[0]) // int(np.diff(ticks).min()) + 1) - ticks.size
+        even = int(messages[1:-1].max()) - int(np.median(messages[1:-1])) <= 1
+        if even and empty <= 0.5 * (stamp.size - ticks.size):
+            return table.sort("stamp", maintain_order=True), ordering
     once = table.group_by("stamp", maintain_order=True).agg(pl.all().drop_nulls().first()).sort("stamp")
     beside = table.join(once, on="stamp", how="left", suffix=" kept", maintain_order="left")
     differs = [(pl.col(c) != pl.col(f"{c} kept")).fill_null(value=False) for c in table.columns if c != "stamp"]
     contradicted, most = int(beside.select(pl.any_horizontal(differs).sum()).item()), largest_loss * stamp.size
-    standing = int(np.maximum(np.unique(stamp, return_counts=True)[1] - len(channels), 0).sum())
+    standing = int(np.maximum(messages - len(channels), 0).sum())
     for count, also, remedy in (
         (standing, "", ", or write source: log in the source file"),
         (contradicted, " and other values", " or the time source in the source file"),
@@ -560,20 +582,6 @@ def in_order(
                 f"be their own: check the recorder's clock{remedy}"
             )
     return once, ordering | {"repeated": stamp.size - once.height, "contradicted": contradicted}
-
-
-def rounded(stamp: Indices) -> bool:
-    """Whether stamps [ns] repeat because they are rounded to a step that is not shorter than the sampling step. Every
-    tick of the rounding then has a message, and none has two more than another. The messages are kept: the time base
-    finds when they were sampled, as in a CSV log."""
-    ticks, messages = np.unique(stamp, return_counts=True)
-    if ticks.size < 2:
-        return False
-    step = int(np.diff(ticks).min())
-    empty = (int(ticks[-1] - ticks[0]) // step + 1) - ticks.size
-    inner = messages[1:-1]
-    even = inner.size > 0 and int(inner.max()) - int(np.median(inner)) <= 1
-    return bool(even and empty <= 0.5 * (stamp.size - ticks.size))  # more ticks without a message are no rounding
 
 
 def check_not_set(topic: str, table: pl.DataFrame, advice: str) -> int:
@@ -605,17 +613,6 @@ def check_not_set(topic: str, table: pl.DataFrame, advice: str) -> int:
 def joined_on_stamp(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
     """One table with a row per stamp of any of the tables, which are sorted by it. Where stamps are rounded and equal,
     the tables have rows of their own."""
-    if len(tables) == 1:
-        return tables[0].clone()
     if any((np.diff(table["stamp"].to_numpy()) == 0).any() for table in tables):
         return pl.concat(tables, how="diagonal").sort("stamp", maintain_order=True)
-    stamps = [table["stamp"].to_numpy() for table in tables]
-    every = np.sort(np.concatenate(stamps), kind="stable")  # a third of the time of `unique`, as each table's rise
-    every = every[np.append(True, np.diff(every) != 0)]
-    columns = [pl.Series("stamp", every)]
-    for table, stamp in zip(tables, stamps, strict=True):
-        rows = np.full(every.size, -1)
-        rows[np.searchsorted(every, stamp)] = np.arange(stamp.size)
-        taken = pl.Series(rows).set(pl.Series(rows < 0), None)
-        columns += [column.gather(taken) for column in table.drop("stamp")]
-    return pl.DataFrame(columns)
+    return reduce(lambda one, other: one.join(other, on="stamp", how="full", coalesce=True), tables).sort("stamp")

@@ -23,7 +23,6 @@ from osl_analysis.formats.json_lines import MOST_ELEMENTS, addresses_of, decode_
 from osl_analysis.formats.mat import Value, open_mat
 from osl_analysis.formats.message_fields import FieldDescription, describe_message, last_name
 from osl_analysis.formats.messages import ChannelSurvey, MessageFile, survey_channels
-from osl_analysis.formats.table import Loss
 from osl_analysis.formats.tdms import read_tdms
 from osl_analysis.ingest import logs
 from osl_analysis.ingest.captures import analog_rates, plate_count, plate_loads, plate_parameter, vertical_axis
@@ -285,7 +284,7 @@ def inspect_json(path: Path) -> Overview:
         time = {"field": stamp}
         try:
             of_parts = decode_lines(lines, parts)
-            table = logs.lines_table(lines, of_parts, Loss(), np.ones(of_parts.rows.size, dtype=bool))
+            table = logs.lines_table(lines, of_parts, np.ones(of_parts.rows.size, dtype=bool))
             column = logs.nanoseconds(table, parts, "field", f"name another time, or {logs.RATE}")
             there = np.ma.getdata(column)[~np.ma.getmaskarray(column)]
             seconds = (there - there[:1].sum()) / logs.SECOND

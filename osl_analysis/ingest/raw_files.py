@@ -1,8 +1,6 @@
 """The raw files of one trial: recognised, read by their source files, and put together to canonical samples."""
 
 import hashlib
-import os
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -117,8 +115,7 @@ class NamedFormat(Settings):
 
 def read_source(path: Path) -> Source:
     """A source file, checked: columns are canonical, every unit converts to its column's."""
-    name = read_yaml(path, NamedFormat).format
-    places = list(open_places(read_mapping(path)))
+    name, places = read_yaml(path, NamedFormat).format, list(open_places(read_mapping(path)))
     if places:
         where = listing([f"`{dotted(place)}` in line {field_line(path, place)}" for place in places], 6)
         raise InputError(
@@ -169,10 +166,9 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             raise InputError(f"trial {name}: {role}_source is empty; name the file in {sources_folder} for {given}")
         check_file(path)
         parts = files_in(path) if path.is_dir() else [path]
-        before = [identified(part) for part in parts]
-        described = read_source(sources_folder / f"{source}.yaml")
-        is_capture = FORMATS[described.format].is_capture
-        if not is_capture:
+        every, described = [identified(part) for part in parts], read_source(sources_folder / f"{source}.yaml")
+        known = FORMATS[described.format]
+        if not known.is_capture:
             described = described.of_part(said.get("log_part", ""))
         begin, found = formats_of(path)
         if (found and described.format not in found) or (described.format == "csv" and not is_text(begin)):
@@ -181,24 +177,24 @@ def trial_from_files(row: Mapping[str, Any], raw_folder: Path, sources_folder: P
             if path.is_dir():
                 what, remedy = f"a folder with a recording in {found[0]}", f"{remedy}, or name a file in it"
             raise InputError(f"{path}: {what}, its source file says {described.format}; {remedy}")
-        if len(files) == 2 and not is_capture and described.clock == "master":
+        if len(files) == 2 and not known.is_capture and described.clock == "master":
             raise InputError(
                 f"{sources_folder / f'{source}.yaml'}: clock: master, but the trial has motion capture too; write "
                 "clock: sync and map the column sync (or clock: shared, with `shared` in motion capture's source file)"
             )
         try:
+            recordings[role] = known.read(path, described)
             with named(path):
-                recordings[role] = FORMATS[described.format].read(path, described)
                 check_sizes(recordings[role])
         finally:  # also where it cannot be read: it may have changed in between
-            for part, one in zip(parts, before, strict=True):
-                check_unchanged(part, *one)
-        shared = described.shared if is_capture else shared
-        every = [identity for identity, *_ in before]
+            for part, before in zip(parts, every, strict=True):
+                if not part.is_file() or identified(part) != before:
+                    what = "the file changed while it was read"
+                    raise InputError(f"{part}: {what}; wait until it is recorded or copied, then run again")
+        shared = described.shared if known.is_capture else shared
         if path.is_dir():  # of a folder size and hash of all files together, and those of each
             together = hashlib.sha256("".join(one["sha256"] for one in every).encode()).hexdigest()
-            size = sum(one["bytes"] for one in every)
-            every = [{"bytes": size, "sha256": together, "parts": every}]
+            every = [{"bytes": sum(one["bytes"] for one in every), "sha256": together, "parts": every}]
         identities[role] = {**every[0], "path": given, "source": source}
     try:
         return assemble(name, recordings, identities, shared)
@@ -241,31 +237,11 @@ def check_file(path: Path) -> None:
         raise InputError(f"{path}: the file is empty; copy or record it again, or exclude the trial in the sheet")
 
 
-def identified(path: Path) -> tuple[dict[str, Any], tuple[int, ...], int]:
-    """What identifies a raw file in the provenance; its device, number, size and times [ns], which change when it is
-    replaced or written to; and when it was hashed [ns]."""
+def identified(path: Path) -> dict[str, Any]:
+    """What identifies a raw file in the provenance."""
     with path.open("rb") as file:
-        state = state_of(os.fstat(file.fileno()))
         digest = hashlib.file_digest(file, "sha256").hexdigest()
-        return {"path": path.name, "bytes": file.tell(), "sha256": digest}, state, time.time_ns()
-
-
-def state_of(stat: os.stat_result) -> tuple[int, ...]:
-    return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns
-
-
-def check_unchanged(path: Path, identity: Mapping[str, Any], state: tuple[int, ...], hashed: int) -> None:
-    """Refuse a file that is not the one that was hashed, now that it has been read."""
-    try:
-        same = state_of(path.stat()) == state and identity["bytes"] == path.stat().st_size
-        if hashed - max(state[3:]) < 2_000_000_000:  # another writing within a tick leaves the same times
-            same = same and identified(path)[0] == identity
-    except OSError:
-        same = False
-    if not same:
-        raise InputError(
-            f"{path}: the file changed while it was read; wait until it is recorded or copied, then run again"
-        )
+        return {"path": path.name, "bytes": file.tell(), "sha256": digest}
 
 
 def assemble(
@@ -277,19 +253,22 @@ def assemble(
     """A trial of the recordings `log`, `mocap` or both; with both, the log's clock is fitted to motion capture's.
     `files` identifies the file of each recording, `shared` an angle that aligns the clocks without sync edges. The
     log's rows before and after motion capture are counted and not used. The column `sync` is motion capture's."""
-    in_order = [(role, recordings[role]) for role in ("log", "mocap") if role in recordings]
-    own_keys = ("plates", "damage")  # facts that have a key of their own
+    facts = {role: dict(recordings[role].facts) for role in ("log", "mocap") if role in recordings}
+    columns = {
+        column: {"file": role, **origin} for role in facts for column, origin in recordings[role].columns.items()
+    }
+    damage = [one.pop("damage") for one in facts.values() if "damage" in one]
     provenance: dict[str, Any] = {
         "software": {"name": "osl-analysis", "version": version("osl-analysis")},
         "files": dict(files),
-        "columns": {name: {"file": role, **origin} for role, one in in_order for name, origin in one.columns.items()},
-        "plates": [plate for _, one in in_order for plate in one.facts.get("plates", [])],
-        "warnings": [warning for _, one in in_order for warning in one.warnings],
-        **{key: fact for _, one in in_order for key, fact in one.facts.items() if key == "damage"},
-        **{role: {key: fact for key, fact in one.facts.items() if key not in own_keys} for role, one in in_order},
+        "columns": columns,
+        "plates": [plate for one in facts.values() for plate in one.pop("plates", [])],
+        "warnings": [warning for role in facts for warning in recordings[role].warnings],
+        **({"damage": damage[-1]} if damage else {}),
+        **facts,
     }
     if len(recordings) == 1:
-        return Trial(name, in_order[0][1].samples, provenance)
+        return Trial(name, recordings[next(iter(facts))].samples, provenance)
     log, mocap = recordings["log"], recordings["mocap"]
     both = sorted((set(log.columns) & set(mocap.columns)) - {"sync"})
     if both:
@@ -303,16 +282,13 @@ def assemble(
 
 def merged(log: Recording, mocap: Recording, fit: ClockFit) -> pl.DataFrame:
     """The rows of both in the order of motion capture's time [s]; rows of the same nanosecond become one row."""
-
-    def whole_nanoseconds(column: str) -> pl.Expr:  # on which tables can be joined; floats would not match
-        return (pl.col(column) / 1e-9).round().cast(pl.Int64)
-
     log_time = pl.Series("log_time", fit.to_master(log.samples["time"].to_numpy()))
-    end = float(mocap.samples["time"][-1])
-    own = log.samples.drop("time", "sync", strict=False)
-    rows = own.insert_column(0, log_time).filter(log_time.is_between(0.0, end))
+    own = log.samples.drop("time", "sync", strict=False).insert_column(0, log_time)
+    rows = own.filter(log_time.is_between(0.0, float(mocap.samples["time"][-1])))
     if rows.is_empty():
         raise InputError("log and motion capture do not overlap in time; check that they are of the same trial")
-    rows = rows.with_columns(key=whole_nanoseconds("log_time"))
-    joined = mocap.samples.with_columns(key=whole_nanoseconds("time")).join(rows, on="key", how="full", coalesce=True)
+    keyed = []  # by whole nanoseconds, on which tables can be joined; floats would not match
+    for one, column in ((mocap.samples, "time"), (rows, "log_time")):
+        keyed.append(one.with_columns(key=(pl.col(column) / 1e-9).round().cast(pl.Int64)))
+    joined = keyed[0].join(keyed[1], on="key", how="full", coalesce=True)
     return joined.sort("key").with_columns(time=pl.coalesce("time", "log_time")).drop("key", "log_time")

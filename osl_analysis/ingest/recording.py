@@ -8,9 +8,6 @@ import numpy as np
 import polars as pl
 
 from osl_analysis.errors import InputError
-from osl_analysis.formats.csv_table import share_above
-from osl_analysis.formats.table import Table
-from osl_analysis.ingest.source import Channel
 from osl_analysis.trial import Array, unit_of
 
 
@@ -33,43 +30,6 @@ class Recording:
                     f"{column}: a delay of {origin['delay']:g} s is longer than the recording of {lasts:g} s; "
                     "correct `delay` and its unit in the source file"
                 )
-
-
-LEVEL_UNIT = "V"  # Of the columns that may be read from truth values: levels of `sync` and `trigger`.
-
-
-def canonical_column(
-    what: str, column: str, channel: Channel, table: Table, time: Array, most_missing: float, place: str
-) -> pl.Series:
-    """A channel of a table with times (rows,) [s] in SI units: NaN where a reading failed, null where it has no value.
-    Refused are truth values that are no level, infinity, and a share of failed readings above `most_missing`. `what` is
-    the channel and `place` that of its unit in the source file, for messages."""
-    raw, lacking = table.columns[channel.name], np.ma.getmaskarray(table.columns[channel.name])
-    if raw.dtype == bool and unit_of(column) != LEVEL_UNIT:
-        row = int(np.argmin(lacking))
-        raise InputError(
-            f"{what} is {str(bool(np.ma.getdata(raw)[row])).lower()} in {table.place(row)}, a truth value and no "
-            f"number in {unit_of(column)}; name a number as `{channel.ADDRESS}` in the source file"
-        )
-    with np.errstate(invalid="ignore"):  # a signalling NaN is one, too
-        values: Array = np.ma.getdata(raw).astype(np.float64)
-    values[lacking] = 0.0
-    missing = np.isnan(values)
-    check_values(what, np.where(missing, 0.0, values) if missing.any() else values, time)
-    count = int(missing.sum())
-    if count > most_missing * values.size:
-        row = int(np.argmax(missing))
-        first = f"at {time[row]:.3f} s" if table.lines is None else f"in {table.place(row)}"
-        raise InputError(
-            f"{what}: {table.failed} in {count} of {values.size} {table.noun}s, first {first}; at most "
-            f"{most_missing:.1%} may be: repair the recording, or write `most_missing: "
-            f"{share_above(count, values.size):g}` in the source file"
-        )
-    try:
-        series = pl.Series(column, channel.to_si(values, unit_of(column), table.units.get(channel.name, "")))
-    except InputError as error:
-        raise InputError(f"{what}: {error}, as {place}") from error
-    return series.set(pl.Series(lacking), None) if lacking.any() else series
 
 
 def check_values(what: str, values: Array, time: Array) -> None:

@@ -20,7 +20,7 @@ from osl_analysis.bench.settings import DynamometerAnalysis
 from osl_analysis.campaign.configuration import read_section
 from osl_analysis.files import default_config
 from osl_analysis.model.parameters import read_parameters
-from osl_analysis.simulator.bench import commanded_motion, moved, simulate_bench_trial
+from osl_analysis.simulator.bench import simulate_bench_trial, true_signals
 from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.stats.repeats import over_repeats
 from osl_analysis.trial import Array, Trial
@@ -57,8 +57,8 @@ def recorded(settings: SimulationSettings, number: int, controller: str = "compe
     p = read_parameters(settings.parameters)
     row = {"trial": f"t_x_{number + 1}", "experiment": "impedance", "controller": controller, "K_d": 300, "B_d": 5}
     log, _ = simulate_bench_trial(row, settings, p)
-    samples = {"time": log.time, "theta": log["joint_angle"], "torque": -log["load_cell_torque"]}
-    motion = moved(commanded_motion(row, settings), settings)
+    samples = {"time": log["time"], "theta": log["joint_angle"], "torque": -log["load_cell_torque"]}
+    motion, _ = true_signals(row, settings, p)
     slope = np.linspace(-1, 1, len(motion.theta))
     X = np.column_stack([motion.theta, motion.omega, motion.alpha, np.ones_like(slope), slope])
     bound = settings.effects.load_cell_noise.size * np.sqrt(np.diag(np.linalg.inv(X.T @ X)))[:3]

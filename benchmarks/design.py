@@ -28,7 +28,7 @@ from osl_analysis.design.precision import (
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.signals import LowPass
 from osl_analysis.simulator.bench import drivetrain_effects
-from osl_analysis.simulator.drivetrain import ControlCommands, simulate_drivetrain
+from osl_analysis.simulator.drivetrain import simulate_drivetrain
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.spectral.periods import Realisation, period_spectra
 from osl_analysis.spectral.response import SecondOrder, fit_by_power, lines_of_periods, periodic_response
@@ -135,12 +135,12 @@ def multisines(inputs: StudyInputs, trials: int) -> Iterator[str]:
         for k, name in enumerate(KBI):
             yield line(f"exact joint, friction {friction:g} N·m stated", name, predicted[k], found[:, k])
     gains = compensated_gains(inputs.study.K_d, inputs.study.B_d, inputs.p)
-    effects = drivetrain_effects(inputs.simulation)
-    commands = ControlCommands(*np.array([[gains.K_1], [gains.B_1], [0.0]]), gains.cancels_friction)
+    effects = drivetrain_effects(inputs.simulation, gains)
+    commands = np.array([[gains.K_1], [gains.B_1], [0.0]])
 
     def drivetrain(m: JointMotion) -> Array:
         leg = simulate_drivetrain(RATE_HZ, m.theta, m.omega, commands, effects, inputs.p)
-        return leg.belt_torque + inputs.p.B_j * m.omega + inputs.p.J_j * m.alpha
+        return leg["belt_torque"] + inputs.p.B_j * m.omega + inputs.p.J_j * m.alpha
 
     found = multisine_trials(drivetrain, trials, 1)
     for words, stated in seen_before(drivetrain, low_pass).items():

@@ -21,7 +21,8 @@ from osl_analysis.commands.simulate import simulate_trial
 from osl_analysis.commands.trials import ingest_trial
 from osl_analysis.errors import IdentifiabilityError, InputError
 from osl_analysis.model.parameters import read_parameters
-from osl_analysis.simulator.bench import simulate_bench_trial, turning
+from osl_analysis.simulator.bench import simulate_bench_trial
+from osl_analysis.simulator.joint_motion import actuator_command
 from osl_analysis.simulator.settings import RecorderSettings, SimulationSettings
 from osl_analysis.trial import Trial, read_trial, write_trial
 from osl_analysis.yaml_settings import read_yaml
@@ -48,7 +49,7 @@ def fit_log(time, theta_m, current, torque_m, **changes):
 
 
 def fitted(log):
-    return fit_log(log.time, log["actuator_angle"], log["motor_current"], log["output_torque"])
+    return fit_log(log["time"], log["actuator_angle"], log["motor_current"], log["output_torque"])
 
 
 def fit_file(path):
@@ -76,7 +77,7 @@ def schedule(current_hz=(0.17, 0.73), velocity_offset=0.0, phase=0.0):
 
 def test_what_is_simulated_obeys_equations_1_and_2():
     log, truth = simulate_bench_trial({"trial": "actuator_1", "experiment": "actuator"}, settings(effects=False), P)
-    motion = turning(settings().actuator, RATE)
+    motion, _ = actuator_command(settings().actuator, RATE)
     expected = by_hand(motion.theta, motion.omega, motion.alpha, log["motor_current"])
     assert log["output_torque"] == pytest.approx(expected, abs=1e-12)
     assert log["actuator_angle"] == pytest.approx(motion.theta, abs=0)
@@ -159,8 +160,8 @@ def bench_csv(path, log, motion):
     if motion == "theta_m":
         header = header.replace("motor velocity [rpm]", "motor angle [deg]")
     else:
-        moved = np.gradient(moved, log.time) / 6
-    columns = np.column_stack([log.time, moved, log["motor_current"], log["output_torque"]])
+        moved = np.gradient(moved, log["time"]) / 6
+    columns = np.column_stack([log["time"], moved, log["motor_current"], log["output_torque"]])
     np.savetxt(path, columns, fmt="%.9g", delimiter=",", header=header, comments="")
 
 

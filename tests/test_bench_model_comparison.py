@@ -129,13 +129,13 @@ def stepped_trial(controller, *off, p=DEFAULT, believed=None):
     """A trial at 2, 4 and 6 deg, and Eq. 9 with what is believed of it; with the folds of Eq. 15."""
     believed, found = believed or p, settings(*off, amplitudes_deg=(2, 4, 6))
     log = simulated(f"impedance_K300_B5.0_{controller}", found, p)
-    motion, torque = filtered_motion(log.time, log["joint_angle"], -log["load_cell_torque"], LOW_PASS)
+    motion, torque = filtered_motion(log["time"], log["joint_angle"], -log["load_cell_torque"], LOW_PASS)
     starts = [500 + i * round(1000 * (BLOCK + 0.5)) for i in range(3)]
     parts = [np.arange(start, start + round(1000 * BLOCK), 11) for start in starts]
     gains = select_gains(controller, 300.0, 5.0, believed)
-    groups = stretches_of([slice(0, len(log.time))], 1000.0)
+    groups = stretches_of([slice(0, len(log["time"]))], 1000.0)
     raw = log["joint_angle"], -log["load_cell_torque"]
-    record = Record("made", log.time, *raw, motion, torque, LOW_PASS, np.ones(len(log.time), dtype=bool), groups)
+    record = Record("made", log["time"], *raw, motion, torque, LOW_PASS, np.ones(len(log["time"]), dtype=bool), groups)
     trial = DrivetrainTrial(record, parts, gains, believed, 0.05)
     return trial, [impedance_fold(motion[part], torque[part]) for part in parts]
 
@@ -191,7 +191,7 @@ def analysis():
 
 
 def write_log(log, name, folder):
-    columns = {"time": log.time, "theta": log["joint_angle"], "theta_m": log["actuator_angle"]}
+    columns = {"time": log["time"], "theta": log["joint_angle"], "theta_m": log["actuator_angle"]}
     samples = pl.DataFrame({**columns, "torque": -log["load_cell_torque"]})
     write_trial(Trial(name, samples), folder / f"{name}.parquet")
     return folder / f"{name}.parquet"

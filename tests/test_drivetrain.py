@@ -25,8 +25,8 @@ from osl_analysis.model.drivetrain_response import Friction, belt_response
 from osl_analysis.model.parameters import read_parameters
 from osl_analysis.simulator.drivetrain import (
     IDEAL,
-    ControlCommands,
-    simulate_belt_torque,
+    belt_path,
+    constants,
     simulate_drivetrain,
 )
 
@@ -34,7 +34,7 @@ FREQUENCIES = np.array([0.0, 0.3, 1.0, 5.0, 40.0])
 RATE = 1000.0
 NONE, TRUE = Friction(0.0, 0.05), Friction(1.0, 0.05)
 P = read_parameters(ROOT / "config/parameters/default.yaml")
-CONTINUOUS = IDEAL._replace(substeps=100, control_updates=100)
+CONTINUOUS = IDEAL | {"substeps": 100, "control_updates": 100}
 
 
 def test_actuator_torque_is_the_sum_of_equation_1(parameters):
@@ -74,9 +74,8 @@ def test_desired_admittance_is_a_spring_and_a_damper():
     assert desired_admittance(200, 0)(2j) == pytest.approx(1 / 200)
 
 
-def constant(n, K_1, B_1=0.0, theta_eq=0.0, cancels_friction=False):
-    one = np.ones(n)
-    return ControlCommands(K_1 * one, B_1 * one, theta_eq * one, cancels_friction)
+def constant(n, K_1, B_1=0.0, theta_eq=0.0):
+    return np.outer([K_1, B_1, theta_eq], np.ones(n))
 
 
 def sine(frequency_hz, cycles=20, amplitude=0.05):
@@ -125,9 +124,10 @@ def test_two_integrators_that_share_nothing_agree(parameters, controller, K_s2):
     t = np.arange(6000) / RATE
     w = 2 * np.pi * 2.0
     theta, omega = 0.07 * (1 - np.cos(w * t)) / 2, 0.035 * w * np.sin(w * t)
-    commands = constant(len(t), gains.K_1, gains.B_1, cancels_friction=gains.cancels_friction)
-    effects = IDEAL._replace(friction=True, sign_width=0.05, control_updates=20)
-    expected = simulate_drivetrain(RATE, theta, omega, commands, effects, p).belt_torque
+    commands = constant(len(t), gains.K_1, gains.B_1)
+    own = {"cancels_friction": gains.cancels_friction, "sign_width": 0.05, "control_updates": 20}
+    effects = IDEAL | {"friction": True} | own
+    expected = simulate_drivetrain(RATE, theta, omega, commands, effects, p)["belt_torque"]
     found = belt_response(theta, RATE, gains, p, TRUE)
     assert np.std(found - expected) < 0.01 * np.std(expected)
 
@@ -136,11 +136,12 @@ def joint_stiffness_at(frequency_hz, gains, effects, p=P):
     """Complex torque over angle from whole settled cycles of a simulated sine, without J_j."""
     w, t = 2 * np.pi * frequency_hz, np.arange(int(8 * RATE)) / RATE
     theta, omega = 0.07 * np.sin(w * t), 0.07 * w * np.cos(w * t)
-    commands = constant(len(t), gains.K_1, gains.B_1, cancels_friction=gains.cancels_friction)
+    commands = constant(len(t), gains.K_1, gains.B_1)
+    effects = effects | {"cancels_friction": gains.cancels_friction}
     motion = simulate_drivetrain(RATE, theta, omega, commands, effects, p)
     settled = slice(int(4 * RATE), None)
     turn = np.exp(-1j * w * t[settled])
-    return ((motion.belt_torque + p.B_j * omega)[settled] @ turn) / (theta[settled] @ turn)
+    return ((motion["belt_torque"] + p.B_j * omega)[settled] @ turn) / (theta[settled] @ turn)
 
 
 @pytest.mark.parametrize("frequency_hz", [1, 3, 5])
@@ -165,46 +166,46 @@ def sampled_data_stiffness(frequency_hz, gains, delay, cutoff_hz, updates):
 @pytest.mark.parametrize("frequency_hz", [1, 5])
 def test_hold_delay_and_velocity_filter_shift_the_phase_as_sampled_data_theory_says(delay, updates, frequency_hz):
     gains = uncompensated_gains(300, 5, P)
-    effects = IDEAL._replace(control_delay=delay, velocity_cutoff_hz=40.0, control_updates=updates)
+    effects = IDEAL | {"control_delay": delay, "velocity_cutoff_hz": 40.0, "control_updates": updates}
     found = joint_stiffness_at(frequency_hz, gains, effects)
     assert found == pytest.approx(sampled_data_stiffness(frequency_hz, gains, delay, 40.0, updates), rel=5e-4)
 
 
-def pushed_with(torque, n, effects, cancels_friction=False):
+def pushed_with(torque, n, effects):
     """An actuator without damping or belt under a constant control torque, from rest."""
     p = replace(P, B_m=0.0, K_s=1e-9)
-    commands = constant(n, 1e-9, theta_eq=torque / 1e-9, cancels_friction=cancels_friction)
+    commands = constant(n, 1e-9, theta_eq=torque / 1e-9)
     return simulate_drivetrain(RATE, np.zeros(n), np.zeros(n), commands, effects, p)
 
 
 @pytest.mark.parametrize(("torque", "sign"), [(2.0, 1), (-2.0, -1)])
 @pytest.mark.parametrize("scale", [1.0, 1.5])
 def test_friction_brakes_by_coulomb_and_gear_friction(torque, sign, scale):
-    motion = pushed_with(torque, 201, IDEAL._replace(friction=True, friction_scale=scale))
+    motion = pushed_with(torque, 201, IDEAL | {"friction": True, "friction_scale": scale})
     friction = scale * (P.f_C + P.f_G * 2.0 / (P.k_tau * P.n_m))
     t = np.arange(201) / RATE
-    assert motion.omega_m == pytest.approx(sign * (2.0 - friction) / P.J_m * t, rel=1e-9, abs=1e-12)
+    assert motion["omega_m"] == pytest.approx(sign * (2.0 - friction) / P.J_m * t, rel=1e-9, abs=1e-12)
 
 
 def test_the_actuator_sticks_below_the_breakaway_torque_and_moves_above_it():
-    friction = IDEAL._replace(friction=True)
+    friction = IDEAL | {"friction": True}
     breakaway = P.f_C / (1 - P.f_G / (P.k_tau * P.n_m))
-    assert not np.any(pushed_with(0.999 * breakaway, 500, friction).theta_m)
-    assert pushed_with(1.001 * breakaway, 500, friction).theta_m[-1] > 0
+    assert not np.any(pushed_with(0.999 * breakaway, 500, friction)["theta_m"])
+    assert pushed_with(1.001 * breakaway, 500, friction)["theta_m"][-1] > 0
 
 
 def test_friction_never_reverses_a_motion_that_it_stops():
     n = 4000
     gains = constant(n, 2.0)
     theta = np.full(n, 0.05)
-    motion = simulate_drivetrain(RATE, theta, np.zeros(n), gains, IDEAL._replace(friction=True), P)
-    assert np.any(motion.omega_m != 0)
-    assert np.all(motion.omega_m[-1000:] == 0)
+    motion = simulate_drivetrain(RATE, theta, np.zeros(n), gains, IDEAL | {"friction": True}, P)
+    assert np.any(motion["omega_m"] != 0)
+    assert np.all(motion["omega_m"][-1000:] == 0)
 
 
 def test_a_controller_that_cancels_friction_accelerates_the_bare_inertia():
-    motion = pushed_with(3.0, 400, IDEAL._replace(friction=True, sign_width=0.01), cancels_friction=True)
-    gained = (motion.omega_m[-1] - motion.omega_m[100]) * RATE / 299
+    motion = pushed_with(3.0, 400, IDEAL | {"friction": True, "sign_width": 0.01, "cancels_friction": True})
+    gained = (motion["omega_m"][-1] - motion["omega_m"][100]) * RATE / 299
     assert gained == pytest.approx(3.0 / P.J_m, rel=1e-7)
 
 
@@ -216,22 +217,22 @@ def test_without_friction_the_controller_has_none_to_cancel():
 
 def test_a_belt_without_hysteresis_is_the_models_belt():
     p, theta_s = replace(P, K_s2=14913.0), np.linspace(-0.05, 0.08, 50)
-    assert simulate_belt_torque(theta_s, IDEAL, p) == pytest.approx(belt_torque(theta_s, p), rel=1e-14)
+    assert belt_path(theta_s, constants(IDEAL, p)) == pytest.approx(belt_torque(theta_s, p), rel=1e-14)
 
 
 def test_hysteresis_costs_the_area_of_its_loop_whatever_the_speed():
-    effects = IDEAL._replace(hysteresis_torque=2.0, hysteresis_width=0.002)
+    effects = IDEAL | {"hysteresis_torque": 2.0, "hysteresis_width": 0.002}
     up = np.linspace(-0.05, 0.05, 20001)
     for cycle in (np.concatenate([up, up[-2::-1]]), np.concatenate([up[::100], up[-2::-1]])):
         path = np.concatenate([cycle, cycle[1:]])
-        torque = simulate_belt_torque(path, effects, P)[len(cycle) - 1 :]
+        torque = belt_path(path, constants(effects, P))[len(cycle) - 1 :]
         area = np.trapezoid(torque, path[len(cycle) - 1 :])
         assert area == pytest.approx(2.0 * (4 * 0.05 - 4 * 0.002), rel=2e-3)
 
 
 def test_a_command_holds_from_its_own_sample():
     """With the equilibrium at k in sample k, an actuator that rests at 0 gets the current for a torque of K_1 k."""
-    commands = ControlCommands(np.full(6, 2.0), np.zeros(6), np.arange(6.0), cancels_friction=False)
+    commands = np.array([np.full(6, 2.0), np.zeros(6), np.arange(6.0)])
     heavy = replace(P, J_m=1e9)
     motion = simulate_drivetrain(RATE, np.zeros(6), np.zeros(6), commands, IDEAL, heavy)
-    assert motion.current == pytest.approx(2.0 * np.arange(6.0) / (P.k_tau * P.n_m), rel=1e-9)
+    assert motion["current"] == pytest.approx(2.0 * np.arange(6.0) / (P.k_tau * P.n_m), rel=1e-9)

@@ -238,7 +238,7 @@ def test_each_sensor_effect_adds_what_the_truth_says_and_leaves_the_other_draws_
         name: simulate("belt_01", settings_from(TINY, only=(name,)))[0]["load_cell_torque"] - clean for name in names
     }
     assert all_on["load_cell_torque"] - clean == pytest.approx(sum(parts.values()), abs=1e-10)
-    elapsed = all_on.time - all_on.time[0]
+    elapsed = all_on["time"] - all_on["time"][0]
     assert parts["load_cell_offset"] == pytest.approx(np.full(3000, truth["drawn"]["load_cell_offset"]), abs=1e-10)
     assert parts["load_cell_drift"] == pytest.approx(truth["drawn"]["load_cell_drift"] * elapsed / 60, abs=1e-10)
     sizes = [truth["drawn"][name] / truth["effects"][name]["size"] for name in names[:2]]
@@ -334,7 +334,7 @@ def test_torque_angle_trials_without_a_foot_are_refused():
 def test_the_analysis_finds_the_springs_of_the_foot_and_what_each_cycle_loses():
     row = next(iter(plan_trials(SETTINGS).values()))
     log, truth = simulate_bench_trial(row, SETTINGS, read_parameters(SETTINGS.parameters))
-    columns = {"time": log.time - log.time[0], "theta": log["joint_angle"], "torque": -log["load_cell_torque"]}
+    columns = {"time": log["time"] - log["time"][0], "theta": log["joint_angle"], "torque": -log["load_cell_torque"]}
     campaign = read_config(ROOT / "config/campaigns/torque_angle/config.yaml")
     found = torque_angle_trial(Trial("foot", pl.DataFrame(columns)), campaign.torque_angle)
     cycles, foot = cycle_table(found), SETTINGS.foot

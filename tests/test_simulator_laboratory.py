@@ -1,6 +1,8 @@
 """The simulated gait laboratory: plate, capture, conditions, gait, platform, recorders; measured from written files."""
 
 import json
+from collections import defaultdict
+from dataclasses import replace
 from itertools import product
 
 import ezc3d
@@ -16,12 +18,12 @@ from osl_analysis.config.shared_choices import read_impedance_trajectory
 from osl_analysis.errors import InputError
 from osl_analysis.model.compensator import compensated_gains
 from osl_analysis.simulator import step as gait
-from osl_analysis.simulator.crossing import impedance_of_leg, motion_grid
-from osl_analysis.simulator.plan import condition_of, plan_trials
-from osl_analysis.simulator.rigid_body import Pose, RigidBody, rotation_about
+from osl_analysis.simulator.crossing import impedance_of_leg, move, react
+from osl_analysis.simulator.plan import Condition, condition_of, plan_trials
+from osl_analysis.simulator.rigid_body import Pose, rotation_about, support
 from osl_analysis.simulator.settings import Conditions, Subject
-from osl_analysis.simulator.step import draw_step, drawn_change, unloaded_platform
-from osl_analysis.simulator.walking_settings import CaptureSettings, StepChange, WalkingSettings
+from osl_analysis.simulator.step import GaitTrial, draw_step, drawn_change, unloaded_platform
+from osl_analysis.simulator.walking_settings import CaptureSettings, Rates, StepChange, WalkingSettings
 from osl_analysis.yaml_settings import read_yaml
 
 G = 9.81
@@ -344,8 +346,9 @@ def test_an_impossible_stance_is_refused(setup, tmp_path):
 def test_other_timing_keeps_heel_strike_and_toe_off(setup, usual, tmp_path):
     """Between them the phase deviates by 256 (p (1 - p))^4 of two numbers: in the middle, and of the halves."""
     other = imperfect(setup, timing_wander=3)
-    step, p = draw_step("walking_01", 1, np.zeros(1), other.walking), np.array([0.25, 0.5, 0.75])
-    (middle, halves), quarter = step.timing, 256 * 0.1875**4
+    trial, p, quarter = GaitTrial("walking_01", 1, other.walking), np.array([0.25, 0.5, 0.75]), 256 * 0.1875**4
+    step, middle = draw_step(trial), trial.normal("timing_wander", 0.01)
+    halves = 0.03 * trial.random("timing_halves").standard_normal()
     moved = step.stance_phase(step.heel_strike + p * step.stance) - p
     np.testing.assert_allclose(moved, [quarter * (middle - halves), middle, quarter * (middle + halves)])
     warped = decoded(other, tmp_path)
@@ -364,14 +367,18 @@ def test_the_torque_wanders_by_the_size_and_the_angle_stays(setup, usual, tmp_pa
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(4, rel=0.3)
 
 
-def test_a_change_concerns_the_named_crossings_or_a_share_of_a_kind():
+def test_a_change_concerns_the_named_crossings_or_a_share_of_a_kind(setup):
+    def drawn(trial, *changes, perturbed=False):
+        lab = altered(setup, changes=changes).walking
+        return drawn_change(GaitTrial(trial, 1, lab, Condition(perturbed=perturbed)))
+
     named = StepChange(of=("walking_03",), load=0.7)
-    assert [drawn_change(f"walking_0{k}", 1, False, [named]).load for k in (3, 4)] == [0.7, 1.0]
+    assert [drawn(f"walking_0{k}", named).load for k in (3, 4)] == [0.7, 1.0]
     some = StepChange(of="unperturbed", share=0.3, load=0.7, slower_percent=5)
-    drawn = [drawn_change(f"walking_{i}", 1, False, [some]).load for i in range(400)]
-    assert np.mean(np.array(drawn) == 0.7) == pytest.approx(0.3, abs=0.09)
-    assert {drawn_change(f"walking_{i}", 1, True, [some]).load for i in range(50)} == {1.0}
-    both = drawn_change("walking_03", 1, False, [named, StepChange(load=0.5, slower_percent=5)])
+    loads = [drawn(f"walking_{i}", some).load for i in range(400)]
+    assert np.mean(np.array(loads) == 0.7) == pytest.approx(0.3, abs=0.09)
+    assert {drawn(f"walking_{i}", some, perturbed=True).load for i in range(50)} == {1.0}
+    both = drawn("walking_03", named, StepChange(load=0.5, slower_percent=5))
     assert (both.load, both.slower_percent) == (0.35, 5)
 
 
@@ -412,8 +419,8 @@ def test_a_heaving_platform_rises_in_the_middle_of_its_way_and_a_slipping_foot_s
 
 def unloaded_ramps(setup, trials):
     """Times [s], and the motions of unloaded platforms."""
-    time = motion_grid(setup.walking)
-    return time, [unloaded_platform(time, f"plate_{k + 1:02d}", 1, setup.walking) for k in range(trials)]
+    found = [GaitTrial(f"plate_{k + 1:02d}", 1, setup.walking) for k in range(trials)]
+    return found[0].time, [unloaded_platform(trial) for trial in found]
 
 
 @pytest.mark.parametrize("share", [8.0, 0.0])
@@ -464,8 +471,7 @@ def test_an_exact_analysis_of_the_recording_gives_back_angle_and_torque(shipped,
 
 
 def test_unloaded_trials_move_the_plate_about_every_axis_now_and_then(shipped):
-    time = motion_grid(shipped.walking)
-    ramps = [unloaded_platform(time, f"plate_{i:02d}", 1, shipped.walking) for i in range(1, 7)]
+    ramps = unloaded_ramps(shipped, 6)[1]
     spans = np.array([np.ptp(r.pose.point(np.array(shipped.walking.plate.centre_m)), axis=0) for r in ramps])
     rolls = np.array([np.ptp(r.pose.rotation[:, 2, 1]) for r in ramps])
     assert (rolls > 0.02).tolist() == [False, False, True, False, False, True]
@@ -583,7 +589,7 @@ def test_a_given_equilibrium_is_used(shipped, tmp_path):
     path = tmp_path / "impedance.csv"
     path.write_text("phase,K_d,B_d,theta_eq_rad\n0,300,5,0.05\n1,300,5,0.05\n")
     own = Setup(shipped.settings, shipped.walking.model_copy(update={"impedance": path}), shipped.p)
-    np.testing.assert_allclose(own.crossing(False).commands.theta_eq, 0.05 * shipped.p.n_T)
+    np.testing.assert_allclose(own.crossing(False).commands[2], 0.05 * shipped.p.n_T)
 
 
 def test_settings_with_a_wrong_duration_or_rate_are_refused(tmp_path):
@@ -617,9 +623,8 @@ def test_a_turning_body_needs_what_its_six_point_masses_need():
     rate, t = 3000.0, np.arange(900) / 3000
     phi, omega, alpha = 0.2 * np.sin(9 * t), 1.8 * np.cos(9 * t), -16.2 * np.sin(9 * t)
     pivot, centre, gyration = np.array([0.3, 0.2, 0.1]), np.array([0.34, 0.17, -0.05]), np.array([0.1, 0.13, 0.12])
-    body, y = RigidBody(7.0, centre, gyration), np.array([0.0, 1.0, 0.0])
-    rotation = rotation_about(1, phi)
-    wrench = body.support(Pose(rotation, pivot - rotation @ pivot), rate)
+    rotation, y = rotation_about(1, phi), np.array([0.0, 1.0, 0.0])
+    wrench = support(Pose(rotation, pivot - rotation @ pivot), rate, 7.0, centre, gyration)
     spread = np.sqrt(1.5 * (np.sum(gyration**2) - 2 * gyration**2))
     force, moment = np.zeros((900, 3)), np.zeros((900, 3))
     for place in np.vstack([np.diag(spread), -np.diag(spread)]) + centre - pivot:
@@ -633,20 +638,20 @@ def test_a_turning_body_needs_what_its_six_point_masses_need():
 
 def test_the_ankle_turns_by_what_the_shank_does_not_yield(walked, calm):
     """4 % of 5 deg, 0.2 s after the onset."""
-    held = np.searchsorted(walked.time, walked.motion.platform.onset + 0.25)
+    held = np.searchsorted(walked.time, walked.platform.onset + 0.25)
     assert np.degrees(walked.motion.theta - calm.motion.theta)[held] == pytest.approx(0.96 * 5, abs=1e-6)
 
 
 def test_the_foot_stays_above_the_floor(calm, shipped):
     for point in (gait.HEEL, gait.BALL):
-        assert calm.motion.foot.point(point)[:, 2].min() > shipped.walking.plate.centre_m[2] - 1e-3
+        assert calm.foot.point(point)[:, 2].min() > shipped.walking.plate.centre_m[2] - 1e-3
 
 
 @pytest.mark.parametrize("trial", [f"walking_{i:02d}" for i in range(1, 6)])
 def test_the_ground_presses_under_the_foot(shipped, trial):
     crossing = shipped.crossing(perturbed=False, trial=trial)
     inside = inside_stance(crossing)
-    below = crossing.motion.foot.origin.copy()
+    below = crossing.foot.origin.copy()
     below[:, 2] = shipped.walking.plate.centre_m[2]
     moment = crossing.reaction.moment_about(below)[inside]
     ahead = -moment[:, 1] / crossing.reaction.force[inside, 2] + below[inside, 0] - below[inside, 0][0]
@@ -669,28 +674,35 @@ def test_ankle_moment_and_force_are_those_of_level_walking(calm, shipped):
 
 def test_step_to_step_variability_has_the_sizes_that_are_set(shipped):
     """Standard deviations over 400 steps are within 15 % (4 sigma) of the sizes."""
-    shipped = imperfect(shipped, load_scatter=3, amplitude_scatter=5, timing_wander=1)
-    time = motion_grid(shipped.walking)[::300]
-    steps = [draw_step(f"walking_{i}", 1, time, shipped.walking) for i in range(400)]
-    found = {
-        "stance_scatter": 100 * np.std([s.stance for s in steps]) / shipped.walking.gait.stance_s,
-        "heel_strike_scatter": np.std([s.heel_strike for s in steps]),
-        "angle_scale": 100 * np.std([s.angle_factor for s in steps]),
-        "angle_wander": np.degrees(np.std([s.wander for s in steps])),
-        "force_scale": 100 * np.std([s.force_factor for s in steps]),
-        "placement_forward": 1e3 * np.std([s.placement[0] for s in steps]),
-        "placement_sideways": 1e3 * np.std([s.placement[1] for s in steps]),
-        "foot_yaw": np.degrees(np.std([s.yaw for s in steps])),
-        "load_scatter": 100 * np.std([s.change.load for s in steps]),
-        "amplitude_scatter": 100 * np.std([s.change.amplitude for s in steps]),
-        "timing_wander": 100 * np.std([s.timing for s in steps]),
-    }
-    for name, value in found.items():
-        assert value == pytest.approx(getattr(shipped.walking.effects, name).size, rel=0.15), name
+    coarse = Rates(points_hz=50, analogs_hz=50, leg_hz=50, controller_hz=50)
+    shipped = altered(imperfect(shipped, load_scatter=3, amplitude_scatter=5, timing_wander=1), rates=coarse)
+    found = defaultdict(list)
+    for i in range(400):
+        step = draw_step(GaitTrial(f"walking_{i}", 1, shipped.lacking("angle_wander").walking))
+        motion, foot, *_ = move(step, False)
+        time, load, amplitude = step.trial.time, step.change.load, step.change.amplitude
+        middle, straight = np.searchsorted(time, step.heel_strike + step.stance / 2), foot.rotation[0]
+        phase = np.array([step.stance_phase(step.heel_strike + p * step.stance) - p for p in (0.25, 0.5, 0.75)])
+        force = react(step, foot, 0 * time)[1].force[middle] / (load * amplitude * 80 * G)
+        usual = amplitude * gait.nominal_ankle_angle(step.cycle_phase(time))[middle]
+        wandering = replace(step, trial=replace(step.trial, walking=shipped.walking))
+        found["stance_scatter"].append(100 * step.stance / 0.72)
+        found["heel_strike_scatter"].append(step.heel_strike)
+        found["angle_scale"].append(100 * motion.theta[middle] / usual)
+        found["angle_wander"].append(np.degrees(move(wandering, False)[0].theta - motion.theta))
+        found["force_scale"].append(100 * force / gait.ground_reaction(step.stance_phase(time[[middle]]))[0])
+        found["placement_forward"].append(1e3 * step.placement[0])
+        found["placement_sideways"].append(1e3 * step.placement[1])
+        found["foot_yaw"].append(np.degrees(np.arctan2(straight[1, 0], straight[0, 0])))
+        found["load_scatter"].append(100 * load)
+        found["amplitude_scatter"].append(100 * amplitude)
+        found["timing_wander"].append([100 * phase[1], 50 * (phase[2] - phase[0]) / (256 * 0.1875**4)])
+    for name, values in found.items():
+        assert np.std(values) == pytest.approx(getattr(shipped.walking.effects, name).size, rel=0.15), name
 
 
 def test_a_perturbation_changes_nothing_before_its_onset(walked, calm):
-    onset = walked.motion.platform.onset
+    onset = walked.platform.onset
     before = walked.time <= onset
     for name in ("theta", "omega", "alpha"):
         # the central differences look two samples ahead, twice
@@ -716,7 +728,7 @@ def test_without_imperfections_the_leg_renders_what_linear_theory_says(shipped):
     ideal = shipped.ideal()
     crossing, calm = ideal.crossing(perturbed=True), ideal.crossing(perturbed=False)
     theory = linear_answer(ideal, 340, 5, crossing, calm)
-    onset = crossing.motion.platform.onset
+    onset = crossing.platform.onset
     window = (crossing.time >= onset) & (crossing.time <= onset + 0.1)
     answer = crossing.drivetrain_torque - calm.drivetrain_torque
     np.testing.assert_allclose(answer[window], theory[window], atol=0.1)

@@ -8,23 +8,15 @@ from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.errors import InputError
-from osl_analysis.simulator.mcap_writer import (
-    DEPENDENCIES,
-    LATENCY_NS,
-    LIBRARY,
-    LogTopic,
-    joint_states,
-    wrenches,
-    write_mcap,
-    write_topics,
-)
-
-MIXED = "std_msgs/Header header\nbool flag\nfloat64 wide\nuint8 level\nfloat32 narrow # unit\n" + DEPENDENCIES
+from osl_analysis.simulator.mcap_writer import LATENCY_NS, joint_states, samples, wrenches, write_topics
 
 
-def mixed_columns(n):
+def write_mixed(path, n, frame_id="f"):
     t = np.arange(n)
-    return {"flag": t % 2 == 0, "wide": np.sqrt(t), "level": t % 7, "narrow": np.sin(t)}
+    columns = {"flag": t % 2 == 0, "wide": np.sqrt(t), "level": t % 7, "narrow": np.sin(t)}
+    fields = "bool flag\nfloat64 wide\nuint8 level\nfloat32 narrow # unit\n"
+    write_topics(path, [samples("/t", "p/msg/M", frame_id, fields, 3.0 + t, columns)])
+    return columns
 
 
 def decoded(path):
@@ -37,8 +29,7 @@ def decoded(path):
 
 @pytest.mark.parametrize("frame_id", ["", "a", "ab", "abc", "abcd", "abcde", "abcdef", "abcdefg"])
 def test_every_field_is_aligned_whatever_the_length_of_the_frame_id(tmp_path, frame_id):
-    columns = mixed_columns(5)
-    write_mcap(tmp_path / "a.mcap", LogTopic("/t", "p/msg/M", MIXED, frame_id), 3.0 + np.arange(5), columns)
+    columns = write_mixed(tmp_path / "a.mcap", 5, frame_id)
     _, ros = decoded(tmp_path / "a.mcap")
     assert [m.header.frame_id for m in ros] == [frame_id] * 5
     assert [m.wide for m in ros] == columns["wide"].tolist()
@@ -50,7 +41,7 @@ def test_every_field_is_aligned_whatever_the_length_of_the_frame_id(tmp_path, fr
 def written_by_the_mcap_package(path, topics, metadata):
     with path.open("wb") as file:
         writer = Writer(file)
-        writer.start(profile="ros2", library=LIBRARY)
+        writer.start(profile="ros2", library="osl-analysis")
         writer.add_metadata(metadata.name, metadata.metadata)
         channels = []
         for topic in topics:
@@ -83,14 +74,14 @@ def test_a_file_is_the_one_that_the_mcap_package_writes_of_the_same_messages(tmp
 
 def test_a_recording_that_breaks_off_leaves_the_older_file(tmp_path, monkeypatch):
     path = tmp_path / "a.mcap"
-    write_mcap(path, LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(5.0), mixed_columns(5))
+    write_mixed(path, 5)
     before = path.read_bytes()
 
     def fail(*_):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr("osl_analysis.simulator.mcap_writer.Footer", fail)
+    monkeypatch.setattr("osl_analysis.simulator.mcap_writer.mcap_records.Footer", fail)
     with pytest.raises(InputError, match=r"a\.mcap: cannot be written \(no space left on device\); make room"):
-        write_mcap(path, LogTopic("/t", "p/msg/M", MIXED, "f"), np.arange(9.0), mixed_columns(9))
+        write_mixed(path, 9)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]

@@ -106,7 +106,7 @@ def test_no_sample_is_taken_before_or_after_the_simulated_motion():
     settings = read_yaml(ROOT / "config/simulation/default.yaml", SimulationSettings)
     node = settings.recorder.node
     wide = node.model_copy(update={"jitter": node.jitter.model_copy(update={"size": 0.01})})
-    instants, _, _ = Bench("trial", settings, {}).sampling("node", wide, 0.1)
+    instants, _, _ = Bench("trial", settings, {}, 100).sampling("node", wide)
     assert 0 <= instants.min() < 0.01
     assert 0.09 < instants.max() <= 0.099
     assert len(instants) < 100

@@ -12,9 +12,9 @@ from mcap_ros2.decoder import DecoderFactory
 
 from osl_analysis.model.parameters import DrivetrainParameters, read_parameters
 from osl_analysis.simulator.bench import drivetrain_effects
-from osl_analysis.simulator.crossing import SimulatedCrossing, motion_grid, simulate_crossing, simulate_walking_trial
+from osl_analysis.simulator.crossing import SimulatedCrossing, simulate_crossing, simulate_walking_trial
 from osl_analysis.simulator.settings import SimulationSettings
-from osl_analysis.simulator.step import draw_step
+from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trial import Array
 from osl_analysis.yaml_settings import read_yaml
@@ -46,9 +46,8 @@ class Setup:
         return Setup(self.settings, walking, self.p)
 
     def crossing(self, perturbed: bool, trial: str = "walking_01") -> SimulatedCrossing:
-        time = motion_grid(self.walking)
-        step = draw_step(trial, self.settings.seed, time, self.walking)
-        return simulate_crossing(time, step, perturbed, True, self.walking, drivetrain_effects(self.settings), self.p)
+        step = draw_step(GaitTrial(trial, self.settings.seed, self.walking))
+        return simulate_crossing(step, perturbed, True, drivetrain_effects(self.settings), self.p)
 
     def record(self, folder: Path, row: dict[str, object]) -> Any:
         simulate_walking_trial(row, self.settings, self.walking, self.p, folder)

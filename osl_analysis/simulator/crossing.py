@@ -18,20 +18,21 @@ from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.simulator import step as gait
 from osl_analysis.simulator import vicon
 from osl_analysis.simulator.bench import drivetrain_effects
-from osl_analysis.simulator.drivetrain import ControlCommands, DrivetrainEffects, DrivetrainMotion, simulate_drivetrain
-from osl_analysis.simulator.mcap_writer import LEG, write_mcap
+from osl_analysis.simulator.drivetrain import simulate_drivetrain
+from osl_analysis.simulator.joint_motion import JointMotion
+from osl_analysis.simulator.mcap_writer import SAMPLES, samples, write_topics
 from osl_analysis.simulator.plan import Condition, condition_of
 from osl_analysis.simulator.recorder import rounded_to, write_truth
 from osl_analysis.simulator.rigid_body import (
     GRAVITY,
     Pose,
-    RigidBody,
     TrueWrench,
     interpolated_at,
     rotation_about,
+    support,
     time_derivative,
 )
-from osl_analysis.simulator.settings import SimulationSettings, stream
+from osl_analysis.simulator.settings import SimulationSettings
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.trial import AXES, Array
 
@@ -49,14 +50,13 @@ def compensated_damping(
     return grid, np.array([*B_1, B_1[0]])
 
 
-def walking_commands(
-    step: gait.Step, time: Array, walking: WalkingSettings, compensates: bool, p: DrivetrainParameters
-) -> ControlCommands:
-    """Commands to the actuator in a step, shape (updates of the controller,); `time` [s] is that of the motion. Unless
-    the file of the desired impedance has an equilibrium angle, it is chosen so that K_d and B_d give the step's ankle
-    moment at the step's nominal angle."""
-    stride, asked = walking.rates.motion_hz // walking.rates.controller_hz, step.condition
-    c, desired = step.cycle_phase(time[::stride]), asked.desired(walking.impedance)
+def walking_commands(step: gait.Step, compensates: bool, p: DrivetrainParameters) -> Array:
+    """Commands to the actuator in a step, as `simulate_drivetrain` takes them, at the rate of the leg's controller.
+    Unless the file of the desired impedance has an equilibrium angle, it is chosen so that K_d and B_d give the step's
+    ankle moment at the step's nominal angle."""
+    trial, walking, asked, factor = step.trial, step.trial.walking, step.trial.condition, step.change.amplitude
+    stride = walking.rates.motion_hz // walking.rates.controller_hz
+    c, desired = step.cycle_phase(trial.time[::stride]), asked.desired(walking.impedance)
     K_d, B_d = desired.at(desired.K_d, c), desired.at(desired.B_d, c)
     if compensates:
         damping = compensated_damping(walking.impedance, p, walking.gain_weight.weight, asked.K_d, asked.B_d)
@@ -65,38 +65,31 @@ def walking_commands(
         K_1, B_1 = K_d / p.n_T**2, B_d / p.n_T**2
     # internal plantarflexion moment: 0.5 N*m/kg at midstance, 1.4 at push-off, 0 in swing
     bumps = gait.periodic_bumps(c, gait.ANKLE_MOMENT)
-    usual = step.body_mass * (bumps * gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION))
-    moment = step.change.load * step.change.amplitude * usual + step.torque_wander[::stride]
+    mass = asked.body_mass(walking.gait.body_mass_kg)
+    usual = mass * (bumps * gait.stance_window(np.mod(c, 1.0) / gait.STANCE_FRACTION))
+    wander = walking.effects.torque_wander.value * trial.wandering("torque_wander")
+    moment = step.change.load * factor * usual + wander[::stride]
     if desired.theta_eq is not None:
         theta_eq = desired.at(desired.theta_eq, c) - (moment - usual) / K_d
     else:
-        angle = step.change.amplitude * gait.nominal_ankle_angle(c)
+        angle = factor * gait.nominal_ankle_angle(c)
         theta_eq = angle - (moment - B_d * time_derivative(angle, walking.rates.controller_hz)) / K_d
-    return ControlCommands(K_1, B_1, theta_eq * p.n_T, cancels_friction=compensates)
-
-
-@dataclass(frozen=True)
-class LegMotion:
-    """True motion of leg and platform. The poses of foot and shank have their origin at the ankle. theta [rad], omega
-    [rad/s] and alpha [rad/s^2] are the joint's angle with its derivatives, shape (n,) each."""
-
-    theta: Array
-    omega: Array
-    alpha: Array
-    foot: Pose
-    shank: Pose
-    platform: gait.PlatformMotion
+    return np.array([K_1, B_1, theta_eq * p.n_T])
 
 
 @dataclass(frozen=True)
 class SimulatedCrossing:
-    """The truth about a crossing. Commands and drivetrain are at the rate of the leg's controller."""
+    """The truth about a crossing, at the rate of the motion. The poses of foot and shank have their origin at the
+    ankle. Commands and drivetrain are at the rate of the leg's controller."""
 
-    time: Array  # time [s], shape (n,), at the rate of the motion
+    time: Array  # time [s], shape (n,)
     step: gait.Step
-    motion: LegMotion
-    commands: ControlCommands
-    drivetrain: DrivetrainMotion
+    motion: JointMotion
+    foot: Pose
+    shank: Pose
+    platform: gait.PlatformMotion
+    commands: Array
+    drivetrain: Mapping[str, Array]
     drivetrain_torque: Array  # resisting torque [N*m] of the drivetrain, shape (n,)
     torque: Array
     """Resisting torque [N*m] of the joint, shape (n,): from 8 % to 92 % of stance that of the drivetrain, and in swing
@@ -105,73 +98,67 @@ class SimulatedCrossing:
 
 
 def simulate_crossing(
-    time: Array,
-    step: gait.Step,
-    perturbed: bool,
-    compensates: bool,
-    walking: WalkingSettings,
-    effects: DrivetrainEffects,
-    p: DrivetrainParameters,
+    step: gait.Step, perturbed: bool, compensates: bool, effects: Mapping[str, float], p: DrivetrainParameters
 ) -> SimulatedCrossing:
-    """The crossing of one step, with or without the perturbation, on a regular grid at the motion's rate."""
+    """The crossing of one step, with or without the perturbation."""
     step = step if perturbed else replace(step, hurry=0.0)  # which the perturbation alone brings
-    motion = move(time, step, perturbed, walking)
-    stride = walking.rates.motion_hz // walking.rates.controller_hz
-    commands = walking_commands(step, time, walking, compensates, p)
-    theta, omega = motion.theta[::stride], motion.omega[::stride]
-    rest = (commands.K_1[0] * commands.theta_eq[0] + p.K_s * theta[0] / p.n_T) / (commands.K_1[0] + p.K_s / p.n_T**2)
-    drivetrain = simulate_drivetrain(walking.rates.controller_hz, theta, omega, commands, effects, p, rest)
-    belt = interpolated_at(drivetrain.belt_torque, walking.rates.controller_hz, time)
+    rates, time = step.trial.walking.rates, step.trial.time
+    motion, foot, shank, platform = move(step, perturbed)
+    commands, stride = walking_commands(step, compensates, p), rates.motion_hz // rates.controller_hz
+    theta, omega, (K_1, _, theta_eq) = motion.theta[::stride], motion.omega[::stride], commands[:, 0]
+    rest = (K_1 * theta_eq + p.K_s * theta[0] / p.n_T) / (K_1 + p.K_s / p.n_T**2)
+    effects = {**effects, "cancels_friction": compensates}
+    drivetrain = simulate_drivetrain(rates.controller_hz, theta, omega, commands, effects, p, rest)
+    belt = interpolated_at(drivetrain["belt_torque"], rates.controller_hz, time)
     answer = belt + p.B_j * motion.omega + p.J_j * motion.alpha
-    torque, reaction = react(time, step, motion, answer, walking)
-    return SimulatedCrossing(time, step, motion, commands, drivetrain, answer, torque, reaction)
+    torque, reaction = react(step, foot, answer)
+    return SimulatedCrossing(time, step, motion, foot, shank, platform, commands, drivetrain, answer, torque, reaction)
 
 
-def move(time: Array, step: gait.Step, perturbed: bool, walking: WalkingSettings) -> LegMotion:
-    """Prescribed motion: the nominal step, its random deviations, and the platform under the foot. The foot rotates
-    with the platform. The shank rotates by the share `shank_yield` only, so that the ankle angle changes by the rest.
-    In swing the foot returns from the platform's angle."""
-    platform = gait.perturbed_platform(time, step, walking) if perturbed else gait.resting_platform(time, walking)
-    rate, c, release_s = walking.rates.motion_hz, step.cycle_phase(time), 0.3
+def move(step: gait.Step, perturbed: bool) -> tuple[JointMotion, Pose, Pose, gait.PlatformMotion]:
+    """Prescribed motion of ankle, foot, shank and platform: the nominal step, its random deviations, and the platform
+    under the foot. The foot rotates with the platform. The shank rotates by the share `shank_yield` only, so that the
+    ankle angle changes by the rest. In swing the foot returns from the platform's angle."""
+    trial, walking, time, release_s = step.trial, step.trial.walking, step.trial.time, 0.3
+    ramp, effects, rate, c = walking.perturbation, walking.effects, walking.rates.motion_hz, step.cycle_phase(time)
+    if perturbed:  # held until after toe-off
+        platform = gait.ramped_platform(trial, step.command, step.onset, step.toe_off + ramp.hold_s)
+    else:
+        platform = gait.resting_platform(trial)
     on_platform = 1.0 - gait.smooth_step((time - step.toe_off) / release_s)
     carried, moved = platform.angle * on_platform, platform.shift * on_platform[:, None]
-    theta = step.change.amplitude * step.angle_factor * gait.nominal_ankle_angle(c) + step.wander + carried
-    theta = theta - moved[:, 0] / walking.perturbation.leg_length_m
+    wander = np.radians(effects.angle_wander.value) * trial.wandering("angle_wander")
+    factor = step.change.amplitude * (1 + trial.normal("angle_scale", 0.01))
+    theta = factor * gait.nominal_ankle_angle(c) + wander + carried - moved[:, 0] / ramp.leg_length_m
     path = gait.ankle_path(c, walking.gait.stride_m)
     if platform.onset is not None:
-        given = 0.01 * walking.effects.shank_yield.value * step.condition.sign
-        given *= np.radians(walking.perturbation.angle_deg)
+        given = 0.01 * effects.shank_yield.value * trial.condition.sign * np.radians(ramp.angle_deg)
         theta = theta - given * gait.pulse(time, platform.onset, 0.2, step.toe_off, release_s)
-        slip = 1e-3 * walking.effects.foot_slip.value
+        slip = 1e-3 * effects.foot_slip.value
         path[:, 0] -= slip * gait.pulse(time, platform.onset, 0.1, step.toe_off, release_s)
-    yaw = rotation_about(2, np.full_like(time, step.yaw))
+    yaw = rotation_about(2, np.full_like(time, trial.normal("foot_yaw", np.pi / 180)))
     path = gait.nominal_ankle(walking) + step.placement + path @ yaw[0].T
     foot = gait.displaced(carried, moved, walking).after(Pose(yaw @ rotation_about(1, -gait.foot_pitch(c)), path))
-    shank = Pose(foot.rotation @ rotation_about(1, theta), foot.origin)
     omega = time_derivative(theta, rate)
-    return LegMotion(theta, omega, time_derivative(omega, rate), foot, shank, platform)
+    shank = Pose(foot.rotation @ rotation_about(1, theta), foot.origin)
+    return JointMotion(theta, omega, time_derivative(omega, rate)), foot, shank, platform
 
 
-def react(
-    time: Array, step: gait.Step, motion: LegMotion, answer: Array, walking: WalkingSettings
-) -> tuple[Array, TrueWrench]:
+def react(step: gait.Step, foot: Pose, answer: Array) -> tuple[Array, TrueWrench]:
     """The joint's torque [N*m], shape (n,), and the ground reaction at the ankle. About the ankle's axis u the foot
     needs the moment N = u . (dH/dt + r x m (a - g)). The shank applies +tau (toes down), and the ground applies the
     rest, N - tau. The part of the ground decreases with its force at the beginning and end of stance. Across the axis
     the ground's moments are small, and the hinge carries the rest."""
-    foot, mass = motion.foot, step.body_mass
-    forward, axis, upward = foot.axes
-    body = RigidBody(
-        walking.effects.foot_inertia.value, np.array(walking.foot.centre_of_mass_m), np.array(walking.foot.gyration_m)
-    )
-    needed = body.support(foot, walking.rates.motion_hz).moment_about(foot.origin)
-    about_axis = np.einsum("ni,ni->n", needed, axis)
-    phase = step.stance_phase(time)
+    trial, walking, body = step.trial, step.trial.walking, step.trial.walking.foot
+    forward, axis, upward = np.moveaxis(foot.rotation, 2, 0)
+    mass, effects = trial.condition.body_mass(walking.gait.body_mass_kg), walking.effects
+    own = effects.foot_inertia.value, body.centre_of_mass_m, body.gyration_m
+    needed = support(foot, walking.rates.motion_hz, *own).moment_about(foot.origin)
+    about_axis, phase = np.einsum("ni,ni->n", needed, axis), step.stance_phase(trial.time)
     contact = gait.stance_window(phase)
     given = contact * (about_axis - answer)
-    force = (
-        step.change.load * step.change.amplitude * step.force_factor * gait.ground_reaction(phase) * mass * -GRAVITY[2]
-    )
+    factor = 1 + 0.01 * effects.force_scale.value * trial.random("force_scale").standard_normal(3)
+    force = step.change.load * step.change.amplitude * factor * gait.ground_reaction(phase) * mass * -GRAVITY[2]
     roll = 0.004 * force[:, 2]  # lever [m]
     spin = 0.03 * mass * contact * np.sin(2 * np.pi * phase)  # up to 0.03 N*m/kg
     moment = given[:, None] * axis + roll[:, None] * forward + spin[:, None] * upward
@@ -182,7 +169,7 @@ def impedance_of_leg(perturbed: SimulatedCrossing, unperturbed: SimulatedCrossin
     """K [N*m/rad], B [N*m*s/rad] and I [kg*m^2] of the drivetrain's response to the perturbation. Least squares of
     d_torque = K d_theta + B d_omega + I d_alpha without intercept, over the 100 ms after the onset. Both crossings are
     identical before the onset, so that the differences are exactly zero there."""
-    onset = perturbed.motion.platform.onset
+    onset = perturbed.platform.onset
     if onset is None:
         return {}
     rows = (perturbed.time >= onset) & (perturbed.time <= onset + gait.RENDERED_S)
@@ -194,16 +181,16 @@ def impedance_of_leg(perturbed: SimulatedCrossing, unperturbed: SimulatedCrossin
 
 
 def crossing_truth(
-    crossing: SimulatedCrossing, unperturbed: SimulatedCrossing, walking: WalkingSettings
+    crossing: SimulatedCrossing, unperturbed: SimulatedCrossing
 ) -> tuple[dict[str, object], dict[str, Array]]:
     """The random quantities of a crossing and exact curves in SI units,
     shape (n,) each, laboratory axes. force and moment: ground reaction on the foot, the moment about the centre of the
     plate's surface where the platform has carried it (`plate_centre`); axis: the ankle's, through `ankle`; foot_moment:
     what the foot's weight and inertia demand about it, so that torque = foot_moment - axis . (moment + (plate_centre -
     ankle) x force)."""
-    motion, step, condition = crossing.motion, crossing.step, crossing.step.condition
-    desired, phase, axis = condition.desired(walking.impedance), step.cycle_phase(crossing.time), motion.foot.axes[1]
-    centre = motion.platform.pose.point(np.array(walking.plate.centre_m))
+    step, motion, platform, trial = crossing.step, crossing.motion, crossing.platform, crossing.step.trial
+    condition, phase, axis = trial.condition, step.cycle_phase(crossing.time), crossing.foot.rotation[:, :, 1]
+    desired, centre = condition.desired(trial.walking.impedance), platform.pose.point(trial.walking.plate.centre_m)
     curves = {
         "time": crossing.time,
         "phase": phase,
@@ -215,20 +202,20 @@ def crossing_truth(
         "torque_unperturbed": unperturbed.torque,
         "K_d": desired.at(desired.K_d, phase),
         "B_d": desired.at(desired.B_d, phase),
-        "platform_angle": motion.platform.angle,
+        "platform_angle": platform.angle,
         "foot_moment": crossing.torque + np.einsum("ni,ni->n", crossing.reaction.moment, axis),
     }
-    curves |= components("ankle", motion.foot.origin) | components("axis", axis) | components("plate_centre", centre)
+    curves |= components("ankle", crossing.foot.origin) | components("axis", axis) | components("plate_centre", centre)
     curves |= components("force", crossing.reaction.force)
     curves |= components("moment", crossing.reaction.moment_about(centre))
     planned = {name: getattr(condition, name) for name in ("direction", "K_d", "B_d", "stance_phase", "session")}
     facts: dict[str, object] = {
-        "perturbed": motion.platform.onset is not None,
-        "command_s": motion.platform.command,
-        "onset_s": motion.platform.onset,
+        "perturbed": platform.onset is not None,
+        "command_s": platform.command,
+        "onset_s": platform.onset,
         "heel_strike_s": step.heel_strike,
         "toe_off_s": step.toe_off,
-        "foot_yaw_rad": step.yaw,
+        "foot_yaw_rad": trial.normal("foot_yaw", np.pi / 180),
         "placement_m": step.placement.tolist(),
         "condition": planned | {"subject": condition.person},
         "change": step.change.model_dump(mode="json", exclude={"of", "share"}),
@@ -242,40 +229,29 @@ def components(name: str, vectors: Array) -> dict[str, Array]:
 
 
 def write_leg_log(
-    path: Path,
-    crossing: SimulatedCrossing,
-    clock: tuple[float, float],
-    settings: SimulationSettings,
-    walking: WalkingSettings,
+    folder: Path, crossing: SimulatedCrossing, clock: tuple[float, float], settings: SimulationSettings
 ) -> None:
-    """Write the leg's log, sampled at whole periods of its own clock, whose time [s] is offset [s] + (1 + drift) times
-    Vicon's; the file has the name of the trial. Gains and current are held from one update of the controller to the
-    next."""
-    (offset, drift), rates, effects, seed = clock, walking.rates, settings.effects, settings.seed
+    """Write the leg's log `leg/<trial>.mcap`, sampled at whole periods of its own clock, whose time [s] is offset [s] +
+    (1 + drift) times Vicon's. Gains and current are held from one update of the controller to the next."""
+    trial, (offset, drift), effects = crossing.step.trial, clock, settings.effects
+    rates, drivetrain = trial.walking.rates, crossing.drivetrain
     first, last = (offset + (1 + drift) * crossing.time[[0, -1]]) * rates.leg_hz
     # the margin excludes a period that rounding put before the first sample or after the last
     leg_time = np.arange(np.ceil(first + 1e-6), np.floor(last - 1e-6) + 1) / rates.leg_hz
     time = (leg_time - offset) / (1 + drift)
     held = np.floor(time * rates.controller_hz).astype(int)
-    ripple = effects.current_noise.value * stream(seed, path.stem, "current_noise").standard_normal(len(time))
+    ripple = effects.current_noise.value * trial.random("current_noise").standard_normal(len(time))
     theta = interpolated_at(crossing.motion.theta, rates.motion_hz, time)
-    theta_m = interpolated_at(crossing.drivetrain.theta_m, rates.controller_hz, time)
+    theta_m = interpolated_at(drivetrain["theta_m"], rates.controller_hz, time)
     columns = {
-        "joint_angle": rounded_to(theta, walking.effects.leg_joint_encoder.value),
+        "joint_angle": rounded_to(theta, trial.walking.effects.leg_joint_encoder.value),
         "actuator_angle": rounded_to(theta_m, effects.actuator_encoder.value),
-        "motor_current": rounded_to(crossing.drivetrain.current[held] + ripple, effects.current_quantisation.value),
-        "stiffness_gain": crossing.commands.K_1[held],
-        "damping_gain": crossing.commands.B_1[held],
-        "sync": vicon.sync_level(path.stem, seed, walking.gait.recording_s, time),
+        "motor_current": rounded_to(drivetrain["current"][held] + ripple, effects.current_quantisation.value),
+        "stiffness_gain": crossing.commands[0, held],
+        "damping_gain": crossing.commands[1, held],
+        "sync": vicon.sync_level(trial, time),
     }
-    write_mcap(path, LEG, leg_time, columns)
-
-
-def motion_grid(walking: WalkingSettings) -> Array:
-    """Times [s] of the motion: whole marker frames, at the motion's rate."""
-    rates = walking.rates
-    frames = round(walking.gait.recording_s * rates.points_hz)
-    return np.arange(frames * (rates.motion_hz // rates.points_hz)) / rates.motion_hz
+    write_topics(folder / "leg" / f"{trial.name}.mcap", [samples("/leg", *SAMPLES["/leg"], leg_time, columns)])
 
 
 def simulate_walking_trial(
@@ -290,62 +266,58 @@ def simulate_walking_trial(
     Writes the truth first, so that every log has a truth. Then writes `vicon/<trial>.c3d` and, for a walking trial,
     `leg/<trial>.mcap`. The controller compensates unless that of the row is 'uncompensated'.
     """
-    trial, time, seed, condition = str(row["trial"]), motion_grid(walking), settings.seed, condition_of(row, settings)
-    facts: dict[str, object] = {"trial": trial, "seed": seed}
+    trial = gait.GaitTrial(str(row["trial"]), settings.seed, walking, condition_of(row, settings))
+    facts: dict[str, object] = {"trial": trial.name, "seed": settings.seed}
     if row["experiment"] == "walking":
-        step = gait.draw_step(trial, seed, time, walking, condition)
-        compensates, effects = str(row.get("controller")) != "uncompensated", drivetrain_effects(settings)
-        unperturbed = walked = simulate_crossing(time, step, False, compensates, walking, effects, p)
+        step, compensates = gait.draw_step(trial), str(row.get("controller")) != "uncompensated"
+        effects = drivetrain_effects(settings)
+        unperturbed = walked = simulate_crossing(step, False, compensates, effects, p)
         if row.get("perturbed"):
-            walked = simulate_crossing(time, step, True, compensates, walking, effects, p)
-        offset = walking.effects.leg_clock_offset.value * stream(seed, trial, "leg_clock_offset").uniform(0.5, 1.5)
-        drift = 1e-6 * walking.effects.leg_clock_drift.value * stream(seed, trial, "leg_clock_drift").standard_normal()
-        clock = float(offset), float(drift)
-        found, curves = crossing_truth(walked, unperturbed, walking)
-        facts |= found | {"leg_clock": {"offset_s": clock[0], "drift": clock[1]}}
+            walked = simulate_crossing(step, True, compensates, effects, p)
+        offset = float(walking.effects.leg_clock_offset.value * trial.random("leg_clock_offset").uniform(0.5, 1.5))
+        drift = float(1e-6 * walking.effects.leg_clock_drift.value * trial.random("leg_clock_drift").standard_normal())
+        found, curves = crossing_truth(walked, unperturbed)
+        facts |= found | {"leg_clock": {"offset_s": offset, "drift": drift}}
         facts |= impedance_of_leg(walked, unperturbed)
-        scene = scene_of(walked, walking, seed)
     else:
-        if row["experiment"] == "plate":
-            platform = gait.unloaded_platform(time, trial, seed, walking, condition)
-            nothing = np.zeros((len(time), 3))
-            load = TrueWrench(nothing, nothing, nothing)
-            scene = vicon.Scene(vicon.platform_markers(platform.pose, walking), platform.pose, load, platform.command)
-        else:  # quiet standing: foot flat, shank upright, half the body weight vertically above the ankle
-            platform = gait.resting_platform(time, walking)
-            leg = Pose(platform.pose.rotation, np.tile(gait.nominal_ankle(walking), (len(time), 1)))
-            mass = condition.body_mass(walking.gait.body_mass_kg)
-            weight = np.tile(-0.5 * mass * GRAVITY, (len(time), 1))
-            markers = vicon.leg_markers(leg, leg, condition, walking, seed) | vicon.on_body(leg, vicon.ANKLE_AXIS)
-            markers |= vicon.platform_markers(platform.pose, walking)
-            load = TrueWrench(weight, np.zeros_like(weight), leg.origin)
-            scene = vicon.Scene(markers, platform.pose, load, None, mass, condition.person)
-        centre = platform.pose.point(np.array(walking.plate.centre_m))
-        curves = {"time": time, "platform_angle": platform.angle} | components("plate_centre", centre)
+        platform = gait.unloaded_platform(trial) if row["experiment"] == "plate" else gait.resting_platform(trial)
+        centre = platform.pose.point(walking.plate.centre_m)
+        curves = {"time": trial.time, "platform_angle": platform.angle} | components("plate_centre", centre)
         facts |= {"command_s": platform.command, "onset_s": platform.onset}
     every = walking.rates.motion_hz // walking.rates.analogs_hz
     facts |= {"effects": settings.effects.model_dump(), "gait_laboratory": walking.model_dump(mode="json")}
-    write_truth(folder, trial, facts, {name: curve[::every] for name, curve in curves.items()})
+    write_truth(folder, trial.name, facts, {name: curve[::every] for name, curve in curves.items()})
     if row["experiment"] == "walking":
-        write_leg_log(folder / "leg" / f"{trial}.mcap", walked, clock, settings, walking)
-    vicon.write_c3d(folder / "vicon" / f"{trial}.c3d", vicon.vicon_recording(trial, seed, scene, walking))
+        write_leg_log(folder, walked, (offset, drift), settings)
+        write_crossing_capture(folder, walked)
+        return
+    nothing = np.zeros((len(trial.time), 3))
+    if row["experiment"] == "plate":
+        vicon.write_capture(folder, trial, {}, platform, TrueWrench(nothing, nothing, nothing))
+        return
+    # quiet standing: foot flat, shank upright, half the body weight vertically above the ankle
+    leg = Pose(platform.pose.rotation, np.tile(gait.nominal_ankle(walking), (len(trial.time), 1)))
+    mass = trial.condition.body_mass(walking.gait.body_mass_kg)
+    weight = TrueWrench(np.tile(-0.5 * mass * GRAVITY, (len(trial.time), 1)), nothing, leg.origin)
+    markers = vicon.leg_markers(leg, leg, trial) | vicon.on_body(leg, vicon.ANKLE_AXIS)
+    vicon.write_capture(folder, trial, markers, platform, weight, mass)
 
 
-def scene_of(walked: SimulatedCrossing, walking: WalkingSettings, seed: int = 0) -> vicon.Scene:
-    """The quantities of a crossing that Vicon records. The seed decides where markers are in later sessions.
+def write_crossing_capture(folder: Path, walked: SimulatedCrossing) -> None:
+    """Write the capture of a crossing.
 
     The load on the plate is about the ankle of the foot that walks, its pressure even over the width of the foot. The
     floor carries what is beside the plate; the middle of the rest is half of that further to the left. The other foot's
     load is a Gaussian curve about mid-stance, 0.15 m behind the nominal ankle and 0.18 m to the left.
     """
-    motion, step, reaction = walked.motion, walked.step, walked.reaction
-    platform, phase, beside = motion.platform, step.stance_phase(walked.time), 1e-3 * step.change.overhang_mm
+    step, trial, plate, reaction = walked.step, walked.step.trial, walked.step.trial.walking.plate, walked.reaction
+    mass = trial.condition.body_mass(trial.walking.gait.body_mass_kg)
+    phase, beside = step.stance_phase(walked.time), 1e-3 * step.change.overhang_mm
     on_plate, ankle = 1.0 - beside / gait.FOOT_WIDTH, reaction.point + np.array([0.0, 0.5 * beside, 0.0])
     curve = np.exp(-(((phase - 0.5) / 0.12) ** 2)) * ((phase > 0) & (phase < 1))
-    other = curve[:, None] * (-0.01 * step.change.second_foot_percent * step.body_mass * GRAVITY)
-    place = np.add(walking.plate.centre_m, [*walking.plate.nominal_ankle_m, 0.0]) + np.array([-0.15, 0.18, 0.0])
-    lever = platform.pose.point(place) - ankle
+    other = curve[:, None] * (-0.01 * step.change.second_foot_percent * mass * GRAVITY)
+    place = np.add(plate.centre_m, [*plate.nominal_ankle_m, 0.0]) + np.array([-0.15, 0.18, 0.0])
+    lever = walked.platform.pose.point(place) - ankle
     load = TrueWrench(on_plate * reaction.force + other, on_plate * reaction.moment + np.cross(lever, other), ankle)
-    markers = vicon.leg_markers(motion.foot, motion.shank, step.condition, walking, seed)
-    markers |= vicon.platform_markers(platform.pose, walking)
-    return vicon.Scene(markers, platform.pose, load, platform.command, step.body_mass, step.condition.person)
+    markers = vicon.leg_markers(walked.foot, walked.shank, trial)
+    vicon.write_capture(folder, trial, markers, walked.platform, load, mass)

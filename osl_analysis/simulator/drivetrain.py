@@ -10,101 +10,70 @@ file, because numba's disk cache does not notice changes in other files.
 """
 
 import math
-from dataclasses import asdict, dataclass
+from collections import namedtuple
+from collections.abc import Mapping
+from dataclasses import asdict
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from osl_analysis.compiled import fused
 from osl_analysis.errors import InputError
-from osl_analysis.model.parameters import DrivetrainParameters
+from osl_analysis.model.parameters import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.simulator.joint_motion import JointMotion
 from osl_analysis.simulator.settings import PassiveFoot, SecondOrderJoint
 from osl_analysis.trial import Array
 
-
-@dataclass(frozen=True)
-class ControlCommands:
-    """Commands to the controller at each of its n samples, at the *actuator's* output, or for all of them: (1,)."""
-
-    K_1: Array  # Stiffness gain [N*m/rad], shape (n,) or (1,)
-    B_1: Array  # Damping gain [N*m*s/rad], shape as of K_1
-    theta_eq: Array  # Equilibrium angle [rad], shape as of K_1
-    cancels_friction: bool  # Whether the controller adds the friction term of Eq. 5
-
-
-class DrivetrainEffects(NamedTuple):
-    """The difference between the simulated drivetrain with its controller and the linear model; here of sampling."""
-
-    friction: bool = False  # Whether there is friction. Without it the controller cancels none, and the loop is linear
-    friction_scale: float = 1.0  # True friction over that of the parameters, which the controller cancels
-    control_delay: int = 0  # Delay from a measurement to the current computed from it [updates of the controller]
-    encoder_resolution: float = 0.0  # Resolution [rad] of the encoder at the actuator's output. 0: an ideal encoder
-    velocity_cutoff_hz: float = 0.0  # Of the one-pole low-pass over the differentiated encoder. 0: the true velocity
-    sign_width: float = 0.1  # Velocity [rad/s] over which the controller smooths its sign
-    hysteresis_torque: float = 0.0  # Largest rate-independent torque [N*m] of the belt
-    hysteresis_width: float = 1e-3  # Deflection [rad] over which the hysteresis torque changes sign after a reversal
-    substeps: int = 20  # Integration steps per sample
-    control_updates: int = 1  # Per sample; the current is held in between. As many as `substeps`: it is continuous
+IDEAL: dict[str, float] = {
+    "friction": False,  # whether there is friction. Without it the controller cancels none, and the loop is linear
+    "friction_scale": 1.0,  # true friction over that of the parameters, which the controller cancels
+    "cancels_friction": False,  # whether the controller adds the friction term of Eq. 5
+    "control_delay": 0,  # from a measurement to the current computed from it [updates of the controller]
+    "encoder_resolution": 0.0,  # [rad] of the encoder at the actuator's output. 0: an ideal encoder
+    "velocity_cutoff_hz": 0.0,  # of the one-pole low-pass over the differentiated encoder. 0: the true velocity
+    "sign_width": 0.1,  # velocity [rad/s] over which the controller smooths its sign
+    "hysteresis_torque": 0.0,  # largest rate-independent torque [N*m] of the belt
+    "hysteresis_width": 1e-3,  # deflection [rad] over which the hysteresis torque changes sign after a reversal
+    "substeps": 20,  # integration steps per sample
+    "control_updates": 1,  # per sample; the current is held in between. As many as `substeps`: it is continuous
+}
+"""The effects by which drivetrain and controller differ from the linear model; here of sampling alone."""
+Constants: Any = namedtuple("Constants", [*PARAMETER_UNITS, *IDEAL])  # type: ignore[misc]
+"""Parameters and effects, as compiled functions take them."""
 
 
-IDEAL = DrivetrainEffects()
-
-
-@dataclass(frozen=True)
-class DrivetrainMotion:
-    """True values at the samples, shape (n,): theta_m [rad], omega_m [rad/s], current [A], belt torque [N*m]. The
-    current is the one applied from that sample on; the belt torque contains its hysteresis."""
-
-    theta_m: Array
-    omega_m: Array
-    current: Array
-    belt_torque: Array
-
-
-class Device(NamedTuple):
-    """`DrivetrainParameters` as compiled functions take them: `Device(**asdict(p))`."""
-
-    k_tau: float
-    n_m: float
-    B_m: float
-    J_m: float
-    f_C: float
-    f_G: float
-    n_T: float
-    K_s: float
-    K_s2: float
-    B_j: float
-    J_j: float
+def constants(effects: Mapping[str, float], p: DrivetrainParameters) -> Any:
+    return Constants(**asdict(p), **effects)
 
 
 def simulate_drivetrain(
     rate_hz: float,
     theta: Array,
     omega: Array,
-    commands: ControlCommands,
-    effects: DrivetrainEffects,
+    commands: Array,
+    effects: Mapping[str, float],
     p: DrivetrainParameters,
     theta_m_start: float = 0.0,
-) -> DrivetrainMotion:
-    """Motion of the actuator under a prescribed joint motion, from rest at `theta_m_start` [rad].
+) -> dict[str, Array]:
+    """True values at the samples, (n,) each, under a prescribed joint motion, from rest at `theta_m_start` [rad]:
+    theta_m [rad], omega_m [rad/s], current [A], applied from that sample on, and belt_torque [N*m] with hysteresis.
 
     theta [rad] and omega [rad/s], shape (n,), are sampled at `rate_hz` [Hz]. omega must be the exact derivative of
-    theta, because the motion is interpolated by cubic Hermite polynomials.
+    theta, because the motion is interpolated by cubic Hermite polynomials. The rows of `commands`, (3, n) or (3, 1),
+    are K_1 [N*m/rad], B_1 [N*m*s/rad] and theta_eq [rad] at the actuator's output.
     """
-    columns, gains = np.empty((4, len(theta))), np.vstack([commands.K_1, commands.B_1, commands.theta_eq]).astype(float)
+    columns, gains = np.empty((4, len(theta))), np.ascontiguousarray(commands, dtype=float)
     theta, omega = np.ascontiguousarray(theta, dtype=float), np.ascontiguousarray(omega, dtype=float)
-    cancels = bool(commands.cancels_friction and effects.friction)
-    integrate(theta, omega, gains, float(theta_m_start), float(rate_hz), cancels, effects, Device(**asdict(p)), columns)
+    integrate(theta, omega, gains, float(theta_m_start), float(rate_hz), constants(effects, p), columns)
     largest = 100.0  # of the actuator's output, 16 turns [rad]: beyond it the control loop is unstable
     if not np.abs(columns[0]).max(initial=0.0) <= largest:  # NaN is none either
         raise InputError(
             f"the simulated actuator runs away, beyond {largest:g} rad: its loop is unstable with K_1 up to "
-            f"{np.max(commands.K_1):.4g} N*m/rad, B_1 down to {np.min(commands.B_1):.4g} N*m*s/rad; lower "
+            f"{gains[0].max():.4g} N*m/rad, B_1 down to {gains[1].min():.4g} N*m*s/rad; lower "
             "effects.control_delay, raise effects.velocity_filter or control_updates, or ask for more damping"
         )
-    return DrivetrainMotion(*columns)
+    return dict(zip(("theta_m", "omega_m", "current", "belt_torque"), columns, strict=True))
 
 
 @fused
@@ -116,9 +85,9 @@ def turned_belt(theta_s: float, z: float, turned_to: float, width: float) -> flo
 
 
 @fused
-def belt_tension(theta_s: float, z: float, effects: DrivetrainEffects, p: Device) -> float:
+def belt_tension(theta_s: float, z: float, c: Any) -> float:
     """Torque [N*m] in the belt: linear, quadratic, and hysteresis."""
-    return (p.K_s + p.K_s2 * abs(theta_s)) * theta_s + effects.hysteresis_torque * z
+    return float((c.K_s + c.K_s2 * abs(theta_s)) * theta_s + c.hysteresis_torque * z)
 
 
 @fused
@@ -128,11 +97,11 @@ def encoder_reading(angle: float, resolution: float) -> float:
 
 
 @fused
-def feedforward_current(u: float, s: float, p: Device) -> float:
+def feedforward_current(u: float, s: float, c: Any) -> float:
     """Current [A] for an actuator torque u [N*m], as `model.compensator.motor_current` (Eq. 5) has it for arrays; s is
     the smoothed sign of the velocity, or 0 for a controller that ignores friction."""
-    r = u + s * p.f_C
-    return r / (p.k_tau * p.n_m - (s if r >= 0.0 else -s) * p.f_G)
+    r = u + s * c.f_C
+    return float(r / (c.k_tau * c.n_m - (s if r >= 0.0 else -s) * c.f_G))
 
 
 @fused
@@ -144,103 +113,77 @@ def between(fraction: float, i: int, theta: Array, omega: Array, sample: float) 
 
 
 @fused
-def integrate(
-    theta: Array,
-    omega: Array,
-    gains: Array,
-    theta_m: float,
-    rate_hz: float,
-    cancels_friction: bool,
-    effects: DrivetrainEffects,
-    p: Device,
-    columns: Array,
-) -> None:
-    """Fill `columns`, shape (4, n), with theta_m, omega_m, current, belt torque, from rest at `theta_m`. The rows of
-    `gains`, shape (3, n) or (3, 1), are K_1, B_1, theta_eq. During the initial delay of the controller the current is
-    0. The actuator's damping is trapezoidal."""
-    step, width = 1.0 / (rate_hz * effects.substeps), effects.hysteresis_width
-    inertia, damping = p.J_m / step, 0.5 * p.B_m
-    rubs = effects.friction_scale if effects.friction else 0.0
-    every, updates_per_second = effects.substeps // effects.control_updates, rate_hz * effects.control_updates
-    smoothing = -math.expm1(-2 * math.pi * effects.velocity_cutoff_hz / updates_per_second)
-    pending, slot = np.zeros(effects.control_delay + 1), 0
+def integrate(theta: Array, omega: Array, gains: Array, theta_m: float, rate_hz: float, c: Any, columns: Array) -> None:
+    """Fill `columns`, shape (4, n), with theta_m, omega_m, current, belt torque, from rest at `theta_m`. During the
+    initial delay of the controller the current is 0. The actuator's damping is trapezoidal."""
+    step, sample = 1.0 / (rate_hz * c.substeps), 1.0 / rate_hz
+    inertia, damping = c.J_m / step, 0.5 * c.B_m
+    rubs = c.friction_scale if c.friction else 0.0
+    every, updates_per_second = c.substeps // c.control_updates, rate_hz * c.control_updates
+    smoothing = -math.expm1(-2 * math.pi * c.velocity_cutoff_hz / updates_per_second)
+    pending, slot = np.zeros(c.control_delay + 1), 0
     current, omega_m, velocity, z = 0.0, 0.0, 0.0, 0.0
-    seen, theta_s = encoder_reading(theta_m, effects.encoder_resolution), theta[0] - theta_m / p.n_T
+    seen, theta_s = encoder_reading(theta_m, c.encoder_resolution), theta[0] - theta_m / c.n_T
     for i in range(len(theta)):
-        middle, theta_s = theta_s, theta[i] - theta_m / p.n_T
-        z = turned_belt(middle, z, theta_s, width)
-        columns[0, i], columns[1, i], columns[3, i] = theta_m, omega_m, belt_tension(theta_s, z, effects, p)
+        middle, theta_s = theta_s, theta[i] - theta_m / c.n_T
+        z = turned_belt(middle, z, theta_s, c.hysteresis_width)
+        columns[0, i], columns[1, i], columns[3, i] = theta_m, omega_m, belt_tension(theta_s, z, c)
         K_1, B_1, theta_eq = gains[:, min(i, gains.shape[1] - 1)]
-        for k in range(effects.substeps):
+        for k in range(c.substeps):
             if k % every == 0:
-                last, seen = seen, encoder_reading(theta_m, effects.encoder_resolution)
+                last, seen = seen, encoder_reading(theta_m, c.encoder_resolution)
                 velocity += smoothing * ((seen - last) * updates_per_second - velocity)
                 velocity = velocity if smoothing else omega_m
-                sign = math.tanh(velocity / effects.sign_width) if cancels_friction else 0.0
-                pending[slot] = feedforward_current(K_1 * (theta_eq - seen) - B_1 * velocity, sign, p)  # Eq. 7
-                slot = 0 if slot == effects.control_delay else slot + 1
+                sign = math.tanh(velocity / c.sign_width) if c.cancels_friction and c.friction else 0.0
+                pending[slot] = feedforward_current(K_1 * (theta_eq - seen) - B_1 * velocity, sign, c)  # Eq. 7
+                slot = 0 if slot == c.control_delay else slot + 1
                 current = pending[slot]
                 if k == 0:
                     columns[2, i] = current
             if i == len(theta) - 1:
                 break
             theta_m += 0.5 * step * omega_m
-            before, theta_s = (
-                theta_s,
-                between((k + 0.5) / effects.substeps, i, theta, omega, 1 / rate_hz) - theta_m / p.n_T,
-            )
-            z = turned_belt(before, z, theta_s, width)
-            push = p.k_tau * p.n_m * current + belt_tension(theta_s, z, effects, p) / p.n_T
+            before, theta_s = theta_s, between((k + 0.5) / c.substeps, i, theta, omega, sample) - theta_m / c.n_T
+            z = turned_belt(before, z, theta_s, c.hysteresis_width)
+            push = c.k_tau * c.n_m * current + belt_tension(theta_s, z, c) / c.n_T
             free = ((inertia - damping) * omega_m + push) / (inertia + damping)
-            lost = rubs * (p.f_C + p.f_G * abs(current)) / (inertia + damping)
+            lost = rubs * (c.f_C + c.f_G * abs(current)) / (inertia + damping)
             omega_m = free - max(-lost, min(free, lost))  # it stops but never drives
             theta_m += 0.5 * step * omega_m
 
 
-def simulate_belt_torque(theta_s: Array, effects: DrivetrainEffects, p: DrivetrainParameters) -> Array:
-    """Torque [N*m] of the belt along a path of deflections theta_s [rad], shape (n,), with hysteresis."""
-    return belt_path(np.ascontiguousarray(theta_s, dtype=float), effects, Device(**asdict(p)))
-
-
 @fused
-def belt_path(theta_s: Array, effects: DrivetrainEffects, p: Device) -> Array:
-    """Torque [N*m] of the belt along a path of deflections [rad], shape (n,), from a rested belt."""
+def belt_path(theta_s: Array, c: Any) -> Array:
+    """Torque [N*m] of the belt along a path of deflections theta_s [rad], shape (n,), from a rested belt."""
     torque, z = np.empty_like(theta_s), 0.0
     for i in range(len(theta_s)):
-        z = turned_belt(theta_s[max(i - 1, 0)], z, theta_s[i], effects.hysteresis_width)
-        torque[i] = belt_tension(theta_s[i], z, effects, p)
+        z = turned_belt(theta_s[max(i - 1, 0)], z, theta_s[i], c.hysteresis_width)
+        torque[i] = belt_tension(theta_s[i], z, c)
     return torque
 
 
 def second_order_torque(joint: SecondOrderJoint, motion: JointMotion, rate_hz: float) -> Array:
     """Resisting torque [N*m] of the joint, shape (n,), where the bench makes `motion`."""
     theta, omega, alpha = motion.theta, motion.omega, motion.alpha
+    linear: Array = joint.K * theta + joint.B * omega + joint.I * alpha
     if joint.backlash.value:
-        angle, velocity, acceleration = (np.ascontiguousarray(x, dtype=float) for x in (theta, omega, alpha))
-        K_B_I, gap = (joint.K, joint.B, joint.I), joint.backlash.value
-        linear = torque_through_gap(angle, velocity, acceleration, K_B_I, gap, 1 / rate_hz, 20)
-    else:
-        linear = joint.K * theta + joint.B * omega + joint.I * alpha
+        made, gap = np.ascontiguousarray([theta, omega, alpha], dtype=float), joint.backlash.value
+        linear = torque_through_gap(made, (joint.K, joint.B, joint.I), gap, 1 / rate_hz, 20)
     friction = joint.coulomb.value * np.tanh(omega / 1e-3)  # changes its sign within a hundredth of a slow sine's speed
     return linear + joint.K * joint.stiffening.value * theta**3 + friction
 
 
 @fused
 def torque_through_gap(
-    theta: Array,
-    omega: Array,
-    alpha: Array,
-    joint: tuple[float, float, float],
-    gap: float,
-    sample: float,
-    substeps: int,
+    motion: Array, joint: tuple[float, float, float], gap: float, sample: float, substeps: int
 ) -> Array:
-    """Torque [N*m] at the samples of a bench that turns a joint (K, B, I) through a gap [rad], shape (n,). At an end of
-    the gap the bench can push the joint but not pull it. Inside the gap the joint moves freely. The contact at an end
-    is plastic. Its impulse is spread over one sample."""
+    """Torque [N*m] at the samples, (n,), of a bench that turns a joint (K, B, I) through a gap [rad]; `motion` (3, n).
+    At an end of the gap the bench can push the joint but not pull it. Inside the gap the joint moves freely. The
+    contact at an end is plastic. Its impulse is spread over one sample."""
+    theta, omega, alpha = motion
     K, B, I = joint
     step, half = sample / substeps, 0.5 * gap
-    torque = np.zeros_like(theta)
+    torque: Array = np.zeros_like(theta)
     side, angle, velocity, blow, blows = 0, theta[0], 0.0, 0.0, 0
     for i in range(len(theta)):
         for k in range(substeps if i + 1 < len(theta) else 1):

@@ -9,7 +9,7 @@ import scipy
 
 from osl_analysis.compiled import compiled
 from osl_analysis.model.multisine import odd_multisine
-from osl_analysis.simulator.settings import BeltMotion, Excitation, SlowCycles, SteppedSineSchedule
+from osl_analysis.simulator.settings import ActuatorBench, BeltMotion, Excitation, SlowCycles, SteppedSineSchedule
 from osl_analysis.trial import Array
 
 
@@ -210,3 +210,21 @@ def slow_cycles(cycles: SlowCycles, rate_hz: float) -> JointMotion:
     omega = np.deg2rad(np.convolve(np.concatenate(steps), np.full(turn, 1 / turn), mode="same"))
     theta = np.concatenate([[0.0], np.cumsum((omega[1:] + omega[:-1]) / 2)]) / rate_hz
     return JointMotion(theta, omega, np.gradient(omega) * rate_hz)
+
+
+def actuator_command(bench: ActuatorBench, rate_hz: float) -> tuple[JointMotion, Array]:
+    """The commanded angle of the actuator's own bench, with its derivatives, and the current [A], (n,) each: tones of
+    velocity and of current, which fade in and out within `fade_s` with continuous derivatives."""
+    time = np.arange(round(bench.duration_s * rate_hz)) / rate_hz
+    u = np.clip(np.minimum(time, bench.duration_s - time) / bench.fade_s, 0.0, 1.0)
+    side = np.where(time < bench.duration_s / 2, 1.0, -1.0) / bench.fade_s
+    fading = JointMotion(
+        u**3 * (10 - 15 * u + 6 * u**2),
+        30 * u**2 * (1 - u) ** 2 * side,
+        60 * u * (1 - u) * (1 - 2 * u) * side**2,
+    )
+    w = 2 * np.pi * np.array([[tone.frequency_hz] for tone in bench.velocity])
+    size = np.array([[tone.size] for tone in bench.velocity])
+    tones = size / w * (1 - np.cos(w * time)), size * np.sin(w * time), size * w * np.cos(w * time)
+    current = sum(tone.size * np.sin(2 * np.pi * tone.frequency_hz * time) for tone in bench.current)
+    return fading * JointMotion(*(x.sum(axis=0) for x in tones)), np.asarray(current * fading.theta)

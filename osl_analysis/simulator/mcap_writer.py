@@ -4,34 +4,21 @@ beforehand, so that the file is made chunk by chunk. It equals the one that `mca
 import struct
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import zstandard
+from mcap import records as mcap_records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import ArrayLike, NDArray
 
 from osl_analysis.files import atomic_path
 from osl_analysis.trial import Array
 
+Record = mcap_records.McapRecord
 RULE = "=" * 80 + "\n"
 SAMPLE_HEADER = "std_msgs/Header header"
 DEPENDENCIES = f"""\
@@ -42,82 +29,61 @@ string frame_id
 int32 sec
 uint32 nanosec
 """
-
-
-Records = np.ndarray[tuple[int], np.dtype[np.void]]
-
-
-@dataclass(frozen=True)
-class LogTopic:
-    """A topic that a recorder writes, and its messages, which are equally long."""
-
-    name: str
-    schema_name: str  # name of the message's type
-    schema_text: str  # definition of the type, with those that it depends on. It begins with `std_msgs/Header header`
-    frame_id: str  # frame in the header of every message
-    records: Records = field(default_factory=lambda: np.zeros(0, np.dtype([("", "u1")])))
-    """A record of each message, (n,), with the members of `RECORD_HEAD` and `data`; the number of its channel is 0."""
-
-
-DYNAMOMETER = LogTopic(
-    "/dynamometer",
-    "osl_interfaces/msg/DynamometerSample",
-    f"""{SAMPLE_HEADER}
+SAMPLES = {
+    "/dynamometer": (
+        "osl_interfaces/msg/DynamometerSample",
+        "dynamometer",
+        """\
 float32 joint_angle       # rad, joint encoder of the dynamometer
 float32 load_cell_torque  # N*m, exerted by the joint on the dynamometer
 float32 actuator_angle    # rad, at the actuator's output
 float32 motor_current     # A, q-axis
 float32 commanded_angle   # rad, in counts of the joint encoder
-{DEPENDENCIES}""",
-    "dynamometer",
-)
-ACTUATOR = LogTopic(
-    "/actuator",
-    "osl_interfaces/msg/ActuatorSample",
-    f"""{SAMPLE_HEADER}
+""",
+    ),
+    "/actuator": (
+        "osl_interfaces/msg/ActuatorSample",
+        "actuator_bench",
+        """\
 float32 actuator_angle  # rad, at the actuator's output
 float32 motor_current   # A, q-axis
 float32 output_torque   # N*m, exerted by the actuator's output on the bench
-{DEPENDENCIES}""",
-    "actuator_bench",
-)
-LEG = LogTopic(
-    "/leg",
-    "osl_interfaces/msg/LegSample",
-    f"""{SAMPLE_HEADER}
+""",
+    ),
+    "/leg": (
+        "osl_interfaces/msg/LegSample",
+        "leg",
+        """\
 float32 joint_angle     # rad
 float32 actuator_angle  # rad, at the actuator's output
 float32 motor_current   # A, q-axis
 float32 stiffness_gain  # N*m/rad, K_1 at the actuator's output
 float32 damping_gain    # N*m*s/rad, B_1 at the actuator's output
 bool sync               # level of the synchronisation line
-{DEPENDENCIES}""",
-    "leg",
-)
-JOINT_STATE_TEXT = (
-    f"{SAMPLE_HEADER}\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n{DEPENDENCIES}"
-)
-WRENCH_TEXT = (
-    f"{SAMPLE_HEADER}\ngeometry_msgs/Wrench wrench\n{RULE}MSG: geometry_msgs/Wrench\n"
-    f"geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n{RULE}MSG: geometry_msgs/Vector3\n"
-    f"float64 x\nfloat64 y\nfloat64 z\n{DEPENDENCIES}"
-)
-
-LIBRARY = "osl-analysis"
-CHUNK_SIZE = 1 << 20  # A chunk ends with the message that takes it beyond this size [bytes]
-LATENCY_NS = 150_000  # Time [ns] from a sample's stamp to its arrival at the recorder
-RECORD_HEAD = {"opcode": "u1", "length": "<u8", "channel": "<u2", "sequence": "<u4", "log": "<u8", "publish": "<u8"}
-"""Members of a message's record before its data."""
+""",
+    ),
+}
+"""Type, frame and fields of the messages of each topic of our own types."""
 CDR_TYPES = {"bool": "u1", "uint8": "u1", "int32": "<i4", "uint32": "<u4", "float32": "<f4", "float64": "<f8"}
-
+LATENCY_NS = 150_000  # Time [ns] from a sample's stamp to its arrival at the recorder
 Members = dict[str, tuple[str, Any]]
 """Members of a message in order: numpy type, and a value for all messages or a column (n,) of values."""
 
 
-def holding(topic: LogTopic, time: Array, members: Members) -> LogTopic:
-    """The topic with messages at time stamps [s], (n,), in CDR: a header, then their own members. Each member is
-    aligned to its own size, counted from after the encapsulation; text is not aligned. Padding is zero."""
-    stamps, frame = np.rint(np.asarray(time) * 1e9).astype(np.int64), topic.frame_id.encode() + b"\0"
+class LogTopic(NamedTuple):
+    """A topic of equally long messages: its name, their type with its definition, and the record of each, (n,)."""
+
+    name: str
+    schema_name: str
+    schema_text: str
+    records: NDArray[np.void]
+
+
+def records_of(frame_id: str, time: Array, members: Members) -> NDArray[np.void]:
+    """Records of messages at time stamps [s], (n,), whose `data` in CDR is a header and then their own members; the
+    number of the channel is 0. Each member is aligned to its own size, counted from after the encapsulation; text is
+    not aligned. Padding is zero."""
+    stamps, frame = np.rint(np.asarray(time) * 1e9).astype(np.int64), frame_id.encode() + b"\0"
     seconds, nanoseconds = np.divmod(stamps, 10**9)
     whole: Members = {
         "encapsulation": ("V4", b"\x00\x01\x00\x00"),  # little endian
@@ -133,12 +99,23 @@ def holding(topic: LogTopic, time: Array, members: Members) -> LogTopic:
         offsets.append(end if end == 0 else 4 + -(-(end - 4) // alignment) * alignment)
         end = offsets[-1] + kind.itemsize
     layout = np.dtype({"names": list(whole), "formats": kinds, "offsets": offsets, "itemsize": end})
-    records = np.zeros(stamps.size, np.dtype([*RECORD_HEAD.items(), ("data", layout)]))
+    head = [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8")]
+    records = np.zeros(stamps.size, np.dtype([*head, ("publish", "<u8"), ("data", layout)]))
     records["opcode"], records["length"] = Opcode.MESSAGE, records.itemsize - 9  # without opcode and length
     records["sequence"], records["log"], records["publish"] = np.arange(stamps.size), stamps + LATENCY_NS, stamps
     for member, (_, value) in whole.items():
         records["data"][member] = value
-    return replace(topic, records=records)
+    return records
+
+
+def samples(
+    topic: str, schema_name: str, frame_id: str, fields: str, time: Array, columns: Mapping[str, ArrayLike]
+) -> LogTopic:
+    """Messages of scalar fields, one for each time stamp [s], from 0 to 2^31 s in whole nanoseconds. `fields` declares
+    one in each line, to whose type its column (n,) is cast."""
+    types = {words[1]: CDR_TYPES[words[0]] for words in map(str.split, fields.splitlines())}
+    members: Members = {f"field.{name}": (kind, np.asarray(columns[name])) for name, kind in types.items()}
+    return LogTopic(topic, schema_name, f"{SAMPLE_HEADER}\n{fields}{DEPENDENCIES}", records_of(frame_id, time, members))
 
 
 def joint_states(
@@ -153,132 +130,107 @@ def joint_states(
     members |= {f"position.{joint}": ("<f8", values) for joint, values in position.items()}
     members |= {"velocities": ("<u4", 0), "efforts": ("<u4", len(position))}
     members |= {f"effort.{joint}": ("<f8", effort.get(joint, 0.0)) for joint in position}
-    return holding(LogTopic(topic, "sensor_msgs/msg/JointState", JOINT_STATE_TEXT, frame_id), time, members)
+    fields = "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n"
+    text = f"{SAMPLE_HEADER}\n{fields}{DEPENDENCIES}"
+    return LogTopic(topic, "sensor_msgs/msg/JointState", text, records_of(frame_id, time, members))
 
 
 def wrenches(topic: str, frame_id: str, time: Array, torque: Array) -> LogTopic:
     """WrenchStamped messages with a torque [N*m] about z, (n,). All other components are 0."""
     members: Members = {f"{vector}.{axis}": ("<f8", 0.0) for vector in ("force", "torque") for axis in "xyz"}
     members["torque.z"] = ("<f8", torque)
-    return holding(LogTopic(topic, "geometry_msgs/msg/WrenchStamped", WRENCH_TEXT, frame_id), time, members)
-
-
-def write_mcap(path: Path, topic: LogTopic, time: Array, columns: Mapping[str, ArrayLike]) -> None:
-    """Write one topic with a message for each time stamp [s], from 0 to 2^31 s in whole nanoseconds. The columns, (n,)
-    each, are cast to the types of the fields that the schema lists after its header."""
-    declared = topic.schema_text.split("===", maxsplit=1)[0].splitlines()[1:]
-    types = {words[1]: CDR_TYPES[words[0]] for words in map(str.split, declared) if words}
-    members: Members = {f"field.{name}": (kind, np.asarray(columns[name])) for name, kind in types.items()}
-    write_topics(path, [holding(topic, time, members)])
+    text = (
+        f"{SAMPLE_HEADER}\ngeometry_msgs/Wrench wrench\n{RULE}MSG: geometry_msgs/Wrench\n"
+        f"geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n{RULE}MSG: geometry_msgs/Vector3\n"
+        f"float64 x\nfloat64 y\nfloat64 z\n{DEPENDENCIES}"
+    )
+    return LogTopic(topic, "geometry_msgs/msg/WrenchStamped", text, records_of(frame_id, time, members))
 
 
 def write_topics(path: Path, topics: Sequence[LogTopic]) -> None:
     """Write the messages of all topics, in the order of their stamps, after a metadata record; last the summary, its
     offsets, and the footer with the CRC of both. The file appears whole or not at all."""
-    names = ", ".join(topic.name for topic in topics)
-    metadata = Metadata("recording", {"origin": "simulated", "topic": names, "time": "header stamp"})
-    schemas, channels = list[McapRecord](), list[McapRecord]()
+    names, schemas, channels, parts = ", ".join(t.name for t in topics), list[Record](), list[Record](), list[bytes]()
     for number, topic in enumerate(topics, 1):
-        schemas.append(Schema(number, topic.schema_text.encode(), "ros2msg", topic.schema_name))
-        channels.append(Channel(number, topic.name, "cdr", {}, number))
-    defined = encoded(one for pair in zip(schemas, channels, strict=True) for one in pair)
-    data, starts, channel = in_order_of_stamps(topics, defined)
-    ends, indexes, first, begin = np.append(starts[1:], len(data)), list[ChunkIndex](), 0, 0
+        schemas.append(mcap_records.Schema(number, topic.schema_text.encode(), "ros2msg", topic.schema_name))
+        channels.append(mcap_records.Channel(number, topic.name, "cdr", {}, number))
+        topic.records["channel"] = number
+        parts += topic.records.view(f"V{topic.records.itemsize}").tolist()
+    heads = np.concatenate([topic.records[["channel", "log", "publish"]] for topic in topics])
+    order = np.argsort(heads["publish"], kind="stable")
+    heads, messages = heads[order], [parts[row] for row in order]
+    content = encoded(one for pair in zip(schemas, channels, strict=True) for one in pair)  # begins the first chunk
+    ends = len(content) + np.cumsum([len(message) for message in messages], dtype=np.int64)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        head, described = MCAP0_MAGIC + encoded([Header("ros2", LIBRARY)]), encoded([metadata])
+        head = MCAP0_MAGIC + encoded([mcap_records.Header("ros2", "osl-analysis")])
+        facts = {"origin": "simulated", "topic": names, "time": "header stamp"}
+        described = encoded([mcap_records.Metadata("recording", facts)])
         file.write(head + described)
-        while first < len(starts):
-            last = min(int(np.searchsorted(ends, begin + CHUNK_SIZE, side="right")), len(ends) - 1) + 1
-            content, end = data[begin : ends[last - 1]], int(ends[last - 1])
-            indexes.append(write_chunk(file, content, starts[first:last] - begin, channel[first:last]))
-            first, begin = last, end
-        file.write(encoded([DataEnd(0)]))
+        indexes, first, begin, chunk_size = list[mcap_records.ChunkIndex](), 0, 0, 1 << 20
+        while first < len(messages):  # a chunk ends with the message that takes it beyond the size [bytes]
+            last = int(np.searchsorted(ends[:-1], begin + chunk_size, side="right")) + 1
+            content += b"".join(messages[first:last])
+            starts = ends[first:last] - np.array([len(message) for message in messages[first:last]]) - begin
+            indexes.append(write_chunk(file, content, starts, heads[first:last]))
+            first, begin, content = last, int(ends[last - 1]), b""
+        file.write(encoded([mcap_records.DataEnd(0)]))
         used = dict.fromkeys(number for index in indexes for number in index.message_index_offsets)
-        statistics = Statistics(
+        statistics = mcap_records.Statistics(
             attachment_count=0,
             channel_count=len(topics),
             channel_message_counts={number: len(topics[number - 1].records) for number in used},
             chunk_count=len(indexes),
-            message_count=len(starts),
+            message_count=len(messages),
             message_end_time=max((index.message_end_time for index in indexes), default=0),
             message_start_time=min((index.message_start_time for index in indexes), default=0),
             metadata_count=1,
             schema_count=len(topics),
         )
-        groups: dict[Opcode, Sequence[McapRecord]] = {
+        groups: dict[Opcode, Sequence[Record]] = {
             Opcode.SCHEMA: schemas,
             Opcode.CHANNEL: channels,
             Opcode.STATISTICS: [statistics],
             Opcode.CHUNK_INDEX: indexes,
             Opcode.ATTACHMENT_INDEX: [],
-            Opcode.METADATA_INDEX: [MetadataIndex(offset=len(head), length=len(described), name=metadata.name)],
+            Opcode.METADATA_INDEX: [mcap_records.MetadataIndex(len(head), len(described), "recording")],
         }
-        start, summary, offsets = file.tell(), b"", list[McapRecord]()
+        start, summary, offsets = file.tell(), b"", list[Record]()
         for opcode, records in groups.items():
             group = encoded(records)
-            offsets.append(SummaryOffset(opcode, group_start=start + len(summary), group_length=len(group)))
+            offsets.append(mcap_records.SummaryOffset(opcode, start + len(summary), len(group)))
             summary += group
         offsets_start = start + len(summary)
         summary += encoded(offsets)
         crc = zlib.crc32(summary + struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start))
-        file.write(summary + encoded([Footer(start, offsets_start, crc)]) + MCAP0_MAGIC)
-
-
-def in_order_of_stamps(
-    topics: Sequence[LogTopic], defined: bytes
-) -> tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.int64]]:
-    """The definitions and then the records of all messages, as bytes; where each record begins, and its channel."""
-    order = np.argsort(np.concatenate([topic.records["publish"] for topic in topics]), kind="stable")
-    channel = np.repeat(np.arange(len(topics)) + 1, [len(topic.records) for topic in topics])[order]
-    sizes = np.array([topic.records.itemsize for topic in topics])[channel - 1]
-    ends = len(defined) + np.cumsum(sizes)
-    data = np.empty(len(defined) + int(sizes.sum()), np.uint8)
-    data[: len(defined)] = np.frombuffer(defined, np.uint8)
-    for number, topic in enumerate(topics, 1):
-        as_bytes, own = np.dtype(f"V{topic.records.itemsize}"), np.flatnonzero(channel == number)
-        records = topic.records.view(as_bytes).copy().view(topic.records.dtype)  # as bytes, with the padding
-        records["channel"] = number
-        if own.size:
-            everywhere = np.ndarray((len(data) - records.itemsize + 1,), as_bytes, data, 0, (1,))
-            rows = order[own] - sum(len(other.records) for other in topics[: number - 1])
-            everywhere[ends[own] - records.itemsize] = records.view(as_bytes)[rows]
-    return data, ends - sizes, channel
+        file.write(summary + encoded([mcap_records.Footer(start, offsets_start, crc)]) + MCAP0_MAGIC)
 
 
 def write_chunk(
-    file: BinaryIO, content: NDArray[np.uint8], starts: NDArray[np.int64], channel: NDArray[np.int64]
-) -> ChunkIndex:
+    file: BinaryIO, content: bytes, starts: NDArray[np.int64], heads: NDArray[np.void]
+) -> mcap_records.ChunkIndex:
     """Write a chunk of messages that begin at `starts` [bytes], and the index of each channel, as each comes first."""
-    log = np.ndarray((len(content) - 7,), "<u8", content, 0, (1,))[starts + 15]
-    chunk = Chunk(
-        compression="zstd",
-        data=zstandard.compress(content.data),
-        message_start_time=int(log.min()),
-        message_end_time=int(log.max()),
-        uncompressed_crc=zlib.crc32(content.data),
-        uncompressed_size=len(content),
-    )
-    begin, record = file.tell(), encoded([chunk])
-    file.write(record)
-    offsets, own = dict[int, int](), file.tell()
-    for number in dict.fromkeys(channel.tolist()):
+    log, compressed, begin, offsets = heads["log"], zstandard.compress(content), file.tell(), dict[int, int]()
+    shared = {"message_start_time": int(log.min()), "message_end_time": int(log.max())}
+    shared["uncompressed_size"] = len(content)
+    crc = zlib.crc32(content)
+    file.write(encoded([mcap_records.Chunk(compression="zstd", data=compressed, uncompressed_crc=crc, **shared)]))
+    end = file.tell()
+    for number in dict.fromkeys(heads["channel"].tolist()):
         offsets[number] = file.tell()
-        index = np.stack([log, starts.astype(np.uint64)], axis=1)[channel == number]
+        index = np.stack([log, starts.astype(np.uint64)], axis=1)[heads["channel"] == number]
         file.write(struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + index.nbytes, number, index.nbytes) + index.tobytes())
-    return ChunkIndex(
-        chunk_length=len(record),
+    return mcap_records.ChunkIndex(
         chunk_start_offset=begin,
-        compression=chunk.compression,
-        compressed_size=len(chunk.data),
-        message_end_time=chunk.message_end_time,
-        message_index_length=file.tell() - own,
+        chunk_length=end - begin,
+        compression="zstd",
+        compressed_size=len(compressed),
         message_index_offsets=offsets,
-        message_start_time=chunk.message_start_time,
-        uncompressed_size=chunk.uncompressed_size,
+        message_index_length=file.tell() - end,
+        **shared,
     )
 
 
-def encoded(records: Iterable[McapRecord]) -> bytes:
+def encoded(records: Iterable[Record]) -> bytes:
     builder = RecordBuilder()
     for record in records:
         record.write(builder)

@@ -6,13 +6,13 @@ import numpy as np
 from osl_analysis.compiled import numba
 from osl_analysis.model.parameters import PARAMETER_UNITS, DrivetrainParameters
 from osl_analysis.simulator import bench, crossing
-from osl_analysis.simulator.drivetrain import IDEAL, ControlCommands, simulate_belt_torque, simulate_drivetrain
+from osl_analysis.simulator.drivetrain import IDEAL, belt_path, constants, simulate_drivetrain
 from osl_analysis.simulator.joint_motion import JointMotion, position_loop
 
 __all__ = ["bench", "crossing"]
 
 if numba is not None:  # with arguments of the same types as in trials
     device, still = DrivetrainParameters(**dict.fromkeys(PARAMETER_UNITS, 2.0)), np.zeros(4)
-    simulate_drivetrain(1000.0, still, still, ControlCommands(still, still, still, True), IDEAL, device)
-    simulate_belt_torque(still, IDEAL, device)
+    simulate_drivetrain(1000.0, still, still, np.zeros((3, 4)), IDEAL, device)
+    belt_path(still, constants(IDEAL, device))
     position_loop(JointMotion(still, still, still), 1000.0, 30.0, 0.9)

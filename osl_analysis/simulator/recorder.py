@@ -30,38 +30,18 @@ RESOLUTIONS = {
 """Effect with the resolution of a channel."""
 
 
-@dataclass(frozen=True)
-class BenchLog:
-    """What the recorder of a bench writes, with its units and signs. torque_time [s], shape (m,), is that of the
-    torque; it equals `time` (n,), which all other channels have, if one node records all signals."""
-
-    time: Array
-    torque_time: Array
-    channels: Mapping[str, Array]
-
-    def __getitem__(self, channel: str) -> Array:
-        return self.channels[channel]
-
-
-@dataclass(frozen=True)
-class Jumping:
-    """A true signal that jumps, as friction does: the curve through its samples is not what it is in between."""
-
-    samples: Array  # (n,) at the even instants of the simulation
-    at: Callable[[Array], Array]  # its values at any instants [s]
-
-    def __len__(self) -> int:
-        return len(self.samples)
-
-
-TrueSignal = Array | Jumping
+TrueSignal = Array | Callable[[Array], Array]
+"""A true signal, (n,) at the even instants of the simulation; or one that jumps, as friction does, by its values at any
+instants [s]: a curve through its samples is not what it is in between."""
 
 
 def recording_of(
     trial: str, signals: Mapping[str, TrueSignal], settings: SimulationSettings
-) -> tuple[BenchLog, dict[str, float]]:
-    """What the nodes of a bench write of true signals (n,) by channel, and the errors that were drawn for this trial:
-    clock start [s], load-cell offset [N*m] and drift [N*m/min]; if enabled, also the joint encoder's zero [rad]."""
+) -> tuple[dict[str, Array], dict[str, float]]:
+    """What the nodes of a bench write of true signals by channel, (n,) each, with its stamps [s]: `time`, and
+    `torque_time` of the torque, (m,), which equals it if one node records all signals. And the errors that were drawn
+    for this trial: clock start [s], load-cell offset [N*m] and drift [N*m/min]; if enabled, the joint encoder's zero
+    [rad]."""
     effects, seed, recorder = settings.effects, settings.seed, settings.recorder
     drawn = {"clock_start_s": float(stream(seed, trial, "clock_start").integers(20, 2000))}
     for name, effect in (("load_cell_offset", effects.load_cell_offset), ("load_cell_drift", effects.load_cell_drift)):
@@ -69,15 +49,15 @@ def recording_of(
     if effects.encoder_zero.enabled:
         zero = effects.encoder_zero.value * effects.joint_encoder.value
         drawn["encoder_zero"] = float(zero * stream(seed, trial, "encoder_zero").uniform(-1, 1))
-    bench = Bench(trial, settings, drawn)
-    if recorder.torque_node is None:
-        time, channels = bench.recording("node", recorder.node, signals)
-        return BenchLog(time, time, channels), drawn
-    torque = {name: values for name, values in signals.items() if name in TORQUES}
-    others = {name: values for name, values in signals.items() if name not in TORQUES}
-    time, channels = bench.recording("node", recorder.node, others)
-    torque_time, torques = bench.recording("torque_node", recorder.torque_node, torque)
-    return BenchLog(time, torque_time, channels | torques), drawn
+    bench = Bench(trial, settings, drawn, next(len(one) for one in signals.values() if not callable(one)))
+    torque = {name: signals[name] for name in signals if name in TORQUES and recorder.torque_node is not None}
+    others = {name: signals[name] for name in signals if name not in torque}
+    log = bench.recording("node", recorder.node, others)
+    log["torque_time"] = log["time"]
+    if recorder.torque_node is not None:
+        late = bench.recording("torque_node", recorder.torque_node, torque)
+        log |= {"torque_time": late.pop("time"), **late}
+    return log, drawn
 
 
 @dataclass(frozen=True)
@@ -87,27 +67,25 @@ class Bench:
     trial: str
     settings: SimulationSettings
     drawn: Mapping[str, float]
+    samples: int  # instants of the simulation
 
     def random(self, name: str) -> np.random.Generator:
         return stream(self.settings.seed, self.trial, name)
 
-    def recording(
-        self, name: str, node: NodeSettings, signals: Mapping[str, TrueSignal]
-    ) -> tuple[Array, dict[str, Array]]:
-        """The stamps [s] and the channels, (n,) each, that one node writes."""
-        duration = len(next(iter(signals.values()))) / self.settings.dynamometer.rate_hz
-        instants, even, stamps = self.sampling(name, node, duration)
-        rows = self.written(name, node, len(instants))
-        channels = {channel: self.reading(channel, true, instants, even)[rows] for channel, true in signals.items()}
-        time = self.drawn["clock_start_s"] + stamps
+    def recording(self, name: str, node: NodeSettings, signals: Mapping[str, TrueSignal]) -> dict[str, Array]:
+        """The stamps [s], as `time`, and the channels, (n,) each, that one node writes."""
+        instants, even, stamps = self.sampling(name, node)
+        rows, time = self.written(name, node, len(instants)), self.drawn["clock_start_s"] + stamps
         if node.decimals.enabled:
             time = np.round(time, int(node.decimals.size))
-        return time[rows], channels
+        read = {channel: self.reading(channel, true, instants, even)[rows] for channel, true in signals.items()}
+        return {"time": time[rows], **read}
 
-    def sampling(self, name: str, node: NodeSettings, duration: float) -> tuple[Array, bool, Array]:
-        """When a node takes its samples within `duration` [s], whether these are the instants of the simulation, and
-        what its clock says of them [s]."""
+    def sampling(self, name: str, node: NodeSettings) -> tuple[Array, bool, Array]:
+        """When a node takes its samples [s], whether these are the instants of the simulation, and what its clock says
+        of them [s]."""
         simulated_hz = self.settings.dynamometer.rate_hz
+        duration = self.samples / simulated_hz
         rate = node.rate.value or simulated_hz
         instants, scatters = np.arange(round(duration * rate)) / rate, node.phase.enabled or node.jitter.enabled
         if scatters:
@@ -157,7 +135,7 @@ class Bench:
         rate, late = self.settings.dynamometer.rate_hz, sensor.delay.value
         if sensor.low_pass.enabled:
             # causal and at rest at the first value, in eight steps per sample, its input being straight between them
-            signal = true.samples if isinstance(true, Jumping) else true
+            signal = true(np.arange(self.samples) / rate) if callable(true) else true
             finer = CubicSpline(np.arange(len(signal)), signal)(np.arange((len(signal) - 1) * 8 + 1) / 8)
             analogue = butter(sensor.low_pass.order, 2 * np.pi * sensor.low_pass.size, analog=True)
             numerator, below, _ = cont2discrete(analogue, 1 / (8 * rate), method="foh")
@@ -165,8 +143,8 @@ class Bench:
             slow, _ = lfilter(above, below, finer, zi=lfilter_zi(above, below) * finer[0])
             true = np.asarray(slow[::8])
         instants = np.maximum(sampled - late, 0.0) if late else sampled
-        if isinstance(true, Jumping):
-            reading = true.at(instants)
+        if callable(true):
+            reading = true(instants)
         elif even and not late:
             reading = true
         else:

@@ -6,6 +6,8 @@ import numpy as np
 
 from osl_analysis.trial import Array
 
+Point = Array | tuple[float, float, float]  # [m]
+
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
@@ -16,14 +18,9 @@ class Pose:
     rotation: Array
     origin: Array
 
-    def point(self, local: Array) -> Array:
+    def point(self, local: Point) -> Array:
         """Laboratory position [m], shape (n, 3), of a point of the body, shape (3,)."""
-        return self.origin + (self.rotation.reshape(-1, 3) @ local).reshape(self.origin.shape)
-
-    @property
-    def axes(self) -> tuple[Array, Array, Array]:
-        """The body's axes, unit vectors (n, 3) each."""
-        return self.rotation[:, :, 0], self.rotation[:, :, 1], self.rotation[:, :, 2]
+        return self.origin + np.asarray(self.rotation.reshape(-1, 3) @ local).reshape(self.origin.shape)
 
     def after(self, inner: "Pose") -> "Pose":
         """The pose of a body that is held at `inner` in this body's axes."""
@@ -44,24 +41,17 @@ class TrueWrench:
         return self.moment + np.cross(self.point - point, self.force)
 
 
-@dataclass(frozen=True)
-class RigidBody:
-    """Mass [kg], centre of mass [m] and principal radii of gyration [m] about it, in the body's own axes."""
-
-    mass: float
-    centre_of_mass: Array
-    gyration: Array
-
-    def support(self, pose: Pose, rate_hz: float) -> TrueWrench:
-        """The wrench that must act on the body, besides its weight, for this motion. Force m (a - g) and moment dH/dt =
-        I alpha + omega x I omega about the centre of mass, which is the wrench's point; shape (n, 3) each."""
-        centre = pose.point(self.centre_of_mass)
-        acceleration = time_derivative(time_derivative(centre, rate_hz), rate_hz)
-        inertia = (pose.rotation * (self.mass * self.gyration**2)) @ pose.rotation.transpose(0, 2, 1)
-        W = time_derivative(pose.rotation, rate_hz) @ pose.rotation.transpose(0, 2, 1)  # dR/dt R^T
-        omega = 0.5 * np.stack([W[:, 2, 1] - W[:, 1, 2], W[:, 0, 2] - W[:, 2, 0], W[:, 1, 0] - W[:, 0, 1]], axis=-1)
-        momentum = np.einsum("nij,nj->ni", inertia, omega)
-        return TrueWrench(self.mass * (acceleration - GRAVITY), time_derivative(momentum, rate_hz), centre)
+def support(pose: Pose, rate_hz: float, mass: float, centre_of_mass: Point, gyration: Point) -> TrueWrench:
+    """The wrench that must act on a body, besides its weight, for its motion: force m (a - g) and moment dH/dt =
+    I alpha + omega x I omega about the centre of mass, which is the wrench's point; shape (n, 3) each. The centre of
+    mass [m] and the principal radii of gyration [m] about it are in the body's own axes."""
+    centre = pose.point(centre_of_mass)
+    acceleration = time_derivative(time_derivative(centre, rate_hz), rate_hz)
+    inertia = (pose.rotation * (mass * np.array(gyration) ** 2)) @ pose.rotation.transpose(0, 2, 1)
+    W = time_derivative(pose.rotation, rate_hz) @ pose.rotation.transpose(0, 2, 1)  # dR/dt R^T
+    omega = 0.5 * np.stack([W[:, 2, 1] - W[:, 1, 2], W[:, 0, 2] - W[:, 2, 0], W[:, 1, 0] - W[:, 0, 1]], axis=-1)
+    momentum = np.einsum("nij,nj->ni", inertia, omega)
+    return TrueWrench(mass * (acceleration - GRAVITY), time_derivative(momentum, rate_hz), centre)
 
 
 def time_derivative(values: Array, rate_hz: float) -> Array:

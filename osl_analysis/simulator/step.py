@@ -6,9 +6,8 @@ derivatives. Cycle phase c: 0 at heel strike, 1 at the next one; stance phase p:
 
 import math
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -98,37 +97,48 @@ def ankle_path(c: Array, stride: float) -> Array:
     return np.asarray(path)
 
 
-def drawn_change(trial: str, seed: int, perturbed: bool, changes: Iterable[StepChange]) -> StepChange:
+@dataclass(frozen=True)
+class GaitTrial:
+    """A trial of the gait laboratory. All that is random in it follows from its name and the seed."""
+
+    name: str
+    seed: int
+    walking: WalkingSettings
+    condition: Condition = field(default_factory=Condition)
+
+    @cached_property
+    def time(self) -> Array:
+        """Times [s] of the motion, (n,): whole marker frames, at the motion's rate."""
+        rates = self.walking.rates
+        frames = round(self.walking.gait.recording_s * rates.points_hz)
+        return np.arange(frames * (rates.motion_hz // rates.points_hz)) / rates.motion_hz
+
+    def random(self, effect: str) -> np.random.Generator:
+        return stream(self.seed, self.name, effect)
+
+    def normal(self, effect: str, unit: float = 1.0) -> float:
+        """A normal deviate with an effect's standard deviation, in SI units."""
+        return unit * float(getattr(self.walking.effects, effect).value * self.random(effect).standard_normal())
+
+    def wandering(self, effect: str, band: tuple[float, float] = (0.3, 4.0)) -> Array:
+        """A smooth deviation of unit standard deviation, (n,): six waves of random size, frequency [Hz] and phase."""
+        random = self.random(effect)
+        sizes = random.standard_normal(6) * np.sqrt(2 / 6)
+        pitches, phases = random.uniform(*band, 6), random.uniform(0, 2 * np.pi, 6)
+        return np.asarray(np.cos(2 * np.pi * np.outer(self.time, pitches) + phases) @ sizes)
+
+
+def drawn_change(trial: GaitTrial) -> StepChange:
     """All changes of one crossing in one: factors multiply, the rest adds up."""
-    found, kinds = [], ("all", "perturbed" if perturbed else "unperturbed")
-    for i, one in enumerate(changes):
-        concerned = trial in one.of if isinstance(one.of, tuple) else one.of in kinds
-        if concerned and stream(seed, trial, f"change{i}").random() < one.share:
+    found, kinds = [], ("all", "perturbed" if trial.condition.perturbed else "unperturbed")
+    for i, one in enumerate(trial.walking.changes):
+        concerned = trial.name in one.of if isinstance(one.of, tuple) else one.of in kinds
+        if concerned and trial.random(f"change{i}").random() < one.share:
             found.append(one)
     fields = {name: math.prod(getattr(c, name) for c in found) for name in ("load", "amplitude")}
     for name in ("slower_percent", "after_window_percent", "second_foot_percent", "overhang_mm"):
         fields[name] = sum(getattr(c, name) for c in found)
-    return StepChange(of=(trial,), **fields)
-
-
-def deviate(trial: str, seed: int, walking: WalkingSettings, effect: str, unit: float = 1.0) -> float:
-    """A normal deviate with an effect's standard deviation, in SI units."""
-    return unit * float(getattr(walking.effects, effect).value * stream(seed, trial, effect).standard_normal())
-
-
-def wandering(random: np.random.Generator, time: Array, band: tuple[float, float] = (0.3, 4.0)) -> Array:
-    """A smooth deviation of unit standard deviation, shape (n,): six waves of random size, frequency [Hz] and phase."""
-    sizes = random.standard_normal(6) * np.sqrt(2 / 6)
-    pitches, phases = random.uniform(*band, 6), random.uniform(0, 2 * np.pi, 6)
-    return np.asarray(np.cos(2 * np.pi * np.outer(time, pitches) + phases) @ sizes)
-
-
-def draw_servo(trial: str, seed: int, time: Array, walking: WalkingSettings) -> tuple[float, Array]:
-    """What is random in a motion of the platform: factor of the duration of the ramp, and deviation [rad] of the angle,
-    shape (n,), which the platform has from the onset until shortly after the ramp."""
-    shiver = wandering(stream(seed, trial, "servo_shiver"), time, (8.0, 20.0))
-    size = np.radians(walking.effects.servo_shiver.value)
-    return 1 + deviate(trial, seed, walking, "rise_scatter", 0.01), size * shiver
+    return StepChange(of=(trial.name,), **fields)
 
 
 RENDERED_S = 0.1  # time [s] after the onset in which the rendered impedance is fitted
@@ -136,25 +146,16 @@ RENDERED_S = 0.1  # time [s] after the onset in which the rendered impedance is 
 
 @dataclass(frozen=True)
 class Step:
-    """Random quantities of one crossing, the same with and without the perturbation."""
+    """One crossing's step on the platform, the same with and without the perturbation."""
 
+    trial: GaitTrial
+    change: StepChange  # What makes this crossing differ from others, with the scatter of load and amplitude
     heel_strike: float  # Time [s] of heel strike
     stance: float  # Duration [s] of stance, without the change after the window
     onset: float  # Time [s] at which the platform starts to move
     command: float  # Time [s] at which the perturbation is commanded
-    angle_factor: float  # Factor of the ankle's angle
-    wander: Array  # Smooth deviation [rad] of the ankle's angle, shape (n,)
-    torque_wander: Array  # Smooth deviation [N*m] of the ankle's torque, shape (n,). The leg's equilibrium follows it
-    force_factor: Array  # Factor of each component of the ground reaction, shape (3,)
     placement: Array  # Deviation [m] of the foot's place forward, to the left and up, shape (3,)
-    yaw: float  # Direction [rad] of the foot, to the left
     hurry: float  # Time [s] by which stance is longer after the window
-    timing: tuple[float, float]
-    """Deviation of the phase of stance in its middle, and of one half of it against the other."""
-    body_mass: float  # Body mass [kg]
-    servo: tuple[float, Array]  # As `draw_servo` gives it
-    change: StepChange  # What makes this crossing differ from others
-    condition: Condition  # What the crossing is by plan
 
     @property
     def toe_off(self) -> float:
@@ -162,14 +163,16 @@ class Step:
         return self.heel_strike + self.stance + self.hurry
 
     def stance_phase(self, time: Array) -> Array:
-        """Phase of stance at times [s]: 0 at heel strike, 1 at toe-off."""
-        elapsed = time - self.heel_strike
+        """Phase of stance at times [s]: 0 at heel strike, 1 at toe-off. `timing_wander` moves the middle of stance, and
+        one half of it against the other."""
+        elapsed, trial = time - self.heel_strike, self.trial
         if self.hurry:
             begins = self.onset + RENDERED_S - self.heel_strike
             left = self.stance + self.hurry - begins
             elapsed = elapsed - self.hurry * smooth_step((elapsed - begins) / left)
         phase = elapsed / self.stance
-        inside, (middle, halves) = np.clip(phase, 0.0, 1.0), self.timing
+        inside, middle = np.clip(phase, 0.0, 1.0), trial.normal("timing_wander", 0.01)
+        halves = 0.01 * trial.walking.effects.timing_wander.value * trial.random("timing_halves").standard_normal()
         return np.asarray(phase + 256.0 * (inside * (1 - inside)) ** 4 * (middle + halves * 2 * (2 * inside - 1)))
 
     def cycle_phase(self, time: Array) -> Array:
@@ -177,50 +180,32 @@ class Step:
         return STANCE_FRACTION * self.stance_phase(time)
 
 
-def draw_step(trial: str, seed: int, time: Array, walking: WalkingSettings, condition: Condition | None = None) -> Step:
+def draw_step(trial: GaitTrial) -> Step:
     """Draw a crossing. Each effect has its own random stream."""
-    effects, nominal, condition = walking.effects, walking.gait, condition or Condition()
-    normal = partial(deviate, trial, seed, walking)
-    change = drawn_change(trial, seed, condition.perturbed, walking.changes)
-    usual = (condition.subject and condition.subject.stance_s) or nominal.stance_s
+    walking, condition, normal, change = trial.walking, trial.condition, trial.normal, drawn_change(trial)
+    usual = (condition.subject and condition.subject.stance_s) or walking.gait.stance_s
     stance = usual * (1 + normal("stance_scatter", 0.01)) * (1 + 0.01 * change.slower_percent)
     hurry = 0.01 * change.after_window_percent * stance
-    heel_strike = nominal.heel_strike_s + normal("heel_strike_scatter")
+    heel_strike = walking.gait.heel_strike_s + normal("heel_strike_scatter")
     first, last = walking.perturbation.stance_phase  # the phase scatters about the condition's as about the usual one
     moved = 0.0 if condition.stance_phase is None else condition.stance_phase - 0.5 * (first + last)
-    phase = float(moved + stream(seed, trial, "perturbation_phase").uniform(first, last))
+    phase = float(moved + trial.random("perturbation_phase").uniform(first, last))
     command = heel_strike + phase * stance
     onset = command + walking.perturbation.latency_s + normal("trigger_scatter", 1e-3)
     left = heel_strike + stance + hurry - onset - RENDERED_S
     if hurry and not left > 35 / 16 * max(hurry, 0.0):  # the largest slope of `smooth_step`
         raise InputError(
-            f"trial {trial}: after_window_percent {change.after_window_percent:g} leaves {left:.3f} s of stance "
+            f"trial {trial.name}: after_window_percent {change.after_window_percent:g} leaves {left:.3f} s of stance "
             "after the window; choose a smaller change, or an earlier perturbation"
         )
-    load, amplitude = (getattr(change, name) * (1 + normal(f"{name}_scatter", 0.01)) for name in ("load", "amplitude"))
+    scattered = {n: getattr(change, n) * (1 + normal(f"{n}_scatter", 0.01)) for n in ("load", "amplitude")}
     sideways = normal("placement_sideways", 1e-3)
     if change.overhang_mm:  # the outer side is so far beyond the plate's right edge
         outer = -0.5 * walking.plate.size_m[1] - 1e-3 * change.overhang_mm
         sideways = outer + 0.5 * FOOT_WIDTH - walking.plate.nominal_ankle_m[1]
-    halves = stream(seed, trial, "timing_halves").standard_normal()
-    return Step(
-        heel_strike=heel_strike,
-        stance=stance,
-        onset=onset,
-        command=command,
-        angle_factor=1 + normal("angle_scale", 0.01),
-        wander=np.radians(effects.angle_wander.value) * wandering(stream(seed, trial, "angle_wander"), time),
-        torque_wander=effects.torque_wander.value * wandering(stream(seed, trial, "torque_wander"), time),
-        force_factor=1 + 0.01 * effects.force_scale.value * stream(seed, trial, "force_scale").standard_normal(3),
-        placement=np.array([normal("placement_forward", 1e-3), sideways, 0.0]),
-        yaw=normal("foot_yaw", np.pi / 180),
-        hurry=hurry,
-        timing=(normal("timing_wander", 0.01), float(0.01 * effects.timing_wander.value * halves)),
-        body_mass=condition.body_mass(nominal.body_mass_kg),
-        servo=draw_servo(trial, seed, time, walking),
-        change=change.model_copy(update={"load": load, "amplitude": amplitude}),
-        condition=condition,
-    )
+    placement = np.array([normal("placement_forward", 1e-3), sideways, 0.0])
+    change = change.model_copy(update=scattered)
+    return Step(trial, change, heel_strike, stance, onset, command, placement, hurry)
 
 
 @dataclass(frozen=True)
@@ -230,8 +215,8 @@ class PlatformMotion:
     angle: Array  # Dorsiflexion (toes-up) angle [rad], shape (n,)
     shift: Array  # Displacement [m] of the axis of rotation, laboratory axes, shape (n, 3)
     pose: Pose  # Displacement of the platform from where it is at rest
-    command: float | None  # Time [s] at which the trigger fires. None if the platform stays at rest
-    onset: float | None  # Time [s] at which the platform starts to move. None if it stays at rest
+    command: float | None = None  # Time [s] at which the trigger fires. None if the platform stays at rest
+    onset: float | None = None  # Time [s] at which the platform starts to move. None if it stays at rest
 
 
 def displaced(angle: Array, shift: Array, walking: WalkingSettings) -> Pose:
@@ -248,56 +233,47 @@ def nominal_ankle(walking: WalkingSettings) -> Array:
     return np.add(walking.plate.centre_m, [*walking.plate.nominal_ankle_m, ANKLE_HEIGHT])
 
 
-def perturbed_platform(time: Array, step: Step, walking: WalkingSettings) -> PlatformMotion:
-    """The ramp under a walking foot, held until after toe-off."""
-    ramp, (slowness, shiver) = walking.perturbation, step.servo
-    rise = slowness * ramp.rise_s
-    held = pulse(time, step.onset, rise, step.toe_off + ramp.hold_s, ramp.return_s)
-    angle, shift = ramp_motion(held, step.condition, walking)
-    angle = angle + shiver * pulse(time, step.onset, 0.05, step.onset + rise + 0.1, 0.05)
-    return PlatformMotion(angle, shift, displaced(angle, shift, walking), step.command, step.onset)
+def resting_platform(trial: GaitTrial) -> PlatformMotion:
+    still, unmoved = np.zeros_like(trial.time), np.zeros((len(trial.time), 3))
+    return PlatformMotion(still, unmoved, displaced(still, unmoved, trial.walking))
 
 
-def ramp_motion(held: Array, condition: Condition, walking: WalkingSettings) -> tuple[Array, Array]:
-    """Angle [rad], shape (n,), and shift [m] of the axis, shape (n, 3), of a platform that has gone a share `held` of
-    its way. A platform that shifts the ankle backward dorsiflexes it, as one that turns the toes up. The heave is
-    largest in the middle of the way."""
-    ramp, shift = walking.perturbation, np.zeros((len(held), 3))
-    shift[:, 2] = 1e-3 * walking.effects.platform_heave.value * 4 * held * (1 - held)
-    if ramp.shift_mm is not None:
-        shift[:, 0] = -condition.sign * 1e-3 * ramp.shift_mm * held
-        return np.zeros_like(held), shift
-    return condition.sign * np.radians(ramp.angle_deg) * held, shift
-
-
-def resting_platform(time: Array, walking: WalkingSettings) -> PlatformMotion:
-    """A platform that stays flat."""
-    still, unmoved = np.zeros_like(time), np.zeros((len(time), 3))
-    return PlatformMotion(still, unmoved, displaced(still, unmoved, walking), None, None)
-
-
-def unloaded_platform(
-    time: Array, trial: str, seed: int, walking: WalkingSettings, condition: Condition | None = None
+def ramped_platform(
+    trial: GaitTrial, command: float, onset: float, back: float, size: float = 1.0, slowness: float = 1.0
 ) -> PlatformMotion:
+    """The commanded ramp, `size` times as far and `slowness` times as long, held until the platform returns at `back`
+    [s]. A platform that shifts the ankle backward dorsiflexes it, as one that turns the toes up. The heave is largest
+    in the middle of the way. The servo shivers from the onset until 0.1 s after the ramp."""
+    time, effects, ramp, sign = trial.time, trial.walking.effects, trial.walking.perturbation, trial.condition.sign
+    rise = slowness * (1 + trial.normal("rise_scatter", 0.01)) * ramp.rise_s
+    held, angle = pulse(time, onset, rise, back, ramp.return_s), np.zeros_like(time)
+    shift = np.zeros((len(time), 3))
+    shift[:, 2] = 1e-3 * effects.platform_heave.value * 4 * held * (1 - held)
+    if ramp.shift_mm is not None:
+        shift[:, 0] = -sign * 1e-3 * ramp.shift_mm * held
+    else:
+        angle = sign * np.radians(ramp.angle_deg) * held
+    shiver = np.radians(effects.servo_shiver.value) * trial.wandering("servo_shiver", (8.0, 20.0))
+    angle, shift = size * angle + shiver * pulse(time, onset, 0.05, onset + rise + 0.1, 0.05), size * shift
+    return PlatformMotion(angle, shift, displaced(angle, shift, trial.walking), command, onset)
+
+
+def unloaded_platform(trial: GaitTrial) -> PlatformMotion:
     """The perturbation of an unloaded platform: the ramp, with small random variations, and its return. Every
     `full_motion_every`-th trial (by the number at the end of its name) then also shifts along all three axes and tilts
     slowly about the walking direction. A regression can then estimate all inertial parameters of the plate."""
-    ramp, (factor, shiver) = walking.perturbation, draw_servo(trial, seed, time, walking)
-    command, size, slowness = 0.5, 1.0, 1.0
-    onset = command + ramp.latency_s + deviate(trial, seed, walking, "trigger_scatter", 1e-3)
+    ramp, time, command, size, slowness = trial.walking.perturbation, trial.time, 0.5, 1.0, 1.0
+    onset = command + ramp.latency_s + trial.normal("trigger_scatter", 1e-3)
     if not ramp.same_unloaded:
-        size, slowness = stream(seed, trial, "unloaded_ramp").uniform([0.85, 0.9], [1.15, 1.3])
-    back, rise = onset + 0.5, slowness * factor * ramp.rise_s
-    angle, shift = ramp_motion(pulse(time, onset, rise, back, ramp.return_s), condition or Condition(), walking)
-    angle, shift = size * angle + shiver * pulse(time, onset, 0.05, onset + rise + 0.1, 0.05), size * shift
-    pose = displaced(angle, shift, walking)
-    number, every = re.search(r"\d+$", trial), walking.plate.full_motion_every
-    if number and every and int(number.group()) % every == 0:
-        # a shift along each axis in turn, as fast as the ramp, and a tilt about x that is three times slower
-        start, fast = back + ramp.return_s, ramp.rise_s
-        shifts = [
-            pulse(time, start + k * 3 * fast, 1.5 * fast, start + (k * 3 + 2) * fast, 1.5 * fast) for k in range(3)
-        ]
-        tilt = np.radians(2.0) * pulse(time, start + 9 * fast, 3 * fast, start + 13 * fast, 3 * fast)
-        pose = Pose(rotation_about(0, tilt), np.stack(shifts, axis=-1) * np.array([0.012, 0.008, 0.006])).after(pose)
-    return PlatformMotion(angle, shift, pose, command, onset)
+        size, slowness = trial.random("unloaded_ramp").uniform([0.85, 0.9], [1.15, 1.3])
+    back = onset + 0.5
+    motion = ramped_platform(trial, command, onset, back, size, slowness)
+    number, every = re.search(r"\d+$", trial.name), trial.walking.plate.full_motion_every
+    if not (number and every and int(number.group()) % every == 0):
+        return motion
+    # a shift along each axis in turn, as fast as the ramp, and a tilt about x that is three times slower
+    start, fast = back + ramp.return_s, ramp.rise_s
+    shifts = [pulse(time, start + k * 3 * fast, 1.5 * fast, start + (k * 3 + 2) * fast, 1.5 * fast) for k in range(3)]
+    tilt = np.radians(2.0) * pulse(time, start + 9 * fast, 3 * fast, start + 13 * fast, 3 * fast)
+    tilted = Pose(rotation_about(0, tilt), np.stack(shifts, axis=-1) * np.array([0.012, 0.008, 0.006]))
+    return replace(motion, pose=tilted.after(motion.pose))

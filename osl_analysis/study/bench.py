@@ -17,7 +17,7 @@ from osl_analysis.model.compensator import Gains, compensated_gains, predicted_i
 from osl_analysis.model.parameters import DrivetrainParameters
 from osl_analysis.signals import runs
 from osl_analysis.simulator.bench import true_signals
-from osl_analysis.simulator.recorder import BenchLog, TrueSignal, recording_of
+from osl_analysis.simulator.recorder import TrueSignal, recording_of
 from osl_analysis.simulator.settings import Effect, RecorderSettings, SecondOrderJoint, SimulationSettings, stream
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.repeats import over_repeats
@@ -55,14 +55,16 @@ class StudyInputs:
     """The fit of a trial of an experiment, as a campaign, the command line and notebooks have it, by these settings."""
 
 
-def recorded_trial(name: str, log: BenchLog) -> Trial:
+def recorded_trial(name: str, log: Mapping[str, Array]) -> Trial:
     """The trial of a log, with one or two recordings that have stamps [s] of their own, as ingest would give it."""
-    columns = {CANONICAL[channel][0]: CANONICAL[channel][1] * values for channel, values in log.channels.items()}
-    samples = pl.DataFrame({"time": log.time - log.time[0], **{k: v for k, v in columns.items() if "torque" not in k}})
+    time, late = log["time"], log["torque_time"]
+    signals = {channel: values for channel, values in log.items() if channel in CANONICAL}
+    columns = {CANONICAL[channel][0]: CANONICAL[channel][1] * values for channel, values in signals.items()}
+    samples = pl.DataFrame({"time": time - time[0], **{k: v for k, v in columns.items() if "torque" not in k}})
     torque = {k: v for k, v in columns.items() if "torque" in k}
-    if np.array_equal(log.time, log.torque_time):
+    if np.array_equal(time, late):
         return Trial(name, samples.with_columns(**{column: pl.Series(values) for column, values in torque.items()}))
-    other = pl.DataFrame({"time": log.torque_time - log.time[0], **torque})
+    other = pl.DataFrame({"time": late - time[0], **torque})
     return Trial(name, samples.join(other, on="time", how="full", coalesce=True).sort("time"))
 
 

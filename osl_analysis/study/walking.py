@@ -16,14 +16,12 @@ from osl_analysis.simulator.bench import drivetrain_effects
 from osl_analysis.simulator.crossing import (
     SimulatedCrossing,
     impedance_of_leg,
-    motion_grid,
-    scene_of,
     simulate_crossing,
     simulate_walking_trial,
+    write_crossing_capture,
 )
 from osl_analysis.simulator.settings import SimulationSettings, stream
-from osl_analysis.simulator.step import draw_step
-from osl_analysis.simulator.vicon import vicon_recording, write_c3d
+from osl_analysis.simulator.step import GaitTrial, draw_step
 from osl_analysis.simulator.walking_settings import WalkingSettings
 from osl_analysis.stats.regression import LinearFit
 from osl_analysis.stats.repeats import over_repeats
@@ -75,9 +73,8 @@ class StudyLaboratory:
     def walk(self, name: str, perturbed: bool) -> SimulatedCrossing:
         """One crossing. Its name determines its random quantities, which are the same with and without the
         perturbation."""
-        time = motion_grid(self.gait)
-        step, effects = draw_step(name, self.settings.seed, time, self.gait), drivetrain_effects(self.settings)
-        return simulate_crossing(time, step, perturbed, True, self.gait, effects, self.p)
+        step = draw_step(GaitTrial(name, self.settings.seed, self.gait))
+        return simulate_crossing(step, perturbed, True, drivetrain_effects(self.settings), self.p)
 
     def seen(self, name: str, walked: SimulatedCrossing, noisy: bool) -> Crossing:
         """Filtered angle and torque of a crossing at the markers' rate. Noise of markers and forces acts on a lever of
@@ -90,7 +87,7 @@ class StudyLaboratory:
         ):
             noise = float(size) * stream(self.settings.seed, name, effect).standard_normal(len(signal[::every]))
             found.append(self.analysis.low_pass(signal[::every] + noisy * noise, rate))
-        step, platform = walked.step, walked.motion.platform
+        step, platform = walked.step, walked.platform
         seen = walked.time[::every], found[0], found[1], platform.angle[::every]
         stance, none = Stance(step.heel_strike, step.toe_off), np.zeros((0, len(found[0])))
         return Crossing(name, *seen, stance, platform.onset, 0.0, none)
@@ -118,14 +115,14 @@ class RecordedLaboratory(StudyLaboratory):
         """The ingested trial of a crossing, which is written as C3D first unless it already is."""
         path = self.folder / "vicon" / f"{name}.c3d"
         if not path.exists():
-            write_c3d(path, vicon_recording(name, self.settings.seed, scene_of(walked, self.gait), self.gait))
+            write_crossing_capture(self.folder, walked)
         return ingested(name, self.folder, self.sources)
 
     def seen(self, name: str, walked: SimulatedCrossing, noisy: bool) -> Crossing:
         """As `StudyLaboratory.seen`. A noisy crossing comes from files."""
         if not noisy:
             return super().seen(name, walked, noisy)
-        trial, perturbed = self.recorded(name, walked), walked.motion.platform.onset is not None
+        trial, perturbed = self.recorded(name, walked), walked.platform.onset is not None
         return analyse_crossing(trial, self.calibration, self.plate, perturbed, self.analysis, self.platform)
 
 
